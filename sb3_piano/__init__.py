@@ -1,0 +1,13 @@
+"""Robot hands that play the piano, as Gymnasium environments for Stable-Baselines3.
+
+Importing the package registers its environments, for instance
+``gymnasium.make("RoboPianist-debug-CMajorScaleTwoHands-v0")``.
+"""
+
+from sb3_piano.envs.registration import register_envs
+
+__version__ = "0.1.0"
+
+__all__ = ["__version__", "register_envs"]
+
+register_envs()

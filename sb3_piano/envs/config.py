@@ -1,0 +1,131 @@
+"""The settings of a piano environment."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS
+from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.simulation import physics_profile
+
+FINGERING_REWARDS = ("auto", "labels", "optimal-transport", "off")
+"""What the fingering term of the reward may measure."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PianoEnvConfig:
+    """What may be chosen about a :class:`~sb3_piano.envs.PianoEnv`, besides the score.
+
+    The defaults are those with which RoboPianist's authors train.
+
+    Raises:
+        ConfigError: If a value has the wrong type or is out of range.
+    """
+
+    n_steps_lookahead: int = 10
+    """How many control steps after the current one the goal shows; 0 or more."""
+    control_timestep: float = 0.05
+    """Length of a control step, s; a whole number of physics steps."""
+    initial_buffer_time: float = 0.0
+    """Silence put before the score, s, in which the hands can take their place."""
+    trim_silence: bool = True
+    """Start the score at its first note."""
+    reduced_action_space: bool = True
+    """Leave out the joints LFJ5, THJ5 and THJ1 of both hands: 39 actions instead of 45."""
+    gravity_compensation: bool = True
+    """Let forces balance the weight of the hands."""
+    physics: str = "reference"
+    """Name of a physics profile."""
+    fingering_reward: str = "auto"
+    """"labels" rewards labelled fingers at their keys; "optimal-transport" any finger near a due
+    key (RP1M); "auto" takes labels if the score has any, else optimal transport; "off" is 0."""
+    forearm_reward: bool = True
+    """Reward forearms that do not touch; otherwise the term is 0."""
+    reward_weights: Mapping[str, float] = field(default_factory=dict)
+    """Weights of reward terms by name, in place of the default ones."""
+    wrong_press_termination: bool = False
+    """End the episode when a key sounds that is not due."""
+    randomize_hand_positions: bool = False
+    """Start each episode with both hands moved along the keyboard by up to 5 cm."""
+    width: int = 640
+    """Width of a rendered picture, pixels; at most 1920."""
+    height: int = 360
+    """Height of a rendered picture, pixels; at most 1080."""
+    camera_name: str = "overview"
+    """Camera of the rendered picture: "overview" or "topdown"."""
+
+    @classmethod
+    def from_options(cls, options: Mapping[str, Any]) -> PianoEnvConfig:
+        """Return the config with the given settings, refusing unknown ones by name."""
+        known = [f.name for f in dataclasses.fields(cls)]
+        for name in options:
+            if name not in known:
+                raise ConfigError(
+                    f"Unknown option {name!r} of the piano environment."
+                    f"{near_names(name, known)} Known options: {', '.join(sorted(known))}."
+                )
+        return cls(**options)
+
+    def __post_init__(self) -> None:
+        self._check_types()
+        _require(self.n_steps_lookahead >= 0, "n_steps_lookahead", self.n_steps_lookahead, ">= 0")
+        _require(
+            self.initial_buffer_time >= 0, "initial_buffer_time", self.initial_buffer_time, ">= 0 s"
+        )
+        _require(0 < self.width <= 1920, "width", self.width, "1 to 1920 pixels")
+        _require(0 < self.height <= 1080, "height", self.height, "1 to 1080 pixels")
+        _one_of("fingering_reward", self.fingering_reward, FINGERING_REWARDS)
+        _one_of("camera_name", self.camera_name, ("overview", "topdown"))
+        for name in self.reward_weights:
+            _one_of("reward_weights", name, tuple(DEFAULT_REWARD_WEIGHTS))
+        weights = {k: _number("reward_weights", v) for k, v in self.reward_weights.items()}
+        object.__setattr__(self, "reward_weights", {**DEFAULT_REWARD_WEIGHTS, **weights})
+        self.n_substeps  # noqa: B018  raises if the timesteps do not fit
+
+    @property
+    def n_substeps(self) -> int:
+        """Physics steps in a control step."""
+        timestep = physics_profile(self.physics).timestep
+        count = round(self.control_timestep / timestep)
+        if count < 1 or not math.isclose(count * timestep, self.control_timestep, rel_tol=1e-9):
+            raise ConfigError(
+                f"control_timestep {self.control_timestep} s is not a whole number of physics "
+                f"steps: expected a multiple of {timestep} s (physics profile {self.physics!r})."
+            )
+        return count
+
+    def _check_types(self) -> None:
+        for option in dataclasses.fields(self):
+            value = getattr(self, option.name)
+            expected = str(option.type)
+            if expected == "float":
+                object.__setattr__(self, option.name, _number(option.name, value))
+            elif expected == "bool" and not isinstance(value, bool):
+                raise ConfigError(f"{option.name} is {value!r}: expected true or false.")
+            elif expected == "int" and (isinstance(value, bool) or not isinstance(value, int)):
+                raise ConfigError(f"{option.name} is {value!r}: expected a whole number.")
+            elif expected.startswith("Mapping") and not isinstance(value, Mapping):
+                raise ConfigError(f"{option.name} is {value!r}: expected a mapping of names.")
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise ConfigError(f"{name} is {value!r}: expected a finite number.")
+    return float(value)
+
+
+def _require(condition: bool, name: str, value: object, valid: str) -> None:
+    if not condition:
+        raise ConfigError(f"{name} is {value!r}: expected {valid}.")
+
+
+def _one_of(name: str, value: object, valid: tuple[str, ...]) -> None:
+    if value not in valid:
+        raise ConfigError(
+            f"{name} is {value!r}: expected one of {', '.join(map(repr, valid))}."
+            f"{near_names(str(value), valid)}"
+        )

@@ -1,0 +1,134 @@
+"""The reward terms: pure functions of arrays, weighted and summed by the environment.
+
+The reward of a control step is the sum over the terms of ``weight * term``. Source of all terms:
+RoboPianist (Zakka et al. 2023), its public task ``PianoWithShadowHands``; the optimal-transport
+fingering is RP1M's (Zhao et al. 2024). With the default weights each weighted term equals
+RoboPianist's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+DEFAULT_REWARD_WEIGHTS: Mapping[str, float] = MappingProxyType(
+    {"key_press": 1.0, "sustain": 1.0, "energy": 0.005, "fingering": 1.0, "forearm": 0.5}
+)
+"""RoboPianist's weights. ``energy`` is per watt, the other terms lie in [0, 1]."""
+
+RETURN_KEYS = tuple(f"return_{name}" for name in DEFAULT_REWARD_WEIGHTS)
+"""Names in the final ``info`` of the episode sums of the weighted terms."""
+
+# A key counts as pressed, and a finger as on its key, within these distances; the reward has
+# fallen to a tenth at ten times as much beyond.
+_KEY_TOLERANCE = 0.05  # share of the key's travel
+_FINGER_TOLERANCE = 0.01  # m
+
+
+def tolerance(distance: npt.ArrayLike, bound: float, margin: float) -> FloatArray:
+    """Return 1 where ``0 <= distance <= bound``, falling as a Gaussian to 0.1 at ``margin`` beyond.
+
+    Source: dm_control's ``rewards.tolerance`` with ``bounds=(0, bound)``.
+
+    Args:
+        distance: Any shape; the quantity to keep within the bounds.
+        bound: Upper end of the interval that earns 1.
+        margin: Distance from the interval at which 0.1 is earned; positive.
+    """
+    x = np.asarray(distance, dtype=np.float64)
+    outside = np.maximum(np.maximum(x - bound, -x), 0.0) / margin
+    return np.asarray(0.1 ** (outside * outside))
+
+
+def key_press(due: BoolArray, key_state: FloatArray, sounding: BoolArray) -> float:
+    """Reward pressing the keys that are due, and no others.
+
+    Half of it is the mean closeness of the due keys to being fully down (0 if none is due), the
+    other half is earned whole if no key sounds that is not due.
+
+    Args:
+        due: (88,) bool, keys that should be down.
+        key_state: (88,) angle over largest angle, in [0, 1].
+        sounding: (88,) bool, keys that sound.
+
+    Returns:
+        A value in [0, 1]; 0.5 for silence where nothing is due.
+    """
+    reward = 0.0 if np.any(sounding & ~due) else 0.5
+    if due.any():
+        closeness = tolerance(1.0 - key_state[due], _KEY_TOLERANCE, 10 * _KEY_TOLERANCE)
+        reward += 0.5 * float(closeness.mean())
+    return reward
+
+
+def sustain(due: bool, pressed: bool) -> float:
+    """Reward holding the pedal when it is due and releasing it when it is not.
+
+    Args:
+        due: Whether the pedal should be down.
+        pressed: Whether it is.
+
+    Returns:
+        1 if both agree, else nearly 0.
+    """
+    return float(tolerance(float(due) - float(pressed), _KEY_TOLERANCE, 10 * _KEY_TOLERANCE))
+
+
+def energy(force: FloatArray, velocity: FloatArray) -> float:
+    """Return minus the power that the actuators turn over.
+
+    Args:
+        force: (nu,) actuator forces, N or N m.
+        velocity: (nu,) actuator velocities, m/s or rad/s.
+
+    Returns:
+        Minus the sum of ``|force| * |velocity|``, W.
+    """
+    return -float(np.abs(force) @ np.abs(velocity))
+
+
+def labelled_fingering(fingertips: FloatArray, press_points: FloatArray) -> float:
+    """Reward the labelled fingers for being at the keys they should press.
+
+    Args:
+        fingertips: (n, 3) positions of the labelled fingertips, one for each labelled note due, m.
+        press_points: (n, 3) where those keys should be pressed, m.
+
+    Returns:
+        The mean closeness in [0, 1]; 0 if no labelled note is due.
+    """
+    if len(press_points) == 0:
+        return 0.0
+    distance = np.linalg.norm(press_points - fingertips, axis=1)
+    return float(tolerance(distance, _FINGER_TOLERANCE, 10 * _FINGER_TOLERANCE).mean())
+
+
+def optimal_transport_fingering(fingertips: FloatArray, press_points: FloatArray) -> float:
+    """Reward fingertips near the due keys, under the assignment with the least total distance.
+
+    Source: RP1M (Zhao et al. 2024), for scores without finger labels.
+
+    Args:
+        fingertips: (10, 3) positions of all fingertips, m.
+        press_points: (n, 3) where the due keys should be pressed, m.
+
+    Returns:
+        The mean closeness of the assigned pairs in [0, 1]; 1 if nothing is due.
+    """
+    if len(press_points) == 0:
+        return 1.0
+    distance = np.linalg.norm(fingertips[:, None] - press_points[None], axis=2)
+    assigned = distance[linear_sum_assignment(distance)]
+    return float(tolerance(assigned, _FINGER_TOLERANCE, 10 * _FINGER_TOLERANCE).mean())
+
+
+def forearm(touching: bool) -> float:
+    """Return 1 while the forearms do not touch each other, else 0."""
+    return 0.0 if touching else 1.0

@@ -1,0 +1,61 @@
+"""The errors that users of the package may meet.
+
+Everything raised on purpose derives from :class:`SB3PianoError`. Each leaf also derives from the
+built-in exception that a caller who does not know this package would catch.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class SB3PianoError(Exception):
+    """Root of all errors raised on purpose by this package."""
+
+
+class ScoreError(SB3PianoError, ValueError):
+    """A score, or a file that should hold one, is unusable."""
+
+
+class UnknownPieceError(SB3PianoError, ValueError):
+    """A piece name is neither a built-in study nor a file."""
+
+
+class ConfigError(SB3PianoError, ValueError):
+    """A setting (of an environment, a YAML file or the command line) is unknown or out of range."""
+
+
+class InvalidActionError(SB3PianoError, ValueError):
+    """An action has the wrong shape or holds NaN or infinity."""
+
+
+class EnvStateError(SB3PianoError, RuntimeError):
+    """The environment was asked for something its present state does not allow."""
+
+
+class SimulationDivergedError(SB3PianoError, RuntimeError):
+    """The physics became unstable and its state is no longer meaningful."""
+
+
+class RenderingError(SB3PianoError, RuntimeError):
+    """No picture can be drawn on this machine."""
+
+
+class RunError(SB3PianoError, RuntimeError):
+    """A training run's folder cannot be created, read or continued."""
+
+
+def near_names(name: str, known: Iterable[str], count: int = 3) -> str:
+    """Return ``" Did you mean 'a' or 'b'?"``, or an empty string if nothing is similar.
+
+    Args:
+        name: What the user wrote.
+        known: The names that would have been valid.
+        count: The most suggestions to make.
+    """
+    by_lower = {candidate.lower(): candidate for candidate in known}
+    matches = difflib.get_close_matches(name.lower(), by_lower, n=count, cutoff=0.5)
+    if not matches:
+        return ""
+    return f" Did you mean {' or '.join(repr(by_lower[match]) for match in matches)}?"

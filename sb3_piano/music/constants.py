@@ -1,0 +1,38 @@
+"""Numbers of the piano and of the pianist that every other file counts with."""
+
+from __future__ import annotations
+
+NUM_KEYS = 88
+"""Keys of a full-size piano; key 0 is A0, key 87 is C8."""
+
+MIN_PITCH = 21
+"""MIDI pitch of key 0 (A0)."""
+
+MAX_PITCH = MIN_PITCH + NUM_KEYS - 1
+"""MIDI pitch of key 87 (C8): 108."""
+
+NUM_FINGERS = 10
+"""Fingers 0-4 are the right hand, thumb to little; 5-9 the left hand, thumb to little."""
+
+UNKNOWN_FINGER = -1
+"""The label of a note whose finger nobody has chosen."""
+
+FINGER_NAMES = (
+    "right thumb",
+    "right index",
+    "right middle",
+    "right ring",
+    "right little",
+    "left thumb",
+    "left index",
+    "left middle",
+    "left ring",
+    "left little",
+)
+"""Names of fingers 0-9, in order."""
+
+DEFAULT_VELOCITY = 80
+"""MIDI velocity (1-127) of a note that does not say how hard it is struck.
+
+Source: the value in RoboPianist's generated studies.
+"""

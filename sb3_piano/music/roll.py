@@ -1,0 +1,220 @@
+"""The piano roll: a score cut into control steps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.music.constants import DEFAULT_VELOCITY, MIN_PITCH, NUM_KEYS
+from sb3_piano.music.grid import MAX_STEPS, Sheet, ceil_steps, floor_steps
+from sb3_piano.music.note import Note, Pedal
+from sb3_piano.music.score import Score
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PianoRoll:
+    """What is due at each of T control steps. All arrays are read-only copies.
+
+    A note fills the steps floor(onset / dt) to ceil(offset / dt) - 1, at least one; T is
+    floor(duration / dt) + 1, so a piece that ends on a step is followed by one silent step. Notes
+    are laid in order of onset; a later one overwrites the finger labels of an earlier one on its
+    key.
+
+    A key struck again while it sounds is silent for one step, else the second strike could not
+    be seen. That step is the first of the new note. The rest of the earlier note, if it lasts
+    longer than the new one, sounds on with its own label.
+
+    Source: RoboPianist's note trajectory, with one departure: RoboPianist erases a new note that
+    lasts a single step. Here the silent step is then the last one before the new note. If the
+    earlier strike has sounded for that one step only, the two cannot be told apart and stay one.
+    The same holds for two strikes of one key within one step.
+
+    Attributes:
+        control_timestep: Length of a step, dt, in s.
+        active: (T, 88) bool, whether the key should be down.
+        finger: (T, 88) int8, the label (0-9) of the note that sounds, -1 where there is none.
+        onset: (T, 88) bool, the first active step of each strike.
+        sustain: (T,) bool, whether the sustain pedal should be down: from step
+            floor(onset / dt) until before step floor(offset / dt).
+    """
+
+    control_timestep: float
+    active: NDArray[np.bool_]
+    finger: NDArray[np.int8]
+    onset: NDArray[np.bool_]
+    sustain: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "active", np.array(self.active, dtype=bool))
+        object.__setattr__(self, "finger", np.array(self.finger, dtype=np.int8))
+        object.__setattr__(self, "onset", np.array(self.onset, dtype=bool))
+        object.__setattr__(self, "sustain", np.array(self.sustain, dtype=bool))
+        _check_control_timestep(self.control_timestep)
+        steps = self.active.shape[0] if self.active.ndim else 0
+        for name in ("active", "finger", "onset"):
+            _check_shape(name, getattr(self, name), (steps, NUM_KEYS))
+        _check_shape("sustain", self.sustain, (steps,))
+        self._lock()
+
+    @classmethod
+    def from_score(
+        cls, score: Score, control_timestep: float, initial_buffer_time: float = 0.0
+    ) -> PianoRoll:
+        """Cut a score into control steps.
+
+        Args:
+            score: The piece.
+            control_timestep: Length of a step, in s, finite and above 0.
+            initial_buffer_time: Silence put in front, in s, finite and at least 0; rounded to
+                whole steps.
+
+        Raises:
+            ConfigError: If one of the times is out of range.
+            ScoreError: If the roll would have more than a million steps.
+        """
+        _check_control_timestep(control_timestep)
+        lead = _lead_steps(initial_buffer_time, control_timestep)
+        steps = _count_steps(score, control_timestep, lead)
+        starts = lead + floor_steps([note.onset for note in score.notes], control_timestep)
+        ends = lead + ceil_steps([note.offset for note in score.notes], control_timestep)
+        sheet = Sheet(steps)
+        for note, start, end in zip(score.notes, starts.tolist(), ends.tolist(), strict=True):
+            sheet.lay(note.key, start, max(end, start + 1), note.finger)
+        return cls(
+            control_timestep=control_timestep,
+            active=sheet.active,
+            finger=sheet.finger,
+            onset=sheet.onset,
+            sustain=_sustain_steps(score, control_timestep, lead, steps),
+        )
+
+    def __len__(self) -> int:
+        return len(self.active)
+
+    def __repr__(self) -> str:
+        strikes = np.count_nonzero(self.onset)
+        return f"PianoRoll({len(self)} steps of {self.control_timestep:g} s, {strikes} strikes)"
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # Pickling and deep-copying forget that an array was read-only.
+        self.__dict__.update(state)
+        self._lock()
+
+    @property
+    def duration(self) -> float:
+        """Length of all steps together, in s."""
+        return len(self) * self.control_timestep
+
+    def due(self, step: int) -> tuple[NDArray[np.intp], NDArray[np.int8]]:
+        """Return what should sound at a step.
+
+        Args:
+            step: A control step, 0 to T - 1.
+
+        Returns:
+            The n keys (0-87, ascending) that are due, and their n finger labels (-1 unlabelled).
+
+        Raises:
+            IndexError: If there is no such step.
+        """
+        if not 0 <= step < len(self):
+            raise IndexError(f"Step {step} is outside the roll: expected 0 to {len(self) - 1}.")
+        keys = np.flatnonzero(self.active[step])
+        return keys, self.finger[step, keys]
+
+    def _lock(self) -> None:
+        for array in (self.active, self.finger, self.onset, self.sustain):
+            array.flags.writeable = False
+
+
+def score_from_activation(
+    active: NDArray[np.bool_],
+    sustain: NDArray[np.bool_],
+    control_timestep: float,
+    title: str = "",
+    velocity: int = DEFAULT_VELOCITY,
+) -> Score | None:
+    """Write down what was played, as a score.
+
+    Args:
+        active: (T, 88) bool, whether each key was down. Each unbroken run is a note.
+        sustain: (T,) bool, whether the sustain pedal was down. Each unbroken run is a press.
+        control_timestep: Length of a step, in s, finite and above 0.
+        title: Title of the score.
+        velocity: Velocity of all notes, 1-127: the simulated keys do not measure it.
+
+    Returns:
+        The score, without finger labels, or None if no key was down at any step.
+
+    Raises:
+        ConfigError: If the control time step is out of range.
+        ScoreError: If the shapes are wrong.
+    """
+    _check_control_timestep(control_timestep)
+    active, sustain = np.asarray(active, dtype=bool), np.asarray(sustain, dtype=bool)
+    steps = active.shape[0] if active.ndim else 0
+    _check_shape("active", active, (steps, NUM_KEYS))
+    _check_shape("sustain", sustain, (steps,))
+    dt = float(control_timestep)
+    notes = [
+        Note(onset=start * dt, offset=end * dt, pitch=MIN_PITCH + key, velocity=velocity)
+        for key, start, end in _runs(active)
+    ]
+    if not notes:
+        return None
+    pedals = [Pedal(onset=start * dt, offset=end * dt) for _, start, end in _runs(sustain[:, None])]
+    return Score(notes=notes, pedals=pedals, title=title)
+
+
+def _runs(active: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
+    """Find the unbroken runs in each column of (T, n): (column, first step, step after)."""
+    edges = np.diff(np.pad(active.T.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+    columns, starts = np.nonzero(edges == 1)
+    _, ends = np.nonzero(edges == -1)
+    return list(zip(columns.tolist(), starts.tolist(), ends.tolist(), strict=True))
+
+
+def _sustain_steps(
+    score: Score, control_timestep: float, lead: int, steps: int
+) -> NDArray[np.bool_]:
+    sustain = np.zeros(steps, dtype=bool)
+    downs = lead + floor_steps([pedal.onset for pedal in score.pedals], control_timestep)
+    ups = lead + floor_steps([pedal.offset for pedal in score.pedals], control_timestep)
+    for down, up in zip(downs.tolist(), ups.tolist(), strict=True):
+        sustain[down:up] = True
+    return sustain
+
+
+def _count_steps(score: Score, control_timestep: float, lead: int) -> int:
+    length = score.duration / control_timestep
+    if not lead + length < MAX_STEPS:
+        raise ScoreError(
+            f"Score {score.title!r} lasts {score.duration:g} s, too long for control steps of "
+            f"{control_timestep:g} s: expected fewer than {MAX_STEPS} steps."
+        )
+    return lead + int(floor_steps(score.duration, control_timestep)) + 1
+
+
+def _lead_steps(initial_buffer_time: float, control_timestep: float) -> int:
+    if not (math.isfinite(initial_buffer_time) and initial_buffer_time >= 0):
+        raise ConfigError(
+            f"Initial buffer time {initial_buffer_time} s is out of range: expected 0 or more."
+        )
+    return round(initial_buffer_time / control_timestep)
+
+
+def _check_control_timestep(control_timestep: float) -> None:
+    if not (math.isfinite(control_timestep) and control_timestep > 0):
+        raise ConfigError(
+            f"Control time step {control_timestep} s is out of range: expected a time above 0."
+        )
+
+
+def _check_shape(name: str, array: NDArray[Any], expected: tuple[int, ...]) -> None:
+    if array.shape != expected:
+        raise ScoreError(f"Array {name!r} has shape {array.shape}: expected {expected}.")

@@ -1,0 +1,197 @@
+"""The score: what is to be played, and the transforms that make new scores from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from numbers import Integral
+
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH, UNKNOWN_FINGER
+from sb3_piano.music.note import Note, Pedal, located_note, merge_pedals
+
+
+@dataclass(frozen=True, init=False, repr=False)
+class Score:
+    """A piece of music in seconds, pitches and fingers; never changed, only replaced.
+
+    Attributes:
+        notes: The notes, sorted by onset, then pitch.
+        pedals: The presses of the sustain pedal, sorted, without overlaps.
+        title: What the piece is called; used in messages and file names.
+
+    Raises:
+        ScoreError: If there are no notes, or something in `notes` or `pedals` is of another type.
+    """
+
+    notes: tuple[Note, ...]
+    pedals: tuple[Pedal, ...]
+    title: str
+
+    def __init__(
+        self, *, notes: Iterable[Note], pedals: Iterable[Pedal] = (), title: str = ""
+    ) -> None:
+        """Sort the notes, and merge the presses of the pedal that overlap or touch."""
+        notes, pedals = tuple(notes), tuple(pedals)
+        _check_types(notes, Note, title)
+        _check_types(pedals, Pedal, title)
+        if not notes:
+            raise ScoreError(f"Score {title!r} has no notes: expected at least one.")
+        # Written past the frozen dataclass, once, before anybody has seen the object.
+        object.__setattr__(self, "notes", tuple(sorted(notes, key=_order)))
+        object.__setattr__(self, "pedals", merge_pedals(pedals))
+        object.__setattr__(self, "title", title)
+
+    def __repr__(self) -> str:
+        notes = "1 note" if len(self.notes) == 1 else f"{len(self.notes)} notes"
+        return f"Score({self.title!r}, {notes}, {self.duration:g} s)"
+
+    @property
+    def duration(self) -> float:
+        """The end of the last note to be let go, in s."""
+        return max(note.offset for note in self.notes)
+
+    @property
+    def has_fingering(self) -> bool:
+        """Whether at least one note says which finger plays it."""
+        return any(note.finger != UNKNOWN_FINGER for note in self.notes)
+
+    @property
+    def pitch_range(self) -> tuple[int, int]:
+        """The lowest and the highest MIDI pitch."""
+        pitches = [note.pitch for note in self.notes]
+        return min(pitches), max(pitches)
+
+    def transpose(self, semitones: int) -> Score:
+        """Return the piece shifted up (or down, if negative) by `semitones`.
+
+        Raises:
+            ScoreError: If `semitones` is not a whole number or takes a note off the keyboard.
+        """
+        if not isinstance(semitones, Integral):
+            raise ScoreError(
+                f"Cannot transpose {self.title!r} by {semitones!r}: expected whole semitones."
+            )
+        shift = int(semitones)
+        self._check_transposition(shift)
+        return Score(
+            notes=[_changed(note, pitch=note.pitch + shift) for note in self.notes],
+            pedals=self.pedals,
+            title=self.title,
+        )
+
+    def stretch(self, factor: float) -> Score:
+        """Return the piece played `factor` times as long: 2.0 is half as fast.
+
+        Raises:
+            ScoreError: If `factor` is not finite and above 0, or leaves a note without length.
+        """
+        if not math.isfinite(factor) or factor <= 0:
+            raise ScoreError(
+                f"Cannot stretch {self.title!r} by {factor}: expected a finite factor above 0."
+            )
+        return Score(
+            notes=[
+                located_note(
+                    f"Note {index} of {self.title!r} stretched by {factor}",
+                    onset=note.onset * factor,
+                    offset=note.offset * factor,
+                    pitch=note.pitch,
+                    velocity=note.velocity,
+                    finger=note.finger,
+                )
+                for index, note in enumerate(self.notes)
+            ],
+            pedals=[Pedal(onset=p.onset * factor, offset=p.offset * factor) for p in self.pedals],
+            title=self.title,
+        )
+
+    def trim_silence(self) -> Score:
+        """Return the piece moved so that its first note starts at 0 s.
+
+        Presses of the pedal move along; what lies before 0 s is cut off.
+        """
+        return self.excerpt(self.notes[0].onset, math.inf)
+
+    def excerpt(self, start: float, end: float) -> Score:
+        """Return the notes struck from `start` up to, not including, `end`.
+
+        Notes and presses of the pedal that last beyond `end` are cut there. A note struck before
+        `start` is left out; a pedal pressed before is kept from `start` on. `start` becomes 0 s.
+
+        Args:
+            start: Beginning, in s, finite and at least 0.
+            end: End, in s, later than `start`; infinity for the end of the piece.
+
+        Raises:
+            ScoreError: If the times are out of range, or no note is struck between them.
+        """
+        # Written so that NaN is refused as well.
+        if not (math.isfinite(start) and 0 <= start < end):
+            raise ScoreError(
+                f"Cannot cut {self.title!r} from {start} s to {end} s: expected 0 <= start < end."
+            )
+        notes = [
+            _changed(note, onset=note.onset - start, offset=min(note.offset, end) - start)
+            for note in self.notes
+            if start <= note.onset < end
+        ]
+        if not notes:
+            raise ScoreError(
+                f"No note of {self.title!r} is struck from {start} s to {end} s: its onsets lie "
+                f"between {self.notes[0].onset} s and {self.notes[-1].onset} s."
+            )
+        pedals = [
+            Pedal(onset=max(pedal.onset, start) - start, offset=min(pedal.offset, end) - start)
+            for pedal in self.pedals
+            if pedal.onset < end and pedal.offset > start
+        ]
+        return Score(notes=notes, pedals=pedals, title=self.title)
+
+    def _check_transposition(self, semitones: int) -> None:
+        lost = [
+            (index, note)
+            for index, note in enumerate(self.notes)
+            if not MIN_PITCH <= note.pitch + semitones <= MAX_PITCH
+        ]
+        if not lost:
+            return
+        index, note = lost[0]
+        low, high = self.pitch_range
+        raise ScoreError(
+            f"Transposing {self.title!r} by {semitones} semitones takes {len(lost)} of its "
+            f"{len(self.notes)} notes off the keyboard, first note {index} (pitch {note.pitch} "
+            f"to {note.pitch + semitones}): expected {MIN_PITCH - low} to {MAX_PITCH - high}."
+        )
+
+
+def _changed(
+    note: Note,
+    *,
+    onset: float | None = None,
+    offset: float | None = None,
+    pitch: int | None = None,
+) -> Note:
+    """Return `note` with the given values; `dataclasses.replace` takes twice as long."""
+    return Note(
+        onset=note.onset if onset is None else onset,
+        offset=note.offset if offset is None else offset,
+        pitch=note.pitch if pitch is None else pitch,
+        velocity=note.velocity,
+        finger=note.finger,
+    )
+
+
+def _order(note: Note) -> tuple[float, int, float, int, int]:
+    """Sort by onset and pitch; the rest makes the order of simultaneous notes definite."""
+    return note.onset, note.pitch, note.offset, note.finger, note.velocity
+
+
+def _check_types(items: tuple[object, ...], expected: type, title: str) -> None:
+    for index, item in enumerate(items):
+        if not isinstance(item, expected):
+            raise ScoreError(
+                f"{expected.__name__} {index} of {title!r} is a {type(item).__name__}: "
+                f"expected a {expected.__name__}."
+            )

@@ -1,0 +1,140 @@
+"""One Shadow Dexterous Hand on two sliders (along the keyboard, and up and down)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from sb3_piano.simulation.dm_mjcf import mjcf
+
+from sb3_piano.simulation.tables import load_table
+
+FOREARM_JOINTS = ("forearm_tx", "forearm_ty")
+"""The sliders that carry a hand: along the keyboard (m), and upwards (m)."""
+
+_SKIN_COLOR = (0.62, 0.64, 0.68, 1.0)
+_FINGERS = ("th", "ff", "mf", "rf", "lf")
+
+
+def build_hand(
+    side: str, *, reduced_action_space: bool, gravity_compensation: bool
+) -> mjcf.RootElement:
+    """Return the MJCF of a hand, to be attached to a scene.
+
+    Its own collision shapes are what is seen; there are no mesh files.
+
+    Args:
+        side: ``"right"`` or ``"left"``.
+        reduced_action_space: Fix the joints LFJ5, THJ5 and THJ1 and halve the range of THJ2, as
+            RoboPianist's reduced action space does.
+        gravity_compensation: Let a force balance the weight of every body of the hand.
+    """
+    table = load_table("shadow_hands")
+    hand = table[side]
+    root = mjcf.RootElement(model=f"{hand['prefix']}_shadow_hand")
+    root.compiler.angle = "radian"
+    root.default.joint.set_attributes(**table["joint_defaults"])
+    root.default.geom.set_attributes(
+        contype=1, conaffinity=1, rgba=_SKIN_COLOR, **table["geom_defaults"]
+    )
+    root.asset.add("mesh", name="forearm", vertex=_hull_vertices(table["forearm_hull_rings"]))
+    reduction = _Reduction(table["reduced_action_space"]) if reduced_action_space else None
+    for body in hand["bodies"]:
+        _add_body(root, body, float(gravity_compensation), reduction)
+    for pair in hand["contact_excludes"]:
+        root.contact.add("exclude", body1=pair[0], body2=pair[1])
+    for actuator in hand["actuators"]:
+        _add_actuator(root, actuator, reduction)
+    return root
+
+
+def fingertip_sites(side: str) -> list[str]:
+    """Return the names of a hand's fingertip sites in the scene, thumb to little finger."""
+    prefix = load_table("shadow_hands")[side]["prefix"]
+    return [f"{prefix}_shadow_hand/{finger}distal_site" for finger in _FINGERS]
+
+
+def fingertip_bodies(side: str) -> list[str]:
+    """Return the names of a hand's last finger links in the scene, thumb to little finger."""
+    prefix = load_table("shadow_hands")[side]["prefix"]
+    return [f"{prefix}_shadow_hand/{prefix}_{finger}distal" for finger in _FINGERS]
+
+
+def forearm_body(side: str) -> str:
+    """Return the name of a hand's forearm body in the scene."""
+    prefix = load_table("shadow_hands")[side]["prefix"]
+    return f"{prefix}_shadow_hand/{prefix}_forearm"
+
+
+class _Reduction:
+    """What the reduced action space removes, looked up by full or bare joint name."""
+
+    def __init__(self, table: dict[str, Any]):
+        self._removed = tuple(table["joints_removed"])
+        self._thumb_range = table["THJ2_range"]
+
+    def removes(self, joint: str) -> bool:
+        return joint.endswith(self._removed)
+
+    def range_of(self, joint: str, full_range: list[float]) -> list[float]:
+        return self._thumb_range if joint.endswith("THJ2") else full_range
+
+
+def _add_body(
+    root: mjcf.RootElement,
+    spec: dict[str, Any],
+    gravcomp: float,
+    reduction: _Reduction | None,
+) -> None:
+    parent = root.find("body", spec["parent"]) if spec["parent"] else root.worldbody
+    body = parent.add(
+        "body", name=spec["name"], pos=spec["pos"], quat=spec["quat"], gravcomp=gravcomp
+    )
+    body.add("inertial", **spec["inertial"])
+    for joint in spec["joints"]:
+        if reduction is None:
+            body.add("joint", **joint)
+        elif not reduction.removes(joint["name"]):
+            body.add("joint", **{**joint, "range": reduction.range_of(**_name_and_range(joint))})
+    for geom in spec["geoms"]:
+        body.add("geom", **(geom if geom["type"] != "mesh" else {**geom, "mesh": "forearm"}))
+    if "fingertip" in spec:
+        finger = spec["name"].split("_")[1]
+        body.add("site", name=f"{finger}_site", pos=spec["fingertip"], size=[0.004], group=4)
+
+
+def _name_and_range(joint: dict[str, Any]) -> dict[str, Any]:
+    return {"joint": joint["name"], "full_range": joint["range"]}
+
+
+def _add_actuator(
+    root: mjcf.RootElement, spec: dict[str, Any], reduction: _Reduction | None
+) -> None:
+    """Add a position servo on a joint, or on the sum of two joints (a fixed tendon)."""
+    joints, ctrlrange = spec["joints"], spec["ctrlrange"]
+    if reduction is not None:
+        if reduction.removes(joints[0]):
+            return
+        ctrlrange = reduction.range_of(joints[0], ctrlrange)
+    settings = {"name": spec["name"], "kp": spec["kp"], "ctrlrange": ctrlrange}
+    if "forcerange" in spec:
+        settings["forcerange"] = spec["forcerange"]
+    if len(joints) == 1:
+        root.actuator.add("position", joint=joints[0], **settings)
+        return
+    tendon = root.tendon.add("fixed", name=spec["name"].replace("_A_", "_T_"))
+    for joint in joints:
+        tendon.add("joint", joint=joint, coef=1.0)
+    root.actuator.add("position", tendon=tendon, **settings)
+
+
+def _hull_vertices(rings: list[dict[str, float]]) -> list[float]:
+    """Return the forearm's collider: regular rings of points around z, from -180 degrees on."""
+    vertices: list[float] = []
+    for ring in rings:
+        count = int(ring["points"])
+        for i in range(count):
+            angle = -math.pi + 2 * math.pi * i / count
+            radius = ring["radius"]
+            vertices += [radius * math.cos(angle), radius * math.sin(angle), ring["z"]]
+    return vertices

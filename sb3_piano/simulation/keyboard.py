@@ -1,0 +1,72 @@
+"""The keyboard: 88 hinged boxes with springs, and the beam behind them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sb3_piano.simulation.dm_mjcf import mjcf
+
+from sb3_piano.music.constants import NUM_KEYS
+from sb3_piano.simulation.tables import load_table
+
+KEY_COLORS = {"white": (0.92, 0.92, 0.9, 1.0), "black": (0.12, 0.12, 0.13, 1.0)}
+"""RGBA of a key at rest, by kind of key."""
+
+_BASE_COLOR = (0.18, 0.15, 0.14, 1.0)
+
+
+def build_keyboard() -> mjcf.RootElement:
+    """Return the MJCF of the keyboard, to be attached to a scene.
+
+    Key ``i`` (0 = A0, 87 = C8) has the joint ``<color>_joint_<i>``, whose angle is 0 at rest and
+    grows as the key goes down, and the geom ``<color>_key_<i>``.
+    """
+    table = load_table("keyboard")
+    assert len(table["keys"]) == NUM_KEYS, "keyboard.json must describe all 88 keys"
+    root = mjcf.RootElement(model="piano")
+    root.compiler.angle = "radian"
+    root.default.geom.set_attributes(contype=0, conaffinity=1, **table["contact"])
+    root.worldbody.add(
+        "geom", name="base", type="box", rgba=_BASE_COLOR, size=table["base"]["half_size"],
+        pos=table["base"]["pos"],
+    )
+    for index, key in enumerate(table["keys"]):
+        _add_key(root, index, key, table[key["color"]], table["joint"])
+    return root
+
+
+def sounding_angles() -> tuple[list[float], float]:
+    """Return when keys sound.
+
+    Returns:
+        The largest angle of each of the 88 keys (rad), and how close to it a key sounds (rad).
+    """
+    table = load_table("keyboard")
+    return [table[key["color"]]["max_angle"] for key in table["keys"]], table["sounding_margin"]
+
+
+def pedal_threshold() -> float:
+    """Return the pedal command, in [0, 1], from which on the sustain pedal is down."""
+    threshold: float = load_table("keyboard")["pedal_threshold"]
+    return threshold
+
+
+def _add_key(
+    root: mjcf.RootElement,
+    index: int,
+    key: dict[str, Any],
+    kind: dict[str, Any],
+    joint: dict[str, float],
+) -> None:
+    color = key["color"]
+    body = root.worldbody.add(
+        "body", name=f"{color}_key_{index}", pos=[kind["body_x"], key["y"], kind["body_z"]]
+    )
+    body.add(
+        "joint", name=f"{color}_joint_{index}", type="hinge", axis=[0, 1, 0],
+        pos=[kind["hinge_x"], 0, 0], range=[0, kind["max_angle"]], **joint,
+    )
+    body.add(
+        "geom", name=f"{color}_key_{index}", type="box", mass=kind["mass"],
+        rgba=KEY_COLORS[color], size=kind["half_size"],
+    )

@@ -1,0 +1,217 @@
+"""The whole scene, compiled once, and the index arrays through which it is read.
+
+No MuJoCo name is looked up after the scene is built: everything an environment needs in a control
+step is an index array or a constant array held here. The right hand comes before the left one.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import functools
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.music.constants import NUM_KEYS
+from sb3_piano.simulation import hand, keyboard
+from sb3_piano.simulation.dm_mjcf import mjcf
+from sb3_piano.simulation.physics import physics_profile
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+
+SIDES = ("right", "left")
+
+# Where a finger should press, seen from the centre of a key's top: RoboPianist moves it by these
+# shares of the half length (away from the hinge) and of the half height (up).
+_PRESS_POINT_X = 0.35
+_PRESS_POINT_Z = 0.5
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class PianoScene:
+    """A compiled MuJoCo model of a piano and two hands, with what is needed to read its state."""
+
+    model: mujoco.MjModel
+    """MuJoCo's model."""
+    key_qpos: IntArray
+    """(88,) address in ``qpos`` of each key's angle."""
+    key_max_angle: FloatArray
+    """(88,) angle of each key when fully down, rad."""
+    key_sounding_angle: FloatArray
+    """(88,) angle from which on each key sounds, rad."""
+    key_geom: IntArray
+    """(88,) geom of each key."""
+    key_press_offset: FloatArray
+    """(88, 3) from a key geom's centre to the point where a finger should press it, m."""
+    fingertip_site: IntArray
+    """(10,) fingertip sites, in the order of finger labels."""
+    fingertip_geom: IntArray
+    """(10,) geoms of the last finger links, in the order of finger labels."""
+    joint_qpos: tuple[IntArray, IntArray]
+    """For the right and the left hand: addresses in ``qpos``, wrist to thumb, sliders last."""
+    joint_names: tuple[tuple[str, ...], tuple[str, ...]]
+    """For the right and the left hand: joint names in the order of ``joint_qpos``."""
+    forearm_of_geom: npt.NDArray[np.int8]
+    """(ngeom,) 1 for a shape of the right forearm, 2 for one of the left, else 0."""
+    slider_qpos: IntArray
+    """(2,) addresses in ``qpos`` of the sliders along the keyboard (right, left)."""
+
+    @property
+    def ctrl_low(self) -> FloatArray:
+        """(nu,) lower ends of the control ranges; rad, or m for the sliders."""
+        return np.asarray(self.model.actuator_ctrlrange[:, 0])
+
+    @property
+    def ctrl_high(self) -> FloatArray:
+        """(nu,) upper ends of the control ranges; rad, or m for the sliders."""
+        return np.asarray(self.model.actuator_ctrlrange[:, 1])
+
+    @property
+    def joint_range(self) -> tuple[FloatArray, FloatArray]:
+        """For the right and the left hand: (n, 2) joint limits in the order of ``joint_qpos``."""
+        joint_of_qpos = {int(adr): j for j, adr in enumerate(self.model.jnt_qposadr)}
+        right, left = (
+            np.array([self.model.jnt_range[joint_of_qpos[int(adr)]] for adr in addresses])
+            for addresses in self.joint_qpos
+        )
+        return right, left
+
+    def key_angle(self, data: mujoco.MjData) -> FloatArray:
+        """Return each key's angle, (88,) rad, clipped to its range (joint limits are soft)."""
+        return np.clip(data.qpos[self.key_qpos], 0.0, self.key_max_angle)
+
+    def fingertip_position(self, data: mujoco.MjData) -> FloatArray:
+        """Return the world positions of the ten fingertips, (10, 3) m."""
+        return np.asarray(data.site_xpos[self.fingertip_site])
+
+    def press_point(self, data: mujoco.MjData, keys: IntArray) -> FloatArray:
+        """Return where fingers should press the given keys: world positions, (n, 3) m."""
+        return np.asarray(data.geom_xpos[self.key_geom[keys]] + self.key_press_offset[keys])
+
+    def forearms_touch(self, data: mujoco.MjData) -> bool:
+        """Return whether a shape of one forearm touches one of the other."""
+        if data.ncon == 0:
+            return False
+        sides = self.forearm_of_geom[data.contact.geom]
+        return bool(np.any(sides[:, 0] * sides[:, 1] == 2))
+
+    def copy(self) -> PianoScene:
+        """Return the same scene with a model of its own, which may then be modified."""
+        return dataclasses.replace(self, model=copy.copy(self.model))
+
+
+@functools.lru_cache(maxsize=8)
+def compile_scene(
+    *,
+    reduced_action_space: bool = True,
+    gravity_compensation: bool = True,
+    physics: str = "reference",
+) -> PianoScene:
+    """Build and compile the scene; equal arguments return the same object (``copy`` it to change).
+
+    Args:
+        reduced_action_space: As in RoboPianist: without the joints LFJ5, THJ5 and THJ1.
+        gravity_compensation: Let forces balance the weight of the hands.
+        physics: Name of a physics profile.
+
+    Raises:
+        ConfigError: If the physics profile is unknown.
+    """
+    root = mjcf.RootElement(model="scene")
+    profile = physics_profile(physics)
+    root.option.set_attributes(**dataclasses.asdict(profile))
+    _furnish(root)
+    root.attach(keyboard.build_keyboard())
+    for side in SIDES:
+        root.attach(
+            hand.build_hand(
+                side,
+                reduced_action_space=reduced_action_space,
+                gravity_compensation=gravity_compensation,
+            )
+        )
+    return _index_scene(mujoco.MjModel.from_xml_string(root.to_xml_string()))
+
+
+def _furnish(root: mjcf.RootElement) -> None:
+    """Add what only matters to the eye: floor, light and cameras."""
+    root.visual.get_children("global").set_attributes(offwidth=1920, offheight=1080)
+    root.visual.headlight.set_attributes(ambient=[0.35] * 3, diffuse=[0.4] * 3, specular=[0.1] * 3)
+    root.asset.add(
+        "texture", name="sky", type="skybox", builtin="gradient", width=256, height=256,
+        rgb1=[0.86, 0.89, 0.93], rgb2=[0.55, 0.6, 0.68],
+    )
+    world = root.worldbody
+    world.add("light", pos=[-0.4, -0.6, 1.6], dir=[0.25, 0.35, -1], diffuse=[0.5] * 3)
+    world.add("light", pos=[0.6, 0.7, 1.6], dir=[-0.3, -0.4, -1], diffuse=[0.3] * 3, castshadow=False)
+    world.add(
+        "geom", name="floor", type="plane", size=[1, 1, 0.05], rgba=[0.42, 0.4, 0.38, 1],
+        contype=0, conaffinity=0,
+    )
+    # From behind the keyboard, where fingertips and keys are both in view; then from above.
+    world.add(
+        "camera", name="overview", pos=[-0.5, 0, 0.56], xyaxes=[0, -1, 0, 0.56, 0, 0.83], fovy=52
+    )
+    world.add("camera", name="topdown", pos=[0.05, 0, 1.15], xyaxes=[0, 1, 0, -1, 0, 0], fovy=40)
+
+
+def _index_scene(model: mujoco.MjModel) -> PianoScene:
+    max_angle, margin = keyboard.sounding_angles()
+    key_joint = _sorted_keys(model, mujoco.mjtObj.mjOBJ_JOINT, model.njnt, "joint")
+    key_geom = _sorted_keys(model, mujoco.mjtObj.mjOBJ_GEOM, model.ngeom, "key")
+    press_offset = np.zeros((NUM_KEYS, 3))
+    press_offset[:, 0] = _PRESS_POINT_X * model.geom_size[key_geom, 0]
+    press_offset[:, 2] = _PRESS_POINT_Z * model.geom_size[key_geom, 2]
+    hand_joints = [_hand_joints(model, side) for side in SIDES]
+    return PianoScene(
+        model=model,
+        key_qpos=model.jnt_qposadr[key_joint].astype(np.intp),
+        key_max_angle=np.array(max_angle),
+        key_sounding_angle=np.array(max_angle) - margin,
+        key_geom=key_geom,
+        key_press_offset=press_offset,
+        fingertip_site=np.array([model.site(n).id for s in SIDES for n in hand.fingertip_sites(s)]),
+        fingertip_geom=np.array(
+            [model.body(n).geomadr[0] for s in SIDES for n in hand.fingertip_bodies(s)]
+        ),
+        joint_qpos=(
+            model.jnt_qposadr[hand_joints[0]].astype(np.intp),
+            model.jnt_qposadr[hand_joints[1]].astype(np.intp),
+        ),
+        joint_names=(_joint_names(model, hand_joints[0]), _joint_names(model, hand_joints[1])),
+        forearm_of_geom=_forearm_of_geom(model),
+        slider_qpos=model.jnt_qposadr[[joints[-2] for joints in hand_joints]].astype(np.intp),
+    )
+
+
+def _sorted_keys(model: mujoco.MjModel, kind: int, count: int, word: str) -> IntArray:
+    """Return the ids of the 88 elements called ``piano/<color>_<word>_<key>``, by key."""
+    names = (mujoco.mj_id2name(model, kind, i) or "" for i in range(count))
+    found = {
+        int(name.rsplit("_", 1)[1]): i
+        for i, name in enumerate(names)
+        if name.startswith("piano/") and f"_{word}_" in name
+    }
+    return np.array([found[key] for key in range(NUM_KEYS)])
+
+
+def _hand_joints(model: mujoco.MjModel, side: str) -> IntArray:
+    """Return a hand's joints in the order of RoboPianist's observation: the sliders last."""
+    prefix = hand.forearm_body(side).split("/")[0] + "/"
+    joints = [j for j in range(model.njnt) if model.joint(j).name.startswith(prefix)]
+    sliders = [model.joint(prefix + name).id for name in hand.FOREARM_JOINTS]
+    return np.array([j for j in joints if j not in sliders] + sliders)
+
+
+def _joint_names(model: mujoco.MjModel, joints: IntArray) -> tuple[str, ...]:
+    return tuple(model.joint(int(j)).name for j in joints)
+
+
+def _forearm_of_geom(model: mujoco.MjModel) -> npt.NDArray[np.int8]:
+    result = np.zeros(model.ngeom, dtype=np.int8)
+    for label, side in enumerate(SIDES, start=1):
+        result[model.geom_bodyid == model.body(hand.forearm_body(side)).id] = label
+    return result

@@ -1,0 +1,125 @@
+"""Pictures of the scene, drawn off screen: fingertips and due keys coloured by finger."""
+
+from __future__ import annotations
+
+import importlib
+import weakref
+from typing import Any
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.exceptions import RenderingError
+from sb3_piano.simulation import PianoScene, find_gl_backend
+from sb3_piano.viewing.colors import FINGER_COLORS, PRESSED_COLOR, UNLABELLED_COLOR
+
+_HOW_TO_INSTALL = (
+    "Install an OpenGL library, for instance with 'apt-get install libosmesa6' or 'apt-get install "
+    "libegl1' on Debian, and choose it with MUJOCO_GL=osmesa or MUJOCO_GL=egl if both are there. "
+    "Everything but pictures works without."
+)
+
+
+class FrameRenderer:
+    """Draws a scene into RGB arrays.
+
+    Raises:
+        RenderingError: If this machine cannot draw; the message says what to install.
+    """
+
+    def __init__(self, scene: PianoScene, *, width: int, height: int, camera: str):
+        """Open a drawing context.
+
+        Args:
+            scene: What to draw. Its model is not changed.
+            width: Pixels.
+            height: Pixels.
+            camera: Name of a camera of the scene.
+        """
+        self._scene = scene
+        self._rect = mujoco.MjrRect(0, 0, width, height)
+        self._camera = mujoco.MjvCamera()
+        self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        self._camera.fixedcamid = scene.model.camera(camera).id
+        self._option = mujoco.MjvOption()
+        self._gl = _gl_context(width, height)
+        self._gl.make_current()
+        self._context = mujoco.MjrContext(scene.model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        self._drawn = mujoco.MjvScene(scene.model, maxgeom=scene.model.ngeom + 100)
+        # Also at the interpreter's exit, where a context left open would print an error.
+        self._close = weakref.finalize(self, _free, self._context, self._gl)
+
+    def render(
+        self,
+        data: mujoco.MjData,
+        *,
+        due: npt.NDArray[np.intp],
+        fingers: npt.NDArray[np.intp],
+        sounding: npt.NDArray[np.bool_],
+    ) -> npt.NDArray[np.uint8]:
+        """Draw one picture.
+
+        Args:
+            data: State of the simulation.
+            due: (n,) keys that should be down.
+            fingers: (n,) finger label of each of them, -1 where unknown.
+            sounding: (88,) bool, keys that sound.
+
+        Returns:
+            (height, width, 3) uint8.
+        """
+        self._gl.make_current()
+        mujoco.mjv_updateScene(
+            self._scene.model, data, self._option, None, self._camera,
+            mujoco.mjtCatBit.mjCAT_ALL.value, self._drawn,
+        )
+        self._paint(due, fingers, sounding)
+        mujoco.mjr_render(self._rect, self._drawn, self._context)
+        pixels = np.empty((self._rect.height, self._rect.width, 3), dtype=np.uint8)
+        mujoco.mjr_readPixels(pixels, None, self._rect, self._context)
+        return np.ascontiguousarray(np.flipud(pixels))
+
+    def close(self) -> None:
+        """Free the drawing context; safe to call twice."""
+        self._close()
+
+    def _paint(
+        self,
+        due: npt.NDArray[np.intp],
+        fingers: npt.NDArray[np.intp],
+        sounding: npt.NDArray[np.bool_],
+    ) -> None:
+        """Colour the drawn shapes; the model itself keeps its colours."""
+        colors = dict(zip(self._scene.fingertip_geom.tolist(), FINGER_COLORS, strict=True))
+        key_geom = self._scene.key_geom
+        for key, finger in zip(due, fingers, strict=True):
+            colors[int(key_geom[key])] = FINGER_COLORS[finger] if finger >= 0 else UNLABELLED_COLOR
+        for key in np.flatnonzero(sounding):
+            colors[int(key_geom[key])] = PRESSED_COLOR
+        for i in range(self._drawn.ngeom):
+            geom = self._drawn.geoms[i]
+            if geom.objtype == int(mujoco.mjtObj.mjOBJ_GEOM) and geom.objid in colors:
+                geom.rgba[:] = colors[geom.objid]
+
+
+def _gl_context(width: int, height: int) -> Any:
+    """Return an OpenGL context of the backend that this machine offers."""
+    backend = find_gl_backend()
+    if backend not in ("egl", "osmesa", "glfw"):
+        reason = "no OpenGL library was found" if backend is None else f"MUJOCO_GL is {backend!r}"
+        raise RenderingError(f"Cannot draw the scene: {reason}. {_HOW_TO_INSTALL}")
+    try:
+        return importlib.import_module(f"mujoco.{backend}").GLContext(width, height)
+    except Exception as error:  # each backend fails in its own way: ImportError, OSError, ...
+        raise RenderingError(
+            f"Cannot draw the scene with the OpenGL backend {backend!r} ({error}). "
+            f"{_HOW_TO_INSTALL}"
+        ) from error
+
+
+def _free(context: mujoco.MjrContext, gl: Any) -> None:
+    gl.make_current()
+    context.free()
+    gl.free()

@@ -3,9 +3,10 @@
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
 from sb3_piano.envs.performance import Performance
-from sb3_piano.envs.piano_env import EnvState, PianoEnv
+from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.envs.registration import DEBUG_IDS, ENV_IDS, GENERAL_ID, register_envs
 from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS, RETURN_KEYS
+from sb3_piano.envs.state import EnvState
 
 __all__ = [
     "DEBUG_IDS",

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from gymnasium import spaces
 
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
@@ -118,24 +117,3 @@ def piano_space(layout: ObservationLayout, scene: PianoScene) -> spaces.Box:
         low[layout[name].slice] = limits[:, 0] - _JOINT_OVERSHOOT
         high[layout[name].slice] = limits[:, 1] + _JOINT_OVERSHOOT
     return spaces.Box(low, high, dtype=np.float32)
-
-
-def goal_rows(
-    active: npt.NDArray[np.bool_], sustain: npt.NDArray[np.bool_], n_steps_lookahead: int
-) -> npt.NDArray[np.float32]:
-    """Return the goal of every control step, with silence appended for the lookahead.
-
-    Row ``t`` to ``t + n_steps_lookahead`` of the result are the goal at step ``t``.
-
-    Args:
-        active: (T, 88) bool.
-        sustain: (T,) bool.
-        n_steps_lookahead: How far the goal looks ahead, in control steps.
-
-    Returns:
-        (T + n_steps_lookahead, 89) float32.
-    """
-    rows = np.zeros((len(active) + n_steps_lookahead, GOAL_WIDTH), dtype=np.float32)
-    rows[: len(active), :NUM_KEYS] = active
-    rows[: len(active), NUM_KEYS] = sustain
-    return rows

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
-from typing import Any, ClassVar, SupportsFloat
+from typing import Any, SupportsFloat
 
 import gymnasium as gym
 import mujoco
@@ -14,8 +13,10 @@ from gymnasium import spaces
 
 from sb3_piano.envs import rewards
 from sb3_piano.envs.config import PianoEnvConfig
-from sb3_piano.envs.observation import goal_rows, piano_layout, piano_space
+from sb3_piano.envs.goal import Goal
+from sb3_piano.envs.observation import piano_layout, piano_space
 from sb3_piano.envs.performance import Performance
+from sb3_piano.envs.state import EnvState
 from sb3_piano.exceptions import (
     ConfigError,
     EnvStateError,
@@ -23,32 +24,27 @@ from sb3_piano.exceptions import (
     SimulationDivergedError,
 )
 from sb3_piano.music import PianoRoll, Score, load_score
-from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
+from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.simulation import compile_scene, pedal_threshold
 from sb3_piano.viewing import FrameRenderer
 
 Observation = npt.NDArray[np.float32]
 ScoreSource = Score | str | os.PathLike[str]
 
+_INSTABILITIES = [
+    int(kind)
+    for kind in (
+        mujoco.mjtWarning.mjWARN_BADQPOS,
+        mujoco.mjtWarning.mjWARN_BADQVEL,
+        mujoco.mjtWarning.mjWARN_BADQACC,
+    )
+]
+
 # RoboPianist's range for the random offset of both hands along the keyboard, m.
 _HAND_OFFSET = 0.05
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class EnvState:
-    """A moment of an episode, from :meth:`PianoEnv.get_state`; treat it as opaque."""
-
-    physics: npt.NDArray[np.float64]
-    score: Score
-    step: int
-    finished: bool
-    pedal: float
-    key_active: npt.NDArray[np.bool_]
-    sustain: npt.NDArray[np.bool_]
-    returns: npt.NDArray[np.float64]
-
-
-class PianoEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
+class PianoEnv(gym.Env[Any, Any]):
     """Two simulated Shadow hands play a score on a keyboard of 88 keys.
 
     ## Action space
@@ -97,7 +93,7 @@ class PianoEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
     * v0: first version; equal to RoboPianist 1.0.10 with its authors' training settings.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 20}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012
 
     def __init__(
         self, score: ScoreSource, *, render_mode: str | None = None, **options: Any
@@ -109,9 +105,8 @@ class PianoEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
             )
         self.config = PianoEnvConfig.from_options(options)
         self.render_mode = render_mode
-        self.metadata = {
-            **type(self).metadata, "render_fps": round(1 / self.config.control_timestep)
-        }  # fmt: skip
+        render_fps = round(1 / self.config.control_timestep)
+        self.metadata = {**type(self).metadata, "render_fps": render_fps}
         self.scene = compile_scene(
             reduced_action_space=self.config.reduced_action_space,
             gravity_compensation=self.config.gravity_compensation,
@@ -121,14 +116,15 @@ class PianoEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         self.data = mujoco.MjData(self.model)
         self.observation_layout = piano_layout(self.scene, self.config.n_steps_lookahead)
         self.observation_space = piano_space(self.observation_layout, self.scene)
-        self.action_space = spaces.Box(-1.0, 1.0, (self.model.nu + 1,), dtype=np.float32)
+        n_actions = self.model.nu + 1  # the actuators, then the pedal
+        self.action_space = spaces.Box(-1.0, 1.0, (n_actions,), dtype=np.float32)
         self._ctrl_middle = (self.scene.ctrl_high + self.scene.ctrl_low) / 2
         self._ctrl_half_range = (self.scene.ctrl_high - self.scene.ctrl_low) / 2
-        self._weights = np.array([self.config.reward_weights[n] for n in self._term_names])
+        self._weights = self.config.reward_weights
         self._pedal_threshold = pedal_threshold()
         self._default_score = load_score(score)
+        self._goal = Goal(self._default_score, self.config)
         self._renderer: FrameRenderer | None = None
-        self._set_score(self._default_score)
         self._begin_episode()
         self._finished = True  # until the first reset
 
@@ -137,12 +133,12 @@ class PianoEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
     @property
     def score(self) -> Score:
         """The score of this episode, as it was handed in (before silence is trimmed)."""
-        return self._score
+        return self._goal.score
 
     @property
     def roll(self) -> PianoRoll:
         """The score over control steps, as it should be played in this episode."""
-        return self._roll
+        return self._goal.roll
 
     @property
     def steps_played(self) -> int:
@@ -155,10 +151,15 @@ class PianoEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         return self.scene.key_angle(self.data) >= self.scene.key_sounding_angle
 
     @property
+    def pedal_down(self) -> bool:
+        """Whether the sustain pedal is down now."""
+        return bool(self._pedal >= self._pedal_threshold)
+
+    @property
     def performance(self) -> Performance:
         """What was played in this episode so far."""
         return Performance(
-            roll=self._roll,
+            roll=self._goal.roll,
             key_active=self._played_keys[: self._step].copy(),
             sustain=self._played_pedal[: self._step].copy(),
         )
@@ -212,31 +213,39 @@ class PianoEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         if self._finished:
             raise EnvStateError("No episode is under way: call reset() before step().")
         self._simulate(self._checked(action))
-        due = self._roll.active[self._step]
-        key_angle = self.scene.key_angle(self.data)
-        sounding = key_angle >= self.scene.key_sounding_angle
-        terms = self._reward_terms(due, key_angle / self.scene.key_max_angle, sounding)
-        weighted = self._weights * terms
-        self._returns += weighted
-        self._played_keys[self._step] = sounding
-        self._played_pedal[self._step] = self._pedal >= self._pedal_threshold
+        terms = self.reward_terms(self._step)
+        weighted = np.array([self._weights[name] * value for name, value in terms.items()])
+        wrong_press = self._record(self._step, weighted)
         self._step += 1
-        truncated = self._step == len(self._roll)
-        terminated = (
-            self.config.wrong_press_termination
-            and not truncated
-            and bool(np.any(sounding & ~due))
-        )
+        truncated = self._step == len(self._goal)
+        terminated = self.config.wrong_press_termination and wrong_press and not truncated
         self._finished = truncated or terminated
-        info: dict[str, Any] = {
-            "reward_terms": dict(zip(self._term_names, terms.tolist(), strict=True))
-        }
+        info: dict[str, Any] = {"reward_terms": terms}
         if self._finished:
             info.update(self.performance.metrics())
             info.update(zip(rewards.RETURN_KEYS, self._returns.tolist(), strict=True))
         return self._observation(), float(weighted.sum()), terminated, truncated, info
 
-    def render(self) -> npt.NDArray[np.uint8] | None:  # type: ignore[override]
+    def reward_terms(self, step: int) -> dict[str, float]:
+        """Return the unweighted reward terms of the present state under the goal of a step.
+
+        Args:
+            step: Control step whose goal is compared with the state, 0 to ``len(roll) - 1``.
+        """
+        data, scene = self.data, self.scene
+        due = self._goal.roll.active[step]
+        key_state = scene.key_angle(data) / scene.key_max_angle
+        return {
+            "key_press": rewards.key_press(due, key_state, self.key_active),
+            "sustain": rewards.sustain(bool(self._goal.roll.sustain[step]), self.pedal_down),
+            "energy": rewards.energy(data.actuator_force, data.actuator_velocity),
+            "fingering": self._fingering_term(step),
+            "forearm": rewards.forearm(scene.forearms_touch(data))
+            if self.config.forearm_reward
+            else 0.0,
+        }
+
+    def render(self) -> npt.NDArray[np.uint8] | None:
         """Draw the scene: due keys and fingertips coloured by finger, sounding keys green.
 
         Returns:
@@ -254,10 +263,8 @@ class PianoEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
                 height=self.config.height,
                 camera=self.config.camera_name,
             )
-        due, fingers = self._roll.due(max(self._step - 1, 0))
-        return self._renderer.render(
-            self.data, due=due, fingers=fingers, sounding=self.key_active
-        )
+        due, fingers = self._goal.roll.due(max(self._step - 1, 0))
+        return self._renderer.render(self.data, due=due, fingers=fingers, sounding=self.key_active)
 
     def close(self) -> None:
         """Free the drawing context, if there is one."""
@@ -274,7 +281,7 @@ class PianoEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         mujoco.mj_getState(self.model, self.data, physics, kind)
         return EnvState(
             physics=physics,
-            score=self._score,
+            score=self._goal.score,
             step=self._step,
             finished=self._finished,
             pedal=self._pedal,
@@ -317,25 +324,9 @@ class PianoEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
 
     # How it works.
 
-    _term_names = tuple(rewards.DEFAULT_REWARD_WEIGHTS)
-
     def _set_score(self, score: Score) -> None:
-        if score is getattr(self, "_score", None):
-            return
-        trimmed = score.trim_silence() if self.config.trim_silence else score
-        self._roll = PianoRoll.from_score(
-            trimmed,
-            self.config.control_timestep,
-            initial_buffer_time=self.config.initial_buffer_time,
-        )
-        self._score = score
-        self._goal = goal_rows(
-            self._roll.active, self._roll.sustain, self.config.n_steps_lookahead
-        )
-        choice = self.config.fingering_reward
-        self._fingering = choice
-        if choice == "auto":
-            self._fingering = "labels" if score.has_fingering else "optimal-transport"
+        if score is not self._goal.score:
+            self._goal = Goal(score, self.config)
 
     def _begin_episode(self) -> None:
         mujoco.mj_resetData(self.model, self.data)
@@ -348,9 +339,9 @@ class PianoEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         self._step = 0
         self._finished = False
         self._pedal = 0.0
-        self._played_keys = np.zeros((len(self._roll), NUM_KEYS), dtype=bool)
-        self._played_pedal = np.zeros(len(self._roll), dtype=bool)
-        self._returns = np.zeros(len(self._term_names))
+        self._played_keys = np.zeros((len(self._goal), NUM_KEYS), dtype=bool)
+        self._played_pedal = np.zeros(len(self._goal), dtype=bool)
+        self._returns = np.zeros(len(rewards.RETURN_KEYS))
 
     def _checked(self, action: npt.ArrayLike) -> npt.NDArray[np.float64]:
         try:
@@ -377,44 +368,32 @@ class PianoEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
         state, at no extra cost.
         """
         self.data.ctrl[:] = self._ctrl_middle + self._ctrl_half_range * action[:-1]
-        self._pedal = (action[-1] + 1.0) / 2.0
-        end = self.data.time + self.config.control_timestep
+        self._pedal = float(action[-1] + 1.0) / 2.0
         mujoco.mj_step2(self.model, self.data)
         mujoco.mj_step(self.model, self.data, nstep=self.config.n_substeps - 1)
         mujoco.mj_step1(self.model, self.data)
-        if abs(self.data.time - end) > self.model.opt.timestep / 2:  # MuJoCo starts anew on NaN
+        # MuJoCo answers NaN and huge numbers with a warning and starts the simulation anew.
+        if any(self.data.warning[kind].number for kind in _INSTABILITIES):
             self._finished = True
             raise SimulationDivergedError(
                 f"The physics became unstable in control step {self._step}. The episode is over: "
                 "call reset(). Expected only after changes to the model or its state."
             )
 
-    def _reward_terms(
-        self,
-        due: npt.NDArray[np.bool_],
-        key_state: npt.NDArray[np.float64],
-        sounding: npt.NDArray[np.bool_],
-    ) -> npt.NDArray[np.float64]:
-        """Return the unweighted terms in the order of ``_term_names``."""
-        data, scene = self.data, self.scene
-        return np.array(
-            [
-                rewards.key_press(due, key_state, sounding),
-                rewards.sustain(
-                    bool(self._roll.sustain[self._step]), self._pedal >= self._pedal_threshold
-                ),
-                rewards.energy(data.actuator_force, data.actuator_velocity),
-                self._fingering_term(),
-                rewards.forearm(scene.forearms_touch(data)) if self.config.forearm_reward else 0.0,
-            ]
-        )
+    def _record(self, step: int, weighted: npt.NDArray[np.float64]) -> bool:
+        """Note down what sounds after a control step; return whether a wrong key does."""
+        sounding = self.key_active
+        self._played_keys[step] = sounding
+        self._played_pedal[step] = self.pedal_down
+        self._returns += weighted
+        return bool(np.any(sounding & ~self._goal.roll.active[step]))
 
-    def _fingering_term(self) -> float:
-        if self._fingering == "off":
+    def _fingering_term(self, step: int) -> float:
+        if self._goal.fingering_reward == "off":
             return 0.0
-        keys, fingers = self._roll.due(self._step)
+        keys, fingers = self._goal.roll.due(step)
         fingertips = self.scene.fingertip_position(self.data)
-        if self._fingering == "optimal-transport":
+        if self._goal.fingering_reward == "optimal-transport":
             return rewards.optimal_transport_fingering(
                 fingertips, self.scene.press_point(self.data, keys)
             )
@@ -426,15 +405,10 @@ class PianoEnv(gym.Env[Observation, npt.NDArray[np.float32]]):
     def _observation(self) -> Observation:
         """Return the observation; after the last step it repeats the last goal."""
         layout, scene, qpos = self.observation_layout, self.scene, self.data.qpos
-        step = min(self._step, len(self._roll) - 1)
-        observation = np.zeros(layout.size, dtype=np.float32)
-        observation[layout["goal"].slice] = self._goal[
-            step : step + self.config.n_steps_lookahead + 1
-        ].reshape(-1)
-        _, fingers = self._roll.due(step)
-        labelled = np.zeros(NUM_FINGERS, dtype=np.float32)
-        labelled[fingers[fingers >= 0]] = 1.0
-        observation[layout["fingering"].slice] = labelled
+        step = min(self._step, len(self._goal) - 1)
+        observation = np.empty(layout.size, dtype=np.float32)
+        observation[layout["goal"].slice] = self._goal.rows(step)
+        observation[layout["fingering"].slice] = self._goal.fingers(step)
         observation[layout["key_state"].slice] = scene.key_angle(self.data) / scene.key_max_angle
         observation[layout["sustain"].slice] = self._pedal
         observation[layout["right_joints"].slice] = qpos[scene.joint_qpos[0]]

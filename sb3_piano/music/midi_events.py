@@ -65,13 +65,14 @@ def parse_midi(path: Path) -> MidiContents:
     except Exception as error:
         # A damaged file surfaces as whatever the parser happens to stumble over.
         raise ScoreError(
-            f"Cannot read {str(path)!r} as a MIDI file: {str(error) or type(error).__name__}."
+            f"Cannot read {str(path)!r} as a MIDI file ({str(error) or type(error).__name__}): "
+            "expected a complete standard MIDI file."
         ) from error
     if empty:
         time, pitch = min(empty)
         raise ScoreError(
-            f"{len(empty)} notes of {str(path)!r} have no length, first "
-            f"{pretty_midi.note_number_to_name(pitch)} at {time:g} s: expected each note to end "
+            f"{str(path)!r} has notes without length ({len(empty)}, first "
+            f"{pretty_midi.note_number_to_name(pitch)} at {time:g} s): expected each note to end "
             "after it starts."
         )
     return MidiContents(midi=midi, pedals=pedals)

@@ -25,9 +25,9 @@ class PianoRoll:
     are laid in order of onset; a later one overwrites the finger labels of an earlier one on its
     key.
 
-    A key struck again while it sounds is silent for one step, else the second strike could not
-    be seen. That step is the first of the new note. The rest of the earlier note, if it lasts
-    longer than the new one, sounds on with its own label.
+    A key struck again while it sounds, or at the step at which it would fall silent, is silent
+    for one step, else the second strike could not be seen. That step is the first of the new
+    note. The rest of the earlier note, if it outlasts the new one, sounds on with its own label.
 
     Source: RoboPianist's note trajectory, with one departure: RoboPianist erases a new note that
     lasts a single step. Here the silent step is then the last one before the new note. If the

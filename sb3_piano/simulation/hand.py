@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 from sb3_piano.simulation.dm_mjcf import mjcf
-
 from sb3_piano.simulation.tables import load_table
 
 FOREARM_JOINTS = ("forearm_tx", "forearm_ty")

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from sb3_piano.simulation.dm_mjcf import mjcf
-
 from sb3_piano.music.constants import NUM_KEYS
+from sb3_piano.simulation.dm_mjcf import mjcf
 from sb3_piano.simulation.tables import load_table
 
 KEY_COLORS = {"white": (0.92, 0.92, 0.9, 1.0), "black": (0.12, 0.12, 0.13, 1.0)}
@@ -27,7 +26,11 @@ def build_keyboard() -> mjcf.RootElement:
     root.compiler.angle = "radian"
     root.default.geom.set_attributes(contype=0, conaffinity=1, **table["contact"])
     root.worldbody.add(
-        "geom", name="base", type="box", rgba=_BASE_COLOR, size=table["base"]["half_size"],
+        "geom",
+        name="base",
+        type="box",
+        rgba=_BASE_COLOR,
+        size=table["base"]["half_size"],
         pos=table["base"]["pos"],
     )
     for index, key in enumerate(table["keys"]):
@@ -63,10 +66,19 @@ def _add_key(
         "body", name=f"{color}_key_{index}", pos=[kind["body_x"], key["y"], kind["body_z"]]
     )
     body.add(
-        "joint", name=f"{color}_joint_{index}", type="hinge", axis=[0, 1, 0],
-        pos=[kind["hinge_x"], 0, 0], range=[0, kind["max_angle"]], **joint,
+        "joint",
+        name=f"{color}_joint_{index}",
+        type="hinge",
+        axis=[0, 1, 0],
+        pos=[kind["hinge_x"], 0, 0],
+        range=[0, kind["max_angle"]],
+        **joint,
     )
     body.add(
-        "geom", name=f"{color}_key_{index}", type="box", mass=kind["mass"],
-        rgba=KEY_COLORS[color], size=kind["half_size"],
+        "geom",
+        name=f"{color}_key_{index}",
+        type="box",
+        mass=kind["mass"],
+        rgba=KEY_COLORS[color],
+        size=kind["half_size"],
     )

@@ -141,15 +141,28 @@ def _furnish(root: mjcf.RootElement) -> None:
     root.visual.get_children("global").set_attributes(offwidth=1920, offheight=1080)
     root.visual.headlight.set_attributes(ambient=[0.35] * 3, diffuse=[0.4] * 3, specular=[0.1] * 3)
     root.asset.add(
-        "texture", name="sky", type="skybox", builtin="gradient", width=256, height=256,
-        rgb1=[0.86, 0.89, 0.93], rgb2=[0.55, 0.6, 0.68],
+        "texture",
+        name="sky",
+        type="skybox",
+        builtin="gradient",
+        width=256,
+        height=256,
+        rgb1=[0.86, 0.89, 0.93],
+        rgb2=[0.55, 0.6, 0.68],
     )
     world = root.worldbody
     world.add("light", pos=[-0.4, -0.6, 1.6], dir=[0.25, 0.35, -1], diffuse=[0.5] * 3)
-    world.add("light", pos=[0.6, 0.7, 1.6], dir=[-0.3, -0.4, -1], diffuse=[0.3] * 3, castshadow=False)
     world.add(
-        "geom", name="floor", type="plane", size=[1, 1, 0.05], rgba=[0.42, 0.4, 0.38, 1],
-        contype=0, conaffinity=0,
+        "light", pos=[0.6, 0.7, 1.6], dir=[-0.3, -0.4, -1], diffuse=[0.3] * 3, castshadow=False
+    )
+    world.add(
+        "geom",
+        name="floor",
+        type="plane",
+        size=[1, 1, 0.05],
+        rgba=[0.42, 0.4, 0.38, 1],
+        contype=0,
+        conaffinity=0,
     )
     # From behind the keyboard, where fingertips and keys are both in view; then from above.
     world.add(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import importlib
 import weakref
 from typing import Any
@@ -48,15 +49,17 @@ class FrameRenderer:
         self._context = mujoco.MjrContext(scene.model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._drawn = mujoco.MjvScene(scene.model, maxgeom=scene.model.ngeom + 100)
-        # Also at the interpreter's exit, where a context left open would print an error.
+        # At exit the context must be freed before MuJoCo's own exit hook ends EGL: hooks run last
+        # in, first out, and that one was registered while the context was opened.
         self._close = weakref.finalize(self, _free, self._context, self._gl)
+        atexit.register(self._close)
 
     def render(
         self,
         data: mujoco.MjData,
         *,
         due: npt.NDArray[np.intp],
-        fingers: npt.NDArray[np.intp],
+        fingers: npt.NDArray[np.integer[Any]],
         sounding: npt.NDArray[np.bool_],
     ) -> npt.NDArray[np.uint8]:
         """Draw one picture.
@@ -72,8 +75,13 @@ class FrameRenderer:
         """
         self._gl.make_current()
         mujoco.mjv_updateScene(
-            self._scene.model, data, self._option, None, self._camera,
-            mujoco.mjtCatBit.mjCAT_ALL.value, self._drawn,
+            self._scene.model,
+            data,
+            self._option,
+            None,
+            self._camera,
+            mujoco.mjtCatBit.mjCAT_ALL.value,
+            self._drawn,
         )
         self._paint(due, fingers, sounding)
         mujoco.mjr_render(self._rect, self._drawn, self._context)
@@ -83,12 +91,13 @@ class FrameRenderer:
 
     def close(self) -> None:
         """Free the drawing context; safe to call twice."""
+        atexit.unregister(self._close)
         self._close()
 
     def _paint(
         self,
         due: npt.NDArray[np.intp],
-        fingers: npt.NDArray[np.intp],
+        fingers: npt.NDArray[np.integer[Any]],
         sounding: npt.NDArray[np.bool_],
     ) -> None:
         """Colour the drawn shapes; the model itself keeps its colours."""

@@ -1,0 +1,190 @@
+"""Checkpoints from which a training can go on as if it had not stopped."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from stable_baselines3.common.callbacks import BaseCallback
+
+from sb3_piano.callbacks.files import PARTIAL_SUFFIX, write_atomically, write_bytes, write_json
+from sb3_piano.callbacks.replay_segments import SEGMENT_PATTERN, ReplayManifest, ReplaySegments
+from sb3_piano.exceptions import ConfigError, RunError
+
+CHECKPOINT_FILE = "checkpoint.json"
+_PATTERNS = ("model-*.zip", "vecnormalize-*.pkl", SEGMENT_PATTERN, f"*{PARTIAL_SUFFIX}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Checkpoint:
+    """What ``checkpoint.json`` says: the files that belong together, and after how many steps."""
+
+    num_timesteps: int
+    """Environment steps that are in the model and the replay buffer."""
+    model: str
+    """Name of the model's file."""
+    vec_normalize: str | None = None
+    """Name of the file with the statistics of ``VecNormalize``, if the run has it."""
+    replay: ReplayManifest | None = None
+    """The replay buffer, if the algorithm has one."""
+    labels: Mapping[str, str] = field(default_factory=dict)
+    """What the run is, as given to :class:`ResumableCheckpoint`."""
+
+    @property
+    def files(self) -> frozenset[str]:
+        """Names of all files that resuming needs."""
+        segments = () if self.replay is None else self.replay.segments
+        names = {self.model, self.vec_normalize, *(segment.file for segment in segments)}
+        return frozenset(name for name in names if name is not None)
+
+    def write(self, folder: Path) -> None:
+        """Make this the folder's valid checkpoint."""
+        replay = None if self.replay is None else self.replay.to_json()
+        write_json(
+            folder / CHECKPOINT_FILE, {**vars(self), "labels": {**self.labels}, "replay": replay}
+        )
+
+    @classmethod
+    def read(cls, folder: Path) -> Checkpoint | None:
+        """Return the folder's valid checkpoint, or ``None`` if nothing was saved yet.
+
+        Raises:
+            RunError: If the file is damaged, or one that it names is missing.
+        """
+        path = folder / CHECKPOINT_FILE
+        if not path.exists():
+            return None
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            replay = content.pop("replay")
+            saved = cls(
+                **content, replay=None if replay is None else ReplayManifest.from_json(replay)
+            )
+        except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+            raise RunError(
+                f"Checkpoint '{path}' cannot be read ({error!r}): expected the file that "
+                "ResumableCheckpoint wrote."
+            ) from error
+        missing = sorted(name for name in saved.files if not (folder / name).is_file())
+        if missing:
+            raise RunError(
+                f"Checkpoint '{path}' names '{missing[0]}', which is not there: expected all "
+                f"{len(saved.files)} of its files in one folder."
+            )
+        return saved
+
+
+class ResumableCheckpoint(BaseCallback):
+    """Save, every so many environment steps, all that resuming the training needs.
+
+    That is the model with its optimizers, the replay buffer (see
+    :mod:`~sb3_piano.callbacks.replay_segments`) and the statistics of ``VecNormalize``. The files
+    are written under new names; replacing ``checkpoint.json`` is the moment at which they become
+    valid, and only then are the former ones deleted. A process killed at any time leaves a folder
+    that can be resumed.
+
+    The callback saves between two rollouts, when each counted step is in the replay buffer and all
+    its updates are done: the first such moment at or after each multiple of ``every``, and the end
+    of training.
+
+    Args:
+        folder: Where to save; created when training starts.
+        every: Environment steps (over all environments together) between two checkpoints.
+        model_copy: A path at which a copy of the newest model is kept, for those who only want to
+            play; statistics of ``VecNormalize`` go beside it as ``vecnormalize.pkl``.
+        labels: Written into the checkpoint, to recognise the run by.
+        resumed: The checkpoint from which the model was restored, if it was.
+
+    Raises:
+        ConfigError: If ``every`` is less than 1.
+        RunError: When training starts, if the replay buffer cannot be saved.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        every: int = 10_000,
+        *,
+        model_copy: str | Path | None = None,
+        labels: Mapping[str, str] | None = None,
+        resumed: Checkpoint | None = None,
+    ) -> None:
+        super().__init__()
+        if every < 1:
+            raise ConfigError(f"Steps between checkpoints is {every}: expected 1 or more.")
+        self._folder = Path(folder)
+        self._every = every
+        self._model_copy = None if model_copy is None else Path(model_copy)
+        self._labels = dict(labels or {})
+        self._saved_at = 0 if resumed is None else resumed.num_timesteps
+        self._resumed = resumed
+        self._segments: ReplaySegments | None = None
+
+    def _init_callback(self) -> None:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        buffer = getattr(self.model, "replay_buffer", None)
+        if buffer is not None:
+            saved = None if self._resumed is None else self._resumed.replay
+            self._segments = ReplaySegments(self._folder, buffer, saved)
+
+    def _on_rollout_start(self) -> None:
+        if self.model.num_timesteps // self._every > self._saved_at // self._every:
+            self.save()
+
+    def _on_step(self) -> bool:
+        if self._segments is not None:
+            self._segments.observe()
+        return True
+
+    def _on_training_end(self) -> None:
+        self.save()
+
+    def save(self) -> None:
+        """Save now, unless nothing has happened since the last time."""
+        steps = self.model.num_timesteps
+        if steps == self._saved_at:
+            return
+        checkpoint = Checkpoint(
+            num_timesteps=steps,
+            model=self._write_model(steps),
+            vec_normalize=self._write_normalization(steps),
+            replay=None if self._segments is None else self._segments.write(),
+            labels=self._labels,
+        )
+        checkpoint.write(self._folder)
+        self._saved_at = steps
+        if self._segments is not None and checkpoint.replay is not None:
+            self._segments.committed(checkpoint.replay)
+        self._update_copy(checkpoint)
+        self._delete_all_but(checkpoint.files)
+
+    def _write_model(self, steps: int) -> str:
+        name = f"model-{steps}.zip"
+        write_atomically(self._folder / name, self.model.save)
+        return name
+
+    def _write_normalization(self, steps: int) -> str | None:
+        normalization = self.model.get_vec_normalize_env()
+        if normalization is None:
+            return None
+        name = f"vecnormalize-{steps}.pkl"
+        write_atomically(self._folder / name, lambda file: pickle.dump(normalization, file))
+        return name
+
+    def _update_copy(self, checkpoint: Checkpoint) -> None:
+        if self._model_copy is None:
+            return
+        copies = {self._model_copy: checkpoint.model}
+        if checkpoint.vec_normalize is not None:
+            copies[self._model_copy.with_name("vecnormalize.pkl")] = checkpoint.vec_normalize
+        for copy, name in copies.items():
+            write_bytes(copy, (self._folder / name).read_bytes())
+
+    def _delete_all_but(self, files: frozenset[str]) -> None:
+        for pattern in _PATTERNS:
+            for path in self._folder.glob(pattern):
+                if path.name not in files:
+                    path.unlink(missing_ok=True)

@@ -1,0 +1,216 @@
+"""A replay buffer on disk, written piece by piece.
+
+A full buffer of piano observations has about 9 GB. Each checkpoint therefore appends one file, a
+*segment*, with the rows added since the last one, and drops the segments whose rows have all been
+overwritten. Rows are counted from the beginning of training: row ``r`` stands at index
+``r % capacity`` of the buffer, and the rows ``total - size`` to ``total - 1`` are valid.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from io import BufferedWriter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from stable_baselines3.common.buffers import DictReplayBuffer, ReplayBuffer
+
+from sb3_piano.callbacks.files import write_atomically
+from sb3_piano.exceptions import RunError
+
+SEGMENT_PATTERN = "replay-*.npz"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Segment:
+    """The rows ``first`` to ``last - 1``, in a file."""
+
+    file: str
+    first: int
+    last: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayManifest:
+    """Which segments make up a saved buffer, and where its write position was."""
+
+    capacity: int
+    n_envs: int
+    total: int
+    full: bool
+    segments: tuple[Segment, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the manifest as plain JSON values."""
+        return {**vars(self), "segments": [vars(segment) for segment in self.segments]}
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> ReplayManifest:
+        """Return the manifest that :meth:`to_json` gave."""
+        segments = tuple(Segment(**segment) for segment in content["segments"])
+        return cls(**{**content, "segments": segments})
+
+
+class ReplaySegments:
+    """Writes what a replay buffer gained since the last commit.
+
+    Args:
+        folder: Where the segments are; must exist when :meth:`write` is called.
+        buffer: The buffer of the model that is being trained.
+        saved: What is already on disk, after :func:`restore_replay_buffer`. The last saved row is
+            written once more, since resuming marks it as the end of an episode.
+
+    Raises:
+        RunError: If the buffer does not hold its rows in plain arrays.
+    """
+
+    def __init__(
+        self, folder: Path, buffer: ReplayBuffer, saved: ReplayManifest | None = None
+    ) -> None:
+        self._folder = folder
+        self._buffer = buffer
+        self._arrays = ring_arrays(buffer)
+        self._position = buffer.pos
+        self._segments: tuple[Segment, ...] = () if saved is None else saved.segments
+        if saved is None:
+            self._total = buffer.pos + (buffer.buffer_size if buffer.full else 0)
+            self._written = self._total - buffer.size()
+        else:
+            self._total = saved.total
+            self._written = max(saved.total - 1, 0)
+
+    def observe(self) -> None:
+        """Count the rows added since the last call.
+
+        To be called at least once in ``capacity - 1`` rows, since the buffer itself does not tell
+        how often it went round; once per environment step will do.
+        """
+        capacity = self._buffer.buffer_size
+        self._total += (self._buffer.pos - self._position) % capacity
+        self._position = self._buffer.pos
+
+    def write(self) -> ReplayManifest:
+        """Write the new rows as one segment and return what then makes up the buffer.
+
+        Nothing is deleted and this object is unchanged: :meth:`committed` follows once the returned
+        manifest is safe on disk.
+        """
+        self.observe()
+        oldest = self._total - self._buffer.size()
+        kept = tuple(segment for segment in self._segments if segment.last > oldest)
+        first = max(self._written, oldest)
+        if first < self._total:
+            kept = (*kept, self._write_segment(first, self._total))
+        return ReplayManifest(
+            capacity=self._buffer.buffer_size,
+            n_envs=self._buffer.n_envs,
+            total=self._total,
+            full=self._buffer.full,
+            segments=kept,
+        )
+
+    def committed(self, manifest: ReplayManifest) -> None:
+        """Take note that a manifest of :meth:`write` is now the valid one."""
+        self._segments = manifest.segments
+        self._written = manifest.total
+
+    def _write_segment(self, first: int, last: int) -> Segment:
+        indices = np.arange(first, last) % self._buffer.buffer_size
+        rows = {name: _take(array, indices) for name, array in self._arrays.items()}
+        segment = Segment(file=f"replay-{first}-{last}.npz", first=first, last=last)
+
+        def save(file: BufferedWriter) -> None:
+            np.savez_compressed(file, **rows)  # type: ignore[arg-type]  # the stub's allow_pickle
+
+        write_atomically(self._folder / segment.file, save)
+        return segment
+
+
+def ring_arrays(buffer: ReplayBuffer) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays that hold a buffer's rows: those as long as its capacity, by name.
+
+    Raises:
+        RunError: If the buffer keeps its rows in something else.
+    """
+    capacity = buffer.buffer_size
+    arrays = {
+        name: value
+        for name, value in vars(buffer).items()
+        if isinstance(value, np.ndarray) and value.ndim > 0 and len(value) == capacity
+    }
+    if isinstance(buffer, DictReplayBuffer) or capacity < 2 or not arrays:
+        raise RunError(
+            f"A {type(buffer).__name__} of {capacity} row(s) cannot be saved for resuming: "
+            "expected two or more rows in numpy arrays, as in ReplayBuffer or NStepReplayBuffer "
+            "(dictionary observations have to be flattened first)."
+        )
+    return arrays
+
+
+def restore_replay_buffer(buffer: ReplayBuffer, folder: Path, saved: ReplayManifest) -> None:
+    """Fill a new buffer with the rows, the position and the ``full`` flag that were saved.
+
+    With ``optimize_memory_usage`` the observation after the last row is not restored; resuming
+    ends the episode at that row, so that it is never used.
+
+    Raises:
+        RunError: If the buffer has another shape, or a segment is missing or damaged.
+    """
+    ours, theirs = (buffer.buffer_size, buffer.n_envs), (saved.capacity, saved.n_envs)
+    if ours != theirs:
+        raise RunError(
+            f"The replay buffer saved in '{folder}' has {theirs[0]} rows of {theirs[1]} "
+            f"environment(s), the model's has {ours[0]} of {ours[1]}: expected equal sizes. Resume "
+            "with the buffer_size and n_envs of the run."
+        )
+    arrays = ring_arrays(buffer)
+    for segment in saved.segments:
+        indices = np.arange(segment.first, segment.last) % saved.capacity
+        for name, rows in _read_segment(folder / segment.file, arrays, len(indices)).items():
+            arrays[name][indices] = rows
+    buffer.pos = saved.total % saved.capacity
+    buffer.full = saved.full
+
+
+def end_last_episode(buffer: ReplayBuffer) -> None:
+    """Mark the last row as the end of a truncated episode.
+
+    A resumed training starts a new episode; n-step returns must not run across that border.
+    """
+    if buffer.size() == 0:
+        return
+    last = buffer.pos - 1
+    if buffer.handle_timeout_termination:
+        buffer.timeouts[last] = np.maximum(buffer.timeouts[last], buffer.dones[last] == 0)
+    buffer.dones[last] = 1.0
+
+
+def _take(array: npt.NDArray[Any], indices: npt.NDArray[np.int_]) -> npt.NDArray[Any]:
+    """Return the rows, without a copy where they are contiguous."""
+    first, last = int(indices[0]), int(indices[-1])
+    return array[first : last + 1] if last - first + 1 == len(indices) else array[indices]
+
+
+def _read_segment(
+    path: Path, expected: Mapping[str, npt.NDArray[Any]], n_rows: int
+) -> dict[str, npt.NDArray[Any]]:
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            rows = {name: content[name] for name in expected}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise RunError(
+            f"Replay segment '{path}' cannot be read ({error}): expected the file that the "
+            "checkpoint wrote."
+        ) from error
+    for name, array in rows.items():
+        shape = (n_rows, *expected[name].shape[1:])
+        if array.shape != shape or array.dtype != expected[name].dtype:
+            raise RunError(
+                f"'{name}' in replay segment '{path}' is {array.dtype} {array.shape}: expected "
+                f"{expected[name].dtype} {shape}. Was the environment changed since?"
+            )
+    return rows

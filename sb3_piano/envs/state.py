@@ -1,0 +1,32 @@
+"""A saved moment of an episode."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.music import Score
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EnvState:
+    """The physics and the episode's progress, from ``PianoEnv.get_state``; a copy, picklable."""
+
+    physics: npt.NDArray[np.float64]
+    """MuJoCo's integration state."""
+    score: Score
+    """What is played."""
+    step: int
+    """Control steps that are over."""
+    finished: bool
+    """Whether the episode has ended."""
+    pedal: float
+    """The pedal's command in [0, 1]."""
+    key_active: npt.NDArray[np.bool_]
+    """(step, 88) bool, keys that sounded after each control step."""
+    sustain: npt.NDArray[np.bool_]
+    """(step,) bool, whether the pedal was down."""
+    returns: npt.NDArray[np.float64]
+    """(5,) sums so far of the weighted reward terms."""

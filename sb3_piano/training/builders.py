@@ -1,0 +1,181 @@
+"""From a config to environments and a model."""
+
+from __future__ import annotations
+
+import inspect
+import multiprocessing
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.noise import (
+    ActionNoise,
+    NormalActionNoise,
+    OrnsteinUhlenbeckActionNoise,
+)
+from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
+
+from sb3_piano.callbacks.replay_segments import ring_arrays
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.training.coerce import accepts_schedule, check_arguments, linear_start
+from sb3_piano.training.config import RunConfig
+from sb3_piano.training.env_ids import registered_id
+from sb3_piano.training.episode_log import EpisodeLog
+from sb3_piano.training.import_names import import_name, is_dotted
+
+EnvWrapper = Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]]
+
+
+def build_vec_env(
+    config: RunConfig,
+    statistics: Path | None = None,
+    innermost: EnvWrapper | None = None,
+) -> VecEnv:
+    """Return the vector of environments of a run.
+
+    From the inside: the environment, ``innermost``, ``Monitor``, an ``EpisodeLog``, the config's
+    ``env_wrapper``; then ``vec_env_wrapper`` and ``VecNormalize`` around the vector.
+
+    Args:
+        config: The run's settings.
+        statistics: A saved ``VecNormalize`` to take in place of a new one.
+        innermost: A wrapper for the bare environment.
+
+    Raises:
+        ConfigError: If the environment or a wrapper refuses its arguments.
+    """
+    spec = gym.spec(registered_id(config.env_id, config.env_module)[1])
+    env_kwargs = dict(config.env_kwargs)
+    info_keywords = config.monitor_kwargs.get("info_keywords", ())
+
+    def make() -> gym.Env[Any, Any]:
+        if multiprocessing.parent_process() is not None:
+            # Ctrl-C reaches the whole process group; it is for the training alone to answer it.
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        env: gym.Env[Any, Any] = spec.make(**env_kwargs)
+        return env if innermost is None else innermost(env)
+
+    def wrap(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
+        env = EpisodeLog(env, info_keywords)
+        for plugin in config.env_wrapper:
+            env = plugin(env)
+        return env
+
+    try:
+        venv = make_vec_env(
+            make,
+            n_envs=config.n_envs,
+            seed=config.seed,
+            wrapper_class=wrap,
+            vec_env_cls=SubprocVecEnv if config.vec_env == "subproc" else DummyVecEnv,
+            # fork is not safe in a process with threads, such as torch's
+            vec_env_kwargs={"start_method": "spawn"} if config.vec_env == "subproc" else {},
+            monitor_kwargs=dict(config.monitor_kwargs),
+        )
+    except TypeError as error:
+        raise ConfigError(
+            f"Environment {config.env_id!r} cannot be made with env_kwargs {env_kwargs}: {error}."
+        ) from error
+    for plugin in config.vec_env_wrapper:
+        venv = plugin(venv)
+    return _normalized(config, venv, statistics)
+
+
+def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
+    """Return the new model of a run, on its environments.
+
+    Raises:
+        ConfigError: If the algorithm refuses its arguments or the environment.
+        RunError: If its replay buffer cannot be saved.
+    """
+    arguments = algorithm_arguments(config)
+    noise = _action_noise(config, venv)
+    if noise is not None:
+        arguments["action_noise"] = noise
+    policy = import_name(config.policy) if "." in config.policy else config.policy
+    try:
+        model = config.algorithm(policy=policy, env=venv, seed=config.seed, **arguments)
+    except (TypeError, ValueError, AssertionError) as error:  # how SB3 refuses arguments
+        raise ConfigError(
+            f"{config.algorithm.__name__} cannot be made for {config.env_id!r}: {error}"
+        ) from error
+    buffer = getattr(model, "replay_buffer", None)
+    if buffer is not None:
+        ring_arrays(buffer)
+    return model
+
+
+def build_callbacks(config: RunConfig) -> list[BaseCallback]:
+    """Return the callbacks that the config names.
+
+    Raises:
+        ConfigError: If one refuses its arguments or is no callback.
+    """
+    callbacks = [plugin() for plugin in config.callback]
+    for plugin, callback in zip(config.callback, callbacks, strict=True):
+        if not isinstance(callback, BaseCallback):
+            raise ConfigError(
+                f"callback: {plugin.path} made a {type(callback).__name__}: expected a callback "
+                "of stable_baselines3."
+            )
+    return callbacks
+
+
+def algorithm_arguments(config: RunConfig) -> dict[str, Any]:
+    """Return the arguments of the algorithm's constructor with classes and schedules made."""
+    parameters = inspect.signature(config.algorithm).parameters
+    arguments = check_arguments(config.algorithm_kwargs, config.algorithm)
+    for name, value in arguments.items():
+        start = linear_start(value)
+        if start is not None and accepts_schedule(parameters[name].annotation):
+            arguments[name] = LinearSchedule(start, 0.0, 1.0)
+        else:
+            arguments[name] = _with_classes(value)
+    return arguments
+
+
+def _with_classes(value: Any) -> Any:
+    """Return a copy in which text that is an import path has become what it names."""
+    if isinstance(value, dict):
+        return {name: _with_classes(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_with_classes(item) for item in value]
+    if isinstance(value, str) and is_dotted(value):
+        try:
+            return import_name(value)
+        except ConfigError:
+            return value  # text with dots; what has to be a class was checked with the config
+    return value
+
+
+def _action_noise(config: RunConfig, venv: VecEnv) -> ActionNoise | None:
+    if config.noise_type is None or config.noise_std is None:
+        return None
+    if not isinstance(venv.action_space, gym.spaces.Box):
+        raise ConfigError(
+            f"noise_type is {config.noise_type!r}, but {config.env_id!r} has the action space "
+            f"{venv.action_space}: expected a Box, or no noise_type."
+        )
+    mean = np.zeros(venv.action_space.shape)
+    sigma = np.full(venv.action_space.shape, config.noise_std)
+    kinds = {"normal": NormalActionNoise, "ornstein-uhlenbeck": OrnsteinUhlenbeckActionNoise}
+    return kinds[config.noise_type](mean=mean, sigma=sigma)
+
+
+def _normalized(config: RunConfig, venv: VecEnv, statistics: Path | None) -> VecEnv:
+    if statistics is not None:
+        return VecNormalize.load(str(statistics), venv)
+    if config.normalize is False:
+        return venv
+    arguments = {} if config.normalize is True else dict(config.normalize)
+    gamma = config.algorithm_kwargs.get("gamma")
+    if gamma is not None:
+        arguments.setdefault("gamma", gamma)
+    return VecNormalize(venv, **arguments)

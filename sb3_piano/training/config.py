@@ -1,0 +1,218 @@
+"""What a training run is made of."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.vec_env import VecNormalize
+
+from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.training.algorithms import algorithm_class
+from sb3_piano.training.coerce import check_arguments, coerce, coerce_mapping
+from sb3_piano.training.env_ids import registered_id
+from sb3_piano.training.import_names import import_name
+from sb3_piano.training.plain import plain, plain_mapping
+from sb3_piano.training.plugins import Plugin, parse_plugins, plugins_to_plain
+
+NOISE_TYPES = ("normal", "ornstein-uhlenbeck")
+VEC_ENVS = ("dummy", "subproc")
+_PLUGIN_FIELDS = ("env_wrapper", "vec_env_wrapper", "callback")
+
+# Parameters of an algorithm's constructor that a run sets itself.
+_RESERVED = ("policy", "env", "seed", "tensorboard_log", "action_noise")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """All settings of a run, checked, in types that YAML can hold.
+
+    Raises:
+        ConfigError: If a setting is unknown, has the wrong type or is out of range.
+    """
+
+    algo: str
+    """Name of the algorithm, one of :data:`~sb3_piano.training.ALGORITHMS`."""
+    env_id: str
+    """Id of the environment; ``module:Id`` imports the module that registers it."""
+    n_timesteps: int
+    """Environment steps to train for, over all environments together; at least 1."""
+    policy: str = "MlpPolicy"
+    """A policy of the algorithm by its short name, or the import path of one."""
+    seed: int | None = None
+    """Seed of everything random, at least 0; ``None`` lets the run draw one and note it down."""
+    n_envs: int = 1
+    """Environments that play at the same time; at least 1."""
+    vec_env: str = "dummy"
+    """``dummy``: all in this process; ``subproc``: each in a process of its own."""
+    env_module: str | None = None
+    """Module to import before the environment is made."""
+    env_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    """Keyword arguments of the environment."""
+    env_wrapper: tuple[Plugin, ...] = ()
+    """Wrappers put around each environment, the first one innermost."""
+    vec_env_wrapper: tuple[Plugin, ...] = ()
+    """Wrappers put around the vector of environments, the first one innermost."""
+    callback: tuple[Plugin, ...] = ()
+    """SB3 callbacks of the training."""
+    normalize: bool | Mapping[str, Any] = False
+    """Whether to put ``VecNormalize`` around the environments; a mapping has its arguments."""
+    monitor_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    """Keyword arguments of ``Monitor``, such as ``info_keywords``."""
+    noise_type: str | None = None
+    """Noise added to actions: ``normal``, ``ornstein-uhlenbeck`` or none."""
+    noise_std: float | None = None
+    """Standard deviation of that noise, of actions in [-1, 1]; at least 0."""
+    algorithm_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    """Arguments of the algorithm's constructor."""
+
+    def __post_init__(self) -> None:
+        algorithm = algorithm_class(self.algo)
+        module, env_id = registered_id(self.env_id, self.env_module)
+        self._set(env_module=module, env_id=env_id)
+        for name, minimum in (("n_timesteps", 1), ("n_envs", 1), ("seed", 0)):
+            self._set(**{name: _at_least(minimum, getattr(self, name), name)})
+        self._check_choice("vec_env", VEC_ENVS)
+        self._check_noise(algorithm)
+        for name in _PLUGIN_FIELDS:
+            self._set(**{name: parse_plugins(getattr(self, name), name)})
+        self._set(
+            env_kwargs=_plain_arguments(self.env_kwargs, "env_kwargs"),
+            normalize=_checked_normalize(self.normalize),
+            monitor_kwargs=_checked_monitor(self.monitor_kwargs),
+            algorithm_kwargs=_checked_algorithm(self.algorithm_kwargs, algorithm, self.policy),
+        )
+
+    @property
+    def algorithm(self) -> type[BaseAlgorithm]:
+        """The algorithm's class."""
+        return algorithm_class(self.algo)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the config in YAML's types; :meth:`from_mapping` gives it back."""
+        mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        for name in _PLUGIN_FIELDS:
+            mapping[name] = plugins_to_plain(mapping[name])
+        return {name: plain(value, name) for name, value in mapping.items()}
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping[str, Any]) -> RunConfig:
+        """Return the config that :meth:`to_mapping` wrote.
+
+        Raises:
+            ConfigError: If a key is unknown or missing, or a value is not valid.
+        """
+        return cls(**_checked_fields(mapping))
+
+    def _set(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def _check_choice(self, name: str, valid: tuple[str, ...]) -> None:
+        value = getattr(self, name)
+        if value not in valid:
+            raise ConfigError(
+                f"{name} is {value!r}: expected one of {', '.join(map(repr, valid))}."
+                f"{near_names(str(value), valid)}"
+            )
+
+    def _check_noise(self, algorithm: type[BaseAlgorithm]) -> None:
+        self._set(noise_std=_at_least(0.0, self.noise_std, "noise_std"))
+        if (self.noise_type is None) != (self.noise_std is None):
+            raise ConfigError(
+                f"noise_type is {self.noise_type!r} and noise_std {self.noise_std!r}: expected "
+                "both or neither."
+            )
+        if self.noise_type is None:
+            return
+        self._check_choice("noise_type", NOISE_TYPES)
+        if "action_noise" not in inspect.signature(algorithm).parameters:
+            raise ConfigError(
+                f"noise_type is {self.noise_type!r}, but {algorithm.__name__} takes no action "
+                "noise: expected an off-policy algorithm, or no noise_type."
+            )
+
+
+def _checked_fields(mapping: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a mapping as it is, if its keys are fields of :class:`RunConfig`.
+
+    Raises:
+        ConfigError: If a key is unknown, or one without a default is missing.
+    """
+    fields = {f.name: f for f in dataclasses.fields(RunConfig)}
+    for name in mapping:
+        if name not in fields:
+            raise ConfigError(
+                f"Unknown key {name!r}.{near_names(str(name), fields)} Expected one of "
+                f"{', '.join(fields)}."
+            )
+    for name in ("algo", "env_id", "n_timesteps"):
+        if name not in mapping:
+            raise ConfigError(f"Key {name!r} is missing: it has no default.")
+    return dict(mapping)
+
+
+def _at_least(minimum: float, value: Any, name: str) -> Any:
+    if value is None and name in ("seed", "noise_std"):
+        return None
+    number = coerce(value, type(minimum), name)
+    if number < minimum:
+        raise ConfigError(f"{name} is {number}: expected {minimum} or more.")
+    return number
+
+
+def _plain_arguments(value: Any, name: str) -> dict[str, Any]:
+    return plain_mapping(coerce_mapping(value, name), name)
+
+
+def _checked_normalize(value: Any) -> bool | dict[str, Any]:
+    if isinstance(value, bool):
+        return value
+    arguments = _plain_arguments(value, "normalize")
+    return check_arguments(arguments, VecNormalize, reserved=("venv", "training"))
+
+
+def _checked_monitor(value: Any) -> dict[str, Any]:
+    arguments = _plain_arguments(value, "monitor_kwargs")
+    return check_arguments(
+        arguments, Monitor, reserved=("env", "filename", "override_existing", "reset_keywords")
+    )
+
+
+def _checked_algorithm(
+    value: Mapping[str, Any], algorithm: type[BaseAlgorithm], policy: str
+) -> dict[str, Any]:
+    own = [f.name for f in dataclasses.fields(RunConfig)]
+    arguments = check_arguments(
+        _plain_arguments(value, "algorithm_kwargs"), algorithm, reserved=_RESERVED, also_known=own
+    )
+    policy_kwargs = arguments.get("policy_kwargs")
+    policy_class = _policy_class(policy, algorithm)
+    if policy_kwargs is not None:
+        arguments["policy_kwargs"] = check_arguments(
+            policy_kwargs,
+            policy_class,
+            reserved=("observation_space", "action_space", "lr_schedule"),
+        )
+    return arguments
+
+
+def _policy_class(policy: Any, algorithm: type[BaseAlgorithm]) -> type[BasePolicy]:
+    aliases = algorithm.policy_aliases
+    if policy in aliases:
+        return aliases[policy]
+    if not isinstance(policy, str) or "." not in policy:
+        raise ConfigError(
+            f"Unknown policy {policy!r} of {algorithm.__name__}.{near_names(str(policy), aliases)} "
+            f"Expected {', '.join(aliases)} or the import path of a policy."
+        )
+    found = import_name(policy)
+    if not isinstance(found, type) or not issubclass(found, BasePolicy):
+        raise ConfigError(f"Policy {policy!r} is no policy: expected a subclass of BasePolicy.")
+    return found

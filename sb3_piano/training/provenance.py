@@ -1,0 +1,39 @@
+"""Where a run comes from: command, versions, seed, time."""
+
+from __future__ import annotations
+
+import datetime
+import importlib.metadata
+import platform
+import shlex
+import sys
+from typing import Any
+
+import sb3_piano
+
+_PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch")
+
+
+def provenance(seed: int | None) -> dict[str, Any]:
+    """Return what a run's folder notes down besides the config, in YAML's types.
+
+    Args:
+        seed: The seed that the run uses.
+    """
+    return {
+        "command": shlex.join(sys.orig_argv),
+        "created": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
+        "seed": seed,
+        "versions": {
+            "sb3_piano": sb3_piano.__version__,
+            **{package: _version(package) for package in _PACKAGES},
+            "python": platform.python_version(),
+        },
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None

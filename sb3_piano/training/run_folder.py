@@ -1,0 +1,179 @@
+"""The folder of a run: where everything stands that training makes."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from sb3_piano.callbacks.files import write_text
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.training.config import RunConfig
+from sb3_piano.training.provenance import provenance
+from sb3_piano.training.yaml_config import read_yaml_mapping
+
+_EXPECTED = "expected a folder that 'sb3-piano train' made"
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """A run's folder; ``create`` makes one, ``open`` finds one.
+
+    ======================== =====================================================================
+    ``config.yml``           the :class:`RunConfig`, with all defaults and the seed filled in
+    ``run.yml``              command line, versions of packages, seed, time
+    ``score.<suffix>``       the score file that is played, if the run was given one
+    ``model.zip``            the newest saved model (``vecnormalize.pkl`` beside it, if there is one)
+    ``checkpoint/``          what resuming needs, see :class:`~sb3_piano.callbacks.Checkpoint`
+    ``monitor/``             one ``<n>.monitor.csv`` per environment. After a crash it also has the
+                             episodes since the last checkpoint, which are then played again
+    ``tensorboard/``         the training's log
+    ``evaluation/``          what :func:`~sb3_piano.training.evaluate` wrote
+    ======================== =====================================================================
+    """
+
+    path: Path
+
+    @classmethod
+    def create(
+        cls,
+        config: RunConfig,
+        path: str | os.PathLike[str] | None = None,
+        runs_dir: str | os.PathLike[str] = "runs",
+    ) -> RunFolder:
+        """Make the folder of a new run, with config, provenance and score file.
+
+        Args:
+            config: The run's settings; a score file that they name is copied.
+            path: The folder, new or empty. By default ``<runs_dir>/<algo>/<env-id>_<n>`` with the
+                first ``n`` from 1 on that is free.
+            runs_dir: Where runs are kept.
+
+        Raises:
+            RunError: If the folder is in use, or cannot be made or written.
+        """
+        place = Path(runs_dir, config.algo) if path is None else Path(path)
+        try:
+            folder = cls(_first_free(place, config.env_id) if path is None else _empty(place))
+            folder._write(config)
+        except OSError as error:
+            raise RunError(
+                f"Folder '{place}' cannot be written: {error.strerror or error}. Expected a place "
+                "in which files can be made."
+            ) from error
+        return folder
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str]) -> RunFolder:
+        """Return the folder of a run that is there.
+
+        Raises:
+            RunError: If there is no run.
+        """
+        folder = cls(Path(path))
+        if not folder.path.is_dir():
+            raise RunError(f"There is no folder '{folder.path}': {_EXPECTED}.")
+        if not folder.config_file.is_file():
+            raise RunError(f"'{folder.path}' is no run, it has no config.yml: {_EXPECTED}.")
+        return folder
+
+    @property
+    def config_file(self) -> Path:
+        """The run's settings."""
+        return self.path / "config.yml"
+
+    @property
+    def provenance_file(self) -> Path:
+        """Where the run comes from."""
+        return self.path / "run.yml"
+
+    @property
+    def model_file(self) -> Path:
+        """The newest saved model."""
+        return self.path / "model.zip"
+
+    @property
+    def checkpoint_dir(self) -> Path:
+        """What resuming needs."""
+        return self.path / "checkpoint"
+
+    @property
+    def monitor_dir(self) -> Path:
+        """Returns and metrics of the training's episodes."""
+        return self.path / "monitor"
+
+    @property
+    def tensorboard_dir(self) -> Path:
+        """The training's log."""
+        return self.path / "tensorboard"
+
+    @property
+    def evaluation_dir(self) -> Path:
+        """What evaluation wrote."""
+        return self.path / "evaluation"
+
+    def read_config(self) -> RunConfig:
+        """Return the run's settings; a score file is that of the folder, wherever it is now.
+
+        Raises:
+            ConfigError: If the file is damaged.
+        """
+        try:
+            config = RunConfig.from_mapping(read_yaml_mapping(self.config_file))
+        except ConfigError as error:
+            raise ConfigError(f"'{self.config_file}': {error}") from error
+        score = config.env_kwargs.get("score")
+        if isinstance(score, str) and (self.path / score).is_file():
+            return _with_score(config, str(self.path / score))
+        return config
+
+    def write_config(self, config: RunConfig) -> None:
+        """Write the run's settings, a score file in this folder as a name relative to it."""
+        score = config.env_kwargs.get("score")
+        if isinstance(score, str) and Path(score).parent == self.path:
+            config = _with_score(config, Path(score).name)
+        write_text(self.config_file, yaml.safe_dump(config.to_mapping(), sort_keys=False))
+
+    def _write(self, config: RunConfig) -> None:
+        score = config.env_kwargs.get("score")
+        if isinstance(score, str) and Path(score).is_file():
+            copy = self.path / f"score{Path(score).suffix}"
+            shutil.copyfile(score, copy)
+            config = _with_score(config, str(copy))
+        notes = provenance(config.seed)
+        write_text(self.provenance_file, yaml.safe_dump(notes, sort_keys=False))
+        self.write_config(config)
+
+
+def _with_score(config: RunConfig, score: str) -> RunConfig:
+    return dataclasses.replace(config, env_kwargs={**config.env_kwargs, "score": score})
+
+
+def _first_free(parent: Path, env_id: str) -> Path:
+    """Make and return the first ``<env-id>_<n>`` that is not there; safe against rival runs."""
+    parent.mkdir(parents=True, exist_ok=True)
+    for number in itertools.count(1):
+        path = parent / f"{env_id.replace('/', '-')}_{number}"
+        try:
+            path.mkdir()
+        except FileExistsError:
+            continue
+        return path
+    raise AssertionError("itertools.count does not end")
+
+
+def _empty(path: Path) -> Path:
+    path.mkdir(parents=True, exist_ok=True)
+    if (path / "config.yml").exists():
+        raise RunError(
+            f"Folder '{path}' holds a run already: expected a new or empty folder. To go on with "
+            f"that run: sb3-piano train --resume {path}"
+        )
+    if any(path.iterdir()):
+        raise RunError(f"Folder '{path}' is not empty: expected a new or empty one.")
+    return path

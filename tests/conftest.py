@@ -1,0 +1,46 @@
+"""What several test files need."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+REFERENCE = Path(__file__).parent / "data" / "reference"
+
+
+def reference_files(kind: str) -> list[Path]:
+    """Return the recordings of RoboPianist whose names start with ``kind``."""
+    return sorted(REFERENCE.glob(f"{kind}_*.npz"))
+
+
+class Recording:
+    """A recorded episode of RoboPianist, and how to set up an environment like it."""
+
+    def __init__(self, path: Path):
+        _, self.piece, action_space, *_ = path.stem.split("_")
+        with np.load(path) as arrays:
+            self.arrays = dict(arrays)
+        self.options = {
+            "reduced_action_space": action_space == "reduced",
+            "initial_buffer_time": float(self.arrays.get("initial_buffer_time", 0.0)),
+        }
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.arrays[name]
+
+    def __len__(self) -> int:
+        return len(self.arrays["action"])
+
+
+@pytest.fixture(params=reference_files("rollout"), ids=lambda path: path.stem)
+def rollout(request: pytest.FixtureRequest) -> Recording:
+    """An episode under smooth random actions, with observations and reward terms."""
+    return Recording(request.param)
+
+
+@pytest.fixture(params=reference_files("performance"), ids=lambda path: path.stem)
+def performance(request: pytest.FixtureRequest) -> Recording:
+    """An episode of good playing."""
+    return Recording(request.param)

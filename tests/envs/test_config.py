@@ -1,0 +1,45 @@
+"""Settings of the environment: what is refused, and how it is said."""
+
+from __future__ import annotations
+
+import pytest
+
+from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, PianoEnvConfig
+from sb3_piano.exceptions import ConfigError
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"n_step_lookahead": 3}, "Unknown option 'n_step_lookahead'.*mean 'n_steps_lookahead'"),
+        ({"n_steps_lookahead": -1}, "n_steps_lookahead is -1: expected >= 0"),
+        ({"n_steps_lookahead": 1.5}, "n_steps_lookahead is 1.5: expected a whole number"),
+        ({"n_steps_lookahead": True}, "n_steps_lookahead is True: expected a whole number"),
+        ({"control_timestep": 0.012}, "0.012 s is not a whole number.*multiple of 0.005 s"),
+        ({"control_timestep": 0.0}, "0.0 s is not a whole number"),
+        ({"control_timestep": float("nan")}, "control_timestep is nan: expected a finite number"),
+        ({"initial_buffer_time": -0.5}, "initial_buffer_time is -0.5: expected >= 0 s"),
+        ({"reduced_action_space": "yes"}, "reduced_action_space is 'yes': expected true or false"),
+        ({"physics": "refrence"}, "Unknown physics profile 'refrence'.*mean 'reference'"),
+        ({"physics": ["fast"]}, "Unknown physics profile"),
+        ({"fingering_reward": "label"}, "fingering_reward is 'label'.*mean 'labels'"),
+        ({"reward_weights": {"keypress": 1}}, "reward_weights is 'keypress'.*mean 'key_press'"),
+        ({"reward_weights": {"energy": "low"}}, "reward_weights is 'low': expected a finite"),
+        ({"reward_weights": 2.0}, "reward_weights is 2.0: expected a mapping"),
+        ({"width": 4000}, "width is 4000: expected 1 to 1920"),
+        ({"camera_name": "side"}, "camera_name is 'side': expected one of 'overview', 'topdown'"),
+    ],
+)
+def test_a_bad_setting_is_refused_by_name(options, message):
+    with pytest.raises(ConfigError, match=message):
+        PianoEnvConfig.from_options(options)
+
+
+def test_given_weights_replace_the_default_ones_and_the_others_stay():
+    weights = PianoEnvConfig(reward_weights={"energy": 0.0}).reward_weights
+    assert weights == {**DEFAULT_REWARD_WEIGHTS, "energy": 0.0}
+
+
+@pytest.mark.parametrize(("timestep", "substeps"), [(0.05, 10), (0.005, 1), (0.1, 20)])
+def test_a_control_step_is_a_whole_number_of_physics_steps(timestep, substeps):
+    assert PianoEnvConfig(control_timestep=timestep).n_substeps == substeps

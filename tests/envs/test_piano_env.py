@@ -1,0 +1,417 @@
+"""The environment's behaviour on scores of a few notes, written here."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import re
+
+import mujoco
+import numpy as np
+import pytest
+
+from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, RETURN_KEYS, PianoEnv
+from sb3_piano.exceptions import (
+    ConfigError,
+    EnvStateError,
+    InvalidActionError,
+    SimulationDivergedError,
+    UnknownPieceError,
+)
+from sb3_piano.metrics import EPISODE_METRICS
+from sb3_piano.music import Note, Pedal, Score
+
+# Three control steps of middle C by the right thumb, then two of E by the left index finger with
+# the pedal; with the silent step after the last note, six steps.
+C4, E4 = 60 - 21, 64 - 21
+TINY = Score(
+    notes=[
+        Note(onset=0.0, offset=0.15, pitch=60, finger=0),
+        Note(onset=0.15, offset=0.25, pitch=64, finger=6),
+    ],
+    pedals=[Pedal(onset=0.15, offset=0.25)],
+    title="tiny",
+)
+
+
+def random_actions(env, count, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-1, 1, (count, *env.action_space.shape)).astype(np.float32)
+
+
+def play(env, actions):
+    """Return everything that an episode hands out, flattened into comparable arrays."""
+    rows = []
+    for action in actions:
+        observation, reward, terminated, truncated, info = env.step(action)
+        terms = list(info["reward_terms"].values())
+        rows.append(np.concatenate([observation, [reward, terminated, truncated], terms]))
+        if terminated or truncated:
+            break
+    return np.array(rows)
+
+
+def push_key(env, key):
+    """Press a key down with an outside torque, as no action can be relied upon to."""
+    dof = env.model.jnt_dofadr[np.flatnonzero(env.model.jnt_qposadr == env.scene.key_qpos[key])]
+    env.data.qfrc_applied[dof] = 10.0
+
+
+@pytest.fixture
+def env():
+    env = PianoEnv(TINY, n_steps_lookahead=2)
+    env.reset(seed=0)
+    return env
+
+
+# Goal, fingering, and the layout of the observation.
+
+
+def test_the_goal_shows_this_step_and_those_to_come_and_silence_beyond_the_end(env):
+    due = [{C4}, {C4}, {C4}, {E4, 88}, {E4, 88}, set()]
+    observation, _ = env.reset()
+    for step in range(6):
+        goal = observation[env.observation_layout["goal"].slice].reshape(3, 89)
+        for ahead in range(3):
+            expected = due[step + ahead] if step + ahead < 6 else set()
+            assert set(np.flatnonzero(goal[ahead])) == expected, (step, ahead)
+        observation, *_ = env.step(env.rest_action)
+    last_goal = observation[env.observation_layout["goal"].slice]
+    np.testing.assert_array_equal(last_goal, goal.reshape(-1))
+
+
+def test_the_fingering_block_names_the_labelled_fingers_of_this_step(env):
+    observation, _ = env.reset()
+    for fingers in [{0}, {0}, {0}, {6}, {6}, set()]:
+        block = observation[env.observation_layout["fingering"].slice]
+        assert set(np.flatnonzero(block)) == fingers
+        observation, *_ = env.step(env.rest_action)
+
+
+def test_the_layout_covers_the_observation_without_gaps_and_describes_each_block(env):
+    end = 0
+    for name, block in env.observation_layout.items():
+        assert block.start == end, name
+        assert block.unit, name
+        assert block.meaning, name
+        end = block.slice.stop
+    assert env.observation_space.shape == (end,)
+
+
+def test_the_class_docstring_tells_the_default_layout():
+    layout = PianoEnv(TINY).observation_layout
+    rows = re.findall(r"^    \| (\w+) \| (\d+)(?:-(\d+))? \|", PianoEnv.__doc__, re.MULTILINE)
+    told = {name: (int(first), int(last or first)) for name, first, last in rows}
+    assert told == {b.name: (b.start, b.start + b.size - 1) for b in layout.values()}
+
+
+def test_the_pedal_is_observed_as_a_command_and_down_from_the_middle_on(env):
+    action = env.rest_action
+    for command, down in [(-1.0, False), (-0.02, False), (0.0, True), (1.0, True)]:
+        env.reset()
+        action[-1] = command
+        observation, *_ = env.step(action)
+        shown = observation[env.observation_layout["sustain"].slice]
+        assert shown == pytest.approx((command + 1) / 2)
+        assert env.pedal_down is down
+
+
+def test_an_observation_is_a_fresh_array(env):
+    first, _ = env.reset()
+    before = first.copy()
+    second, *_ = env.step(env.action_space.sample())
+    np.testing.assert_array_equal(first, before)
+    assert not np.shares_memory(first, second)
+
+
+# Rewards and the end of an episode.
+
+
+def test_the_reward_is_the_weighted_sum_of_its_terms():
+    weights = {"key_press": 2.0, "energy": 0.0}
+    env = PianoEnv(TINY, reward_weights=weights)
+    env.reset(seed=0)
+    for action in random_actions(env, 6):
+        _, reward, _, _, info = env.step(action)
+        assert reward == pytest.approx(
+            sum(
+                {**DEFAULT_REWARD_WEIGHTS, **weights}[n] * v
+                for n, v in info["reward_terms"].items()
+            )
+        )
+
+
+def test_the_song_ends_in_truncation_after_its_last_step_with_all_numbers_in_info(env):
+    returns = dict.fromkeys(RETURN_KEYS, 0.0)
+    for step in range(6):
+        _, _, terminated, truncated, info = env.step(env.rest_action)
+        assert not terminated
+        assert truncated is (step == 5)
+        for name, value in info["reward_terms"].items():
+            returns[f"return_{name}"] += DEFAULT_REWARD_WEIGHTS[name] * value
+    assert all(type(info[name]) is float for name in (*EPISODE_METRICS, *RETURN_KEYS))
+    assert {name: info[name] for name in RETURN_KEYS} == pytest.approx(returns)
+    # Nothing was pressed: of six steps one is silent, and four have no pedal.
+    assert (info["precision"], info["recall"], info["f1"]) == pytest.approx((1, 1 / 6, 1 / 6))
+    assert info["sustain_f1"] == pytest.approx(4 / 6)
+
+
+def test_a_pressed_key_is_recorded_and_scored(env):
+    for step in range(6):
+        env.data.qfrc_applied[:] = 0
+        if step < 2:
+            push_key(env, C4)
+        *_, info = env.step(env.rest_action)
+        assert set(np.flatnonzero(env.key_active)) == ({C4} if step < 2 else set())
+    assert info["recall"] == pytest.approx((1 + 1 + 0 + 0 + 0 + 1) / 6)
+    played = env.performance.to_score()
+    assert [(note.pitch, note.onset, note.offset) for note in played.notes] == [(60, 0.0, 0.1)]
+
+
+def test_playing_nothing_leaves_no_score_of_the_performance(env):
+    for _ in range(6):
+        env.step(env.rest_action)
+    assert env.performance.to_score() is None
+
+
+@pytest.mark.parametrize(
+    ("enabled", "key", "ends"), [(True, 5, True), (True, C4, False), (False, 5, False)]
+)
+def test_a_wrong_press_terminates_only_where_it_is_asked_to(enabled, key, ends):
+    env = PianoEnv(TINY, wrong_press_termination=enabled)
+    env.reset(seed=0)
+    push_key(env, key)
+    _, _, terminated, truncated, info = env.step(env.rest_action)
+    assert (terminated, truncated) == (ends, False)
+    if ends:  # an early end has all the numbers too
+        assert set(info) >= {*EPISODE_METRICS, *RETURN_KEYS}
+        with pytest.raises(EnvStateError, match="reset"):
+            env.step(env.rest_action)
+
+
+def test_at_the_end_of_the_song_a_wrong_press_is_truncation_as_in_robopianist():
+    env = PianoEnv(TINY, wrong_press_termination=True)
+    env.reset(seed=0)
+    for _ in range(5):
+        env.step(env.rest_action)
+    push_key(env, 5)
+    _, _, terminated, truncated, _ = env.step(env.rest_action)
+    assert (terminated, truncated) == (False, True)
+
+
+@pytest.mark.parametrize(
+    ("choice", "labelled", "expected"),
+    [
+        ("auto", True, "labels"),
+        ("auto", False, "optimal-transport"),
+        ("labels", False, "zero"),
+        ("optimal-transport", True, "optimal-transport"),
+        ("off", True, "zero"),
+    ],
+)
+def test_the_fingering_term_follows_the_labels_or_the_nearest_fingers(choice, labelled, expected):
+    note = Note(onset=0.0, offset=0.1, pitch=60, finger=3 if labelled else -1)
+    env = PianoEnv(Score(notes=[note]), fingering_reward=choice)
+    env.reset(seed=0)
+    term = env.reward_terms(0)["fingering"]
+    distances = np.linalg.norm(
+        env.scene.press_point(env.data, np.array([C4])) - env.scene.fingertip_position(env.data),
+        axis=1,
+    )
+    distance = {"labels": distances[3], "optimal-transport": distances.min(), "zero": np.inf}
+    assert term == pytest.approx(0.1 ** (((distance[expected] - 0.01) / 0.1) ** 2))
+
+
+def test_a_note_without_a_label_is_not_taken_for_the_little_finger():
+    notes = [
+        Note(onset=0.0, offset=0.05, pitch=60),
+        Note(onset=0.05, offset=0.1, pitch=62, finger=1),
+    ]
+    env = PianoEnv(Score(notes=notes))
+    observation, _ = env.reset(seed=0)
+    assert not observation[env.observation_layout["fingering"].slice].any()
+    assert env.reward_terms(0)["fingering"] == 0.0
+
+
+def test_without_the_forearm_reward_its_term_is_zero():
+    env = PianoEnv(TINY, forearm_reward=False)
+    env.reset(seed=0)
+    assert env.reward_terms(0)["forearm"] == 0.0
+
+
+def test_crossed_forearms_lose_the_forearm_reward():
+    env = PianoEnv(TINY)
+    env.reset(seed=0)
+    assert env.reward_terms(0)["forearm"] == 1.0
+    env.data.qpos[env.scene.slider_qpos] = [-0.15, 0.15]
+    mujoco.mj_step1(env.model, env.data)
+    assert env.reward_terms(0)["forearm"] == 0.0
+
+
+# Options, scores and randomness.
+
+
+@pytest.mark.parametrize(("reduced", "actions"), [(True, 39), (False, 45)])
+def test_the_action_space_has_robopianists_size(reduced, actions):
+    env = PianoEnv(TINY, reduced_action_space=reduced)
+    assert env.action_space.shape == (actions,)
+    assert env.reset(seed=0)[0].shape == (1124 if reduced else 1130,)
+
+
+def test_another_score_is_played_for_one_episode(env):
+    other = Score(notes=[Note(onset=0.0, offset=0.1, pitch=72)], title="other")
+    env.reset(options={"score": other})
+    assert env.score is other
+    assert len(env.roll) == 3
+    env.reset()
+    assert env.score is TINY
+
+
+def test_leading_silence_is_trimmed_unless_asked_for():
+    late = Score(notes=[Note(onset=1.0, offset=1.1, pitch=60)])
+    assert len(PianoEnv(late).roll) == 3
+    assert len(PianoEnv(late, trim_silence=False).roll) == 23
+    assert len(PianoEnv(late, initial_buffer_time=0.5).roll) == 13
+
+
+def test_hands_start_in_random_places_drawn_from_the_seed():
+    env = PianoEnv(TINY, randomize_hand_positions=True)
+    starts = []
+    for seed in (1, 2, 1):
+        env.reset(seed=seed)
+        starts.append(env.data.qpos[env.scene.slider_qpos].copy())
+    assert starts[0][0] == starts[0][1]  # both hands move together
+    assert 0 < abs(starts[0][0]) <= 0.05
+    np.testing.assert_array_equal(starts[0], starts[2])
+    assert starts[0][0] != starts[1][0]
+
+
+def test_without_gravity_compensation_the_hands_sink():
+    lowest = {}
+    for compensated in (True, False):
+        env = PianoEnv(TINY, gravity_compensation=compensated)
+        env.reset(seed=0)
+        for _ in range(6):
+            env.step(env.rest_action)
+        lowest[compensated] = env.scene.fingertip_position(env.data)[:, 2].min()
+    assert lowest[False] < lowest[True] - 0.001
+
+
+def test_the_rest_action_holds_every_joint_that_can_be_at_zero():
+    env = PianoEnv(TINY)
+    env.reset(seed=0)
+    for _ in range(6):
+        env.step(env.rest_action)
+    assert np.abs(env.data.qpos).max() < 0.01
+
+
+# State.
+
+
+@pytest.mark.parametrize("options", [{}, {"reduced_action_space": False, "n_steps_lookahead": 3}])
+def test_a_restored_state_deep_in_an_episode_repeats_every_step_bitwise(options):
+    env = PianoEnv("CMajorScaleTwoHands", **options)
+    env.reset(seed=0)
+    actions = random_actions(env, 151)
+    play(env, actions[:120])
+    state = env.get_state()
+    expected = play(env, actions[120:])
+    final = env.performance.metrics()
+    env.reset(options={"score": TINY})
+    observation = env.set_state(pickle.loads(pickle.dumps(state)))
+    assert env.steps_played == 120
+    np.testing.assert_array_equal(observation, env.set_state(state))
+    np.testing.assert_array_equal(play(env, actions[120:]), expected)
+    assert env.performance.metrics() == final
+
+
+def test_a_state_is_a_copy_that_later_steps_do_not_touch(env):
+    state = env.get_state()
+    before = pickle.dumps(state)
+    play(env, random_actions(env, 3))
+    assert pickle.dumps(state) == before
+
+
+@pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copied_environment_goes_on_by_itself_with_its_options(clone):
+    env = PianoEnv(TINY, n_steps_lookahead=1, reward_weights={"energy": 0.1})
+    env.reset(seed=0)
+    actions = random_actions(env, 6)
+    play(env, actions[:2])
+    twin = clone(env)
+    expected = play(env, actions[2:])
+    np.testing.assert_array_equal(play(twin, actions[2:]), expected)
+    assert twin.config == env.config
+
+
+def test_a_state_of_another_model_is_refused(env):
+    other = PianoEnv(TINY, reduced_action_space=False)
+    other.reset(seed=0)
+    with pytest.raises(EnvStateError, match=r"physics numbers.*same options"):
+        env.set_state(other.get_state())
+
+
+def test_changing_one_environments_model_leaves_others_alone():
+    first, second = PianoEnv(TINY), PianoEnv(TINY)
+    first.model.opt.gravity[:] = 0
+    assert second.model.opt.gravity[2] == pytest.approx(-9.81)
+
+
+# Bad input.
+
+
+def test_stepping_before_the_first_reset_is_refused():
+    with pytest.raises(EnvStateError, match="call reset"):
+        PianoEnv(TINY).step(np.zeros(39))
+
+
+def test_stepping_after_the_end_is_refused(env):
+    for _ in range(6):
+        env.step(env.rest_action)
+    with pytest.raises(EnvStateError, match="call reset"):
+        env.step(env.rest_action)
+
+
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        (np.zeros(38), r"shape \(38,\): expected \(39,\)"),
+        (np.zeros((1, 39)), r"shape \(1, 39\): expected \(39,\)"),
+        (np.append(np.zeros(38), np.nan), "Element 38 of the action is nan"),
+        (np.append(np.inf, np.zeros(38)), "Element 0 of the action is inf"),
+        ("press", "not an array of numbers"),
+    ],
+)
+def test_a_bad_action_is_refused_and_changes_nothing(env, action, message):
+    before = pickle.dumps(env.get_state())
+    with pytest.raises(InvalidActionError, match=message):
+        env.step(action)
+    assert pickle.dumps(env.get_state()) == before
+
+
+def test_actions_outside_the_bounds_are_clipped(env):
+    state = env.get_state()
+    inside = play(env, [np.ones(39)])
+    env.set_state(state)
+    np.testing.assert_array_equal(play(env, [np.full(39, 7.0)]), inside)
+
+
+def test_an_unstable_simulation_is_reported_not_hidden(env):
+    env.step(env.rest_action)
+    env.data.qfrc_applied[:] = 1e13
+    with pytest.raises(SimulationDivergedError, match="control step 1"):
+        env.step(env.rest_action)
+    env.reset()
+    env.step(env.rest_action)
+
+
+def test_unknown_reset_options_and_render_modes_are_refused(env):
+    with pytest.raises(ConfigError, match="Unknown reset option 'tempo': expected 'score'"):
+        env.reset(options={"tempo": 2})
+    with pytest.raises(ConfigError, match=r"render_mode is 'human': expected None or one of"):
+        PianoEnv(TINY, render_mode="human")
+
+
+def test_an_unknown_piece_is_answered_with_near_names():
+    with pytest.raises(UnknownPieceError, match="CMajorScaleTwoHands"):
+        PianoEnv("CMajorScaleTwoHand")

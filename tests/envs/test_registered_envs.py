@@ -1,0 +1,119 @@
+"""What holds for every id that the package registers."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from stable_baselines3.common.env_checker import check_env as sb3_check_env
+
+from sb3_piano.envs import ENV_IDS
+
+# Prints a hash of everything that a seeded episode of random actions hands out.
+EPISODE_HASH = """
+import hashlib, sys
+import gymnasium, numpy as np
+env = gymnasium.make("sb3_piano:" + sys.argv[1], randomize_hand_positions=True)
+env.action_space.seed(3)
+digest = hashlib.sha256(env.reset(seed=3)[0].tobytes())
+for _ in range(40):
+    observation, reward, *_ = env.step(env.action_space.sample())
+    digest.update(observation.tobytes() + np.float64(reward).tobytes())
+print(digest.hexdigest())
+"""
+
+
+def test_the_ids_are_in_gymnasiums_registry_under_robopianists_names():
+    ours = {name for name in gym.registry if name.startswith("RoboPianist")}
+    assert ours == set(ENV_IDS)
+    assert {name for name in ours if "debug" in name} == {
+        f"RoboPianist-debug-{piece}-v0"
+        for piece in (
+            "CMajorScaleOneHand",
+            "CMajorScaleTwoHands",
+            "DMajorScaleOneHand",
+            "DMajorScaleTwoHands",
+            "CMajorChordProgressionTwoHands",
+            "TwinkleTwinkleLittleStar",
+        )
+    }
+
+
+@pytest.mark.parametrize("env_id", ENV_IDS)
+def test_both_checkers_pass_without_a_warning(env_id):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(gym.make(env_id).unwrapped)
+        sb3_check_env(gym.make(env_id))
+
+
+@pytest.mark.parametrize("env_id", ENV_IDS)
+def test_a_random_episode_stays_in_the_observation_space_and_ends_with_the_score(env_id):
+    env = gym.make(env_id)
+    env.action_space.seed(0)
+    observation, _ = env.reset(seed=0)
+    steps, truncated = 0, False
+    while not truncated:
+        assert env.observation_space.contains(observation)
+        observation, _, terminated, truncated, info = env.step(env.action_space.sample())
+        assert not terminated
+        steps += 1
+    assert steps == len(env.unwrapped.roll)
+    assert 0 <= info["f1"] <= 1
+
+
+def test_the_same_seed_gives_bitwise_the_same_episode_in_two_processes():
+    def episode_hash() -> str:
+        command = [sys.executable, "-c", EPISODE_HASH, "RoboPianist-debug-CMajorScaleTwoHands-v0"]
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+    assert len(episode_hash().strip()) == 64
+    assert episode_hash() == episode_hash()
+
+
+def test_the_same_seed_gives_bitwise_the_same_episode_in_one_process():
+    episodes = []
+    for _ in range(2):
+        env = gym.make(ENV_IDS[1], randomize_hand_positions=True)
+        env.action_space.seed(5)
+        rows = [env.reset(seed=5)[0]]
+        rows += [env.step(env.action_space.sample())[0] for _ in range(60)]
+        episodes.append(np.array(rows))
+    np.testing.assert_array_equal(*episodes)
+
+
+def test_every_public_name_exists():
+    import sb3_piano.callbacks
+    import sb3_piano.envs
+    import sb3_piano.music
+    import sb3_piano.simulation
+    import sb3_piano.training
+    import sb3_piano.viewing
+
+    for module in (
+        sb3_piano,
+        sb3_piano.callbacks,
+        sb3_piano.envs,
+        sb3_piano.music,
+        sb3_piano.simulation,
+        sb3_piano.training,
+        sb3_piano.viewing,
+    ):
+        for name in module.__all__:
+            assert hasattr(module, name), f"{module.__name__}.{name}"
+
+
+def test_the_general_id_plays_any_score(tmp_path):
+    from sb3_piano.music import Note, Score, write_midi
+
+    path = tmp_path / "piece.mid"
+    write_midi(Score(notes=[Note(onset=0.5, offset=1.0, pitch=60)]), path)
+    for score in (path, str(path), "DMajorScaleOneHand"):
+        env = gym.make("RoboPianist-v0", score=score)
+        env.reset(seed=0)
+        assert env.unwrapped.score.title in ("piece", "DMajorScaleOneHand")

@@ -1,0 +1,89 @@
+"""Reward terms: values worked by hand, empty cases, and dm_control's tolerance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from dm_control.utils.rewards import tolerance as dm_tolerance
+
+from sb3_piano.envs import rewards
+
+
+def keys(*on):
+    array = np.zeros(88, dtype=bool)
+    array[list(on)] = True
+    return array
+
+
+def states(**depth):
+    array = np.zeros(88)
+    for key, value in depth.items():
+        array[int(key[1:])] = value
+    return array
+
+
+def test_tolerance_equals_dm_controls():
+    x = np.linspace(-2, 3, 101)
+    expected = dm_tolerance(x, bounds=(0, 0.05), margin=0.5, sigmoid="gaussian")
+    np.testing.assert_allclose(rewards.tolerance(x, 0.05, 0.5), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("due", "state", "sounding", "expected"),
+    [
+        (keys(), states(), keys(), 0.5),  # silence where nothing is due
+        (keys(), states(k3=1.0), keys(3), 0.0),  # a wrong key
+        (keys(3), states(k3=1.0), keys(3), 1.0),
+        (keys(3), states(k3=0.95), keys(3), 1.0),  # within the tolerance
+        (keys(3), states(k3=0.45), keys(), 0.5 + 0.5 * 0.1),  # one margin outside it
+        (keys(3, 4), states(k3=1.0, k4=0.45), keys(3), 0.5 + 0.5 * 0.55),
+        (keys(3), states(k3=1.0, k4=1.0), keys(3, 4), 0.5),  # right and wrong
+    ],
+)
+def test_key_press_of_hand_worked_cases(due, state, sounding, expected):
+    assert rewards.key_press(due, state, sounding) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("due", "pressed", "expected"),
+    [
+        (False, False, 1.0),
+        (True, True, 1.0),
+        (True, False, 0.1 ** (1.9**2)),  # 0.95 outside, margin 0.5
+        (False, True, 0.1 ** (2.0**2)),  # 1 below, margin 0.5
+    ],
+)
+def test_sustain_of_all_four_cases(due, pressed, expected):
+    assert rewards.sustain(due, pressed) == pytest.approx(expected)
+
+
+def test_energy_is_minus_the_sum_of_powers_whatever_their_signs():
+    assert rewards.energy(np.array([2.0, -3.0]), np.array([-1.0, 0.5])) == -3.5
+
+
+def test_a_labelled_finger_earns_all_within_a_centimetre_and_a_tenth_eleven_centimetres_off():
+    press = np.zeros((2, 3))
+    tips = np.array([[0.01, 0, 0], [0, 0.11, 0]])
+    assert rewards.labelled_fingering(tips[:1], press[:1]) == 1.0
+    assert rewards.labelled_fingering(tips, press) == pytest.approx((1.0 + 0.1) / 2)
+
+
+def test_without_a_labelled_note_the_fingering_term_is_zero():
+    assert rewards.labelled_fingering(np.zeros((0, 3)), np.zeros((0, 3))) == 0.0
+
+
+def test_optimal_transport_takes_the_cheapest_assignment_not_the_first():
+    tips = np.full((10, 3), 5.0)
+    tips[7], tips[2] = [0, 0, 0], [0, 0.3, 0]
+    press = np.array([[0, 0.3, 0], [0, 0, 0]])
+    assert rewards.optimal_transport_fingering(tips, press) == 1.0
+
+
+def test_optimal_transport_earns_one_when_nothing_is_due():
+    assert rewards.optimal_transport_fingering(np.zeros((10, 3)), np.zeros((0, 3))) == 1.0
+
+
+def test_optimal_transport_of_more_keys_than_fingers_scores_the_ten_nearest_pairs():
+    press = np.zeros((12, 3))
+    press[10:] = 9.0
+    assert rewards.optimal_transport_fingering(np.zeros((10, 3)), press) == 1.0

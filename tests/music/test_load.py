@@ -1,0 +1,69 @@
+from pathlib import Path
+
+import pytest
+
+import sb3_piano.music
+from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
+from sb3_piano.music import Note, Score, load_score, study, write_midi
+
+SCORE = Score(notes=[Note(onset=0, offset=1, pitch=60)], title="piece")
+PIG_LINE = "0\t0.0\t1.0\tC4\t80\t80\t0\t1\n"
+
+
+def test_a_score_is_returned_as_it_is():
+    assert load_score(SCORE) is SCORE
+
+
+def test_the_name_of_a_study_makes_the_study():
+    assert load_score("TwinkleTwinkleLittleStar") == study("TwinkleTwinkleLittleStar")
+
+
+@pytest.mark.parametrize("name", ["piece.mid", "piece.midi", "piece.MID"])
+@pytest.mark.parametrize("as_type", [str, Path])
+def test_a_midi_file_is_read(tmp_path, name, as_type):
+    write_midi(SCORE, tmp_path / name)
+    assert load_score(as_type(tmp_path / name)) == SCORE
+
+
+def test_a_fingering_file_is_read(tmp_path):
+    (tmp_path / "etude.txt").write_text(PIG_LINE)
+    assert load_score(tmp_path / "etude.txt").notes[0].finger == 0
+
+
+def test_a_file_in_the_current_folder_needs_no_separator(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_midi(SCORE, "piece.mid")
+    assert load_score("piece.mid") == SCORE
+
+
+def test_an_unknown_name_is_answered_with_near_names_and_what_is_accepted():
+    message = r"Unknown piece 'CMajorScaleTwoHand'\. Did you mean .*TwoHands'.*\.mid or \.midi file"
+    with pytest.raises(UnknownPieceError, match=message):
+        load_score("CMajorScaleTwoHand")
+
+
+def test_an_empty_name_is_unknown():
+    with pytest.raises(UnknownPieceError, match="Unknown piece ''"):
+        load_score("")
+
+
+@pytest.mark.parametrize("source", ["music/etude.wav", Path("etude.wav"), Path("etude")])
+def test_a_path_of_another_format_is_refused(source):
+    with pytest.raises(ScoreError, match=r"Cannot tell the format of '.*etude.*\.txt file"):
+        load_score(source)
+
+
+@pytest.mark.parametrize("name", ["none/etude.mid", "etude.txt"])
+def test_a_missing_file_is_named(name):
+    with pytest.raises(ScoreError, match=f"There is no .* file '{name}'"):
+        load_score(name)
+
+
+@pytest.mark.parametrize("source", [7, None, b"etude.mid", [SCORE]])
+def test_another_type_is_refused_by_its_name(source):
+    with pytest.raises(ConfigError, match=f"cannot be given as {type(source).__name__}"):
+        load_score(source)
+
+
+def test_all_public_names_exist():
+    assert all(hasattr(sb3_piano.music, name) for name in sb3_piano.music.__all__)

@@ -1,0 +1,320 @@
+import random
+import warnings
+
+import mido
+import pretty_midi
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.music import STUDIES, Note, Pedal, Score, read_midi, study, write_midi
+
+
+def note(onset, offset, pitch=60, **fields):
+    return Note(onset=onset, offset=offset, pitch=pitch, **fields)
+
+
+def round_trip(score, folder):
+    path = folder / f"{score.title or 'piece'}.mid"
+    write_midi(score, path)
+    return read_midi(path)
+
+
+def save(path, *tracks, ticks_per_beat=500):
+    """Write raw tracks; at 120 beats a minute a tick of theirs is 1 ms."""
+    file = mido.MidiFile(ticks_per_beat=ticks_per_beat)
+    file.tracks = [mido.MidiTrack(track) for track in tracks]
+    file.save(path)
+    return path
+
+
+def on(pitch, time=0, **fields):
+    return mido.Message("note_on", note=pitch, velocity=70, time=time, **fields)
+
+
+def off(pitch, time=0, **fields):
+    return mido.Message("note_off", note=pitch, time=time, **fields)
+
+
+def pedal(value, time=0, **fields):
+    return mido.Message("control_change", control=64, value=value, time=time, **fields)
+
+
+def tempo(seconds_per_beat, time=0):
+    return mido.MetaMessage("set_tempo", tempo=round(seconds_per_beat * 1e6), time=time)
+
+
+def spans(events):
+    return [(pytest.approx(event.onset), pytest.approx(event.offset)) for event in events]
+
+
+def times(events):
+    return [(event.onset, event.offset) for event in events]
+
+
+@st.composite
+def scores(draw):
+    """Scores whose notes of one finger on one key do not overlap, nor its presses of the pedal."""
+    gaps = st.floats(0.001, 2.0)
+    notes = []
+    voices = st.tuples(st.integers(21, 108), st.integers(-1, 9))
+    for pitch, finger in draw(st.lists(voices, min_size=1, max_size=6, unique=True)):
+        time = 0.0
+        for _ in range(draw(st.integers(1, 4))):
+            time += draw(st.just(0.0) | gaps)
+            onset, time = time, time + draw(gaps)
+            velocity = draw(st.integers(1, 127))
+            notes.append(note(onset, time, pitch, velocity=velocity, finger=finger))
+    pedals, time = [], 0.0
+    for _ in range(draw(st.integers(0, 3))):
+        onset = time + draw(gaps)
+        time = onset + draw(gaps)
+        pedals.append(Pedal(onset=onset, offset=time))
+    return Score(notes=notes, pedals=pedals, title="piece")
+
+
+def canonical(score):
+    """Notes in an order that a shift of 0.1 ms cannot change, within their voices."""
+    return sorted(score.notes, key=lambda note: (note.pitch, note.finger, note.onset))
+
+
+class TestRoundTrip:
+    @settings(max_examples=60, deadline=None)
+    @given(score=scores())
+    def test_keeps_pitch_velocity_and_finger_and_times_within_a_tick(self, score, tmp_path_factory):
+        back = round_trip(score, tmp_path_factory.getbasetemp())
+        assert len(back.notes) == len(score.notes)
+        for ours, theirs in zip(canonical(score), canonical(back), strict=True):
+            assert (ours.pitch, ours.velocity, ours.finger) == (
+                theirs.pitch,
+                theirs.velocity,
+                theirs.finger,
+            )
+            assert ours.onset == pytest.approx(theirs.onset, abs=1e-4)
+            assert ours.offset == pytest.approx(theirs.offset, abs=1e-4)
+        assert len(back.pedals) == len(score.pedals)
+        for ours, theirs in zip(score.pedals, back.pedals, strict=True):
+            assert ours.onset == pytest.approx(theirs.onset, abs=1e-4)
+            assert ours.offset == pytest.approx(theirs.offset, abs=1e-4)
+
+    @pytest.mark.parametrize("name", STUDIES)
+    def test_studies_come_back_exactly(self, name, tmp_path):
+        assert round_trip(study(name), tmp_path) == study(name)
+
+    def test_a_note_shorter_than_a_tick_survives(self, tmp_path):
+        back = round_trip(Score(notes=[note(1.0, 1.000001)]), tmp_path)
+        assert back.notes[0].duration == pytest.approx(1e-4)
+
+    def test_a_press_shorter_than_a_tick_survives(self, tmp_path):
+        score = Score(notes=[note(0, 2)], pedals=[Pedal(onset=1.0, offset=1.000001)])
+        assert spans(round_trip(score, tmp_path).pedals) == [(1.0, 1.0001)]
+
+    def test_repeated_notes_that_touch_stay_two(self, tmp_path):
+        score = Score(notes=[note(0, 1), note(1, 2)], title="piece")
+        assert round_trip(score, tmp_path) == score
+
+    @pytest.mark.parametrize("finger", [-1, 0, 9])
+    def test_overlapping_notes_of_one_pitch_and_finger_stay_two(self, finger, tmp_path):
+        notes = [note(0, 3, finger=finger), note(1, 2, finger=finger), note(2, 4, finger=finger)]
+        score = Score(notes=notes, title="piece")
+        assert round_trip(score, tmp_path) == score
+
+    def test_a_piece_of_an_hour_keeps_times_to_a_millisecond(self, tmp_path):
+        score = Score(notes=[note(0.1234, 1), note(3599.1234, 3600.1)], title="piece")
+        back = round_trip(score, tmp_path).notes[1]
+        assert (back.onset, back.offset) == pytest.approx((3599.1234, 3600.1), abs=1e-3)
+
+
+class TestFingering:
+    def test_each_finger_has_a_track_by_its_pianists_name(self, tmp_path):
+        notes = [note(finger + 1, finger + 2, finger=finger) for finger in range(-1, 10)]
+        write_midi(Score(notes=notes), tmp_path / "a.mid")
+        tracks = pretty_midi.PrettyMIDI(str(tmp_path / "a.mid")).instruments
+        assert [track.name for track in tracks] == [
+            *("R1", "R2", "R3", "R4", "R5", "L1", "L2", "L3", "L4", "L5"),
+            "unlabelled",
+        ]
+
+    @pytest.mark.parametrize(
+        ("name", "finger"),
+        [("R1", 0), ("L5", 9), (" L1 ", 5), ("R2 2", 1), ("R6", -1), ("Piano", -1), ("R1 x", -1)],
+    )
+    def test_only_the_documented_track_names_are_fingers(self, name, finger, tmp_path):
+        named = mido.MetaMessage("track_name", name=name)
+        path = save(tmp_path / "a.mid", [named, on(60), off(60, 500)])
+        assert read_midi(path).notes[0].finger == finger
+
+
+class TestForeignFiles:
+    def test_two_tracks_tempo_change_pedal_and_overlap(self, tmp_path):
+        # A beat is 0.5 s, from the second beat on 1 s; 480 ticks a beat.
+        conductor = [tempo(0.5), tempo(1.0, time=480)]
+        melody = [on(72), on(76, 480), off(72, 240), off(76, 240), pedal(100, 0), pedal(10, 480)]
+        bass = [on(48, channel=1), off(48, 960, channel=1), on(76, channel=1)]
+        bass += [off(76, 480, channel=1)]
+        path = save(tmp_path / "a.mid", conductor, melody, bass, ticks_per_beat=480)
+        score = read_midi(path)
+        assert [n.pitch for n in score.notes] == [48, 72, 76, 76]
+        assert times(score.notes) == spans(
+            [note(0, 1.5), note(0, 1.0), note(0.5, 1.5), note(1.5, 2.5)]
+        )
+        assert times(score.pedals) == spans([Pedal(onset=1.5, offset=2.5)])
+        assert (score.title, score.has_fingering) == ("a", False)
+
+    def test_a_pretty_midi_file_with_drums_reads_without_them(self, tmp_path):
+        midi = pretty_midi.PrettyMIDI(initial_tempo=90)
+        piano, drums = pretty_midi.Instrument(0), pretty_midi.Instrument(0, is_drum=True)
+        piano.notes = [pretty_midi.Note(90, 60, 0.5, 1.0), pretty_midi.Note(91, 60, 1.0, 2.0)]
+        piano.control_changes = [pretty_midi.ControlChange(64, 64, 0.5)]
+        drums.notes = [pretty_midi.Note(90, 36, 0.0, 9.0)]
+        midi.instruments = [drums, piano]
+        midi.write(str(tmp_path / "a.mid"))
+        score = read_midi(tmp_path / "a.mid")
+        assert [(n.pitch, n.velocity) for n in score.notes] == [(60, 90), (60, 91)]
+        # Never released, so held until the end of the last note.
+        assert score.pedals[0].offset == score.duration == pytest.approx(2.0, abs=2e-3)
+
+    def test_overlapping_notes_of_one_pitch_in_two_tracks_stay_two(self, tmp_path):
+        path = save(tmp_path / "a.mid", [on(60), off(60, 1000)], [on(60, 500), off(60, 1000)])
+        assert times(read_midi(path).notes) == spans([note(0, 1), note(0.5, 1.5)])
+
+    def test_the_pedal_is_down_while_any_track_holds_it(self, tmp_path):
+        path = save(
+            tmp_path / "a.mid",
+            [on(60), off(60, 4000)],
+            [pedal(127, 1000), pedal(0, 1000)],
+            [pedal(64, 1500), pedal(63, 1000)],
+        )
+        assert times(read_midi(path).pedals) == spans([Pedal(onset=1, offset=2.5)])
+
+    def test_values_below_64_release_the_pedal_and_others_hold_it(self, tmp_path):
+        moves = [pedal(63), pedal(64, 1000), pedal(127, 500), pedal(63, 500), pedal(0, 500)]
+        path = save(tmp_path / "a.mid", [on(60), *moves, off(60, 500)])
+        assert times(read_midi(path).pedals) == spans([Pedal(onset=1, offset=2)])
+
+    def test_a_pedal_pressed_after_the_last_note_and_never_released_is_left_out(self, tmp_path):
+        path = save(tmp_path / "a.mid", [on(60), off(60, 500), pedal(127, 500)])
+        assert read_midi(path).pedals == ()
+
+    def test_a_tempo_outside_the_first_track_counts_and_warns_nobody(self, tmp_path):
+        path = save(tmp_path / "a.mid", [on(60), off(60, 500)], [tempo(2.0)])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert times(read_midi(path).notes) == spans([note(0, 2)])
+
+    def test_a_note_never_released_lasts_until_the_end_of_its_track(self, tmp_path):
+        end = mido.MetaMessage("end_of_track", time=1500)
+        path = save(tmp_path / "a.mid", [on(60), on(62, 500), off(62, 500), end])
+        assert times(read_midi(path).notes) == spans([note(0, 2.5), note(0.5, 1)])
+
+    def test_a_track_without_messages_is_no_obstacle(self, tmp_path):
+        path = save(tmp_path / "a.mid", [on(60), off(60, 500)], [])
+        data = path.read_bytes()
+        empty = b"MTrk\x00\x00\x00\x00"
+        path.write_bytes(data[: data.rindex(b"MTrk")] + empty)
+        assert len(read_midi(path).notes) == 1
+
+    def test_a_release_written_after_the_next_strike_ends_the_earlier_note(self, tmp_path):
+        path = save(tmp_path / "a.mid", [on(60), on(60, 500), off(60, 0), off(60, 500)])
+        assert times(read_midi(path).notes) == spans([note(0, 0.5), note(0.5, 1.0)])
+
+
+class TestErrors:
+    def test_notes_without_length_are_counted_and_the_first_is_named(self, tmp_path):
+        messages = [on(60), off(60, 500), on(62, 500), off(62), on(64), off(64)]
+        path = save(tmp_path / "a.mid", messages)
+        with pytest.raises(
+            ScoreError, match=r"a\.mid' has notes without length \(2, first D4 at 1 s\)"
+        ):
+            read_midi(path)
+
+    def test_a_note_struck_at_the_end_of_its_track_has_no_length(self, tmp_path):
+        with pytest.raises(ScoreError, match=r"without length \(1, first C4 at 0 s\)"):
+            read_midi(save(tmp_path / "a.mid", [on(60)]))
+
+    def test_a_tempo_of_zero_leaves_notes_without_length(self, tmp_path):
+        path = save(tmp_path / "a.mid", [tempo(0), on(60), off(60, 500)])
+        with pytest.raises(ScoreError, match=r"Cannot read '.*a\.mid' as a MIDI file"):
+            read_midi(path)
+
+    def test_pitches_off_the_keyboard_are_counted_and_named(self, tmp_path):
+        pitches = [20, 60, 109, 127, 0]
+        messages = [m for pitch in pitches for m in (on(pitch), off(pitch, 500))]
+        path = save(tmp_path / "a.mid", messages)
+        message = r"4 of 5 notes of .*a\.mid' are not on the keyboard, first G#0, C#8, G9: expected"
+        with pytest.raises(ScoreError, match=message):
+            read_midi(path)
+
+    def test_a_file_of_drums_has_no_notes(self, tmp_path):
+        path = save(tmp_path / "a.mid", [on(60, channel=9), off(60, channel=9)])
+        with pytest.raises(ScoreError, match=r"a\.mid' has no notes \(drums do not count\)"):
+            read_midi(path)
+
+    def test_times_in_film_frames_are_refused(self, tmp_path):
+        path = save(tmp_path / "a.mid", [on(60), off(60, 500)])
+        data = bytearray(path.read_bytes())
+        data[12:14] = b"\xe7\x28"  # 25 frames a second, 40 ticks a frame
+        path.write_bytes(data)
+        with pytest.raises(ScoreError, match="its times are not in ticks per beat"):
+            read_midi(path)
+
+    @pytest.mark.parametrize("contents", [b"", b"MThd", b"not a MIDI file at all", b"\x00" * 100])
+    def test_what_is_no_midi_is_refused_by_path(self, contents, tmp_path):
+        (tmp_path / "a.mid").write_bytes(contents)
+        with pytest.raises(ScoreError, match=r"Cannot read '.*a\.mid' as a MIDI file \(\w"):
+            read_midi(tmp_path / "a.mid")
+
+    @pytest.mark.parametrize("name", ["", "none.mid", "x" * 300 + ".mid"])
+    def test_a_folder_or_missing_file_is_refused(self, name, tmp_path):
+        with pytest.raises(ScoreError, match=r"There is no MIDI file '.*': expected"):
+            read_midi(tmp_path / name)
+
+    def test_a_damaged_file_is_read_or_refused_but_never_crashes(self, tmp_path):
+        source = Score(
+            notes=[note(t, t + 1, 60 + t, finger=t) for t in range(8)],
+            pedals=[Pedal(onset=0, offset=3)],
+        )
+        write_midi(source, tmp_path / "whole.mid")
+        whole, rng = (tmp_path / "whole.mid").read_bytes(), random.Random(0)
+        errors = []
+        for _ in range(150):
+            data = bytearray(whole)
+            for _ in range(rng.randint(1, 4)):
+                data[rng.randrange(len(data))] = rng.randrange(256)
+            cut = rng.choice([len(data), rng.randrange(len(data))])
+            (tmp_path / "damaged.mid").write_bytes(data[:cut])
+            try:
+                assert read_midi(tmp_path / "damaged.mid").notes
+            except ScoreError as error:
+                errors.append(str(error))
+        assert 50 < len(errors) < 150
+        assert all("damaged.mid" in error for error in errors)
+
+
+class TestWriting:
+    def test_an_existing_file_is_replaced_and_nothing_else_is_left(self, tmp_path):
+        (tmp_path / "a.mid").write_text("old")
+        write_midi(study("TwinkleTwinkleLittleStar"), tmp_path / "a.mid")
+        assert [path.name for path in tmp_path.iterdir()] == ["a.mid"]
+        assert len(read_midi(tmp_path / "a.mid").notes) == 14
+
+    def test_a_missing_folder_is_refused_by_path(self, tmp_path):
+        with pytest.raises(ScoreError, match=r"Cannot write '.*none/a\.mid': No such file"):
+            write_midi(study("TwinkleTwinkleLittleStar"), tmp_path / "none" / "a.mid")
+
+    def test_a_failed_write_leaves_nothing_behind(self, tmp_path):
+        (tmp_path / "a.mid").mkdir()
+        with pytest.raises(ScoreError, match=r"Cannot write '.*a\.mid'"):
+            write_midi(study("TwinkleTwinkleLittleStar"), tmp_path / "a.mid")
+        assert [path.name for path in tmp_path.iterdir()] == ["a.mid"]
+
+    def test_a_file_as_folder_is_refused(self, tmp_path):
+        (tmp_path / "file").write_text("")
+        with pytest.raises(ScoreError, match=r"Cannot write '.*a\.mid': Not a directory"):
+            write_midi(study("TwinkleTwinkleLittleStar"), tmp_path / "file" / "a.mid")
+
+    def test_a_piece_too_long_for_midi_is_refused(self, tmp_path):
+        with pytest.raises(ScoreError, match=r"'day' lasts 86400 s, too long .* less than 49500 s"):
+            write_midi(Score(notes=[note(0, 86400)], title="day"), tmp_path / "a.mid")
+        assert list(tmp_path.iterdir()) == []

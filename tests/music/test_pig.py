@@ -1,0 +1,130 @@
+import pytest
+
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.music import Note, Score, read_pig
+
+
+def write(tmp_path, text):
+    path = tmp_path / "etude.txt"
+    path.write_text(text)
+    return path
+
+
+def line(**changes):
+    fields = {
+        "id": "0",
+        "onset": "0.5",
+        "offset": "1.0",
+        "pitch": "C4",
+        "velocity": "80",
+        "release": "64",
+        "channel": "0",
+        "finger": "1",
+    }
+    return "\t".join({**fields, **changes}.values()) + "\n"
+
+
+def read_line(tmp_path, **changes):
+    return read_pig(write(tmp_path, line(**changes))).notes[0]
+
+
+def test_a_whole_file_with_comments_blank_lines_and_spaces(tmp_path):
+    text = (
+        "//Version: PianoFingering_v170101\n"
+        "0\t0.25\t0.75\tC4\t64\t80\t0\t1\n"
+        "\n"
+        "1 0.25 1.5 Bb2 70 80 1 -5\n"
+        "  // the end\n"
+    )
+    assert read_pig(write(tmp_path, text)) == Score(
+        notes=[
+            Note(onset=0.25, offset=0.75, pitch=60, velocity=64, finger=0),
+            Note(onset=0.25, offset=1.5, pitch=46, velocity=70, finger=9),
+        ],
+        title="etude",
+    )
+
+
+@pytest.mark.parametrize(
+    ("spelled", "pitch"),
+    [
+        *(("A0", 21), ("C4", 60), ("F#5", 78), ("Bb3", 58), ("C8", 108)),
+        *(("C##4", 62), ("Dbb4", 60), ("B#3", 60), ("Cb4", 59)),
+    ],
+)
+def test_pitches_are_spelled_with_c4_as_60(tmp_path, spelled, pitch):
+    assert read_line(tmp_path, pitch=spelled).pitch == pitch
+
+
+@pytest.mark.parametrize(
+    ("text", "finger"),
+    [
+        *(("1", 0), ("2", 1), ("5", 4), ("-1", 5), ("-4", 8), ("-5", 9), ("0", -1)),
+        *(("4_1", 3), ("-2_-1", 6), ("3_2_1", 2)),
+    ],
+)
+def test_the_first_finger_counts_and_its_sign_is_the_hand(tmp_path, text, finger):
+    assert read_line(tmp_path, finger=text).finger == finger
+
+
+def test_the_sign_of_the_finger_overrules_the_channel(tmp_path):
+    assert read_line(tmp_path, channel="0", finger="-1").finger == 5
+
+
+def test_a_missing_finger_is_unknown(tmp_path):
+    assert read_pig(write(tmp_path, line(finger=""))).notes[0].finger == -1
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"finger": "6"}, "finger '6' is not valid: expected 1 to 5, -1 to -5"),
+        ({"finger": "4_"}, "finger '4_' is not valid"),
+        ({"finger": "R1"}, "finger 'R1' is not valid"),
+        ({"pitch": "H4"}, "pitch 'H4' is not valid: expected a spelled pitch"),
+        ({"pitch": "C#b4"}, "pitch 'C#b4' is not valid"),
+        ({"pitch": "60"}, "pitch '60' is not valid"),
+        ({"pitch": "C9"}, "pitch 120 is out of range"),
+        ({"onset": "soon"}, "onset 'soon' is not valid: expected seconds"),
+        ({"offset": "0.5"}, "offset 0.5 s is not after onset 0.5 s"),
+        ({"offset": "nan"}, "offset nan is no time"),
+        ({"onset": "-1"}, "onset -1.0 is no time"),
+        ({"velocity": "loud"}, "onset velocity 'loud' is not valid: expected 1 to 127"),
+        ({"velocity": "128"}, "velocity 128 is out of range"),
+        ({"channel": "2"}, r"channel '2' is not valid: expected 0 \(right hand\) or 1"),
+        ({"more": "7"}, "has 9 fields: expected id, onset"),
+    ],
+)
+def test_a_bad_field_is_named_with_file_and_line(tmp_path, changes, message):
+    path = write(tmp_path, "// first\n" + line() + line(**changes))
+    with pytest.raises(ScoreError, match=rf"Line 3 of '.*etude\.txt'.* ?{message}"):
+        read_pig(path)
+
+
+def test_too_few_fields_are_counted(tmp_path):
+    with pytest.raises(ScoreError, match=r"Line 1 of .* has 2 fields: expected id, onset"):
+        read_pig(write(tmp_path, "0 1.0\n"))
+
+
+def test_a_file_of_comments_has_no_notes(tmp_path):
+    with pytest.raises(ScoreError, match=r"etude\.txt' has no notes"):
+        read_pig(write(tmp_path, "// nothing\n"))
+
+
+def test_a_byte_order_mark_and_windows_line_ends_are_no_obstacle(tmp_path):
+    path = tmp_path / "etude.txt"
+    path.write_bytes(b"\xef\xbb\xbf" + line().replace("\n", "\r\n").encode())
+    assert len(read_pig(path).notes) == 1
+
+
+def test_what_is_no_text_is_refused(tmp_path):
+    path = tmp_path / "etude.txt"
+    path.write_bytes(b"\xff\xfe\x00\x80")
+    with pytest.raises(ScoreError, match=r"Cannot read '.*etude\.txt' as a fingering file"):
+        read_pig(path)
+
+
+@pytest.mark.parametrize("name", ["", "none.txt"])
+def test_a_folder_or_missing_file_is_refused(tmp_path, name):
+    with pytest.raises(ScoreError, match=f"There is no fingering file '.*{name}'"):
+        read_pig(tmp_path / name)

@@ -1,0 +1,272 @@
+import copy
+import math
+import pickle
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.music import Note, Pedal, PianoRoll, Score, score_from_activation
+
+KEY = 39  # middle C, pitch 60
+
+
+def roll_of(*notes, dt=1.0, pedals=(), **options):
+    """Roll of (onset, offset) or (onset, offset, finger), all on middle C, with steps of 1 s."""
+    made = [
+        Note(onset=onset, offset=offset, pitch=60, finger=finger[0] if finger else -1)
+        for onset, offset, *finger in notes
+    ]
+    presses = [Pedal(onset=down, offset=up) for down, up in pedals]
+    return PianoRoll.from_score(Score(notes=made, pedals=presses, title="etude"), dt, **options)
+
+
+def picture(roll, key=KEY):
+    """One character a step: strike 'X', sounding '=', silent '.'."""
+    return "".join(
+        "X" if onset else "=" if active else "."
+        for onset, active in zip(roll.onset[:, key], roll.active[:, key], strict=True)
+    )
+
+
+def labels(roll):
+    return roll.finger[:, KEY].tolist()
+
+
+class TestGrid:
+    def test_a_note_that_ends_on_a_step_is_followed_by_one_silent_step(self):
+        assert picture(roll_of((1, 3))) == ".X=."
+
+    def test_onsets_round_down_and_offsets_round_up(self):
+        assert picture(roll_of((1.9, 3.1))) == ".X=="
+
+    def test_a_note_lasts_at_least_one_step(self):
+        assert picture(roll_of((1.2, 1.3), (3, 4))) == ".X.X."
+
+    def test_seven_and_a_half_seconds_at_twenty_hertz_are_151_steps(self):
+        assert len(roll_of((0, 7.5), dt=0.05)) == 151
+
+    @pytest.mark.parametrize(
+        ("onset", "offset", "expected"),
+        [
+            (0.15, 0.2, "...X."),  # 0.15 / 0.05 is 2.9999999999999996
+            (0.25, 0.1 + 0.2, ".....X."),  # 0.1 + 0.2 is 0.30000000000000004
+        ],
+    )
+    def test_rounding_noise_does_not_move_a_note(self, onset, offset, expected):
+        assert picture(roll_of((onset, offset), dt=0.05)) == expected
+
+    @pytest.mark.parametrize("dt", [0.05, 0.01, 0.025, 1 / 30])
+    def test_whole_steps_stay_whole_wherever_they_lie(self, dt):
+        for start in range(400):
+            roll = roll_of((start * dt, (start + 2) * dt), dt=dt)
+            assert picture(roll) == "." * start + "X=."
+
+    def test_other_keys_are_untouched(self):
+        roll = roll_of((0, 2))
+        assert roll.active.sum() == 2
+        assert (np.delete(roll.finger, KEY, axis=1) == -1).all()
+
+    def test_buffer_time_puts_silent_steps_in_front_of_notes_and_pedal(self):
+        roll = roll_of((0, 0.1), pedals=[(0, 0.1)], dt=0.05, initial_buffer_time=0.1)
+        assert picture(roll) == "..X=."
+        assert roll.sustain.tolist() == [False, False, True, True, False]
+
+    def test_duration_counts_all_steps(self):
+        assert roll_of((0, 1), dt=0.5).duration == 1.5
+
+
+class TestFingers:
+    def test_labels_fill_the_note_and_minus_one_the_silence(self):
+        assert labels(roll_of((1, 3, 7))) == [-1, 7, 7, -1]
+
+    def test_a_later_note_overwrites_the_labels_of_an_earlier_one(self):
+        assert labels(roll_of((0, 6, 1), (2, 4, 3))) == [1, 1, -1, 3, 1, 1, -1]
+
+
+class TestRestrikes:
+    def test_the_gap_is_the_first_step_of_the_new_note(self):
+        assert picture(roll_of((0, 2), (2, 4))) == "X=.X."
+
+    def test_the_silent_step_carries_no_label(self):
+        assert labels(roll_of((0, 2, 1), (2, 4, 2))) == [1, 1, -1, 2, -1]
+
+    def test_a_note_that_starts_a_step_later_needs_no_gap(self):
+        assert picture(roll_of((0, 2), (3, 5))) == "X=.X=."
+
+    def test_a_new_note_of_one_step_takes_the_gap_from_the_earlier_one(self):
+        assert picture(roll_of((0, 3), (3, 4))) == "X=.X."
+
+    def test_two_notes_of_one_step_cannot_be_told_apart(self):
+        roll = roll_of((0, 1, 1), (1, 2, 2))
+        assert picture(roll) == "X=."
+        assert labels(roll) == [1, 2, -1]
+
+    def test_of_many_notes_of_one_step_every_second_is_seen(self):
+        assert picture(roll_of(*((t, t + 1) for t in range(5)))) == "X.X.X."
+
+    def test_an_enclosed_note_is_struck_and_the_outer_one_sounds_on(self):
+        assert picture(roll_of((0, 6), (2, 4))) == "X=.X==."
+
+    def test_an_enclosed_note_of_one_step_is_struck_too(self):
+        roll = roll_of((0, 5, 1), (2, 3, 2))
+        assert picture(roll) == "X.X==."
+        assert labels(roll) == [1, -1, 2, 1, 1, -1]
+
+    def test_a_note_that_overlaps_and_lasts_longer_is_struck_once_more(self):
+        assert picture(roll_of((0, 3), (2, 5))) == "X=.X=."
+
+    @pytest.mark.parametrize("ends", [(4, 6), (6, 4), (3, 6)])
+    def test_notes_struck_in_one_step_are_one_strike(self, ends):
+        assert picture(roll_of((2, ends[0]), (2, ends[1]))) == "..X===."
+
+    @pytest.mark.parametrize("last", [(2.5, 4), (2.5, 3)])
+    def test_a_double_strike_in_the_silent_step_does_not_fill_it(self, last):
+        assert picture(roll_of((0, 2), (2, 5), last)) == "X=.X=."
+
+    def test_the_same_time_on_another_key_makes_no_gap(self):
+        notes = [Note(onset=0, offset=2, pitch=60), Note(onset=2, offset=4, pitch=61)]
+        roll = PianoRoll.from_score(Score(notes=notes), 1.0)
+        assert picture(roll, 40) == "..X=."
+
+    @settings(max_examples=200, deadline=None)
+    @given(st.lists(st.tuples(st.integers(0, 15), st.integers(1, 5)), min_size=1, max_size=8))
+    def test_strikes_begin_after_silence_and_all_sound_begins_with_a_strike(self, spans):
+        roll = roll_of(*((start, start + length) for start, length in spans))
+        active, onset = roll.active[:, KEY], roll.onset[:, KEY]
+        before = np.concatenate([[False], active[:-1]])
+        assert (onset == (active & ~before)).all()
+
+    @settings(max_examples=200, deadline=None)
+    @given(st.lists(st.tuples(st.integers(0, 15), st.integers(1, 5)), min_size=1, max_size=8))
+    def test_only_gaps_are_missing_from_the_union_of_the_notes(self, spans):
+        active = roll_of(*((start, start + length) for start, length in spans)).active[:, KEY]
+        union = np.zeros_like(active)
+        for start, length in spans:
+            union[start : start + length] = True
+        missing = union & ~active
+        assert not (active & ~union).any()
+        assert not (missing[1:] & missing[:-1]).any()
+        assert missing.sum() < len(spans)
+
+
+class TestSustain:
+    def test_down_from_the_step_of_the_press_until_before_that_of_the_release(self):
+        roll = roll_of((0, 5), pedals=[(1.5, 3.5)])
+        assert roll.sustain.tolist() == [False, True, True, False, False, False]
+
+    def test_a_pedal_beyond_the_last_note_is_cut(self):
+        assert roll_of((0, 2), pedals=[(1, 1e12)]).sustain.tolist() == [False, True, True]
+
+
+class TestRoll:
+    def test_due_lists_keys_and_labels_of_a_step(self):
+        notes = [
+            Note(onset=0, offset=2, pitch=64, finger=2),
+            Note(onset=0, offset=1, pitch=60, finger=0),
+            Note(onset=1, offset=2, pitch=21),
+        ]
+        roll = PianoRoll.from_score(Score(notes=notes), 1.0)
+        assert [[a.tolist() for a in roll.due(step)] for step in range(3)] == [
+            [[39, 43], [0, 2]],
+            [[0, 43], [-1, 2]],
+            [[], []],
+        ]
+
+    @pytest.mark.parametrize("step", [-1, 3])
+    def test_due_refuses_steps_outside_the_roll(self, step):
+        with pytest.raises(IndexError, match=f"Step {step} is outside the roll: expected 0 to 2"):
+            roll_of((0, 2)).due(step)
+
+    @pytest.mark.parametrize("rebuild", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy])
+    def test_arrays_are_read_only_even_in_copies(self, rebuild):
+        roll = roll_of((0, 2))
+        for name in ("active", "finger", "onset", "sustain"):
+            for each in (roll, rebuild(roll)):
+                with pytest.raises(ValueError, match="read-only"):
+                    getattr(each, name)[0] = 0
+            assert np.array_equal(getattr(rebuild(roll), name), getattr(roll, name))
+
+    def test_given_arrays_are_copied_not_locked(self):
+        mine = np.zeros((2, 88), dtype=bool)
+        roll = PianoRoll(
+            control_timestep=0.05,
+            active=mine,
+            finger=np.full((2, 88), -1),
+            onset=mine,
+            sustain=np.zeros(2, dtype=bool),
+        )
+        mine[0, 0] = True
+        assert not roll.active.any()
+
+    def test_arrays_of_unequal_length_are_refused(self):
+        rows = np.zeros((3, 88))
+        with pytest.raises(ScoreError, match=r"'sustain' has shape \(2,\): expected \(3,\)"):
+            PianoRoll(
+                control_timestep=1.0, active=rows, finger=rows, onset=rows, sustain=np.zeros(2)
+            )
+
+    def test_repr_tells_size_step_and_strikes(self):
+        assert repr(roll_of((0, 2), (3, 4))) == "PianoRoll(5 steps of 1 s, 2 strikes)"
+
+    @pytest.mark.parametrize("dt", [0.0, -0.05, math.nan, math.inf])
+    def test_a_senseless_time_step_is_refused(self, dt):
+        with pytest.raises(ConfigError, match=f"Control time step {dt} s is out of range"):
+            roll_of((0, 1), dt=dt)
+
+    @pytest.mark.parametrize("buffer", [-0.1, math.nan, math.inf])
+    def test_a_senseless_buffer_time_is_refused(self, buffer):
+        with pytest.raises(ConfigError, match=f"Initial buffer time {buffer} s is out of range"):
+            roll_of((0, 1), initial_buffer_time=buffer)
+
+    @pytest.mark.parametrize("end", [1_000_000, 1e300])
+    def test_a_roll_of_a_million_steps_is_refused(self, end):
+        with pytest.raises(ScoreError, match=r"'etude' lasts 1e.* s, too long for control steps"):
+            roll_of((0, end))
+
+    def test_ten_thousand_notes_take_well_under_a_second(self):
+        notes = [Note(onset=i / 20, offset=i / 20 + 1, pitch=21 + i % 88) for i in range(10_000)]
+        score = Score(notes=notes)
+        start = time.perf_counter()
+        roll = PianoRoll.from_score(score, 0.05)
+        assert time.perf_counter() - start < 0.5
+        assert roll.onset.sum() == 10_000
+
+
+class TestScoreFromActivation:
+    def test_each_run_is_a_note_of_the_given_velocity(self):
+        active = np.zeros((4, 88), dtype=bool)
+        active[[0, 1, 3], KEY] = True
+        active[1:4, 0] = True
+        sustain = np.array([False, True, False, True])
+        score = score_from_activation(active, sustain, 0.5, title="played", velocity=64)
+        assert score == Score(
+            notes=[
+                Note(onset=0, offset=1, pitch=60, velocity=64),
+                Note(onset=0.5, offset=2, pitch=21, velocity=64),
+                Note(onset=1.5, offset=2, pitch=60, velocity=64),
+            ],
+            pedals=[Pedal(onset=0.5, offset=1), Pedal(onset=1.5, offset=2)],
+            title="played",
+        )
+
+    def test_silence_is_none(self):
+        assert score_from_activation(np.zeros((3, 88)), np.ones(3), 0.05) is None
+
+    def test_no_steps_are_silence(self):
+        assert score_from_activation(np.zeros((0, 88)), np.zeros(0), 0.05) is None
+
+    def test_wrong_shapes_are_refused(self):
+        with pytest.raises(ScoreError, match=r"'active' has shape \(3, 89\): expected \(3, 88\)"):
+            score_from_activation(np.zeros((3, 89)), np.zeros(3), 0.05)
+
+    def test_a_roll_of_what_was_played_is_what_was_played(self):
+        rng = np.random.default_rng(0)
+        active, sustain = rng.random((200, 88)) < 0.3, rng.random(200) < 0.5
+        roll = PianoRoll.from_score(score_from_activation(active, sustain, 0.05), 0.05)
+        assert np.array_equal(roll.active[:200], active)
+        assert np.array_equal(roll.sustain[:200], sustain)
+        assert not roll.active[200:].any()

@@ -1,0 +1,80 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sb3_piano.exceptions import ScoreError, UnknownPieceError
+from sb3_piano.music import STUDIES, PianoRoll, major_scale, study
+
+REFERENCE = Path(__file__).parents[1] / "data" / "reference"
+
+
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [
+        ("CMajorScaleTwoHands", "rollout_CMajorScaleTwoHands_full_2"),
+        ("CMajorChordProgressionTwoHands", "rollout_CMajorChordProgressionTwoHands_reduced_3"),
+        ("CMajorScaleTwoHands", "performance_CMajorScaleTwoHands_full"),
+        ("DMajorScaleTwoHands", "performance_DMajorScaleTwoHands_full"),
+        ("CMajorChordProgressionTwoHands", "performance_CMajorChordProgressionTwoHands_full"),
+    ],
+)
+def test_rolls_equal_those_of_robopianist(name, file):
+    reference = np.load(REFERENCE / f"{file}.npz")
+    buffer = float(reference.get("initial_buffer_time", 0.0))
+    roll = PianoRoll.from_score(study(name), 0.05, initial_buffer_time=buffer)
+    steps, keys = np.nonzero(roll.active)
+    rows = np.column_stack([steps, keys, roll.finger[steps, keys]])
+    assert np.array_equal(rows, reference["roll_notes"])
+    assert np.array_equal(roll.sustain, reference["sustains"])
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_titles_are_the_names_and_every_note_has_a_finger(name):
+    score = study(name)
+    assert score.title == name
+    assert all(0 <= note.finger <= 9 and note.velocity == 80 for note in score.notes)
+
+
+@pytest.mark.parametrize("key", ["C", "D"])
+def test_one_hand_is_the_right_hand_of_two(key):
+    two_hands = study(f"{key}MajorScaleTwoHands").notes
+    right = tuple(note for note in two_hands if note.finger <= 4)
+    assert study(f"{key}MajorScaleOneHand").notes == right
+
+
+def test_the_left_hand_of_d_major_starts_at_50_with_the_little_finger():
+    first = study("DMajorScaleTwoHands").notes[0]
+    assert (first.pitch, first.finger, first.onset, first.offset) == (50, 9, 0.0, 0.5)
+
+
+def test_twinkle_has_two_phrases_that_end_in_a_long_note():
+    notes = study("TwinkleTwinkleLittleStar").notes
+    assert [note.pitch for note in notes] == [
+        *(60, 60, 67, 67, 69, 69, 67),
+        *(65, 65, 64, 64, 62, 62, 60),
+    ]
+    assert [note.finger for note in notes] == [0, 0, 2, 2, 3, 3, 2, 3, 3, 2, 2, 1, 1, 0]
+    assert [note.duration for note in notes] == ([0.5] * 6 + [1.0]) * 2
+    assert [note.onset for note in notes[6:8]] == [3.0, 4.0]
+
+
+def test_an_unknown_study_is_answered_with_the_nearest_names():
+    with pytest.raises(UnknownPieceError, match="Did you mean 'CMajorScaleOneHand'"):
+        study("cmajorscaleonehnd")
+
+
+def test_a_scale_starts_where_and_lasts_as_long_as_asked():
+    scale = major_scale(left=40, note_duration=0.25, title="E")
+    assert [note.pitch for note in scale.notes[:8]] == [40, 42, 44, 45, 47, 49, 51, 52]
+    assert (scale.duration, scale.title) == (3.75, "E")
+
+
+def test_a_scale_without_hands_is_refused():
+    with pytest.raises(ScoreError, match="has no notes"):
+        major_scale()
+
+
+def test_a_scale_off_the_keyboard_is_refused():
+    with pytest.raises(ScoreError, match="Pitch 109 is out of range"):
+        major_scale(right=100)

@@ -1,0 +1,91 @@
+"""The compiled scene: sizes, order and reading of its state."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.simulation import compile_scene, physics_profile
+
+
+@pytest.mark.parametrize(("reduced", "nq", "nu"), [(True, 134, 38), (False, 140, 44)])
+def test_the_model_has_robopianists_sizes(reduced, nq, nu):
+    model = compile_scene(reduced_action_space=reduced).model
+    assert (model.nq, model.nv, model.nu) == (nq, nq, nu)
+    assert sum(model.body_mass) == pytest.approx(15.272, abs=1e-9)
+
+
+def test_the_model_needs_no_mesh_file_and_has_one_mesh_a_forearm():
+    model = compile_scene().model
+    assert model.nmesh == 2
+    assert model.ngeom == 88 + 2 + 76  # keys; base and floor; shapes of both hands
+
+
+def test_the_reduced_action_space_lacks_three_joints_a_hand_and_limits_the_thumb():
+    full = compile_scene(reduced_action_space=False)
+    reduced = compile_scene(reduced_action_space=True)
+    missing = set(full.joint_names[0]) - set(reduced.joint_names[0])
+    assert missing == {f"rh_shadow_hand/rh_{joint}" for joint in ("LFJ5", "THJ5", "THJ1")}
+    thumb = reduced.model.joint("lh_shadow_hand/lh_THJ2")
+    assert thumb.range.tolist() == [0.0, 0.698132]
+    servo = reduced.model.actuator("lh_shadow_hand/lh_A_THJ2")
+    assert servo.ctrlrange.tolist() == [0.0, 0.698132]
+
+
+def test_actuators_are_in_robopianists_order_right_hand_first_sliders_last():
+    model = compile_scene().model
+    names = [model.actuator(i).name for i in range(model.nu)]
+    assert names[:2] == ["rh_shadow_hand/rh_A_WRJ2", "rh_shadow_hand/rh_A_WRJ1"]
+    assert names[17:20] == [
+        "rh_shadow_hand/forearm_tx",
+        "rh_shadow_hand/forearm_ty",
+        "lh_shadow_hand/lh_A_WRJ2",
+    ]
+
+
+def test_fingertips_are_ordered_thumb_to_little_right_hand_first():
+    scene = compile_scene()
+    data = mujoco.MjData(scene.model)
+    mujoco.mj_forward(scene.model, data)
+    y = scene.fingertip_position(data)[:, 1]
+    # At rest the palms face down: the right thumb is the right hand's leftmost finger.
+    assert np.all(np.diff(y[:5]) > 0)
+    assert np.all(np.diff(y[5:]) < 0)
+    assert y[:5].min() > 0 > y[5:].max()
+
+
+def test_keys_run_from_low_to_high_along_y_and_rest_unpressed():
+    scene = compile_scene()
+    data = mujoco.MjData(scene.model)
+    mujoco.mj_forward(scene.model, data)
+    assert np.all(np.diff(data.geom_xpos[scene.key_geom][:, 1]) > 0)
+    assert not scene.key_angle(data).any()
+
+
+def test_key_angles_outside_their_soft_limits_are_clipped():
+    scene = compile_scene()
+    data = mujoco.MjData(scene.model)
+    data.qpos[scene.key_qpos[:2]] = [-0.01, 1.0]
+    assert scene.key_angle(data)[:2].tolist() == [0.0, scene.key_max_angle[1]]
+
+
+@pytest.mark.parametrize(("shortfall", "sounds"), [(0.00872, True), (0.00873, False)])
+def test_a_key_sounds_within_half_a_degree_of_its_lowest_position(shortfall, sounds):
+    scene = compile_scene()
+    angle = scene.key_max_angle - shortfall
+    assert np.all((angle >= scene.key_sounding_angle) == sounds)
+
+
+def test_equal_arguments_share_one_compiled_scene_and_a_copy_has_its_own():
+    scene = compile_scene()
+    assert compile_scene() is scene
+    copied = scene.copy()
+    copied.model.opt.timestep = 0.001
+    assert scene.model.opt.timestep == 0.005
+
+
+def test_an_unknown_physics_profile_is_answered_with_a_near_name():
+    with pytest.raises(ConfigError, match=r"profile 'referense'.*'reference'"):
+        physics_profile("referense")

@@ -1,0 +1,86 @@
+"""Pictures: what is coloured, and what happens where nothing can be drawn."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.music import Note, Score
+from sb3_piano.simulation import find_gl_backend
+from sb3_piano.viewing import FINGER_COLORS, PRESSED_COLOR
+
+needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
+
+# A white key beside the left hand, due for the right thumb.
+DUE = Score(notes=[Note(onset=0.0, offset=0.2, pitch=48, finger=0)])
+
+
+def count_dominated_by(channel, picture):
+    """Return how many pixels are clearly red (0), green (1) or blue (2)."""
+    others = np.delete(picture.astype(float), channel, axis=2).max(axis=2)
+    return int((picture[..., channel] > 1.5 * others).sum())
+
+
+@needs_gl
+@pytest.mark.parametrize("camera", ["overview", "topdown"])
+def test_a_due_key_has_its_fingers_colour_and_a_sounding_key_is_green(camera):
+    env = PianoEnv(DUE, render_mode="rgb_array", camera_name=camera, width=640, height=480)
+    env.reset(seed=0)
+    assert np.argmax(FINGER_COLORS[0][:3]) == 0
+    assert np.argmax(PRESSED_COLOR[:3]) == 1
+    due = env.render()
+    assert due.shape == (480, 640, 3)
+    assert due.dtype == np.uint8
+    assert count_dominated_by(1, due) == 0
+    env.data.qpos[env.scene.key_qpos[48 - 21]] = env.scene.key_max_angle[48 - 21]
+    pressed = env.render()
+    assert count_dominated_by(1, pressed) > 200
+    assert count_dominated_by(0, pressed) < count_dominated_by(0, due) - 200
+    env.close()
+
+
+@needs_gl
+def test_rendering_leaves_the_model_and_the_simulation_as_they_were():
+    env = PianoEnv(DUE, render_mode="rgb_array", width=64, height=64)
+    env.reset(seed=0)
+    colors = env.model.geom_rgba.copy()
+    before = env.get_state().physics
+    env.render()
+    np.testing.assert_array_equal(env.model.geom_rgba, colors)
+    np.testing.assert_array_equal(env.get_state().physics, before)
+    env.close()
+    env.close()
+
+
+def test_without_a_render_mode_nothing_is_drawn():
+    env = PianoEnv(DUE)
+    env.reset(seed=0)
+    assert env.render() is None
+
+
+NO_OPENGL = """
+from sb3_piano.envs import PianoEnv
+env = PianoEnv("TwinkleTwinkleLittleStar", render_mode="rgb_array")
+env.reset(seed=0)
+env.step(env.rest_action)
+print("stepped")
+try:
+    env.render()
+except Exception as error:
+    print(type(error).__name__, error)
+"""
+
+
+def test_where_nothing_can_be_drawn_the_env_still_steps_and_says_what_to_install():
+    environment = {**os.environ, "MUJOCO_GL": "disable"}
+    done = subprocess.run(
+        [sys.executable, "-c", NO_OPENGL],
+        env=environment, check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.stdout.startswith("stepped\nRenderingError Cannot draw the scene")
+    assert "apt-get install libosmesa6" in done.stdout

@@ -15,6 +15,8 @@ from sb3_piano.callbacks.replay_segments import SEGMENT_PATTERN, ReplayManifest,
 from sb3_piano.exceptions import ConfigError, RunError
 
 CHECKPOINT_FILE = "checkpoint.json"
+DEFAULT_EVERY = 10_000
+"""Environment steps between two checkpoints."""
 _PATTERNS = ("model-*.zip", "vecnormalize-*.pkl", SEGMENT_PATTERN, f"*{PARTIAL_SUFFIX}")
 
 
@@ -106,17 +108,15 @@ class ResumableCheckpoint(BaseCallback):
     def __init__(
         self,
         folder: str | Path,
-        every: int = 10_000,
+        every: int = DEFAULT_EVERY,
         *,
         model_copy: str | Path | None = None,
         labels: Mapping[str, str] | None = None,
         resumed: Checkpoint | None = None,
     ) -> None:
         super().__init__()
-        if every < 1:
-            raise ConfigError(f"Steps between checkpoints is {every}: expected 1 or more.")
         self._folder = Path(folder)
-        self._every = every
+        self._every = checked_every(every)
         self._model_copy = None if model_copy is None else Path(model_copy)
         self._labels = dict(labels or {})
         self._saved_at = 0 if resumed is None else resumed.num_timesteps
@@ -188,3 +188,14 @@ class ResumableCheckpoint(BaseCallback):
             for path in self._folder.glob(pattern):
                 if path.name not in files:
                     path.unlink(missing_ok=True)
+
+
+def checked_every(every: int) -> int:
+    """Return a number of steps between checkpoints that is at least 1.
+
+    Raises:
+        ConfigError: If it is less.
+    """
+    if every < 1:
+        raise ConfigError(f"The steps between two checkpoints are {every}: expected 1 or more.")
+    return every

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-import multiprocessing
+import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -54,9 +54,10 @@ def build_vec_env(
     spec = gym.spec(registered_id(config.env_id, config.env_module)[1])
     env_kwargs = dict(config.env_kwargs)
     info_keywords = config.monitor_kwargs.get("info_keywords", ())
+    training_process = os.getpid()
 
     def make() -> gym.Env[Any, Any]:
-        if multiprocessing.parent_process() is not None:
+        if os.getpid() != training_process:
             # Ctrl-C reaches the whole process group; it is for the training alone to answer it.
             signal.signal(signal.SIGINT, signal.SIG_IGN)
         env: gym.Env[Any, Any] = spec.make(**env_kwargs)
@@ -68,15 +69,18 @@ def build_vec_env(
             env = plugin(env)
         return env
 
+    subproc = config.vec_env == "subproc"
     try:
+        if subproc:
+            wrap(make()).close()  # what is wrong is easier told from here than from a process
         venv = make_vec_env(
             make,
             n_envs=config.n_envs,
             seed=config.seed,
             wrapper_class=wrap,
-            vec_env_cls=SubprocVecEnv if config.vec_env == "subproc" else DummyVecEnv,
+            vec_env_cls=SubprocVecEnv if subproc else DummyVecEnv,
             # fork is not safe in a process with threads, such as torch's
-            vec_env_kwargs={"start_method": "spawn"} if config.vec_env == "subproc" else {},
+            vec_env_kwargs={"start_method": "spawn"} if subproc else {},
             monitor_kwargs=dict(config.monitor_kwargs),
         )
     except TypeError as error:

@@ -26,9 +26,9 @@ class RunFolder:
 
     ======================== =====================================================================
     ``config.yml``           the :class:`RunConfig`, with all defaults and the seed filled in
-    ``run.yml``              command line, versions of packages, seed, time
+    ``run.yml``              command line, versions of packages, seed, time, the score file's origin
     ``score.<suffix>``       the score file that is played, if the run was given one
-    ``model.zip``            the newest saved model (``vecnormalize.pkl`` beside it, if there is one)
+    ``model.zip``            the newest saved model; ``vecnormalize.pkl`` beside it, if it has any
     ``checkpoint/``          what resuming needs, see :class:`~sb3_piano.callbacks.Checkpoint`
     ``monitor/``             one ``<n>.monitor.csv`` per environment. After a crash it also has the
                              episodes since the last checkpoint, which are then played again
@@ -140,12 +140,13 @@ class RunFolder:
         write_text(self.config_file, yaml.safe_dump(config.to_mapping(), sort_keys=False))
 
     def _write(self, config: RunConfig) -> None:
+        notes = provenance(config.seed)
         score = config.env_kwargs.get("score")
-        if isinstance(score, str) and Path(score).is_file():
+        if isinstance(score, str) and Path(score).suffix and Path(score).is_file():
+            notes["score_file"] = score
             copy = self.path / f"score{Path(score).suffix}"
             shutil.copyfile(score, copy)
             config = _with_score(config, str(copy))
-        notes = provenance(config.seed)
         write_text(self.provenance_file, yaml.safe_dump(notes, sort_keys=False))
         self.write_config(config)
 

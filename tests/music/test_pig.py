@@ -113,7 +113,7 @@ def test_a_file_of_comments_has_no_notes(tmp_path):
 
 def test_a_byte_order_mark_and_windows_line_ends_are_no_obstacle(tmp_path):
     path = tmp_path / "etude.txt"
-    path.write_bytes(b"\xef\xbb\xbf" + line().replace("\n", "\r\n").encode())
+    path.write_bytes(b"\xef\xbb\xbf" + ("// first\n" + line()).replace("\n", "\r\n").encode())
     assert len(read_pig(path).notes) == 1
 
 

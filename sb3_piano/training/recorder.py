@@ -1,0 +1,71 @@
+"""What happens in the bare environment while something plays in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, SupportsFloat
+
+import gymnasium as gym
+
+from sb3_piano.envs import RETURN_KEYS, Performance
+from sb3_piano.metrics import EPISODE_METRICS
+from sb3_piano.music import Score
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """A finished episode."""
+
+    metrics: Mapping[str, float]
+    """``return``, ``length`` in steps and, of piano environments, the music metrics and the sums of
+    the reward's weighted terms, by their names in ``info``."""
+    performance: Score | None
+    """What was played; ``None`` if no key was pressed, or the environment is no piano."""
+
+
+class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
+    """Record each episode when it ends, before a vector of environments resets it.
+
+    Put around the bare environment, it sees its own rewards, whatever wrappers further out do.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
+        self.finished: list[Recording] = []
+        """The episodes that ended, in their order."""
+        self.resting = False
+        """Whether the hands rest, whatever action arrives (see :attr:`can_rest`)."""
+        self._return = 0.0
+        self._length = 0
+
+    @property
+    def can_rest(self) -> bool:
+        """Whether the environment names an action that plays nothing."""
+        return hasattr(self.unwrapped, "rest_action")
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode."""
+        self._return, self._length = 0.0, 0
+        return self.env.reset(seed=seed, options=options)
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Step, and record the episode if it ended."""
+        if self.resting:
+            action = self.unwrapped.rest_action  # type: ignore[attr-defined]
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self._return += float(reward)
+        self._length += 1
+        if terminated or truncated:
+            self.finished.append(self._recording(info))
+        return observation, reward, terminated, truncated, info
+
+    def _recording(self, info: Mapping[str, Any]) -> Recording:
+        played = getattr(self.unwrapped, "performance", None)
+        metrics = {"return": self._return, "length": float(self._length)}
+        names = (*EPISODE_METRICS, *RETURN_KEYS)
+        metrics.update({name: float(info[name]) for name in names if name in info})
+        score = played.to_score() if isinstance(played, Performance) else None
+        return Recording(metrics=metrics, performance=score)

@@ -1,0 +1,231 @@
+"""A checkpoint is complete, valid at every moment, and taken at the right step."""
+
+from __future__ import annotations
+
+import json
+import os
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import VecNormalize
+
+from sb3_piano.callbacks import Checkpoint, ResumableCheckpoint, restore_replay_buffer
+from sb3_piano.callbacks.files import write_bytes
+from sb3_piano.exceptions import ConfigError, RunError
+
+
+def make_model(n_envs=1, normalize=False, **kwargs):
+    venv = make_vec_env("Pendulum-v1", n_envs=n_envs, seed=0)
+    if normalize:
+        venv = VecNormalize(venv)
+    settings = {
+        "learning_starts": 1000,
+        "buffer_size": 60 * n_envs,
+        "policy_kwargs": {"net_arch": [8]},
+        "device": "cpu",
+    }
+    return SAC("MlpPolicy", venv, seed=0, **{**settings, **kwargs})
+
+
+class SavedSteps(BaseCallback):
+    """Note down at which steps the checkpoint changes, and what it then holds."""
+
+    def __init__(self, folder):
+        super().__init__()
+        self.folder = folder
+        self.steps = []
+        self.rows = []
+
+    def _on_rollout_start(self):
+        saved = Checkpoint.read(self.folder)
+        if saved is not None and saved.num_timesteps not in self.steps:
+            self.steps.append(saved.num_timesteps)
+            self.rows.append(saved.replay.total)
+
+    def _on_step(self):
+        return True
+
+
+class Killed(BaseException):
+    """Stands for SIGKILL: nothing catches it."""
+
+
+@pytest.mark.parametrize(("n_envs", "steps"), [(1, [20, 40]), (3, [21, 42])])
+def test_steps_are_counted_not_calls_and_each_counted_step_is_in_the_buffer(
+    tmp_path, n_envs, steps
+):
+    watcher = SavedSteps(tmp_path)
+    make_model(n_envs).learn(50, callback=[ResumableCheckpoint(tmp_path, 20), watcher])
+    assert watcher.steps == steps
+    assert watcher.rows == [count // n_envs for count in steps]
+
+
+def test_the_end_of_training_is_saved(tmp_path):
+    make_model().learn(25, callback=ResumableCheckpoint(tmp_path, 20))
+    assert Checkpoint.read(tmp_path).num_timesteps == 25
+
+
+def test_nothing_is_written_twice_for_one_step(tmp_path):
+    saver = ResumableCheckpoint(tmp_path, 20)
+    make_model().learn(25, callback=saver)
+    written = (tmp_path / "checkpoint.json").stat().st_mtime_ns
+    saver.save()
+    assert (tmp_path / "checkpoint.json").stat().st_mtime_ns == written
+
+
+def test_only_the_files_of_the_last_checkpoint_remain(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "model-7.zip.partial").write_text("left over")
+    make_model().learn(100, callback=ResumableCheckpoint(tmp_path, 20))
+    # the buffer holds 60 rows: those of the last three checkpoints
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "checkpoint.json",
+        "model-100.zip",
+        "replay-40-60.npz",
+        "replay-60-80.npz",
+        "replay-80-100.npz",
+        "notes.txt",
+    }
+
+
+def test_model_and_replay_buffer_come_back_equal(tmp_path):
+    model = make_model(n_envs=2, learning_starts=20)
+    model.learn(90, callback=ResumableCheckpoint(tmp_path, 30))
+    saved = Checkpoint.read(tmp_path)
+    loaded = SAC.load(tmp_path / saved.model, env=model.get_env(), device="cpu")
+    restore_replay_buffer(loaded.replay_buffer, tmp_path, saved.replay)
+    assert loaded.num_timesteps == 90
+    for ours, theirs in zip(loaded.policy.parameters(), model.policy.parameters(), strict=True):
+        assert torch.equal(ours, theirs)
+    np.testing.assert_array_equal(
+        loaded.replay_buffer.observations, model.replay_buffer.observations
+    )
+    assert loaded.replay_buffer.pos == model.replay_buffer.pos
+
+
+def test_the_statistics_of_vec_normalize_are_saved(tmp_path):
+    model = make_model(normalize=True)
+    model.learn(30, callback=ResumableCheckpoint(tmp_path / "checkpoint", 20))
+    saved = Checkpoint.read(tmp_path / "checkpoint")
+    venv = make_vec_env("Pendulum-v1")
+    loaded = VecNormalize.load(str(tmp_path / "checkpoint" / saved.vec_normalize), venv)
+    np.testing.assert_array_equal(loaded.obs_rms.mean, model.get_env().obs_rms.mean)
+
+
+def test_a_copy_of_the_model_is_kept_where_it_is_wanted(tmp_path):
+    saver = ResumableCheckpoint(tmp_path / "inner", 20, model_copy=tmp_path / "model.zip")
+    make_model(normalize=True).learn(50, callback=saver)
+    assert SAC.load(tmp_path / "model.zip").num_timesteps == 50
+    assert (tmp_path / "vecnormalize.pkl").is_file()
+
+
+def test_on_policy_algorithms_are_saved_without_a_replay_buffer(tmp_path):
+    model = PPO("MlpPolicy", "Pendulum-v1", n_steps=16, batch_size=16, n_epochs=1, device="cpu")
+    model.learn(48, callback=ResumableCheckpoint(tmp_path, 20))
+    saved = Checkpoint.read(tmp_path)
+    assert saved.replay is None
+    assert PPO.load(tmp_path / saved.model).num_timesteps == 48
+
+
+@pytest.mark.parametrize("kill_at", range(1, 11))
+def test_a_process_killed_at_any_file_leaves_a_checkpoint_that_can_be_restored(
+    tmp_path, monkeypatch, kill_at
+):
+    """Three files are renamed per checkpoint; die before or after each of the first ones."""
+    real, calls = os.replace, []
+
+    def replace(source, target):
+        calls.append(target)
+        if len(calls) == kill_at:
+            raise Killed
+        real(source, target)
+
+    model = make_model(learning_starts=30)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", replace)
+        with pytest.raises(Killed):
+            model.learn(200, callback=ResumableCheckpoint(tmp_path, 20))
+    saved = Checkpoint.read(tmp_path)
+    committed = (kill_at - 1) // 3
+    assert (0 if saved is None else saved.num_timesteps) == 20 * committed
+    if saved is not None:
+        other = make_model()
+        restore_replay_buffer(other.replay_buffer, tmp_path, saved.replay)
+        assert SAC.load(tmp_path / saved.model).num_timesteps == 20 * committed
+        assert other.replay_buffer.size() == min(20 * committed, 60)
+
+
+def test_a_killed_deletion_leaves_a_checkpoint_that_can_be_restored(tmp_path, monkeypatch):
+    def unlink(self, missing_ok=False):
+        raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pathlib.Path.unlink", unlink)
+        with pytest.raises(Killed):
+            make_model().learn(200, callback=ResumableCheckpoint(tmp_path, 20))
+    assert Checkpoint.read(tmp_path).num_timesteps == 40
+    make_model().learn(25, callback=ResumableCheckpoint(tmp_path, 20))
+    assert not (tmp_path / "model-20.zip").exists()
+
+
+def test_a_dictionary_buffer_is_refused_when_training_starts(tmp_path):
+    class DictEnv(gym.Wrapper):
+        def __init__(self):
+            super().__init__(gym.make("Pendulum-v1"))
+            self.observation_space = gym.spaces.Dict({"o": self.env.observation_space})
+
+        def reset(self, **kwargs):
+            observation, info = self.env.reset(**kwargs)
+            return {"o": observation}, info
+
+        def step(self, action):
+            observation, *rest = self.env.step(action)
+            return ({"o": observation}, *rest)
+
+    model = SAC("MultiInputPolicy", DictEnv(), buffer_size=50, device="cpu")
+    with pytest.raises(RunError, match="A DictReplayBuffer of 50 row"):
+        model.learn(5, callback=ResumableCheckpoint(tmp_path, 20))
+
+
+@pytest.mark.parametrize("every", [0, -5])
+def test_steps_between_checkpoints_must_be_positive(tmp_path, every):
+    with pytest.raises(ConfigError, match=f"are {every}: expected 1 or more"):
+        ResumableCheckpoint(tmp_path, every)
+
+
+def test_a_folder_without_a_checkpoint_has_none(tmp_path):
+    assert Checkpoint.read(tmp_path) is None
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", '{"replay": null, "colour": 1}', "{"])
+def test_a_damaged_checkpoint_file_is_named(tmp_path, content):
+    (tmp_path / "checkpoint.json").write_text(content)
+    with pytest.raises(RunError, match=r"Checkpoint '.*checkpoint\.json' cannot be read"):
+        Checkpoint.read(tmp_path)
+
+
+def test_a_missing_file_of_a_checkpoint_is_named(tmp_path):
+    Checkpoint(num_timesteps=5, model="model-5.zip").write(tmp_path)
+    with pytest.raises(RunError, match=r"names 'model-5\.zip', which is not there: expected all 1"):
+        Checkpoint.read(tmp_path)
+
+
+def test_labels_are_written_into_the_checkpoint(tmp_path):
+    labels = {"algo": "sac"}
+    make_model().learn(5, callback=ResumableCheckpoint(tmp_path, 20, labels=labels))
+    assert json.loads((tmp_path / "checkpoint.json").read_text())["labels"] == labels
+    assert Checkpoint.read(tmp_path).labels == labels
+
+
+def test_a_write_that_fails_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "file"
+    write_bytes(path, b"old")
+    monkeypatch.setattr(os, "fsync", lambda descriptor: (_ for _ in ()).throw(OSError("full")))
+    with pytest.raises(OSError, match="full"):
+        write_bytes(path, b"new and longer")
+    assert path.read_bytes() == b"old"

@@ -1,0 +1,218 @@
+"""A replay buffer written in pieces is the same buffer when it is read back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from gymnasium import spaces
+from stable_baselines3.common.buffers import DictReplayBuffer, NStepReplayBuffer, ReplayBuffer
+
+from sb3_piano.callbacks.replay_segments import (
+    ReplayManifest,
+    ReplaySegments,
+    end_last_episode,
+    restore_replay_buffer,
+    ring_arrays,
+)
+from sb3_piano.exceptions import RunError
+
+OBSERVATIONS = spaces.Box(-1.0, 1.0, (3,), dtype=np.float32)
+ACTIONS = spaces.Box(-1.0, 1.0, (2,), dtype=np.float32)
+CAPACITY = 10  # rows; each has one transition per environment
+
+
+class LabelledBuffer(ReplayBuffer):
+    """A buffer with one more array of rows, and one that has nothing to do with rows."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        self.labels = np.zeros((self.buffer_size, self.n_envs), dtype=np.int64)
+        self.table = np.zeros(3)
+
+    def add(self, obs, *args, **kwargs):
+        self.labels[self.pos] = (1000 * np.abs(obs[:, 0])).astype(np.int64)
+        super().add(obs, *args, **kwargs)
+
+
+def make_buffer(kind=ReplayBuffer, n_envs=1, capacity=CAPACITY, **kwargs):
+    return kind(capacity * n_envs, OBSERVATIONS, ACTIONS, device="cpu", n_envs=n_envs, **kwargs)
+
+
+def add_rows(buffer, count, rng):
+    for _ in range(count):
+        shape = (buffer.n_envs, 3)
+        buffer.add(
+            rng.uniform(-1, 1, shape).astype(np.float32),
+            rng.uniform(-1, 1, shape).astype(np.float32),
+            rng.uniform(-1, 1, (buffer.n_envs, 2)).astype(np.float32),
+            rng.normal(size=buffer.n_envs),
+            rng.random(buffer.n_envs) < 0.3,
+            [{"TimeLimit.truncated": bool(rng.random() < 0.5)} for _ in range(buffer.n_envs)],
+        )
+
+
+def train_and_save(folder, buffer, additions, rng):
+    """Add rows, with a committed write after each number of them; return the last manifest."""
+    segments = ReplaySegments(folder, buffer)
+    for count in additions:
+        for _ in range(count):
+            add_rows(buffer, 1, rng)
+            segments.observe()
+        manifest = segments.write()
+        segments.committed(manifest)
+    return manifest
+
+
+def assert_same(restored, original):
+    assert (restored.pos, restored.full) == (original.pos, original.full)
+    for name, array in ring_arrays(original).items():
+        np.testing.assert_array_equal(getattr(restored, name), array, err_msg=name)
+    np.random.seed(5)
+    expected = original.sample(32)
+    np.random.seed(5)
+    for ours, theirs in zip(restored.sample(32), expected, strict=True):
+        assert (ours is None and theirs is None) or bool((ours == theirs).all())
+
+
+@pytest.mark.parametrize("n_envs", [1, 2])
+@pytest.mark.parametrize(
+    "additions",
+    [(4,), (4, 3), (7, 8), (CAPACITY,), (3, CAPACITY), (25,), (4, 25, 3), (4, 0, 4), (1,) * 23],
+    ids=str,
+)
+@pytest.mark.parametrize("kind", [ReplayBuffer, NStepReplayBuffer, LabelledBuffer])
+def test_a_restored_buffer_has_equal_rows_and_gives_equal_samples(
+    tmp_path, kind, additions, n_envs
+):
+    rng = np.random.default_rng(1)
+    original = make_buffer(kind, n_envs)
+    manifest = train_and_save(tmp_path, original, additions, rng)
+    restored = make_buffer(kind, n_envs)
+    restore_replay_buffer(restored, tmp_path, ReplayManifest.from_json(manifest.to_json()))
+    assert_same(restored, original)
+
+
+def test_rows_that_were_there_before_training_are_saved_too(tmp_path):
+    rng = np.random.default_rng(1)
+    original = make_buffer()
+    add_rows(original, CAPACITY + 3, rng)
+    manifest = train_and_save(tmp_path, original, (2,), rng)
+    restored = make_buffer()
+    restore_replay_buffer(restored, tmp_path, manifest)
+    assert_same(restored, original)
+
+
+def test_each_write_holds_only_the_new_rows(tmp_path):
+    manifest = train_and_save(tmp_path, make_buffer(), (4, 3), np.random.default_rng(1))
+    assert [(s.first, s.last) for s in manifest.segments] == [(0, 4), (4, 7)]
+    with np.load(tmp_path / manifest.segments[1].file) as rows:
+        assert rows["observations"].shape == (3, 1, 3)
+
+
+def test_a_write_without_new_rows_makes_no_file(tmp_path):
+    manifest = train_and_save(tmp_path, make_buffer(), (4, 0), np.random.default_rng(1))
+    assert [segment.file for segment in manifest.segments] == ["replay-0-4.npz"]
+
+
+def test_segments_that_are_all_overwritten_are_left_out(tmp_path):
+    manifest = train_and_save(tmp_path, make_buffer(), (4, 4, 6), np.random.default_rng(1))
+    # 14 rows were added, 10 fit: the rows 0 to 3 are gone
+    assert [(s.first, s.last) for s in manifest.segments] == [(4, 8), (8, 14)]
+
+
+def test_a_write_that_was_never_committed_changes_nothing(tmp_path):
+    rng = np.random.default_rng(1)
+    buffer = make_buffer()
+    segments = ReplaySegments(tmp_path, buffer)
+    add_rows(buffer, 4, rng)
+    valid = segments.write()
+    segments.committed(valid)
+    before = {name: array.copy() for name, array in ring_arrays(buffer).items()}
+    add_rows(buffer, 3, rng)
+    segments.write()  # and the process is killed here
+    restored = make_buffer()
+    restore_replay_buffer(restored, tmp_path, valid)
+    assert restored.pos == 4
+    for name, array in ring_arrays(restored).items():
+        np.testing.assert_array_equal(array[:4], before[name][:4], err_msg=name)
+
+
+@pytest.mark.parametrize("before", [4, 13])
+@pytest.mark.parametrize("n_envs", [1, 2])
+def test_a_resumed_buffer_goes_on_being_saved_with_the_border_between_the_episodes(
+    tmp_path, before, n_envs
+):
+    rng = np.random.default_rng(1)
+    first = make_buffer(NStepReplayBuffer, n_envs)
+    saved = train_and_save(tmp_path, first, (2, before - 2), rng)
+    second = make_buffer(NStepReplayBuffer, n_envs)
+    restore_replay_buffer(second, tmp_path, saved)
+    end_last_episode(second)
+    segments = ReplaySegments(tmp_path, second, saved)
+    add_rows(second, 3, rng)
+    again = segments.write()
+    third = make_buffer(NStepReplayBuffer, n_envs)
+    restore_replay_buffer(third, tmp_path, again)
+    assert_same(third, second)
+    assert (third.dones[(before - 1) % CAPACITY] == 1).all()
+
+
+def test_ending_the_last_episode_keeps_its_transition_and_bounds_n_step_returns():
+    buffer = make_buffer(NStepReplayBuffer, n_steps=3, gamma=1.0)
+    for reward in (1.0, 10.0):
+        zeros = np.zeros((1, 3), dtype=np.float32)
+        buffer.add(zeros, zeros, np.zeros((1, 2)), np.array([reward]), np.array([False]), [{}])
+    end_last_episode(buffer)
+    buffer.add(zeros, zeros, np.zeros((1, 2)), np.array([100.0]), np.array([False]), [{}])
+    samples = buffer._get_samples(np.array([0, 1, 2]))
+    assert samples.rewards.flatten().tolist() == [11.0, 10.0, 100.0]
+    assert samples.dones.flatten().tolist() == [0.0, 0.0, 0.0]  # truncated, so bootstrapped
+
+
+def test_ending_the_last_episode_leaves_a_true_end_alone():
+    buffer = make_buffer()
+    zeros = np.zeros((1, 3), dtype=np.float32)
+    buffer.add(zeros, zeros, np.zeros((1, 2)), np.zeros(1), np.array([True]), [{}])
+    end_last_episode(buffer)
+    assert (buffer.dones[0, 0], buffer.timeouts[0, 0]) == (1.0, 0.0)
+
+
+def test_ending_the_last_episode_of_an_empty_buffer_does_nothing():
+    buffer = make_buffer()
+    end_last_episode(buffer)
+    assert not buffer.dones.any()
+
+
+def test_a_dictionary_buffer_is_refused():
+    observations = spaces.Dict({"keys": OBSERVATIONS})
+    buffer = DictReplayBuffer(CAPACITY, observations, ACTIONS, device="cpu")
+    with pytest.raises(RunError, match="A DictReplayBuffer of 10 row.* two or more rows in numpy"):
+        ring_arrays(buffer)
+
+
+@pytest.mark.parametrize(("n_envs", "capacity"), [(2, CAPACITY), (1, CAPACITY + 1)])
+def test_a_buffer_of_another_size_is_refused_and_both_sizes_are_told(tmp_path, n_envs, capacity):
+    saved = train_and_save(tmp_path, make_buffer(), (4,), np.random.default_rng(1))
+    text = rf"has 10 rows of 1 environment\(s\), the model's has {capacity} of {n_envs}"
+    with pytest.raises(RunError, match=text):
+        restore_replay_buffer(make_buffer(n_envs=n_envs, capacity=capacity), tmp_path, saved)
+
+
+@pytest.mark.parametrize("damage", ["missing", "cut", "empty"])
+def test_a_missing_or_damaged_segment_is_named(tmp_path, damage):
+    saved = train_and_save(tmp_path, make_buffer(), (4,), np.random.default_rng(1))
+    path = tmp_path / "replay-0-4.npz"
+    content = path.read_bytes()
+    path.unlink()
+    if damage != "missing":
+        path.write_bytes(content[: len(content) // 2] if damage == "cut" else b"")
+    with pytest.raises(RunError, match=r"Replay segment '.*replay-0-4\.npz' cannot be read"):
+        restore_replay_buffer(make_buffer(), tmp_path, saved)
+
+
+def test_rows_of_another_shape_are_named(tmp_path):
+    saved = train_and_save(tmp_path, make_buffer(), (4,), np.random.default_rng(1))
+    wide = spaces.Box(-1.0, 1.0, (5,), dtype=np.float32)
+    other = ReplayBuffer(CAPACITY, wide, ACTIONS, device="cpu")
+    with pytest.raises(RunError, match=r"'observations' in .* is float32 \(4, 1, 3\): expected"):
+        restore_replay_buffer(other, tmp_path, saved)

@@ -18,7 +18,7 @@ def main() -> None:
     env.reset(seed=0)
     truncated = False
     while not truncated:
-        _, reward, _, truncated, info = env.step(env.action_space.sample())
+        *_, truncated, info = env.step(env.action_space.sample())
     print("Reward terms of the last step:", info["reward_terms"])
 
     baseline = noop_scores(env.unwrapped.roll.active)

@@ -1,4 +1,4 @@
-"""Does stock TD3 improve on a piece within two thousand steps?"""
+"""Does stock TD3 improve on a piece within a thousand steps?"""
 
 import gymnasium as gym
 from stable_baselines3 import TD3
@@ -8,7 +8,7 @@ from stable_baselines3.common.monitor import Monitor
 import sb3_piano  # noqa: F401  registers the ids
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
-STEPS = 2_000
+STEPS = 1_000
 
 
 def main() -> None:

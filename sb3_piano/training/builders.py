@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import os
 import signal
 from collections.abc import Callable
@@ -24,7 +23,12 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv,
 
 from sb3_piano.callbacks.replay_segments import ring_arrays
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.training.coerce import accepts_schedule, check_arguments, linear_start
+from sb3_piano.training.coerce import (
+    accepts_schedule,
+    check_arguments,
+    linear_start,
+    parameters_of,
+)
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.env_ids import registered_id
 from sb3_piano.training.episode_log import EpisodeLog
@@ -134,7 +138,7 @@ def build_callbacks(config: RunConfig) -> list[BaseCallback]:
 
 def algorithm_arguments(config: RunConfig) -> dict[str, Any]:
     """Return the arguments of the algorithm's constructor with classes and schedules made."""
-    parameters = inspect.signature(config.algorithm).parameters
+    parameters = parameters_of(config.algorithm)
     arguments = check_arguments(config.algorithm_kwargs, config.algorithm)
     for name, value in arguments.items():
         start = linear_start(value)

@@ -37,7 +37,7 @@ def check_arguments(
     Raises:
         ConfigError: If a name is unknown or reserved, or a value has the wrong type.
     """
-    parameters = inspect.signature(function).parameters
+    parameters = parameters_of(function)
     takes_any = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
     variadic = {n for n, p in parameters.items() if p.kind in (p.VAR_KEYWORD, p.VAR_POSITIONAL)}
     refused = {*reserved, *variadic}
@@ -55,6 +55,14 @@ def check_arguments(
                 f"Unknown key {name!r} for {owner}.{suggestion} Expected one of {', '.join(known)}."
             )
     return checked
+
+
+def parameters_of(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
+    """Return the parameters of a function or class, with annotations as types where possible."""
+    try:
+        return inspect.signature(function, eval_str=True).parameters
+    except (NameError, TypeError):  # types that its module only imports for type checkers
+        return inspect.signature(function).parameters
 
 
 def coerce(value: Any, annotation: Any, key: str) -> Any:

@@ -13,6 +13,7 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from sb3_piano.envs import ENV_IDS
+from sb3_piano.music import Note, Score, write_midi
 
 # Prints a hash of everything that a seeded episode of random actions hands out.
 EPISODE_HASH = """
@@ -87,30 +88,7 @@ def test_the_same_seed_gives_bitwise_the_same_episode_in_one_process():
     np.testing.assert_array_equal(*episodes)
 
 
-def test_every_public_name_exists():
-    import sb3_piano.callbacks
-    import sb3_piano.envs
-    import sb3_piano.music
-    import sb3_piano.simulation
-    import sb3_piano.training
-    import sb3_piano.viewing
-
-    for module in (
-        sb3_piano,
-        sb3_piano.callbacks,
-        sb3_piano.envs,
-        sb3_piano.music,
-        sb3_piano.simulation,
-        sb3_piano.training,
-        sb3_piano.viewing,
-    ):
-        for name in module.__all__:
-            assert hasattr(module, name), f"{module.__name__}.{name}"
-
-
 def test_the_general_id_plays_any_score(tmp_path):
-    from sb3_piano.music import Note, Score, write_midi
-
     path = tmp_path / "piece.mid"
     write_midi(Score(notes=[Note(onset=0.5, offset=1.0, pitch=60)]), path)
     for score in (path, str(path), "DMajorScaleOneHand"):

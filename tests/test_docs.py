@@ -1,0 +1,38 @@
+"""What the README and the examples tell their readers to run does run."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sb3_piano.envs import ENV_IDS
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+
+
+def run(code: list[str], folder: Path) -> str:
+    done = subprocess.run([sys.executable, *code], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("number", range(len(BLOCKS)))
+def test_a_python_block_of_the_readme_runs(number, tmp_path):
+    run(["-c", BLOCKS[number]], tmp_path)
+
+
+def test_the_readme_has_python_blocks_and_names_every_environment():
+    assert len(BLOCKS) >= 2
+    assert all(f"`{env_id}`" in README for env_id in ENV_IDS)
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_runs_and_prints_a_number(example, tmp_path):
+    assert re.search(r"\d", run([str(example)], tmp_path))

@@ -1,0 +1,64 @@
+"""The package as a whole: its public names, its rooms and who may import whom."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import sb3_piano
+
+PACKAGE = Path(sb3_piano.__file__).parent
+
+# The rooms, each of which imports only from those before it.
+ROOMS = [
+    "exceptions",
+    "music",
+    "simulation",
+    "metrics",
+    "viewing",
+    "envs",
+    "callbacks",
+    "hyperparams",
+    "training",
+    "tuning",
+    "cli",
+]
+
+
+@pytest.mark.parametrize("room", ["", *(f".{r}" for r in ROOMS if (PACKAGE / r).is_dir())])
+def test_every_public_name_exists(room):
+    module = importlib.import_module(f"sb3_piano{room}")
+    for name in getattr(module, "__all__", ()):
+        assert hasattr(module, name), f"{module.__name__}.{name}"
+
+
+def imported_rooms(path: Path) -> set[str]:
+    """Return the rooms of ours that a module imports from."""
+    names = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names.append(node.module)
+        elif isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+    parts = [name.split(".") for name in names]
+    return {part[1] for part in parts if part[0] == "sb3_piano" and len(part) > 1}
+
+
+def test_a_room_imports_only_from_rooms_before_it():
+    for path in PACKAGE.rglob("*.py"):
+        room = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+        if room in ("__init__", "__main__"):
+            continue
+        allowed = ROOMS[: ROOMS.index(room) + 1]
+        assert imported_rooms(path) <= set(allowed), path
+
+
+def test_importing_the_package_prints_nothing_and_warns_of_nothing():
+    command = [sys.executable, "-W", "error", "-c", "import sb3_piano"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

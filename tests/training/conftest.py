@@ -1,0 +1,60 @@
+"""What the tests of training share: tiny settings for an environment that costs nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pretty_midi
+import pytest
+import torch
+
+from sb3_piano.training import RunConfig
+
+SMALL = {
+    "policy_kwargs": {"net_arch": [8]},
+    "learning_starts": 20,
+    "batch_size": 8,
+    "buffer_size": 200,
+    "device": "cpu",
+}
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    torch.set_num_threads(1)
+
+
+@pytest.fixture
+def small_config():
+    """Return a function that makes a config of a tiny TD3 on Pendulum, episodes of 20 steps."""
+
+    def make(**changes):
+        algorithm_kwargs = {**SMALL, **changes.pop("algorithm_kwargs", {})}
+        settings = {
+            "algo": "td3",
+            "env_id": "Pendulum-v1",
+            "n_timesteps": 100,
+            "seed": 1,
+            "env_kwargs": {"max_episode_steps": 20},
+            "algorithm_kwargs": algorithm_kwargs,
+        }
+        return RunConfig(**{**settings, **changes})
+
+    return make
+
+
+@pytest.fixture
+def midi_file(tmp_path) -> Path:
+    """A MIDI file of two tracks, with overlapping notes and the pedal; 1.2 s long."""
+    music = pretty_midi.PrettyMIDI()
+    right, left = pretty_midi.Instrument(0, name="right"), pretty_midi.Instrument(0, name="left")
+    right.notes = [pretty_midi.Note(80, 72, 0.0, 0.7), pretty_midi.Note(80, 76, 0.4, 1.2)]
+    left.notes = [pretty_midi.Note(80, 48, 0.0, 1.0)]
+    left.control_changes = [
+        pretty_midi.ControlChange(64, 127, 0.2),
+        pretty_midi.ControlChange(64, 0, 0.9),
+    ]
+    music.instruments = [right, left]
+    path = tmp_path / "duet.mid"
+    music.write(str(path))
+    return path

@@ -1,0 +1,166 @@
+"""Environments and models are built as the config says."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from stable_baselines3 import TD3
+from stable_baselines3.common.monitor import Monitor, load_results
+from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
+from stable_baselines3.common.vec_env import VecCheckNan, VecNormalize
+from torch import nn
+
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.training.builders import build_callbacks, build_model, build_vec_env
+
+
+@pytest.fixture
+def build(small_config):
+    """Build environments and close them afterwards."""
+    built = []
+
+    def make(**changes):
+        built.append(build_vec_env(small_config(**changes)))
+        return built[-1]
+
+    yield make
+    for venv in built:
+        venv.close()
+
+
+def test_wrappers_stand_in_the_order_of_the_config(build):
+    venv = build(
+        env_wrapper=[
+            "gymnasium.wrappers.FlattenObservation",
+            {"gymnasium.wrappers.TransformReward": {"func": None}},
+        ],
+        vec_env_wrapper="stable_baselines3.common.vec_env.VecCheckNan",
+        normalize=True,
+    )
+    assert isinstance(venv, VecNormalize)
+    assert isinstance(venv.venv, VecCheckNan)
+    env, names = venv.unwrapped.envs[0], []
+    while isinstance(env, gym.Wrapper):
+        names.append(type(env).__name__)
+        env = env.env
+    assert names[:4] == ["TransformReward", "FlattenObservation", "EpisodeLog", "Monitor"]
+
+
+def test_normalisation_takes_its_arguments_and_the_discount_of_the_algorithm(build):
+    venv = build(normalize={"norm_reward": False}, algorithm_kwargs={"gamma": 0.8})
+    assert (venv.norm_reward, venv.gamma) == (False, 0.8)
+
+
+@pytest.mark.parametrize("vec_env", ["dummy", "subproc"])
+def test_episodes_are_written_to_monitor_files_once_they_have_a_place(build, tmp_path, vec_env):
+    venv = build(vec_env=vec_env, n_envs=2, env_kwargs={"max_episode_steps": 5})
+    venv.seed(3)
+    venv.reset()
+    actions = np.zeros((2, 1))
+    for _ in range(5):
+        venv.step(actions)
+    for index in range(2):
+        path = str(tmp_path / "monitor" / str(index))
+        venv.env_method("write_episodes_to", path, False, indices=[index])
+    returns = np.zeros(2)
+    for _ in range(5):
+        _, rewards, dones, _ = venv.step(actions)
+        returns += rewards
+    assert dones.all()
+    for index in range(2):  # a second sitting appends
+        path = str(tmp_path / "monitor" / str(index))
+        venv.env_method("write_episodes_to", path, True, indices=[index])
+    for _ in range(5):
+        venv.step(actions)
+    venv.close()
+    table = load_results(str(tmp_path / "monitor"))
+    assert table["l"].tolist() == [5] * 4
+    first = sorted(float(x.read_text().splitlines()[2].split(",")[0]) for x in
+                   (tmp_path / "monitor").iterdir())  # fmt: skip
+    assert first == pytest.approx(sorted(returns), abs=1e-4)
+
+
+def test_the_monitor_gets_its_keywords(build):
+    venv = build(monitor_kwargs={"info_keywords": ["TimeLimit.truncated"]})
+    monitor = venv.envs[0]
+    while not isinstance(monitor, Monitor):
+        monitor = monitor.env
+    assert monitor.info_keywords == ("TimeLimit.truncated",)
+
+
+@pytest.mark.parametrize("vec_env", ["dummy", "subproc"])
+def test_an_environment_that_refuses_its_arguments_is_named(build, vec_env):
+    with pytest.raises(ConfigError, match="'Pendulum-v1' cannot be made with .*'gravity'"):
+        build(vec_env=vec_env, env_kwargs={"gravity": 3})
+
+
+def test_a_wrapper_that_refuses_its_arguments_is_named(build):
+    with pytest.raises(
+        ConfigError, match="RescaleAction cannot be called with {'low': 0}: missing"
+    ):
+        build(env_wrapper={"gymnasium.wrappers.RescaleAction": {"low": 0}})
+
+
+def test_the_model_gets_classes_schedules_and_tuples(build, small_config):
+    changes = {
+        "algorithm_kwargs": {
+            "learning_rate": "lin_2e-3",
+            "train_freq": [2, "step"],
+            "policy_kwargs": {"net_arch": [4], "activation_fn": "nn.GELU"},
+        }
+    }
+    model = build_model(small_config(**changes), build(**changes))
+    assert isinstance(model, TD3)
+    assert isinstance(model.actor.mu[1], nn.GELU)
+    assert (model.lr_schedule(1.0), model.lr_schedule(0.5)) == pytest.approx((0.002, 0.001))
+    assert model.train_freq.frequency == 2
+    assert model.seed == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("normal", NormalActionNoise), ("ornstein-uhlenbeck", OrnsteinUhlenbeckActionNoise)],
+)
+def test_noise_has_the_shape_of_the_actions(build, small_config, name, kind):
+    noise = {"noise_type": name, "noise_std": 0.2}
+    model = build_model(small_config(**noise), build(**noise))
+    assert isinstance(model.action_noise, kind)
+    assert model.action_noise._sigma.tolist() == [0.2]
+
+
+def test_an_algorithm_that_refuses_the_environment_is_named(build, small_config):
+    changes = {"env_id": "CartPole-v1"}
+    with pytest.raises(ConfigError, match="TD3 cannot be made for 'CartPole-v1': .*action space"):
+        build_model(small_config(**changes), build(**changes))
+    changes |= {"noise_type": "normal", "noise_std": 0.1}
+    with pytest.raises(
+        ConfigError, match="'CartPole-v1' has the action space Discrete.*: expected"
+    ):
+        build_model(small_config(**changes), build(**changes))
+
+
+def test_a_replay_buffer_that_cannot_be_saved_is_refused_before_training(build, small_config):
+    changes = {"algorithm_kwargs": {"buffer_size": 1}}
+    with pytest.raises(RunError, match="A ReplayBuffer of 1 row"):
+        build_model(small_config(**changes), build(**changes))
+
+
+def test_callbacks_are_made_with_their_arguments(small_config, tmp_path):
+    path = "stable_baselines3.common.callbacks.CheckpointCallback"
+    (callback,) = build_callbacks(
+        small_config(callback={path: {"save_freq": 7, "save_path": str(tmp_path)}})
+    )
+    assert callback.save_freq == 7
+
+
+@pytest.mark.parametrize(
+    ("callback", "message"),
+    [
+        ("builtins.dict", "callback: builtins.dict made a dict: expected a callback"),
+        ("stable_baselines3.common.callbacks.CheckpointCallback", "cannot be called with {}: miss"),
+    ],
+)
+def test_what_makes_no_callback_is_refused(small_config, callback, message):
+    with pytest.raises(ConfigError, match=message):
+        build_callbacks(small_config(callback=callback))

@@ -1,0 +1,164 @@
+"""Hyperparameter files in RL Zoo's form, and the presets that come with the package."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import pytest
+import yaml
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.hyperparams import PRESETS
+from sb3_piano.training import load_config
+
+ZOO_FILE = """
+defaults: &base
+  n_timesteps: !!float 1e4
+  policy: 'MlpPolicy'
+  buffer_size: 1.0e3
+  learning_rate: 7.3e-4
+  policy_kwargs: "dict(net_arch=[64, 64], activation_fn=nn.ReLU)"
+
+Pendulum-v1:
+  <<: *base
+  n_envs: 2
+  env_kwargs: {max_episode_steps: 20, render_mode: null}
+  env_wrapper:
+    - gymnasium.wrappers.RescaleAction:
+        min_action: -1.0
+        max_action: 1.0
+    - gymnasium.wrappers.FlattenObservation
+  noise_type: 'normal'
+  noise_std: 0.1
+
+MountainCarContinuous-v0:
+  <<: *base
+"""
+
+
+@pytest.fixture
+def zoo_file(tmp_path):
+    path = tmp_path / "td3.yml"
+    path.write_text(ZOO_FILE)
+    return path
+
+
+def test_an_entry_of_the_zoo_is_split_into_run_and_algorithm(zoo_file):
+    config = load_config("td3", "Pendulum-v1", zoo_file)
+    assert (config.n_timesteps, config.n_envs, config.noise_std) == (10_000, 2, 0.1)
+    assert [plugin.path.rpartition(".")[2] for plugin in config.env_wrapper] == [
+        "RescaleAction",
+        "FlattenObservation",
+    ]
+    assert config.algorithm_kwargs == {
+        "buffer_size": 1000,
+        "learning_rate": 0.00073,
+        "policy_kwargs": {"net_arch": [64, 64], "activation_fn": "torch.nn.ReLU"},
+    }
+
+
+def test_default_stands_for_all_other_environments(tmp_path):
+    path = tmp_path / "a.yml"
+    path.write_text("default: {n_timesteps: 5}\nPendulum-v1: {n_timesteps: 7}\n")
+    assert load_config("sac", "Pendulum-v1", path).n_timesteps == 7
+    assert load_config("sac", "gymnasium:Pendulum-v1", path).n_timesteps == 7
+    assert load_config("sac", "MountainCarContinuous-v0", path).n_timesteps == 5
+
+
+def test_overrides_replace_keys_and_env_kwargs_are_added(zoo_file):
+    config = load_config(
+        "td3",
+        "Pendulum-v1",
+        zoo_file,
+        n_timesteps=50,
+        gamma="0.5",
+        seed=0,
+        env_kwargs={"max_episode_steps": 9, "g": 5.0},
+    )
+    assert (config.n_timesteps, config.seed) == (50, 0)
+    assert config.algorithm_kwargs["gamma"] == 0.5
+    assert config.env_kwargs == {"max_episode_steps": 9, "render_mode": None, "g": 5.0}
+
+
+def test_an_unknown_environment_is_answered_before_the_file_is_read(zoo_file):
+    with pytest.raises(ConfigError, match=r"^Unknown environment 'Pendulum-v9'"):
+        load_config("td3", "Pendulum-v9", zoo_file)
+
+
+def test_an_environment_without_entry_is_answered_with_the_nearest_one(zoo_file):
+    with pytest.raises(ConfigError, match=r"td3\.yml' has no entry for 'MountainCar-v0'. Did you"):
+        load_config("td3", "MountainCar-v0", zoo_file)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("a: [", r"a\.yml' is not valid YAML: while parsing"),
+        ("- 1\n", r"a\.yml' holds list at the top level: expected a mapping"),
+        ("", r"a\.yml' holds NoneType at the top level"),
+        ("x: !!python/object/apply:os.getcwd []", "is not valid YAML: could not determine"),
+        ("default:", r"a\.yml', entry 'default': It holds None: expected a mapping of hyper"),
+        ("default: {gamma: 0.9}", "entry 'default': Key 'n_timesteps' is missing"),
+        ("Pendulum-v1: {n_timesteps: 5, gama: 1}", "entry 'Pendulum-v1': Unknown key 'gama' for"),
+        ("default: {n_timesteps: 5, tau: low}", "a.yml', entry 'default': tau is 'low': expected"),
+        ("default: {n_timesteps: 5, 3: 4}", "entry 'default': algorithm_kwargs is .* from names"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_named_with_the_reason(tmp_path, content, message):
+    path = tmp_path / "a.yml"
+    path.write_text(content)
+    with pytest.raises(ConfigError, match=message):
+        load_config("td3", "Pendulum-v1", path)
+
+
+def test_a_missing_or_binary_file_is_named(tmp_path):
+    with pytest.raises(ConfigError, match=r"none\.yml' cannot be read: No such file"):
+        load_config("td3", "Pendulum-v1", tmp_path / "none.yml")
+    (tmp_path / "binary.yml").write_bytes(b"\xff\xfe\xff")
+    with pytest.raises(ConfigError, match=r"binary\.yml' cannot be read: it is not UTF-8"):
+        load_config("td3", "Pendulum-v1", tmp_path / "binary.yml")
+
+
+def test_a_wrong_override_is_named_as_such(zoo_file):
+    with pytest.raises(ConfigError, match="'Pendulum-v1' with n_envs replaced: n_envs is 0"):
+        load_config("td3", "Pendulum-v1", zoo_file, n_envs=0)
+
+
+def test_an_algorithm_without_preset_asks_for_a_file():
+    with pytest.raises(ConfigError, match="for 'ppo': expected one of sac, td3, tqc, or a YAML"):
+        load_config("ppo", "RoboPianist-v0")
+
+
+@pytest.mark.parametrize("algo", PRESETS)
+def test_a_preset_loads_for_our_environments_with_the_published_values(algo):
+    config = load_config(algo, "RoboPianist-v0")
+    arguments = config.algorithm_kwargs
+    assert arguments["policy_kwargs"]["net_arch"] == [256, 256, 256]
+    assert (arguments["gamma"], arguments["tau"]) == (0.8, 0.005)
+    assert (arguments["learning_rate"], arguments["batch_size"]) == (0.0003, 256)
+    assert (arguments["buffer_size"], arguments["learning_starts"]) == (1_000_000, 5000)
+    assert (arguments["train_freq"], arguments["gradient_steps"]) == (1, 1)
+    assert config.n_timesteps == 1_000_000
+    assert config.monitor_kwargs == {"info_keywords": ("precision", "recall", "f1")}
+
+
+def test_the_presets_have_the_noise_or_entropy_of_their_algorithm():
+    td3 = load_config("td3", "RoboPianist-v0")
+    assert (td3.noise_type, td3.noise_std) == ("normal", 0.1)
+    n_actions = gym.make("RoboPianist-v0").action_space.shape[0]
+    for algo in ("sac", "tqc"):
+        arguments = load_config(algo, "RoboPianist-v0").algorithm_kwargs
+        assert arguments["ent_coef"] == "auto_1.0"
+        assert arguments["target_entropy"] == -0.5 * n_actions
+
+
+@pytest.mark.parametrize("algo", PRESETS)
+def test_a_preset_says_where_each_value_comes_from(algo):
+    text = PRESETS[algo].read_text()
+    *_, settings = text.partition("default:\n")
+    lines = settings.splitlines()
+    for number, line in enumerate(lines):
+        key = line.split(":")[0].strip()
+        if key in ("policy", "policy_kwargs") or line.strip().startswith("#"):
+            continue
+        assert "#" in line or lines[number - 1].strip().startswith("#"), line
+    assert yaml.safe_load(text).keys() == {"default"}

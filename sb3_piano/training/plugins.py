@@ -44,6 +44,8 @@ class Plugin:
             raise ConfigError(
                 f"{self.path} cannot be called with {dict(self.kwargs)}: {error}."
             ) from error
+        except ValueError:
+            pass  # a builtin that does not tell its parameters
         return function(*args, **self.kwargs)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+from collections.abc import Callable
 from pathlib import Path
 
 import pretty_midi
@@ -41,6 +43,21 @@ def small_config():
         return RunConfig(**{**settings, **changes})
 
     return make
+
+
+@pytest.fixture
+def episodes_of() -> Callable[[Path], list[dict[str, float]]]:
+    """Return a function that reads the Monitor files of a folder, in the order of their names."""
+
+    def read(folder: Path) -> list[dict[str, float]]:
+        rows = []
+        for path in sorted(folder.glob("*.monitor.csv")):
+            first, *lines = path.read_text().splitlines()
+            assert first.startswith('#{"t_start":')
+            rows += [{k: float(v) for k, v in row.items()} for row in csv.DictReader(lines)]
+        return rows
+
+    return read
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from stable_baselines3 import TD3
-from stable_baselines3.common.monitor import Monitor, load_results
+from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
 from stable_baselines3.common.vec_env import VecCheckNan, VecNormalize
 from torch import nn
@@ -53,32 +53,26 @@ def test_normalisation_takes_its_arguments_and_the_discount_of_the_algorithm(bui
 
 
 @pytest.mark.parametrize("vec_env", ["dummy", "subproc"])
-def test_episodes_are_written_to_monitor_files_once_they_have_a_place(build, tmp_path, vec_env):
+def test_episodes_are_written_to_monitor_files_once_they_have_a_place(
+    build, tmp_path, vec_env, episodes_of
+):
     venv = build(vec_env=vec_env, n_envs=2, env_kwargs={"max_episode_steps": 5})
-    venv.seed(3)
     venv.reset()
-    actions = np.zeros((2, 1))
-    for _ in range(5):
-        venv.step(actions)
-    for index in range(2):
-        path = str(tmp_path / "monitor" / str(index))
-        venv.env_method("write_episodes_to", path, False, indices=[index])
-    returns = np.zeros(2)
-    for _ in range(5):
-        _, rewards, dones, _ = venv.step(actions)
-        returns += rewards
-    assert dones.all()
-    for index in range(2):  # a second sitting appends
-        path = str(tmp_path / "monitor" / str(index))
-        venv.env_method("write_episodes_to", path, True, indices=[index])
-    for _ in range(5):
-        venv.step(actions)
+
+    def play_an_episode():
+        return sum(venv.step(np.zeros((2, 1)))[1] for _ in range(5))
+
+    returns = [play_an_episode()]  # without a place, nothing is written
+    for append in (False, True):
+        for index in range(2):
+            path = str(tmp_path / str(index))
+            venv.env_method("write_episodes_to", path, append, indices=[index])
+        returns.append(play_an_episode())
     venv.close()
-    table = load_results(str(tmp_path / "monitor"))
-    assert table["l"].tolist() == [5] * 4
-    first = sorted(float(x.read_text().splitlines()[2].split(",")[0]) for x in
-                   (tmp_path / "monitor").iterdir())  # fmt: skip
-    assert first == pytest.approx(sorted(returns), abs=1e-4)
+    episodes = episodes_of(tmp_path)
+    assert [episode["l"] for episode in episodes] == [5] * 4
+    expected = [returns[1][0], returns[2][0], returns[1][1], returns[2][1]]
+    assert [episode["r"] for episode in episodes] == pytest.approx(expected, abs=1e-4)
 
 
 def test_the_monitor_gets_its_keywords(build):

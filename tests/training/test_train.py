@@ -5,19 +5,19 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import shutil
 import signal
+import threading
 
-import numpy as np
 import pytest
 import torch
 from stable_baselines3 import PPO, TD3
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.monitor import load_results
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.training import RunFolder, resume, train
+from sb3_piano.training import RunConfig, RunFolder, resume, train
 from sb3_piano.training import session as session_module
 
 
@@ -64,6 +64,24 @@ def run(small_config, tmp_path):
     return start
 
 
+@pytest.fixture
+def ppo_config():
+    """A tiny PPO with rollouts of 20 steps."""
+    return RunConfig(
+        algo="ppo",
+        env_id="Pendulum-v1",
+        n_timesteps=80,
+        seed=1,
+        algorithm_kwargs={
+            "n_steps": 20,
+            "batch_size": 20,
+            "n_epochs": 1,
+            "policy_kwargs": {"net_arch": [8]},
+            "device": "cpu",
+        },
+    )
+
+
 def parameters(folder, algorithm=TD3):
     model = algorithm.load(folder.model_file)
     return torch.cat([p.detach().flatten() for p in model.policy.parameters()])
@@ -79,13 +97,13 @@ def scalars(folder, name):
     return found
 
 
-def test_a_training_writes_model_checkpoint_monitor_and_log(run):
+def test_a_training_writes_model_checkpoint_monitor_and_log(run, episodes_of):
     result = run()
     folder = result.folder
     assert (result.started_at, result.num_timesteps, result.interrupted) == (0, 100, False)
     assert TD3.load(folder.model_file).num_timesteps == 100
     assert Checkpoint.read(folder.checkpoint_dir).labels == {"algo": "td3", "env_id": "Pendulum-v1"}
-    assert load_results(str(folder.monitor_dir))["l"].tolist() == [20] * 5
+    assert [episode["l"] for episode in episodes_of(folder.monitor_dir)] == [20] * 5
     # after four episodes, and what is left at the end
     assert set(scalars(folder, "rollout/ep_rew_mean")) == {80, 100}
 
@@ -153,14 +171,8 @@ def test_an_interruption_saves_and_says_so(run, action):
     assert saved.replay.total == (49 if action == "keyboard" else 50)
 
 
-def test_an_interrupted_on_policy_training_ends_within_its_rollout(small_config, tmp_path):
-    config = small_config(
-        algo="ppo",
-        callback=act_at(50, "SIGINT"),
-        algorithm_kwargs={"n_steps": 32, "batch_size": 32, "n_epochs": 1},
-    )
-    kwargs = {k: v for k, v in config.algorithm_kwargs.items() if k != "learning_starts"}
-    del kwargs
+def test_an_interrupted_on_policy_training_ends_within_its_rollout(ppo_config, tmp_path):
+    config = dataclasses.replace(ppo_config, callback=act_at(50, "SIGINT"))
     result = train(config, tmp_path / "run", progress_bar=False)
     assert (result.interrupted, result.num_timesteps) == (True, 50)
     assert PPO.load(result.folder.model_file).num_timesteps == 50
@@ -177,11 +189,11 @@ def test_a_signal_in_the_last_step_does_not_undo_a_finished_training(run):
     assert (result.interrupted, result.num_timesteps) == (False, 100)
 
 
-def test_after_a_crash_the_last_checkpoint_can_be_resumed(run, monkeypatch):
+def test_after_a_crash_the_last_checkpoint_can_be_resumed(run, monkeypatch, tmp_path):
     with pytest.raises(RuntimeError, match="crash"):
         run(callback=act_at(50, "crash"))
     monkeypatch.setattr(ActAt, "_on_step", lambda self: True)
-    folder = RunFolder.open(os.path.join(run.__closure__[-1].cell_contents, "run"))
+    folder = RunFolder.open(tmp_path / "run")
     assert Checkpoint.read(folder.checkpoint_dir).num_timesteps == 30
     result = resume(folder.path, progress_bar=False)
     assert (result.started_at, result.num_timesteps) == (30, 100)
@@ -213,22 +225,20 @@ def test_resuming_goes_on_with_steps_rows_and_updates(run, monkeypatch):
     assert second.folder.read_config().n_timesteps == 100
 
 
-def test_resuming_is_deterministic_and_differs_from_the_first_sitting(run, tmp_path):
+def test_resuming_is_deterministic_and_differs_from_the_first_sitting(run, tmp_path, episodes_of):
     first = run(n_timesteps=60)
     models = []
     for name in ("a", "b"):
-        copy = tmp_path / name
-        copy.mkdir()
-        os.system(f"cp -r '{first.folder.path}'/. '{copy}'")
+        copy = shutil.copytree(first.folder.path, tmp_path / name)
         models.append(parameters(resume(copy, 100, progress_bar=False).folder))
     assert torch.equal(*models)
-    returns = load_results(str(tmp_path / "a" / "monitor"))["r"].to_numpy()
-    assert len(np.unique(returns)) == 5  # the two sittings do not see the same starts again
+    returns = {episode["r"] for episode in episodes_of(tmp_path / "a" / "monitor")}
+    assert len(returns) == 5  # the two sittings do not see the same starts again
 
 
-def test_resuming_appends_to_monitor_and_log(run):
+def test_resuming_appends_to_monitor_and_log(run, episodes_of):
     _, second = first_and_resumed(run)
-    assert len(load_results(str(second.folder.monitor_dir))) == 5
+    assert len(episodes_of(second.folder.monitor_dir)) == 5
     assert set(scalars(second.folder, "rollout/ep_rew_mean")) >= {60, 100}
     assert len(list(second.folder.tensorboard_dir.iterdir())) == 1
 
@@ -247,11 +257,8 @@ def test_resuming_keeps_the_statistics_of_vec_normalize(run, monkeypatch):
     assert counts[0] == pytest.approx(61, abs=0.01)  # 60 steps and the first reset
 
 
-def test_an_on_policy_run_can_be_resumed(small_config, tmp_path):
-    kwargs = {"n_steps": 20, "batch_size": 20, "n_epochs": 1, "policy_kwargs": {"net_arch": [8]}}
-    config = dataclasses.replace(
-        small_config(), algo="ppo", n_timesteps=40, algorithm_kwargs={**kwargs, "device": "cpu"}
-    )
+def test_an_on_policy_run_can_be_resumed(ppo_config, tmp_path):
+    config = dataclasses.replace(ppo_config, n_timesteps=40)
     first = train(config, tmp_path / "run", progress_bar=False)
     result = resume(first.folder.path, 80, progress_bar=False)
     assert (result.started_at, result.num_timesteps) == (40, 80)
@@ -275,14 +282,14 @@ def test_a_finished_run_is_left_alone(run):
     assert folder.read_config().n_timesteps == 100
 
 
-def test_a_run_that_had_saved_nothing_starts_over(run, monkeypatch, caplog, tmp_path):
+def test_a_run_that_had_saved_nothing_starts_over(run, monkeypatch, caplog, tmp_path, episodes_of):
     with pytest.raises(RuntimeError, match="crash"):
         run(every=1000, callback=act_at(50, "crash"))
     monkeypatch.setattr(ActAt, "_on_step", lambda self: True)
     result = resume(tmp_path / "run", progress_bar=False)
     assert (result.started_at, result.num_timesteps) == (0, 100)
     assert "had saved nothing yet: it starts over at step 0" in caplog.text
-    assert len(load_results(str(result.folder.monitor_dir))) == 5  # none of the first attempt
+    assert len(episodes_of(result.folder.monitor_dir)) == 5  # none of the first attempt
 
 
 @pytest.mark.parametrize(
@@ -333,8 +340,6 @@ def test_a_progress_bar_is_shown_and_taken_away(small_config, tmp_path, capsys):
 
 
 def test_training_outside_the_main_thread_works(run):
-    import threading
-
     results = []
     thread = threading.Thread(target=lambda: results.append(run(n_timesteps=20)))
     thread.start()

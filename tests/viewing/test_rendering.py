@@ -76,11 +76,22 @@ except Exception as error:
 """
 
 
-def test_where_nothing_can_be_drawn_the_env_still_steps_and_says_what_to_install():
-    environment = {**os.environ, "MUJOCO_GL": "disable"}
-    done = subprocess.run(
-        [sys.executable, "-c", NO_OPENGL],
-        env=environment, check=True, capture_output=True, text=True,
-    )  # fmt: skip
-    assert done.stdout.startswith("stepped\nRenderingError Cannot draw the scene")
+WITHOUT_LIBRARIES = "import ctypes.util\nctypes.util.find_library = lambda name: None\n"
+
+
+@pytest.mark.parametrize(
+    ("prelude", "variables", "reason"),
+    [
+        ("", {"MUJOCO_GL": "disable"}, "MUJOCO_GL is 'disable'"),
+        (WITHOUT_LIBRARIES, {}, "no OpenGL library was found"),
+    ],
+)
+def test_where_nothing_can_be_drawn_the_env_still_steps_and_says_what_to_install(
+    prelude, variables, reason
+):
+    hidden = ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY")
+    environment = {k: v for k, v in os.environ.items() if k not in hidden} | variables
+    command = [sys.executable, "-W", "error", "-c", prelude + NO_OPENGL]
+    done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
+    assert done.stdout.startswith(f"stepped\nRenderingError Cannot draw the scene: {reason}")
     assert "apt-get install libosmesa6" in done.stdout

@@ -1,0 +1,178 @@
+"""The command line: from a MIDI file to a played performance, and every way to get it wrong."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import gymnasium as gym
+import pytest
+import yaml
+
+import sb3_piano
+from sb3_piano.cli import main
+from sb3_piano.envs import ENV_IDS
+from sb3_piano.hyperparams import PRESETS
+
+SETTINGS = {
+    "n_timesteps": 60,
+    "policy": "MlpPolicy",
+    "policy_kwargs": {"net_arch": [8]},
+    "learning_starts": 30,
+    "batch_size": 8,
+    "buffer_size": 200,
+    "noise_type": "normal",
+    "noise_std": 0.1,
+}
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.yml").write_text(
+        yaml.safe_dump(
+            {
+                "default": {**SETTINGS, "monitor_kwargs": "dict(info_keywords=('f1',))"},
+                "Pendulum-v1": {**SETTINGS, "env_kwargs": {"max_episode_steps": 20}},
+            }
+        )
+    )
+
+
+def test_a_midi_file_is_trained_evaluated_and_trained_on(midi_file, tmp_path, capsys, episodes_of):
+    train = ["train", "--midi", midi_file.name, "--config", "small.yml", "--seed", "3"]
+    assert main([*train, "--no-progress", "--evaluate"]) == 0
+    out = capsys.readouterr().out
+    run = tmp_path / "runs" / "td3" / "RoboPianist-v0_1"
+    assert "Trained for 60 steps." in out
+    assert "runs/td3/RoboPianist-v0_1/model.zip" in out
+    assert "tensorboard --logdir runs/td3/RoboPianist-v0_1/tensorboard" in out
+    assert "sb3-piano evaluate runs/td3/RoboPianist-v0_1" in out
+    assert "Keys: F1" in out
+    assert "no-op baseline" in out
+    episodes = episodes_of(run / "monitor")
+    # 1.2 s in steps of 0.05 s, and one in which all is silent again
+    assert [episode["l"] for episode in episodes] == [25, 25]
+    assert all(0 <= episode["f1"] <= 1 for episode in episodes)
+
+    midi_file.unlink()
+    assert main(["evaluate", "runs/td3/RoboPianist-v0_1", "--episodes", "2"]) == 0
+    out = capsys.readouterr().out
+    assert "2 episodes, model after 60 steps of training" in out
+    assert "policy (mean ± std)" in out
+    resume = ["train", "--resume", str(run), "--steps", "8e1", "--no-progress", "--algo", "td3"]
+    assert main(resume) == 0
+    assert "Trained for 80 steps." in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("algo", ["sac", "tqc"])
+def test_a_preset_trains_as_it_is(algo, capsys):
+    """Its 5000 steps without learning are not reached; all else is built."""
+    env_id = "RoboPianist-debug-CMajorScaleOneHand-v0"
+    assert main(["train", "--algo", algo, "--env", env_id, "--steps", "3", "--no-progress"]) == 0
+    assert "Trained for 3 steps." in capsys.readouterr().out
+
+
+def test_a_piece_can_be_named(capsys):
+    arguments = ["--midi", "CMajorScaleOneHand", "--config", "small.yml", "--steps", "3"]
+    assert main(["train", *arguments, "--no-progress", "--run", "here"]) == 0
+    assert "Model:       here/model.zip" in capsys.readouterr().out
+
+
+def test_options_reach_the_run(tmp_path, capsys):
+    options = {
+        "--env": "Pendulum-v1", "--config": "small.yml", "--algo": "ddpg", "--steps": "4e1",
+        "--seed": "0", "--n-envs": "2", "--vec-env": "dummy", "--runs-dir": "elsewhere",
+        "--checkpoint-every": "20",
+    }  # fmt: skip
+    assert main(["train", "--no-progress", *(x for pair in options.items() for x in pair)]) == 0
+    config = yaml.safe_load((tmp_path / "elsewhere/ddpg/Pendulum-v1_1/config.yml").read_text())
+    assert (config["algo"], config["n_timesteps"], config["seed"]) == ("ddpg", 40, 0)
+    assert (config["n_envs"], config["vec_env"]) == (2, "dummy")
+    segments = (tmp_path / "elsewhere/ddpg/Pendulum-v1_1/checkpoint").glob("replay-*")
+    assert sorted(path.name for path in segments) == ["replay-0-10.npz", "replay-10-20.npz"]
+
+
+def test_a_finished_run_says_so(capsys):
+    small = ["train", "--env", "Pendulum-v1", "--config", "small.yml", "--run", "run"]
+    assert main([*small, "--no-progress"]) == 0
+    capsys.readouterr()
+    assert main(["train", "--resume", "run"]) == 0
+    assert "has done 60 of 60 steps: nothing is left to do" in capsys.readouterr().out
+
+
+def test_an_environment_without_music_is_evaluated_too(capsys):
+    small = ["train", "--env", "Pendulum-v1", "--config", "small.yml", "--run", "run"]
+    assert main([*small, "--no-progress", "--evaluate"]) == 0
+    out = capsys.readouterr().out
+    assert "Return" in out
+    assert "baseline" not in out
+    assert "no key was pressed" not in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("train", "Nothing to play: expected --env ID, --midi FILE or --resume RUN."),
+        ("train --env RoboPianist-v0 --algo td4", "Unknown algorithm 'td4'. Did you mean 'td3'"),
+        ("train --env RoboPianst-v0", "Unknown environment 'RoboPianst-v0'. Did you mean 'Rob"),
+        ("train --env RoboPianist-v0 --algo ppo", "No preset comes with this package for 'ppo'"),
+        ("train --env RoboPianist-v0 --config no.yml", "'no.yml' cannot be read: No such file"),
+        ("train --midi no.mid --config small.yml", "no.mid"),
+        ("train --midi Twinkle --config small.yml", "Unknown piece 'Twinkle'"),
+        ("train --midi small.yml --config small.yml", "small.yml"),
+        ("train --midi a.mid --env Pendulum-v1", "--midi cannot be given with --env Pendulum-v1"),
+        ("train --env Pendulum-v1 --config small.yml --vec-env x", "vec_env is 'x': expected one"),
+        ("train --env Pendulum-v1 --config small.yml --seed -1", "seed is -1: expected 0 or more"),
+        ("train --env Pendulum-v1 --config small.yml --run full", "Folder 'full' is not empty"),
+        ("train --env Pendulum-v1", "info_keywords has 'precision', which the info of 'Pendulum"),
+        ("train --resume nowhere", "There is no folder 'nowhere'"),
+        ("train --resume full", "'full' is no run, it has no config.yml"),
+        ("train --resume full --seed 3", "--seed cannot be given with --resume"),
+        ("train --resume full --n-envs 3", "--n-envs cannot be given with --resume"),
+        ("train --resume full --midi x.mid", "--midi cannot be given with --resume"),
+        ("evaluate nowhere", "There is no folder 'nowhere'"),
+    ],
+)
+def test_an_error_is_one_line_on_stderr(arguments, message, capsys, tmp_path):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "notes.txt").write_text("mine")
+    assert main([*arguments.split(), *(["--no-progress"] if "train" in arguments else [])]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("sb3-piano: error: ")
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("steps", ["0", "2.5", "many", "inf", "-1"])
+def test_steps_are_a_whole_number(steps, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["train", "--steps", steps])
+    assert "is no whole number from 1 on, such as 1000 or 1e5" in capsys.readouterr().err
+
+
+def test_presets_and_environments_are_listed(capsys):
+    assert main(["presets"]) == 0
+    assert capsys.readouterr().out.split() == [str(path) for path in PRESETS.values()]
+    assert main(["envs"]) == 0
+    listed = capsys.readouterr().out.split()
+    assert listed == list(ENV_IDS)
+    assert all(env_id in gym.registry for env_id in listed)
+
+
+def test_the_version_is_told(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main(["--version"])
+    assert capsys.readouterr().out == f"sb3-piano {sb3_piano.__version__}\n"
+
+
+def test_help_does_not_wait_for_torch():
+    code = (
+        "import sys\nfrom sb3_piano.cli import main\n"
+        "try:\n    main(['train', '--help'])\nexcept SystemExit:\n    print('torch' in sys.modules)"
+    )
+    output = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert output.stdout.splitlines()[-1] == "False"

@@ -1,0 +1,112 @@
+"""Runs that are killed or interrupted from outside, in a process of their own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import yaml
+
+from sb3_piano.callbacks import Checkpoint
+from sb3_piano.training import RunFolder, resume
+from sb3_piano.training import session as session_module
+
+DEADLINE = 60.0  # s
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Start a long training on Pendulum by command line; kill what is left at the end."""
+    processes = []
+    settings = {
+        "n_timesteps": 1_000_000,
+        "policy_kwargs": {"net_arch": [8]},
+        "learning_starts": 100,
+        "batch_size": 8,
+        "buffer_size": 2000,
+        "env_kwargs": {"max_episode_steps": 50},
+        "device": "cpu",
+    }
+    (tmp_path / "long.yml").write_text(yaml.safe_dump({"default": settings}))
+
+    def run(*options):
+        command = [sys.executable, "-m", "sb3_piano.cli", "train", "--env", "Pendulum-v1"]
+        command += ["--config", "long.yml", "--run", "run", "--no-progress", "--seed", "1"]
+        process = subprocess.Popen(
+            [*command, *options],
+            cwd=tmp_path,
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        processes.append(process)
+        return process
+
+    yield run
+    for process in processes:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def wait_for(condition, process):
+    deadline = time.monotonic() + DEADLINE
+    while not condition():
+        assert process.poll() is None, process.communicate()[1]
+        assert time.monotonic() < deadline, "it took too long"
+        time.sleep(0.02)
+
+
+def test_a_run_killed_at_any_time_goes_on_from_its_last_checkpoint(start, tmp_path, monkeypatch):
+    process = start("--checkpoint-every", "100")
+    checkpoint = tmp_path / "run" / "checkpoint"
+    wait_for(lambda: (checkpoint / "checkpoint.json").exists(), process)
+    time.sleep(0.3)
+    process.kill()
+    process.wait()
+    saved = Checkpoint.read(checkpoint)
+    assert saved.num_timesteps >= 100
+    assert saved.num_timesteps % 100 == 0
+
+    rows = []
+    real = session_module.Session.run
+    monkeypatch.setattr(
+        session_module.Session,
+        "run",
+        lambda self: (rows.append(self.model.replay_buffer.size()), real(self))[1],
+    )
+    target = saved.num_timesteps + 150
+    result = resume(tmp_path / "run", target, progress_bar=False)
+    assert rows == [min(saved.num_timesteps, 2000)]
+    assert (result.started_at, result.num_timesteps) == (saved.num_timesteps, target)
+
+
+def test_ctrl_c_saves_and_prints_how_to_go_on(start, tmp_path):
+    process = start("--n-envs", "2", "--vec-env", "subproc")
+    monitor = tmp_path / "run" / "monitor" / "0.monitor.csv"
+    wait_for(lambda: monitor.exists() and monitor.read_text().count("\n") > 3, process)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: environments get it too
+    out, err = process.communicate(timeout=DEADLINE)
+    assert process.returncode == 130, err
+    saved = Checkpoint.read(tmp_path / "run" / "checkpoint")
+    assert saved.num_timesteps >= 200
+    assert saved.replay.total == saved.num_timesteps / 2
+    assert f"Interrupted after {saved.num_timesteps} of 1000000 steps." in out
+    assert "sb3-piano train --resume run" in out
+    assert "Traceback" not in err
+
+
+def test_sigterm_saves_too(start, tmp_path):
+    process = start()
+    monitor = tmp_path / "run" / "monitor" / "0.monitor.csv"
+    wait_for(lambda: monitor.exists() and monitor.read_text().count("\n") > 3, process)
+    process.terminate()
+    assert process.wait(timeout=DEADLINE) == 130
+    folder = RunFolder.open(tmp_path / "run")
+    assert Checkpoint.read(folder.checkpoint_dir).num_timesteps > 0

@@ -6,6 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+
+torch.set_num_threads(1)  # faster for the small networks of the tests
 
 REFERENCE = Path(__file__).parent / "data" / "reference"
 

@@ -72,7 +72,7 @@ def evaluate(folder: str | os.PathLike[str], episodes: int = 1, seed: int = 0) -
     config = dataclasses.replace(
         run.read_config(), n_envs=1, vec_env="dummy", seed=seed, monitor_kwargs={}
     )
-    model_file, statistics = _saved_files(run)
+    model_file, statistics = _saved_files(run, config)
     recorders: list[EpisodeRecorder] = []
 
     def record(env: Any) -> EpisodeRecorder:
@@ -91,16 +91,22 @@ def evaluate(folder: str | os.PathLike[str], episodes: int = 1, seed: int = 0) -
     return _write(run, model.num_timesteps, played, baseline, seed)
 
 
-def _saved_files(run: RunFolder) -> tuple[Path, Path | None]:
-    """Return the newest model and its statistics: the copy if it is there, or the checkpoint's."""
-    if run.model_file.is_file():
-        statistics = run.model_file.with_name("vecnormalize.pkl")
-        return run.model_file, statistics if statistics.is_file() else None
+def _saved_files(run: RunFolder, config: RunConfig) -> tuple[Path, Path | None]:
+    """Return the newest model and its statistics: the copies if they are there, or the checkpoint's.
+
+    Raises:
+        RunError: If one of them is nowhere.
+    """
+    statistics = run.model_file.with_name("vecnormalize.pkl")
+    wanted = [run.model_file] if config.normalize is False else [run.model_file, statistics]
+    if all(path.is_file() for path in wanted):
+        return run.model_file, statistics if statistics in wanted else None
     saved = Checkpoint.read(run.checkpoint_dir)
     if saved is None:
         raise RunError(
-            f"Run '{run.path}' has no model: expected model.zip, which training writes with its "
-            f"first checkpoint. To go on with it: sb3-piano train --resume {run.path}"
+            f"Run '{run.path}' has no model: expected {' and '.join(p.name for p in wanted)}, "
+            "written with the first checkpoint. To go on with it: sb3-piano train --resume "
+            f"{run.path}"
         )
     normalization = saved.vec_normalize
     return (

@@ -129,8 +129,7 @@ def test_wrappers_act_but_do_not_change_what_is_measured(pendulum_run):
     folder = pendulum_run()
     plain = evaluate(folder.path, seed=1).mean
     config = folder.read_config()
-    wrapped = dataclasses.replace(config, env_wrapper=f"{__name__}.DoubleReward", normalize=True)
-    folder.write_config(wrapped)
+    folder.write_config(dataclasses.replace(config, env_wrapper=f"{__name__}.DoubleReward"))
     assert evaluate(folder.path, seed=1).mean["return"] == plain["return"]
 
 
@@ -156,11 +155,19 @@ def test_a_run_without_its_copy_of_the_model_plays_its_checkpoint(pendulum_run):
     assert evaluate(folder.path).mean == expected
 
 
+def test_a_model_without_its_statistics_is_not_played_with_others(pendulum_run):
+    folder = pendulum_run(normalize=True)
+    (folder.path / "vecnormalize.pkl").unlink()
+    (folder.checkpoint_dir / "checkpoint.json").unlink()
+    with pytest.raises(RunError, match=r"expected model\.zip and vecnormalize\.pkl, written with"):
+        evaluate(folder.path)
+
+
 def test_a_run_without_any_model_is_refused(pendulum_run):
     folder = pendulum_run()
     folder.model_file.unlink()
     (folder.checkpoint_dir / "checkpoint.json").unlink()
-    with pytest.raises(RunError, match=r"has no model: expected model\.zip.*train --resume"):
+    with pytest.raises(RunError, match=r"has no model: expected model\.zip, .*train --resume"):
         evaluate(folder.path)
 
 

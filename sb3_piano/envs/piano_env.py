@@ -82,6 +82,13 @@ class PianoEnv(gym.Env[Any, Any]):
     metrics of :data:`sb3_piano.metrics.EPISODE_METRICS` and ``return_<term>``, the episode's sum
     of each weighted term.
 
+    ## Attributes
+
+    ``model`` and ``data`` are MuJoCo's own and may be changed; after a change to positions or
+    velocities call ``mujoco.mj_step1(env.model, env.data)`` before the next step. ``scene`` knows
+    where in them everything stands. ``score``, ``roll``, ``key_active``, ``performance``,
+    ``get_state`` and ``set_state`` tell and restore where the episode is.
+
     ## Options
 
     ``score`` is what is played unless ``reset(options={"score": ...})`` names another score for one
@@ -125,7 +132,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self._default_score = load_score(score)
         self._goal = Goal(self._default_score, self.config)
         self._renderer: FrameRenderer | None = None
-        self._begin_episode()
+        self._clear_episode()
         self._finished = True  # until the first reset
 
     # What is played, and where the episode stands.
@@ -191,7 +198,13 @@ class PianoEnv(gym.Env[Any, Any]):
         score = load_score(options["score"]) if options else self._default_score
         super().reset(seed=seed)
         self._set_score(score)
-        self._begin_episode()
+        self._clear_episode()
+        if self.config.randomize_hand_positions:
+            # RoboPianist moves the bases of both hands; moving the sliders that stand on them
+            # starts the hands in the same place and leaves their reach and the model unchanged.
+            offset = self.np_random.uniform(-_HAND_OFFSET, _HAND_OFFSET)
+            self.data.qpos[self.scene.slider_qpos] = offset
+        mujoco.mj_step1(self.model, self.data)
         return self._observation(), {}
 
     def step(
@@ -310,7 +323,12 @@ class PianoEnv(gym.Env[Any, Any]):
                 f"{size}: expected a state of an environment with the same options."
             )
         self._set_score(state.score)
-        self._begin_episode()
+        if state.step > len(self._goal):
+            raise EnvStateError(
+                f"The state is in control step {state.step} but here the score has only "
+                f"{len(self._goal)}: expected a state of an environment with the same options."
+            )
+        self._clear_episode()
         mujoco.mj_setState(self.model, self.data, state.physics, kind)
         mujoco.mj_step1(self.model, self.data)
         self._step, self._finished, self._pedal = state.step, state.finished, state.pedal
@@ -328,14 +346,8 @@ class PianoEnv(gym.Env[Any, Any]):
         if score is not self._goal.score:
             self._goal = Goal(score, self.config)
 
-    def _begin_episode(self) -> None:
+    def _clear_episode(self) -> None:
         mujoco.mj_resetData(self.model, self.data)
-        if self.config.randomize_hand_positions:
-            # RoboPianist moves the bases of both hands; moving the sliders that stand on them
-            # starts the hands in the same place and leaves their reach and the model unchanged.
-            offset = self.np_random.uniform(-_HAND_OFFSET, _HAND_OFFSET)
-            self.data.qpos[self.scene.slider_qpos] = offset
-        mujoco.mj_step1(self.model, self.data)
         self._step = 0
         self._finished = False
         self._pedal = 0.0

@@ -92,7 +92,7 @@ def evaluate(folder: str | os.PathLike[str], episodes: int = 1, seed: int = 0) -
 
 
 def _saved_files(run: RunFolder, config: RunConfig) -> tuple[Path, Path | None]:
-    """Return the newest model and its statistics: the copies if they are there, or the checkpoint's.
+    """Return the newest model and its statistics: the copies if there, or the checkpoint's.
 
     Raises:
         RunError: If one of them is nowhere.

@@ -267,6 +267,15 @@ def test_another_score_is_played_for_one_episode(env):
     assert env.score is TINY
 
 
+def test_a_control_step_may_be_a_single_physics_step():
+    env = PianoEnv(TINY, control_timestep=0.005)
+    env.reset(seed=0)
+    env.step(env.rest_action)
+    assert env.data.time == pytest.approx(0.005)
+    assert len(env.roll) == 51
+    assert env.metadata["render_fps"] == 200
+
+
 def test_leading_silence_is_trimmed_unless_asked_for():
     late = Score(notes=[Note(onset=1.0, offset=1.1, pitch=60)])
     assert len(PianoEnv(late).roll) == 3
@@ -342,6 +351,23 @@ def test_a_copied_environment_goes_on_by_itself_with_its_options(clone):
     expected = play(env, actions[2:])
     np.testing.assert_array_equal(play(twin, actions[2:]), expected)
     assert twin.config == env.config
+    assert twin.model is twin.scene.model is not env.model
+
+
+def test_restoring_a_state_draws_no_random_numbers():
+    env, twin = (PianoEnv(TINY, randomize_hand_positions=True) for _ in range(2))
+    for each in (env, twin):
+        each.reset(seed=4)
+    env.set_state(env.get_state())
+    np.testing.assert_array_equal(env.reset()[0], twin.reset()[0])
+
+
+def test_a_state_beyond_the_end_of_the_roll_is_refused():
+    env, coarse = PianoEnv(TINY), PianoEnv(TINY, control_timestep=0.1)
+    env.reset(seed=0)
+    play(env, random_actions(env, 5))
+    with pytest.raises(EnvStateError, match="control step 5 but here the score has only 3"):
+        coarse.set_state(env.get_state())
 
 
 def test_a_state_of_another_model_is_refused(env):

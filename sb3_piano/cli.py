@@ -182,7 +182,8 @@ def _report_training(result: TrainResult) -> None:
     print(f"Run:         {folder.path}")
     if folder.model_file.is_file():
         print(f"Model:       {folder.model_file}")
-    print(f"TensorBoard: tensorboard --logdir {shlex.quote(str(folder.tensorboard_dir))}")
+    if folder.tensorboard_dir.is_dir():
+        print(f"TensorBoard: tensorboard --logdir {shlex.quote(str(folder.tensorboard_dir))}")
     if result.interrupted:
         print(f"Go on:       sb3-piano train --resume {path}")
     else:

@@ -87,7 +87,7 @@ def build_vec_env(
             vec_env_kwargs={"start_method": "spawn"} if subproc else {},
             monitor_kwargs=dict(config.monitor_kwargs),
         )
-    except TypeError as error:
+    except (TypeError, gym.error.Error) as error:
         raise ConfigError(
             f"Environment {config.env_id!r} cannot be made with env_kwargs {env_kwargs}: {error}."
         ) from error

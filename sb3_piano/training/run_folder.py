@@ -58,15 +58,18 @@ class RunFolder:
             RunError: If the folder is in use, or cannot be made or written.
         """
         place = Path(runs_dir, config.algo) if path is None else Path(path)
+        made = None
         try:
-            folder = cls(_first_free(place, config.env_id) if path is None else _empty(place))
-            folder._write(config)
+            made = _first_free(place, config.env_id) if path is None else _empty(place)
+            cls(made)._write(config)
         except OSError as error:
+            if made is not None:
+                shutil.rmtree(made, ignore_errors=True)  # it was empty
             raise RunError(
                 f"Folder '{place}' cannot be written: {error.strerror or error}. Expected a place "
                 "in which files can be made."
             ) from error
-        return folder
+        return cls(made)
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> RunFolder:

@@ -108,6 +108,18 @@ def test_model_and_replay_buffer_come_back_equal(tmp_path):
     assert loaded.replay_buffer.pos == model.replay_buffer.pos
 
 
+def test_rows_are_counted_when_the_buffer_goes_round_more_than_once_between_checkpoints(tmp_path):
+    model = make_model()
+    model.learn(200, callback=ResumableCheckpoint(tmp_path, 150))
+    saved = Checkpoint.read(tmp_path)
+    assert saved.replay.total == 200
+    other = make_model()
+    restore_replay_buffer(other.replay_buffer, tmp_path, saved.replay)
+    np.testing.assert_array_equal(
+        other.replay_buffer.observations, model.replay_buffer.observations
+    )
+
+
 def test_the_statistics_of_vec_normalize_are_saved(tmp_path):
     model = make_model(normalize=True)
     model.learn(30, callback=ResumableCheckpoint(tmp_path / "checkpoint", 20))

@@ -121,6 +121,11 @@ def test_segments_that_are_all_overwritten_are_left_out(tmp_path):
     assert [(s.first, s.last) for s in manifest.segments] == [(4, 8), (8, 14)]
 
 
+def test_rows_that_were_overwritten_before_they_could_be_saved_are_left_out(tmp_path):
+    manifest = train_and_save(tmp_path, make_buffer(), (4, 25), np.random.default_rng(1))
+    assert [(s.first, s.last) for s in manifest.segments] == [(19, 29)]
+
+
 def test_a_write_that_was_never_committed_changes_nothing(tmp_path):
     rng = np.random.default_rng(1)
     buffer = make_buffer()

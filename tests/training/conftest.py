@@ -10,7 +10,7 @@ import pretty_midi
 import pytest
 import torch
 
-from sb3_piano.training import RunConfig
+from sb3_piano.training import RunConfig, train
 
 SMALL = {
     "policy_kwargs": {"net_arch": [8]},
@@ -43,6 +43,36 @@ def small_config():
         return RunConfig(**{**settings, **changes})
 
     return make
+
+
+@pytest.fixture
+def run(small_config, tmp_path):
+    """Train a tiny model and return the result."""
+
+    def start(every=30, **changes):
+        return train(
+            small_config(**changes), tmp_path / "run", progress_bar=False, checkpoint_every=every
+        )
+
+    return start
+
+
+@pytest.fixture
+def ppo_config():
+    """A tiny PPO with rollouts of 20 steps."""
+    return RunConfig(
+        algo="ppo",
+        env_id="Pendulum-v1",
+        n_timesteps=80,
+        seed=1,
+        algorithm_kwargs={
+            "n_steps": 20,
+            "batch_size": 20,
+            "n_epochs": 1,
+            "policy_kwargs": {"net_arch": [8]},
+            "device": "cpu",
+        },
+    )
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from stable_baselines3 import TD3
+from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecNormalize
@@ -83,6 +83,9 @@ def test_what_was_played_is_written_as_midi_and_measured(piano_run, midi_file):
     notes = read_midi(evaluation.performances[0]).notes
     assert [note.pitch for note in notes] == [note.pitch for note in played.notes]
     assert [note.onset for note in notes] == pytest.approx([n.onset for n in played.notes])
+    # beside it stand the same hands at rest: no wrong key, and next to no due one
+    assert evaluation.mean["precision"] < evaluation.baseline["precision"] == 1.0
+    assert evaluation.baseline["recall"] < 0.1
 
 
 def test_hands_that_rest_equal_the_baseline_and_leave_no_midi_file(piano_run, midi_file):
@@ -109,12 +112,14 @@ def test_the_file_of_metrics_has_what_was_returned(piano_run):
     assert content["performances"] == ["performance_1.mid", "performance_2.mid"]
 
 
-def test_returns_equal_those_of_sb3s_own_evaluation(pendulum_run):
-    folder = pendulum_run(normalize=True, env_wrapper="gymnasium.wrappers.FlattenObservation")
+@pytest.mark.parametrize("algorithm", [TD3, SAC])
+def test_returns_equal_those_of_sb3s_own_evaluation_without_exploring(pendulum_run, algorithm):
+    wrapper = "gymnasium.wrappers.FlattenObservation"
+    folder = pendulum_run(algo=algorithm.__name__.lower(), normalize=True, env_wrapper=wrapper)
     venv = make_vec_env("Pendulum-v1", env_kwargs={"max_episode_steps": 20})
     venv = VecNormalize.load(str(folder.path / "vecnormalize.pkl"), venv)
     venv.training = False
-    model = TD3.load(folder.model_file)
+    model = algorithm.load(folder.model_file)
     venv.seed(4)
     returns, lengths = evaluate_policy(model, venv, 3, return_episode_rewards=True)
     evaluation = evaluate(folder.path, episodes=3, seed=4)

@@ -94,6 +94,16 @@ def test_a_place_that_cannot_be_written_is_named_with_the_reason(small_config, t
         RunFolder.create(small_config(), tmp_path / "file")
 
 
+def test_a_folder_that_could_not_be_filled_is_taken_away(small_config, tmp_path, monkeypatch):
+    def full(path, text):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("sb3_piano.training.run_folder.write_text", full)
+    with pytest.raises(RunError, match="cannot be written: No space left on device"):
+        RunFolder.create(small_config(), runs_dir=tmp_path)
+    assert list((tmp_path / "td3").iterdir()) == []
+
+
 def test_what_is_no_run_is_refused(tmp_path):
     with pytest.raises(RunError, match=r"There is no folder '.*none': expected a folder that 'sb3"):
         RunFolder.open(tmp_path / "none")

@@ -1,100 +1,20 @@
-"""Training writes a run's folder, can be interrupted, and goes on where it stopped."""
+"""Training writes a run's folder, and can be interrupted at any time."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
-import os
-import shutil
 import signal
 import threading
 
 import pytest
 import torch
+from acting import act_at, parameters, scalars
 from stable_baselines3 import PPO, TD3
-from stable_baselines3.common.callbacks import BaseCallback
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from sb3_piano.callbacks import Checkpoint
-from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.training import RunConfig, RunFolder, resume, train
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.training import session as session_module
-
-
-class ActAt(BaseCallback):
-    """Do something at one step of the training; named in configs by its import path."""
-
-    def __init__(self, step, action="signal"):
-        super().__init__()
-        self.step = step
-        self.action = action
-
-    def _on_step(self):
-        if self.num_timesteps != self.step:
-            return True
-        if self.action == "stop":
-            return False
-        if self.action == "crash":
-            raise RuntimeError("crash")
-        if self.action == "keyboard":
-            raise KeyboardInterrupt
-        os.kill(os.getpid(), getattr(signal, self.action))
-        return True
-
-
-def act_at(step, action):
-    return {f"{__name__}.ActAt": {"step": step, "action": action}}
-
-
-@pytest.fixture(autouse=True)
-def _importable(monkeypatch):
-    """Let configs name ``ActAt``."""
-    monkeypatch.syspath_prepend(os.path.dirname(__file__))
-
-
-@pytest.fixture
-def run(small_config, tmp_path):
-    """Train a tiny model and return the result."""
-
-    def start(every=30, **changes):
-        return train(
-            small_config(**changes), tmp_path / "run", progress_bar=False, checkpoint_every=every
-        )
-
-    return start
-
-
-@pytest.fixture
-def ppo_config():
-    """A tiny PPO with rollouts of 20 steps."""
-    return RunConfig(
-        algo="ppo",
-        env_id="Pendulum-v1",
-        n_timesteps=80,
-        seed=1,
-        algorithm_kwargs={
-            "n_steps": 20,
-            "batch_size": 20,
-            "n_epochs": 1,
-            "policy_kwargs": {"net_arch": [8]},
-            "device": "cpu",
-        },
-    )
-
-
-def parameters(folder, algorithm=TD3):
-    model = algorithm.load(folder.model_file)
-    return torch.cat([p.detach().flatten() for p in model.policy.parameters()])
-
-
-def scalars(folder, name):
-    """Return the steps and values that TensorBoard's files have for a name."""
-    found = {}
-    for path in sorted(folder.tensorboard_dir.glob("run_*")):
-        events = EventAccumulator(str(path)).Reload()
-        if name in events.Tags()["scalars"]:
-            found |= {event.step: event.value for event in events.Scalars(name)}
-    return found
+from sb3_piano.training import train
 
 
 def test_a_training_writes_model_checkpoint_monitor_and_log(run, episodes_of):
@@ -189,154 +109,30 @@ def test_a_signal_in_the_last_step_does_not_undo_a_finished_training(run):
     assert (result.interrupted, result.num_timesteps) == (False, 100)
 
 
-def test_after_a_crash_the_last_checkpoint_can_be_resumed(run, monkeypatch, tmp_path):
-    with pytest.raises(RuntimeError, match="crash"):
-        run(callback=act_at(50, "crash"))
-    monkeypatch.setattr(ActAt, "_on_step", lambda self: True)
-    folder = RunFolder.open(tmp_path / "run")
-    assert Checkpoint.read(folder.checkpoint_dir).num_timesteps == 30
-    result = resume(folder.path, progress_bar=False)
-    assert (result.started_at, result.num_timesteps) == (30, 100)
+def test_a_progress_bar_is_shown_and_taken_away_whatever_happens(
+    small_config, tmp_path, capsys, monkeypatch
+):
+    bars = []
 
+    class Spy(session_module.PianoProgressBar):
+        def __init__(self):
+            super().__init__()
+            bars.append(self)
 
-def first_and_resumed(run, **changes):
-    first = run(n_timesteps=60, **changes)
-    return first, resume(first.folder.path, 100, progress_bar=False, checkpoint_every=30)
-
-
-def test_resuming_goes_on_with_steps_rows_and_updates(run, monkeypatch):
-    seen = {}
-
-    class Spy(session_module.ResumableCheckpoint):
-        def _on_training_start(self):
-            buffer = self.model.replay_buffer
-            seen.setdefault("rows", []).append(buffer.size())
-            seen.setdefault("steps", []).append(self.model.num_timesteps)
-            seen.setdefault("updates", []).append(self.model._n_updates)
-            seen.setdefault("last", []).append(buffer.dones[buffer.pos - 1, 0])
-
-    monkeypatch.setattr(session_module, "ResumableCheckpoint", Spy)
-    _, second = first_and_resumed(run, env_kwargs={"max_episode_steps": 23})
-    assert seen["steps"] == seen["rows"] == [0, 60]
-    assert seen["updates"] == [0, 40]
-    assert seen["last"][1] == 1.0  # the 3rd episode was cut at its 14th step
-    assert (second.started_at, second.num_timesteps, second.had_finished) == (60, 100, False)
-    assert TD3.load(second.folder.model_file)._n_updates == 80
-    assert second.folder.read_config().n_timesteps == 100
-
-
-def test_resuming_is_deterministic_and_differs_from_the_first_sitting(run, tmp_path, episodes_of):
-    first = run(n_timesteps=60)
-    models = []
-    for name in ("a", "b"):
-        copy = shutil.copytree(first.folder.path, tmp_path / name)
-        models.append(parameters(resume(copy, 100, progress_bar=False).folder))
-    assert torch.equal(*models)
-    returns = {episode["r"] for episode in episodes_of(tmp_path / "a" / "monitor")}
-    assert len(returns) == 5  # the two sittings do not see the same starts again
-
-
-def test_resuming_appends_to_monitor_and_log(run, episodes_of):
-    _, second = first_and_resumed(run)
-    assert len(episodes_of(second.folder.monitor_dir)) == 5
-    assert set(scalars(second.folder, "rollout/ep_rew_mean")) >= {60, 100}
-    assert len(list(second.folder.tensorboard_dir.iterdir())) == 1
-
-
-def test_resuming_keeps_the_statistics_of_vec_normalize(run, monkeypatch):
-    first = run(n_timesteps=60, normalize=True)
-    counts = []
-    real = session_module.Session.run
-
-    def spy(self):
-        counts.append(self.model.get_vec_normalize_env().obs_rms.count)
-        return real(self)
-
-    monkeypatch.setattr(session_module.Session, "run", spy)
-    resume(first.folder.path, 80, progress_bar=False)
-    assert counts[0] == pytest.approx(61, abs=0.01)  # 60 steps and the first reset
-
-
-def test_an_on_policy_run_can_be_resumed(ppo_config, tmp_path):
-    config = dataclasses.replace(ppo_config, n_timesteps=40)
-    first = train(config, tmp_path / "run", progress_bar=False)
-    result = resume(first.folder.path, 80, progress_bar=False)
-    assert (result.started_at, result.num_timesteps) == (40, 80)
-
-
-def test_several_environments_in_processes_of_their_own(run):
-    result = run(n_envs=2, vec_env="subproc", n_timesteps=80, every=40)
-    assert result.num_timesteps == 80
-    again = resume(result.folder.path, 120, progress_bar=False)
-    assert (again.started_at, again.num_timesteps) == (80, 120)
-    assert len(list(again.folder.monitor_dir.glob("*.monitor.csv"))) == 2
-
-
-def test_a_finished_run_is_left_alone(run):
-    folder = run().folder
-    before = {path: path.stat().st_mtime_ns for path in folder.path.rglob("*")}
-    for steps in (None, 100, 50):
-        result = resume(folder.path, steps)
-        assert (result.had_finished, result.num_timesteps) == (True, 100)
-    assert {path: path.stat().st_mtime_ns for path in folder.path.rglob("*")} == before
-    assert folder.read_config().n_timesteps == 100
-
-
-def test_a_run_that_had_saved_nothing_starts_over(run, monkeypatch, caplog, tmp_path, episodes_of):
-    with pytest.raises(RuntimeError, match="crash"):
-        run(every=1000, callback=act_at(50, "crash"))
-    monkeypatch.setattr(ActAt, "_on_step", lambda self: True)
-    result = resume(tmp_path / "run", progress_bar=False)
-    assert (result.started_at, result.num_timesteps) == (0, 100)
-    assert "had saved nothing yet: it starts over at step 0" in caplog.text
-    assert len(episodes_of(result.folder.monitor_dir)) == 5  # none of the first attempt
-
-
-@pytest.mark.parametrize(
-    ("asked", "message"),
-    [
-        ({"algo": "sac"}, "has algo 'td3', not 'sac'"),
-        ({"env_id": "MountainCarContinuous-v0"}, "has env_id 'Pendulum-v1', not 'Mount"),
-    ],
-)
-def test_another_run_than_asked_for_is_refused(run, asked, message):
-    folder = run(n_timesteps=20).folder
-    with pytest.raises(ConfigError, match=message):
-        resume(folder.path, 40, **asked)
-
-
-def test_a_checkpoint_of_another_run_is_refused(run):
-    folder = run(n_timesteps=20).folder
-    path = folder.checkpoint_dir / "checkpoint.json"
-    content = json.loads(path.read_text())
-    path.write_text(json.dumps({**content, "labels": {"algo": "sac"}}))
-    with pytest.raises(RunError, match="is of a run with algo 'sac', but .* has 'td3'"):
-        resume(folder.path, 40)
-
-
-def test_a_damaged_model_is_named(run):
-    folder = run(n_timesteps=20).folder
-    (folder.checkpoint_dir / "model-20.zip").write_bytes(b"no zip")
-    with pytest.raises(RunError, match=r"Model '.*model-20\.zip' cannot be loaded"):
-        resume(folder.path, 40)
-
-
-def test_a_model_of_another_environment_is_refused(run):
-    folder = run(n_timesteps=20).folder
-    text = folder.config_file.read_text()
-    folder.config_file.write_text(text.replace("Pendulum-v1", "MountainCarContinuous-v0"))
-    path = folder.checkpoint_dir / "checkpoint.json"
-    path.write_text(path.read_text().replace("Pendulum-v1", "MountainCarContinuous-v0"))
-    with pytest.raises(RunError, match="cannot be loaded .*expected a model that TD3 saved for"):
-        resume(folder.path, 40)
-
-
-def test_a_progress_bar_is_shown_and_taken_away(small_config, tmp_path, capsys):
+    monkeypatch.setattr(session_module, "PianoProgressBar", Spy)
     train(small_config(n_timesteps=40), tmp_path / "a")
     assert "40/40" in capsys.readouterr().out
     with pytest.raises(RuntimeError, match="crash"):
         train(small_config(callback=act_at(10, "crash")), tmp_path / "b")
-    train(small_config(n_timesteps=20), tmp_path / "c")  # a bar left open would refuse this one
+    assert [bar.pbar.disable for bar in bars] == [True, True]  # closed
+
+
+def test_a_training_without_tensorboard_says_so_and_goes_on(run, monkeypatch):
+    monkeypatch.setattr(session_module.importlib.util, "find_spec", lambda name: None)
+    with pytest.warns(UserWarning, match="not logged: pip install tensorboard"):
+        folder = run(n_timesteps=20).folder
+    assert folder.model_file.is_file()
+    assert not folder.tensorboard_dir.exists()
 
 
 def test_training_outside_the_main_thread_works(run):

@@ -1,0 +1,51 @@
+"""What the tests of training and resuming share; configs name ``ActAt`` by its import path."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import torch
+from stable_baselines3 import TD3
+from stable_baselines3.common.callbacks import BaseCallback
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+
+class ActAt(BaseCallback):
+    """Do something at one step of the training; named in configs by its import path."""
+
+    def __init__(self, step, action="signal"):
+        super().__init__()
+        self.step = step
+        self.action = action
+
+    def _on_step(self):
+        if self.num_timesteps != self.step:
+            return True
+        if self.action == "stop":
+            return False
+        if self.action == "crash":
+            raise RuntimeError("crash")
+        if self.action == "keyboard":
+            raise KeyboardInterrupt
+        os.kill(os.getpid(), getattr(signal, self.action))
+        return True
+
+
+def act_at(step, action):
+    return {f"{__name__}.ActAt": {"step": step, "action": action}}
+
+
+def parameters(folder, algorithm=TD3):
+    model = algorithm.load(folder.model_file)
+    return torch.cat([p.detach().flatten() for p in model.policy.parameters()])
+
+
+def scalars(folder, name):
+    """Return the steps and values that TensorBoard's files have for a name."""
+    found = {}
+    for path in sorted(folder.tensorboard_dir.glob("run_*")):
+        events = EventAccumulator(str(path)).Reload()
+        if name in events.Tags()["scalars"]:
+            found |= {event.step: event.value for event in events.Scalars(name)}
+    return found

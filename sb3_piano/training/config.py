@@ -188,7 +188,7 @@ def _checked_monitor(value: Any) -> dict[str, Any]:
 def _checked_algorithm(
     value: Mapping[str, Any], algorithm: type[BaseAlgorithm], policy: str
 ) -> dict[str, Any]:
-    own = [f.name for f in dataclasses.fields(RunConfig)]
+    own = [f.name for f in dataclasses.fields(RunConfig) if f.name != "algorithm_kwargs"]
     arguments = check_arguments(
         _plain_arguments(value, "algorithm_kwargs"), algorithm, reserved=_RESERVED, also_known=own
     )

@@ -17,7 +17,8 @@ $(INSTALLED): setup.cfg pyproject.toml constraints.txt
 
 # Train on a short piece for a few minutes, then say how well it is played.
 demo: $(INSTALLED)
-	$(BIN)/sb3-piano train --algo td3 --config examples/demo.yml --evaluate
+	$(BIN)/sb3-piano train --algo td3 --midi examples/five_fingers.mid \
+		--config examples/demo.yml --evaluate
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from sb3_piano.cli import main
 from sb3_piano.envs import ENV_IDS
 
 ROOT = Path(__file__).parents[1]
@@ -39,3 +40,12 @@ def test_the_readme_has_python_blocks_and_names_every_environment():
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_runs_and_prints_a_number(example, tmp_path):
     assert re.search(r"\d", run([str(example)], tmp_path))
+
+
+def test_the_demo_of_the_makefile_trains_and_evaluates(tmp_path, monkeypatch, capsys):
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8").replace("\\\n", " ")
+    command = re.search(r"^\t\$\(BIN\)/sb3-piano (.*)$", makefile, re.MULTILINE)[1].split()
+    monkeypatch.chdir(ROOT)
+    shortened = [*command, "--steps", "200", "--runs-dir", str(tmp_path), "--no-progress"]
+    assert main(shortened) == 0
+    assert "Keys: F1" in capsys.readouterr().out

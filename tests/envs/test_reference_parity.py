@@ -116,7 +116,7 @@ def test_every_reward_term_of_every_recorded_state_equals_the_recorded_one(rollo
         terms = env.reward_terms(row)
         for term, recorded in TERMS.items():
             ours = DEFAULT_REWARD_WEIGHTS[term] * terms[term]
-            worst[term] = max(worst[term], abs(ours - rollout[recorded][row]))
+            worst[term] = max(worst[term], float(abs(ours - rollout[recorded][row])))
     del worst["energy"]  # needs the forces of the step before: see the one-step test
     with capsys.disabled():
         print(f"\n{rollout.piece}: worst reward-term deviations {worst}")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from sb3_piano.simulation.dm_mjcf import mjcf
@@ -37,13 +39,14 @@ def build_hand(
         contype=1, conaffinity=1, rgba=_SKIN_COLOR, **table["geom_defaults"]
     )
     root.asset.add("mesh", name="forearm", vertex=_hull_vertices(table["forearm_hull_rings"]))
-    reduction = _Reduction(table["reduced_action_space"]) if reduced_action_space else None
+    reduced = _ActionSpace.reduced(table["reduced_action_space"])
+    space = reduced if reduced_action_space else _ActionSpace()
     for body in hand["bodies"]:
-        _add_body(root, body, float(gravity_compensation), reduction)
+        _add_body(root, body, float(gravity_compensation), space)
     for pair in hand["contact_excludes"]:
         root.contact.add("exclude", body1=pair[0], body2=pair[1])
     for actuator in hand["actuators"]:
-        _add_actuator(root, actuator, reduction)
+        _add_actuator(root, actuator, space)
     return root
 
 
@@ -65,25 +68,26 @@ def forearm_body(side: str) -> str:
     return f"{prefix}_shadow_hand/{prefix}_forearm"
 
 
-class _Reduction:
-    """What the reduced action space removes, looked up by full or bare joint name."""
+@dataclass(frozen=True)
+class _ActionSpace:
+    """Which joints move, and how far; joints are known by the ends of their names."""
 
-    def __init__(self, table: dict[str, Any]):
-        self._removed = tuple(table["joints_removed"])
-        self._thumb_range = table["THJ2_range"]
+    removed: tuple[str, ...] = ()
+    ranges: Mapping[str, list[float]] = field(default_factory=dict)
 
-    def removes(self, joint: str) -> bool:
-        return joint.endswith(self._removed)
+    @classmethod
+    def reduced(cls, table: dict[str, Any]) -> _ActionSpace:
+        return cls(tuple(table["joints_removed"]), {"THJ2": table["THJ2_range"]})
+
+    def has(self, joint: str) -> bool:
+        return not joint.endswith(self.removed)
 
     def range_of(self, joint: str, full_range: list[float]) -> list[float]:
-        return self._thumb_range if joint.endswith("THJ2") else full_range
+        return self.ranges.get(joint.rpartition("_")[2], full_range)
 
 
 def _add_body(
-    root: mjcf.RootElement,
-    spec: dict[str, Any],
-    gravcomp: float,
-    reduction: _Reduction | None,
+    root: mjcf.RootElement, spec: dict[str, Any], gravcomp: float, space: _ActionSpace
 ) -> None:
     parent = root.find("body", spec["parent"]) if spec["parent"] else root.worldbody
     body = parent.add(
@@ -91,10 +95,9 @@ def _add_body(
     )
     body.add("inertial", **spec["inertial"])
     for joint in spec["joints"]:
-        if reduction is None:
-            body.add("joint", **joint)
-        elif not reduction.removes(joint["name"]):
-            body.add("joint", **{**joint, "range": reduction.range_of(**_name_and_range(joint))})
+        if space.has(joint["name"]):
+            limits = space.range_of(joint["name"], joint["range"])
+            body.add("joint", **{**joint, "range": limits})
     for geom in spec["geoms"]:
         body.add("geom", **(geom if geom["type"] != "mesh" else {**geom, "mesh": "forearm"}))
     if "fingertip" in spec:
@@ -102,20 +105,13 @@ def _add_body(
         body.add("site", name=f"{finger}_site", pos=spec["fingertip"], size=[0.004], group=4)
 
 
-def _name_and_range(joint: dict[str, Any]) -> dict[str, Any]:
-    return {"joint": joint["name"], "full_range": joint["range"]}
-
-
-def _add_actuator(
-    root: mjcf.RootElement, spec: dict[str, Any], reduction: _Reduction | None
-) -> None:
+def _add_actuator(root: mjcf.RootElement, spec: dict[str, Any], space: _ActionSpace) -> None:
     """Add a position servo on a joint, or on the sum of two joints (a fixed tendon)."""
-    joints, ctrlrange = spec["joints"], spec["ctrlrange"]
-    if reduction is not None:
-        if reduction.removes(joints[0]):
-            return
-        ctrlrange = reduction.range_of(joints[0], ctrlrange)
-    settings = {"name": spec["name"], "kp": spec["kp"], "ctrlrange": ctrlrange}
+    joints = spec["joints"]
+    if not space.has(joints[0]):
+        return
+    limits = space.range_of(joints[0], spec["ctrlrange"])
+    settings = {"name": spec["name"], "kp": spec["kp"], "ctrlrange": limits}
     if "forcerange" in spec:
         settings["forcerange"] = spec["forcerange"]
     if len(joints) == 1:

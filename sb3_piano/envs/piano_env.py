@@ -9,22 +9,21 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 import numpy.typing as npt
-from gymnasium import spaces
 
 from sb3_piano.envs import rewards
+from sb3_piano.envs.actions import ActionMap
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.goal import Goal
 from sb3_piano.envs.observation import piano_layout, piano_space
 from sb3_piano.envs.performance import Performance
+from sb3_piano.envs.record import EpisodeRecord
 from sb3_piano.envs.state import EnvState
 from sb3_piano.exceptions import (
     ConfigError,
     EnvStateError,
-    InvalidActionError,
     SimulationDivergedError,
 )
 from sb3_piano.music import PianoRoll, Score, load_score
-from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.simulation import compile_scene, pedal_threshold
 from sb3_piano.viewing import FrameRenderer
 
@@ -123,11 +122,8 @@ class PianoEnv(gym.Env[Any, Any]):
         self.data = mujoco.MjData(self.model)
         self.observation_layout = piano_layout(self.scene, self.config.n_steps_lookahead)
         self.observation_space = piano_space(self.observation_layout, self.scene)
-        n_actions = self.model.nu + 1  # the actuators, then the pedal
-        self.action_space = spaces.Box(-1.0, 1.0, (n_actions,), dtype=np.float32)
-        self._ctrl_middle = (self.scene.ctrl_high + self.scene.ctrl_low) / 2
-        self._ctrl_half_range = (self.scene.ctrl_high - self.scene.ctrl_low) / 2
-        self._weights = self.config.reward_weights
+        self._actions = ActionMap(self.scene)
+        self.action_space = self._actions.space
         self._pedal_threshold = pedal_threshold()
         self._default_score = load_score(score)
         self._goal = Goal(self._default_score, self.config)
@@ -150,7 +146,7 @@ class PianoEnv(gym.Env[Any, Any]):
     @property
     def steps_played(self) -> int:
         """How many control steps of this episode are over."""
-        return self._step
+        return self._record.steps
 
     @property
     def key_active(self) -> npt.NDArray[np.bool_]:
@@ -165,17 +161,12 @@ class PianoEnv(gym.Env[Any, Any]):
     @property
     def performance(self) -> Performance:
         """What was played in this episode so far."""
-        return Performance(
-            roll=self._goal.roll,
-            key_active=self._played_keys[: self._step].copy(),
-            sustain=self._played_pedal[: self._step].copy(),
-        )
+        return self._record.performance()
 
     @property
     def rest_action(self) -> npt.NDArray[np.float32]:
         """The action that plays nothing: it holds all joints at 0 (or as near as they can be)."""
-        rest = np.clip(-self._ctrl_middle / self._ctrl_half_range, -1.0, 1.0)
-        return np.append(rest, -1.0).astype(np.float32)
+        return self._actions.rest
 
     # Gymnasium's interface.
 
@@ -225,19 +216,20 @@ class PianoEnv(gym.Env[Any, Any]):
         """
         if self._finished:
             raise EnvStateError("No episode is under way: call reset() before step().")
-        self._simulate(self._checked(action))
-        terms = self.reward_terms(self._step)
-        weighted = np.array([self._weights[name] * value for name, value in terms.items()])
-        wrong_press = self._record(self._step, weighted)
-        self._step += 1
-        truncated = self._step == len(self._goal)
+        controls, self._pedal = self._actions.controls(action)
+        self._simulate(controls)
+        step, sounding = self._record.steps, self.key_active
+        terms = self.reward_terms(step)
+        weighted = {name: self.config.reward_weights[name] * terms[name] for name in terms}
+        self._record.add(sounding, self.pedal_down, weighted)
+        truncated = self._record.steps == len(self._goal)
+        wrong_press = bool(np.any(sounding & ~self._goal.roll.active[step]))
         terminated = self.config.wrong_press_termination and wrong_press and not truncated
         self._finished = truncated or terminated
         info: dict[str, Any] = {"reward_terms": terms}
         if self._finished:
-            info.update(self.performance.metrics())
-            info.update(zip(rewards.RETURN_KEYS, self._returns.tolist(), strict=True))
-        return self._observation(), float(weighted.sum()), terminated, truncated, info
+            info.update(self._record.summary())
+        return self._observation(), sum(weighted.values()), terminated, truncated, info
 
     def reward_terms(self, step: int) -> dict[str, float]:
         """Return the unweighted reward terms of the present state under the goal of a step.
@@ -276,7 +268,7 @@ class PianoEnv(gym.Env[Any, Any]):
                 height=self.config.height,
                 camera=self.config.camera_name,
             )
-        due, fingers = self._goal.roll.due(max(self._step - 1, 0))
+        due, fingers = self._goal.roll.due(max(self._record.steps - 1, 0))
         return self._renderer.render(self.data, due=due, fingers=fingers, sounding=self.key_active)
 
     def close(self) -> None:
@@ -292,15 +284,15 @@ class PianoEnv(gym.Env[Any, Any]):
         kind = mujoco.mjtState.mjSTATE_INTEGRATION
         physics = np.empty(mujoco.mj_stateSize(self.model, kind))
         mujoco.mj_getState(self.model, self.data, physics, kind)
+        played = self._record.performance()
         return EnvState(
             physics=physics,
             score=self._goal.score,
-            step=self._step,
             finished=self._finished,
             pedal=self._pedal,
-            key_active=self._played_keys[: self._step].copy(),
-            sustain=self._played_pedal[: self._step].copy(),
-            returns=self._returns.copy(),
+            key_active=played.key_active,
+            sustain=played.sustain,
+            returns=self._record.returns.copy(),
         )
 
     def set_state(self, state: EnvState) -> Observation:
@@ -331,10 +323,8 @@ class PianoEnv(gym.Env[Any, Any]):
         self._clear_episode()
         mujoco.mj_setState(self.model, self.data, state.physics, kind)
         mujoco.mj_step1(self.model, self.data)
-        self._step, self._finished, self._pedal = state.step, state.finished, state.pedal
-        self._played_keys[: state.step] = state.key_active
-        self._played_pedal[: state.step] = state.sustain
-        self._returns[:] = state.returns
+        self._record.restore(state.key_active, state.sustain, state.returns)
+        self._finished, self._pedal = state.finished, state.pedal
         return self._observation()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -348,30 +338,11 @@ class PianoEnv(gym.Env[Any, Any]):
 
     def _clear_episode(self) -> None:
         mujoco.mj_resetData(self.model, self.data)
-        self._step = 0
+        self._record = EpisodeRecord(self._goal.roll)
         self._finished = False
         self._pedal = 0.0
-        self._played_keys = np.zeros((len(self._goal), NUM_KEYS), dtype=bool)
-        self._played_pedal = np.zeros(len(self._goal), dtype=bool)
-        self._returns = np.zeros(len(rewards.RETURN_KEYS))
 
-    def _checked(self, action: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        try:
-            array = np.asarray(action, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise InvalidActionError(f"The action is not an array of numbers: {error}.") from error
-        if array.shape != self.action_space.shape:
-            raise InvalidActionError(
-                f"The action has shape {array.shape}: expected {self.action_space.shape}."
-            )
-        if not np.isfinite(array).all():
-            bad = int(np.flatnonzero(~np.isfinite(array))[0])
-            raise InvalidActionError(
-                f"Element {bad} of the action is {array[bad]}: expected numbers in [-1, 1]."
-            )
-        return np.clip(array, -1.0, 1.0)
-
-    def _simulate(self, action: npt.NDArray[np.float64]) -> None:
+    def _simulate(self, controls: npt.NDArray[np.float64]) -> None:
         """Advance the physics by a control step.
 
         The position and velocity stages of the last state are already done (by the last call, by
@@ -379,8 +350,7 @@ class PianoEnv(gym.Env[Any, Any]):
         the call ends with the first stage: fingertips and velocities are then those of the new
         state, at no extra cost.
         """
-        self.data.ctrl[:] = self._ctrl_middle + self._ctrl_half_range * action[:-1]
-        self._pedal = float(action[-1] + 1.0) / 2.0
+        self.data.ctrl[:] = controls
         mujoco.mj_step2(self.model, self.data)
         mujoco.mj_step(self.model, self.data, nstep=self.config.n_substeps - 1)
         mujoco.mj_step1(self.model, self.data)
@@ -388,17 +358,9 @@ class PianoEnv(gym.Env[Any, Any]):
         if any(self.data.warning[kind].number for kind in _INSTABILITIES):
             self._finished = True
             raise SimulationDivergedError(
-                f"The physics became unstable in control step {self._step}. The episode is over: "
-                "call reset(). Expected only after changes to the model or its state."
+                f"The physics became unstable in control step {self._record.steps}. The episode "
+                "is over: call reset(). Expected only after changes to the model or its state."
             )
-
-    def _record(self, step: int, weighted: npt.NDArray[np.float64]) -> bool:
-        """Note down what sounds after a control step; return whether a wrong key does."""
-        sounding = self.key_active
-        self._played_keys[step] = sounding
-        self._played_pedal[step] = self.pedal_down
-        self._returns += weighted
-        return bool(np.any(sounding & ~self._goal.roll.active[step]))
 
     def _fingering_term(self, step: int) -> float:
         if self._goal.fingering_reward == "off":
@@ -417,7 +379,7 @@ class PianoEnv(gym.Env[Any, Any]):
     def _observation(self) -> Observation:
         """Return the observation; after the last step it repeats the last goal."""
         layout, scene, qpos = self.observation_layout, self.scene, self.data.qpos
-        step = min(self._step, len(self._goal) - 1)
+        step = min(self._record.steps, len(self._goal) - 1)
         observation = np.empty(layout.size, dtype=np.float32)
         observation[layout["goal"].slice] = self._goal.rows(step)
         observation[layout["fingering"].slice] = self._goal.fingers(step)

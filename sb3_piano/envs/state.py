@@ -18,8 +18,6 @@ class EnvState:
     """MuJoCo's integration state."""
     score: Score
     """What is played."""
-    step: int
-    """Control steps that are over."""
     finished: bool
     """Whether the episode has ended."""
     pedal: float
@@ -30,3 +28,8 @@ class EnvState:
     """(step,) bool, whether the pedal was down."""
     returns: npt.NDArray[np.float64]
     """(5,) sums so far of the weighted reward terms."""
+
+    @property
+    def step(self) -> int:
+        """Control steps that are over."""
+        return len(self.key_active)

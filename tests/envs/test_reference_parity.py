@@ -41,7 +41,6 @@ def state_at(env, recording, row, finished=False):
     pedal = (recording["action"][row - 1, -1] + 1) / 2 if row > 0 else 0.0
     return dataclasses.replace(
         env.get_state(),
-        step=row,
         finished=finished,
         pedal=pedal,
         key_active=recording["key_active"][:row],

@@ -1,0 +1,55 @@
+"""What an action means: target positions of all actuators, and the pedal."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from sb3_piano.exceptions import InvalidActionError
+from sb3_piano.simulation import PianoScene
+
+
+class ActionMap:
+    """Maps actions in [-1, 1] onto control ranges: actuators in the scene's order, pedal last."""
+
+    def __init__(self, scene: PianoScene):
+        """Take the control ranges of a scene's actuators."""
+        self._middle = (scene.ctrl_high + scene.ctrl_low) / 2
+        self._half_range = (scene.ctrl_high - scene.ctrl_low) / 2
+        self.space = spaces.Box(-1.0, 1.0, (len(self._middle) + 1,), dtype=np.float32)
+
+    @property
+    def rest(self) -> npt.NDArray[np.float32]:
+        """The action that holds all joints at 0, or as near as they can be, and the pedal up."""
+        hands = np.clip(-self._middle / self._half_range, -1.0, 1.0)
+        return np.append(hands, -1.0).astype(np.float32)
+
+    def controls(self, action: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], float]:
+        """Return what an action commands; values outside [-1, 1] are clipped.
+
+        Returns:
+            The actuators' targets, (nu,) rad or m, and the pedal's command in [0, 1].
+
+        Raises:
+            InvalidActionError: If the action has the wrong shape or is not finite.
+        """
+        clipped = np.clip(self._checked(action), -1.0, 1.0)
+        return self._middle + self._half_range * clipped[:-1], float(clipped[-1] + 1.0) / 2.0
+
+    def _checked(self, action: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        try:
+            array = np.asarray(action, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise InvalidActionError(f"The action is not an array of numbers: {error}.") from error
+        if array.shape != self.space.shape:
+            raise InvalidActionError(
+                f"The action has shape {array.shape}: expected {self.space.shape}."
+            )
+        finite = np.isfinite(array)
+        if not finite.all():
+            bad = int(np.argmin(finite))
+            raise InvalidActionError(
+                f"Element {bad} of the action is {array[bad]}: expected numbers in [-1, 1]."
+            )
+        return array

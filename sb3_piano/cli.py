@@ -32,7 +32,7 @@ _METRIC_NAMES = {
     "return_energy": "  from energy",
     "length": "Length, control steps",
 }
-_NEW_RUN_ONLY = ("env", "midi", "config", "seed", "n_envs", "vec_env", "run", "runs_dir")
+_NEW_RUN_ONLY = ("midi", "config", "seed", "n_envs", "vec_env", "run", "runs_dir")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -116,7 +116,13 @@ def _train(arguments: argparse.Namespace) -> int:
         options["checkpoint_every"] = arguments.checkpoint_every
     if arguments.resume is not None:
         _refuse_new_run_options(arguments)
-        result = resume(arguments.resume, arguments.steps, algo=arguments.algo, **options)
+        result = resume(
+            arguments.resume,
+            arguments.steps,
+            algo=arguments.algo,
+            env_id=arguments.env,
+            **options,
+        )
     else:
         config = _config(arguments)
         runs_dir = "runs" if arguments.runs_dir is None else arguments.runs_dir

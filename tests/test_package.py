@@ -17,6 +17,7 @@ PACKAGE = Path(sb3_piano.__file__).parent
 # The rooms, each of which imports only from those before it.
 ROOMS = [
     "exceptions",
+    "files",
     "music",
     "simulation",
     "metrics",

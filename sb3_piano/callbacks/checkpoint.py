@@ -10,9 +10,9 @@ from pathlib import Path
 
 from stable_baselines3.common.callbacks import BaseCallback
 
-from sb3_piano.callbacks.files import PARTIAL_SUFFIX, write_atomically, write_bytes, write_json
 from sb3_piano.callbacks.replay_segments import SEGMENT_PATTERN, ReplayManifest, ReplaySegments
 from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.files import PARTIAL_SUFFIX, write_atomically, write_bytes, write_json
 
 CHECKPOINT_FILE = "checkpoint.json"
 DEFAULT_EVERY = 10_000

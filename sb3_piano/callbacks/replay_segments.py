@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 from stable_baselines3.common.buffers import DictReplayBuffer, ReplayBuffer
 
-from sb3_piano.callbacks.files import write_atomically
 from sb3_piano.exceptions import RunError
+from sb3_piano.files import write_atomically
 
 SEGMENT_PATTERN = "replay-*.npz"
 

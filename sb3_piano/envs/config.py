@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from numbers import Integral, Real
 from typing import Any
 
 from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS
@@ -106,14 +107,14 @@ class PianoEnvConfig:
                 object.__setattr__(self, option.name, _number(option.name, value))
             elif expected == "bool" and not isinstance(value, bool):
                 raise ConfigError(f"{option.name} is {value!r}: expected true or false.")
-            elif expected == "int" and (isinstance(value, bool) or not isinstance(value, int)):
+            elif expected == "int" and (isinstance(value, bool) or not isinstance(value, Integral)):
                 raise ConfigError(f"{option.name} is {value!r}: expected a whole number.")
             elif expected.startswith("Mapping") and not isinstance(value, Mapping):
                 raise ConfigError(f"{option.name} is {value!r}: expected a mapping of names.")
 
 
 def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
         raise ConfigError(f"{name} is {value!r}: expected a finite number.")
     return float(value)
 

@@ -16,16 +16,15 @@ note or a press of the pedal shorter than a tick lasts one tick.
 
 from __future__ import annotations
 
-import contextlib
 import io
 import os
 import re
-import uuid
 from pathlib import Path
 
 import pretty_midi
 
 from sb3_piano.exceptions import ScoreError
+from sb3_piano.files import write_bytes
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH, NUM_FINGERS, UNKNOWN_FINGER
 from sb3_piano.music.midi_events import SUSTAIN_CONTROLLER, parse_midi
 from sb3_piano.music.note import Note, Pedal, located_note, merge_pedals
@@ -100,18 +99,12 @@ def write_midi(score: Score, path: str | os.PathLike[str]) -> None:
     midi.instruments[0].control_changes = _control_changes(score, tick)
     contents = io.BytesIO()
     midi.write(contents)
-    # Moved into place when complete, so that nobody ever finds half a file.
-    temporary = path.parent / f".{uuid.uuid4().hex}.tmp"
     try:
-        temporary.write_bytes(contents.getvalue())
-        os.replace(temporary, path)
+        write_bytes(path, contents.getvalue())
     except OSError as error:
         raise ScoreError(
             f"Cannot write {str(path)!r}: {error.strerror}; expected a file in a writable folder."
         ) from error
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
 
 
 def _finger_of(track_name: str) -> int:

@@ -15,8 +15,8 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from sb3_piano.callbacks import Checkpoint
-from sb3_piano.callbacks.files import write_json
 from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.files import write_json
 from sb3_piano.music import Score, write_midi
 from sb3_piano.training.builders import build_vec_env
 from sb3_piano.training.config import RunConfig

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import yaml
 
-from sb3_piano.callbacks.files import write_text
 from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.files import write_text
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.provenance import provenance
 from sb3_piano.training.yaml_config import read_yaml_mapping

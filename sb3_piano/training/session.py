@@ -18,9 +18,7 @@ from sb3_piano.callbacks import (
     ResumableCheckpoint,
 )
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
-from sb3_piano.envs import RETURN_KEYS
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.interrupts import StopOnRequest, stop_on_signal
 from sb3_piano.training.run_folder import RunFolder
@@ -79,7 +77,7 @@ class Session:
         with contextlib.ExitStack() as stack:
             bar = self._progress_bar(stack)
             request = stack.enter_context(stop_on_signal())
-            own = [EpisodeMetricsCallback((*EPISODE_METRICS, *RETURN_KEYS)), bar, self._saver()]
+            own = [EpisodeMetricsCallback(), bar, self._saver()]
             stopper = StopOnRequest(request)
             callbacks = [*self.callbacks, *filter(None, own), stopper]
             interrupted = self._learn(callbacks) or request.made

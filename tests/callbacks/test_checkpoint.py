@@ -15,8 +15,8 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_piano.callbacks import Checkpoint, ResumableCheckpoint, restore_replay_buffer
-from sb3_piano.callbacks.files import write_bytes
 from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.files import write_bytes
 
 
 def make_model(n_envs=1, normalize=False, **kwargs):

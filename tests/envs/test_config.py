@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, PianoEnvConfig
@@ -33,6 +34,11 @@ from sb3_piano.exceptions import ConfigError
 def test_a_bad_setting_is_refused_by_name(options, message):
     with pytest.raises(ConfigError, match=message):
         PianoEnvConfig.from_options(options)
+
+
+def test_numbers_from_numpy_are_numbers():
+    config = PianoEnvConfig(n_steps_lookahead=np.int64(3), initial_buffer_time=np.float32(0.5))
+    assert (config.n_steps_lookahead, config.initial_buffer_time) == (3, 0.5)
 
 
 def test_given_weights_replace_the_default_ones_and_the_others_stay():

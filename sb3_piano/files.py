@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from collections.abc import Callable, Mapping
@@ -16,18 +17,24 @@ PARTIAL_SUFFIX = ".partial"
 def write_atomically(path: Path, write: Callable[[BufferedWriter], object]) -> None:
     """Write a file so that a reader, or a killed process, never leaves or sees half of it.
 
-    The bytes go to a neighbouring file, reach the disk, and take the final name in one step.
+    The bytes go to a neighbouring file, reach the disk, and take the final name in one step. If
+    that fails the neighbouring file is deleted; only a killed process leaves it behind.
 
     Args:
         path: The file to create or replace; its folder must exist.
         write: Is called with the open binary file.
     """
     partial = path.with_name(path.name + PARTIAL_SUFFIX)
-    with partial.open("wb") as file:
-        write(file)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(partial, path)
+    try:
+        with partial.open("wb") as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            partial.unlink()
+        raise
 
 
 def write_bytes(path: Path, content: bytes) -> None:

@@ -168,6 +168,17 @@ def test_a_pressed_key_is_recorded_and_scored(env):
     assert [(note.pitch, note.onset, note.offset) for note in played.notes] == [(60, 0.0, 0.1)]
 
 
+def test_a_pressed_pedal_is_recorded_and_scored(env):
+    action = env.rest_action
+    action[-1] = 1.0
+    for _ in range(6):
+        *_, info = env.step(action)
+    assert env.performance.sustain.all()
+    # Held throughout and due in two of six steps; where it is not due, recall is 1.
+    assert info["sustain_precision"] == pytest.approx(2 / 6)
+    assert info["sustain_recall"] == 1.0
+
+
 def test_playing_nothing_leaves_no_score_of_the_performance(env):
     for _ in range(6):
         env.step(env.rest_action)
@@ -183,8 +194,9 @@ def test_a_wrong_press_terminates_only_where_it_is_asked_to(enabled, key, ends):
     push_key(env, key)
     _, _, terminated, truncated, info = env.step(env.rest_action)
     assert (terminated, truncated) == (ends, False)
-    if ends:  # an early end has all the numbers too
+    if ends:  # an early end has all the numbers too, over the one step that was played
         assert set(info) >= {*EPISODE_METRICS, *RETURN_KEYS}
+        assert (info["precision"], info["recall"]) == (0.0, 0.0)
         with pytest.raises(EnvStateError, match="reset"):
             env.step(env.rest_action)
 
@@ -325,13 +337,14 @@ def test_a_restored_state_deep_in_an_episode_repeats_every_step_bitwise(options)
     play(env, actions[:120])
     state = env.get_state()
     expected = play(env, actions[120:])
-    final = env.performance.metrics()
+    final, returns = env.performance.metrics(), env.get_state().returns
     env.reset(options={"score": TINY})
     observation = env.set_state(pickle.loads(pickle.dumps(state)))
     assert env.steps_played == 120
     np.testing.assert_array_equal(observation, env.set_state(state))
     np.testing.assert_array_equal(play(env, actions[120:]), expected)
     assert env.performance.metrics() == final
+    np.testing.assert_array_equal(env.get_state().returns, returns)
 
 
 def test_a_state_is_a_copy_that_later_steps_do_not_touch(env):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import subprocess
 import sys
 
@@ -45,6 +46,27 @@ def test_a_due_key_has_its_fingers_colour_and_a_sounding_key_is_green(camera):
 
 
 @needs_gl
+def test_the_picture_is_upright_with_the_sky_above():
+    env = PianoEnv(DUE, render_mode="rgb_array", width=64, height=64)
+    env.reset(seed=0)
+    blue = env.render()[..., 2].mean(axis=1)
+    assert blue[0] > blue[-1] + 30
+    env.close()
+
+
+@needs_gl
+def test_a_key_is_coloured_while_the_step_just_played_asks_for_it():
+    env = PianoEnv(DUE, render_mode="rgb_array", width=640, height=480)
+    env.reset(seed=0)
+    reds = [count_dominated_by(0, env.render())]
+    for _ in range(5):  # due in the first four steps, not in the fifth
+        env.step(env.rest_action)
+        reds.append(count_dominated_by(0, env.render()))
+    assert min(reds[:5]) > reds[5] + 200
+    env.close()
+
+
+@needs_gl
 def test_rendering_leaves_the_model_and_the_simulation_as_they_were():
     env = PianoEnv(DUE, render_mode="rgb_array", width=64, height=64)
     env.reset(seed=0)
@@ -54,6 +76,18 @@ def test_rendering_leaves_the_model_and_the_simulation_as_they_were():
     np.testing.assert_array_equal(env.model.geom_rgba, colors)
     np.testing.assert_array_equal(env.get_state().physics, before)
     env.close()
+    env.close()
+
+
+@needs_gl
+def test_an_environment_that_has_drawn_can_be_copied_and_both_can_draw():
+    env = PianoEnv(DUE, render_mode="rgb_array", width=64, height=64)
+    env.reset(seed=0)
+    picture = env.render()
+    twin = pickle.loads(pickle.dumps(env))
+    np.testing.assert_array_equal(twin.render(), picture)
+    np.testing.assert_array_equal(env.render(), picture)
+    twin.close()
     env.close()
 
 

@@ -1,7 +1,7 @@
 """The piano environment and its registration with gymnasium."""
 
 from sb3_piano.envs.config import PianoEnvConfig
-from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
+from sb3_piano.envs.observation import ObservationBlock, ObservationLayout, ObservationSpace
 from sb3_piano.envs.performance import Performance
 from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.envs.registration import DEBUG_IDS, ENV_IDS, GENERAL_ID, register_envs
@@ -17,6 +17,7 @@ __all__ = [
     "EnvState",
     "ObservationBlock",
     "ObservationLayout",
+    "ObservationSpace",
     "Performance",
     "PianoEnv",
     "PianoEnvConfig",

@@ -13,6 +13,9 @@ from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.simulation import physics_profile
 
+OBSERVATIONS = ("roll", "window", "fingers")
+"""How goal and state may be observed."""
+
 FINGERING_REWARDS = ("auto", "labels", "optimal-transport", "off")
 """What the fingering term of the reward may measure."""
 
@@ -29,6 +32,9 @@ class PianoEnvConfig:
 
     n_steps_lookahead: int = 10
     """How many control steps after the current one the goal shows; 0 or more."""
+    observation: str = "roll"
+    """"roll" is RoboPianist's observation; "window" is the same for the keys of the piece and three
+    beside them; "fingers" has for each finger where and when it must press next."""
     control_timestep: float = 0.05
     """Length of a control step, s; a whole number of physics steps."""
     initial_buffer_time: float = 0.0
@@ -40,7 +46,7 @@ class PianoEnvConfig:
     gravity_compensation: bool = True
     """Let forces balance the weight of the hands."""
     physics: str = "reference"
-    """Name of a physics profile."""
+    """Name of a physics profile: "reference" (RoboPianist's) or "fast"."""
     fingering_reward: str = "auto"
     """"labels" rewards labelled fingers at their keys; "optimal-transport" any finger near a due
     key (RP1M); "auto" takes labels if the score has any, else optimal transport; "off" is 0."""
@@ -79,6 +85,7 @@ class PianoEnvConfig:
         )
         _require(0 < self.width <= 1920, "width", self.width, "1 to 1920 pixels")
         _require(0 < self.height <= 1080, "height", self.height, "1 to 1080 pixels")
+        _one_of("observation", self.observation, OBSERVATIONS)
         _one_of("fingering_reward", self.fingering_reward, FINGERING_REWARDS)
         _one_of("camera_name", self.camera_name, ("overview", "topdown"))
         for name in self.reward_weights:
@@ -90,7 +97,7 @@ class PianoEnvConfig:
     @property
     def n_substeps(self) -> int:
         """Physics steps in a control step."""
-        timestep = physics_profile(self.physics).timestep
+        timestep = physics_profile(self.physics).solver.timestep
         count = round(self.control_timestep / timestep)
         if count < 1 or not math.isclose(count * timestep, self.control_timestep, rel_tol=1e-9):
             raise ConfigError(

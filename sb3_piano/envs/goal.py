@@ -1,14 +1,33 @@
-"""What an episode asks for: a score, cut into control steps and shaped for the observation."""
+"""What an episode asks for: a score, cut into control steps and ready to be compared with."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.config import PianoEnvConfig
-from sb3_piano.envs.observation import GOAL_WIDTH
 from sb3_piano.music import PianoRoll, Score
-from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
+
+BoolArray = npt.NDArray[np.bool_]
+
+
+class StepGoal(NamedTuple):
+    """What one control step asks for."""
+
+    due: BoolArray
+    """(88,) keys that should sound; a view of the roll."""
+    not_due: BoolArray
+    """(88,) keys that should not."""
+    keys: npt.NDArray[np.intp]
+    """(n,) the keys that should sound, ascending."""
+    sustain: bool
+    """Whether the pedal should be down."""
+    labelled_keys: npt.NDArray[np.intp]
+    """(m,) those of them with a finger label."""
+    labelled_fingers: npt.NDArray[np.intp]
+    """(m,) their fingers, 0 to 9."""
 
 
 class Goal:
@@ -33,24 +52,22 @@ class Goal:
         self.fingering_reward = config.fingering_reward
         if config.fingering_reward == "auto":
             self.fingering_reward = "labels" if score.has_fingering else "optimal-transport"
-        self._window = config.n_steps_lookahead + 1
-        # Silence is appended, so that the lookahead of the last step can be cut like any other.
-        steps = len(self.roll)
-        self._rows = np.zeros((steps + config.n_steps_lookahead, GOAL_WIDTH), dtype=np.float32)
-        self._rows[:steps, :NUM_KEYS] = self.roll.active
-        self._rows[:steps, NUM_KEYS] = self.roll.sustain
+        self.steps = tuple(_step_goal(self.roll, step) for step in range(len(self.roll)))
+        """What each control step asks for."""
 
     def __len__(self) -> int:
         """Return how many control steps the episode has."""
-        return len(self.roll)
+        return len(self.steps)
 
-    def rows(self, step: int) -> npt.NDArray[np.float32]:
-        """Return what is due at a step and after it, ((lookahead + 1) * 89,) float32, a view."""
-        return self._rows[step : step + self._window].reshape(-1)
 
-    def fingers(self, step: int) -> npt.NDArray[np.float32]:
-        """Return 1 for each finger that is labelled to press at a step, (10,) float32."""
-        _, fingers = self.roll.due(step)
-        labelled = np.zeros(NUM_FINGERS, dtype=np.float32)
-        labelled[fingers[fingers >= 0]] = 1.0
-        return labelled
+def _step_goal(roll: PianoRoll, step: int) -> StepGoal:
+    keys, fingers = roll.due(step)
+    labelled = fingers >= 0
+    return StepGoal(
+        due=roll.active[step],
+        not_due=~roll.active[step],
+        keys=keys,
+        sustain=bool(roll.sustain[step]),
+        labelled_keys=keys[labelled],
+        labelled_fingers=fingers[labelled].astype(np.intp),
+    )

@@ -2,38 +2,38 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from gymnasium import spaces
 
-from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
-from sb3_piano.simulation import PianoScene
-
-GOAL_WIDTH = NUM_KEYS + 1
-"""Numbers in one row of the goal: the keys, then the pedal."""
-
-# Joint limits are soft: a joint that is pushed may overshoot its range by a little. The declared
-# bounds leave this much room (rad, or m for the sliders).
-_JOINT_OVERSHOOT = 1.0
+IntArray = npt.NDArray[np.intp]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ObservationBlock:
     """One named part of the observation vector."""
 
     name: str
     """Name by which wrappers cut the block."""
-    start: int
-    """First index in the observation vector."""
     shape: tuple[int, ...]
     """Shape of the block before it was flattened (row-major)."""
     unit: str
     """Unit of its numbers; "1" for pure numbers."""
     meaning: str
     """What its numbers say, in a sentence."""
+    low: npt.ArrayLike = 0.0
+    """Least value of its numbers; broadcast to the shape."""
+    high: npt.ArrayLike = 1.0
+    """Greatest value of its numbers; broadcast to the shape."""
+    binary: bool = False
+    """Whether its numbers are only ever 0 or 1."""
+    start: int = 0
+    """First index in the observation vector."""
 
     @property
     def size(self) -> int:
@@ -45,25 +45,24 @@ class ObservationBlock:
         """Where the block stands in the observation vector."""
         return slice(self.start, self.start + self.size)
 
+    def restrict(self, kept: IntArray) -> ObservationBlock:
+        """Return the block with only the given indices of its last axis."""
+        low, high = (np.broadcast_to(b, self.shape)[..., kept] for b in (self.low, self.high))
+        return dataclasses.replace(self, shape=(*self.shape[:-1], len(kept)), low=low, high=high)
+
 
 class ObservationLayout(Mapping[str, ObservationBlock]):
     """The blocks of an observation vector by name, in their order, without gaps."""
 
-    def __init__(self, blocks: Mapping[str, tuple[tuple[int, ...], str, str]]):
-        """Lay out blocks one after the other.
-
-        Args:
-            blocks: For each name its shape, unit and meaning.
-        """
+    def __init__(self, blocks: Iterable[ObservationBlock]):
+        """Lay out blocks one after the other, wherever they stood before."""
         self._blocks: dict[str, ObservationBlock] = {}
         start = 0
-        for name, (shape, unit, meaning) in blocks.items():
-            block = ObservationBlock(
-                name=name, start=start, shape=shape, unit=unit, meaning=meaning
-            )
-            self._blocks[name] = block
+        for block in blocks:
+            self._blocks[block.name] = dataclasses.replace(block, start=start)
             start += block.size
         self.size = start
+        """How many numbers the observation has."""
 
     def __getitem__(self, name: str) -> ObservationBlock:
         return self._blocks[name]
@@ -78,42 +77,44 @@ class ObservationLayout(Mapping[str, ObservationBlock]):
         blocks = ", ".join(f"{b.name}[{b.start}:{b.start + b.size}]" for b in self.values())
         return f"ObservationLayout({blocks})"
 
+    def restrict(self, kept: Mapping[str, IntArray]) -> tuple[ObservationLayout, IntArray]:
+        """Cut blocks along their last axis, such as the keys of the goal.
 
-def piano_layout(scene: PianoScene, n_steps_lookahead: int) -> ObservationLayout:
-    """Return RoboPianist's observation order for a scene.
+        Args:
+            kept: For the blocks to be cut, the indices of the last axis that remain.
 
-    Args:
-        scene: The scene whose hands are observed.
-        n_steps_lookahead: How many control steps after the current one the goal shows.
+        Returns:
+            The layout of the shorter vector, and (its size,) the indices of its numbers in the
+            vector of this layout.
+        """
+        blocks, columns = [], []
+        for block in self.values():
+            indices = np.arange(block.start, block.start + block.size).reshape(block.shape)
+            if block.name in kept:
+                block, indices = block.restrict(kept[block.name]), indices[..., kept[block.name]]
+            blocks.append(block)
+            columns.append(indices.reshape(-1))
+        return ObservationLayout(blocks), np.concatenate(columns)
+
+
+class ObservationSpace(spaces.Box):
+    """A flat ``Box`` of float32 that knows its blocks.
+
+    Whoever gets only a space from Stable-Baselines3 (a feature extractor, a replay buffer) can ask
+    it for ``layout``. A wrapper that puts an ordinary ``Box`` in its place hides the layout.
     """
-    right, left = (len(addresses) for addresses in scene.joint_qpos)
-    joints = "joint positions, wrist to thumb, then the sliders along the keyboard and upwards"
-    return ObservationLayout(
-        {
-            "goal": (
-                (n_steps_lookahead + 1, GOAL_WIDTH),
-                "1",
-                "1 where a key (columns 0-87) or the pedal (column 88) should be down, for the "
-                "current control step and those after it; 0 beyond the end",
-            ),
-            "fingering": (
-                (NUM_FINGERS,),
-                "1",
-                "1 for each finger that is labelled to press now: right thumb to little, then left",
-            ),
-            "key_state": ((NUM_KEYS,), "1", "key angle over its largest angle, in [0, 1]"),
-            "sustain": ((1,), "1", "the pedal's command in [0, 1]; down from 0.5 on"),
-            "right_joints": ((right,), "rad, m for the last two", f"right hand's {joints}"),
-            "left_joints": ((left,), "rad, m for the last two", f"left hand's {joints}"),
-        }
-    )
 
-
-def piano_space(layout: ObservationLayout, scene: PianoScene) -> spaces.Box:
-    """Return the observation space that belongs to a layout of :func:`piano_layout`."""
-    low = np.zeros(layout.size, dtype=np.float32)
-    high = np.ones(layout.size, dtype=np.float32)
-    for name, limits in zip(("right_joints", "left_joints"), scene.joint_range, strict=True):
-        low[layout[name].slice] = limits[:, 0] - _JOINT_OVERSHOOT
-        high[layout[name].slice] = limits[:, 1] + _JOINT_OVERSHOOT
-    return spaces.Box(low, high, dtype=np.float32)
+    def __init__(self, layout: ObservationLayout):
+        """Take bounds and size from a layout."""
+        low, high = (
+            np.concatenate(
+                [
+                    np.broadcast_to(getattr(block, bound), block.shape).reshape(-1)
+                    for block in layout.values()
+                ]
+            ).astype(np.float32)
+            for bound in ("low", "high")
+        )
+        super().__init__(low, high, dtype=np.float32)
+        self.layout = layout
+        """Which numbers stand where."""

@@ -13,9 +13,11 @@ import numpy.typing as npt
 from sb3_piano.envs import rewards
 from sb3_piano.envs.actions import ActionMap
 from sb3_piano.envs.config import PianoEnvConfig
-from sb3_piano.envs.goal import Goal
-from sb3_piano.envs.observation import piano_layout, piano_space
+from sb3_piano.envs.encodings import make_encoding
+from sb3_piano.envs.goal import Goal, StepGoal
+from sb3_piano.envs.observation import ObservationLayout, ObservationSpace
 from sb3_piano.envs.performance import Performance
+from sb3_piano.envs.reading import Reading
 from sb3_piano.envs.record import EpisodeRecord
 from sb3_piano.envs.state import EnvState
 from sb3_piano.exceptions import (
@@ -120,13 +122,20 @@ class PianoEnv(gym.Env[Any, Any]):
         ).copy()
         self.model = self.scene.model
         self.data = mujoco.MjData(self.model)
-        self.observation_layout = piano_layout(self.scene, self.config.n_steps_lookahead)
-        self.observation_space = piano_space(self.observation_layout, self.scene)
         self._actions = ActionMap(self.scene)
         self.action_space = self._actions.space
         self._pedal_threshold = pedal_threshold()
         self._default_score = load_score(score)
         self._goal = Goal(self._default_score, self.config)
+        self._encoding = make_encoding(
+            self.config.observation,
+            self.scene,
+            self.config.n_steps_lookahead,
+            self.config.control_timestep,
+            self._goal.roll,
+        )
+        self._encoding.prepare(self._goal.roll)
+        self.observation_space = ObservationSpace(self._encoding.layout)
         self._renderer: FrameRenderer | None = None
         self._clear_episode()
         self._finished = True  # until the first reset
@@ -149,9 +158,14 @@ class PianoEnv(gym.Env[Any, Any]):
         return self._record.steps
 
     @property
+    def observation_layout(self) -> ObservationLayout:
+        """Which numbers of the observation stand where, and what they mean."""
+        return self._encoding.layout
+
+    @property
     def key_active(self) -> npt.NDArray[np.bool_]:
         """Which keys sound now, (88,) bool."""
-        return self.scene.key_angle(self.data) >= self.scene.key_sounding_angle
+        return self._read().sounding
 
     @property
     def pedal_down(self) -> bool:
@@ -218,18 +232,22 @@ class PianoEnv(gym.Env[Any, Any]):
             raise EnvStateError("No episode is under way: call reset() before step().")
         controls, self._pedal = self._actions.controls(action)
         self._simulate(controls)
-        step, sounding = self._record.steps, self.key_active
-        terms = self.reward_terms(step)
-        weighted = {name: self.config.reward_weights[name] * terms[name] for name in terms}
-        self._record.add(sounding, self.pedal_down, weighted)
+        reading, step = self._read(), self._record.steps
+        terms = self._reward_terms(step, reading)
+        weights = self.config.reward_weights
+        weighted = {name: weights[name] * term for name, term in terms.items()}
+        self._record.add(reading.sounding, self.pedal_down, weighted)
         truncated = self._record.steps == len(self._goal)
-        wrong_press = bool(np.any(sounding & ~self._goal.roll.active[step]))
-        terminated = self.config.wrong_press_termination and wrong_press and not truncated
+        terminated = (
+            self.config.wrong_press_termination
+            and not truncated
+            and bool((reading.sounding & self._goal.steps[step].not_due).any())
+        )
         self._finished = truncated or terminated
         info: dict[str, Any] = {"reward_terms": terms}
         if self._finished:
             info.update(self._record.summary())
-        return self._observation(), sum(weighted.values()), terminated, truncated, info
+        return self._observation(reading), sum(weighted.values()), terminated, truncated, info
 
     def reward_terms(self, step: int) -> dict[str, float]:
         """Return the unweighted reward terms of the present state under the goal of a step.
@@ -237,18 +255,7 @@ class PianoEnv(gym.Env[Any, Any]):
         Args:
             step: Control step whose goal is compared with the state, 0 to ``len(roll) - 1``.
         """
-        data, scene = self.data, self.scene
-        due = self._goal.roll.active[step]
-        key_state = scene.key_angle(data) / scene.key_max_angle
-        return {
-            "key_press": rewards.key_press(due, key_state, self.key_active),
-            "sustain": rewards.sustain(bool(self._goal.roll.sustain[step]), self.pedal_down),
-            "energy": rewards.energy(data.actuator_force, data.actuator_velocity),
-            "fingering": self._fingering_term(step),
-            "forearm": rewards.forearm(scene.forearms_touch(data))
-            if self.config.forearm_reward
-            else 0.0,
-        }
+        return self._reward_terms(step, self._read())
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Draw the scene: due keys and fingertips coloured by finger, sounding keys green.
@@ -334,7 +341,9 @@ class PianoEnv(gym.Env[Any, Any]):
 
     def _set_score(self, score: Score) -> None:
         if score is not self._goal.score:
-            self._goal = Goal(score, self.config)
+            goal = Goal(score, self.config)
+            self._encoding.prepare(goal.roll)
+            self._goal = goal
 
     def _clear_episode(self) -> None:
         mujoco.mj_resetData(self.model, self.data)
@@ -362,29 +371,35 @@ class PianoEnv(gym.Env[Any, Any]):
                 "is over: call reset(). Expected only after changes to the model or its state."
             )
 
-    def _fingering_term(self, step: int) -> float:
+    def _read(self) -> Reading:
+        return Reading.of(self.scene, self.data, self._pedal)
+
+    def _reward_terms(self, step: int, reading: Reading) -> dict[str, float]:
+        data, goal = self.data, self._goal.steps[step]
+        forearm = 0.0
+        if self.config.forearm_reward:
+            forearm = rewards.forearm(self.scene.forearms_touch(data))
+        return {
+            "key_press": rewards.key_press(goal.due, reading.key_state, reading.sounding),
+            "sustain": rewards.sustain(goal.sustain, self.pedal_down),
+            "energy": rewards.energy(data.actuator_force, data.actuator_velocity),
+            "fingering": self._fingering_term(goal, reading),
+            "forearm": forearm,
+        }
+
+    def _fingering_term(self, goal: StepGoal, reading: Reading) -> float:
         if self._goal.fingering_reward == "off":
             return 0.0
-        keys, fingers = self._goal.roll.due(step)
-        fingertips = self.scene.fingertip_position(self.data)
         if self._goal.fingering_reward == "optimal-transport":
             return rewards.optimal_transport_fingering(
-                fingertips, self.scene.press_point(self.data, keys)
+                reading.fingertips, self.scene.press_point(self.data, goal.keys)
             )
-        labelled = fingers >= 0
         return rewards.labelled_fingering(
-            fingertips[fingers[labelled]], self.scene.press_point(self.data, keys[labelled])
+            reading.fingertips[goal.labelled_fingers],
+            self.scene.press_point(self.data, goal.labelled_keys),
         )
 
-    def _observation(self) -> Observation:
+    def _observation(self, reading: Reading | None = None) -> Observation:
         """Return the observation; after the last step it repeats the last goal."""
-        layout, scene, qpos = self.observation_layout, self.scene, self.data.qpos
         step = min(self._record.steps, len(self._goal) - 1)
-        observation = np.empty(layout.size, dtype=np.float32)
-        observation[layout["goal"].slice] = self._goal.rows(step)
-        observation[layout["fingering"].slice] = self._goal.fingers(step)
-        observation[layout["key_state"].slice] = scene.key_angle(self.data) / scene.key_max_angle
-        observation[layout["sustain"].slice] = self._pedal
-        observation[layout["right_joints"].slice] = qpos[scene.joint_qpos[0]]
-        observation[layout["left_joints"].slice] = qpos[scene.joint_qpos[1]]
-        return observation
+        return self._encoding.write(step, self._read() if reading is None else reading)

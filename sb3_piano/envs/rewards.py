@@ -47,6 +47,10 @@ def tolerance(distance: npt.ArrayLike, bound: float, margin: float) -> FloatArra
     return np.asarray(0.1 ** (outside * outside))
 
 
+# The pedal and its goal are each 0 or 1, so their difference has three values.
+_SUSTAIN = {d: float(tolerance(d, _KEY_TOLERANCE, 10 * _KEY_TOLERANCE)) for d in (-1, 0, 1)}
+
+
 def key_press(due: BoolArray, key_state: FloatArray, sounding: BoolArray) -> float:
     """Reward pressing the keys that are due, and no others.
 
@@ -61,9 +65,10 @@ def key_press(due: BoolArray, key_state: FloatArray, sounding: BoolArray) -> flo
     Returns:
         A value in [0, 1]; 0.5 for silence where nothing is due.
     """
-    reward = 0.0 if np.any(sounding & ~due) else 0.5
-    if due.any():
-        closeness = tolerance(1.0 - key_state[due], _KEY_TOLERANCE, 10 * _KEY_TOLERANCE)
+    reward = 0.0 if (sounding > due).any() else 0.5
+    depth = key_state[due]
+    if len(depth) > 0:
+        closeness = tolerance(1.0 - depth, _KEY_TOLERANCE, 10 * _KEY_TOLERANCE)
         reward += 0.5 * float(closeness.mean())
     return reward
 
@@ -78,7 +83,7 @@ def sustain(due: bool, pressed: bool) -> float:
     Returns:
         1 if both agree, else nearly 0.
     """
-    return float(tolerance(float(due) - float(pressed), _KEY_TOLERANCE, 10 * _KEY_TOLERANCE))
+    return _SUSTAIN[due - pressed]
 
 
 def energy(force: FloatArray, velocity: FloatArray) -> float:

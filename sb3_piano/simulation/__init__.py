@@ -1,15 +1,17 @@
 """The simulated piano and its two Shadow hands."""
 
 from sb3_piano.simulation.gl import find_gl_backend
-from sb3_piano.simulation.keyboard import KEY_COLORS, pedal_threshold
-from sb3_piano.simulation.physics import PHYSICS_PROFILES, PhysicsProfile, physics_profile
+from sb3_piano.simulation.keyboard import KEY_COLORS, KEY_IS_BLACK, pedal_threshold
+from sb3_piano.simulation.physics import PHYSICS_PROFILES, PhysicsProfile, Solver, physics_profile
 from sb3_piano.simulation.scene import PianoScene, compile_scene
 
 __all__ = [
     "KEY_COLORS",
+    "KEY_IS_BLACK",
     "PHYSICS_PROFILES",
     "PhysicsProfile",
     "PianoScene",
+    "Solver",
     "compile_scene",
     "find_gl_backend",
     "pedal_threshold",

@@ -16,9 +16,18 @@ FOREARM_JOINTS = ("forearm_tx", "forearm_ty")
 _SKIN_COLOR = (0.62, 0.64, 0.68, 1.0)
 _FINGERS = ("th", "ff", "mf", "rf", "lf")
 
+# Bits of contype and conaffinity. By default every shape of a hand meets every other, of either
+# hand, and the keyboard, whose conaffinity is 1.
+_KEYBOARD, _OTHER_HAND = 1, 2
+_PLAYING_LINKS = ("distal", "middle")
+
 
 def build_hand(
-    side: str, *, reduced_action_space: bool, gravity_compensation: bool
+    side: str,
+    *,
+    reduced_action_space: bool,
+    gravity_compensation: bool,
+    playing_contacts_only: bool = False,
 ) -> mjcf.RootElement:
     """Return the MJCF of a hand, to be attached to a scene.
 
@@ -29,6 +38,8 @@ def build_hand(
         reduced_action_space: Fix the joints LFJ5, THJ5 and THJ1 and halve the range of THJ2, as
             RoboPianist's reduced action space does.
         gravity_compensation: Let a force balance the weight of every body of the hand.
+        playing_contacts_only: Meet only the other hand, and the keyboard with fingertips and
+            middle phalanges.
     """
     table = load_table("shadow_hands")
     hand = table[side]
@@ -36,13 +47,14 @@ def build_hand(
     root.compiler.angle = "radian"
     root.default.joint.set_attributes(**table["joint_defaults"])
     root.default.geom.set_attributes(
-        contype=1, conaffinity=1, rgba=_SKIN_COLOR, **table["geom_defaults"]
+        contype=_KEYBOARD, conaffinity=_KEYBOARD, rgba=_SKIN_COLOR, **table["geom_defaults"]
     )
     root.asset.add("mesh", name="forearm", vertex=_hull_vertices(table["forearm_hull_rings"]))
     reduced = _ActionSpace.reduced(table["reduced_action_space"])
     space = reduced if reduced_action_space else _ActionSpace()
     for body in hand["bodies"]:
-        _add_body(root, body, float(gravity_compensation), space)
+        masks = _playing_masks(side, body["name"]) if playing_contacts_only else {}
+        _add_body(root, body, float(gravity_compensation), space, masks)
     for pair in hand["contact_excludes"]:
         root.contact.add("exclude", body1=pair[0], body2=pair[1])
     for actuator in hand["actuators"]:
@@ -86,8 +98,24 @@ class _ActionSpace:
         return self.ranges.get(joint.rpartition("_")[2], full_range)
 
 
+def _playing_masks(side: str, body: str) -> dict[str, int]:
+    """Return the collision masks of a link that need not meet its own hand.
+
+    Two shapes meet where one's contype shares a bit with the other's conaffinity, so it is enough
+    that the right hand can be met by the left one.
+    """
+    keyboard = _KEYBOARD if body.endswith(_PLAYING_LINKS) else 0
+    if side == "right":
+        return {"contype": keyboard, "conaffinity": _OTHER_HAND}
+    return {"contype": keyboard | _OTHER_HAND, "conaffinity": 0}
+
+
 def _add_body(
-    root: mjcf.RootElement, spec: dict[str, Any], gravcomp: float, space: _ActionSpace
+    root: mjcf.RootElement,
+    spec: dict[str, Any],
+    gravcomp: float,
+    space: _ActionSpace,
+    masks: dict[str, int],
 ) -> None:
     parent = root.find("body", spec["parent"]) if spec["parent"] else root.worldbody
     body = parent.add(
@@ -99,7 +127,8 @@ def _add_body(
             limits = space.range_of(joint["name"], joint["range"])
             body.add("joint", **{**joint, "range": limits})
     for geom in spec["geoms"]:
-        body.add("geom", **(geom if geom["type"] != "mesh" else {**geom, "mesh": "forearm"}))
+        mesh = {"mesh": "forearm"} if geom["type"] == "mesh" else {}
+        body.add("geom", **{**geom, **mesh, **masks})
     if "fingertip" in spec:
         finger = spec["name"].split("_")[1]
         body.add("site", name=f"{finger}_site", pos=spec["fingertip"], size=[0.004], group=4)

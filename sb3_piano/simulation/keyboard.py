@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.simulation.dm_mjcf import mjcf
 from sb3_piano.simulation.tables import load_table
@@ -13,12 +15,28 @@ KEY_COLORS = {"white": (0.92, 0.92, 0.9, 1.0), "black": (0.12, 0.12, 0.13, 1.0)}
 
 _BASE_COLOR = (0.18, 0.15, 0.14, 1.0)
 
+# The joint limits are soft, so a released key swings back past 0; where a spring alone holds it,
+# its limit must be out of the way (rad).
+_BALANCED_LOWER_LIMIT = -0.1
 
-def build_keyboard() -> mjcf.RootElement:
+# MuJoCo's default, m/s^2.
+_GRAVITY = 9.81
+
+
+KEY_IS_BLACK = np.array([key["color"] == "black" for key in load_table("keyboard")["keys"]])
+"""(88,) bool, which keys are black."""
+
+
+def build_keyboard(*, balanced: bool = False, gravity: bool = True) -> mjcf.RootElement:
     """Return the MJCF of the keyboard, to be attached to a scene.
 
     Key ``i`` (0 = A0, 87 = C8) has the joint ``<color>_joint_<i>``, whose angle is 0 at rest and
     grows as the key goes down, and the geom ``<color>_key_<i>``.
+
+    Args:
+        balanced: Hold idle keys by their springs alone, see
+            :class:`~sb3_piano.simulation.PhysicsProfile`.
+        gravity: Whether the scene has gravity, which balanced springs then balance.
     """
     table = load_table("keyboard")
     assert len(table["keys"]) == NUM_KEYS, "keyboard.json must describe all 88 keys"
@@ -33,8 +51,9 @@ def build_keyboard() -> mjcf.RootElement:
         size=table["base"]["half_size"],
         pos=table["base"]["pos"],
     )
+    joints = {color: _joint(table, table[color], balanced, gravity) for color in KEY_COLORS}
     for index, key in enumerate(table["keys"]):
-        _add_key(root, index, key, table[key["color"]], table["joint"])
+        _add_key(root, index, key, table[key["color"]], joints[key["color"]])
     return root
 
 
@@ -54,12 +73,32 @@ def pedal_threshold() -> float:
     return threshold
 
 
+def _joint(
+    table: dict[str, Any], kind: dict[str, Any], balanced: bool, gravity: bool
+) -> dict[str, Any]:
+    """Return range, spring, damping and armature of one kind of keys."""
+    joint, max_angle = table["joint"], kind["max_angle"]
+    if not balanced:
+        return {**joint, "range": [0, max_angle]}
+    # Seen from the hinge, the weight pulls down at the key's centre; over a key's travel of at most
+    # 5 degrees its torque is constant to 0.4 %.
+    weight = kind["mass"] * _GRAVITY * -kind["hinge_x"]
+    torque_when_down = joint["stiffness"] * (max_angle - joint["springref"]) - weight
+    stiffness = torque_when_down / max_angle
+    return {
+        **joint,
+        "range": [_BALANCED_LOWER_LIMIT, max_angle],
+        "stiffness": stiffness,
+        "springref": -weight / stiffness if gravity else 0.0,
+    }
+
+
 def _add_key(
     root: mjcf.RootElement,
     index: int,
     key: dict[str, Any],
     kind: dict[str, Any],
-    joint: dict[str, float],
+    joint: dict[str, Any],
 ) -> None:
     color = key["color"]
     body = root.worldbody.add(
@@ -71,7 +110,6 @@ def _add_key(
         type="hinge",
         axis=[0, 1, 0],
         pos=[kind["hinge_x"], 0, 0],
-        range=[0, kind["max_angle"]],
         **joint,
     )
     body.add(

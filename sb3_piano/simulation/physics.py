@@ -1,39 +1,58 @@
-"""Physics profiles: how the simulation is stepped, chosen by name."""
+"""Physics profiles: how the simulation is modelled and stepped, chosen by name."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from sb3_piano.exceptions import ConfigError, near_names
 
 
 @dataclass(frozen=True, kw_only=True)
-class PhysicsProfile:
+class Solver:
     """Options handed to MuJoCo; the names are those of MJCF's ``option`` element."""
 
     timestep: float
     """Length of a physics step in seconds."""
     integrator: str
     """MuJoCo's integrator. Runge-Kutta is unsupported: the env splits a step in two stages."""
-    solver: str
+    solver: str = "Newton"
     """Constraint solver."""
-    cone: str
+    cone: str = "pyramidal"
     """Friction cone."""
-    iterations: int
+    iterations: int = 100
     """Most iterations of the solver."""
-    impratio: float
+    impratio: float = 10.0
     """Ratio of frictional to normal constraint impedance."""
+
+    def to_mjcf(self) -> dict[str, Any]:
+        """Return the attributes of MJCF's ``option`` element."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhysicsProfile:
+    """What may be simplified about the simulation, and how it is stepped."""
+
+    solver: Solver
+    """Options handed to MuJoCo."""
+    balanced_keys: bool = False
+    """Let a key's spring hold it at angle 0 in balance with its weight, instead of pressing it
+    against a joint limit: 88 constraints fewer in every physics step. The spring is a little
+    stiffer, so that holding a key fully down takes the same torque; touching it takes less."""
+    playing_contacts_only: bool = False
+    """Look only for contacts that matter to playing: of fingertips and middle phalanges with the
+    keyboard, and between the two hands. The fingers of one hand then pass through each other."""
 
 
 PHYSICS_PROFILES = {
     # What RoboPianist 1.0.10 compiles to.
-    "reference": PhysicsProfile(
-        timestep=0.005,
-        integrator="Euler",
-        solver="Newton",
-        cone="pyramidal",
-        iterations=100,
-        impratio=10.0,
+    "reference": PhysicsProfile(solver=Solver(timestep=0.005, integrator="Euler")),
+    # The same music at a third of the cost; docs/performance.md has the measurements.
+    "fast": PhysicsProfile(
+        solver=Solver(timestep=0.01, integrator="implicitfast"),
+        balanced_keys=True,
+        playing_contacts_only=True,
     ),
 }
 """The physics profiles by name."""

@@ -81,7 +81,8 @@ class PianoScene:
 
     def key_angle(self, data: mujoco.MjData) -> FloatArray:
         """Return each key's angle, (88,) rad, clipped to its range (joint limits are soft)."""
-        return np.clip(data.qpos[self.key_qpos], 0.0, self.key_max_angle)
+        # Twice as fast as np.clip on so few numbers.
+        return np.minimum(np.maximum(data.qpos[self.key_qpos], 0.0), self.key_max_angle)
 
     def fingertip_position(self, data: mujoco.MjData) -> FloatArray:
         """Return the world positions of the ten fingertips, (10, 3) m."""
@@ -122,15 +123,20 @@ def compile_scene(
     """
     root = mjcf.RootElement(model="scene")
     profile = physics_profile(physics)
-    root.option.set_attributes(**dataclasses.asdict(profile))
+    root.option.set_attributes(**profile.solver.to_mjcf())
+    # Where all weights are balanced anyway, leaving gravity out changes nothing and is cheaper.
+    weightless = gravity_compensation and profile.balanced_keys
+    if weightless:
+        root.option.gravity = [0, 0, 0]
     _furnish(root)
-    root.attach(keyboard.build_keyboard())
+    root.attach(keyboard.build_keyboard(balanced=profile.balanced_keys, gravity=not weightless))
     for side in SIDES:
         root.attach(
             hand.build_hand(
                 side,
                 reduced_action_space=reduced_action_space,
-                gravity_compensation=gravity_compensation,
+                gravity_compensation=gravity_compensation and not weightless,
+                playing_contacts_only=profile.playing_contacts_only,
             )
         )
     return _index_scene(mujoco.MjModel.from_xml_string(root.to_xml_string()))

@@ -1,0 +1,281 @@
+"""How goal and state become an observation: RoboPianist's full roll, or less that says as much.
+
+An encoding lays out the observation once, prepares itself for each score, and then writes one
+vector a control step.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.envs.finger_goals import FingerGoals
+from sb3_piano.envs.key_window import ALL_KEYS, KeyWindow
+from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
+from sb3_piano.envs.reading import Reading
+from sb3_piano.music import PianoRoll
+from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
+from sb3_piano.simulation import KEY_IS_BLACK, PianoScene
+
+Float32Array = npt.NDArray[np.float32]
+
+GOAL_WIDTH = NUM_KEYS + 1
+"""Numbers in one row of the goal: the keys, then the pedal."""
+
+# How many keys the window shows beyond those of the piece, on either side: what a finger that
+# misses is likely to press.
+_WINDOW_MARGIN = 3
+
+# Joint limits are soft: a joint that is pushed may overshoot its range by a little. The declared
+# bounds leave this much room (rad, or m for the sliders).
+_JOINT_OVERSHOOT = 1.0
+
+# The farthest that a fingertip can be from a key, in dm.
+_FARTHEST = 20.0
+_MOST_WRONG_KEYS = 10
+
+
+class Encoding(ABC):
+    """Writes observations of one layout."""
+
+    layout: ObservationLayout
+    """Which numbers stand where."""
+
+    @abstractmethod
+    def prepare(self, roll: PianoRoll) -> None:
+        """Take a piece, which is then played.
+
+        Raises:
+            ScoreError: If this encoding cannot show it; the former piece then remains.
+        """
+
+    @abstractmethod
+    def write(self, step: int, reading: Reading) -> Float32Array:
+        """Return the observation before a control step of the piece.
+
+        Args:
+            step: Control step that is to be played next, 0 to ``len(roll) - 1``.
+            reading: The state of the simulation.
+        """
+
+
+def make_encoding(
+    name: str, scene: PianoScene, n_steps_lookahead: int, control_timestep: float, roll: PianoRoll
+) -> Encoding:
+    """Return the encoding called ``name``.
+
+    Args:
+        name: One of :data:`~sb3_piano.envs.config.OBSERVATIONS`.
+        scene: The scene that is observed.
+        n_steps_lookahead: How many control steps after the current one the goal shows.
+        control_timestep: Length of a control step, s.
+        roll: The piece for which a window of keys is cut.
+    """
+    if name == "fingers":
+        return FingerEncoding(scene, n_steps_lookahead, control_timestep)
+    window = KeyWindow.of(roll, _WINDOW_MARGIN) if name == "window" else ALL_KEYS
+    return RollEncoding(scene, n_steps_lookahead, window)
+
+
+class RollEncoding(Encoding):
+    """RoboPianist's observation, for all keys or for a window of them."""
+
+    def __init__(self, scene: PianoScene, n_steps_lookahead: int, window: KeyWindow = ALL_KEYS):
+        """Lay out the observation.
+
+        Args:
+            scene: The scene that is observed.
+            n_steps_lookahead: How many control steps after the current one the goal shows.
+            window: The keys that are shown.
+        """
+        self._window = window
+        self._rows_shown = n_steps_lookahead + 1
+        self.layout, _ = window.restrict(_roll_layout(scene, n_steps_lookahead))
+        self._goal, self._fingering, self._key_state, self._sustain = (
+            self.layout[name].slice for name in ("goal", "fingering", "key_state", "sustain")
+        )
+        self._joints = slice(self.layout["right_joints"].start, self.layout.size)
+        self._joint_qpos = np.concatenate(scene.joint_qpos)
+
+    def prepare(self, roll: PianoRoll) -> None:
+        """Take a piece; see :meth:`Encoding.prepare`."""
+        self._window.check(roll)
+        steps = len(roll)
+        # Silence is appended, so that the lookahead of the last step can be cut like any other.
+        rows = np.zeros((steps + self._rows_shown - 1, len(self._window) + 1), dtype=np.float32)
+        rows[:steps, :-1] = roll.active[:, self._window.slice]
+        rows[:steps, -1] = roll.sustain
+        self._rows = rows
+        self._fingers = _labelled_fingers(roll)
+
+    def write(self, step: int, reading: Reading) -> Float32Array:
+        """Return the observation; see :meth:`Encoding.write`."""
+        observation = np.empty(self.layout.size, dtype=np.float32)
+        observation[self._goal] = self._rows[step : step + self._rows_shown].reshape(-1)
+        observation[self._fingering] = self._fingers[step]
+        observation[self._key_state] = reading.key_state[self._window.slice]
+        observation[self._sustain] = reading.pedal
+        observation[self._joints] = reading.qpos[self._joint_qpos]
+        return observation
+
+
+class FingerEncoding(Encoding):
+    """For each finger, where and when it must press next: a tenth of RoboPianist's numbers."""
+
+    def __init__(self, scene: PianoScene, n_steps_lookahead: int, control_timestep: float):
+        """Lay out the observation.
+
+        Args:
+            scene: The scene that is observed.
+            n_steps_lookahead: How many control steps ahead the fingers see.
+            control_timestep: Length of a control step, s.
+        """
+        self._scene = scene
+        self._horizon = n_steps_lookahead + 1
+        self._control_timestep = control_timestep
+        self.layout = _finger_layout(scene, self._horizon * control_timestep)
+        self._joint_qpos = np.concatenate(scene.joint_qpos)
+
+    def prepare(self, roll: PianoRoll) -> None:
+        """Take a piece; see :meth:`Encoding.prepare`."""
+        goals = FingerGoals.of(roll, self._horizon)
+        self._roll = roll
+        self._has_target = goals.key >= 0
+        self._key = np.where(self._has_target, goals.key, 0)
+        # Everything about the targets that does not depend on the simulation.
+        self._timing = np.stack(
+            [
+                self._has_target,
+                goals.onset * self._control_timestep,
+                goals.release * self._control_timestep,
+                self._has_target & KEY_IS_BLACK[self._key],
+            ],
+            axis=2,
+        ).astype(np.float32)
+        self._pedal_change = _steps_to_change(roll.sustain, self._horizon) * self._control_timestep
+
+    def write(self, step: int, reading: Reading) -> Float32Array:
+        """Return the observation; see :meth:`Encoding.write`."""
+        keys, has_target = self._key[step], self._has_target[step]
+        offset = self._scene.press_point(reading.data, keys) - reading.fingertips
+        wrong = np.count_nonzero(reading.sounding & ~self._roll.active[step])
+        targets = np.empty((NUM_FINGERS, 8), dtype=np.float32)
+        targets[:, :3] = 10.0 * offset * has_target[:, None]
+        targets[:, 3] = reading.key_state[keys] * has_target
+        targets[:, 4:] = self._timing[step]
+        observation = np.empty(self.layout.size, dtype=np.float32)
+        observation[:80] = targets.reshape(-1)
+        observation[80] = self._roll.sustain[step]
+        observation[81] = self._pedal_change[step]
+        observation[82] = reading.pedal
+        observation[83] = min(int(wrong), _MOST_WRONG_KEYS)
+        observation[84:] = reading.qpos[self._joint_qpos]
+        return observation
+
+
+def _roll_layout(scene: PianoScene, n_steps_lookahead: int) -> ObservationLayout:
+    """Return RoboPianist's observation order for a scene."""
+    return ObservationLayout(
+        [
+            ObservationBlock(
+                name="goal",
+                shape=(n_steps_lookahead + 1, GOAL_WIDTH),
+                unit="1",
+                meaning="1 where a key (columns 0-87) or the pedal (column 88) should be down, for "
+                "the current control step and those after it; 0 beyond the end",
+                binary=True,
+            ),
+            ObservationBlock(
+                name="fingering",
+                shape=(NUM_FINGERS,),
+                unit="1",
+                meaning="1 for each finger that is labelled to press now: right thumb to little, "
+                "then left",
+                binary=True,
+            ),
+            ObservationBlock(
+                name="key_state",
+                shape=(NUM_KEYS,),
+                unit="1",
+                meaning="key angle over its largest angle, in [0, 1]",
+            ),
+            _pedal_block(),
+            *_joint_blocks(scene),
+        ]
+    )
+
+
+def _finger_layout(scene: PianoScene, horizon: float) -> ObservationLayout:
+    target_low = [-_FARTHEST] * 3 + [0.0] * 5
+    target_high = [_FARTHEST] * 3 + [1.0, 1.0, horizon, horizon, 1.0]
+    return ObservationLayout(
+        [
+            ObservationBlock(
+                name="targets",
+                shape=(NUM_FINGERS, 8),
+                unit="dm (3), 1, 1, s (2), 1",
+                meaning="for each finger, right thumb to little, then left: the vector from its "
+                "tip to the point where it must press next (x towards the player, y to the "
+                "right, z up); that key's angle over its largest angle; 1 if there is such a key; "
+                "time until it must be down; time until it must be up again; 1 if it is black. "
+                "Without a key in sight the times are those of the horizon and all else is 0",
+                low=target_low,
+                high=target_high,
+            ),
+            ObservationBlock(
+                name="pedal_goal",
+                shape=(2,),
+                unit="1, s",
+                meaning="1 if the pedal should be down; time until that changes, at most the "
+                "horizon",
+                high=[1.0, horizon],
+            ),
+            _pedal_block(),
+            ObservationBlock(
+                name="wrong_keys",
+                shape=(1,),
+                unit="1",
+                meaning="how many keys sound that should not, at most 10",
+                high=float(_MOST_WRONG_KEYS),
+            ),
+            *_joint_blocks(scene),
+        ]
+    )
+
+
+def _pedal_block() -> ObservationBlock:
+    meaning = "the pedal's command in [0, 1]; down from 0.5 on"
+    return ObservationBlock(name="sustain", shape=(1,), unit="1", meaning=meaning)
+
+
+def _joint_blocks(scene: PianoScene) -> list[ObservationBlock]:
+    return [
+        ObservationBlock(
+            name=f"{side}_joints",
+            shape=(len(limits),),
+            unit="rad, m for the last two",
+            meaning=f"{side} hand's joint positions, wrist to thumb, then the sliders along the "
+            "keyboard and upwards",
+            low=limits[:, 0] - _JOINT_OVERSHOOT,
+            high=limits[:, 1] + _JOINT_OVERSHOOT,
+        )
+        for side, limits in zip(("right", "left"), scene.joint_range, strict=True)
+    ]
+
+
+def _labelled_fingers(roll: PianoRoll) -> Float32Array:
+    """Return 1 for each finger that is labelled to press at a step, (T, 10)."""
+    fingers = np.zeros((len(roll), NUM_FINGERS), dtype=np.float32)
+    steps, keys = np.nonzero(roll.active & (roll.finger >= 0))
+    fingers[steps, roll.finger[steps, keys]] = 1.0
+    return fingers
+
+
+def _steps_to_change(values: npt.NDArray[np.bool_], most: int) -> npt.NDArray[np.intp]:
+    """Return how many steps each value lasts from its step on, (T,), at most ``most``."""
+    changes = np.flatnonzero(np.diff(values)) + 1
+    following = np.searchsorted(changes, np.arange(len(values)), side="right")
+    at = np.append(changes, len(values) + most)[following]
+    return np.minimum(at - np.arange(len(values)), most)

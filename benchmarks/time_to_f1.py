@@ -5,7 +5,7 @@
 Trains stock SB3 and lets the deterministic policy play an episode every so many steps, in an
 environment of its own, always on the reference physics and with RoboPianist's reward weights. The
 clocks stand still while it plays. Every evaluation is a line of the output file: steps, seconds,
-CPU seconds, F1 and return. At the end the first evaluation that reached each level of F1 is printed.
+CPU seconds, F1 and return. At the end the first one that reached each level of F1 is printed.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ class ActionMap:
         Raises:
             InvalidActionError: If the action has the wrong shape or is not finite.
         """
-        clipped = np.clip(self._checked(action), -1.0, 1.0)
+        clipped = np.minimum(np.maximum(self._checked(action), -1.0), 1.0)
         return self._middle + self._half_range * clipped[:-1], float(clipped[-1] + 1.0) / 2.0
 
     def _checked(self, action: npt.ArrayLike) -> npt.NDArray[np.float64]:

@@ -32,14 +32,10 @@ from sb3_piano.viewing import FrameRenderer
 Observation = npt.NDArray[np.float32]
 ScoreSource = Score | str | os.PathLike[str]
 
-_INSTABILITIES = [
-    int(kind)
-    for kind in (
-        mujoco.mjtWarning.mjWARN_BADQPOS,
-        mujoco.mjtWarning.mjWARN_BADQVEL,
-        mujoco.mjtWarning.mjWARN_BADQACC,
-    )
-]
+# Neighbours in MuJoCo's list of warnings: bad positions, velocities, accelerations.
+_INSTABILITIES = slice(
+    int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1
+)
 
 # RoboPianist's range for the random offset of both hands along the keyboard, m.
 _HAND_OFFSET = 0.05
@@ -125,6 +121,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self._actions = ActionMap(self.scene)
         self.action_space = self._actions.space
         self._pedal_threshold = pedal_threshold()
+        self._n_substeps = self.config.n_substeps
         self._default_score = load_score(score)
         self._goal = Goal(self._default_score, self.config)
         self._encoding = make_encoding(
@@ -361,10 +358,10 @@ class PianoEnv(gym.Env[Any, Any]):
         """
         self.data.ctrl[:] = controls
         mujoco.mj_step2(self.model, self.data)
-        mujoco.mj_step(self.model, self.data, nstep=self.config.n_substeps - 1)
+        mujoco.mj_step(self.model, self.data, nstep=self._n_substeps - 1)
         mujoco.mj_step1(self.model, self.data)
         # MuJoCo answers NaN and huge numbers with a warning and starts the simulation anew.
-        if any(self.data.warning[kind].number for kind in _INSTABILITIES):
+        if self.data.warning.number[_INSTABILITIES].any():
             self._finished = True
             raise SimulationDivergedError(
                 f"The physics became unstable in control step {self._record.steps}. The episode "

@@ -47,6 +47,19 @@ def tolerance(distance: npt.ArrayLike, bound: float, margin: float) -> FloatArra
     return np.asarray(0.1 ** (outside * outside))
 
 
+def _mean_closeness(distance: FloatArray, bound: float) -> float:
+    """Return the mean tolerance of distances, of which there is at least one."""
+    closeness = tolerance(distance, bound, 10 * bound)
+    # Half the time of closeness.mean(), in every control step.
+    return float(np.add.reduce(closeness)) / len(closeness)
+
+
+def _distance(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the distances between points along the last axis."""
+    offset = a - b
+    return np.asarray(np.sqrt(np.einsum("...i,...i->...", offset, offset)))
+
+
 # The pedal and its goal are each 0 or 1, so their difference has three values.
 _SUSTAIN = {d: float(tolerance(d, _KEY_TOLERANCE, 10 * _KEY_TOLERANCE)) for d in (-1, 0, 1)}
 
@@ -68,8 +81,7 @@ def key_press(due: BoolArray, key_state: FloatArray, sounding: BoolArray) -> flo
     reward = 0.0 if (sounding > due).any() else 0.5
     depth = key_state[due]
     if len(depth) > 0:
-        closeness = tolerance(1.0 - depth, _KEY_TOLERANCE, 10 * _KEY_TOLERANCE)
-        reward += 0.5 * float(closeness.mean())
+        reward += 0.5 * _mean_closeness(1.0 - depth, _KEY_TOLERANCE)
     return reward
 
 
@@ -111,8 +123,7 @@ def labelled_fingering(fingertips: FloatArray, press_points: FloatArray) -> floa
     """
     if len(press_points) == 0:
         return 0.0
-    distance = np.linalg.norm(press_points - fingertips, axis=1)
-    return float(tolerance(distance, _FINGER_TOLERANCE, 10 * _FINGER_TOLERANCE).mean())
+    return _mean_closeness(_distance(press_points, fingertips), _FINGER_TOLERANCE)
 
 
 def optimal_transport_fingering(fingertips: FloatArray, press_points: FloatArray) -> float:
@@ -129,9 +140,8 @@ def optimal_transport_fingering(fingertips: FloatArray, press_points: FloatArray
     """
     if len(press_points) == 0:
         return 1.0
-    distance = np.linalg.norm(fingertips[:, None] - press_points[None], axis=2)
-    assigned = distance[linear_sum_assignment(distance)]
-    return float(tolerance(assigned, _FINGER_TOLERANCE, 10 * _FINGER_TOLERANCE).mean())
+    distance = _distance(fingertips[:, None], press_points[None])
+    return _mean_closeness(distance[linear_sum_assignment(distance)], _FINGER_TOLERANCE)
 
 
 def forearm(touching: bool) -> float:

@@ -97,7 +97,7 @@ class PianoScene:
         if data.ncon == 0:
             return False
         sides = self.forearm_of_geom[data.contact.geom]
-        return bool(np.any(sides[:, 0] * sides[:, 1] == 2))
+        return bool((sides[:, 0] * sides[:, 1] == 2).any())
 
     def copy(self) -> PianoScene:
         """Return the same scene with a model of its own, which may then be modified."""

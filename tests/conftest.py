@@ -47,3 +47,9 @@ def rollout(request: pytest.FixtureRequest) -> Recording:
 def performance(request: pytest.FixtureRequest) -> Recording:
     """An episode of good playing."""
     return Recording(request.param)
+
+
+@pytest.fixture
+def performances() -> list[Recording]:
+    """All episodes of good playing."""
+    return [Recording(path) for path in reference_files("performance")]

@@ -1,0 +1,271 @@
+"""The observations by name: the window says what the roll says, the fingers where to go."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+from gymnasium import spaces
+from gymnasium.utils.env_checker import check_env
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from stable_baselines3.common.env_checker import check_env as sb3_check_env
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from sb3_piano.envs import ObservationBlock, ObservationLayout, ObservationSpace, PianoEnv
+from sb3_piano.envs.finger_goals import FingerGoals
+from sb3_piano.envs.key_window import ALL_KEYS, KeyWindow
+from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.music import Note, Pedal, PianoRoll, Score
+from sb3_piano.music.constants import NUM_KEYS
+
+OPTIONS = [
+    {"observation": observation, "physics": physics}
+    for observation in ("roll", "window", "fingers")
+    for physics in ("reference", "fast")
+]
+
+# Steps 0-2: thumb on C4 (key 39), steps 1-1: left index finger on D#2 (key 18, black); steps 6-8:
+# thumb on E4 (key 43). The pedal is down in steps 2 to 4. There are ten steps.
+TINY = Score(
+    notes=[
+        Note(onset=0.0, offset=0.15, pitch=60, finger=0),
+        Note(onset=0.05, offset=0.1, pitch=39, finger=6),
+        Note(onset=0.3, offset=0.45, pitch=64, finger=0),
+    ],
+    pedals=[Pedal(onset=0.1, offset=0.25)],
+    title="tiny",
+)
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=lambda o: f"{o['observation']}-{o['physics']}")
+@pytest.mark.filterwarnings("ignore:.*render")
+def test_every_observation_passes_both_env_checkers(options):
+    check_env(PianoEnv("CMajorScaleTwoHands", **options), skip_render_check=True)
+    sb3_check_env(PianoEnv("CMajorScaleTwoHands", **options), warn=True)
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=lambda o: f"{o['observation']}-{o['physics']}")
+def test_observations_stay_within_their_space_under_wild_actions(options):
+    env = PianoEnv("CMajorChordProgressionTwoHands", **options)
+    env.action_space.seed(0)
+    observation, _ = env.reset(seed=0)
+    truncated = False
+    while not truncated:
+        assert env.observation_space.contains(observation)
+        observation, _, _, truncated, _ = env.step(env.action_space.sample())
+
+
+# The window.
+
+
+def test_the_window_is_the_roll_without_the_keys_beside_it():
+    roll, window = (
+        PianoEnv("CMajorScaleOneHand", observation=name, randomize_hand_positions=True)
+        for name in ("roll", "window")
+    )
+    keys = KeyWindow.of(roll.roll, 3)
+    assert (keys.first, keys.last) == (48, 66)  # C5 to C6 and three on either side
+    layout, columns = keys.restrict(roll.observation_layout)
+    assert repr(layout) == repr(window.observation_layout)
+    assert window.observation_space.shape == (11 * 20 + 10 + 19 + 1 + 46,)
+    np.testing.assert_array_equal(
+        window.observation_space.high, roll.observation_space.high[columns]
+    )
+    roll.action_space.seed(0)
+    whole, _ = roll.reset(seed=0)
+    cut, _ = window.reset(seed=0)
+    truncated = False
+    while not truncated:
+        np.testing.assert_array_equal(cut, whole[columns])
+        action = roll.action_space.sample()
+        whole, *_ = roll.step(action)
+        cut, _, _, truncated, _ = window.step(action)
+
+
+def test_a_window_ends_with_the_keyboard_and_is_all_of_it_for_silence():
+    lowest = Score(notes=[Note(onset=0.0, offset=0.1, pitch=22, finger=9)])
+    assert KeyWindow.of(PianoRoll.from_score(lowest, 0.05), 3) == KeyWindow(0, 4)
+    highest = Score(notes=[Note(onset=0.0, offset=0.1, pitch=108, finger=4)])
+    assert KeyWindow.of(PianoRoll.from_score(highest, 0.05), 3) == KeyWindow(84, 87)
+    steps = PianoRoll.from_score(highest, 0.05)
+    silence = PianoRoll(
+        control_timestep=0.05,
+        active=np.zeros_like(steps.active),
+        finger=np.full_like(steps.finger, -1),
+        onset=np.zeros_like(steps.onset),
+        sustain=steps.sustain,
+    )
+    assert KeyWindow.of(silence, 3) == ALL_KEYS
+    assert len(ALL_KEYS) == NUM_KEYS
+
+
+def test_a_piece_that_leaves_the_window_is_refused_and_the_former_one_stays():
+    env = PianoEnv("CMajorScaleOneHand", observation="window")
+    env.reset(options={"score": env.score.transpose(3)})
+    shifted = env.score
+    with pytest.raises(ScoreError, match=r"pitch 88.*keys of pitch 69 to 87"):
+        env.reset(options={"score": env.score.transpose(1)})
+    assert env.score is shifted
+    with pytest.raises(ScoreError, match=r"pitch 68, but.*keys of pitch 69 to 87"):
+        env.reset(options={"score": env.score.transpose(-7)})
+
+
+# The fingers.
+
+
+def brute_force_goal(roll, finger, step, horizon):
+    """Return key, onset and release of a finger's present or next note, read off the roll."""
+
+    def key_at(t):
+        keys = np.flatnonzero(roll.active[t] & (roll.finger[t] == finger))
+        return int(keys[0]) if len(keys) else -1
+
+    for onset in range(step, min(step + horizon + 1, len(roll))):
+        if key_at(onset) >= 0:
+            end = onset + 1
+            while end < len(roll) and key_at(end) == key_at(onset):
+                if roll.onset[end, key_at(end)]:
+                    break
+                end += 1
+            return key_at(onset), onset - step, min(end - step, horizon)
+    return -1, horizon, horizon
+
+
+@given(
+    notes=st.lists(
+        st.tuples(st.integers(0, 25), st.integers(1, 8), st.integers(40, 48), st.integers(0, 9)),
+        min_size=1,
+        max_size=12,
+    ),
+    horizon=st.integers(1, 15),
+)
+@settings(max_examples=60, deadline=None)
+def test_finger_goals_are_what_can_be_read_off_the_roll(notes, horizon):
+    score = Score(
+        notes=[
+            Note(onset=0.05 * at, offset=0.05 * (at + n), pitch=pitch, finger=finger)
+            for at, n, pitch, finger in notes
+        ]
+    )
+    roll = PianoRoll.from_score(score, 0.05)
+    goals = FingerGoals.of(roll, horizon)
+    for step in range(len(roll)):
+        for finger in range(10):
+            expected = brute_force_goal(roll, finger, step, horizon)
+            ours = (goals.key, goals.onset, goals.release)
+            assert tuple(int(array[step, finger]) for array in ours) == expected, (step, finger)
+
+
+def targets(env, observation):
+    return observation[env.observation_layout["targets"].slice].reshape(10, 8)
+
+
+def test_each_finger_sees_where_and_when_it_must_press_next():
+    env = PianoEnv(TINY, observation="fingers", n_steps_lookahead=4)
+    observation, _ = env.reset()
+    # key, time to onset, time to release, black; the horizon is 5 steps of 0.05 s
+    thumb = [
+        (39, 0.0, 0.15, 0),
+        (39, 0.0, 0.1, 0),
+        (39, 0.0, 0.05, 0),
+        (43, 0.15, 0.25, 0),
+        (43, 0.1, 0.25, 0),
+        (43, 0.05, 0.2, 0),
+        (43, 0.0, 0.15, 0),
+        (43, 0.0, 0.1, 0),
+        (43, 0.0, 0.05, 0),
+        None,
+    ]
+    left_index = [(18, 0.05, 0.1, 1), (18, 0.0, 0.05, 1), *[None] * 8]
+    assert len(env.roll) == len(thumb)
+    env.action_space.seed(0)
+    for expected in zip(thumb, left_index, strict=True):
+        block = targets(env, observation)
+        for finger, goal in zip((0, 6), expected, strict=True):
+            if goal is None:
+                continue
+            key, onset, release, black = goal
+            tip = env.scene.fingertip_position(env.data)[finger]
+            point = env.scene.press_point(env.data, np.array([key]))[0]
+            depth = env.scene.key_angle(env.data)[key] / env.scene.key_max_angle[key]
+            shown = [*10 * (point - tip), depth, 1, onset, release, black]
+            np.testing.assert_allclose(block[finger], shown, atol=1e-6)
+        idle = [f for f in range(10) if f not in (0, 6)]
+        idle += [f for f, goal in zip((0, 6), expected, strict=True) if goal is None]
+        np.testing.assert_allclose(block[idle], [[0, 0, 0, 0, 0, 0.25, 0.25, 0]] * len(idle))
+        observation, *_ = env.step(env.action_space.sample())
+
+
+def test_the_pedals_goal_is_shown_with_the_time_until_it_changes():
+    env = PianoEnv(TINY, observation="fingers", n_steps_lookahead=4)
+    observation, _ = env.reset()
+    expected = [(0, 0.1), (0, 0.05), (1, 0.15), (1, 0.1), (1, 0.05), *[(0, 0.25)] * 5]
+    for goal in expected:
+        block = observation[env.observation_layout["pedal_goal"].slice]
+        np.testing.assert_allclose(block, goal, atol=1e-6)
+        observation, *_ = env.step(env.rest_action)
+
+
+def test_wrong_keys_are_counted_up_to_ten():
+    env = PianoEnv(TINY, observation="fingers")
+    state = env.get_state() if env.reset() else None
+    for pressed, shown in [([], 0), ([39], 0), ([39, 50, 51], 2), (range(20, 40), 10)]:
+        env.set_state(state)
+        env.data.qpos[env.scene.key_qpos[list(pressed)]] = env.scene.key_max_angle[list(pressed)]
+        observation = env.set_state(env.get_state())
+        assert observation[env.observation_layout["wrong_keys"].slice].tolist() == [shown]
+
+
+def test_fingers_without_labels_are_refused_by_pitch_and_step():
+    unlabelled = Score(notes=[Note(onset=0.0, offset=0.1, pitch=60)])
+    with pytest.raises(ScoreError, match=r"pitch 60 at control step 0 has no finger label.*window"):
+        PianoEnv(unlabelled, observation="fingers")
+
+
+def test_an_unknown_observation_is_answered_with_a_near_name():
+    with pytest.raises(ConfigError, match=r"observation is 'windows'.*'window'"):
+        PianoEnv(TINY, observation="windows")
+
+
+# The space that knows its layout.
+
+
+def test_the_space_knows_its_layout_also_inside_sb3_and_after_pickling():
+    venv = DummyVecEnv([lambda: PianoEnv(TINY)])
+    space = venv.observation_space
+    assert isinstance(space, ObservationSpace)
+    copied = pickle.loads(pickle.dumps(space))
+    assert copied == space
+    assert repr(copied.layout) == repr(space.layout)
+    assert space == spaces.Box(space.low, space.high, dtype=np.float32)
+
+
+def test_binary_blocks_hold_only_zeros_and_ones():
+    env = PianoEnv("CMajorScaleTwoHands")
+    assert {b.name for b in env.observation_layout.values() if b.binary} == {"goal", "fingering"}
+    env.action_space.seed(0)
+    env.reset(seed=0)
+    for _ in range(60):
+        observation, *_ = env.step(env.action_space.sample())
+        for block in env.observation_layout.values():
+            if block.binary:
+                assert np.isin(observation[block.slice], (0.0, 1.0)).all()
+
+
+def test_a_layout_is_cut_along_the_last_axis_of_the_named_blocks():
+    layout = ObservationLayout(
+        [
+            ObservationBlock(name="a", shape=(2, 3), unit="1", meaning="a", high=[1, 2, 3]),
+            ObservationBlock(name="b", shape=(2,), unit="1", meaning="b", low=-5.0),
+        ]
+    )
+    assert repr(layout) == "ObservationLayout(a[0:6], b[6:8])"
+    cut, columns = layout.restrict({"a": np.array([0, 2])})
+    assert columns.tolist() == [0, 2, 3, 5, 6, 7]
+    assert cut["a"].shape == (2, 2)
+    assert cut["b"].start == 4
+    space = ObservationSpace(cut)
+    assert space.high.tolist() == [1, 3, 1, 3, 1, 1]
+    assert space.low.tolist() == [0, 0, 0, 0, -5, -5]

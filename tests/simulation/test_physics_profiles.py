@@ -1,0 +1,97 @@
+"""What the fast profile leaves out of the simulation, and what it keeps."""
+
+from __future__ import annotations
+
+import itertools
+
+import mujoco
+import numpy as np
+import pytest
+
+from sb3_piano.music.constants import NUM_KEYS
+from sb3_piano.simulation import compile_scene
+
+
+def settled(scene, seconds=0.5):
+    """Return the simulation after the keys had time to come to rest."""
+    data = mujoco.MjData(scene.model)
+    mujoco.mj_step(scene.model, data, nstep=round(seconds / scene.model.opt.timestep))
+    return data
+
+
+@pytest.mark.parametrize("gravity_compensation", [True, False])
+def test_idle_keys_of_the_fast_profile_rest_at_zero_without_a_constraint(gravity_compensation):
+    scene = compile_scene(physics="fast", gravity_compensation=gravity_compensation)
+    data = settled(scene)
+    np.testing.assert_allclose(data.qpos[scene.key_qpos], 0.0, atol=1e-9)
+    limits = data.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT
+    key_joints = set(range(scene.model.njnt)) & set(scene.key_qpos.tolist())
+    assert not set(data.efc_id[limits].tolist()) & key_joints
+    reference = settled(compile_scene(gravity_compensation=gravity_compensation))
+    limits = reference.efc_type == mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT
+    assert len(set(reference.efc_id[limits].tolist()) & key_joints) == NUM_KEYS
+
+
+def holding_torque(scene):
+    """Return the torque that holds each key fully down, (88,) N m."""
+    data = mujoco.MjData(scene.model)
+    data.qpos[scene.key_qpos] = scene.key_max_angle
+    mujoco.mj_forward(scene.model, data)
+    return (data.qfrc_bias - data.qfrc_passive)[scene.key_qpos]
+
+
+@pytest.mark.parametrize("gravity_compensation", [True, False])
+def test_holding_a_key_down_takes_the_same_torque_in_both_profiles(gravity_compensation):
+    reference, fast = (
+        compile_scene(physics=physics, gravity_compensation=gravity_compensation)
+        for physics in ("reference", "fast")
+    )
+    np.testing.assert_allclose(holding_torque(fast), holding_torque(reference), rtol=5e-3)
+
+
+def test_hands_without_gravity_hang_as_hands_whose_weight_is_balanced():
+    reference, fast = settled(compile_scene()), settled(compile_scene(physics="fast"))
+    hands = np.concatenate(compile_scene().joint_qpos)
+    np.testing.assert_allclose(fast.qpos[hands], reference.qpos[hands], atol=1e-6)
+
+
+def may_meet(model, first, second):
+    """Return whether MuJoCo looks for contacts of two geoms, by their masks."""
+    return bool(
+        model.geom_contype[first] & model.geom_conaffinity[second]
+        or model.geom_contype[second] & model.geom_conaffinity[first]
+    )
+
+
+def owner_and_link(model, geom):
+    body = model.body(model.geom_bodyid[geom]).name
+    return body.partition("/")[0], body.rpartition("_")[2]
+
+
+def test_the_fast_profile_looks_for_contacts_with_keys_and_between_the_hands_only():
+    model = compile_scene(physics="fast").model
+    colliding = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
+    met = set()
+    for first, second in itertools.combinations(colliding, 2):
+        (owner, link), (other, other_link) = (
+            owner_and_link(model, geom) for geom in (first, second)
+        )
+        if {owner, other} == {"rh_shadow_hand", "lh_shadow_hand"}:
+            assert may_meet(model, first, second), (link, other_link)
+            met.add("hands")
+        elif owner == other:
+            assert not may_meet(model, first, second), (owner, link, other_link)
+        else:
+            hand_link = other_link if owner == "piano" else link
+            plays = hand_link.endswith(("distal", "middle"))
+            assert may_meet(model, first, second) == plays, (link, other_link)
+            met.add("keys")
+    assert met == {"hands", "keys"}
+
+
+def test_in_the_reference_profile_a_hand_meets_itself_and_all_of_it_the_keys():
+    model = compile_scene().model
+    hands = [g for g in range(model.ngeom) if owner_and_link(model, g)[0] == "rh_shadow_hand"]
+    key = model.geom("piano/white_key_0").id
+    assert all(may_meet(model, hands[0], geom) for geom in [*hands[1:], key])
+    assert all(may_meet(model, geom, key) for geom in hands)

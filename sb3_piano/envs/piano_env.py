@@ -10,15 +10,15 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.envs import rewards
 from sb3_piano.envs.actions import ActionMap
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.encodings import make_encoding
-from sb3_piano.envs.goal import Goal, StepGoal
+from sb3_piano.envs.goal import Goal
 from sb3_piano.envs.observation import ObservationLayout, ObservationSpace
 from sb3_piano.envs.performance import Performance
 from sb3_piano.envs.reading import Reading
 from sb3_piano.envs.record import EpisodeRecord
+from sb3_piano.envs.reward_terms import reward_terms
 from sb3_piano.envs.state import EnvState
 from sb3_piano.exceptions import (
     ConfigError,
@@ -65,6 +65,15 @@ class PianoEnv(gym.Env[Any, Any]):
     | sustain | 1077 | the pedal's command in [0, 1] |
     | right_joints | 1078-1100 | right hand's joint positions, rad; its two sliders last, m |
     | left_joints | 1101-1123 | left hand's |
+
+    ``observation="window"`` leaves out the keys that are more than three keys away from all that
+    the piece needs: goal and key_state become as much narrower. It refuses pieces that go beyond.
+
+    ``observation="fingers"`` has 130 numbers and needs finger labels for all notes. Each finger
+    has eight: the vector from its tip to the point where it must press next, that key's depth,
+    whether there is such a key within the lookahead, the times until it must be down and up again,
+    and whether it is black. Then come whether the pedal should be down and when that changes, the
+    pedal's command, the number of wrong keys that sound, and the joints.
 
     ## Reward
 
@@ -372,28 +381,13 @@ class PianoEnv(gym.Env[Any, Any]):
         return Reading.of(self.scene, self.data, self._pedal)
 
     def _reward_terms(self, step: int, reading: Reading) -> dict[str, float]:
-        data, goal = self.data, self._goal.steps[step]
-        forearm = 0.0
-        if self.config.forearm_reward:
-            forearm = rewards.forearm(self.scene.forearms_touch(data))
-        return {
-            "key_press": rewards.key_press(goal.due, reading.key_state, reading.sounding),
-            "sustain": rewards.sustain(goal.sustain, self.pedal_down),
-            "energy": rewards.energy(data.actuator_force, data.actuator_velocity),
-            "fingering": self._fingering_term(goal, reading),
-            "forearm": forearm,
-        }
-
-    def _fingering_term(self, goal: StepGoal, reading: Reading) -> float:
-        if self._goal.fingering_reward == "off":
-            return 0.0
-        if self._goal.fingering_reward == "optimal-transport":
-            return rewards.optimal_transport_fingering(
-                reading.fingertips, self.scene.press_point(self.data, goal.keys)
-            )
-        return rewards.labelled_fingering(
-            reading.fingertips[goal.labelled_fingers],
-            self.scene.press_point(self.data, goal.labelled_keys),
+        return reward_terms(
+            self.scene,
+            self._goal,
+            step,
+            reading,
+            pedal_down=self.pedal_down,
+            forearm=self.config.forearm_reward,
         )
 
     def _observation(self, reading: Reading | None = None) -> Observation:

@@ -27,7 +27,7 @@ LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 
 
 class TimedEvaluation(BaseCallback):
-    """Play a deterministic episode every ``every`` steps; stop when the time is up."""
+    """Play a deterministic episode every ``every`` steps; stop when the CPU time is up."""
 
     def __init__(self, config: RunConfig, every: int, seconds: float, out: Path) -> None:
         super().__init__()
@@ -74,7 +74,7 @@ class TimedEvaluation(BaseCallback):
         return {"f1": round(infos[0]["f1"], 4), "return": round(total, 2)}
 
     def _on_step(self) -> bool:
-        return self.wall + time.perf_counter() - self.wall_start < self.seconds
+        return self.cpu + time.process_time() - self.cpu_start < self.seconds
 
 
 def report(rows: list[dict[str, float]]) -> None:
@@ -98,7 +98,7 @@ def main() -> None:
     parser.add_argument("--config", help="a YAML file; default: the algorithm's preset")
     parser.add_argument("--env", default="RoboPianist-debug-CMajorScaleTwoHands-v0")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--minutes", type=float, default=60, help="training time, at most")
+    parser.add_argument("--minutes", type=float, default=60, help="CPU time of training, at most")
     parser.add_argument("--every", type=int, default=2000, help="steps between evaluations")
     parser.add_argument("--threads", type=int, default=1, help="threads of torch")
     parser.add_argument("--out", type=Path, required=True, help="file of the evaluations")

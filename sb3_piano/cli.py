@@ -1,11 +1,13 @@
-"""The ``sb3-piano`` command: train, evaluate, and list what there is."""
+"""The ``sb3-piano`` command: train, evaluate, measure, and list what there is."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import shlex
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import sb3_piano
@@ -32,6 +34,7 @@ _METRIC_NAMES = {
     "return_energy": "  from energy",
     "length": "Length, control steps",
 }
+_VEC_ENV_HELP = "dummy (one process), threads or subproc (one process for each)"
 _NEW_RUN_ONLY = ("midi", "config", "seed", "n_envs", "vec_env", "run", "runs_dir")
 
 
@@ -68,6 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("--episodes", type=_steps, default=1, metavar="N", help="default: 1")
     evaluate.add_argument("--seed", type=int, default=0, metavar="N", help="default: 0")
     evaluate.set_defaults(command=_evaluate)
+    _add_bench(commands)
     presets = commands.add_parser("presets", help="list the YAML files that come with the package")
     presets.set_defaults(command=_presets)
     envs = commands.add_parser("envs", help="list the environment ids")
@@ -85,7 +89,7 @@ def _add_train(commands: Any) -> None:
     add("--steps", type=_steps, metavar="N", help="environment steps in all, such as 1e6")
     add("--seed", type=int, metavar="N", help="default: drawn, and noted in the run's folder")
     add("--n-envs", type=_steps, metavar="N", help="environments that play at the same time")
-    add("--vec-env", metavar="KIND", help="dummy (one process) or subproc (one for each)")
+    add("--vec-env", metavar="KIND", help=_VEC_ENV_HELP)
     add("--checkpoint-every", type=_steps, metavar="N", help="default: 10000 steps")
     add("--runs-dir", metavar="DIR", help="where runs are kept; default: runs")
     add("--run", metavar="DIR", help="the run's folder, in place of one in --runs-dir")
@@ -93,6 +97,29 @@ def _add_train(commands: Any) -> None:
     add("--no-progress", action="store_true", help="show no progress bar")
     add("--evaluate", action="store_true", help="evaluate the model afterwards")
     train.set_defaults(command=_train)
+
+
+def _add_bench(commands: Any) -> None:
+    bench = commands.add_parser("bench", help="measure speed and memory")
+    add = bench.add_argument
+    add("--peer-python", metavar="PATH", help="measure RoboPianist too: a Python that has it")
+    add(
+        "--rounds",
+        type=_steps,
+        default=10,
+        metavar="N",
+        help="rounds to take medians of; default: 10",
+    )
+    add(
+        "--only",
+        action="append",
+        choices=("simulation", "learner", "memory"),
+        help="measure this part; may be given several times",
+    )
+    add("--threads", type=_steps, metavar="N", help="threads of torch; default: torch's choice")
+    add("--json", type=Path, metavar="FILE", help="write the result to a file as well")
+    add("--no-progress", action="store_true", help="show no progress bar")
+    bench.set_defaults(command=_bench)
 
 
 def _steps(text: str) -> int:
@@ -244,6 +271,30 @@ def _cells(evaluation: Evaluation, name: str) -> list[str]:
 
 def _rounded(value: float, digits: int) -> str:
     return f"{round(value, digits) + 0.0:.{digits}f}"  # + 0.0 turns -0.0 into 0.0
+
+
+def _bench(arguments: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from sb3_piano.bench import PARTS, BenchSettings, progress_bar, render, run_bench
+    from sb3_piano.files import write_json
+
+    file: Path | None = arguments.json
+    if file is not None and (file.is_dir() or not file.parent.is_dir()):
+        raise ConfigError(f"--json is '{file}': expected a file in a folder that exists.")
+    settings = BenchSettings(
+        parts=PARTS if arguments.only is None else tuple(arguments.only),
+        rounds=arguments.rounds,
+        peer_python=arguments.peer_python,
+        threads=arguments.threads,
+    )
+    with contextlib.nullcontext() if arguments.no_progress else progress_bar() as tick:
+        report = run_bench(settings, tick)
+    Console().print(render(report))
+    if file is not None:
+        write_json(file, report.to_json())
+        print(f"Result: {file}")
+    return EXIT_INTERRUPTED if report.interrupted else EXIT_OK
 
 
 def _presets(arguments: argparse.Namespace) -> int:

@@ -18,15 +18,19 @@ PACKAGE = Path(sb3_piano.__file__).parent
 ROOMS = [
     "exceptions",
     "files",
+    "threads",
     "music",
     "simulation",
     "metrics",
     "viewing",
     "envs",
+    "buffers",
+    "vec_env",
     "callbacks",
     "hyperparams",
     "training",
     "tuning",
+    "bench",
     "cli",
 ]
 

@@ -9,6 +9,7 @@ overwritten. Rows are counted from the beginning of training: row ``r`` stands a
 from __future__ import annotations
 
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BufferedWriter
@@ -16,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-from stable_baselines3.common.buffers import DictReplayBuffer, ReplayBuffer
+from stable_baselines3.common.buffers import ReplayBuffer
 
+from sb3_piano.buffers.rows import Arrays, buffer_rows
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import write_atomically
 
@@ -65,7 +66,7 @@ class ReplaySegments:
             written once more, since resuming marks it as the end of an episode.
 
     Raises:
-        RunError: If the buffer does not hold its rows in plain arrays.
+        RunError: If the buffer's rows cannot be taken out of it.
     """
 
     def __init__(
@@ -73,7 +74,7 @@ class ReplaySegments:
     ) -> None:
         self._folder = folder
         self._buffer = buffer
-        self._arrays = ring_arrays(buffer)
+        self._rows = buffer_rows(buffer)
         self._position = buffer.pos
         self._segments: tuple[Segment, ...] = () if saved is None else saved.segments
         if saved is None:
@@ -120,7 +121,7 @@ class ReplaySegments:
 
     def _write_segment(self, first: int, last: int) -> Segment:
         indices = np.arange(first, last) % self._buffer.buffer_size
-        rows = {name: _take(array, indices) for name, array in self._arrays.items()}
+        rows = self._rows.take_rows(indices)
         segment = Segment(file=f"replay-{first}-{last}.npz", first=first, last=last)
 
         def save(file: BufferedWriter) -> None:
@@ -130,27 +131,6 @@ class ReplaySegments:
         return segment
 
 
-def ring_arrays(buffer: ReplayBuffer) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays that hold a buffer's rows: those as long as its capacity, by name.
-
-    Raises:
-        RunError: If the buffer keeps its rows in something else.
-    """
-    capacity = buffer.buffer_size
-    arrays = {
-        name: value
-        for name, value in vars(buffer).items()
-        if isinstance(value, np.ndarray) and value.ndim > 0 and len(value) == capacity
-    }
-    if isinstance(buffer, DictReplayBuffer) or capacity < 2 or not arrays:
-        raise RunError(
-            f"A {type(buffer).__name__} of {capacity} row(s) cannot be saved for resuming: "
-            "expected two or more rows in numpy arrays, as in ReplayBuffer or NStepReplayBuffer "
-            "(dictionary observations have to be flattened first)."
-        )
-    return arrays
-
-
 def restore_replay_buffer(buffer: ReplayBuffer, folder: Path, saved: ReplayManifest) -> None:
     """Fill a new buffer with the rows, the position and the ``full`` flag that were saved.
 
@@ -158,7 +138,7 @@ def restore_replay_buffer(buffer: ReplayBuffer, folder: Path, saved: ReplayManif
     ends the episode at that row, so that it is never used.
 
     Raises:
-        RunError: If the buffer has another shape, or a segment is missing or damaged.
+        RunError: If the buffer has another size or kind, or a segment is missing or damaged.
     """
     ours, theirs = (buffer.buffer_size, buffer.n_envs), (saved.capacity, saved.n_envs)
     if ours != theirs:
@@ -167,11 +147,17 @@ def restore_replay_buffer(buffer: ReplayBuffer, folder: Path, saved: ReplayManif
             f"environment(s), the model's has {ours[0]} of {ours[1]}: expected equal sizes. Resume "
             "with the buffer_size and n_envs of the run."
         )
-    arrays = ring_arrays(buffer)
+    rows = buffer_rows(buffer)
     for segment in saved.segments:
-        indices = np.arange(segment.first, segment.last) % saved.capacity
-        for name, rows in _read_segment(folder / segment.file, arrays, len(indices)).items():
-            arrays[name][indices] = rows
+        path = folder / segment.file
+        content = _read_segment(path)
+        try:
+            rows.put_rows(np.arange(segment.first, segment.last) % saved.capacity, content)
+        except RunError as error:
+            raise RunError(
+                f"Replay segment '{path}' does not fit a {type(buffer).__name__}: {error} Was the "
+                "environment or the kind of buffer changed since?"
+            ) from error
     buffer.pos = saved.total % saved.capacity
     buffer.full = saved.full
 
@@ -189,28 +175,12 @@ def end_last_episode(buffer: ReplayBuffer) -> None:
     buffer.dones[last] = 1.0
 
 
-def _take(array: npt.NDArray[Any], indices: npt.NDArray[np.int_]) -> npt.NDArray[Any]:
-    """Return the rows, without a copy where they are contiguous."""
-    first, last = int(indices[0]), int(indices[-1])
-    return array[first : last + 1] if last - first + 1 == len(indices) else array[indices]
-
-
-def _read_segment(
-    path: Path, expected: Mapping[str, npt.NDArray[Any]], n_rows: int
-) -> dict[str, npt.NDArray[Any]]:
+def _read_segment(path: Path) -> Arrays:
     try:
         with np.load(path, allow_pickle=False) as content:
-            rows = {name: content[name] for name in expected}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            return dict(content)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise RunError(
             f"Replay segment '{path}' cannot be read ({error}): expected the file that the "
             "checkpoint wrote."
         ) from error
-    for name, array in rows.items():
-        shape = (n_rows, *expected[name].shape[1:])
-        if array.shape != shape or array.dtype != expected[name].dtype:
-            raise RunError(
-                f"'{name}' in replay segment '{path}' is {array.dtype} {array.shape}: expected "
-                f"{expected[name].dtype} {shape}. Was the environment changed since?"
-            )
-    return rows

@@ -1,4 +1,4 @@
-"""The piano environment and its registration with gymnasium."""
+"""The piano environment, alone or as a vector, and its registration with gymnasium."""
 
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.observation import ObservationBlock, ObservationLayout, ObservationSpace
@@ -7,6 +7,7 @@ from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.envs.registration import DEBUG_IDS, ENV_IDS, GENERAL_ID, register_envs
 from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS, RETURN_KEYS
 from sb3_piano.envs.state import EnvState
+from sb3_piano.envs.vector_env import PianoVectorEnv
 
 __all__ = [
     "DEBUG_IDS",
@@ -21,5 +22,6 @@ __all__ = [
     "Performance",
     "PianoEnv",
     "PianoEnvConfig",
+    "PianoVectorEnv",
     "register_envs",
 ]

@@ -1,4 +1,4 @@
-"""The ids under which ``gymnasium.make`` finds the environments."""
+"""The ids under which ``gymnasium.make`` and ``make_vec`` find the environments."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import gymnasium as gym
 from sb3_piano.music import STUDIES
 
 ENTRY_POINT = "sb3_piano.envs.piano_env:PianoEnv"
+VECTOR_ENTRY_POINT = "sb3_piano.envs.vector_env:PianoVectorEnv"
 
 GENERAL_ID = "RoboPianist-v0"
 """The id that plays any score, given as ``score=``."""
@@ -23,4 +24,9 @@ def register_envs() -> None:
     scores = {GENERAL_ID: "TwinkleTwinkleLittleStar", **dict(zip(DEBUG_IDS, STUDIES, strict=True))}
     for env_id in ENV_IDS:
         if env_id not in gym.registry:
-            gym.register(id=env_id, entry_point=ENTRY_POINT, kwargs={"score": scores[env_id]})
+            gym.register(
+                id=env_id,
+                entry_point=ENTRY_POINT,
+                vector_entry_point=VECTOR_ENTRY_POINT,
+                kwargs={"score": scores[env_id]},
+            )

@@ -21,7 +21,7 @@ from stable_baselines3.common.noise import (
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
 
-from sb3_piano.callbacks.replay_segments import ring_arrays
+from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training.coerce import (
     accepts_schedule,
@@ -33,8 +33,15 @@ from sb3_piano.training.config import RunConfig
 from sb3_piano.training.env_ids import registered_id
 from sb3_piano.training.episode_log import EpisodeLog
 from sb3_piano.training.import_names import import_name, is_dotted
+from sb3_piano.vec_env import ThreadVecEnv
 
 EnvWrapper = Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]]
+
+_VEC_ENV_CLASSES: dict[str, type[DummyVecEnv] | type[SubprocVecEnv]] = {
+    "dummy": DummyVecEnv,
+    "threads": ThreadVecEnv,
+    "subproc": SubprocVecEnv,
+}
 
 
 def build_vec_env(
@@ -73,7 +80,8 @@ def build_vec_env(
             env = plugin(env)
         return env
 
-    subproc = config.vec_env == "subproc"
+    vec_env_cls = _VEC_ENV_CLASSES[config.vec_env]
+    subproc = vec_env_cls is SubprocVecEnv
     try:
         if subproc:
             wrap(make()).close()  # what is wrong is easier told from here than from a process
@@ -82,7 +90,7 @@ def build_vec_env(
             n_envs=config.n_envs,
             seed=config.seed,
             wrapper_class=wrap,
-            vec_env_cls=SubprocVecEnv if subproc else DummyVecEnv,
+            vec_env_cls=vec_env_cls,
             # fork is not safe in a process with threads, such as torch's
             vec_env_kwargs={"start_method": "spawn"} if subproc else {},
             monitor_kwargs=dict(config.monitor_kwargs),
@@ -116,7 +124,7 @@ def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
         ) from error
     buffer = getattr(model, "replay_buffer", None)
     if buffer is not None:
-        ring_arrays(buffer)
+        buffer_rows(buffer)
     return model
 
 

@@ -22,7 +22,7 @@ from sb3_piano.training.plain import plain, plain_mapping
 from sb3_piano.training.plugins import Plugin, parse_plugins, plugins_to_plain
 
 NOISE_TYPES = ("normal", "ornstein-uhlenbeck")
-VEC_ENVS = ("dummy", "subproc")
+VEC_ENVS = ("dummy", "threads", "subproc")
 _PLUGIN_FIELDS = ("env_wrapper", "vec_env_wrapper", "callback")
 
 # Parameters of an algorithm's constructor that a run sets itself.
@@ -50,7 +50,8 @@ class RunConfig:
     n_envs: int = 1
     """Environments that play at the same time; at least 1."""
     vec_env: str = "dummy"
-    """``dummy``: all in this process; ``subproc``: each in a process of its own."""
+    """``dummy``: one plays after the other; ``threads``: in threads of this process; ``subproc``:
+    each in a process of its own."""
     env_module: str | None = None
     """Module to import before the environment is made."""
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)

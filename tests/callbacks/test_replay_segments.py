@@ -8,12 +8,12 @@ from gymnasium import spaces
 from stable_baselines3.common.buffers import DictReplayBuffer, NStepReplayBuffer, ReplayBuffer
 from stable_baselines3.common.utils import set_random_seed
 
+from sb3_piano.buffers.rows import ArrayRows
 from sb3_piano.callbacks.replay_segments import (
     ReplayManifest,
     ReplaySegments,
     end_last_episode,
     restore_replay_buffer,
-    ring_arrays,
 )
 from sb3_piano.exceptions import RunError
 
@@ -66,7 +66,7 @@ def train_and_save(folder, buffer, additions, rng):
 
 def assert_same(restored, original):
     assert (restored.pos, restored.full) == (original.pos, original.full)
-    for name, array in ring_arrays(original).items():
+    for name, array in ArrayRows(original).arrays.items():
         np.testing.assert_array_equal(getattr(restored, name), array, err_msg=name)
     set_random_seed(5)  # SB3 samples with numpy's global generator
     expected = original.sample(32)
@@ -133,13 +133,13 @@ def test_a_write_that_was_never_committed_changes_nothing(tmp_path):
     add_rows(buffer, 4, rng)
     valid = segments.write()
     segments.committed(valid)
-    before = {name: array.copy() for name, array in ring_arrays(buffer).items()}
+    before = {name: array.copy() for name, array in ArrayRows(buffer).arrays.items()}
     add_rows(buffer, 3, rng)
     segments.write()  # and the process is killed here
     restored = make_buffer()
     restore_replay_buffer(restored, tmp_path, valid)
     assert restored.pos == 4
-    for name, array in ring_arrays(restored).items():
+    for name, array in ArrayRows(restored).arrays.items():
         np.testing.assert_array_equal(array[:4], before[name][:4], err_msg=name)
 
 
@@ -189,11 +189,11 @@ def test_ending_the_last_episode_of_an_empty_buffer_does_nothing():
     assert not buffer.dones.any()
 
 
-def test_a_dictionary_buffer_is_refused():
+def test_a_dictionary_buffer_is_refused(tmp_path):
     observations = spaces.Dict({"keys": OBSERVATIONS})
     buffer = DictReplayBuffer(CAPACITY, observations, ACTIONS, device="cpu")
     with pytest.raises(RunError, match=r"A DictReplayBuffer of 10 row.* two or more rows in numpy"):
-        ring_arrays(buffer)
+        ReplaySegments(tmp_path, buffer)
 
 
 @pytest.mark.parametrize(("n_envs", "capacity"), [(2, CAPACITY), (1, CAPACITY + 1)])
@@ -204,14 +204,25 @@ def test_a_buffer_of_another_size_is_refused_and_both_sizes_are_told(tmp_path, n
         restore_replay_buffer(make_buffer(n_envs=n_envs, capacity=capacity), tmp_path, saved)
 
 
-@pytest.mark.parametrize("damage", ["missing", "cut", "empty"])
+def _zeros_inside(content):
+    """Overwrite the beginning of the first array's compressed data."""
+    start = content.index(b".npy") + 4
+    return content[: start + 20] + bytes(30) + content[start + 50 :]
+
+
+@pytest.mark.parametrize("damage", ["missing", "cut", "empty", "zeros inside"])
 def test_a_missing_or_damaged_segment_is_named(tmp_path, damage):
     saved = train_and_save(tmp_path, make_buffer(), (4,), np.random.default_rng(1))
     path = tmp_path / "replay-0-4.npz"
     content = path.read_bytes()
     path.unlink()
-    if damage != "missing":
-        path.write_bytes(content[: len(content) // 2] if damage == "cut" else b"")
+    left = {
+        "cut": content[: len(content) // 2],
+        "empty": b"",
+        "zeros inside": _zeros_inside(content),
+    }
+    if damage in left:
+        path.write_bytes(left[damage])
     with pytest.raises(RunError, match=r"Replay segment '.*replay-0-4\.npz' cannot be read"):
         restore_replay_buffer(make_buffer(), tmp_path, saved)
 
@@ -220,5 +231,8 @@ def test_rows_of_another_shape_are_named(tmp_path):
     saved = train_and_save(tmp_path, make_buffer(), (4,), np.random.default_rng(1))
     wide = spaces.Box(-1.0, 1.0, (5,), dtype=np.float32)
     other = ReplayBuffer(CAPACITY, wide, ACTIONS, device="cpu")
-    with pytest.raises(RunError, match=r"'observations' in .* is float32 \(4, 1, 3\): expected"):
+    text = (
+        r"replay-0-4\.npz' does not fit a ReplayBuffer: 'observations' is float32 \(4, 1, 3\): exp"
+    )
+    with pytest.raises(RunError, match=text):
         restore_replay_buffer(other, tmp_path, saved)

@@ -8,11 +8,18 @@ import pytest
 from stable_baselines3 import TD3
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
-from stable_baselines3.common.vec_env import VecCheckNan, VecNormalize
+from stable_baselines3.common.vec_env import (
+    DummyVecEnv,
+    SubprocVecEnv,
+    VecCheckNan,
+    VecNormalize,
+)
 from torch import nn
 
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.training.builders import build_callbacks, build_model, build_vec_env
+from sb3_piano.training.config import VEC_ENVS
+from sb3_piano.vec_env import ThreadVecEnv
 
 
 @pytest.fixture
@@ -52,7 +59,7 @@ def test_normalisation_takes_its_arguments_and_the_discount_of_the_algorithm(bui
     assert (venv.norm_reward, venv.gamma) == (False, 0.8)
 
 
-@pytest.mark.parametrize("vec_env", ["dummy", "subproc"])
+@pytest.mark.parametrize("vec_env", VEC_ENVS)
 def test_episodes_are_written_to_monitor_files_once_they_have_a_place(
     build, tmp_path, vec_env, episodes_of
 ):
@@ -75,6 +82,11 @@ def test_episodes_are_written_to_monitor_files_once_they_have_a_place(
     assert [episode["r"] for episode in episodes] == pytest.approx(expected, abs=1e-4)
 
 
+def test_each_kind_of_vector_has_its_class(build):
+    kinds = [type(build(vec_env=vec_env, n_envs=2)) for vec_env in VEC_ENVS]
+    assert kinds == [DummyVecEnv, ThreadVecEnv, SubprocVecEnv]
+
+
 def test_the_monitor_gets_its_keywords(build):
     venv = build(monitor_kwargs={"info_keywords": ["TimeLimit.truncated"]})
     monitor = venv.envs[0]
@@ -83,7 +95,7 @@ def test_the_monitor_gets_its_keywords(build):
     assert monitor.info_keywords == ("TimeLimit.truncated",)
 
 
-@pytest.mark.parametrize("vec_env", ["dummy", "subproc"])
+@pytest.mark.parametrize("vec_env", VEC_ENVS)
 def test_an_environment_that_refuses_its_arguments_is_named(build, vec_env):
     with pytest.raises(ConfigError, match="'Pendulum-v1' cannot be made with .*'gravity'"):
         build(vec_env=vec_env, env_kwargs={"gravity": 3})

@@ -87,8 +87,9 @@ def test_a_run_killed_at_any_time_goes_on_from_its_last_checkpoint(start, tmp_pa
     assert (result.started_at, result.num_timesteps) == (saved.num_timesteps, target)
 
 
-def test_ctrl_c_saves_and_prints_how_to_go_on(start, tmp_path):
-    process = start("--n-envs", "2", "--vec-env", "subproc")
+@pytest.mark.parametrize("vec_env", ["threads", "subproc"])
+def test_ctrl_c_saves_and_prints_how_to_go_on(start, tmp_path, vec_env):
+    process = start("--n-envs", "2", "--vec-env", vec_env)
     monitor = tmp_path / "run" / "monitor" / "0.monitor.csv"
     wait_for(lambda: monitor.exists() and monitor.read_text().count("\n") > 3, process)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: environments get it too

@@ -1,0 +1,256 @@
+"""Several piano environments as one of gymnasium's vector environments."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from sb3_piano.envs.piano_env import PianoEnv, ScoreSource
+from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError
+from sb3_piano.music import Score, load_score
+from sb3_piano.threads import ThreadTeam
+
+Observations = npt.NDArray[np.float32]
+BoolArray = npt.NDArray[np.bool_]
+
+
+class PianoVectorEnv(SyncVectorEnv[Any, Any]):
+    """Several :class:`~sb3_piano.envs.PianoEnv` that step at the same time, in threads.
+
+    ``gymnasium.make_vec("RoboPianist-v0", num_envs=4)`` makes one. It gives exactly what
+    gymnasium's ``SyncVectorEnv`` around the same environments gives; ``envs`` are the environments
+    themselves, in which everything that one of them can do may be done.
+
+    An error in one environment is raised when all threads have come to rest; the other environments
+    may have played that step. After it, as after Ctrl-C, call ``reset``.
+
+    Args:
+        num_envs: How many environments there are, at least 1.
+        score: What is played: one score for all, or a sequence of one for each environment. A score
+            is a ``Score``, a path or a study's name.
+        n_threads: Threads to use, the calling one included; by default one for each environment or
+            each usable core, whichever are fewer.
+        autoreset_mode: When an environment whose episode has ended begins the next one: with the
+            next step ("NextStep"), with the same one ("SameStep") or when told to ("Disabled").
+        render_mode: As for a single environment.
+        **options: The fields of :class:`~sb3_piano.envs.PianoEnvConfig`, alike for all.
+
+    Raises:
+        ConfigError: If an argument is not valid, or the scores lead to observations of different
+            sizes.
+        ScoreError: If a score cannot be read or played.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        score: ScoreSource | Sequence[ScoreSource] = "TwinkleTwinkleLittleStar",
+        *,
+        n_threads: int | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        **options: Any,
+    ) -> None:
+        if num_envs < 1:
+            raise ConfigError(f"num_envs is {num_envs}: expected 1 or more.")
+        mode = _checked_mode(autoreset_mode)
+        self._team = ThreadTeam(num_envs, n_threads)
+        envs = [
+            PianoEnv(source, render_mode=render_mode, **options)
+            for source in _one_for_each(score, num_envs)
+        ]
+        _check_same_size(envs)
+        # Built before, so that what is wrong is told in our words.
+        super().__init__([functools.partial(_same, env) for env in envs], autoreset_mode=mode)
+        self._env_obs: list[Any] = [None] * num_envs
+        self._slot_infos: list[list[dict[str, Any]]] = [[] for _ in envs]
+
+    @property
+    def n_threads(self) -> int:
+        """How many threads step the environments, the calling one included."""
+        return self._team.n_threads
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observations, dict[str, Any]]:
+        """Begin an episode in every environment, or in some.
+
+        Args:
+            seed: Seed of the first environment, the others count on from it; or one for each.
+            options: ``"score"``: what is played in this episode, one score or a sequence of one for
+                each environment. ``"reset_mask"``: (num_envs,) bool, the environments to reset.
+
+        Raises:
+            ConfigError: If ``seed`` or ``options`` does not fit the environments.
+            ScoreError: If a score cannot be read or played.
+        """
+        seeds = self._seeds(seed)
+        options = dict(options or {})
+        mask = self._checked_mask(options.pop("reset_mask", None))
+        each: list[dict[str, Any]] = [dict(options) for _ in self.envs]
+        if "score" in options:
+            for slot, score in enumerate(_one_for_each(options["score"], self.num_envs)):
+                each[slot]["score"] = score
+
+        def begin(slot: int) -> None:
+            self._slot_infos[slot] = []
+            if mask[slot]:
+                self._env_obs[slot], info = self.envs[slot].reset(
+                    seed=seeds[slot], options=each[slot]
+                )
+                self._slot_infos[slot] = [info]
+
+        self._team.run(begin)
+        for ended in (self._terminations, self._truncations, self._autoreset_envs):
+            ended[mask] = False
+        return np.stack(self._env_obs), self._infos()
+
+    def step(
+        self, actions: npt.ArrayLike
+    ) -> tuple[Observations, npt.NDArray[np.float64], BoolArray, BoolArray, dict[str, Any]]:
+        """Play one control step in every environment.
+
+        Args:
+            actions: (num_envs, n) numbers in [-1, 1].
+
+        Returns:
+            Observations, rewards, terminated, truncated, infos; the first four are new arrays.
+
+        Raises:
+            InvalidActionError: If an action has the wrong shape or is not finite.
+            EnvStateError: If an environment has not been reset; see ``autoreset_mode``.
+            SimulationDivergedError: If the physics of an environment became unstable.
+        """
+        rows = self._checked_actions(actions)
+        self._team.run(lambda slot: self._play(slot, rows[slot]))
+        self._autoreset_envs = self._terminations | self._truncations
+        return (
+            np.stack(self._env_obs),
+            self._rewards.copy(),
+            self._terminations.copy(),
+            self._truncations.copy(),
+            self._infos(),
+        )
+
+    def render(self) -> tuple[Any, ...]:
+        """Return a picture of every environment, or ``None`` for each without a render mode."""
+        pictures: list[Any] = [None] * self.num_envs
+
+        def draw(slot: int) -> None:
+            pictures[slot] = self.envs[slot].render()
+
+        self._team.run(draw)
+        return tuple(pictures)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Close every environment, then end the threads."""
+        del kwargs  # gymnasium passes on what close() was given
+        try:
+            self._team.run(lambda slot: self.envs[slot].close())
+        finally:
+            self._team.close()
+
+    def _play(self, slot: int, action: npt.NDArray[Any]) -> None:
+        """Play a step in one environment, or begin its next episode; write only its own rows."""
+        env = self.envs[slot]
+        if self._autoreset_envs[slot] and self.autoreset_mode == AutoresetMode.NEXT_STEP:
+            self._env_obs[slot], info = env.reset()
+            result: list[Any] = [0.0, False, False]
+            infos = [info]
+        else:
+            self._env_obs[slot], *result, info = env.step(action)
+            infos = [info]
+            if any(result[1:]) and self.autoreset_mode == AutoresetMode.SAME_STEP:
+                final = {"final_obs": self._env_obs[slot], "final_info": info}
+                self._env_obs[slot], info = env.reset()
+                infos = [final, info]
+        self._rewards[slot], self._terminations[slot], self._truncations[slot] = result
+        self._slot_infos[slot] = infos
+
+    def _infos(self) -> dict[str, Any]:
+        merged: dict[str, Any] = {}
+        for slot, infos in enumerate(self._slot_infos):
+            for info in infos:
+                merged = self._add_info(merged, info, slot)
+        return merged
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int | np.integer):
+            return [int(seed) + slot for slot in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ConfigError(
+                f"seed has {len(seed)} numbers: expected one number, or one for each of "
+                f"{self.num_envs} environments."
+            )
+        return list(seed)
+
+    def _checked_mask(self, mask: Any) -> BoolArray:
+        if mask is None:
+            mask = np.ones(self.num_envs, dtype=np.bool_)
+        if getattr(mask, "dtype", None) != np.bool_ or mask.shape != (self.num_envs,):
+            raise ConfigError(
+                f"reset_mask is {mask!r}: expected a numpy array of {self.num_envs} bool."
+            )
+        if not mask.any():
+            raise ConfigError("reset_mask has no True: expected at least one environment.")
+        for slot, observation in enumerate(self._env_obs):
+            if observation is None and not mask[slot]:
+                raise EnvStateError(
+                    f"Environment {slot} has never been reset: expected True for it in reset_mask."
+                )
+        return mask
+
+    def _checked_actions(self, actions: npt.ArrayLike) -> npt.NDArray[Any]:
+        """Return the actions, one row for each environment; the environments check the rows."""
+        rows = np.asarray(actions)
+        if rows.shape != self.action_space.shape:
+            raise InvalidActionError(
+                f"The actions have shape {rows.shape}: expected {self.action_space.shape}."
+            )
+        return rows
+
+
+def _same(env: PianoEnv) -> PianoEnv:
+    return env
+
+
+def _checked_mode(mode: str | AutoresetMode) -> AutoresetMode:
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        valid = ", ".join(repr(known.value) for known in AutoresetMode)
+        raise ConfigError(f"autoreset_mode is {mode!r}: expected one of {valid}.") from None
+
+
+def _one_for_each(score: ScoreSource | Sequence[ScoreSource], count: int) -> list[Score]:
+    if isinstance(score, str) or not isinstance(score, Sequence):
+        return [load_score(score)] * count
+    if len(score) != count:
+        raise ConfigError(
+            f"score has {len(score)} entries: expected one score, or one for each of {count} "
+            "environments."
+        )
+    return [load_score(source) for source in score]
+
+
+def _check_same_size(envs: Sequence[PianoEnv]) -> None:
+    sizes = [env.observation_layout.size for env in envs]
+    if len(set(sizes)) > 1:
+        listed = ", ".join(
+            f"{slot}: {size} ({env.score.title!r})"
+            for slot, (env, size) in enumerate(zip(envs, sizes, strict=True))
+        )
+        raise ConfigError(
+            f"The environments' observations differ in size - {listed}: expected scores that give "
+            f"one size, or another observation than {envs[0].config.observation!r}."
+        )

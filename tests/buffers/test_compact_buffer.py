@@ -1,0 +1,402 @@
+"""A compact buffer gives what SB3's own gives for the same transitions, and needs less for it."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import tracemalloc
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import spaces
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from stable_baselines3 import DQN, TD3
+from stable_baselines3.common import buffers as sb3_buffers
+from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import VecNormalize
+from transitions import ACTIONS, SPACE, Play, assert_equal, assert_equal_samples, make_pair
+
+from sb3_piano.buffers import CompactNStepReplayBuffer, CompactReplayBuffer
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError
+
+PIANO = "RoboPianist-debug-CMajorScaleOneHand-v0"
+N_STEP = (CompactNStepReplayBuffer, NStepReplayBuffer)
+
+
+class Recorder(ReplayBuffer):
+    """SB3's buffer, which also notes down what it was given."""
+
+    calls: list
+
+    def add(self, *transition):
+        if not hasattr(self, "calls"):
+            self.calls = []
+        self.calls.append(copy.deepcopy(transition))
+        super().add(*transition)
+
+
+def record(n_envs, env_kwargs, steps=120, normalize=False, sittings=1):
+    """Return an SB3 run's buffer with its calls of ``add``, and its ``VecNormalize``."""
+    venv = make_vec_env(PIANO, n_envs, seed=1, env_kwargs=env_kwargs)
+    if normalize:
+        venv = VecNormalize(venv)
+    settings = {"learning_starts": 10_000, "buffer_size": 10_000, "device": "cpu", "seed": 1}
+    model = TD3("MlpPolicy", venv, replay_buffer_class=Recorder, **settings)
+    for _ in range(sittings):
+        model.learn(steps * n_envs // sittings)
+    return model.replay_buffer, model.get_vec_normalize_env()
+
+
+SHORT = {"wrong_press_termination": True}  # random play lasts a few steps
+
+
+@pytest.mark.parametrize("kinds", [(CompactReplayBuffer, ReplayBuffer), N_STEP])
+@pytest.mark.parametrize(
+    ("n_envs", "env_kwargs", "sittings"),
+    [(1, SHORT, 1), (3, SHORT, 1), (3, {}, 2), (1, {"max_episode_steps": 17}, 2)],
+    ids=str,
+)
+def test_transitions_of_a_real_run_are_equal_while_the_ring_goes_round_several_times(
+    n_envs, env_kwargs, sittings, kinds
+):
+    run, _ = record(n_envs, env_kwargs, sittings=sittings)
+    pair = make_pair(23, n_envs, run.observation_space, run.action_space, kinds)
+    for number, transition in enumerate(run.calls):
+        for buffer in pair:
+            buffer.add(*transition)
+        if number % 11 == 0:
+            assert_equal(*pair)
+    assert_equal(*pair)
+
+
+def test_real_runs_have_the_borders_that_make_a_copy_necessary():
+    """What the test above rests on."""
+    ends, _ = record(3, SHORT)
+    assert ends.dones.sum() > 30
+    cut, _ = record(1, {"max_episode_steps": 17})
+    assert cut.timeouts.sum() == 120 // 17
+    resumed, _ = record(3, {}, sittings=2)
+    assert resumed.dones.sum() == 0
+    rows = np.arange(resumed.size() - 1)
+    followed = [
+        np.array_equal(resumed.next_observations[r], resumed.observations[r + 1]) for r in rows
+    ]
+    assert np.flatnonzero(~np.array(followed)).tolist() == [59]
+
+
+@pytest.mark.parametrize("n_envs", [1, 3])
+def test_last_observations_that_vec_normalize_gives_back_rounded_are_kept_to_the_bit(n_envs):
+    run, normalization = record(n_envs, SHORT, normalize=True)
+    assert not np.isin(run.next_observations[: run.size(), :, :989], (0.0, 1.0)).all()
+    pair = make_pair(50, n_envs, run.observation_space, run.action_space)
+    for transition in run.calls:
+        for buffer in pair:
+            buffer.add(*transition)
+    assert_equal(*pair, normalization)
+    assert_equal_samples(*pair)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    capacity=st.integers(1, 7),
+    n_envs=st.integers(1, 3),
+    layout=st.booleans(),
+    steps=st.lists(st.sampled_from(["go on", "end some", "end all", "start anew"]), max_size=30),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_transitions_are_equal_for_any_pattern_of_episodes(capacity, n_envs, layout, steps, seed):
+    space = SPACE if layout else spaces.Box(0.0, 1.0, SPACE.shape, dtype=np.float32)
+    play, pair = Play(space, n_envs, seed), make_pair(capacity, n_envs, space)
+    ends = {"go on": [False] * n_envs, "end all": [True] * n_envs}
+    for step in steps:
+        if step == "start anew":
+            play.reset()
+        transition = play.step(ends.get(step))
+        for buffer in pair:
+            buffer.add(*transition)
+        assert_equal(*pair)
+
+
+@pytest.mark.parametrize("n_steps", [1, 3])
+def test_n_step_returns_are_equal_too(n_steps):
+    play = Play(n_envs=2)
+    pair = [kind(40, SPACE, ACTIONS, "cpu", 2, n_steps=n_steps, gamma=0.9) for kind in N_STEP]
+    for _ in range(50):
+        transition = play.step()
+        for buffer in pair:
+            buffer.add(*transition)
+        assert_equal(*pair)
+
+
+@pytest.mark.parametrize("handle", [True, False])
+def test_time_limits_are_handled_as_asked(handle):
+    kinds = (CompactReplayBuffer, ReplayBuffer)
+    pair = [kind(9, SPACE, ACTIONS, "cpu", handle_timeout_termination=handle) for kind in kinds]
+    transition = (*Play().step([True])[:-1], [{"TimeLimit.truncated": True}])
+    for buffer in pair:
+        buffer.add(*transition)
+    assert_equal(*pair)
+    assert pair[0].sample(1).dones.item() == (0.0 if handle else 1.0)
+
+
+@pytest.mark.parametrize(
+    ("observations", "actions"),
+    [
+        (spaces.Discrete(5), spaces.Discrete(3)),
+        (spaces.MultiDiscrete([3, 4]), spaces.MultiDiscrete([2, 5])),
+        (spaces.MultiBinary(9), spaces.MultiBinary(3)),
+        (spaces.Box(0, 255, (3, 8, 8), np.uint8), spaces.Box(-1, 1, (2,), np.float64)),
+        (spaces.Box(-1, 1, (4,), np.float64), spaces.Box(-1, 1, (2, 2), np.float32)),
+    ],
+    ids=str,
+)
+def test_other_spaces_are_held_as_in_the_stock_buffer(observations, actions):
+    pair = make_pair(6, 2, observations, actions)
+
+    def draw(space):
+        return np.array([space.sample() for _ in range(2)])
+
+    now = draw(observations)
+    for number in range(16):
+        new, ends = draw(observations), np.array([number % 3 == 0, False])
+        for buffer in pair:
+            buffer.add(now, new, draw(actions) * 0 + number % 2, np.ones(2), ends, [{}, {}])
+        now = np.where(ends.reshape(2, *[1] * (new.ndim - 1)), draw(observations), new)
+        assert_equal(*pair)
+
+
+def test_observations_of_another_type_are_converted_as_in_the_stock_buffer():
+    play, pair = Play(), make_pair(5)
+    for _ in range(7):
+        observations, new, *rest = play.step()
+        finer = [np.where(array % 1, np.float64(array) / 3, array) for array in (observations, new)]
+        for buffer in pair:  # a third of a float32 is mostly none; 0 and 1 stay
+            buffer.add(*finer, *rest)
+    assert_equal(*pair)
+
+
+def test_it_tells_of_what_space_it_is():
+    compact, stock = make_pair(5)
+    assert compact.observation_space is stock.observation_space
+    assert compact.obs_shape == stock.obs_shape
+
+
+def test_arrays_that_the_caller_changes_after_adding_them_stay_as_they_were_in_the_buffer():
+    pair = make_pair(4)
+    transition = Play().step([True])
+    pair[0].add(*transition)
+    pair[1].add(*copy.deepcopy(transition))
+    for array in transition[:5]:
+        array[:] = 0
+    assert_equal(*pair)
+
+
+def test_samples_share_no_memory_with_the_buffer():
+    play, pair = Play(), make_pair(4)
+    for _ in range(4):
+        transition = play.step()
+        for buffer in pair:
+            buffer.add(*transition)
+    for array in pair[0].sample(8):
+        if array is not None:
+            array.fill_(5)
+    assert_equal(*pair)
+
+
+def test_after_a_reset_nothing_of_before_is_left():
+    play, pair = Play(n_envs=2), make_pair(5, 2)
+    for count in (7, 3):
+        for buffer in pair:
+            buffer.reset()
+        for _ in range(count):
+            transition = play.step()
+            for buffer in pair:
+                buffer.add(*transition)
+    assert_equal(*pair)
+    fresh, _ = make_pair(5, 2)
+    pair[0].reset()
+    assert pair[0].nbytes == fresh.nbytes
+
+
+def test_only_ends_of_episodes_and_the_two_newest_rows_have_a_copy():
+    play, (buffer, _) = Play(n_envs=2), make_pair(10, 2)
+    copies = []
+    for number in range(24):
+        buffer.add(*play.step([number % 4 == 3, False]))
+        copies.append(buffer.next_observations.n_copies)
+    # four for the newest rows, and one for each end among the eight rows before them
+    assert copies[:7] == [2, 4, 4, 4, 4, 5, 5]
+    assert copies[-6:] == [6] * 6
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3, 5, 12])
+def test_a_transition_that_is_not_added_to_its_end_leaves_those_before_it_alone(rows):
+    """As Ctrl-C may do, after which a notebook calls ``learn`` again."""
+    play, pair = Play(n_envs=2), make_pair(5, 2)
+    for _ in range(rows):
+        transition = play.step([False, False])
+        for buffer in pair:
+            buffer.add(*transition)
+    half = list(play.step([False, False]))
+    half[3] = np.zeros(7)  # the rewards come after the observations
+    for buffer in pair:
+        with pytest.raises(ValueError, match="broadcast"):
+            buffer.add(*half)
+    play.reset()
+    transition = play.step()
+    for buffer in pair:
+        buffer.add(*transition)
+    assert_equal(*pair)
+
+
+@pytest.mark.parametrize("again", [copy.deepcopy, lambda b: pickle.loads(pickle.dumps(b))])
+def test_a_copy_is_equal_and_goes_on_by_itself(again):
+    play, pair = Play(n_envs=2), make_pair(5, 2)
+    for _ in range(8):
+        transition = play.step()
+        for buffer in pair:
+            buffer.add(*transition)
+    twin = again(pair[0])
+    assert_equal(twin, pair[1])
+    before = copy.deepcopy(pair[1])
+    for _ in range(3):
+        transition = play.step()
+        for buffer in (twin, pair[1]):
+            buffer.add(*transition)
+    assert_equal(twin, pair[1])
+    assert_equal(pair[0], before)
+
+
+def full_spaces():
+    env = gym.make("RoboPianist-v0")
+    found = env.observation_space, env.action_space
+    env.close()
+    return found
+
+
+def test_a_million_transitions_of_the_full_observation_need_less_than_a_gigabyte_and_a_half():
+    observations, actions = full_spaces()
+    assert observations.shape == (1124,)
+    tracemalloc.start()
+    buffer = CompactReplayBuffer(1_000_000, observations, actions, "cpu")
+    _, peak = tracemalloc.get_traced_memory()  # numpy tells tracemalloc of its arrays
+    tracemalloc.stop()
+    row = 989 / 8 + 135 * 4 + 4 * (actions.shape[0] + 3)
+    assert buffer.nbytes == pytest.approx(1_000_000 * row, rel=0.001)
+    assert peak < buffer.nbytes + 1e6  # nor were stock's arrays there for a moment
+    assert peak < 1.5e9
+
+
+def test_copies_are_counted_in_the_bytes():
+    play, (buffer, _) = Play(), make_pair(100)
+    sizes = [buffer.nbytes]
+    for _ in range(50):
+        buffer.add(*play.step([True]))
+        sizes.append(buffer.nbytes)
+    width = 3 * 4 + 2
+    assert np.diff(sizes).min() >= width
+    buffer.add(*play.step([True]))
+    assert sizes[-1] - sizes[0] >= 50 * width
+
+
+def test_memory_that_is_not_there_is_warned_of_only_if_the_compact_buffer_needs_it(
+    monkeypatch, recwarn
+):
+    class Psutil:
+        @staticmethod
+        def virtual_memory():
+            return type("Memory", (), {"available": available})
+
+    monkeypatch.setattr(sb3_buffers, "psutil", Psutil, raising=True)
+    observations = spaces.Box(0, 1, (1000,), np.float32)
+    available = 5_000_000
+    CompactReplayBuffer(1000, observations, ACTIONS, "cpu")  # 4 MB, stock: 8 MB
+    assert not recwarn
+    ReplayBuffer(1000, observations, ACTIONS, "cpu")
+    assert "enough memory" in str(recwarn.pop().message)
+
+
+def test_a_binary_number_that_is_neither_0_nor_1_is_an_error_and_changes_nothing():
+    play, pair = Play(n_envs=2), make_pair(4, 2)
+    for _ in range(5):
+        transition = play.step()
+        for buffer in pair:
+            buffer.add(*transition)
+    bad = copy.deepcopy(play.step())
+    bad[0][1, 5] = 0.75
+    with pytest.raises(ConfigError, match=r"column 5 \(in block 'b1'\) of environment 1 is 0.75"):
+        pair[0].add(*bad)
+    assert_equal(*pair)
+
+
+@pytest.mark.parametrize("kind", [CompactReplayBuffer, CompactNStepReplayBuffer])
+def test_optimize_memory_usage_is_refused(kind):
+    message = f"optimize_memory_usage is true for a {kind.__name__}: expected false"
+    with pytest.raises(ConfigError, match=message):
+        kind(10, SPACE, ACTIONS, "cpu", optimize_memory_usage=True)
+
+
+def test_dictionary_observations_are_refused():
+    with pytest.raises(ConfigError, match="cannot hold observations of Dict.*FlattenObservation"):
+        CompactReplayBuffer(10, spaces.Dict({"keys": SPACE}), ACTIONS, "cpu")
+
+
+def td3(buffer_class, n_envs=2, **kwargs):
+    venv = make_vec_env(PIANO, n_envs, seed=3, env_kwargs={**SHORT, "max_episode_steps": 9})
+    return TD3(
+        "MlpPolicy",
+        VecNormalize(venv) if kwargs.pop("normalize", False) else venv,
+        replay_buffer_class=buffer_class,
+        policy_kwargs={"net_arch": [16]},
+        learning_starts=20,
+        buffer_size=60,  # goes round
+        batch_size=32,
+        device="cpu",
+        seed=3,
+        **kwargs,
+    )
+
+
+@pytest.mark.parametrize("normalize", [False, True])
+def test_td3_learns_the_same_weights_with_both_buffers(normalize):
+    ours, theirs, untrained = (
+        td3(kind, normalize=normalize).learn(steps).policy.state_dict()
+        for kind, steps in ((CompactReplayBuffer, 120), (ReplayBuffer, 120), (ReplayBuffer, 1))
+    )
+    assert not (ours["actor.mu.0.weight"] == untrained["actor.mu.0.weight"]).all()
+    for name, weights in theirs.items():
+        assert (ours[name] == weights).all(), name
+
+
+def test_a_buffer_saved_by_sb3_is_loaded_equal(tmp_path):
+    model = td3(CompactReplayBuffer).learn(80)
+    stock = td3(ReplayBuffer).learn(80).replay_buffer
+    model.save_replay_buffer(tmp_path / "buffer.pkl")
+    other = td3(CompactReplayBuffer)
+    other.load_replay_buffer(tmp_path / "buffer.pkl")
+    assert_equal(other.replay_buffer, stock)
+
+
+def test_discrete_actions_are_learned_from():
+    settings = {"learning_starts": 20, "buffer_size": 50, "device": "cpu", "seed": 1}
+    weights = []
+    for kind in (CompactReplayBuffer, ReplayBuffer):
+        model = DQN("MlpPolicy", "CartPole-v1", replay_buffer_class=kind, **settings).learn(80)
+        weights.append(model.policy.state_dict())
+    for name, theirs in weights[1].items():
+        assert (weights[0][name] == theirs).all(), name
+
+
+def test_an_algorithms_n_steps_is_left_out_with_a_warning():
+    with pytest.warns(UserWarning, match="`n_steps=3` is ignored because a custom"):
+        td3(CompactReplayBuffer, n_steps=3)
+
+
+def test_the_layout_reaches_the_buffer_through_monitor_and_the_vector():
+    model = td3(CompactReplayBuffer)
+    assert isinstance(model.get_env().envs[0].unwrapped, PianoEnv)
+    assert model.replay_buffer.nbytes < 30 * 2 * 1000 + 10_000  # bytes; stock's rows have 9000

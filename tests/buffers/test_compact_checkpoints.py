@@ -1,0 +1,200 @@
+"""A compact buffer saved in segments comes back equal, wherever it was cut."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gymnasium import spaces
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
+from transitions import SPACE, Play, assert_equal, make_pair, make_space
+
+from sb3_piano.buffers import CompactNStepReplayBuffer, CompactReplayBuffer
+from sb3_piano.buffers.rows import ArrayRows, buffer_rows
+from sb3_piano.callbacks.replay_segments import (
+    ReplayManifest,
+    ReplaySegments,
+    end_last_episode,
+    restore_replay_buffer,
+)
+from sb3_piano.exceptions import RunError
+
+PAIRS = [(CompactReplayBuffer, ReplayBuffer), (CompactNStepReplayBuffer, NStepReplayBuffer)]
+
+
+def add_to_both(pair, play, count, segments):
+    for _ in range(count):
+        transition = play.step()
+        for buffer in pair:
+            buffer.add(*transition)
+        segments.observe()
+
+
+def save(segments):
+    manifest = segments.write()
+    segments.committed(manifest)
+    return ReplayManifest.from_json(manifest.to_json())
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    capacity=st.integers(2, 9),
+    n_envs=st.integers(1, 3),
+    layout=st.booleans(),
+    kinds=st.sampled_from(PAIRS),
+    sittings=st.lists(st.lists(st.integers(0, 12), min_size=1, max_size=4), min_size=1, max_size=3),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_after_any_checkpoints_and_resumptions_it_equals_a_stock_buffer_that_was_never_saved(
+    capacity, n_envs, layout, kinds, sittings, seed
+):
+    """A sitting is a list of how many rows come before each of its checkpoints."""
+    space = SPACE if layout else spaces.Box(0.0, 1.0, SPACE.shape, dtype=np.float32)
+    play = Play(space, n_envs, seed)
+    compact, stock = make_pair(capacity, n_envs, space, kinds=kinds)
+    saved = None
+    with tempfile.TemporaryDirectory() as folder:
+        for additions in sittings:
+            segments = ReplaySegments(Path(folder), compact, saved)
+            for count in additions:
+                add_to_both((compact, stock), play, count, segments)
+                saved = save(segments)
+            segments.write()  # killed before it is committed
+            compact, _ = make_pair(capacity, n_envs, space, kinds=kinds)
+            restore_replay_buffer(compact, Path(folder), saved)
+            if stock.size():
+                assert_equal(compact, stock)
+            for buffer in (compact, stock):
+                end_last_episode(buffer)
+            play.reset()
+    if stock.size():
+        assert_equal(compact, stock)
+
+
+def test_the_newest_rows_next_observation_outlives_resuming(tmp_path):
+    play, (compact, stock) = Play(), make_pair(4)
+    segments = ReplaySegments(tmp_path, compact)
+    add_to_both((compact, stock), play, 6, segments)
+    expected = play.observations if not stock.dones[1] else stock.next_observations[1]
+    restored, _ = make_pair(4)
+    restore_replay_buffer(restored, tmp_path, save(segments))
+    end_last_episode(restored)
+    play.reset()
+    restored.add(*play.step())
+    found = restored.next_observations[np.array([1]), np.array([0])]
+    assert found.tobytes() == expected.tobytes()
+    assert restored.dones[1] == 1.0
+
+
+def test_rounded_last_observations_outlive_resuming(tmp_path):
+    play, (compact, stock) = Play(), make_pair(4)
+    segments = ReplaySegments(tmp_path, compact)
+    for done in (True, False, True):
+        observation, last, *rest = play.step([done])
+        last = np.where(last == 1.0, 1.0 - 2**-24, last).astype(np.float32) if done else last
+        for buffer in (compact, stock):
+            buffer.add(observation, last, *rest)
+    restored, _ = make_pair(4)
+    restore_replay_buffer(restored, tmp_path, save(segments))
+    assert_equal(restored, stock)
+
+
+def test_copies_of_rows_that_were_overwritten_are_not_brought_back(tmp_path):
+    play, (compact, _) = Play(), make_pair(6)
+    segments = ReplaySegments(tmp_path, compact)
+    for ends in ([True] * 4, [False] * 5):
+        for done in ends:
+            compact.add(*play.step([done]))
+        saved = save(segments)
+    restored, _ = make_pair(6)
+    restore_replay_buffer(restored, tmp_path, saved)
+    # rows 0 to 3 ended episodes; the rows 6 to 8 stand where the first three of them stood
+    assert compact.next_observations.n_copies == 3
+    assert restored.next_observations.n_copies == 3
+
+
+def test_a_segment_is_as_compact_as_the_buffer(tmp_path):
+    play, (compact, _) = Play(n_envs=2), make_pair(6, 2)
+    segments = ReplaySegments(tmp_path, compact)
+    for _ in range(3):
+        compact.add(*play.step([False, False]))
+    (segment,) = save(segments).segments
+    with np.load(tmp_path / segment.file) as rows:
+        shapes = {name: (array.dtype.name, array.shape) for name, array in rows.items()}
+        assert rows["own_at"].tolist() == [2, 3, 4, 5]  # both newest rows
+    width = 3 * 4 + 2
+    assert shapes == {
+        "actions": ("float32", (3, 2, 2)),
+        "rewards": ("float32", (3, 2)),
+        "dones": ("float32", (3, 2)),
+        "timeouts": ("float32", (3, 2)),
+        "binary_columns": ("bool", (15,)),
+        "packed_observations": ("uint8", (3, 2, width)),
+        "own_at": ("int64", (4,)),
+        "own_sizes": ("int64", (4,)),
+        "own_bytes": ("uint8", (4 * width,)),
+    }
+
+
+@pytest.mark.parametrize(
+    ("blocks", "text"),
+    [
+        (((2, False), (9, True), (2, False), (3, True)), r"'binary_columns' is bool \(15,\): exp"),
+        (((2, False), (8, True), (1, False), (4, True)), "'binary_columns' differ from those of"),
+    ],
+    ids=["another size", "another layout of equal size"],
+)
+def test_rows_of_another_observation_are_refused(tmp_path, blocks, text):
+    play, (compact, _) = Play(), make_pair(6)
+    segments = ReplaySegments(tmp_path, compact)
+    compact.add(*play.step())
+    saved = save(segments)
+    other, _ = make_pair(6, space=make_space(*blocks))
+    with pytest.raises(RunError, match=rf"replay-0-1.npz' does not fit a CompactR.*{text}"):
+        restore_replay_buffer(other, tmp_path, saved)
+
+
+@pytest.mark.parametrize("kinds", [PAIRS[0], PAIRS[0][::-1]], ids=["to stock", "to compact"])
+def test_rows_of_the_other_kind_of_buffer_are_refused(tmp_path, kinds):
+    source, target = make_pair(6, kinds=kinds)
+    segments = ReplaySegments(tmp_path, source)
+    source.add(*Play().step())
+    saved = save(segments)
+    with pytest.raises(RunError, match="is missing among.*kind of buffer changed since"):
+        restore_replay_buffer(target, tmp_path, saved)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("packed_observations", np.zeros((1, 1, 9), np.uint8), r"\(1, 1, 9\): expected uint8 \(1,"),
+        ("own_sizes", np.array([13]), r"'own_bytes' is uint8 \(14,\): expected uint8 \(13,\)"),
+        ("own_at", np.array([0, 1]), r"'own_sizes' is int64 \(1,\): expected int64 \(2,\)"),
+        ("own_bytes", np.zeros(14, np.int8), r"is int8 \(14,\): expected uint8 \(14,\)"),
+        ("rewards", np.zeros((1, 1)), r"'rewards' is float64 \(1, 1\): expected float32 \(1, 1\)"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_named(name, value, text):
+    source, _ = make_pair(6)
+    target, _ = make_pair(6)
+    source.add(*Play().step())
+    rows = source.take_rows(np.array([0]))
+    with pytest.raises(RunError, match=text):
+        target.put_rows(np.array([0]), {**rows, name: value})
+
+
+def test_a_buffer_of_one_row_is_refused():
+    compact, stock = make_pair(1)
+    for buffer in (compact, stock):
+        with pytest.raises(RunError, match=r"ReplayBuffer of 1 row.*expected two or more rows"):
+            buffer_rows(buffer)
+
+
+def test_the_compact_buffer_gives_its_rows_itself_and_a_stock_one_by_its_arrays():
+    compact, stock = make_pair(3)
+    assert buffer_rows(compact) is compact
+    assert isinstance(buffer_rows(stock), ArrayRows)

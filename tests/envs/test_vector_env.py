@@ -1,0 +1,427 @@
+"""``PianoVectorEnv`` gives what its environments and gymnasium's ``SyncVectorEnv`` give."""
+
+from __future__ import annotations
+
+import pickle
+import subprocess
+import sys
+import threading
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+
+from sb3_piano.envs import ENV_IDS, GENERAL_ID, PianoEnv, PianoVectorEnv
+from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError, ScoreError
+from sb3_piano.metrics import EPISODE_METRICS
+from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.simulation import find_gl_backend
+
+PATIENCE = 60.0  # s, after which a test that hangs fails
+OPTIONS = {"physics": "fast", "randomize_hand_positions": True}
+AUTORESET = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
+
+
+def score(*pitches):
+    """Return a score with two control steps for each note, and a silent one."""
+    notes = [Note(onset=0.1 * i, offset=0.1 * (i + 1), pitch=p) for i, p in enumerate(pitches)]
+    return Score(notes=notes, title=f"from {pitches[0]}")
+
+
+SCORES = [score(60), score(60, 67), score(55, 60, 72)]  # 3, 5 and 7 control steps
+
+
+@pytest.fixture
+def make():
+    """Make vector environments and close them afterwards."""
+    made = []
+
+    def make(cls, *args, **kwargs):
+        made.append(cls(*args, **kwargs))
+        return made[-1]
+
+    yield make
+    for envs in made:
+        envs.close()
+
+
+@pytest.fixture
+def both(make):
+    """Return a function that makes gymnasium's and our vector of equal environments."""
+
+    def both(mode, n_threads=2, **options):
+        options = {**OPTIONS, **options}
+        env_fns = [lambda s=s: PianoEnv(s, **options) for s in SCORES]
+        theirs = make(SyncVectorEnv, env_fns, autoreset_mode=mode)
+        ours = make(PianoVectorEnv, 3, SCORES, autoreset_mode=mode, n_threads=n_threads, **options)
+        return theirs, ours
+
+    return both
+
+
+def random_actions(count, n_envs=3, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-1, 1, (count, n_envs, 39)).astype(np.float32)
+
+
+def assert_same(actual, expected):
+    """Compare nested results bit by bit, types included."""
+    assert type(actual) is type(expected)
+    if isinstance(expected, dict):
+        assert list(actual) == list(expected)
+        for key in expected:
+            assert_same(actual[key], expected[key])
+    elif isinstance(expected, tuple) or getattr(expected, "dtype", None) == np.dtype(object):
+        for left, right in zip(actual, expected, strict=True):
+            assert_same(left, right)
+    elif expected is not None:
+        assert actual.dtype == expected.dtype
+        np.testing.assert_equal(actual, expected)
+
+
+@pytest.mark.parametrize("mode", AUTORESET)
+@pytest.mark.parametrize("n_threads", [1, 2, 3])
+def test_everything_is_equal_to_gymnasiums_sync_vector_env(both, mode, n_threads):
+    theirs, ours = both(mode, n_threads)
+    assert ours.observation_space == theirs.observation_space
+    assert ours.single_observation_space == theirs.single_observation_space
+    assert (ours.action_space, ours.num_envs) == (theirs.action_space, theirs.num_envs)
+    assert ours.metadata == theirs.metadata
+    assert_same(ours.reset(seed=4), theirs.reset(seed=4))
+    assert ours.np_random_seed == theirs.np_random_seed == (4, 5, 6)
+    keys = set()
+    for action in random_actions(17):
+        result = ours.step(action)
+        assert_same(result, theirs.step(action))
+        keys |= set(result[4])
+    if mode is AutoresetMode.SAME_STEP:
+        assert {"final_obs", "_final_obs", "final_info", "_final_info"} <= keys
+    else:
+        assert {"f1", "_f1"} <= keys
+
+
+def test_early_ends_are_equal_to_gymnasiums_sync_vector_env(both):
+    for mode in AUTORESET:
+        theirs, ours = both(mode, wrong_press_termination=True, forearm_reward=False)
+        for envs in (theirs, ours):
+            envs.reset(seed=0)
+            for env in envs.envs:  # press a key that is not due
+                dof = np.flatnonzero(env.model.jnt_qposadr == env.scene.key_qpos[3])
+                env.data.qfrc_applied[env.model.jnt_dofadr[dof]] = 10.0
+        terminated = 0
+        for action in random_actions(4):
+            result = ours.step(action)
+            assert_same(result, theirs.step(action))
+            terminated += result[2].sum()
+        assert terminated >= 3
+
+
+def test_each_slot_is_equal_to_an_environment_of_its_own(make):
+    envs = make(PianoVectorEnv, 3, SCORES, n_threads=2, **OPTIONS)
+    singles = [PianoEnv(piece, **OPTIONS) for piece in SCORES]
+    observations, _ = envs.reset(seed=[11, 5, 8])
+    for observation, env, seed in zip(observations, singles, [11, 5, 8], strict=True):
+        np.testing.assert_array_equal(observation, env.reset(seed=seed)[0])
+    over, episodes = [False] * 3, [0] * 3
+    for actions in random_actions(24):
+        observations, rewards, terminated, truncated, infos = envs.step(actions)
+        for slot, env in enumerate(singles):
+            if over[slot]:
+                expected = (env.reset()[0], 0.0, False, False)
+            else:
+                *expected, info = env.step(actions[slot])
+                for name, term in info["reward_terms"].items():
+                    assert infos["reward_terms"][name][slot] == term
+            np.testing.assert_array_equal(observations[slot], expected[0])
+            assert [rewards[slot], terminated[slot], truncated[slot]] == list(expected[1:])
+            over[slot] = expected[2] or expected[3]
+            episodes[slot] += over[slot]
+            if over[slot]:
+                for name in EPISODE_METRICS:
+                    np.testing.assert_equal(infos[name][slot], info[name])
+    assert episodes == [6, 4, 3]
+
+
+def test_in_disabled_mode_whoever_uses_it_resets_what_has_ended(both):
+    theirs, ours = both(AutoresetMode.DISABLED)
+    for envs in (theirs, ours):
+        envs.reset(seed=2)
+    over = np.zeros(3, dtype=bool)
+    for actions in random_actions(9):
+        if over.any():
+            results = [envs.reset(options={"reset_mask": over.copy()}) for envs in (ours, theirs)]
+            assert_same(*results)
+        result = ours.step(actions)
+        assert_same(result, theirs.step(actions))
+        over = result[2] | result[3]
+    ours.reset(seed=2)
+    for actions in random_actions(3):
+        ours.step(actions)
+    with pytest.raises(EnvStateError, match="No episode is under way"):
+        ours.step(actions)
+
+
+@pytest.mark.parametrize("mode", AUTORESET)
+def test_a_mask_resets_only_some_environments(both, mode):
+    theirs, ours = both(mode)
+    mask = np.array([True, False, True])
+    results = []
+    for envs in (ours, theirs):
+        envs.reset(seed=1)
+        for actions in random_actions(3):
+            envs.step(actions)
+        results.append(envs.reset(seed=[7, 8, 9], options={"reset_mask": mask.copy()}))
+    assert_same(*results)
+    assert [env.steps_played for env in ours.envs] == [0, 3, 0]
+    for actions in random_actions(6, seed=1):
+        assert_same(ours.step(actions), theirs.step(actions))
+
+
+def test_scores_are_chosen_at_reset_for_one_episode(make):
+    envs = make(PianoVectorEnv, 3, SCORES[0], n_threads=2, **OPTIONS)
+    assert [len(roll) for roll in envs.get_attr("roll")] == [3, 3, 3]
+    options = {"score": tuple(SCORES), "reset_mask": np.ones(3, dtype=bool)}
+    kept = dict(options)
+    envs.reset(options=options)
+    assert options == kept
+    assert envs.get_attr("score") == tuple(SCORES)
+    for actions in random_actions(4):  # the first slot's episode ends, and the next one begins
+        envs.step(actions)
+    assert [len(roll) for roll in envs.get_attr("roll")] == [3, 5, 7]
+    envs.reset(options={"score": SCORES[2]})
+    assert [len(roll) for roll in envs.get_attr("roll")] == [7, 7, 7]
+    envs.reset()
+    assert [len(roll) for roll in envs.get_attr("roll")] == [3, 3, 3]
+
+
+def test_a_file_is_read_once_for_all_environments(make, tmp_path):
+    path = tmp_path / "piece.mid"
+    write_midi(SCORES[1], path)
+    envs = make(PianoVectorEnv, 3, path, **OPTIONS)
+    envs.reset(options={"score": [path, *SCORES[:2]]})
+    envs.reset()
+    first, *others = envs.get_attr("score")
+    assert first.title == "piece"
+    assert all(other is first for other in others)
+
+
+def test_observations_are_not_changed_by_later_steps(make):
+    envs = make(PianoVectorEnv, 2, SCORES[:2], n_threads=2, **OPTIONS)
+    results = [envs.reset(seed=0)[0]]
+    kept = [results[0].copy()]
+    for actions in random_actions(8, n_envs=2):
+        *arrays, infos = envs.step(actions)
+        results += [*arrays, *infos["reward_terms"].values()]
+        kept += [array.copy() for array in results[len(kept) :]]
+    for actual, expected in zip(results, kept, strict=True):
+        np.testing.assert_array_equal(actual, expected)
+    envs.reset(seed=0)[0][:] = np.nan
+    assert np.isfinite(envs.step(actions)[0]).all()
+
+
+def test_environments_step_at_the_same_time(make):
+    barrier = threading.Barrier(3)
+
+    class AtBarrier(gym.Wrapper):
+        def step(self, action):
+            barrier.wait(PATIENCE)
+            return self.env.step(action)
+
+    envs = make(PianoVectorEnv, 3, SCORES, n_threads=3, **OPTIONS)
+    envs.envs = [AtBarrier(env) for env in envs.envs]
+    envs.reset(seed=0)
+    envs.step(random_actions(1)[0])
+    assert not barrier.broken
+
+
+def test_attributes_and_methods_of_the_environments_are_within_reach(make):
+    envs = make(PianoVectorEnv, 2, SCORES[:2], **OPTIONS)
+    envs.reset(seed=0)
+    assert envs.get_attr("steps_played") == (0, 0)
+    assert set(envs.call("reward_terms", 0)[1]) == set(envs.envs[1].reward_terms(0))
+    envs.set_attr("render_mode", ["rgb_array", None])
+    assert [env.render_mode for env in envs.envs] == ["rgb_array", None]
+
+
+@pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
+def test_pictures_are_those_of_the_environments(make):
+    options = {"render_mode": "rgb_array", "width": 64, "height": 48, "physics": "fast"}
+    envs = make(PianoVectorEnv, 2, SCORES[:2], n_threads=2, **options)
+    singles = [PianoEnv(piece, **options) for piece in SCORES[:2]]
+    envs.reset(seed=0)
+    pictures = envs.render()
+    for picture, env in zip(pictures, singles, strict=True):
+        env.reset(seed=0)
+        np.testing.assert_array_equal(picture, env.render())
+        env.close()
+    envs.envs[1].data.qpos[envs.envs[1].scene.key_qpos] = 1.0
+    left, right = envs.render()
+    np.testing.assert_array_equal(left, pictures[0])
+    assert np.any(right != pictures[1])
+
+
+def test_without_a_render_mode_there_are_no_pictures(make):
+    envs = make(PianoVectorEnv, 2, SCORES[0], **OPTIONS)
+    envs.reset(seed=0)
+    assert envs.render() == (None, None)
+
+
+def test_closing_ends_the_threads_and_closes_each_environment_in_its_own():
+    before = threading.active_count()
+    envs = PianoVectorEnv(2, SCORES[0], n_threads=2, **OPTIONS)
+    threads = []
+
+    class Watched(gym.Wrapper):
+        def reset(self, **kwargs):
+            threads.append(threading.get_ident())
+            return self.env.reset(**kwargs)
+
+        def close(self):
+            threads.append(threading.get_ident())
+
+    envs.envs = [Watched(env) for env in envs.envs]
+    envs.reset(seed=0)
+    assert threading.active_count() == before + 1
+    envs.close()
+    assert envs.closed
+    assert threading.active_count() == before
+    assert sorted(threads[:2]) == sorted(threads[2:])
+    assert len(set(threads)) == 2
+
+
+def test_a_pickled_copy_goes_on_as_the_original_does(make):
+    envs = make(PianoVectorEnv, 2, SCORES[1:], n_threads=2, **OPTIONS)
+    envs.reset(seed=3)
+    first, *later = random_actions(8, n_envs=2)
+    envs.step(first)
+    twin = pickle.loads(pickle.dumps(envs))
+    for actions in later:
+        assert_same(twin.step(actions), envs.step(actions))
+    twin.close()
+
+
+@pytest.mark.parametrize("bad", [0, 1])
+def test_an_error_of_one_environment_comes_when_the_other_one_has_stepped(make, bad):
+    envs = make(PianoVectorEnv, 2, SCORES[1], n_threads=2, **OPTIONS)
+    envs.reset(seed=0)
+    actions = random_actions(1, n_envs=2)[0]
+    actions[bad, 5] = np.nan
+    with pytest.raises(InvalidActionError, match="Element 5 of the action is nan"):
+        envs.step(actions)
+    assert [env.steps_played for env in envs.envs] == [int(i != bad) for i in range(2)]
+    envs.reset(seed=0)
+    envs.step(np.zeros((2, 39)))
+    assert envs.get_attr("steps_played") == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"num_envs": 0}, "num_envs is 0: expected 1 or more"),
+        ({"num_envs": 2}, "score has 3 entries: expected one score, or one for each of 2 env"),
+        ({"n_threads": 0}, "n_threads is 0: expected a whole number from 1 on"),
+        ({"autoreset_mode": "Never"}, "autoreset_mode is 'Never': expected one of 'NextStep', "),
+        ({"phisics": "fast"}, "Unknown option 'phisics' .* Did you mean 'physics'"),
+        ({"score": 3}, "A piece cannot be given as int"),
+        (
+            {"observation": "window"},
+            r"observations differ in size - 0: \d+ \('from 60'\), 1: \d+ \('from 60'\), "
+            r"2: \d+ \('from 55'\): expected scores .* or another observation than 'window'",
+        ),
+    ],
+)
+def test_wrong_arguments_are_named(arguments, message):
+    with pytest.raises(ConfigError, match=message):
+        PianoVectorEnv(**{"num_envs": 3, "score": SCORES, **arguments})
+
+
+def test_windows_of_one_size_can_be_played_together(make):
+    pieces = [score(60, 64), score(48, 52)]
+    envs = make(PianoVectorEnv, 2, pieces, observation="window", physics="fast")
+    assert envs.reset(seed=0)[0].shape == envs.observation_space.shape
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"seed": [1, 2]}, ConfigError, "seed has 2 numbers: expected one number, or one for"),
+        ({"options": {"score": SCORES[:2]}}, ConfigError, "score has 2 entries: expected one"),
+        ({"options": {"scoer": SCORES}}, ConfigError, "Unknown reset option 'scoer'"),
+        ({"options": {"score": "a/b.mid"}}, ScoreError, "b.mid"),
+        ({"options": {"reset_mask": [True] * 3}}, ConfigError, "expected a numpy array of 3 bool"),
+        ({"options": {"reset_mask": np.ones(2, bool)}}, ConfigError, "a numpy array of 3 bool"),
+        ({"options": {"reset_mask": np.zeros(3, bool)}}, ConfigError, "has no True: expected at"),
+        (
+            {"options": {"reset_mask": np.array([True, False, True])}},
+            EnvStateError,
+            "Environment 1 has never been reset: expected True for it",
+        ),
+    ],
+)
+def test_wrong_resets_are_named(make, arguments, error, message):
+    envs = make(PianoVectorEnv, 3, SCORES, **OPTIONS)
+    with pytest.raises(error, match=message):
+        envs.reset(**arguments)
+
+
+def test_actions_of_a_wrong_shape_and_a_missing_reset_are_named(make):
+    envs = make(PianoVectorEnv, 3, SCORES, n_threads=2, **OPTIONS)
+    with pytest.raises(EnvStateError, match="No episode is under way: call reset"):
+        envs.step(np.zeros((3, 39)))
+    envs.reset(seed=np.int64(0))
+    for shape in ((2, 39), (3, 38), (39,)):
+        with pytest.raises(InvalidActionError, match=r"actions have shape .*: expected \(3, 39"):
+            envs.step(np.zeros(shape))
+
+
+def test_make_vec_gives_it_for_every_id_without_a_warning():
+    script = (
+        "import gymnasium, sb3_piano\n"
+        "from sb3_piano.envs import ENV_IDS, PianoVectorEnv\n"
+        "for env_id in ENV_IDS:\n"
+        "    envs = gymnasium.make_vec(env_id, num_envs=2, n_threads=2, physics='fast')\n"
+        "    assert type(envs) is PianoVectorEnv and envs.num_envs == envs.n_threads == 2\n"
+        "    envs.reset(seed=0)\n"
+        "    envs.step(envs.action_space.sample())\n"
+        "    single = gymnasium.make(env_id, physics='fast').unwrapped\n"
+        "    assert envs.get_attr('score') == (single.score,) * 2\n"
+        "    print(envs)\n"
+        "    envs.close()\n"
+    )
+    command = [sys.executable, "-W", "error", "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines() == [f"PianoVectorEnv({i}, num_envs=2)" for i in ENV_IDS]
+
+
+def test_make_vec_forwards_all_options():
+    envs = gym.make_vec(
+        GENERAL_ID,
+        num_envs=3,
+        score=SCORES,
+        n_threads=2,
+        autoreset_mode="SameStep",
+        n_steps_lookahead=2,
+    )
+    assert envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    assert envs.get_attr("score") == tuple(SCORES)
+    assert envs.envs[0].config.n_steps_lookahead == 2
+    again = gym.make_vec(envs.spec)
+    assert again.get_attr("score") == tuple(SCORES)
+
+
+def test_gymnasiums_vector_wrappers_can_be_put_around_it(make):
+    envs = RecordEpisodeStatistics(make(PianoVectorEnv, 3, SCORES, n_threads=2, **OPTIONS))
+    envs.reset(seed=0)
+    lengths, returns = [], np.zeros(3)
+    for actions in random_actions(7):
+        _, rewards, _, _, infos = envs.step(actions)
+        if len(lengths) == 0:
+            returns += rewards
+        if "episode" in infos:
+            lengths += infos["episode"]["l"][infos["_episode"]].tolist()
+            if len(lengths) == 1:
+                assert infos["episode"]["r"][0] == pytest.approx(returns[0])
+    assert lengths == [3, 5, 3, 7]

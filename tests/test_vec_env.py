@@ -1,0 +1,361 @@
+"""``ThreadVecEnv`` gives what ``DummyVecEnv`` gives, in threads."""
+
+from __future__ import annotations
+
+import copy
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from stable_baselines3 import TD3
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, InvalidActionError
+from sb3_piano.hyperparams import PRESETS
+from sb3_piano.music import Note, Score
+from sb3_piano.simulation import find_gl_backend
+from sb3_piano.vec_env import ThreadVecEnv
+
+PATIENCE = 60.0  # s, after which a test that hangs fails
+ENV_ID = "RoboPianist-debug-CMajorScaleOneHand-v0"
+
+
+def score(n_notes):
+    """Return a score of 2 * ``n_notes`` + 1 control steps."""
+    notes = [Note(onset=0.1 * i, offset=0.1 * (i + 1), pitch=60 + i) for i in range(n_notes)]
+    return Score(notes=notes, title=f"{n_notes} notes")
+
+
+class Scripted(gym.Env):
+    """Ends its episodes in every way there is, and shows what it was told."""
+
+    observation_space = gym.spaces.Dict(
+        {"seen": gym.spaces.Box(-9, 9, (2,)), "step": gym.spaces.Discrete(99)}
+    )
+    action_space = gym.spaces.Box(-1, 1, (1,))
+    render_mode = None
+    ends = ((True, False), (False, True), (True, True))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.played, self.episode = 0, getattr(self, "episode", -1) + 1
+        self.history = []
+        return self.observe(0.0), {"options": options, "episode": self.episode}
+
+    def observe(self, action):
+        return {"seen": np.float32([self.np_random.normal(), action]), "step": self.played}
+
+    def step(self, action):
+        self.played += 1
+        over = self.played == 2 + self.episode
+        terminated, truncated = self.ends[self.episode % 3] if over else (False, False)
+        self.history.append(self.played)
+        info = {"history": self.history, "noise": self.np_random.normal(size=3)}
+        return self.observe(action[0]), float(action[0]), terminated, truncated, info
+
+
+class Watched(gym.Wrapper):
+    """Notes in which thread everything happens."""
+
+    def __init__(self, env):
+        super().__init__(env)
+        self.threads = []
+
+    def note(self):
+        self.threads.append(threading.get_ident())
+
+    def step(self, action):
+        self.note()
+        return self.env.step(action)
+
+    def reset(self, **kwargs):
+        self.note()
+        return self.env.reset(**kwargs)
+
+    def render(self):
+        self.note()
+        return np.zeros((4, 4, 3), np.uint8)
+
+    def close(self):
+        self.note()
+
+
+@pytest.fixture
+def venvs():
+    """Make vectors of environments and close them afterwards."""
+    made = []
+
+    def make(cls, env_fns, **kwargs):
+        made.append(cls(env_fns, **kwargs))
+        return made[-1]
+
+    yield make
+    for venv in made:
+        venv.close()
+
+
+def both(venvs, make_env, n_envs, n_threads=2):
+    """Return a ``DummyVecEnv`` and a ``ThreadVecEnv`` of equal environments."""
+    env_fns = [lambda i=i: make_env(i) for i in range(n_envs)]
+    return venvs(DummyVecEnv, env_fns), venvs(ThreadVecEnv, env_fns, n_threads=n_threads)
+
+
+def without_time(infos):
+    """Return infos without the episode's duration, which ``Monitor`` measures."""
+    return [
+        {**info, "episode": {k: v for k, v in info["episode"].items() if k != "t"}}
+        if isinstance(info.get("episode"), dict)
+        else info
+        for info in infos
+    ]
+
+
+def assert_equal_steps(venv, other, actions):
+    """Play the same in both and compare everything bit by bit; return all infos."""
+    seen = []
+    for action in actions:
+        expected, actual = venv.step(action), other.step(action)
+        for left, right in zip(expected[:3], actual[:3], strict=True):
+            np.testing.assert_equal(right, left)
+            assert getattr(left, "dtype", None) == getattr(right, "dtype", None)
+        np.testing.assert_equal(without_time(actual[3]), without_time(expected[3]))
+        np.testing.assert_equal(other.reset_infos, venv.reset_infos)
+        seen += actual[3]
+    return seen
+
+
+@pytest.mark.parametrize("n_threads", [1, 2, 3])
+def test_everything_is_equal_to_dummy_vec_env(venvs, n_threads):
+    venv, other = both(venvs, lambda i: Monitor(Scripted()), 3, n_threads)
+    actions = np.random.default_rng(0).uniform(-1, 1, (40, 3, 1)).astype(np.float32)
+    for vector in (venv, other):
+        vector.seed(7)
+        vector.set_options([{"a": 1}, {}, {"b": 2}])
+    np.testing.assert_equal(other.reset(), venv.reset())
+    assert [info["options"] for info in other.reset_infos] == [{"a": 1}, None, {"b": 2}]
+    infos = assert_equal_steps(venv, other, actions)
+    ends = [info["TimeLimit.truncated"] for info in infos if "terminal_observation" in info]
+    assert {True, False} == set(ends)
+    for vector in (venv, other):  # seeds and options were for one reset only
+        np.testing.assert_equal(vector.reset_infos[0]["options"], None)
+    np.testing.assert_equal(other.reset(), venv.reset())
+    assert [info["options"] for info in other.reset_infos] == [None] * 3
+
+
+def test_piano_episodes_of_different_lengths_are_equal_to_dummy_vec_env(venvs):
+    def make_env(index):
+        return Monitor(
+            PianoEnv(score(1 + index), physics="fast", randomize_hand_positions=True),
+            info_keywords=("f1",),
+        )
+
+    venv, other = both(venvs, make_env, 3)
+    for vector in (venv, other):
+        vector.seed(3)
+    np.testing.assert_array_equal(other.reset(), venv.reset())
+    actions = np.random.default_rng(1).uniform(-1, 1, (18, 3, 39)).astype(np.float32)
+    infos = assert_equal_steps(venv, other, actions)
+    lengths = [info["episode"]["l"] for info in infos if "episode" in info]
+    assert sorted(lengths) == [3] * 6 + [5] * 3 + [7] * 2
+    assert all(info["TimeLimit.truncated"] for info in infos if "episode" in info)
+
+
+def test_what_a_step_gives_is_not_changed_by_the_next_one(venvs):
+    _, venv = both(venvs, lambda i: Scripted(), 2)
+    venv.seed(0)
+    venv.reset()
+    first = venv.step(np.ones((2, 1), np.float32))
+    kept = copy.deepcopy(first)
+    for _ in range(2):
+        venv.step(-np.ones((2, 1), np.float32))
+    np.testing.assert_equal(first, kept)
+
+
+def test_methods_and_attributes_of_the_environments_are_within_reach(venvs):
+    _, venv = both(venvs, lambda i: Monitor(Scripted()), 3)
+    venv.reset()
+    assert venv.env_method("observe", 0.5, indices=[1])[0]["seen"][1] == 0.5
+    venv.set_attr("episode", 8, indices=2)
+    assert venv.get_attr("played") == [0, 0, 0]
+    assert venv.envs[2].episode == 8
+    assert venv.env_is_wrapped(Monitor) == [True] * 3
+
+
+def test_environments_step_at_the_same_time(venvs):
+    barrier = threading.Barrier(3)
+
+    class AtBarrier(Scripted):
+        def step(self, action):
+            barrier.wait(PATIENCE)
+            return super().step(action)
+
+    _, venv = both(venvs, lambda i: AtBarrier(), 3, n_threads=3)
+    venv.reset()
+    venv.step(np.zeros((3, 1), np.float32))
+    assert not barrier.broken
+
+
+def test_an_environment_does_everything_in_one_thread(venvs):
+    env_fns = [lambda: Watched(gym.make(ENV_ID, render_mode="rgb_array")) for _ in range(4)]
+    venv = venvs(ThreadVecEnv, env_fns, n_threads=2)
+    venv.reset()
+    venv.step(np.zeros((4, 39), np.float32))
+    assert venv.render().shape == (8, 8, 3)
+    venv.close()
+    threads = venv.get_attr("threads")
+    assert [len(idents) for idents in threads] == [4] * 4
+    assert [len(set(idents)) for idents in threads] == [1] * 4
+    assert threads[0] == threads[1] != threads[2] == threads[3]
+
+
+@pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
+def test_pictures_are_equal_to_dummy_vec_envs_also_when_drawn_within_a_step(venvs):
+    class Filmed(gym.Wrapper):
+        def step(self, action):
+            result = self.env.step(action)
+            self.picture = self.env.render()
+            return result
+
+    def make_env(index):
+        env = PianoEnv(score(1 + index), render_mode="rgb_array", width=64, height=48)
+        return Filmed(env)
+
+    venv, other = both(venvs, make_env, 2)
+    actions = np.random.default_rng(2).uniform(-1, 1, (3, 2, 39)).astype(np.float32)
+    for vector in (venv, other):
+        vector.reset()
+        first = vector.render()
+        for action in actions:  # one episode ends on the way
+            vector.step(action)
+        assert np.any(vector.render() != first)
+    np.testing.assert_array_equal(other.render(), venv.render())
+    np.testing.assert_equal(other.get_attr("picture"), venv.get_attr("picture"))
+
+
+def test_without_a_render_mode_there_is_no_picture(venvs):
+    _, venv = both(venvs, lambda i: Scripted(), 2)
+    with pytest.warns(UserWarning, match="render mode is None"):
+        assert list(venv.get_images()) == [None, None]
+
+
+@pytest.mark.parametrize("bad", [0, 1])
+def test_an_error_of_one_environment_comes_when_the_other_one_has_stepped(venvs, bad):
+    _, venv = both(venvs, lambda i: PianoEnv(score(2), physics="fast"), 2)
+    venv.reset()
+    actions = np.zeros((2, 39), np.float32)
+    actions[bad, 5] = np.nan
+    with pytest.raises(InvalidActionError, match="Element 5 of the action is nan"):
+        venv.step(actions)
+    assert [env.steps_played for env in venv.envs] == [int(i != bad) for i in range(2)]
+    venv.reset()
+    venv.step(np.zeros((2, 39), np.float32))
+    assert [env.steps_played for env in venv.envs] == [1, 1]
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_after_ctrl_c_no_thread_steps_an_environment_that_is_being_closed(venvs):
+    events = []
+
+    class Slow(Scripted):
+        def step(self, action):
+            if threading.current_thread() is threading.main_thread():
+                os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.1)
+            events.append("stepped")
+            return super().step(action)
+
+        def close(self):
+            events.append("closed")
+
+    venv = venvs(ThreadVecEnv, [Slow, Slow], n_threads=2)
+    venv.reset()
+    with pytest.raises(KeyboardInterrupt):
+        venv.step(np.zeros((2, 1), np.float32))
+    venv.close()
+    assert events == ["stepped", "closed", "closed"]
+
+
+def test_closing_ends_the_threads_even_if_an_environment_cannot_be_closed():
+    class Stuck(Scripted):
+        def close(self):
+            raise OSError("stuck")
+
+    before = threading.active_count()
+    venv = ThreadVecEnv([Stuck, Stuck], n_threads=2)
+    venv.reset()
+    assert threading.active_count() == before + 1
+    with pytest.raises(OSError, match="stuck"):
+        venv.close()
+    assert threading.active_count() == before
+
+
+def test_the_number_of_threads_can_be_chosen(venvs):
+    env_fns = [Scripted] * 3
+    assert venvs(ThreadVecEnv, env_fns, n_threads=2).n_threads == 2
+    cores = len(os.sched_getaffinity(0))
+    assert venvs(ThreadVecEnv, env_fns).n_threads == min(3, cores)
+    with pytest.raises(ConfigError, match="n_threads is 0"):
+        ThreadVecEnv(env_fns, n_threads=0)
+
+
+def test_td3_learns_the_same_as_on_dummy_vec_env():
+    weights = []
+    for cls in (DummyVecEnv, ThreadVecEnv):
+        venv = make_vec_env(
+            lambda: PianoEnv(score(3), physics="fast", randomize_hand_positions=True),
+            n_envs=4,
+            seed=5,
+            vec_env_cls=cls,
+            vec_env_kwargs={"n_threads": 2} if cls is ThreadVecEnv else {},
+        )
+        venv = VecNormalize(venv)
+        model = TD3(
+            "MlpPolicy",
+            venv,
+            seed=5,
+            learning_starts=40,
+            batch_size=16,
+            buffer_size=500,
+            policy_kwargs={"net_arch": [16]},
+            device="cpu",
+        ).learn(160)
+        weights.append(torch.nn.utils.parameters_to_vector(model.actor.parameters()))
+        assert model._n_updates > 20
+        venv.close()
+    assert torch.equal(*weights)
+
+
+def test_rl_zoo_trains_in_threads_as_the_docstring_says(tmp_path):
+    pytest.importorskip("rl_zoo3")
+    (tmp_path / "spy.py").write_text(
+        "from stable_baselines3.common.callbacks import BaseCallback\n"
+        "class Spy(BaseCallback):\n"
+        "    def _on_training_start(self):\n"
+        "        print('TRAINED ON', type(self.training_env.unwrapped).__name__)\n"
+        "    def _on_step(self):\n"
+        "        return True\n"
+    )
+    script = textwrap.dedent(ThreadVecEnv.__doc__.split("::\n\n")[1].split("\n\n    An error")[0])
+    (tmp_path / "train.py").write_text(script)
+    command = [sys.executable, "train.py", "--algo", "td3", "--env", ENV_ID, "-n", "300"]
+    command += ["--gym-packages", "sb3_piano", "--conf-file", str(PRESETS["td3"])]
+    command += ["--log-folder", "logs", "--eval-freq", "-1", "--seed", "1", "--hyperparams"]
+    command += ["n_envs:2", "learning_starts:280", "buffer_size:1000", "callback:'spy.Spy'"]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert "TRAINED ON ThreadVecEnv" in done.stdout
+    run = tmp_path / "logs" / "td3" / f"{ENV_ID}_1"
+    assert (run / f"{ENV_ID}.zip").is_file()
+    assert len(list(run.glob("*.monitor.csv"))) == 2

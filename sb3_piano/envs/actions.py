@@ -47,7 +47,7 @@ class ActionMap:
                 f"The action has shape {array.shape}: expected {self.space.shape}."
             )
         finite = np.isfinite(array)
-        if not finite.all():
+        if np.count_nonzero(finite) < len(finite):
             bad = int(np.argmin(finite))
             raise InvalidActionError(
                 f"Element {bad} of the action is {array[bad]}: expected numbers in [-1, 1]."

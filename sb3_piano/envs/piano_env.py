@@ -370,7 +370,7 @@ class PianoEnv(gym.Env[Any, Any]):
         mujoco.mj_step(self.model, self.data, nstep=self._n_substeps - 1)
         mujoco.mj_step1(self.model, self.data)
         # MuJoCo answers NaN and huge numbers with a warning and starts the simulation anew.
-        if self.data.warning.number[_INSTABILITIES].any():
+        if np.count_nonzero(self.data.warning.number[_INSTABILITIES]):
             self._finished = True
             raise SimulationDivergedError(
                 f"The physics became unstable in control step {self._record.steps}. The episode "

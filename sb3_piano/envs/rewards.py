@@ -49,9 +49,8 @@ def tolerance(distance: npt.ArrayLike, bound: float, margin: float) -> FloatArra
 
 def _mean_closeness(distance: FloatArray, bound: float) -> float:
     """Return the mean tolerance of distances, of which there is at least one."""
-    closeness = tolerance(distance, bound, 10 * bound)
-    # Half the time of closeness.mean(), in every control step.
-    return float(np.add.reduce(closeness)) / len(closeness)
+    closeness = tolerance(distance, bound, 10 * bound).tolist()
+    return float(sum(closeness)) / len(closeness)  # of so few numbers faster than numpy's mean
 
 
 def _distance(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -78,7 +77,7 @@ def key_press(due: BoolArray, key_state: FloatArray, sounding: BoolArray) -> flo
     Returns:
         A value in [0, 1]; 0.5 for silence where nothing is due.
     """
-    reward = 0.0 if (sounding > due).any() else 0.5
+    reward = 0.0 if np.count_nonzero(sounding > due) else 0.5
     depth = key_state[due]
     if len(depth) > 0:
         reward += 0.5 * _mean_closeness(1.0 - depth, _KEY_TOLERANCE)

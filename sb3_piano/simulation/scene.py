@@ -96,8 +96,8 @@ class PianoScene:
         """Return whether a shape of one forearm touches one of the other."""
         if data.ncon == 0:
             return False
-        sides = self.forearm_of_geom[data.contact.geom]
-        return bool((sides[:, 0] * sides[:, 1] == 2).any())
+        sides = self.forearm_of_geom.take(data.contact.geom)
+        return bool(np.count_nonzero(sides[:, 0] * sides[:, 1] == 2))
 
     def copy(self) -> PianoScene:
         """Return the same scene with a model of its own, which may then be modified."""

@@ -135,6 +135,12 @@ def assert_equal_steps(venv, other, actions):
     return seen
 
 
+def test_whoever_only_imports_the_environments_does_not_load_torch():
+    script = "import sys, sb3_piano.envs; print('torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout == "False\n", done.stderr
+
+
 @pytest.mark.parametrize("n_threads", [1, 2, 3])
 def test_everything_is_equal_to_dummy_vec_env(venvs, n_threads):
     venv, other = both(venvs, lambda i: Monitor(Scripted()), 3, n_threads)

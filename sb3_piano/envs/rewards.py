@@ -32,25 +32,26 @@ _KEY_TOLERANCE = 0.05  # share of the key's travel
 _FINGER_TOLERANCE = 0.01  # m
 
 
-def tolerance(distance: npt.ArrayLike, bound: float, margin: float) -> FloatArray:
+def tolerance(distance: float, bound: float, margin: float) -> float:
     """Return 1 where ``0 <= distance <= bound``, falling as a Gaussian to 0.1 at ``margin`` beyond.
 
     Source: dm_control's ``rewards.tolerance`` with ``bounds=(0, bound)``.
 
     Args:
-        distance: Any shape; the quantity to keep within the bounds.
+        distance: The quantity to keep within the bounds.
         bound: Upper end of the interval that earns 1.
         margin: Distance from the interval at which 0.1 is earned; positive.
     """
-    x = np.asarray(distance, dtype=np.float64)
-    outside = np.maximum(np.maximum(x - bound, -x), 0.0) / margin
-    return np.asarray(0.1 ** (outside * outside))
+    outside = max(distance - bound, -distance, 0.0) / margin
+    return float(0.1 ** (outside * outside))
 
 
-def _mean_closeness(distance: FloatArray, bound: float) -> float:
-    """Return the mean tolerance of distances, of which there is at least one."""
-    closeness = tolerance(distance, bound, 10 * bound).tolist()
-    return float(sum(closeness)) / len(closeness)  # of so few numbers faster than numpy's mean
+def _mean_closeness(distances: FloatArray, bound: float) -> float:
+    """Return the mean tolerance of (n,) distances, of which there is at least one."""
+    margin = 10 * bound
+    # There are few, for which plain numbers are faster than numpy; and this is every control step.
+    values = [tolerance(distance, bound, margin) for distance in distances.tolist()]
+    return sum(values) / len(values)
 
 
 def _distance(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -60,7 +61,7 @@ def _distance(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 # The pedal and its goal are each 0 or 1, so their difference has three values.
-_SUSTAIN = {d: float(tolerance(d, _KEY_TOLERANCE, 10 * _KEY_TOLERANCE)) for d in (-1, 0, 1)}
+_SUSTAIN = {d: tolerance(d, _KEY_TOLERANCE, 10 * _KEY_TOLERANCE) for d in (-1, 0, 1)}
 
 
 def key_press(due: BoolArray, key_state: FloatArray, sounding: BoolArray) -> float:

@@ -21,12 +21,16 @@ _FINGERS = ("th", "ff", "mf", "rf", "lf")
 _KEYBOARD, _OTHER_HAND = 1, 2
 _PLAYING_LINKS = ("distal", "middle")
 
+# The fingers' joints that share their actuator with the joint after them (not THJ2).
+_COUPLED_JOINTS = ("FFJ2", "MFJ2", "RFJ2", "LFJ2")
+
 
 def build_hand(
     side: str,
     *,
     reduced_action_space: bool,
     gravity_compensation: bool,
+    coupled_friction_only: bool = False,
     playing_contacts_only: bool = False,
 ) -> mjcf.RootElement:
     """Return the MJCF of a hand, to be attached to a scene.
@@ -38,6 +42,8 @@ def build_hand(
         reduced_action_space: Fix the joints LFJ5, THJ5 and THJ1 and halve the range of THJ2, as
             RoboPianist's reduced action space does.
         gravity_compensation: Let a force balance the weight of every body of the hand.
+        coupled_friction_only: Let only the middle joints of the fingers have dry friction, see
+            :class:`~sb3_piano.simulation.PhysicsProfile`.
         playing_contacts_only: Meet only the other hand, and the keyboard with fingertips and
             middle phalanges.
     """
@@ -55,6 +61,10 @@ def build_hand(
     for body in hand["bodies"]:
         masks = _playing_masks(side, body["name"]) if playing_contacts_only else {}
         _add_body(root, body, float(gravity_compensation), space, masks)
+    if coupled_friction_only:
+        for joint in root.find_all("joint"):
+            if not joint.name.endswith(_COUPLED_JOINTS):
+                joint.frictionloss = 0.0
     for pair in hand["contact_excludes"]:
         root.contact.add("exclude", body1=pair[0], body2=pair[1])
     for actuator in hand["actuators"]:

@@ -40,6 +40,10 @@ class PhysicsProfile:
     """Let a key's spring hold it at angle 0 in balance with its weight, instead of pressing it
     against a joint limit: 88 constraints fewer in every physics step. The spring is a little
     stiffer, so that holding a key fully down takes the same torque; touching it takes less."""
+    coupled_friction_only: bool = False
+    """Keep dry friction only in the middle joints (J2) of the fingers: one actuator bends J2 and J1
+    together, and friction decides how they share the way. Elsewhere the servos overcome it, and it
+    costs a constraint for each joint."""
     playing_contacts_only: bool = False
     """Look only for contacts that matter to playing: of fingertips and middle phalanges with the
     keyboard, and between the two hands. The fingers of one hand then pass through each other."""
@@ -52,6 +56,7 @@ PHYSICS_PROFILES = {
     "fast": PhysicsProfile(
         solver=Solver(timestep=0.01, integrator="implicitfast"),
         balanced_keys=True,
+        coupled_friction_only=True,
         playing_contacts_only=True,
     ),
 }

@@ -136,6 +136,7 @@ def compile_scene(
                 side,
                 reduced_action_space=reduced_action_space,
                 gravity_compensation=gravity_compensation and not weightless,
+                coupled_friction_only=profile.coupled_friction_only,
                 playing_contacts_only=profile.playing_contacts_only,
             )
         )

@@ -25,7 +25,8 @@ def states(**depth):
 def test_tolerance_equals_dm_controls():
     x = np.linspace(-2, 3, 101)
     expected = dm_tolerance(x, bounds=(0, 0.05), margin=0.5, sigmoid="gaussian")
-    np.testing.assert_allclose(rewards.tolerance(x, 0.05, 0.5), expected, rtol=1e-12)
+    ours = [rewards.tolerance(distance, 0.05, 0.5) for distance in x.tolist()]
+    np.testing.assert_allclose(ours, expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

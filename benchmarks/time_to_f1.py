@@ -1,11 +1,13 @@
 """How long a configuration trains until it plays with a given F1.
 
     python benchmarks/time_to_f1.py --algo td3 --seed 0 --minutes 60 --out td3.jsonl
+    python benchmarks/time_to_f1.py --algo td3 --published --minutes 60 --out published.jsonl
 
 Trains stock SB3 and lets the deterministic policy play an episode every so many steps, in an
 environment of its own, always on the reference physics and with RoboPianist's reward weights. The
 clocks stand still while it plays. Every evaluation is a line of the output file: steps, seconds,
 CPU seconds, F1 and return. At the end the first one that reached each level of F1 is printed.
+``--published`` takes the preset's default, the papers' values, in place of those for the piece.
 """
 
 from __future__ import annotations
@@ -17,9 +19,11 @@ import time
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
+from sb3_piano.envs import GENERAL_ID
 from sb3_piano.training import RunConfig, load_config
 from sb3_piano.training.builders import build_model, build_vec_env
 
@@ -97,6 +101,9 @@ def main() -> None:
     parser.add_argument("--algo", default="td3")
     parser.add_argument("--config", help="a YAML file; default: the algorithm's preset")
     parser.add_argument("--env", default="RoboPianist-debug-CMajorScaleTwoHands-v0")
+    parser.add_argument(
+        "--published", action="store_true", help="the entry 'default', whatever the environment"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--minutes", type=float, default=60, help="CPU time of training, at most")
     parser.add_argument("--every", type=int, default=2000, help="steps between evaluations")
@@ -104,7 +111,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="file of the evaluations")
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
-    config = load_config(arguments.algo, arguments.env, arguments.config, seed=arguments.seed)
+    env_id, overrides = arguments.env, {}
+    if arguments.published:
+        env_id, overrides = GENERAL_ID, {"env_kwargs": {"score": gym.spec(env_id).kwargs["score"]}}
+    config = load_config(arguments.algo, env_id, arguments.config, seed=arguments.seed, **overrides)
     model = build_model(config, build_vec_env(config))
     callback = TimedEvaluation(config, arguments.every, 60 * arguments.minutes, arguments.out)
     model.learn(config.n_timesteps, callback=callback)

@@ -7,34 +7,51 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import gymnasium as gym
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.bench.rounds import Comparison, Contestant, Lap
 from sb3_piano.bench.settings import ENV_ID, BenchSettings
+from sb3_piano.envs import GENERAL_ID
 from sb3_piano.envs.config import OBSERVATIONS
 from sb3_piano.hyperparams import PRESETS
-from sb3_piano.training import load_config
+from sb3_piano.training import RunConfig, load_config
 from sb3_piano.training.builders import build_model, build_vec_env
+from sb3_piano.training.yaml_config import read_yaml_mapping
 
 
 def learner_contestants(settings: BenchSettings, stack: contextlib.ExitStack) -> list[Contestant]:
-    """Return the updates of each preset's networks, for each way to observe.
+    """Return the updates of each preset's networks.
+
+    A preset's ``default`` is measured with each way to observe, its settings for the debug pieces
+    as they are.
 
     Args:
         settings: The settings of the benchmark.
         stack: Closes the environments.
     """
-    return [
-        _updates(settings, algo, observation, stack)
-        for algo in PRESETS
-        for observation in OBSERVATIONS
-    ]
+    contestants = []
+    for algo in PRESETS:
+        base = f"{algo}, {OBSERVATIONS[0]}"
+        for observation in OBSERVATIONS:
+            config = _default_config(settings, algo, observation=observation)
+            contestants.append(_updates(f"{algo}, {observation}", base, settings, config, stack))
+        if _has_debug_settings(algo):
+            config = _debug_config(settings, algo)
+            contestants.append(_updates(_debug_name(algo), base, settings, config, stack))
+    return contestants
 
 
 def training_contestants(settings: BenchSettings, stack: contextlib.ExitStack) -> list[Contestant]:
     """Return the whole training with each preset as it is: simulation, learner and all else."""
-    return [_training(settings, algo, stack) for algo in PRESETS]
+    contestants = []
+    for algo in PRESETS:
+        contestants.append(_training(algo, settings, _default_config(settings, algo), stack))
+        if _has_debug_settings(algo):
+            config = _debug_config(settings, algo)
+            contestants.append(_training(_debug_name(algo), settings, config, stack))
+    return contestants
 
 
 class Stopwatch:
@@ -56,30 +73,58 @@ class Stopwatch:
         return timed
 
 
+def _has_debug_settings(algo: str) -> bool:
+    return ENV_ID in read_yaml_mapping(PRESETS[algo])
+
+
+def _debug_name(algo: str) -> str:
+    return f"{algo} for debug pieces"
+
+
+def _default_config(settings: BenchSettings, algo: str, **env_kwargs: Any) -> RunConfig:
+    """Return a preset's default, on the piece that is measured."""
+    env_kwargs["score"] = gym.spec(ENV_ID).kwargs["score"]
+    return load_config(algo, GENERAL_ID, env_kwargs=env_kwargs, **_small(settings))
+
+
+def _debug_config(settings: BenchSettings, algo: str) -> RunConfig:
+    return load_config(algo, ENV_ID, **_small(settings))
+
+
+def _small(settings: BenchSettings) -> dict[str, Any]:
+    """Return what makes a preset quick to set up, without a change to its updates."""
+    return {
+        "seed": 0,
+        "monitor_kwargs": {},
+        "buffer_size": settings.transitions,
+        "learning_starts": settings.transitions,
+    }
+
+
 def _updates(
-    settings: BenchSettings, algo: str, observation: str, stack: contextlib.ExitStack
+    name: str,
+    base: str,
+    settings: BenchSettings,
+    config: RunConfig,
+    stack: contextlib.ExitStack,
 ) -> Contestant:
-    model, _ = _model(settings, algo, {"observation": observation}, stack)
+    model, _ = _model(settings, config, stack)
 
     def play() -> Lap:
         start = time.perf_counter()
         model.train(gradient_steps=settings.updates, batch_size=model.batch_size)
         return Lap(steps=settings.updates, seconds=time.perf_counter() - start)
 
-    base = _updates_name(algo, OBSERVATIONS[0])
-    name = _updates_name(algo, observation)
-    comparisons = (Comparison(label=f"x of {OBSERVATIONS[0]}", base=base),)
+    comparisons = (Comparison(label=f"x of {base}", base=base),)
     return Contestant(
         name=name, unit="updates/s", play=play, comparisons=() if name == base else comparisons
     )
 
 
-def _updates_name(algo: str, observation: str) -> str:
-    return f"{algo}, {observation}"
-
-
-def _training(settings: BenchSettings, algo: str, stack: contextlib.ExitStack) -> Contestant:
-    model, venv = _model(settings, algo, {}, stack)
+def _training(
+    name: str, settings: BenchSettings, config: RunConfig, stack: contextlib.ExitStack
+) -> Contestant:
+    model, venv = _model(settings, config, stack)
     simulation, learner = Stopwatch(), Stopwatch()
     venv.step = simulation.wrap(venv.step)  # type: ignore[method-assign]
     model.train = learner.wrap(model.train)  # type: ignore[method-assign]
@@ -94,22 +139,13 @@ def _training(settings: BenchSettings, algo: str, stack: contextlib.ExitStack) -
             within={"simulation": simulation.seconds, "learner": learner.seconds},
         )
 
-    return Contestant(name=algo, unit="env steps/s", play=play)
+    return Contestant(name=name, unit="env steps/s", play=play)
 
 
 def _model(
-    settings: BenchSettings, algo: str, env_kwargs: dict[str, Any], stack: contextlib.ExitStack
+    settings: BenchSettings, config: RunConfig, stack: contextlib.ExitStack
 ) -> tuple[OffPolicyAlgorithm, VecEnv]:
-    """Return a preset's model that has played but not yet learned, and its environments."""
-    config = load_config(
-        algo,
-        ENV_ID,
-        seed=0,
-        env_kwargs=env_kwargs,
-        monitor_kwargs={},
-        buffer_size=settings.transitions,
-        learning_starts=settings.transitions,
-    )
+    """Return a model that has played but not yet learned, and its environments."""
     venv = stack.enter_context(contextlib.closing(build_vec_env(config)))
     model = build_model(config, venv)
     assert isinstance(model, OffPolicyAlgorithm), "the presets are of off-policy algorithms"

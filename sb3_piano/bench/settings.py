@@ -31,7 +31,7 @@ class BenchSettings:
     """An interpreter that has RoboPianist, which is then measured as well."""
     threads: int | None = None
     """Threads of torch, at least 1; ``None`` leaves the choice to torch."""
-    slots: tuple[int, ...] = (1, 2, 4)
+    slots: tuple[int, ...] = (1, 2, 4, 8)
     """Numbers of slots of the vector environment."""
     episode_steps: int | None = None
     """Control steps of an episode of the simulation; ``None`` plays whole ones."""

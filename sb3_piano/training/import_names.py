@@ -19,6 +19,9 @@ _ZOO_NAMES = {
     "RMSpropTFLike": "stable_baselines3.common.sb2_compat.rmsprop_tf_like.RMSpropTFLike",
 }
 
+# How text that RL Zoo evaluates can name what is not in its scope.
+_ZOO_IMPORT = re.compile(r"""importlib\.import_module\((['"])([\w.]+)\1\)\.([\w.]+)""")
+
 
 def is_dotted(text: str) -> bool:
     """Return whether a text could be an import path, such as ``torch.nn.ReLU``."""
@@ -26,7 +29,13 @@ def is_dotted(text: str) -> bool:
 
 
 def full_name(name: str) -> str:
-    """Write out the Zoo's short names: ``nn.ReLU`` becomes ``torch.nn.ReLU``."""
+    """Return the import path that stands for the Zoo's ways to name a thing.
+
+    ``nn.ReLU`` becomes ``torch.nn.ReLU``, ``importlib.import_module('a.b').C`` becomes ``a.b.C``.
+    """
+    imported = _ZOO_IMPORT.fullmatch(name)
+    if imported is not None:
+        return f"{imported[2]}.{imported[3]}"
     head, dot, rest = name.partition(".")
     return f"{_ZOO_NAMES.get(head, head)}{dot}{rest}"
 

@@ -37,15 +37,18 @@ def test_each_preset_is_updated_with_each_observation(short, trained):
         assert trained == []  # the buffer was filled without learning
         laps = {contestant.name: contestant.play() for contestant in contestants}
     names = [f"{a}, {o}" for a in ("sac", "td3", "tqc") for o in ("roll", "window", "fingers")]
+    names[3:3] = ["sac for debug pieces"]
+    names[7:7] = ["td3 for debug pieces"]
     assert list(laps) == names
-    assert [lap.steps for lap in laps.values()] == [2] * 9
+    assert {lap.steps for lap in laps.values()} == {2}
     assert all(lap.seconds > 0 and not lap.within for lap in laps.values())
-    assert [kind for kind, *_ in trained] == [CLASSES[name.split(",")[0]] for name in names]
-    assert {(steps, batch, size) for _, steps, batch, _, size in trained} == {(2, 256, 4)}
-    sizes = [size for *_, size, _ in trained]
-    assert sizes[:3] == sizes[3:6] == sizes[6:]
-    assert sizes[0] == 1124
-    assert sizes[0] > sizes[1] > sizes[2]
+    assert [kind for kind, *_ in trained] == [CLASSES[name[:3]] for name in names]
+    assert {(steps, filled) for _, steps, _, _, filled in trained} == {(2, 4)}
+    told = dict(zip(names, ((batch, size) for _, _, batch, size, _ in trained), strict=True))
+    for algo in CLASSES:
+        by_observation = [told[f"{algo}, {o}"] for o in ("roll", "window", "fingers")]
+        assert by_observation == [(256, 1124), (256, 584), (256, 140)]
+    assert told["sac for debug pieces"] == told["td3 for debug pieces"] == (128, 140)
 
 
 def test_updates_are_compared_with_those_on_the_roll(short):
@@ -53,20 +56,22 @@ def test_updates_are_compared_with_those_on_the_roll(short):
         contestants = learner_contestants(short(), stack)
     compared = {c.name: [(x.label, x.base, x.of_times) for x in c.comparisons] for c in contestants}
     assert compared["td3, roll"] == []
-    assert compared["td3, fingers"] == [("x of roll", "td3, roll", False)]
+    for other in ("td3, fingers", "td3 for debug pieces"):
+        assert compared[other] == [("x of td3, roll", "td3, roll", False)]
     assert {contestant.unit for contestant in contestants} == {"updates/s"}
 
 
 def test_whole_training_steps_and_learns(short, trained):
     with contextlib.ExitStack() as stack:
         contestants = training_contestants(short(transitions=4, training_steps=3), stack)
-        assert [contestant.name for contestant in contestants] == ["sac", "td3", "tqc"]
+        names = [contestant.name for contestant in contestants]
+        assert names == ["sac", "sac for debug pieces", "td3", "td3 for debug pieces", "tqc"]
         for contestant in contestants:
             for _ in range(2):
                 trained.clear()
                 lap = contestant.play()
                 assert lap.steps == 3
-                assert [kind for kind, *_ in trained] == [CLASSES[contestant.name]] * 3
+                assert [kind for kind, *_ in trained] == [CLASSES[contestant.name[:3]]] * 3
                 assert list(lap.within) == ["simulation", "learner"]
                 assert min(lap.within.values()) > 0
                 assert sum(lap.within.values()) < lap.seconds

@@ -21,6 +21,8 @@ from sb3_piano.training.zoo_text import parse_zoo_text
         ("dict(activation_fn=nn.ReLU)", {"activation_fn": "torch.nn.ReLU"}),
         ("dict(a=th.optim.Adam, b=torch.nn.GELU)", {"a": "torch.optim.Adam", "b": "torch.nn.GELU"}),
         ("HerReplayBuffer", "stable_baselines3.HerReplayBuffer"),
+        ("dict(a=importlib.import_module('torch.nn').ReLU)", {"a": "torch.nn.ReLU"}),
+        ('importlib.import_module("torch").nn.GELU', "torch.nn.GELU"),
     ],
 )
 def test_literals_calls_of_dict_and_names_are_understood(text, value):
@@ -45,6 +47,8 @@ def test_literals_calls_of_dict_and_names_are_understood(text, value):
         ("dict(a=nn.Rellu)", "torch.nn has no 'Rellu'. Did you mean 'ReLU'"),
         ("dict(a=nowhere.Thing)", "'nowhere.Thing' cannot be imported: No module named"),
         ("dict(a=thing)", "'thing' is no import path"),
+        ("dict(a=importlib.import_module('os').system('x'))", "cannot be read: expected literals"),
+        ("importlib.import_module('a' + 'b').C", "is no import path"),
     ],
 )
 def test_anything_else_is_refused_with_the_part_that_is_wrong(text, message):

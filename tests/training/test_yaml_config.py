@@ -6,6 +6,7 @@ import gymnasium as gym
 import pytest
 import yaml
 
+from sb3_piano.envs import DEBUG_IDS
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.training import load_config
@@ -152,13 +153,30 @@ def test_the_presets_have_the_noise_or_entropy_of_their_algorithm():
 
 
 @pytest.mark.parametrize("algo", PRESETS)
-def test_a_preset_says_where_each_value_comes_from(algo):
+def test_a_preset_says_where_each_default_value_comes_from(algo):
     text = PRESETS[algo].read_text()
-    *_, settings = text.partition("default:\n")
-    lines = settings.splitlines()
+    *_, rest = text.partition("default:\n")
+    lines = rest.partition("\n\n")[0].splitlines()
+    assert len(lines) > 10
     for number, line in enumerate(lines):
         key = line.split(":")[0].strip()
         if key in ("policy", "policy_kwargs") or line.strip().startswith("#"):
             continue
         assert "#" in line or lines[number - 1].strip().startswith("#"), line
-    assert yaml.safe_load(text).keys() == {"default"}
+
+
+@pytest.mark.parametrize("algo", ["td3", "sac"])
+def test_the_presets_have_settings_of_their_own_for_all_debug_pieces(algo):
+    entries = yaml.safe_load(PRESETS[algo].read_text())
+    assert entries.keys() == {"default", *DEBUG_IDS}
+    for env_id in DEBUG_IDS:
+        config = load_config(algo, env_id)
+        assert dict(config.env_kwargs) == {"observation": "fingers", "physics": "fast"}
+        gym.make(env_id, **config.env_kwargs).reset(seed=0)
+        assert config.to_mapping() == {
+            **load_config(algo, DEBUG_IDS[0]).to_mapping(),
+            "env_id": env_id,
+        }
+        n_actions = gym.make(env_id).action_space.shape[0]
+        entropy = config.algorithm_kwargs.get("target_entropy", -1.5 * n_actions)
+        assert entropy == pytest.approx(-1.5 * n_actions, abs=1)

@@ -32,9 +32,6 @@ _WINDOW_MARGIN = 3
 # bounds leave this much room (rad, or m for the sliders).
 _JOINT_OVERSHOOT = 1.0
 
-# Numbers that tell a finger about its target.
-_TARGET_WIDTH = 9
-
 # The farthest that a fingertip can be from a key, in dm.
 _FARTHEST = 20.0
 _MOST_WRONG_KEYS = 10
@@ -65,7 +62,7 @@ class Encoding(ABC):
 
 
 def make_encoding(
-    name: str, scene: PianoScene, n_steps_lookahead: int, roll: PianoRoll
+    name: str, scene: PianoScene, n_steps_lookahead: int, control_timestep: float, roll: PianoRoll
 ) -> Encoding:
     """Return the encoding called ``name``.
 
@@ -73,10 +70,11 @@ def make_encoding(
         name: One of :data:`~sb3_piano.envs.config.OBSERVATIONS`.
         scene: The scene that is observed.
         n_steps_lookahead: How many control steps after the current one the goal shows.
+        control_timestep: Length of a control step, s.
         roll: The piece for which a window of keys is cut.
     """
     if name == "fingers":
-        return FingerEncoding(scene, n_steps_lookahead)
+        return FingerEncoding(scene, n_steps_lookahead, control_timestep)
     window = KeyWindow.of(roll, _WINDOW_MARGIN) if name == "window" else ALL_KEYS
     return RollEncoding(scene, n_steps_lookahead, window)
 
@@ -126,16 +124,18 @@ class RollEncoding(Encoding):
 class FingerEncoding(Encoding):
     """For each finger, where and when it must press next: a tenth of RoboPianist's numbers."""
 
-    def __init__(self, scene: PianoScene, n_steps_lookahead: int):
+    def __init__(self, scene: PianoScene, n_steps_lookahead: int, control_timestep: float):
         """Lay out the observation.
 
         Args:
             scene: The scene that is observed.
             n_steps_lookahead: How many control steps ahead the fingers see.
+            control_timestep: Length of a control step, s.
         """
         self._scene = scene
         self._horizon = n_steps_lookahead + 1
-        self.layout = _finger_layout(scene)
+        self._control_timestep = control_timestep
+        self.layout = _finger_layout(scene, self._horizon * control_timestep)
         self._joint_qpos = np.concatenate(scene.joint_qpos)
 
     def prepare(self, roll: PianoRoll) -> None:
@@ -148,28 +148,31 @@ class FingerEncoding(Encoding):
         self._timing = np.stack(
             [
                 self._has_target,
-                goals.onset == 0,
-                goals.onset / self._horizon,
-                goals.release / self._horizon,
+                goals.onset * self._control_timestep,
+                goals.release * self._control_timestep,
                 self._has_target & KEY_IS_BLACK[self._key],
             ],
             axis=2,
         ).astype(np.float32)
-        self._pedal_change = _steps_to_change(roll.sustain, self._horizon) / self._horizon
+        self._pedal_change = _steps_to_change(roll.sustain, self._horizon) * self._control_timestep
 
     def write(self, step: int, reading: Reading) -> Float32Array:
         """Return the observation; see :meth:`Encoding.write`."""
         keys, has_target = self._key[step], self._has_target[step]
         offset = self._scene.press_point(reading.data, keys) - reading.fingertips
         wrong = np.count_nonzero(reading.sounding & ~self._roll.active[step])
-        targets = np.empty((NUM_FINGERS, _TARGET_WIDTH), dtype=np.float32)
+        targets = np.empty((NUM_FINGERS, 8), dtype=np.float32)
         targets[:, :3] = 10.0 * offset * has_target[:, None]
         targets[:, 3] = reading.key_state[keys] * has_target
         targets[:, 4:] = self._timing[step]
-        pedal = self._roll.sustain[step], self._pedal_change[step], reading.pedal
-        scalars = (*pedal, min(int(wrong), _MOST_WRONG_KEYS))
-        joints = reading.qpos[self._joint_qpos]
-        return np.concatenate([targets.reshape(-1), scalars, joints], dtype=np.float32)
+        observation = np.empty(self.layout.size, dtype=np.float32)
+        observation[:80] = targets.reshape(-1)
+        observation[80] = self._roll.sustain[step]
+        observation[81] = self._pedal_change[step]
+        observation[82] = reading.pedal
+        observation[83] = min(int(wrong), _MOST_WRONG_KEYS)
+        observation[84:] = reading.qpos[self._joint_qpos]
+        return observation
 
 
 def _roll_layout(scene: PianoScene, n_steps_lookahead: int) -> ObservationLayout:
@@ -204,31 +207,30 @@ def _roll_layout(scene: PianoScene, n_steps_lookahead: int) -> ObservationLayout
     )
 
 
-def _finger_layout(scene: PianoScene) -> ObservationLayout:
-    n_shares = _TARGET_WIDTH - 3
-    target_low = [-_FARTHEST] * 3 + [0.0] * n_shares
-    target_high = [_FARTHEST] * 3 + [1.0] * n_shares
+def _finger_layout(scene: PianoScene, horizon: float) -> ObservationLayout:
+    target_low = [-_FARTHEST] * 3 + [0.0] * 5
+    target_high = [_FARTHEST] * 3 + [1.0, 1.0, horizon, horizon, 1.0]
     return ObservationLayout(
         [
             ObservationBlock(
                 name="targets",
-                shape=(NUM_FINGERS, _TARGET_WIDTH),
-                unit="dm (3), 1 (6)",
+                shape=(NUM_FINGERS, 8),
+                unit="dm (3), 1, 1, s (2), 1",
                 meaning="for each finger, right thumb to little, then left: the vector from its "
                 "tip to the point where it must press next (x towards the player, y to the "
                 "right, z up); that key's angle over its largest angle; 1 if there is such a key; "
-                "1 if it must be down now; time until it must be down, and until it must be up "
-                "again, as shares of the horizon, which is one control step more than the "
-                "lookahead; 1 if it is black. Without a key in sight the times are 1, all else 0",
+                "time until it must be down; time until it must be up again; 1 if it is black. "
+                "Without a key in sight the times are those of the horizon and all else is 0",
                 low=target_low,
                 high=target_high,
             ),
             ObservationBlock(
                 name="pedal_goal",
                 shape=(2,),
-                unit="1",
-                meaning="1 if the pedal should be down; time until that changes as a share of the "
-                "horizon, at most 1",
+                unit="1, s",
+                meaning="1 if the pedal should be down; time until that changes, at most the "
+                "horizon",
+                high=[1.0, horizon],
             ),
             _pedal_block(),
             ObservationBlock(

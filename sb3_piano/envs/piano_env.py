@@ -69,12 +69,11 @@ class PianoEnv(gym.Env[Any, Any]):
     ``observation="window"`` leaves out the keys that are more than three keys away from all that
     the piece needs: goal and key_state become as much narrower. It refuses pieces that go beyond.
 
-    ``observation="fingers"`` has 140 numbers and needs finger labels for all notes. Each finger
-    has nine: the vector from its tip to the point where it must press next, that key's depth,
-    whether there is such a key within the lookahead, whether it must be down now, the times until
-    it must be down and up again, and whether it is black. Then come whether the pedal should
-    be down and when that changes, the pedal's command, the number of wrong keys that sound, and the
-    joints.
+    ``observation="fingers"`` has 130 numbers and needs finger labels for all notes. Each finger
+    has eight: the vector from its tip to the point where it must press next, that key's depth,
+    whether there is such a key within the lookahead, the times until it must be down and up again,
+    and whether it is black. Then come whether the pedal should be down and when that changes, the
+    pedal's command, the number of wrong keys that sound, and the joints.
 
     ## Reward
 
@@ -138,6 +137,7 @@ class PianoEnv(gym.Env[Any, Any]):
             self.config.observation,
             self.scene,
             self.config.n_steps_lookahead,
+            self.config.control_timestep,
             self._goal.roll,
         )
         self._encoding.prepare(self._goal.roll)

@@ -47,8 +47,8 @@ def test_each_preset_is_updated_with_each_observation(short, trained):
     told = dict(zip(names, ((batch, size) for _, _, batch, size, _ in trained), strict=True))
     for algo in CLASSES:
         by_observation = [told[f"{algo}, {o}"] for o in ("roll", "window", "fingers")]
-        assert by_observation == [(256, 1124), (256, 584), (256, 140)]
-    assert told["sac for debug pieces"] == told["td3 for debug pieces"] == (128, 140)
+        assert by_observation == [(256, 1124), (256, 584), (256, 130)]
+    assert told["sac for debug pieces"] == told["td3 for debug pieces"] == (128, 130)
 
 
 def test_updates_are_compared_with_those_on_the_roll(short):

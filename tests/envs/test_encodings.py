@@ -159,26 +159,26 @@ def test_finger_goals_are_what_can_be_read_off_the_roll(notes, horizon):
 
 
 def targets(env, observation):
-    return observation[env.observation_layout["targets"].slice].reshape(10, 9)
+    return observation[env.observation_layout["targets"].slice].reshape(10, 8)
 
 
 def test_each_finger_sees_where_and_when_it_must_press_next():
     env = PianoEnv(TINY, observation="fingers", n_steps_lookahead=4)
     observation, _ = env.reset()
-    # key, due, steps to onset and to release, black; the horizon is 5 steps
+    # key, time to onset, time to release, black; the horizon is 5 steps of 0.05 s
     thumb = [
-        (39, 1, 0, 3, 0),
-        (39, 1, 0, 2, 0),
-        (39, 1, 0, 1, 0),
-        (43, 0, 3, 5, 0),
-        (43, 0, 2, 5, 0),
-        (43, 0, 1, 4, 0),
-        (43, 1, 0, 3, 0),
-        (43, 1, 0, 2, 0),
-        (43, 1, 0, 1, 0),
+        (39, 0.0, 0.15, 0),
+        (39, 0.0, 0.1, 0),
+        (39, 0.0, 0.05, 0),
+        (43, 0.15, 0.25, 0),
+        (43, 0.1, 0.25, 0),
+        (43, 0.05, 0.2, 0),
+        (43, 0.0, 0.15, 0),
+        (43, 0.0, 0.1, 0),
+        (43, 0.0, 0.05, 0),
         None,
     ]
-    left_index = [(18, 0, 1, 2, 1), (18, 1, 0, 1, 1), *[None] * 8]
+    left_index = [(18, 0.05, 0.1, 1), (18, 0.0, 0.05, 1), *[None] * 8]
     assert len(env.roll) == len(thumb)
     env.action_space.seed(0)
     for expected in zip(thumb, left_index, strict=True):
@@ -186,22 +186,22 @@ def test_each_finger_sees_where_and_when_it_must_press_next():
         for finger, goal in zip((0, 6), expected, strict=True):
             if goal is None:
                 continue
-            key, due, onset, release, black = goal
+            key, onset, release, black = goal
             tip = env.scene.fingertip_position(env.data)[finger]
             point = env.scene.press_point(env.data, np.array([key]))[0]
             depth = env.scene.key_angle(env.data)[key] / env.scene.key_max_angle[key]
-            shown = [*10 * (point - tip), depth, 1, due, onset / 5, release / 5, black]
+            shown = [*10 * (point - tip), depth, 1, onset, release, black]
             np.testing.assert_allclose(block[finger], shown, atol=1e-6)
         idle = [f for f in range(10) if f not in (0, 6)]
         idle += [f for f, goal in zip((0, 6), expected, strict=True) if goal is None]
-        np.testing.assert_allclose(block[idle], [[0, 0, 0, 0, 0, 0, 1, 1, 0]] * len(idle))
+        np.testing.assert_allclose(block[idle], [[0, 0, 0, 0, 0, 0.25, 0.25, 0]] * len(idle))
         observation, *_ = env.step(env.action_space.sample())
 
 
 def test_the_pedals_goal_is_shown_with_the_time_until_it_changes():
     env = PianoEnv(TINY, observation="fingers", n_steps_lookahead=4)
     observation, _ = env.reset()
-    expected = [(0, 0.4), (0, 0.2), (1, 0.6), (1, 0.4), (1, 0.2), *[(0, 1.0)] * 5]
+    expected = [(0, 0.1), (0, 0.05), (1, 0.15), (1, 0.1), (1, 0.05), *[(0, 0.25)] * 5]
     for goal in expected:
         block = observation[env.observation_layout["pedal_goal"].slice]
         np.testing.assert_allclose(block, goal, atol=1e-6)

@@ -11,6 +11,7 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from sb3_piano.bench.rows import Row
 from sb3_piano.bench.settings import ENV_ID, BenchSettings
 from sb3_piano.buffers import CompactReplayBuffer
+from sb3_piano.envs import GENERAL_ID
 from sb3_piano.training import load_config
 
 _GB = 1e9
@@ -23,7 +24,7 @@ def memory_rows(settings: BenchSettings) -> tuple[Row, ...]:
     Both are filled with the same transitions, and what they take by then is scaled to the size in
     the preset: nobody has to have the memory for it.
     """
-    size = load_config(_PRESET, ENV_ID).algorithm_kwargs["buffer_size"]
+    size = load_config(_PRESET, GENERAL_ID).algorithm_kwargs["buffer_size"]
     with contextlib.closing(gym.make(ENV_ID, observation="roll")) as env:
         spaces = env.observation_space, env.action_space
         stock = ReplayBuffer(settings.transitions, *spaces, device="cpu")

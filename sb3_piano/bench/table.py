@@ -15,7 +15,7 @@ from sb3_piano.bench.settings import ENV_ID
 
 _PARTS = {
     "simulation": "Simulation",
-    "learner": "Learner by observation",
+    "learner": "Learner",
     "training": "Whole training",
     "memory": "Full replay buffer",
 }

@@ -32,6 +32,8 @@ _WINDOW_MARGIN = 3
 # bounds leave this much room (rad, or m for the sliders).
 _JOINT_OVERSHOOT = 1.0
 
+# Decimetres, so that the last centimetre counts among numbers of the order of 1.
+_DM_PER_M = 10.0
 # The farthest that a fingertip can be from a key, in dm.
 _FARTHEST = 20.0
 _MOST_WRONG_KEYS = 10
@@ -136,6 +138,10 @@ class FingerEncoding(Encoding):
         self._horizon = n_steps_lookahead + 1
         self._control_timestep = control_timestep
         self.layout = _finger_layout(scene, self._horizon * control_timestep)
+        self._targets, self._pedal_goal, self._sustain, self._wrong_keys = (
+            self.layout[name].slice for name in ("targets", "pedal_goal", "sustain", "wrong_keys")
+        )
+        self._joints = slice(self.layout["right_joints"].start, self.layout.size)
         self._joint_qpos = np.concatenate(scene.joint_qpos)
 
     def prepare(self, roll: PianoRoll) -> None:
@@ -154,7 +160,8 @@ class FingerEncoding(Encoding):
             ],
             axis=2,
         ).astype(np.float32)
-        self._pedal_change = _steps_to_change(roll.sustain, self._horizon) * self._control_timestep
+        change = _steps_to_change(roll.sustain, self._horizon) * self._control_timestep
+        self._pedal = np.stack([roll.sustain, change], axis=1).astype(np.float32)
 
     def write(self, step: int, reading: Reading) -> Float32Array:
         """Return the observation; see :meth:`Encoding.write`."""
@@ -162,16 +169,15 @@ class FingerEncoding(Encoding):
         offset = self._scene.press_point(reading.data, keys) - reading.fingertips
         wrong = np.count_nonzero(reading.sounding & ~self._roll.active[step])
         targets = np.empty((NUM_FINGERS, 8), dtype=np.float32)
-        targets[:, :3] = 10.0 * offset * has_target[:, None]
+        targets[:, :3] = _DM_PER_M * offset * has_target[:, None]
         targets[:, 3] = reading.key_state[keys] * has_target
         targets[:, 4:] = self._timing[step]
         observation = np.empty(self.layout.size, dtype=np.float32)
-        observation[:80] = targets.reshape(-1)
-        observation[80] = self._roll.sustain[step]
-        observation[81] = self._pedal_change[step]
-        observation[82] = reading.pedal
-        observation[83] = min(int(wrong), _MOST_WRONG_KEYS)
-        observation[84:] = reading.qpos[self._joint_qpos]
+        observation[self._targets] = targets.reshape(-1)
+        observation[self._pedal_goal] = self._pedal[step]
+        observation[self._sustain] = reading.pedal
+        observation[self._wrong_keys] = min(int(wrong), _MOST_WRONG_KEYS)
+        observation[self._joints] = reading.qpos[self._joint_qpos]
         return observation
 
 

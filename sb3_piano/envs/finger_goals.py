@@ -36,7 +36,7 @@ class FingerGoals:
         """
         _check_labels(roll)
         steps = len(roll)
-        held, struck = _held_keys(roll)
+        held = _held_keys(roll)
         key, onset = np.full_like(held, -1), np.full_like(held, horizon)
         release = np.full_like(held, horizon)
         # Steps to the next onset and to the release after it, carried from the end to the start.
@@ -46,7 +46,7 @@ class FingerGoals:
         for step in range(steps - 1, -1, -1):
             until_onset, until_release = until_onset + 1, until_release + 1
             holding = held[step] >= 0
-            ends = holding & _ends(held, struck, step)
+            ends = holding & _ends(held, step)
             until_release[ends] = 1
             until_onset[holding] = 0
             next_key[holding] = held[step, holding]
@@ -57,25 +57,25 @@ class FingerGoals:
         return cls(key=key, onset=onset, release=release)
 
 
-def _held_keys(roll: PianoRoll) -> tuple[IntArray, npt.NDArray[np.bool_]]:
-    """Return the key that each finger holds, (T, 10) or -1, and where it has just struck it."""
+def _held_keys(roll: PianoRoll) -> IntArray:
+    """Return the key that each finger holds, (T, 10), -1 where it holds none."""
     held = np.full((len(roll), NUM_FINGERS), -1, dtype=np.intp)
-    struck = np.zeros(held.shape, dtype=bool)
     steps, keys = np.nonzero(roll.active)
     # From the highest key to the lowest, so that the lowest remains.
     order = np.argsort(-keys, kind="stable")
     steps, keys = steps[order], keys[order]
-    fingers = roll.finger[steps, keys]
-    held[steps, fingers] = keys
-    struck[steps, fingers] = roll.onset[steps, keys]
-    return held, struck
+    held[steps, roll.finger[steps, keys]] = keys
+    return held
 
 
-def _ends(held: IntArray, struck: npt.NDArray[np.bool_], step: int) -> npt.NDArray[np.bool_]:
-    """Return for which fingers the note held at a step is over at the next one, (10,) bool."""
+def _ends(held: IntArray, step: int) -> npt.NDArray[np.bool_]:
+    """Return for which fingers the note held at a step is over at the next one, (10,) bool.
+
+    A key struck anew is silent for a step before, see :class:`~sb3_piano.music.PianoRoll`.
+    """
     if step + 1 == len(held):
         return np.ones(NUM_FINGERS, dtype=bool)
-    return np.asarray((held[step + 1] != held[step]) | struck[step + 1])
+    return np.asarray(held[step + 1] != held[step])
 
 
 def _check_labels(roll: PianoRoll) -> None:

@@ -219,6 +219,14 @@ def test_wrong_keys_are_counted_up_to_ten():
         assert observation[env.observation_layout["wrong_keys"].slice].tolist() == [shown]
 
 
+def test_a_finger_without_a_key_is_told_of_none_also_while_the_lowest_key_is_down():
+    env = PianoEnv(TINY, observation="fingers", n_steps_lookahead=4)
+    env.reset()
+    env.data.qpos[env.scene.key_qpos[0]] = env.scene.key_max_angle[0]
+    observation = env.set_state(env.get_state())
+    np.testing.assert_allclose(targets(env, observation)[9], [0, 0, 0, 0, 0, 0.25, 0.25, 0])
+
+
 def test_fingers_without_labels_are_refused_by_pitch_and_step():
     unlabelled = Score(notes=[Note(onset=0.0, offset=0.1, pitch=60)])
     with pytest.raises(ScoreError, match=r"pitch 60 at control step 0 has no finger label.*window"):

@@ -50,6 +50,8 @@ def test_holding_a_key_down_takes_the_same_torque_in_both_profiles(gravity_compe
 
 
 def test_hands_without_gravity_hang_as_hands_whose_weight_is_balanced():
+    assert not compile_scene(physics="fast").model.opt.gravity.any()
+    assert compile_scene(physics="fast", gravity_compensation=False).model.opt.gravity.any()
     reference, fast = settled(compile_scene()), settled(compile_scene(physics="fast"))
     hands = np.concatenate(compile_scene().joint_qpos)
     np.testing.assert_allclose(fast.qpos[hands], reference.qpos[hands], atol=1e-6)

@@ -70,6 +70,9 @@ def _parser() -> argparse.ArgumentParser:
     evaluate.add_argument("run", metavar="RUN", help="the folder that train made")
     evaluate.add_argument("--episodes", type=_steps, default=1, metavar="N", help="default: 1")
     evaluate.add_argument("--seed", type=int, default=0, metavar="N", help="default: 0")
+    evaluate.add_argument(
+        "--physics", metavar="NAME", help="reference or fast; default: what it was trained on"
+    )
     evaluate.set_defaults(command=_evaluate)
     _add_bench(commands)
     presets = commands.add_parser("presets", help="list the YAML files that come with the package")
@@ -224,14 +227,14 @@ def _report_training(result: TrainResult) -> None:
 
 
 def _evaluate(arguments: argparse.Namespace) -> int:
-    _evaluate_run(arguments.run, arguments.episodes, arguments.seed)
+    _evaluate_run(arguments.run, arguments.episodes, arguments.seed, arguments.physics)
     return EXIT_OK
 
 
-def _evaluate_run(run: str, episodes: int, seed: int) -> None:
+def _evaluate_run(run: str, episodes: int, seed: int, physics: str | None = None) -> None:
     from sb3_piano.training import evaluate
 
-    _report_evaluation(evaluate(run, episodes, seed))
+    _report_evaluation(evaluate(run, episodes, seed, physics=physics))
 
 
 def _report_evaluation(evaluation: Evaluation) -> None:

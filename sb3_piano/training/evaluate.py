@@ -49,7 +49,13 @@ class Evaluation:
     """Where all these numbers are."""
 
 
-def evaluate(folder: str | os.PathLike[str], episodes: int = 1, seed: int = 0) -> Evaluation:
+def evaluate(
+    folder: str | os.PathLike[str],
+    episodes: int = 1,
+    seed: int = 0,
+    *,
+    physics: str | None = None,
+) -> Evaluation:
     """Let a run's saved model play, without exploring, and write down how well it did.
 
     The environment has the run's wrappers and normalisation; returns and metrics are those of the
@@ -60,6 +66,7 @@ def evaluate(folder: str | os.PathLike[str], episodes: int = 1, seed: int = 0) -
         folder: The run's folder.
         episodes: How many episodes to play, at least 1.
         seed: Seeds the environment; the resting hands get the same as the model.
+        physics: Name of the physics profile to play on; by default the run's own.
 
     Raises:
         ConfigError: If ``episodes`` or ``seed`` is out of range, or the run's config is damaged.
@@ -69,8 +76,10 @@ def evaluate(folder: str | os.PathLike[str], episodes: int = 1, seed: int = 0) -
         if value < least:
             raise ConfigError(f"{name} is {value}: expected {least} or more.")
     run = RunFolder.open(folder)
+    config = run.read_config()
+    env_kwargs = {**config.env_kwargs, **({} if physics is None else {"physics": physics})}
     config = dataclasses.replace(
-        run.read_config(), n_envs=1, vec_env="dummy", seed=seed, monitor_kwargs={}
+        config, env_kwargs=env_kwargs, n_envs=1, vec_env="dummy", seed=seed, monitor_kwargs={}
     )
     model_file, statistics = _saved_files(run, config)
     recorders: list[EpisodeRecorder] = []
@@ -88,7 +97,7 @@ def evaluate(folder: str | os.PathLike[str], episodes: int = 1, seed: int = 0) -
         baseline = _rest(model, venv, recorders[0], seed)
     finally:
         venv.close()
-    return _write(run, model.num_timesteps, played, baseline, seed)
+    return _write(run, model.num_timesteps, played, baseline, seed, env_kwargs)
 
 
 def _saved_files(run: RunFolder, config: RunConfig) -> tuple[Path, Path | None]:
@@ -151,6 +160,7 @@ def _write(
     played: Sequence[Recording],
     baseline: Recording | None,
     seed: int,
+    env_kwargs: Mapping[str, Any],
 ) -> Evaluation:
     episodes = tuple(recording.metrics for recording in played)
     values = {name: [metrics[name] for metrics in episodes] for name in episodes[0]}
@@ -166,6 +176,7 @@ def _write(
     content = {
         **vars(evaluation),
         "seed": seed,
+        "env_kwargs": dict(env_kwargs),
         "performances": [None if path is None else path.name for path in evaluation.performances],
     }
     del content["metrics_file"]

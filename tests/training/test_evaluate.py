@@ -112,6 +112,19 @@ def test_the_file_of_metrics_has_what_was_returned(piano_run):
     assert content["performances"] == ["performance_1.mid", "performance_2.mid"]
 
 
+def test_a_run_can_be_judged_on_other_physics_than_its_own(piano_run):
+    folder = piano_run(loud_action())
+    returns = {}
+    for physics in (None, "reference", "fast"):
+        evaluation = evaluate(folder.path, physics=physics)
+        returns[physics] = evaluation.mean["return_energy"]
+        written = json.loads(evaluation.metrics_file.read_text())
+        assert written["env_kwargs"].get("physics") == physics
+    assert returns[None] == returns["reference"] != returns["fast"]
+    with pytest.raises(ConfigError, match="Unknown physics profile 'quick'"):
+        evaluate(folder.path, physics="quick")
+
+
 @pytest.mark.parametrize("algorithm", [TD3, SAC])
 def test_returns_equal_those_of_sb3s_own_evaluation_without_exploring(pendulum_run, algorithm):
     wrapper = "gymnasium.wrappers.FlattenObservation"

@@ -106,7 +106,7 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--minutes", type=float, default=60, help="CPU time of training, at most")
-    parser.add_argument("--every", type=int, default=2000, help="steps between evaluations")
+    parser.add_argument("--every", type=int, default=4000, help="steps between evaluations")
     parser.add_argument("--threads", type=int, default=1, help="threads of torch")
     parser.add_argument("--out", type=Path, required=True, help="file of the evaluations")
     arguments = parser.parse_args()

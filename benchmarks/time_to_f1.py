@@ -110,6 +110,8 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1, help="threads of torch")
     parser.add_argument("--out", type=Path, required=True, help="file of the evaluations")
     arguments = parser.parse_args()
+    if arguments.out.exists():
+        parser.error(f"--out is '{arguments.out}', which exists: expected a new file")
     torch.set_num_threads(arguments.threads)
     env_id, overrides = arguments.env, {}
     if arguments.published:
@@ -117,7 +119,10 @@ def main() -> None:
     config = load_config(arguments.algo, env_id, arguments.config, seed=arguments.seed, **overrides)
     model = build_model(config, build_vec_env(config))
     callback = TimedEvaluation(config, arguments.every, 60 * arguments.minutes, arguments.out)
-    model.learn(config.n_timesteps, callback=callback)
+    try:
+        model.learn(config.n_timesteps, callback=callback)
+    except KeyboardInterrupt:
+        print("Interrupted.")
     report(callback.rows)
 
 

@@ -23,8 +23,8 @@ class CompactReplayBuffer(ReplayBuffer):
 
     With equal transitions and an equal global seed of numpy its batches are those of
     ``ReplayBuffer``, number for number. A million transitions of the full piano observation take
-    0.84 GB in place of 9.2 GB: the blocks that the layout of the observation space calls binary are
-    stored as bits, and a next observation only where it is not the observation of the row after
+    0.84 GB in place of 9.16 GB: the blocks that the layout of the observation space calls binary
+    are stored as bits, and a next observation only where it is not the observation of the row after
     it. Time limits are handled as usual, unlike with ``optimize_memory_usage``.
 
     For any algorithm with a replay buffer: ``replay_buffer_class=CompactReplayBuffer``, or in YAML

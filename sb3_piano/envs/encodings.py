@@ -167,7 +167,7 @@ class FingerEncoding(Encoding):
         """Return the observation; see :meth:`Encoding.write`."""
         keys, has_target = self._key[step], self._has_target[step]
         offset = self._scene.press_point(reading.data, keys) - reading.fingertips
-        wrong = np.count_nonzero(reading.sounding & ~self._roll.active[step])
+        wrong = np.count_nonzero(reading.sounding > self._roll.active[step])
         targets = np.empty((NUM_FINGERS, 8), dtype=np.float32)
         targets[:, :3] = _DM_PER_M * offset * has_target[:, None]
         targets[:, 3] = reading.key_state[keys] * has_target

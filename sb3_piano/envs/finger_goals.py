@@ -39,9 +39,10 @@ class FingerGoals:
         held = _held_keys(roll)
         key, onset = np.full_like(held, -1), np.full_like(held, horizon)
         release = np.full_like(held, horizon)
-        # Steps to the next onset and to the release after it, carried from the end to the start.
+        # Steps to the next onset and to the release after it, carried from the end to the start;
+        # at first beyond any horizon.
         next_key = np.full(NUM_FINGERS, -1, dtype=np.intp)
-        until_onset = np.full(NUM_FINGERS, 2 * steps + horizon, dtype=np.intp)
+        until_onset = np.full(NUM_FINGERS, horizon + 1, dtype=np.intp)
         until_release = until_onset.copy()
         for step in range(steps - 1, -1, -1):
             until_onset, until_release = until_onset + 1, until_release + 1

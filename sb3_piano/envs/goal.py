@@ -18,8 +18,6 @@ class StepGoal(NamedTuple):
 
     due: BoolArray
     """(88,) keys that should sound; a view of the roll."""
-    not_due: BoolArray
-    """(88,) keys that should not."""
     keys: npt.NDArray[np.intp]
     """(n,) the keys that should sound, ascending."""
     sustain: bool
@@ -65,7 +63,6 @@ def _step_goal(roll: PianoRoll, step: int) -> StepGoal:
     labelled = fingers >= 0
     return StepGoal(
         due=roll.active[step],
-        not_due=~roll.active[step],
         keys=keys,
         sustain=bool(roll.sustain[step]),
         labelled_keys=keys[labelled],

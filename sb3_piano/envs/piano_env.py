@@ -247,7 +247,7 @@ class PianoEnv(gym.Env[Any, Any]):
         terminated = (
             self.config.wrong_press_termination
             and not truncated
-            and bool((reading.sounding & self._goal.steps[step].not_due).any())
+            and bool(np.count_nonzero(reading.sounding > self._goal.steps[step].due))
         )
         self._finished = truncated or terminated
         info: dict[str, Any] = {"reward_terms": terms}

@@ -22,7 +22,6 @@ _BALANCED_LOWER_LIMIT = -0.1
 # MuJoCo's default, m/s^2.
 _GRAVITY = 9.81
 
-
 KEY_IS_BLACK = np.array([key["color"] == "black" for key in load_table("keyboard")["keys"]])
 """(88,) bool, which keys are black."""
 
@@ -80,16 +79,16 @@ def _joint(
     joint, max_angle = table["joint"], kind["max_angle"]
     if not balanced:
         return {**joint, "range": [0, max_angle]}
-    # Seen from the hinge, the weight pulls down at the key's centre; over a key's travel of at most
-    # 5 degrees its torque is constant to 0.4 %.
-    weight = kind["mass"] * _GRAVITY * -kind["hinge_x"]
-    torque_when_down = joint["stiffness"] * (max_angle - joint["springref"]) - weight
+    # The weight pulls at the key's centre; over a key's travel of some 5 degrees its torque about
+    # the hinge (N m) is constant to 0.4 %.
+    weight_torque = kind["mass"] * _GRAVITY * -kind["hinge_x"]
+    torque_when_down = joint["stiffness"] * (max_angle - joint["springref"]) - weight_torque
     stiffness = torque_when_down / max_angle
     return {
         **joint,
         "range": [_BALANCED_LOWER_LIMIT, max_angle],
         "stiffness": stiffness,
-        "springref": -weight / stiffness if gravity else 0.0,
+        "springref": -weight_torque / stiffness if gravity else 0.0,
     }
 
 

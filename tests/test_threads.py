@@ -7,8 +7,8 @@ import gc
 import itertools
 import os
 import pickle
-import queue
 import signal
+import sys
 import threading
 import time
 import weakref
@@ -41,6 +41,11 @@ def served_by(team, n_slots):
     team.run(lambda slot: threads[slot].append(threading.current_thread()))
     assert all(len(thread) == 1 for thread in threads)
     return [thread[0] for thread in threads]
+
+
+def interrupt_main_thread():
+    """Send Ctrl-C where the system cannot hand it to another thread, which would not wake it."""
+    signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
 
 
 def eventually(condition):
@@ -150,7 +155,7 @@ def test_ctrl_c_comes_through_when_all_threads_are_at_rest(make_team, interrupte
         elif slot == 1:
             if interrupted == "the waiting":
                 time.sleep(0.05)  # the caller has nothing to do but wait
-                os.kill(os.getpid(), signal.SIGINT)
+                interrupt_main_thread()
             time.sleep(0.1)
             finished.append(slot)
 
@@ -178,19 +183,28 @@ def test_ctrl_c_before_all_threads_were_told_leaves_nothing_behind(make_team):
 
 @pytest.mark.usefixtures("ctrl_c")
 def test_closing_waits_for_a_thread_that_two_interrupts_left_at_work(make_team):
-    team, finished = make_team(2, 2), []
-    interrupts, release = queue.SimpleQueue(), threading.Event()
+    team, finished, release = make_team(2, 2), [], threading.Event()
+    interrupts = []
 
     def handler(number, frame):
-        interrupts.put(number)
+        interrupts.append(number)
         raise KeyboardInterrupt
+
+    def caller_waits_in(name):
+        frame = sys._current_frames()[threading.main_thread().ident]
+        return (frame.f_code.co_name, frame.f_back.f_code.co_name) == ("wait", name)
+
+    def interrupted(times):
+        if len(interrupts) < times:  # one that comes just before the lock is waited for is not seen
+            interrupt_main_thread()
+        return len(interrupts) == times
 
     def job(slot):
         if slot == 1:
-            for _ in range(2):
-                os.kill(os.getpid(), signal.SIGINT)
-                interrupts.get(timeout=PATIENCE)
-            release.wait(PATIENCE)
+            for times, name in enumerate(("run", "_rest"), start=1):
+                eventually(lambda name=name: caller_waits_in(name))
+                eventually(lambda times=times: interrupted(times))
+            assert release.wait(PATIENCE)
             time.sleep(0.1)
             finished.append(slot)
 

@@ -15,7 +15,13 @@ from sb3_piano.envs import ENV_IDS
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+BLOCKS = {
+    f"{page.name} {number}": block
+    for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+    for number, block in enumerate(
+        re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
+    )
+}
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 
@@ -27,13 +33,13 @@ def run(code: list[str], folder: Path) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("number", range(len(BLOCKS)))
-def test_a_python_block_of_the_readme_runs(number, tmp_path):
-    run(["-c", BLOCKS[number]], tmp_path)
+@pytest.mark.parametrize("block", BLOCKS)
+def test_a_python_block_runs(block, tmp_path):
+    run(["-c", BLOCKS[block]], tmp_path)
 
 
 def test_the_readme_has_python_blocks_and_names_every_environment():
-    assert len(BLOCKS) >= 2
+    assert {"README.md 0", "README.md 1"} <= set(BLOCKS)
     assert all(f"`{env_id}`" in README for env_id in ENV_IDS)
 
 

@@ -22,6 +22,7 @@ ROOMS = [
     "music",
     "simulation",
     "metrics",
+    "performance",
     "viewing",
     "envs",
     "buffers",

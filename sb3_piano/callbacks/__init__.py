@@ -1,14 +1,23 @@
-"""Stable-Baselines3 callbacks: music metrics, progress and checkpoints that can be resumed."""
+"""Stable-Baselines3 callbacks: music in log and evaluation, progress, checkpoints, videos."""
 
 from sb3_piano.callbacks.checkpoint import Checkpoint, ResumableCheckpoint
 from sb3_piano.callbacks.episode_metrics import EpisodeMetricsCallback
+from sb3_piano.callbacks.f1 import F1Callback, OnsetF1Callback
+from sb3_piano.callbacks.metric_eval import MetricEvalCallback
+from sb3_piano.callbacks.performance_video import PerformanceVideoCallback
 from sb3_piano.callbacks.progress import PianoProgressBar
 from sb3_piano.callbacks.replay_segments import restore_replay_buffer
+from sb3_piano.callbacks.reward_terms import RewardTermsCallback
 
 __all__ = [
     "Checkpoint",
     "EpisodeMetricsCallback",
+    "F1Callback",
+    "MetricEvalCallback",
+    "OnsetF1Callback",
+    "PerformanceVideoCallback",
     "PianoProgressBar",
     "ResumableCheckpoint",
+    "RewardTermsCallback",
     "restore_replay_buffer",
 ]

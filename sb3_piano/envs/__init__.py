@@ -2,12 +2,13 @@
 
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.observation import ObservationBlock, ObservationLayout, ObservationSpace
-from sb3_piano.envs.performance import Performance
 from sb3_piano.envs.piano_env import PianoEnv
+from sb3_piano.envs.recorder import EpisodeRecorder, Motion, Recording
 from sb3_piano.envs.registration import DEBUG_IDS, ENV_IDS, GENERAL_ID, register_envs
 from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS, RETURN_KEYS
 from sb3_piano.envs.state import EnvState
 from sb3_piano.envs.vector_env import PianoVectorEnv
+from sb3_piano.performance import Performance
 
 __all__ = [
     "DEBUG_IDS",
@@ -16,6 +17,8 @@ __all__ = [
     "GENERAL_ID",
     "RETURN_KEYS",
     "EnvState",
+    "EpisodeRecorder",
+    "Motion",
     "ObservationBlock",
     "ObservationLayout",
     "ObservationSpace",
@@ -23,5 +26,6 @@ __all__ = [
     "PianoEnv",
     "PianoEnvConfig",
     "PianoVectorEnv",
+    "Recording",
     "register_envs",
 ]

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.config import PianoEnvConfig
+from sb3_piano.envs.rewards import highest_return
 from sb3_piano.music import PianoRoll, Score
 
 BoolArray = npt.NDArray[np.bool_]
@@ -52,10 +53,26 @@ class Goal:
             self.fingering_reward = "labels" if score.has_fingering else "optimal-transport"
         self.steps = tuple(_step_goal(self.roll, step) for step in range(len(self.roll)))
         """What each control step asks for."""
+        self.highest_return = self._highest_return(config)
+        """No return under the environment's reward is higher."""
 
     def __len__(self) -> int:
         """Return how many control steps the episode has."""
         return len(self.steps)
+
+    def _highest_return(self, config: PianoEnvConfig) -> float:
+        n_fingering = {
+            "labels": int(((self.roll.finger >= 0) & self.roll.active).any(axis=1).sum()),
+            "optimal-transport": len(self),
+            "off": 0,
+        }
+        return highest_return(
+            config.reward_weights,
+            n_steps=len(self),
+            n_due=int(self.roll.active.any(axis=1).sum()),
+            n_fingering=n_fingering[self.fingering_reward],
+            forearm=config.forearm_reward,
+        )
 
 
 def _step_goal(roll: PianoRoll, step: int) -> StepGoal:

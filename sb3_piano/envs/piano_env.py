@@ -15,7 +15,6 @@ from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.encodings import make_encoding
 from sb3_piano.envs.goal import Goal
 from sb3_piano.envs.observation import ObservationLayout, ObservationSpace
-from sb3_piano.envs.performance import Performance
 from sb3_piano.envs.reading import Reading
 from sb3_piano.envs.record import EpisodeRecord
 from sb3_piano.envs.reward_terms import reward_terms
@@ -25,7 +24,8 @@ from sb3_piano.exceptions import (
     EnvStateError,
     SimulationDivergedError,
 )
-from sb3_piano.music import PianoRoll, Score, load_score
+from sb3_piano.music import NUM_KEYS, PianoRoll, Score, load_score
+from sb3_piano.performance import Performance
 from sb3_piano.simulation import compile_scene, pedal_threshold
 from sb3_piano.viewing import FrameRenderer
 
@@ -130,7 +130,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self._actions = ActionMap(self.scene)
         self.action_space = self._actions.space
         self._pedal_threshold = pedal_threshold()
-        self._n_substeps = self.config.n_substeps
+        self._key_angles = np.zeros((self.config.n_substeps, NUM_KEYS))  # after each physics step
         self._default_score = load_score(score)
         self._goal = Goal(self._default_score, self.config)
         self._encoding = make_encoding(
@@ -242,7 +242,7 @@ class PianoEnv(gym.Env[Any, Any]):
         terms = self._reward_terms(step, reading)
         weights = self.config.reward_weights
         weighted = {name: weights[name] * term for name, term in terms.items()}
-        self._record.add(reading.sounding, self.pedal_down, weighted)
+        self._record.add(reading, self._key_angles, self.pedal_down, weighted)
         truncated = self._record.steps == len(self._goal)
         terminated = (
             self.config.wrong_press_termination
@@ -297,16 +297,7 @@ class PianoEnv(gym.Env[Any, Any]):
         kind = mujoco.mjtState.mjSTATE_INTEGRATION
         physics = np.empty(mujoco.mj_stateSize(self.model, kind))
         mujoco.mj_getState(self.model, self.data, physics, kind)
-        played = self._record.performance()
-        return EnvState(
-            physics=physics,
-            score=self._goal.score,
-            finished=self._finished,
-            pedal=self._pedal,
-            key_active=played.key_active,
-            sustain=played.sustain,
-            returns=self._record.returns.copy(),
-        )
+        return self._record.save(physics=physics, finished=self._finished, pedal=self._pedal)
 
     def set_state(self, state: EnvState) -> Observation:
         """Go back to a state; steps from there repeat exactly what they did before.
@@ -336,7 +327,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self._clear_episode()
         mujoco.mj_setState(self.model, self.data, state.physics, kind)
         mujoco.mj_step1(self.model, self.data)
-        self._record.restore(state.key_active, state.sustain, state.returns)
+        self._record.restore(state)
         self._finished, self._pedal = state.finished, state.pedal
         return self._observation()
 
@@ -353,7 +344,7 @@ class PianoEnv(gym.Env[Any, Any]):
 
     def _clear_episode(self) -> None:
         mujoco.mj_resetData(self.model, self.data)
-        self._record = EpisodeRecord(self._goal.roll)
+        self._record = EpisodeRecord(self._goal, self.scene)
         self._finished = False
         self._pedal = 0.0
 
@@ -366,8 +357,12 @@ class PianoEnv(gym.Env[Any, Any]):
         state, at no extra cost.
         """
         self.data.ctrl[:] = controls
+        keys = self.data.qpos[self.scene.key_slice]
         mujoco.mj_step2(self.model, self.data)
-        mujoco.mj_step(self.model, self.data, nstep=self._n_substeps - 1)
+        self._key_angles[0] = keys
+        for substep in range(1, len(self._key_angles)):
+            mujoco.mj_step(self.model, self.data)
+            self._key_angles[substep] = keys
         mujoco.mj_step1(self.model, self.data)
         # MuJoCo answers NaN and huge numbers with a warning and starts the simulation anew.
         if np.count_nonzero(self.data.warning.number[_INSTABILITIES]):

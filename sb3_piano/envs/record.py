@@ -7,64 +7,114 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.envs.performance import Performance
+from sb3_piano.envs.goal import Goal
+from sb3_piano.envs.press_times import PressTimes
+from sb3_piano.envs.reading import Reading
 from sb3_piano.envs.rewards import RETURN_KEYS
-from sb3_piano.music import PianoRoll
-from sb3_piano.music.constants import NUM_KEYS
+from sb3_piano.envs.state import EnvState
+from sb3_piano.metrics import KeyBoxes, nearest_fingers, normalized_return
+from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
+from sb3_piano.performance import Performance
+from sb3_piano.simulation import PianoScene
 
-BoolArray = npt.NDArray[np.bool_]
+FloatArray = npt.NDArray[np.float64]
 
 
 class EpisodeRecord:
     """Grows by one control step at a time, up to the length of the roll."""
 
-    def __init__(self, roll: PianoRoll):
+    def __init__(self, goal: Goal, scene: PianoScene):
         """Begin an empty record.
 
         Args:
-            roll: What should be played.
+            goal: What should be played.
+            scene: Where it is played.
         """
-        self._roll = roll
-        self._key_active = np.zeros((len(roll), NUM_KEYS), dtype=bool)
-        self._sustain = np.zeros(len(roll), dtype=bool)
+        self._goal = goal
+        self._scene = scene
+        self._times = PressTimes(goal.roll.control_timestep)
+        self._key_active = np.zeros((len(goal), NUM_KEYS), dtype=bool)
+        self._sustain = np.zeros(len(goal), dtype=bool)
+        self._fingertips = np.zeros((len(goal), NUM_FINGERS, 3))
+        self._sounding = np.zeros(NUM_KEYS, dtype=bool)
         self.returns = np.zeros(len(RETURN_KEYS))
         """(5,) sums so far of the weighted reward terms, in the order of ``RETURN_KEYS``."""
         self.steps = 0
         """Control steps that are over."""
 
     def add(
-        self, sounding: BoolArray, pedal_down: bool, weighted_terms: Mapping[str, float]
+        self,
+        reading: Reading,
+        key_angles: FloatArray,
+        pedal_down: bool,
+        weighted_terms: Mapping[str, float],
     ) -> None:
         """Note down a control step.
 
         Args:
-            sounding: (88,) bool, keys that sound at its end.
+            reading: The state at its end.
+            key_angles: (p, 88) angle of each key after each physics step of it, rad.
             pedal_down: Whether the pedal is down.
             weighted_terms: The weighted reward terms, in the order of ``RETURN_KEYS``.
         """
-        self._key_active[self.steps] = sounding
+        changed = np.flatnonzero(reading.sounding != self._sounding)
+        if len(changed):
+            down = key_angles[:, changed] >= self._scene.key_sounding_angle[changed]
+            self._times.add(self.steps, changed, down)
+        self._sounding = reading.sounding
+        self._key_active[self.steps] = reading.sounding
         self._sustain[self.steps] = pedal_down
+        self._fingertips[self.steps] = reading.fingertips
         self.returns += list(weighted_terms.values())
         self.steps += 1
 
     def performance(self) -> Performance:
         """Return a copy of what was played so far."""
+        steps, roll = self.steps, self._goal.roll
+        key_active = self._key_active[:steps].copy()
         return Performance(
-            roll=self._roll,
-            key_active=self._key_active[: self.steps].copy(),
-            sustain=self._sustain[: self.steps].copy(),
+            roll=roll,
+            key_active=key_active,
+            sustain=self._sustain[:steps].copy(),
+            strike_time=self._times.strikes(),
+            release_time=self._times.releases(steps * roll.control_timestep),
+            press_finger=nearest_fingers(
+                key_active, self._fingertips[:steps], KeyBoxes(*self._scene.key_boxes)
+            ),
+            title=self._goal.score.title,
         )
 
     def summary(self) -> dict[str, float]:
         """Return the music metrics and the returns by name, as they stand in the final ``info``."""
-        returns = zip(RETURN_KEYS, self.returns.tolist(), strict=True)
-        return {**self.performance().metrics(), **dict(returns)}
+        highest = self._goal.highest_return
+        return {
+            **self.performance().metrics(),
+            "normalized_return": normalized_return(float(self.returns.sum()), highest),
+            **dict(zip(RETURN_KEYS, self.returns.tolist(), strict=True)),
+        }
 
-    def restore(
-        self, key_active: BoolArray, sustain: BoolArray, returns: npt.NDArray[np.float64]
-    ) -> None:
-        """Take over the steps, (t, 88) and (t,) bool, and the returns of another record."""
-        self.steps = len(key_active)
-        self._key_active[: self.steps] = key_active
-        self._sustain[: self.steps] = sustain
-        self.returns[:] = returns
+    def save(self, *, physics: npt.NDArray[np.float64], finished: bool, pedal: float) -> EnvState:
+        """Return a copy of the episode so far, with what the environment adds to it."""
+        steps = slice(self.steps)
+        return EnvState(
+            physics=physics,
+            score=self._goal.score,
+            finished=finished,
+            pedal=pedal,
+            key_active=self._key_active[steps].copy(),
+            sustain=self._sustain[steps].copy(),
+            fingertips=self._fingertips[steps].copy(),
+            strike_time=self._times.strikes(),
+            release_time=self._times.releases(np.nan),
+            returns=self.returns.copy(),
+        )
+
+    def restore(self, state: EnvState) -> None:
+        """Take over the steps that another record saved."""
+        self.steps = state.step
+        self._key_active[: self.steps] = state.key_active
+        self._sustain[: self.steps] = state.sustain
+        self._fingertips[: self.steps] = state.fingertips
+        self._times.restore(state.key_active, state.strike_time, state.release_time)
+        self._sounding = self._key_active[self.steps - 1] if self.steps else self._sounding
+        self.returns[:] = state.returns

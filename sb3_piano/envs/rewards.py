@@ -32,6 +32,35 @@ _KEY_TOLERANCE = 0.05  # share of the key's travel
 _FINGER_TOLERANCE = 0.01  # m
 
 
+def highest_return(
+    weights: Mapping[str, float],
+    *,
+    n_steps: int,
+    n_due: int,
+    n_fingering: int,
+    forearm: bool,
+) -> float:
+    """Return the highest return that a piece allows: every term at its upper end in every step.
+
+    No playing reaches it, since moving takes energy, which it leaves at 0.
+
+    Args:
+        weights: Weight of each term by name; what a negative one would subtract is left at 0.
+        n_steps: Control steps of the piece.
+        n_due: Those in which a key is due; in the others ``key_press`` is 0.5 at most.
+        n_fingering: Those in which ``fingering`` can be earned.
+        forearm: Whether ``forearm`` can be earned.
+    """
+    sums = {
+        "key_press": 0.5 * (n_steps + n_due),
+        "sustain": n_steps,
+        "energy": 0,
+        "fingering": n_fingering,
+        "forearm": n_steps * forearm,
+    }
+    return float(sum(max(weight, 0.0) * sums[name] for name, weight in weights.items()))
+
+
 def tolerance(distance: float, bound: float, margin: float) -> float:
     """Return 1 where ``0 <= distance <= bound``, falling as a Gaussian to 0.1 at ``margin`` beyond.
 

@@ -26,6 +26,12 @@ class EnvState:
     """(step, 88) bool, keys that sounded after each control step."""
     sustain: npt.NDArray[np.bool_]
     """(step,) bool, whether the pedal was down."""
+    fingertips: npt.NDArray[np.float64]
+    """(step, 10, 3) positions of the fingertips after each control step, m."""
+    strike_time: npt.NDArray[np.float64]
+    """(n,) when each press of a key began, s."""
+    release_time: npt.NDArray[np.float64]
+    """(n,) when it ended, s; NaN if it has not."""
     returns: npt.NDArray[np.float64]
     """(5,) sums so far of the weighted reward terms."""
 

@@ -16,6 +16,7 @@ from sb3_piano.music.pig import read_pig
 from sb3_piano.music.roll import PianoRoll, score_from_activation
 from sb3_piano.music.score import Score
 from sb3_piano.music.studies import STUDIES, major_scale, study
+from sb3_piano.music.synthesis import SAMPLE_RATE, synthesize, write_wav
 
 __all__ = [
     "DEFAULT_VELOCITY",
@@ -24,6 +25,7 @@ __all__ = [
     "MIN_PITCH",
     "NUM_FINGERS",
     "NUM_KEYS",
+    "SAMPLE_RATE",
     "STUDIES",
     "UNKNOWN_FINGER",
     "Note",
@@ -36,5 +38,7 @@ __all__ = [
     "read_pig",
     "score_from_activation",
     "study",
+    "synthesize",
     "write_midi",
+    "write_wav",
 ]

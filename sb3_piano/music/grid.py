@@ -23,11 +23,14 @@ class Sheet:
         self.onset = np.zeros((steps, NUM_KEYS), dtype=bool)
         self._last_onset = [-1] * NUM_KEYS
 
-    def lay(self, key: int, start: int, end: int, finger: int) -> None:
+    def lay(self, key: int, start: int, end: int, finger: int) -> int | None:
         """Let `key` sound from step `start` until before `end`, as a strike of its own if it can.
 
         Whether a note is a new strike is seen from the step before it; `first` is the step at
         which that strike becomes audible.
+
+        Returns:
+            The first step of the strike, or None if the note is none of its own.
         """
         last = self._last_onset[key]
         if start < last:
@@ -45,9 +48,11 @@ class Sheet:
             first, strikes = start, False
         self.active[first:end, key] = True
         self.finger[first:end, key] = finger
-        if strikes:
-            self.onset[first, key] = True
-            self._last_onset[key] = first
+        if not strikes:
+            return None
+        self.onset[first, key] = True
+        self._last_onset[key] = first
+        return first
 
     def _silence(self, step: int, key: int) -> None:
         self.active[step, key] = False

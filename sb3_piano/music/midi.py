@@ -96,7 +96,8 @@ def write_midi(score: Score, path: str | os.PathLike[str]) -> None:
     midi = pretty_midi.PrettyMIDI(resolution=resolution, initial_tempo=_BEATS_PER_MINUTE)
     tick = 60.0 / _BEATS_PER_MINUTE / resolution
     midi.instruments = _finger_tracks(score, tick)
-    midi.instruments[0].control_changes = _control_changes(score, tick)
+    for track in midi.instruments:  # each has a channel of its own, on which alone a pedal acts
+        track.control_changes = _control_changes(score, tick)
     contents = io.BytesIO()
     midi.write(contents)
     try:

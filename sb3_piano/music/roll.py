@@ -39,6 +39,9 @@ class PianoRoll:
         active: (T, 88) bool, whether the key should be down.
         finger: (T, 88) int8, the label (0-9) of the note that sounds, -1 where there is none.
         onset: (T, 88) bool, the first active step of each strike.
+        onset_time: (n,) when each of the n strikes is due, in s, ordered by step, then key: the
+            onset of its note or, where a silent step comes in between, the beginning of its first
+            step. Left out, it is the beginning of that step for all.
         sustain: (T,) bool, whether the sustain pedal should be down: from step
             floor(onset / dt) until before step floor(offset / dt).
     """
@@ -48,6 +51,7 @@ class PianoRoll:
     finger: NDArray[np.int8]
     onset: NDArray[np.bool_]
     sustain: NDArray[np.bool_]
+    onset_time: NDArray[np.float64] = None  # type: ignore[assignment]  # never None once made
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "active", np.array(self.active, dtype=bool))
@@ -59,6 +63,10 @@ class PianoRoll:
         for name in ("active", "finger", "onset"):
             _check_shape(name, getattr(self, name), (steps, NUM_KEYS))
         _check_shape("sustain", self.sustain, (steps,))
+        first_steps = np.nonzero(self.onset)[0]
+        times = first_steps * self.control_timestep if self.onset_time is None else self.onset_time
+        object.__setattr__(self, "onset_time", np.array(times, dtype=float))
+        _check_shape("onset_time", self.onset_time, (len(first_steps),))
         self._lock()
 
     @classmethod
@@ -83,14 +91,21 @@ class PianoRoll:
         starts = lead + floor_steps([note.onset for note in score.notes], control_timestep)
         ends = lead + ceil_steps([note.offset for note in score.notes], control_timestep)
         sheet = Sheet(steps)
+        due: dict[tuple[int, int], float] = {}
         for note, start, end in zip(score.notes, starts.tolist(), ends.tolist(), strict=True):
-            sheet.lay(note.key, start, max(end, start + 1), note.finger)
+            first = sheet.lay(note.key, start, max(end, start + 1), note.finger)
+            if first is not None:
+                time = max(lead * control_timestep + note.onset, first * control_timestep)
+                due.setdefault((first, note.key), time)  # of two in one step the first one counts
         return cls(
             control_timestep=control_timestep,
             active=sheet.active,
             finger=sheet.finger,
             onset=sheet.onset,
             sustain=_sustain_steps(score, control_timestep, lead, steps),
+            onset_time=np.array(
+                [due[step, key] for step, key in np.argwhere(sheet.onset).tolist()]
+            ),
         )
 
     def __len__(self) -> int:
@@ -128,7 +143,7 @@ class PianoRoll:
         return keys, self.finger[step, keys]
 
     def _lock(self) -> None:
-        for array in (self.active, self.finger, self.onset, self.sustain):
+        for array in (self.active, self.finger, self.onset, self.sustain, self.onset_time):
             array.flags.writeable = False
 
 

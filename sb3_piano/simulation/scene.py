@@ -38,12 +38,17 @@ class PianoScene:
     """MuJoCo's model."""
     key_qpos: IntArray
     """(88,) address in ``qpos`` of each key's angle."""
+    key_slice: slice
+    """The same addresses as a slice of ``qpos``, which gives a view."""
     key_max_angle: FloatArray
     """(88,) angle of each key when fully down, rad."""
     key_sounding_angle: FloatArray
     """(88,) angle from which on each key sounds, rad."""
     key_geom: IntArray
     """(88,) geom of each key."""
+    key_boxes: tuple[FloatArray, FloatArray, FloatArray]
+    """Where the keys are when fully down: (88, 3) centres of their boxes in the world, m;
+    (88, 3, 3) the boxes' axes in the world, as columns; (88, 3) half lengths along them, m."""
     key_press_offset: FloatArray
     """(88, 3) from a key geom's centre to the point where a finger should press it, m."""
     fingertip_site: IntArray
@@ -191,7 +196,9 @@ def _index_scene(model: mujoco.MjModel) -> PianoScene:
         key_qpos=model.jnt_qposadr[key_joint].astype(np.intp),
         key_max_angle=np.array(max_angle),
         key_sounding_angle=np.array(max_angle) - margin,
+        key_slice=_contiguous(model.jnt_qposadr[key_joint]),
         key_geom=key_geom,
+        key_boxes=_boxes_of_pressed_keys(model, key_joint, key_geom, max_angle),
         key_press_offset=press_offset,
         fingertip_site=np.array([model.site(n).id for s in SIDES for n in hand.fingertip_sites(s)]),
         fingertip_geom=np.array(
@@ -216,6 +223,25 @@ def _sorted_keys(model: mujoco.MjModel, kind: int, count: int, word: str) -> Int
         if name.startswith("piano/") and f"_{word}_" in name
     }
     return np.array([found[key] for key in range(NUM_KEYS)])
+
+
+def _contiguous(addresses: npt.NDArray[np.int32]) -> slice:
+    start, count = int(addresses[0]), len(addresses)
+    assert np.array_equal(addresses, np.arange(start, start + count)), "keys are joints in a row"
+    return slice(start, start + count)
+
+
+def _boxes_of_pressed_keys(
+    model: mujoco.MjModel, key_joint: IntArray, key_geom: IntArray, max_angle: list[float]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    data = mujoco.MjData(model)
+    data.qpos[model.jnt_qposadr[key_joint]] = max_angle
+    mujoco.mj_kinematics(model, data)
+    return (
+        data.geom_xpos[key_geom],
+        data.geom_xmat[key_geom].reshape(-1, 3, 3),
+        model.geom_size[key_geom],
+    )
 
 
 def _hand_joints(model: mujoco.MjModel, side: str) -> IntArray:

@@ -1,9 +1,14 @@
 """Training runs: YAML to environments, model and files; resuming and evaluating them."""
 
 from sb3_piano.training.algorithms import ALGORITHMS
+from sb3_piano.training.compare import MAIN_METRICS, Comparison, compare
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.evaluate import Evaluation, evaluate
+from sb3_piano.training.evaluations import Evaluations, evaluate_runs
+from sb3_piano.training.play import Picture, Played, play_run, play_score
+from sb3_piano.training.playing import SavedPlayer
 from sb3_piano.training.plugins import Plugin
+from sb3_piano.training.report import write_report
 from sb3_piano.training.run_folder import RunFolder
 from sb3_piano.training.session import TrainResult
 from sb3_piano.training.train import resume, train
@@ -11,13 +16,24 @@ from sb3_piano.training.yaml_config import load_config
 
 __all__ = [
     "ALGORITHMS",
+    "MAIN_METRICS",
+    "Comparison",
     "Evaluation",
+    "Evaluations",
+    "Picture",
+    "Played",
     "Plugin",
     "RunConfig",
     "RunFolder",
+    "SavedPlayer",
     "TrainResult",
+    "compare",
     "evaluate",
+    "evaluate_runs",
     "load_config",
+    "play_run",
+    "play_score",
     "resume",
     "train",
+    "write_report",
 ]

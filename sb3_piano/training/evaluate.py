@@ -4,25 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.vec_env import VecEnv, VecNormalize
-
-from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import write_json
 from sb3_piano.music import Score, write_midi
-from sb3_piano.training.builders import build_vec_env
-from sb3_piano.training.config import RunConfig
-from sb3_piano.training.loading import load_model
-from sb3_piano.training.recorder import EpisodeRecorder, Recording
+from sb3_piano.training.playing import SavedPlayer
 from sb3_piano.training.run_folder import RunFolder
+from sb3_piano.training.statistics import Summary, summarize
+
+Seeds = int | Sequence[int]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,160 +27,197 @@ class Evaluation:
     ``sb3_piano.metrics.EPISODE_METRICS`` and ``sb3_piano.envs.RETURN_KEYS``.
     """
 
+    run: Path
+    """The run's folder."""
+    algo: str
+    """Name of the algorithm."""
+    piece: str
+    """What was played; the environment's id if it is no piano."""
     num_timesteps: int
     """Environment steps that the model was trained for."""
+    env_kwargs: Mapping[str, Any]
+    """Arguments of the environment that was played in."""
     episodes: tuple[Mapping[str, float], ...]
     """Metrics of each episode."""
-    mean: Mapping[str, float]
-    """Mean of each metric over the episodes."""
-    std: Mapping[str, float]
-    """Standard deviation of each metric over the episodes (of the population; 0 for one)."""
+    episode_seeds: tuple[int, ...]
+    """The seed from which each episode comes; those of one seed stand together, in order."""
+    summary: Mapping[str, Summary]
+    """Mean, standard deviation and interval of each metric over all episodes."""
     baseline: Mapping[str, float] | None
     """Metrics of an episode in which the hands rest; ``None`` if the environment is no piano."""
-    performances: tuple[Path | None, ...]
-    """The MIDI file of each episode; ``None`` if no key was pressed in it."""
-    metrics_file: Path
-    """Where all these numbers are."""
+    performances: tuple[Path | None, ...] = ()
+    """The MIDI file of each episode, ``None`` if no key was pressed in it; empty if none was
+    written, as for any piece but the run's own."""
+    metrics_file: Path | None = None
+    """The file in the run's folder with all this; ``None`` if none was written."""
+    interrupted: bool = False
+    """Whether Ctrl-C ended it before all episodes were played."""
+
+    @property
+    def mean(self) -> dict[str, float]:
+        """Mean of each metric over the episodes."""
+        return {name: summary.mean for name, summary in self.summary.items()}
+
+    @property
+    def std(self) -> dict[str, float]:
+        """Standard deviation of each metric over the episodes (of the population; 0 for one)."""
+        return {name: summary.std for name, summary in self.summary.items()}
+
+    @property
+    def is_repetition(self) -> bool:
+        """Whether there are several episodes that are all the same, so that one would have done.
+
+        A policy that does not explore, in an environment that draws nothing at random, plays the
+        same from every seed.
+        """
+        first, *others = self.episodes
+        return bool(others) and all(other == first for other in others)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all of it in JSON's types.
+
+        ``mean``, ``std`` and ``interval`` have a value for each metric, the latter both ends or
+        ``None``; ``no_interval`` then has the reason.
+        """
+        summaries = self.summary.items()
+        return {
+            "run": str(self.run),
+            "algo": self.algo,
+            "piece": self.piece,
+            "num_timesteps": self.num_timesteps,
+            "env_kwargs": dict(self.env_kwargs),
+            "interrupted": self.interrupted,
+            "mean": self.mean,
+            "std": self.std,
+            "interval": {name: _listed(summary.interval) for name, summary in summaries},
+            "no_interval": {name: s.no_interval for name, s in summaries if s.no_interval},
+            "baseline": None if self.baseline is None else dict(self.baseline),
+            "episodes": [dict(metrics) for metrics in self.episodes],
+            "episode_seeds": list(self.episode_seeds),
+            "performances": [None if path is None else path.name for path in self.performances],
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Played:
+    """An episode, without what is not needed any more."""
+
+    seed: int
+    metrics: Mapping[str, float]
+    score: Score | None
 
 
 def evaluate(
     folder: str | os.PathLike[str],
     episodes: int = 1,
-    seed: int = 0,
+    seed: Seeds = 0,
     *,
     physics: str | None = None,
+    score: Score | str | os.PathLike[str] | None = None,
+    best: str | None = None,
+    on_episode: Callable[[], object] = lambda: None,
 ) -> Evaluation:
-    """Let a run's saved model play, without exploring, and write down how well it did.
+    """Let a run's saved model play, without exploring, and say how well it did.
 
     The environment has the run's wrappers and normalisation; returns and metrics are those of the
-    bare environment inside. Writes ``evaluation/metrics.json`` and, from 1 on,
-    ``evaluation/performance_<i>.mid`` into the run's folder, in place of those that were there.
+    bare environment inside. Unless another piece is given, writes ``evaluation/metrics.json`` and,
+    from 1 on, ``evaluation/performance_<i>.mid`` into the run's folder, in place of those that
+    were there.
+
+    Ctrl-C ends it with the episodes that are finished, see ``interrupted`` of the result; before
+    the first one it is a ``KeyboardInterrupt`` as everywhere.
 
     Args:
         folder: The run's folder.
-        episodes: How many episodes to play, at least 1.
-        seed: Seeds the environment; the resting hands get the same as the model.
+        episodes: How many episodes to play from each seed, at least 1.
+        seed: Seeds the environment, at least 0; of several, each is used once. The resting hands
+            get the first one.
         physics: Name of the physics profile to play on; by default the run's own.
+        score: What to play in place of the run's own piece.
+        best: Play the best model by this metric, such as "f1", in place of the last one.
+        on_episode: Is called after each episode.
 
     Raises:
         ConfigError: If ``episodes`` or ``seed`` is out of range, or the run's config is damaged.
-        RunError: If there is no run, or it has no model that can be loaded.
+        RunError: If there is no run, it has no model that can be loaded, or what it observes
+            cannot show the score.
+        ScoreError: If the score cannot be read.
     """
-    for name, value, least in (("episodes", episodes, 1), ("seed", seed, 0)):
-        if value < least:
-            raise ConfigError(f"{name} is {value}: expected {least} or more.")
-    run = RunFolder.open(folder)
-    config = run.read_config()
-    env_kwargs = {**config.env_kwargs, **({} if physics is None else {"physics": physics})}
-    config = dataclasses.replace(
-        config, env_kwargs=env_kwargs, n_envs=1, vec_env="dummy", seed=seed, monitor_kwargs={}
+    seeds = checked_seeds(seed)
+    if episodes < 1:
+        raise ConfigError(f"episodes is {episodes}: expected 1 or more.")
+    played: list[_Played] = []
+    with SavedPlayer.open(folder, seed=seeds[0], physics=physics, score=score, best=best) as player:
+        resting = player.rest()  # first, so that Ctrl-C cannot leave episodes without it
+        try:
+            for episode in _play(player, episodes, seeds):
+                played.append(episode)
+                on_episode()
+        except KeyboardInterrupt:
+            if not played:
+                raise
+    found = Evaluation(
+        run=player.run.path,
+        algo=player.config.algo,
+        piece=player.piece,
+        num_timesteps=player.num_timesteps,
+        env_kwargs=player.config.env_kwargs,
+        episodes=tuple(episode.metrics for episode in played),
+        episode_seeds=tuple(episode.seed for episode in played),
+        summary=_summaries([episode.metrics for episode in played]),
+        baseline=None if resting is None else resting.metrics,
+        interrupted=len(played) < episodes * len(seeds),
     )
-    model_file, statistics = _saved_files(run, config)
-    recorders: list[EpisodeRecorder] = []
-
-    def record(env: Any) -> EpisodeRecorder:
-        recorders.append(EpisodeRecorder(env))
-        return recorders[-1]
-
-    venv = build_vec_env(config, statistics, innermost=record)
-    try:
-        if isinstance(venv, VecNormalize):
-            venv.training = False
-        model = _load(config, model_file, venv)
-        played = _play(model, venv, recorders[0], episodes, seed)
-        baseline = _rest(model, venv, recorders[0], seed)
-    finally:
-        venv.close()
-    return _write(run, model.num_timesteps, played, baseline, seed, env_kwargs)
+    return found if score is not None else _written(found, player.run, played)
 
 
-def _saved_files(run: RunFolder, config: RunConfig) -> tuple[Path, Path | None]:
-    """Return the newest model and its statistics: the copies if there, or the checkpoint's.
+def checked_seeds(seeds: Seeds) -> tuple[int, ...]:
+    """Return seeds as a tuple.
 
     Raises:
-        RunError: If one of them is nowhere.
+        ConfigError: If there is none, one is below 0, or one is there twice.
     """
-    statistics = run.model_file.with_name("vecnormalize.pkl")
-    wanted = [run.model_file] if config.normalize is False else [run.model_file, statistics]
-    if all(path.is_file() for path in wanted):
-        return run.model_file, statistics if statistics in wanted else None
-    saved = Checkpoint.read(run.checkpoint_dir)
-    if saved is None:
-        raise RunError(
-            f"Run '{run.path}' has no model: expected {' and '.join(p.name for p in wanted)}, "
-            "written with the first checkpoint. To go on with it: sb3-piano train --resume "
-            f"{run.path}"
-        )
-    normalization = saved.vec_normalize
-    return (
-        run.checkpoint_dir / saved.model,
-        None if normalization is None else run.checkpoint_dir / normalization,
-    )
+    several = (seeds,) if isinstance(seeds, int) else tuple(seeds)
+    if not several:
+        raise ConfigError("There are no seeds: expected at least one.")
+    for seed in several:
+        if seed < 0:
+            raise ConfigError(f"seed is {seed}: expected 0 or more.")
+        if several.count(seed) > 1:
+            raise ConfigError(
+                f"seed {seed} is given {several.count(seed)} times: expected each seed once, as "
+                "its episodes would only be counted again."
+            )
+    return several
 
 
-def _load(config: RunConfig, path: Path, venv: VecEnv) -> BaseAlgorithm:
-    # The replay buffer is not needed, and would be as large as in training.
-    off_policy = issubclass(config.algorithm, OffPolicyAlgorithm)
-    return load_model(config, path, venv, **({"buffer_size": 1} if off_policy else {}))
+def _play(player: SavedPlayer, episodes: int, seeds: Sequence[int]) -> Iterator[_Played]:
+    for seed in seeds:
+        recordings = player.episodes(seed=seed)
+        for _ in range(episodes):
+            recording = next(recordings)
+            played = recording.performance
+            score = None if played is None else played.to_score()
+            yield _Played(seed=seed, metrics=recording.metrics, score=score)
 
 
-def _play(
-    model: BaseAlgorithm, venv: VecEnv, recorder: EpisodeRecorder, episodes: int, seed: int
-) -> list[Recording]:
-    """Play until so many more episodes are recorded, and return them."""
-    venv.seed(seed)
-    observation: Any = venv.reset()
-    recorder.finished.clear()
-    state, starts = None, np.ones(1, dtype=bool)
-    while len(recorder.finished) < episodes:
-        action, state = model.predict(observation, state, starts, deterministic=True)
-        observation, _, starts, _ = venv.step(action)
-    return list(recorder.finished)
+def _summaries(episodes: Sequence[Mapping[str, float]]) -> dict[str, Summary]:
+    return {name: summarize([metrics[name] for metrics in episodes]) for name in episodes[0]}
 
 
-def _rest(
-    model: BaseAlgorithm, venv: VecEnv, recorder: EpisodeRecorder, seed: int
-) -> Recording | None:
-    """Return an episode in which the hands rest, in the same environment and from the same seed."""
-    if not recorder.can_rest:
-        return None
-    recorder.resting = True
-    return _play(model, venv, recorder, 1, seed)[0]
+def _listed(interval: tuple[float, float] | None) -> list[float] | None:
+    return None if interval is None else list(interval)
 
 
-def _write(
-    run: RunFolder,
-    num_timesteps: int,
-    played: Sequence[Recording],
-    baseline: Recording | None,
-    seed: int,
-    env_kwargs: Mapping[str, Any],
-) -> Evaluation:
-    episodes = tuple(recording.metrics for recording in played)
-    values = {name: [metrics[name] for metrics in episodes] for name in episodes[0]}
-    evaluation = Evaluation(
-        num_timesteps=num_timesteps,
-        episodes=episodes,
-        mean={name: float(np.mean(column)) for name, column in values.items()},
-        std={name: float(np.std(column)) for name, column in values.items()},
-        baseline=None if baseline is None else baseline.metrics,
-        performances=_write_performances(run, [recording.performance for recording in played]),
-        metrics_file=run.evaluation_dir / "metrics.json",
-    )
-    content = {
-        **vars(evaluation),
-        "seed": seed,
-        "env_kwargs": dict(env_kwargs),
-        "performances": [None if path is None else path.name for path in evaluation.performances],
-    }
-    del content["metrics_file"]
-    write_json(evaluation.metrics_file, content)
+def _written(found: Evaluation, run: RunFolder, played: Sequence[_Played]) -> Evaluation:
+    paths = _write_performances(run, [episode.score for episode in played])
+    metrics_file = run.evaluation_dir / "metrics.json"
+    evaluation = dataclasses.replace(found, performances=paths, metrics_file=metrics_file)
+    write_json(metrics_file, evaluation.to_json())
     return evaluation
 
 
-def _write_performances(
-    run: RunFolder, performances: Sequence[Score | None]
-) -> tuple[Path | None, ...]:
+def _write_performances(run: RunFolder, scores: Sequence[Score | None]) -> tuple[Path | None, ...]:
     try:
         run.evaluation_dir.mkdir(exist_ok=True)
         for stale in run.evaluation_dir.glob("performance_*.mid"):
@@ -196,7 +227,7 @@ def _write_performances(
             f"'{run.evaluation_dir}' cannot be written: {error.strerror}. Expected a folder."
         ) from error
     paths: list[Path | None] = []
-    for number, score in enumerate(performances, start=1):
+    for number, score in enumerate(scores, start=1):
         path = run.evaluation_dir / f"performance_{number}.mid"
         if score is not None:
             write_midi(score, path)

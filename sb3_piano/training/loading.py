@@ -10,8 +10,10 @@ from typing import Any
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
+from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import RunError
 from sb3_piano.training.config import RunConfig
+from sb3_piano.training.run_folder import RunFolder
 
 _REFUSALS = (
     OSError,
@@ -45,3 +47,58 @@ def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> B
             f"Model '{path}' cannot be loaded ({error}): expected a model that "
             f"{config.algorithm.__name__} saved for {config.env_id!r}."
         ) from error
+
+
+def model_files(
+    run: RunFolder, config: RunConfig, best: str | None = None
+) -> tuple[Path, Path | None]:
+    """Return a model of a run and its statistics.
+
+    Args:
+        run: The run's folder.
+        config: Its settings.
+        best: The metric by which the model is the best; by default it is the newest one.
+
+    Returns:
+        The model's zip file, and that of ``VecNormalize`` if the run normalises.
+
+    Raises:
+        RunError: If one of them is nowhere.
+    """
+    return _newest_files(run, config) if best is None else _best_files(run, config, best)
+
+
+def _best_files(run: RunFolder, config: RunConfig, metric: str) -> tuple[Path, Path | None]:
+    folder = run.best_dir(metric)
+    wanted = [folder / "best_model.zip"]
+    if config.normalize is not False:
+        wanted.append(folder / "vecnormalize.pkl")
+    if not all(path.is_file() for path in wanted):
+        known = run.best_metrics()
+        have = f"it has one by {' and by '.join(known)}" if known else "it has none by any metric"
+        raise RunError(
+            f"Run '{run.path}' has no best model by {metric!r}, {have}: expected a training with "
+            "sb3_piano.callbacks.F1Callback or OnsetF1Callback in its config, past its first "
+            "evaluation."
+        )
+    return wanted[0], wanted[1] if len(wanted) > 1 else None
+
+
+def _newest_files(run: RunFolder, config: RunConfig) -> tuple[Path, Path | None]:
+    """Return the copies if they are there, or the checkpoint's."""
+    statistics = run.model_file.with_name("vecnormalize.pkl")
+    wanted = [run.model_file] if config.normalize is False else [run.model_file, statistics]
+    if all(path.is_file() for path in wanted):
+        return run.model_file, statistics if statistics in wanted else None
+    saved = Checkpoint.read(run.checkpoint_dir)
+    if saved is None:
+        raise RunError(
+            f"Run '{run.path}' has no model: expected {' and '.join(p.name for p in wanted)}, "
+            "written with the first checkpoint. To go on with it: sb3-piano train --resume "
+            f"{run.path}"
+        )
+    normalization = saved.vec_normalize
+    return (
+        run.checkpoint_dir / saved.model,
+        None if normalization is None else run.checkpoint_dir / normalization,
+    )

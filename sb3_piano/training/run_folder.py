@@ -33,6 +33,8 @@ class RunFolder:
     ``monitor/``             one ``<n>.monitor.csv`` per environment. After a crash it also has the
                              episodes since the last checkpoint, which are then played again
     ``tensorboard/``         the training's log
+    ``best_<metric>/``       the best model by a metric, if the run has a callback that looks for it
+    ``videos/``              what the model played now and then, if the run has a callback for it
     ``evaluation/``          what :func:`~sb3_piano.training.evaluate` wrote
     ======================== =====================================================================
     """
@@ -99,6 +101,15 @@ class RunFolder:
     def model_file(self) -> Path:
         """The newest saved model."""
         return self.path / "model.zip"
+
+    def best_dir(self, metric: str) -> Path:
+        """Return where the best model by a metric is, if there is one."""
+        return self.path / f"best_{metric}"
+
+    def best_metrics(self) -> list[str]:
+        """Return the metrics by which there are best models."""
+        found = self.path.glob("best_*/best_model.zip")
+        return sorted(file.parent.name.removeprefix("best_") for file in found)
 
     @property
     def checkpoint_dir(self) -> Path:

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import importlib.util
 import warnings
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, CallbackList
+from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.callbacks import (
     Checkpoint,
     EpisodeMetricsCallback,
     PianoProgressBar,
     ResumableCheckpoint,
+    RewardTermsCallback,
 )
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
+from sb3_piano.callbacks.run_context import EnvWrapper, RunContext, hand_over
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.training.builders import build_vec_env
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.interrupts import StopOnRequest, stop_on_signal
 from sb3_piano.training.run_folder import RunFolder
@@ -54,7 +59,7 @@ class Session:
     config: RunConfig
     folder: RunFolder
     model: BaseAlgorithm
-    callbacks: Iterable[BaseCallback] = ()
+    callbacks: Sequence[BaseCallback] = ()
     """Callbacks of the user."""
     resumed: Checkpoint | None = None
     """The checkpoint from which the model was restored."""
@@ -74,10 +79,11 @@ class Session:
         """
         started_at = self.model.num_timesteps
         self._open_logs()
+        hand_over(RunContext(folder=self.folder.path, make_env=self._another_env), self.callbacks)
         with contextlib.ExitStack() as stack:
             bar = self._progress_bar(stack)
             request = stack.enter_context(stop_on_signal())
-            own = [EpisodeMetricsCallback(), bar, self._saver()]
+            own = [EpisodeMetricsCallback(), RewardTermsCallback(), bar, self._saver()]
             stopper = StopOnRequest(request)
             callbacks = [*self.callbacks, *filter(None, own), stopper]
             interrupted = self._learn(callbacks) or request.made
@@ -109,6 +115,11 @@ class Session:
             self._explain_missing_keyword(error)
             raise
         return False
+
+    def _another_env(self, innermost: EnvWrapper | None) -> VecEnv:
+        """Return an environment like those of the training, alone and without log files."""
+        config = dataclasses.replace(self.config, n_envs=1, vec_env="dummy", monitor_kwargs={})
+        return build_vec_env(config, innermost=innermost)
 
     def _progress_bar(self, stack: contextlib.ExitStack) -> PianoProgressBar | None:
         if not self.progress_bar:

@@ -16,7 +16,7 @@ from optuna.distributions import (
     IntDistribution,
 )
 
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.training import RunConfig, evaluate, train
 
 
@@ -76,10 +76,14 @@ class Objective:
         """
         folder = self.runs_dir / f"trial_{trial.number}"
         train(self.trial_config(trial), folder, progress_bar=False)
-        found = evaluate(folder, self.episodes, self.seed).mean
+        evaluation = evaluate(folder, self.episodes, self.seed)
+        if evaluation.interrupted:
+            raise KeyboardInterrupt  # a mean over fewer episodes would not be like the others
+        found = evaluation.mean
         if self.metric not in found:
             raise ConfigError(
-                f"metric is {self.metric!r}: expected one of {', '.join(sorted(found))}."
+                f"metric is {self.metric!r}.{near_names(self.metric, found)} Expected one of "
+                f"{', '.join(found)}."
             )
         return found[self.metric]
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from sb3_piano.exceptions import RenderingError
 from sb3_piano.simulation import PianoScene, find_gl_backend
-from sb3_piano.viewing.colors import FINGER_COLORS, PRESSED_COLOR, UNLABELLED_COLOR
+from sb3_piano.viewing.painting import Color, geom_colors
 
 _HOW_TO_INSTALL = (
     "Install an OpenGL library, for instance with 'apt-get install libosmesa6' or 'apt-get install "
@@ -83,7 +83,7 @@ class FrameRenderer:
             mujoco.mjtCatBit.mjCAT_ALL.value,
             self._drawn,
         )
-        self._paint(due, fingers, sounding)
+        self._paint(geom_colors(self._scene, due=due, fingers=fingers, sounding=sounding))
         mujoco.mjr_render(self._rect, self._drawn, self._context)
         pixels = np.empty((self._rect.height, self._rect.width, 3), dtype=np.uint8)
         mujoco.mjr_readPixels(pixels, None, self._rect, self._context)
@@ -94,19 +94,8 @@ class FrameRenderer:
         atexit.unregister(self._close)
         self._close()
 
-    def _paint(
-        self,
-        due: npt.NDArray[np.intp],
-        fingers: npt.NDArray[np.integer[Any]],
-        sounding: npt.NDArray[np.bool_],
-    ) -> None:
+    def _paint(self, colors: dict[int, Color]) -> None:
         """Colour the drawn shapes; the model itself keeps its colours."""
-        colors = dict(zip(self._scene.fingertip_geom.tolist(), FINGER_COLORS, strict=True))
-        key_geom = self._scene.key_geom
-        for key, finger in zip(due, fingers, strict=True):
-            colors[int(key_geom[key])] = FINGER_COLORS[finger] if finger >= 0 else UNLABELLED_COLOR
-        for key in np.flatnonzero(sounding):
-            colors[int(key_geom[key])] = PRESSED_COLOR
         for i in range(self._drawn.ngeom):
             geom = self._drawn.geoms[i]
             if geom.objtype == int(mujoco.mjtObj.mjOBJ_GEOM) and geom.objid in colors:

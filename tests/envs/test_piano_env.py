@@ -164,8 +164,10 @@ def test_a_pressed_key_is_recorded_and_scored(env):
         *_, info = env.step(env.rest_action)
         assert set(np.flatnonzero(env.key_active)) == ({C4} if step < 2 else set())
     assert info["recall"] == pytest.approx((1 + 1 + 0 + 0 + 0 + 1) / 6)
-    played = env.performance.to_score()
-    assert [(note.pitch, note.onset, note.offset) for note in played.notes] == [(60, 0.0, 0.1)]
+    (note,) = env.performance.to_score().notes
+    assert note.pitch == 60
+    assert 0.0 < note.onset <= 0.05  # within the first step it went down, within the third one up
+    assert 0.1 < note.offset <= 0.15
 
 
 def test_a_pressed_pedal_is_recorded_and_scored(env):

@@ -88,3 +88,17 @@ def test_optimal_transport_of_more_keys_than_fingers_scores_the_ten_nearest_pair
     press = np.zeros((12, 3))
     press[10:] = 9.0
     assert rewards.optimal_transport_fingering(np.zeros((10, 3)), press) == 1.0
+
+
+def test_the_highest_return_is_that_of_every_term_at_its_upper_end():
+    """Ten steps, in eight of them a key is due, in five of those with a finger label.
+
+    Pressing keys earns 1 in eight steps and 0.5 in two, the pedal 1 in ten, fingering 1 in five,
+    the forearms 1 in ten: with weights of 1, 2, 0.5 and 0.5 that is 9 + 20 + 2.5 + 5.
+    """
+    weights = {"key_press": 1.0, "sustain": 2.0, "energy": 0.005, "fingering": 0.5, "forearm": 0.5}
+    counts = {"n_steps": 10, "n_due": 8, "n_fingering": 5}
+    assert rewards.highest_return(weights, **counts, forearm=True) == pytest.approx(36.5)
+    assert rewards.highest_return(weights, **counts, forearm=False) == pytest.approx(31.5)
+    negative = {**weights, "sustain": -2.0}
+    assert rewards.highest_return(negative, **counts, forearm=True) == pytest.approx(16.5)

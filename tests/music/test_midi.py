@@ -318,3 +318,14 @@ class TestWriting:
         with pytest.raises(ScoreError, match=r"'day' lasts 86400 s, too long .* less than 49500 s"):
             write_midi(Score(notes=[note(0, 86400)], title="day"), tmp_path / "a.mid")
         assert list(tmp_path.iterdir()) == []
+
+
+def test_the_pedal_acts_on_the_notes_of_every_track(tmp_path):
+    notes = [Note(onset=0.0, offset=0.5, pitch=60 + f, finger=f) for f in (0, 3, 7)]
+    write_midi(Score(notes=notes, pedals=[Pedal(onset=0.1, offset=1.0)]), tmp_path / "piece.mid")
+    tracks = pretty_midi.PrettyMIDI(str(tmp_path / "piece.mid")).instruments
+    assert [track.name for track in tracks] == ["R1", "R4", "L3"]
+    for track in tracks:
+        assert [(c.number, c.value) for c in track.control_changes] == [(64, 127), (64, 0)]
+    (pedal,) = read_midi(tmp_path / "piece.mid").pedals
+    assert (pedal.onset, pedal.offset) == pytest.approx((0.1, 1.0))

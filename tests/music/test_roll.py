@@ -185,7 +185,7 @@ class TestRoll:
     @pytest.mark.parametrize("rebuild", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy])
     def test_arrays_are_read_only_even_in_copies(self, rebuild):
         roll = roll_of((0, 2))
-        for name in ("active", "finger", "onset", "sustain"):
+        for name in ("active", "finger", "onset", "sustain", "onset_time"):
             for each in (roll, rebuild(roll)):
                 with pytest.raises(ValueError, match="read-only"):
                     getattr(each, name)[0] = 0
@@ -271,3 +271,33 @@ class TestScoreFromActivation:
         assert np.array_equal(roll.active[:200], active)
         assert np.array_equal(roll.sustain[:200], sustain)
         assert not roll.active[200:].any()
+
+
+class TestOnsetTime:
+    def test_a_strike_is_due_at_its_notes_onset_between_the_steps_too(self):
+        roll = roll_of((0.25, 2), (3.9, 5), dt=1.0)
+        assert roll.onset_time == pytest.approx([0.25, 3.9])
+
+    def test_the_silence_put_in_front_counts(self):
+        roll = roll_of((0.25, 2), dt=1.0, initial_buffer_time=2.0)
+        assert roll.onset_time == pytest.approx([2.25])
+
+    def test_a_strike_after_a_silent_step_is_due_at_the_beginning_of_its_first_step(self):
+        roll = roll_of((0, 2), (2.25, 4), dt=1.0)
+        assert np.flatnonzero(roll.onset.any(axis=1)).tolist() == [0, 3]
+        assert roll.onset_time == pytest.approx([0, 3])
+
+    def test_of_two_strikes_in_one_step_the_first_one_counts(self):
+        assert roll_of((0.25, 2), (0.75, 2), dt=1.0).onset_time == pytest.approx([0.25])
+
+    def test_times_are_ordered_by_step_then_key(self):
+        notes = [Note(onset=o, offset=o + 1, pitch=p) for o, p in ((0.5, 60), (0.75, 50), (3, 40))]
+        roll = PianoRoll.from_score(Score(notes=notes), 1.0)
+        assert roll.onset_time == pytest.approx([0.75, 0.5, 3])
+
+    def test_left_out_it_is_the_beginning_of_the_step(self):
+        made = roll_of((0.25, 2), (3.9, 5), dt=1.0)
+        arrays = {name: getattr(made, name) for name in ("active", "finger", "onset", "sustain")}
+        assert PianoRoll(control_timestep=1.0, **arrays).onset_time == pytest.approx([0, 3])
+        with pytest.raises(ScoreError, match=r"'onset_time' has shape \(1,\): expected \(2,\)"):
+            PianoRoll(control_timestep=1.0, **arrays, onset_time=[0.0])

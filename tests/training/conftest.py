@@ -6,11 +6,13 @@ import csv
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pretty_midi
 import pytest
 import torch
+from stable_baselines3 import TD3
 
-from sb3_piano.training import RunConfig, train
+from sb3_piano.training import RunConfig, RunFolder, train
 
 SMALL = {
     "policy_kwargs": {"net_arch": [8]},
@@ -53,6 +55,41 @@ def run(small_config, tmp_path):
         return train(
             small_config(**changes), tmp_path / "run", progress_bar=False, checkpoint_every=every
         )
+
+    return start
+
+
+@pytest.fixture
+def piano_run(small_config, tmp_path, midi_file):
+    """Return a function that makes a run on the MIDI file whose model always does one action."""
+
+    def make(action, name="run", **env_kwargs):
+        config = small_config(
+            env_id="RoboPianist-v0",
+            env_kwargs={"score": str(midi_file), **env_kwargs},
+            n_timesteps=1,
+        )
+        folder = RunFolder(tmp_path / name)
+        if not folder.config_file.is_file():
+            train(config, folder.path, progress_bar=False)
+        model = TD3.load(folder.model_file)
+        layer = model.actor.mu[-2]
+        with torch.no_grad():
+            layer.weight.zero_()
+            layer.bias.copy_(torch.as_tensor(np.arctanh(np.clip(action, -0.9999999, 0.9999999))))
+        model.save(folder.model_file)
+        return folder
+
+    return make
+
+
+@pytest.fixture
+def pendulum_run(small_config, tmp_path):
+    """Return a function that trains on Pendulum and returns the run's folder."""
+
+    def start(name="run", **changes):
+        changes = {"n_timesteps": 30, **changes}
+        return train(small_config(**changes), tmp_path / name, progress_bar=False).folder
 
     return start
 

@@ -48,7 +48,7 @@ def test_a_midi_file_is_trained_evaluated_and_trained_on(midi_file, tmp_path, ca
     assert "runs/td3/RoboPianist-v0_1/model.zip" in out
     assert "tensorboard --logdir runs/td3/RoboPianist-v0_1/tensorboard" in out
     assert "sb3-piano evaluate runs/td3/RoboPianist-v0_1" in out
-    assert "Keys: F1" in out
+    assert "  F1  " in out
     assert "no-op baseline" in out
     episodes = episodes_of(run / "monitor")
     # 1.2 s in steps of 0.05 s, and one in which all is silent again

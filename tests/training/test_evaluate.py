@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
+import signal
 
 import gymnasium as gym
 import numpy as np
 import pytest
-import torch
 from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
@@ -18,7 +19,8 @@ from sb3_piano.envs import RETURN_KEYS
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music import read_midi
-from sb3_piano.training import evaluate, train
+from sb3_piano.training import evaluate
+from sb3_piano.training.statistics import summarize
 
 
 class DoubleReward(gym.RewardWrapper):
@@ -26,37 +28,6 @@ class DoubleReward(gym.RewardWrapper):
 
     def reward(self, reward):
         return 2.0 * float(reward)
-
-
-@pytest.fixture
-def piano_run(small_config, tmp_path, midi_file):
-    """A run on the MIDI file whose model does the same whatever it sees."""
-    config = small_config(
-        env_id="RoboPianist-v0", env_kwargs={"score": str(midi_file)}, n_timesteps=10
-    )
-    folder = train(config, tmp_path / "run", progress_bar=False).folder
-
-    def with_action(action):
-        model = TD3.load(folder.model_file)
-        layer = model.actor.mu[-2]
-        with torch.no_grad():
-            layer.weight.zero_()
-            layer.bias.copy_(torch.as_tensor(np.arctanh(np.clip(action, -0.9999999, 0.9999999))))
-        model.save(folder.model_file)
-        return folder
-
-    return with_action
-
-
-@pytest.fixture
-def pendulum_run(small_config, tmp_path):
-    """Train on Pendulum, and return the run's folder."""
-
-    def start(**changes):
-        changes = {"n_timesteps": 30, **changes}
-        return train(small_config(**changes), tmp_path / "run", progress_bar=False).folder
-
-    return start
 
 
 def loud_action():
@@ -103,10 +74,14 @@ def test_hands_that_rest_equal_the_baseline_and_leave_no_midi_file(piano_run, mi
 def test_the_file_of_metrics_has_what_was_returned(piano_run):
     evaluation = evaluate(piano_run(loud_action()).path, episodes=2, seed=3)
     content = json.loads(evaluation.metrics_file.read_text())
-    assert content["num_timesteps"] == 10
-    assert content["seed"] == 3
+    assert content == json.loads(json.dumps(evaluation.to_json()))
+    assert content["num_timesteps"] == 1
+    assert content["episode_seeds"] == [3, 3]
     assert content["mean"] == evaluation.mean
     assert content["std"]["f1"] == 0.0  # nothing is random here
+    assert content["interval"]["f1"] is None
+    assert content["no_interval"]["f1"] == "all values are equal"
+    assert (content["algo"], content["piece"], content["interrupted"]) == ("td3", "duet", False)
     assert content["baseline"] == evaluation.baseline
     assert content["episodes"] == list(evaluation.episodes)
     assert content["performances"] == ["performance_1.mid", "performance_2.mid"]
@@ -196,10 +171,79 @@ def test_a_damaged_model_is_named(pendulum_run):
         evaluate(folder.path)
 
 
-@pytest.mark.parametrize("changes", [{"episodes": 0}, {"seed": -1}])
+def test_episodes_of_several_seeds_are_those_of_each_seed_alone(pendulum_run):
+    folder = pendulum_run()
+    together = evaluate(folder.path, episodes=2, seed=[4, 1])
+    alone = [evaluate(folder.path, episodes=2, seed=seed) for seed in (4, 1)]
+    assert together.episodes == (*alone[0].episodes, *alone[1].episodes)
+    assert together.episode_seeds == (4, 4, 1, 1)
+    returns = [episode["return"] for episode in together.episodes]
+    assert together.summary["return"] == summarize(returns)
+    assert together.mean["return"] == pytest.approx(np.mean(returns))
+    low, high = together.summary["return"].interval
+    assert min(returns) <= low < together.mean["return"] < high <= max(returns)
+    assert together.to_json()["interval"]["return"] == [low, high]
+    assert "return" not in together.to_json()["no_interval"]
+
+
+def test_episodes_that_are_all_the_same_are_known_as_repetitions(piano_run, pendulum_run):
+    folder = piano_run(loud_action())
+    assert evaluate(folder.path, seed=[0, 1]).is_repetition
+    assert not evaluate(folder.path).is_repetition  # one episode repeats nothing
+    folder = piano_run(loud_action(), "wandering", randomize_hand_positions=True)
+    assert not evaluate(folder.path, seed=[0, 1]).is_repetition
+    assert not evaluate(pendulum_run("pendulum").path, episodes=2).is_repetition
+
+
+def test_another_piece_is_played_and_leaves_the_files_of_the_own_one(piano_run):
+    folder = piano_run(loud_action())
+    own = evaluate(folder.path)
+    before = own.metrics_file.read_text()
+    other = evaluate(folder.path, score="TwinkleTwinkleLittleStar")
+    env = gym.make("RoboPianist-v0", score="TwinkleTwinkleLittleStar")
+    env.reset()
+    over, action = False, np.clip(loud_action(), -0.9999999, 0.9999999)
+    while not over:
+        *_, over, info = env.step(action)
+    for name in EPISODE_METRICS:
+        assert other.mean[name] == pytest.approx(info[name], rel=1e-3, abs=1e-6), name
+    assert other.baseline["length"] == other.mean["length"] == len(env.unwrapped.roll)
+    assert (own.piece, other.piece) == ("duet", "TwinkleTwinkleLittleStar")
+    assert (other.performances, other.metrics_file) == ((), None)
+    assert own.metrics_file.read_text() == before
+
+
+def test_ctrl_c_ends_an_evaluation_with_the_episodes_that_are_finished(pendulum_run, ctrl_c):
+    played = []
+
+    def stop_after_three():
+        played.append(1)
+        if len(played) == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    folder = pendulum_run()
+    found = evaluate(folder.path, episodes=2, seed=[0, 1, 2], on_episode=stop_after_three)
+    assert found.interrupted
+    assert found.episode_seeds == (0, 0, 1)
+    written = json.loads(found.metrics_file.read_text())
+    assert written["interrupted"]
+    assert len(written["episodes"]) == len(found.performances) == 3
+    assert found.episodes == evaluate(folder.path, 2, [0, 1]).episodes[:3]
+
+
+@pytest.mark.parametrize("changes", [{"episodes": 0}, {"seed": -1}, {"seed": [1, -1]}])
 def test_numbers_out_of_range_are_refused(tmp_path, changes):
     with pytest.raises(ConfigError, match="is (0|-1): expected (1|0) or more"):
         evaluate(tmp_path, **changes)
+
+
+@pytest.mark.parametrize(
+    ("seeds", "message"),
+    [([], "There are no seeds"), ([1, 2, 1], "seed 1 is given 2 times: expected each seed once")],
+)
+def test_seeds_are_there_and_not_twice(tmp_path, seeds, message):
+    with pytest.raises(ConfigError, match=message):
+        evaluate(tmp_path, seed=seeds)
 
 
 def test_a_place_that_cannot_be_written_is_named(pendulum_run):

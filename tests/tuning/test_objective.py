@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
+import os
+import signal
+
+import gymnasium as gym
 import optuna
 import pytest
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
@@ -9,6 +14,22 @@ from optuna.distributions import CategoricalDistribution, FloatDistribution, Int
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training import RunConfig, RunFolder
 from sb3_piano.tuning import Objective
+
+
+class StoppedInSecondEpisode(gym.Wrapper):
+    """Press Ctrl-C in the second episode played after a rest; named by its import path."""
+
+    resets = 0
+
+    def reset(self, **arguments):
+        self.resets += 1  # for the rest and after it, for the first episode and after it
+        return self.env.reset(**arguments)
+
+    def step(self, action):
+        if self.resets == 4:
+            os.kill(os.getpid(), signal.SIGINT)
+        return self.env.step(action)
+
 
 CONFIG = RunConfig(
     algo="td3",
@@ -44,7 +65,9 @@ def test_a_study_trains_each_trial_in_its_own_run_with_the_suggested_settings(tm
 
 def test_an_unknown_metric_is_answered_with_those_there_are(tmp_path):
     study = optuna.create_study()
-    with pytest.raises(ConfigError, match="metric is 'f2': expected one of f1, length"):
+    with pytest.raises(
+        ConfigError, match=r"metric is 'f2'\. Did you mean .*'f1'.* Expected one of"
+    ):
         study.optimize(Objective(CONFIG, {}, tmp_path, metric="f2"), n_trials=1)
 
 
@@ -58,3 +81,14 @@ def test_an_unknown_setting_is_refused_before_anything_is_trained(tmp_path):
 def test_a_space_of_another_kind_is_refused(tmp_path):
     with pytest.raises(ConfigError, match="The space of 'gamma' is 0.8: expected a distribution"):
         Objective(CONFIG, {"gamma": 0.8}, tmp_path)
+
+
+def test_ctrl_c_within_an_evaluation_ends_the_study(tmp_path, ctrl_c):
+    """A mean over fewer episodes than the others' would be no value of the trial."""
+    wrapper = f"{__name__}.{StoppedInSecondEpisode.__name__}"
+    config = dataclasses.replace(CONFIG, env_wrapper=wrapper)
+    study = optuna.create_study()
+    with pytest.raises(KeyboardInterrupt):
+        study.optimize(Objective(config, {}, tmp_path, episodes=2), n_trials=1)
+    assert study.trials[0].value is None
+    assert (tmp_path / "trial_0" / "evaluation" / "metrics.json").is_file()

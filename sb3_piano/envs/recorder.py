@@ -7,10 +7,20 @@ from dataclasses import dataclass
 from typing import Any, SupportsFloat
 
 import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
 
-from sb3_piano.envs import RETURN_KEYS, Performance
+from sb3_piano.envs.rewards import RETURN_KEYS
 from sb3_piano.metrics import EPISODE_METRICS
-from sb3_piano.music import Score
+from sb3_piano.performance import Performance
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """How everything moved in an episode, enough to draw it."""
+
+    qpos: npt.NDArray[np.float64]
+    """(T + 1, nq) joint positions at the start and after each control step, rad or m."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,8 +30,10 @@ class Recording:
     metrics: Mapping[str, float]
     """``return``, ``length`` in steps and, of piano environments, the music metrics and the sums of
     the reward's weighted terms, by their names in ``info``."""
-    performance: Score | None
-    """What was played; ``None`` if no key was pressed, or the environment is no piano."""
+    performance: Performance | None
+    """What was played; ``None`` if the environment is no piano."""
+    motion: Motion | None
+    """How the hands moved; ``None`` if the environment is no piano."""
 
 
 class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
@@ -38,6 +50,7 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
         """Whether the hands rest, whatever action arrives (see :attr:`can_rest`)."""
         self._return = 0.0
         self._length = 0
+        self._qpos: list[npt.NDArray[np.float64]] = []
 
     @property
     def can_rest(self) -> bool:
@@ -48,8 +61,10 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode."""
-        self._return, self._length = 0.0, 0
-        return self.env.reset(seed=seed, options=options)
+        result = self.env.reset(seed=seed, options=options)
+        self._return, self._length, self._qpos = 0.0, 0, []
+        self._note_positions()
+        return result
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Step, and record the episode if it ended."""
@@ -58,14 +73,22 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
         observation, reward, terminated, truncated, info = self.env.step(action)
         self._return += float(reward)
         self._length += 1
+        self._note_positions()
         if terminated or truncated:
             self.finished.append(self._recording(info))
         return observation, reward, terminated, truncated, info
+
+    def _note_positions(self) -> None:
+        if self.can_rest:
+            self._qpos.append(self.unwrapped.data.qpos.copy())  # type: ignore[attr-defined]
 
     def _recording(self, info: Mapping[str, Any]) -> Recording:
         played = getattr(self.unwrapped, "performance", None)
         metrics = {"return": self._return, "length": float(self._length)}
         names = (*EPISODE_METRICS, *RETURN_KEYS)
         metrics.update({name: float(info[name]) for name in names if name in info})
-        score = played.to_score() if isinstance(played, Performance) else None
-        return Recording(metrics=metrics, performance=score)
+        return Recording(
+            metrics=metrics,
+            performance=played if isinstance(played, Performance) else None,
+            motion=Motion(np.array(self._qpos)) if self._qpos else None,
+        )

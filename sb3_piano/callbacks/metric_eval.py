@@ -1,0 +1,260 @@
+"""Evaluation during training by a music metric in place of the return."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import warnings
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
+from stable_baselines3.common.logger import HumanOutputFormat
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+
+from sb3_piano.callbacks.best_model import BestModel
+from sb3_piano.callbacks.episode_info import finite_number
+from sb3_piano.callbacks.own_env import env_name, make_own_env, randomness_aside
+from sb3_piano.callbacks.run_context import RunContext
+from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.metrics import EPISODE_METRICS
+
+_BASELINE = "noop_f1"
+
+
+class MetricEvalCallback(EvalCallback):
+    """SB3's ``EvalCallback``, with a number of the final ``info`` in the place of the return.
+
+    Every ``eval_freq`` calls it plays some episodes in an environment of its own and logs, in one
+    line of the log, what ``EvalCallback`` logs and the mean of each metric of
+    :data:`~sb3_piano.metrics.EPISODE_METRICS` as ``eval/<name>``; among them is ``eval/noop_f1``,
+    the F1 of playing nothing. The best model is the one with the highest :attr:`metric`, and
+    ``best_mean_reward`` and ``last_mean_reward`` are that metric's: SB3's
+    ``StopTrainingOnNoModelImprovement`` and ``StopTrainingOnRewardThreshold`` work with it as they
+    are. A subclass names the metric::
+
+        class RecallCallback(MetricEvalCallback):
+            metric = "recall"
+
+    As with all of SB3's callbacks a call is one step of all environments together: with ``n_envs``
+    environments, ``eval_freq`` calls are ``eval_freq * n_envs`` environment steps.
+
+    The training does not notice: environment and random generators are its own, and training with
+    and without the callback gives the same model.
+
+    Args:
+        eval_env: The environment to play in; whoever gives one closes it. By default it is made
+            from the run's config in a training by ``sb3-piano train``, and otherwise a copy of the
+            first training environment, which must then be in this process (``DummyVecEnv``,
+            ``ThreadVecEnv``). It has the wrappers and the normalisation of the training.
+        callback_on_new_best: Called when there is a new best model.
+        callback_after_eval: Called after every evaluation.
+        n_eval_episodes: Episodes of an evaluation, at least 1. One is enough for a piece that
+            always starts alike.
+        eval_freq: Calls between two evaluations; 0 for none at all.
+        log_path: Folder of ``evaluations.npz``, which also gets each metric, (evaluations,
+            episodes). By default it is not written.
+        best_model_save_path: Folder of ``best_model.zip``, ``best_model.json`` with what it scored
+            and, if the training normalises, ``vecnormalize.pkl``. A training that goes on
+            (``num_timesteps`` above 0) replaces what is there only by something better. By default
+            ``best_<metric>`` in the folder of a run by ``sb3-piano train``, and otherwise nowhere.
+        deterministic: Whether the policy plays without exploring.
+        render: Whether to call the environment's ``render`` at each step.
+        verbose: 1 also writes each evaluation to the standard output.
+        warn: Whether to warn if ``eval_env`` has no ``Monitor``.
+        seed: Seeds the environment and the random generators of each evaluation, so that
+            evaluations are comparable; ``None`` lets them go on from the last one.
+        stop_threshold: End the training when the metric is this high; by default it never does.
+        stop_patience: In how many evaluations in a row it has to be, at least 1.
+
+    Raises:
+        ConfigError: If a number is out of range; when training starts, if the training's
+            environment cannot be copied; at an evaluation, if ``info`` lacks the metric.
+        RunError: When a training goes on, if ``best_model.json`` is damaged.
+    """
+
+    metric: ClassVar[str]
+    """The key of ``info`` by which models are judged; more is better."""
+
+    def __init__(
+        self,
+        eval_env: gym.Env[Any, Any] | VecEnv | None = None,
+        callback_on_new_best: BaseCallback | None = None,
+        callback_after_eval: BaseCallback | None = None,
+        n_eval_episodes: int = 1,
+        eval_freq: int = 10_000,
+        log_path: str | None = None,
+        best_model_save_path: str | None = None,
+        deterministic: bool = True,
+        render: bool = False,
+        verbose: int = 0,
+        warn: bool = True,
+        *,
+        seed: int | None = 0,
+        stop_threshold: float | None = None,
+        stop_patience: int = 1,
+    ) -> None:
+        if not hasattr(self, "metric"):
+            raise ConfigError(
+                f"{type(self).__name__} has no metric: expected F1Callback, OnsetF1Callback or a "
+                "subclass with metric = '...'."
+            )
+        for name, value in (("n_eval_episodes", n_eval_episodes), ("stop_patience", stop_patience)):
+            if value < 1:
+                raise ConfigError(f"{name} is {value}: expected 1 or more.")
+        super().__init__(
+            _NotYet() if eval_env is None else eval_env,
+            callback_on_new_best,
+            callback_after_eval,
+            n_eval_episodes,
+            eval_freq,
+            log_path,
+            best_model_save_path,
+            deterministic,
+            render,
+            verbose,
+            warn,
+        )
+        self.seed = seed
+        self.stop_threshold = stop_threshold
+        self.stop_patience = stop_patience
+        self.evaluations_metrics: list[list[Mapping[str, float]]] = []
+        """The metrics of each episode of each evaluation."""
+        self._makes_env = eval_env is None
+        self._run: RunContext | None = None
+        self._held = 0
+
+    def use_run(self, run: RunContext) -> None:
+        """Take the environment, and the place for the best model, from a run."""
+        self._run = run
+        if self.best_model_save_path is None:
+            self.best_model_save_path = str(run.folder / f"best_{self.metric}")
+
+    def _init_callback(self) -> None:
+        with warnings.catch_warnings():
+            if self._makes_env:
+                self._close_own_env()
+                self.eval_env = make_own_env(self.model, self._run)
+                # Training in processes or threads, evaluating without them is as it should be.
+                warnings.filterwarnings("ignore", "Training and eval env are not of the same type")
+            super()._init_callback()
+        if self.best_model_save_path is not None and self.model.num_timesteps > 0:
+            saved = BestModel.read(Path(self.best_model_save_path))
+            if saved is not None and saved.metric == self.metric:
+                self.best_mean_reward = max(self.best_mean_reward, saved.value)
+
+    def _on_training_end(self) -> None:
+        if self._makes_env:
+            self._close_own_env()
+
+    def _close_own_env(self) -> None:
+        self.eval_env.close()
+        self.eval_env = DummyVecEnv([_NotYet])
+
+    def _on_step(self) -> bool:
+        if self.eval_freq <= 0 or self.n_calls % self.eval_freq != 0:
+            return True
+        self.evaluations_metrics.append([])
+        with randomness_aside(self.model, self.seed), self._judgement_aside():
+            if self.seed is not None:
+                self.eval_env.seed(self.seed)
+            super()._on_step()
+        self._complete_evaluations_file()
+        return self._judge()
+
+    @contextlib.contextmanager
+    def _judgement_aside(self) -> Iterator[None]:
+        """Let ``EvalCallback`` evaluate and log, but not judge by the return, nor tell anyone."""
+        callback, self.callback = self.callback, None
+        best, self.best_mean_reward = self.best_mean_reward, np.inf
+        try:
+            yield
+        finally:
+            self.callback, self.best_mean_reward = callback, best
+
+    def _log_success_callback(self, locals_: dict[str, Any], globals_: dict[str, Any]) -> None:
+        super()._log_success_callback(locals_, globals_)
+        info = locals_["info"]
+        # Under a Monitor, evaluate_policy counts only the ends that Monitor saw.
+        if locals_["done"] and ("episode" in info or not locals_["is_monitor_wrapped"]):
+            self._add_episode(info)
+
+    def _add_episode(self, info: Mapping[str, Any]) -> None:
+        if self.metric not in info:
+            raise ConfigError(
+                f"{type(self).__name__} looks for {self.metric!r}, which the info of "
+                f"{env_name(self.eval_env)} lacks at the end of an episode."
+                f"{near_names(self.metric, info)} Expected a piano environment."
+            )
+        names = dict.fromkeys((*EPISODE_METRICS, self.metric))
+        numbers = {name: finite_number(info.get(name)) for name in names}
+        metrics = {name: number for name, number in numbers.items() if number is not None}
+        self.evaluations_metrics[-1].append(metrics)
+        for name, number in metrics.items():
+            self.logger.record_mean(f"eval/{name}", number)
+
+    def _mean(self, name: str) -> float:
+        """Return a metric's mean in the last evaluation; NaN if any episode is without it."""
+        return float(np.mean([found.get(name, np.nan) for found in self.evaluations_metrics[-1]]))
+
+    def _complete_evaluations_file(self) -> None:
+        if self.log_path is None:
+            return
+        with np.load(f"{self.log_path}.npz") as content:
+            arrays = dict(content)
+        names = {name for episodes in self.evaluations_metrics for e in episodes for name in e}
+        for name in names:
+            arrays[name] = np.array(
+                [[e.get(name, np.nan) for e in episodes] for episodes in self.evaluations_metrics]
+            )
+        np.savez(self.log_path, **arrays)
+
+    def _judge(self) -> bool:
+        """Return whether the training goes on after an evaluation."""
+        value = self._mean(self.metric)
+        self.last_mean_reward = value
+        goes_on = True
+        if value > self.best_mean_reward:
+            self.best_mean_reward = value
+            self._save_best(value)
+            if self.callback_on_new_best is not None:
+                goes_on = self.callback_on_new_best.on_step()
+        baseline = self._mean(_BASELINE)
+        beside = "" if np.isnan(baseline) else f", F1 of playing nothing {baseline:.4f}"
+        self._tell(
+            f"{self.metric} {value:.4f} after {self.num_timesteps} steps (best "
+            f"{self.best_mean_reward:.4f}{beside})"
+        )
+        return goes_on and self._on_event() and not self._is_held(value)
+
+    def _save_best(self, value: float) -> None:
+        if self.best_model_save_path is None:
+            return
+        best = BestModel(metric=self.metric, value=value, num_timesteps=self.num_timesteps)
+        best.save(Path(self.best_model_save_path), self.model)
+
+    def _is_held(self, value: float) -> bool:
+        """Return whether the threshold was reached in enough evaluations in a row."""
+        if self.stop_threshold is None:
+            return False
+        self._held = self._held + 1 if value >= self.stop_threshold else 0
+        if self._held < self.stop_patience:
+            return False
+        self._tell(
+            f"{self.metric} was {self.stop_threshold} or more in {self._held} evaluations in a "
+            "row: the training ends."
+        )
+        return True
+
+    def _tell(self, text: str) -> None:
+        if self.verbose >= 1:
+            HumanOutputFormat(sys.stdout).write_sequence([text])
+
+
+class _NotYet(gym.Env[Any, Any]):
+    """Stands in for an environment that is made when the training starts."""
+
+    observation_space = action_space = gym.spaces.Discrete(1)

@@ -1,0 +1,150 @@
+"""What the model plays, to be watched and heard while it is being trained."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+from stable_baselines3.common.callbacks import BaseCallback
+
+from sb3_piano.callbacks.own_piano import OwnPiano, Played
+from sb3_piano.callbacks.run_context import RunContext
+from sb3_piano.exceptions import ConfigError, RenderingError
+from sb3_piano.music import write_midi
+from sb3_piano.music.synthesis import synthesize, write_wav
+from sb3_piano.performance import Performance
+from sb3_piano.viewing.film import film
+from sb3_piano.viewing.video import write_video
+
+_LARGEST = {"width": 1920, "height": 1080}
+_CAMERAS = ("overview", "topdown")
+
+
+class PerformanceVideoCallback(BaseCallback):
+    """Play an episode now and then, and save it as a video with sound.
+
+    Every ``video_freq`` calls, in an environment of its own, the policy plays without exploring.
+    ``step_<n>.mp4`` has pictures and sound, ``step_<n>.wav`` the sound alone and ``step_<n>.mid``
+    the notes, unless no key was pressed; n is the number of environment steps so far. A machine
+    that cannot draw is told of once, and gets the other two.
+
+    A call is one step of all environments together: with ``n_envs`` environments, ``video_freq``
+    calls are ``video_freq * n_envs`` environment steps. The training does not notice: environment
+    and random generators are the callback's own.
+
+    Args:
+        video_freq: Calls between two videos; 0 for none at all.
+        folder: Where to write. By default ``videos`` in the folder of a run by ``sb3-piano train``;
+            elsewhere it has to be given.
+        max_seconds: How much of the piece to play at most, s.
+        width: Width of the picture, an even number of pixels, at most 1920.
+        height: Height of the picture, an even number of pixels, at most 1080.
+        camera: "overview" or "topdown".
+        seed: Seeds the environment of each episode, so that videos are comparable; ``None`` lets
+            it go on from the last one.
+
+    Raises:
+        ConfigError: If a setting is out of range; when training starts, if there is no folder, the
+            environment is no piano, or it is in another process and there is no run to make one.
+    """
+
+    def __init__(
+        self,
+        video_freq: int,
+        folder: str | None = None,
+        *,
+        max_seconds: float = 60.0,
+        width: int = 640,
+        height: int = 360,
+        camera: str = "overview",
+        seed: int | None = 0,
+    ) -> None:
+        super().__init__()
+        _check(max_seconds, {"width": width, "height": height}, camera)
+        self._video_freq = video_freq
+        self._folder = None if folder is None else Path(folder)
+        self._max_seconds = max_seconds
+        self._size = (width, height)
+        self._camera = camera
+        self._seed = seed
+        self._run: RunContext | None = None
+        self._piano: OwnPiano | None = None
+        self._can_draw = True
+
+    def use_run(self, run: RunContext) -> None:
+        """Take the environment, and the place for the videos, from a run."""
+        self._run = run
+        if self._folder is None:
+            self._folder = run.folder / "videos"
+
+    def _init_callback(self) -> None:
+        if self._folder is None:
+            raise ConfigError(
+                "PerformanceVideoCallback has no folder to write into: expected folder='...', "
+                "which only a training by 'sb3-piano train' can do without."
+            )
+        self._close()
+        self._piano = OwnPiano(self.model, self._run, self._max_seconds)
+        self._folder.mkdir(parents=True, exist_ok=True)
+
+    def _on_step(self) -> bool:
+        if self._video_freq > 0 and self.n_calls % self._video_freq == 0:
+            assert self._piano is not None, "a training is on"
+            assert self._folder is not None, "a training is on"
+            played = self._piano.play(self._seed)
+            base = self._folder / f"step_{self.num_timesteps}"
+            _write_sound(base, played.performance)
+            if self._can_draw:
+                self._write_video(base, played)
+        return True
+
+    def _on_training_end(self) -> None:
+        self._close()
+
+    def _close(self) -> None:
+        if self._piano is not None:
+            self._piano.close()
+            self._piano = None
+
+    def _write_video(self, base: Path, played: Played) -> None:
+        """Write the picture to the sound that is there already."""
+        width, height = self._size
+        view: dict[str, Any] = {"width": width, "height": height, "camera": self._camera}
+        try:
+            write_video(
+                base.with_suffix(".mp4"),
+                film(played.scene, played.performance, played.qpos, **view),
+                fps=1.0 / played.performance.roll.control_timestep,
+                audio=base.with_suffix(".wav"),
+                size=self._size,
+            )
+        except RenderingError as error:
+            self._can_draw = False
+            warnings.warn(
+                f"There are no videos of this training, only sound and notes: {error}",
+                stacklevel=2,
+            )
+
+
+def _write_sound(base: Path, performance: Performance) -> None:
+    score = performance.to_score()
+    midi = base.with_suffix(".mid")
+    if score is None:
+        midi.unlink(missing_ok=True)  # of a training that was here before
+    else:
+        write_midi(score, midi)
+    length = len(performance) * performance.roll.control_timestep
+    write_wav(base.with_suffix(".wav"), synthesize(score, at_least=length))
+
+
+def _check(max_seconds: float, size: dict[str, int], camera: str) -> None:
+    if not max_seconds > 0:
+        raise ConfigError(f"max_seconds is {max_seconds}: expected more than 0 s.")
+    for name, pixels in size.items():
+        if not 2 <= pixels <= _LARGEST[name] or pixels % 2:
+            raise ConfigError(
+                f"{name} is {pixels}: expected an even number of pixels from 2 to {_LARGEST[name]}."
+            )
+    if camera not in _CAMERAS:
+        raise ConfigError(f"camera is {camera!r}: expected 'overview' or 'topdown'.")

@@ -1,0 +1,64 @@
+"""``sb3-piano bench``: measure speed and memory."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from pathlib import Path
+from typing import Any
+
+from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, whole_number
+from sb3_piano.exceptions import ConfigError
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command and its arguments."""
+    bench = commands.add_parser("bench", help="measure speed and memory")
+    add = bench.add_argument
+    add("--peer-python", metavar="PATH", help="measure RoboPianist too: a Python that has it")
+    add(
+        "--rounds",
+        type=whole_number,
+        default=10,
+        metavar="N",
+        help="rounds to take medians of; default: 10",
+    )
+    add(
+        "--only",
+        action="append",
+        choices=("simulation", "learner", "memory"),
+        help="measure this part; may be given several times",
+    )
+    add(
+        "--threads",
+        type=whole_number,
+        metavar="N",
+        help="threads of torch; default: torch's choice",
+    )
+    add("--json", type=Path, metavar="FILE", help="write the result to a file as well")
+    add("--no-progress", action="store_true", help="show no progress bar")
+    bench.set_defaults(command=_bench)
+
+
+def _bench(arguments: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from sb3_piano.bench import PARTS, BenchSettings, progress_bar, render, run_bench
+    from sb3_piano.files import write_json
+
+    file: Path | None = arguments.json
+    if file is not None and (file.is_dir() or not file.parent.is_dir()):
+        raise ConfigError(f"--json is '{file}': expected a file in a folder that exists.")
+    settings = BenchSettings(
+        parts=PARTS if arguments.only is None else tuple(arguments.only),
+        rounds=arguments.rounds,
+        peer_python=arguments.peer_python,
+        threads=arguments.threads,
+    )
+    with contextlib.nullcontext() if arguments.no_progress else progress_bar() as tick:
+        report = run_bench(settings, tick)
+    Console().print(render(report))
+    if file is not None:
+        write_json(file, report.to_json())
+        print(f"Result: {file}")
+    return EXIT_INTERRUPTED if report.interrupted else EXIT_OK

@@ -1,0 +1,47 @@
+"""The command line: find the command, run it, tell what went wrong."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+import sb3_piano
+from sb3_piano.cli import bench, compare, evaluate, listing, play, report, train
+from sb3_piano.cli.common import EXIT_ERROR, EXIT_INTERRUPTED
+from sb3_piano.exceptions import SB3PianoError
+
+# torch and the simulator are imported by the commands that need them, so that --help is instant.
+_COMMANDS = (train, evaluate, compare, play, report, bench, listing)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        argv: The arguments; by default those of the process.
+
+    Returns:
+        0 if all went well, 2 after an error of the user's, 130 after Ctrl-C.
+    """
+    arguments = _parser().parse_args(argv)
+    try:
+        return int(arguments.command(arguments))
+    except SB3PianoError as error:
+        print(f"sb3-piano: error: {error}", file=sys.stderr)
+        return EXIT_ERROR
+    except KeyboardInterrupt:
+        print("sb3-piano: interrupted.", file=sys.stderr)
+        return EXIT_INTERRUPTED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="sb3-piano",
+        description="Train robot hands to play the piano, and hear what they play.",
+    )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {sb3_piano.__version__}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    for module in _COMMANDS:
+        module.add_parser(commands)
+    return parser

@@ -1,0 +1,130 @@
+"""``sb3-piano play``: watch and hear a trained model, or a piece as it should be played."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sb3_piano.cli.common import EXIT_ERROR, EXIT_OK
+from sb3_piano.exceptions import ConfigError, RenderingError, near_names
+
+if TYPE_CHECKING:
+    from sb3_piano.training.play import Picture, Played, Progress, Take
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command and its arguments."""
+    play = commands.add_parser("play", help="watch and hear a trained model, or a piece")
+    add = play.add_argument
+    add("what", metavar="RUN|PIECE", help="a run's folder; or a MIDI or PIG file, or a study")
+    add("--out", metavar="DIR", help="default: RUN/play, or play/<title> for a piece")
+    add("--score", metavar="PIECE", help="let the run's model play another piece")
+    add("--seed", type=int, metavar="N", help="seed of the run's environment; default: 0")
+    add("--physics", metavar="NAME", help="reference or fast; default: what it was trained on")
+    add("--camera", choices=("overview", "topdown"), default="overview", help="default: overview")
+    add("--size", default="640x360", metavar="WxH", help="pixels of the video; default: 640x360")
+    add("--human", action="store_true", help="show it in a window first, in real time")
+    add("--no-video", action="store_true", help="write only the MIDI file and the sound")
+    add("--no-progress", action="store_true", help="show no progress bar")
+    play.set_defaults(command=_play)
+
+
+def _play(arguments: argparse.Namespace) -> int:
+    from sb3_piano.training.play import show_take, write_take
+
+    picture = None if arguments.no_video else _picture(arguments)
+    take, folder = _take(arguments)
+    problems = []
+    if arguments.human:
+        try:
+            show_take(take, camera=arguments.camera)
+        except RenderingError as error:
+            problems.append(str(error))
+    with contextlib.nullcontext() if arguments.no_progress else _progress_bar() as progress:
+        played = write_take(take, folder, picture, progress)
+    _report(played)
+    if played.problem is not None:
+        problems.append(f"There is no video. {played.problem}")
+    for problem in problems:
+        print(f"sb3-piano: error: {problem}", file=sys.stderr)
+    return EXIT_ERROR if problems else EXIT_OK
+
+
+def _picture(arguments: argparse.Namespace) -> Picture:
+    from sb3_piano.training.play import Picture
+
+    width, _, height = arguments.size.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise ConfigError(f"--size is {arguments.size!r}: expected pixels such as 640x360.")
+    return Picture(width=int(width), height=int(height), camera=arguments.camera)
+
+
+def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
+    """Let the run or the piece play; return that, and the folder to write it into."""
+    from sb3_piano.music import load_score
+    from sb3_piano.training.play import default_folder, take_of_run, take_of_score
+
+    what, score = arguments.what, None
+    if Path(what).is_dir():
+        score = None if arguments.score is None else load_score(arguments.score)
+        seed = 0 if arguments.seed is None else arguments.seed
+        take = take_of_run(what, seed=seed, physics=arguments.physics, score=score)
+        folder = default_folder(what, score)
+    else:
+        _check_piece(arguments)
+        score = load_score(what)
+        take = take_of_score(score, physics=arguments.physics or "reference")
+        folder = default_folder(None, score)
+    return take, folder if arguments.out is None else Path(arguments.out)
+
+
+def _check_piece(arguments: argparse.Namespace) -> None:
+    from sb3_piano.music import STUDIES
+
+    what = arguments.what
+    if what not in STUDIES and not Path(what).is_file():
+        raise ConfigError(
+            f"Nothing to play: there is no {what!r}.{near_names(what, STUDIES)} Expected the "
+            f"folder of a run, a MIDI or PIG file, or a study ({', '.join(sorted(STUDIES))})."
+        )
+    for name in ("score", "seed"):
+        if getattr(arguments, name) is not None:
+            raise ConfigError(
+                f"--{name} cannot be given with a piece: {what!r} plays itself. Expected a run's "
+                f"folder, or no --{name}."
+            )
+
+
+def _report(played: Played) -> None:
+    if played.midi is not None:
+        print(f"MIDI:  {played.midi}")
+    else:
+        print("MIDI:  no key was pressed, so there is no MIDI file and nothing to hear")
+    print(f"Sound: {played.wav}")
+    if played.video is not None:
+        print(f"Video: {played.video}")
+
+
+@contextlib.contextmanager
+def _progress_bar() -> Iterator[Progress]:
+    """Show a bar for the video on standard error, once it is under way."""
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    bar = Bar(console=Console(stderr=True), transient=True)
+
+    def tell(done: int, total: int) -> None:
+        if not bar.tasks:
+            bar.start()  # not before: without a task it would leave an empty line
+            bar.add_task("Video", total=total)
+        bar.update(bar.task_ids[0], completed=done)
+
+    try:
+        yield tell
+    finally:
+        if bar.tasks:
+            bar.stop()

@@ -1,0 +1,67 @@
+"""When, within a control step, keys went down and came up."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.metrics import presses_of
+
+BoolArray = npt.NDArray[np.bool_]
+FloatArray = npt.NDArray[np.float64]
+
+
+class PressTimes:
+    """Grows by one control step at a time.
+
+    A key is pressed or let go when what it does at the end of a control step differs from the end
+    of the step before. The time is that of the physics step since which it has been so: a key that
+    bounces within a control step went down when it went down for good.
+    """
+
+    def __init__(self, control_timestep: float):
+        """Begin without a press.
+
+        Args:
+            control_timestep: Length of a control step, s.
+        """
+        self._control_timestep = control_timestep
+        self._strikes: list[float] = []
+        self._releases: list[float] = []
+        self._held: dict[int, int] = {}  # which press each key that is down belongs to
+
+    def add(self, step: int, changed: npt.NDArray[np.intp], down: BoolArray) -> None:
+        """Note down the presses and releases of a control step.
+
+        Args:
+            step: The control step.
+            changed: (n,) keys that do another thing at its end than at its beginning, ascending.
+            down: (p, n) bool, whether each of them was down after each of the p physics steps.
+        """
+        for key, states in zip(changed.tolist(), down.T, strict=True):
+            other = np.flatnonzero(states != states[-1])
+            since = int(other[-1]) + 1 if len(other) else 0
+            time = (step + (since + 1) / len(states)) * self._control_timestep
+            if states[-1]:
+                self._held[key] = len(self._strikes)
+                self._strikes.append(time)
+                self._releases.append(np.nan)
+            else:
+                self._releases[self._held.pop(key)] = time
+
+    def strikes(self) -> FloatArray:
+        """Return when each press began, (n,) s, in the order of ``presses_of``."""
+        return np.array(self._strikes, dtype=float)
+
+    def releases(self, end: float) -> FloatArray:
+        """Return when each press ended, (n,) s; ``end`` for those that have not."""
+        releases = np.array(self._releases, dtype=float)
+        return np.where(np.isnan(releases), end, releases)
+
+    def restore(self, key_active: BoolArray, strikes: FloatArray, releases: FloatArray) -> None:
+        """Go on from the presses of (t, 88) steps with these times."""
+        presses = presses_of(key_active)
+        held = presses.end == len(key_active)
+        self._strikes = strikes.tolist()
+        self._releases = np.where(held, np.nan, releases).tolist()
+        self._held = {int(presses.key[i]): int(i) for i in np.flatnonzero(held)}

@@ -1,0 +1,61 @@
+"""How well a piece was played: pure functions from arrays to numbers."""
+
+from sb3_piano.metrics.episode import EPISODE_METRICS, FINGER_SHARES, episode_metrics
+from sb3_piano.metrics.fingers import (
+    KeyBoxes,
+    effective_fingers,
+    finger_shares,
+    fingering_agreement,
+    nearest_fingers,
+)
+from sb3_piano.metrics.frames import (
+    FrameScores,
+    frame_f1,
+    frame_scores,
+    non_silent_f1,
+    noop_scores,
+)
+from sb3_piano.metrics.onsets import (
+    ONSET_TOLERANCE,
+    Onsets,
+    OnsetScores,
+    TimingError,
+    match_onsets,
+    onset_f1,
+    onset_scores,
+    onsets_of,
+    timing_error,
+)
+from sb3_piano.metrics.presses import Presses, presses_of
+from sb3_piano.metrics.returns import normalized_return
+from sb3_piano.metrics.wrong import wrong_presses, wrong_presses_per_second
+
+__all__ = [
+    "EPISODE_METRICS",
+    "FINGER_SHARES",
+    "ONSET_TOLERANCE",
+    "FrameScores",
+    "KeyBoxes",
+    "OnsetScores",
+    "Onsets",
+    "Presses",
+    "TimingError",
+    "effective_fingers",
+    "episode_metrics",
+    "finger_shares",
+    "fingering_agreement",
+    "frame_f1",
+    "frame_scores",
+    "match_onsets",
+    "nearest_fingers",
+    "non_silent_f1",
+    "noop_scores",
+    "normalized_return",
+    "onset_f1",
+    "onset_scores",
+    "onsets_of",
+    "presses_of",
+    "timing_error",
+    "wrong_presses",
+    "wrong_presses_per_second",
+]

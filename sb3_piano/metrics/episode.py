@@ -1,0 +1,102 @@
+"""All music metrics of an episode, by name."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.metrics.fingers import effective_fingers, finger_shares, fingering_agreement
+from sb3_piano.metrics.frames import count_frames, frame_scores
+from sb3_piano.metrics.onsets import Onsets, OnsetScores, match_onsets, timing_error_of
+from sb3_piano.metrics.wrong import wrong_presses_per_second
+
+BoolArray = npt.NDArray[np.bool_]
+FingerArray = npt.NDArray[np.int8]
+
+FINGER_SHARES = tuple(f"finger_share_{hand}{finger}" for hand in "rl" for finger in range(1, 6))
+"""Names of the ten shares of the pressing, in the order of the fingers 0-9: right thumb
+(``finger_share_r1``) to little finger, then left."""
+
+EPISODE_METRICS = (
+    "precision",
+    "recall",
+    "f1",
+    "sustain_precision",
+    "sustain_recall",
+    "sustain_f1",
+    "onset_precision",
+    "onset_recall",
+    "onset_f1",
+    "non_silent_f1",
+    "onset_error_mean_ms",
+    "onset_error_std_ms",
+    "wrong_presses_per_second",
+    "effective_fingers",
+    "effective_fingers_right",
+    "effective_fingers_left",
+    "fingering_agreement",
+    *FINGER_SHARES,
+    "noop_f1",
+    "normalized_return",
+)
+"""Names of the music metrics that an environment puts into ``info`` at the end of an episode."""
+
+_FINGERS_PER_HAND = 5
+
+
+def episode_metrics(
+    *,
+    target_keys: BoolArray,
+    played_keys: BoolArray,
+    target_pedal: BoolArray,
+    played_pedal: BoolArray,
+    target_onsets: Onsets,
+    played_onsets: Onsets,
+    target_finger: FingerArray,
+    press_finger: FingerArray,
+    control_timestep: float,
+) -> dict[str, float]:
+    """Return the ``EPISODE_METRICS`` of an episode by name, all but ``normalized_return``.
+
+    Each is defined by the function it comes from: :func:`~sb3_piano.metrics.frame_scores` for keys
+    and pedal, ``onset_scores``, ``non_silent_f1``, ``timing_error``, ``wrong_presses_per_second``,
+    ``finger_shares``, ``effective_fingers``, ``fingering_agreement``; ``noop_f1`` is the F1 of
+    ``noop_scores``. The normalised return needs the reward, of which the music knows nothing.
+
+    Args:
+        target_keys: (T, 88) bool, keys that are due in each control step that was played.
+        played_keys: (T, 88) bool, keys that sounded.
+        target_pedal: (T,) bool, whether the pedal should be down.
+        played_pedal: (T,) bool, whether it was.
+        target_onsets: The strikes that are due within these steps.
+        played_onsets: The strikes that were played.
+        target_finger: (T, 88) int8, the label of each key that is due, -1 where there is none.
+        press_finger: (T, 88) int8, the finger at each key that sounded, -1 where it was silent.
+        control_timestep: Length of a control step, in s.
+
+    Returns:
+        Plain floats, in the order of ``EPISODE_METRICS``.
+
+    Raises:
+        ValueError: If shapes do not go together.
+    """
+    frames = count_frames(target_keys, played_keys)
+    pedal = frame_scores(target_pedal[:, None], played_pedal[:, None])
+    pairs = match_onsets(target_onsets, played_onsets)
+    onsets = OnsetScores.of_counts(len(pairs), len(played_onsets.key), len(target_onsets.key))
+    shares = finger_shares(press_finger)
+    values = (
+        *frames.scores(),
+        *pedal,
+        *onsets,
+        frames.non_silent_f1(),
+        *timing_error_of(target_onsets, played_onsets, pairs),
+        wrong_presses_per_second(target_keys, played_keys, control_timestep),
+        effective_fingers(shares),
+        effective_fingers(shares[:_FINGERS_PER_HAND]),
+        effective_fingers(shares[_FINGERS_PER_HAND:]),
+        fingering_agreement(press_finger, target_finger),
+        *shares.tolist(),
+        frames.noop_f1(),
+    )
+    return dict(zip(EPISODE_METRICS[:-1], values, strict=True))

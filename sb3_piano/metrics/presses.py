@@ -1,0 +1,49 @@
+"""Presses: the unbroken runs of control steps in which a key sounds."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+
+class Presses(NamedTuple):
+    """n presses, ordered by their first step, then by key."""
+
+    key: npt.NDArray[np.intp]
+    """(n,) key, 0-87."""
+    first: npt.NDArray[np.intp]
+    """(n,) first control step in which the key sounds."""
+    end: npt.NDArray[np.intp]
+    """(n,) control step after the last one in which it sounds, up to T."""
+
+
+def presses_of(active: npt.ArrayLike) -> Presses:
+    """Find the presses: for each key the unbroken runs of control steps in which it sounds.
+
+    A key that is struck again without falling silent for at least one step stays one press. The
+    order is that of ``np.argwhere`` of the first steps, and so of ``PianoRoll.onset``.
+
+    Args:
+        active: (T, n) bool, whether each key sounds in each control step.
+
+    Returns:
+        The presses; empty arrays if no key ever sounds.
+
+    Raises:
+        ValueError: If the array is not two-dimensional.
+    """
+    active = np.asarray(active, dtype=bool)
+    if active.ndim != 2:
+        raise ValueError(f"Presses are found in a (steps, keys) array, got shape {active.shape}.")
+    steps, keys = active.shape
+    # All keys one after the other in one line, each followed by a silent step, so that no run goes
+    # over from one key to the next; rises and falls then take turns.
+    line = np.zeros((keys, steps + 1), dtype=bool)
+    line[:, :steps] = active.T
+    edges = np.flatnonzero(np.diff(line.reshape(-1), prepend=False))
+    key, first = np.divmod(edges[::2], steps + 1)
+    end = edges[1::2] - key * (steps + 1)
+    order = np.lexsort((key, first))
+    return Presses(key=key[order], first=first[order], end=end[order])

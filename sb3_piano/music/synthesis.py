@@ -1,0 +1,134 @@
+"""From a score to its sound."""
+
+from __future__ import annotations
+
+import functools
+import importlib.resources
+import io
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import pretty_midi
+from numpy.typing import NDArray
+
+from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.files import write_atomically
+from sb3_piano.music.midi_events import SUSTAIN_CONTROLLER
+from sb3_piano.music.score import Score
+
+SAMPLE_RATE = 48_000
+"""Samples per second of all sound; the synthesiser knows no other."""
+
+_TAIL = 1.0
+"""How long the last note is given to ring out, s."""
+
+_PEAK = 0.9
+"""Amplitude to which the loudest moment is scaled, so that nothing is clipped."""
+
+_MAX_DURATION = 3600.0
+"""Longest sound, s; 0.7 GB."""
+
+_TICKS_PER_SECOND = 2000
+"""Finer than the synthesiser's blocks of 64 samples, and an hour is less than the 1e7 ticks that
+pretty_midi takes."""
+
+
+def synthesize(score: Score | None, *, at_least: float = 0.0) -> NDArray[np.float32]:
+    """Play a score on the grand piano of the SoundFont that pretty_midi ships.
+
+    A note sounds until its key is let go, or until the pedal is, if that is later; and at most
+    until its key is struck again. The loudest moment of any score is equally loud.
+
+    Args:
+        score: The piece; ``None`` is silence.
+        at_least: The least length of the sound, s; what is missing is silence at the end.
+
+    Returns:
+        (n, 2) float32, left and right, ``SAMPLE_RATE`` a second, in [-0.9, 0.9]; a second longer
+        than the last note.
+
+    Raises:
+        ConfigError: If the length is no time.
+        ScoreError: If the sound would last longer than an hour.
+    """
+    from scipy.io import wavfile  # here, because it takes long
+
+    if not (math.isfinite(at_least) and at_least >= 0):
+        raise ConfigError(f"at_least is {at_least} s: expected a time from 0 on.")
+    end = 0.0 if score is None else _end(score) + _TAIL
+    if max(end, at_least) > _MAX_DURATION:
+        raise ScoreError(
+            f"The sound would last {max(end, at_least):.0f} s: expected {_MAX_DURATION:.0f} s at "
+            "most, such as an excerpt of the piece."
+        )
+    sound = np.zeros((round(max(end, at_least) * SAMPLE_RATE), 2), dtype=np.float32)
+    if score is None:
+        return sound
+    import midirenderer
+
+    file = midirenderer.render_wave_from(_soundfont(), _midi_bytes(score, end))
+    _, samples = wavfile.read(io.BytesIO(file))
+    sound[: len(samples)] = samples[: len(sound)]
+    peak = float(np.abs(sound).max())
+    return sound if peak == 0.0 else sound * np.float32(_PEAK / peak)
+
+
+def write_wav(path: str | os.PathLike[str], samples: NDArray[np.float32]) -> None:
+    """Write sound as a WAV file of 16 bits, whole or not at all.
+
+    Args:
+        path: The file; its folder must exist.
+        samples: (n, channels) floating-point numbers in [-1, 1], ``SAMPLE_RATE`` a second.
+
+    Raises:
+        ScoreError: If the file cannot be written.
+    """
+    from scipy.io import wavfile  # here, because it takes long
+
+    path = Path(path)
+    steps = np.round(np.clip(samples, -1.0, 1.0) * 32767.0).astype(np.int16)
+    try:
+        write_atomically(path, lambda file: wavfile.write(file, SAMPLE_RATE, steps))
+    except OSError as error:
+        raise ScoreError(
+            f"Cannot write {str(path)!r}: {error.strerror}; expected a file in a writable folder."
+        ) from error
+
+
+@functools.lru_cache(maxsize=1)
+def _soundfont() -> bytes:
+    return (importlib.resources.files("pretty_midi") / "TimGM6mb.sf2").read_bytes()
+
+
+def _end(score: Score) -> float:
+    """Return when the last string is damped, s."""
+    held = (pedal.offset for pedal in score.pedals if pedal.onset <= score.duration)
+    return max([score.duration, *held])
+
+
+def _midi_bytes(score: Score, end: float) -> bytes:
+    """Return a MIDI file of one channel, on which alone a pedal acts, that lasts until ``end``."""
+    piano = pretty_midi.Instrument(program=0)
+    # The synthesiser writes 16 bits: what is played softly throughout would be lost in them.
+    gain = 127 / max(note.velocity for note in score.notes)
+    struck_again: dict[int, float] = {}
+    for note in reversed(score.notes):
+        offset = min(note.offset, struck_again.get(note.pitch, math.inf))
+        if offset > note.onset:  # of two strikes at one time the longer one is heard
+            velocity = round(gain * note.velocity)
+            piano.notes.append(pretty_midi.Note(velocity, note.pitch, note.onset, offset))
+        struck_again[note.pitch] = note.onset
+    for pedal in score.pedals:
+        piano.control_changes += [
+            pretty_midi.ControlChange(SUSTAIN_CONTROLLER, 127, pedal.onset),
+            pretty_midi.ControlChange(SUSTAIN_CONTROLLER, 0, pedal.offset),
+        ]
+    # The synthesiser stops at the last event.
+    piano.control_changes.append(pretty_midi.ControlChange(SUSTAIN_CONTROLLER, 0, end))
+    midi = pretty_midi.PrettyMIDI(resolution=_TICKS_PER_SECOND // 2, initial_tempo=120.0)
+    midi.instruments.append(piano)
+    file = io.BytesIO()
+    midi.write(file)
+    return file.getvalue()

@@ -1,0 +1,112 @@
+"""What was played in an episode, step by step; all music metrics come from this record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.metrics import Onsets, episode_metrics, presses_of
+from sb3_piano.music import MIN_PITCH, Note, Pedal, PianoRoll, Score
+
+BoolArray = npt.NDArray[np.bool_]
+FloatArray = npt.NDArray[np.float64]
+FingerArray = npt.NDArray[np.int8]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Performance:
+    """The control steps of an episode so far, beside the roll that should have been played.
+
+    A press is an unbroken run of control steps at whose ends a key sounds; their order is that of
+    :func:`~sb3_piano.metrics.presses_of`. All times count from the start of the episode.
+    """
+
+    roll: PianoRoll
+    """What should be played, for the whole piece."""
+    key_active: BoolArray
+    """(t, 88) bool, keys that sounded at the end of each control step."""
+    sustain: BoolArray
+    """(t,) bool, whether the pedal was down."""
+    strike_time: FloatArray
+    """(n,) when the key of each of the n presses went down, s; to the length of a physics step."""
+    release_time: FloatArray
+    """(n,) when it came up again, s; the end of the last step if it did not."""
+    press_finger: FingerArray
+    """(t, 88) int8, the finger nearest to each sounding key, -1 where a key is silent."""
+    title: str = ""
+    """What the piece is called."""
+
+    def __len__(self) -> int:
+        return len(self.key_active)
+
+    def metrics(self) -> dict[str, float]:
+        """Return the music metrics by name, over the steps that were played.
+
+        They are :data:`~sb3_piano.metrics.EPISODE_METRICS` without ``normalized_return``, which
+        only the environment can tell.
+        """
+        steps, roll = len(self), self.roll
+        first, key = np.nonzero(roll.onset)
+        begun = first < steps
+        return episode_metrics(
+            target_keys=roll.active[:steps],
+            played_keys=self.key_active,
+            target_pedal=roll.sustain[:steps],
+            played_pedal=self.sustain,
+            target_onsets=Onsets(roll.onset_time[begun], key[begun]),
+            played_onsets=Onsets(self.strike_time, presses_of(self.key_active).key),
+            target_finger=roll.finger[:steps],
+            press_finger=self.press_finger,
+            control_timestep=roll.control_timestep,
+        )
+
+    def to_score(self) -> Score | None:
+        """Return what was played as a score, or ``None`` if no key was ever pressed.
+
+        Times are those of the episode, the initial silence included; a note's finger is the one
+        that was nearest when the key went down.
+        """
+        presses = presses_of(self.key_active)
+        notes = _notes(
+            presses.key,
+            self.strike_time,
+            self.release_time,
+            self.press_finger[presses.first, presses.key],
+        )
+        if not notes:
+            return None
+        return Score(notes=notes, pedals=self._pedals(self.sustain), title=self.title)
+
+    def target_score(self) -> Score:
+        """Return what should have been played, on the clock of the episode."""
+        roll = self.roll
+        presses = presses_of(roll.active)
+        notes = _notes(
+            presses.key,
+            roll.onset_time,
+            presses.end * roll.control_timestep,
+            roll.finger[presses.first, presses.key],
+        )
+        return Score(notes=notes, pedals=self._pedals(roll.sustain), title=self.title)
+
+    def _pedals(self, sustain: BoolArray) -> list[Pedal]:
+        step = self.roll.control_timestep
+        presses = presses_of(sustain[:, None])
+        spans = zip(presses.first.tolist(), presses.end.tolist(), strict=True)
+        return [Pedal(onset=first * step, offset=end * step) for first, end in spans]
+
+
+def _notes(
+    keys: Iterable[int],
+    onsets: FloatArray,
+    offsets: npt.NDArray[np.floating[Any]],
+    fingers: FingerArray,
+) -> list[Note]:
+    return [
+        Note(onset=onset, offset=offset, pitch=MIN_PITCH + int(key), finger=int(finger))
+        for key, onset, offset, finger in zip(keys, onsets, offsets, fingers, strict=True)
+    ]

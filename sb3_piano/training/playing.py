@@ -1,0 +1,255 @@
+"""A run's saved model, ready to play."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import yaml
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+
+from sb3_piano.envs import EpisodeRecorder, PianoEnv, Recording
+from sb3_piano.exceptions import ConfigError, RunError, ScoreError
+from sb3_piano.music import Score, load_score
+from sb3_piano.training.builders import build_vec_env
+from sb3_piano.training.config import RunConfig
+from sb3_piano.training.loading import load_model, model_files
+from sb3_piano.training.run_folder import RunFolder
+
+
+class SavedPlayer:
+    """The saved model of a run in its own environment, playing without exploring.
+
+    The environment has the run's wrappers and normalisation; what is recorded is that of the bare
+    environment inside::
+
+        with SavedPlayer.open("runs/td3/RoboPianist-v0_1") as player:
+            recordings = player.play(episodes=3)
+
+    :meth:`open` makes one.
+
+    Attributes:
+        run: The run's folder.
+        config: The run's settings as they are played: one environment, the given physics.
+        piece: The name of what is played; the environment's id if it is no piano.
+        model: The saved model.
+    """
+
+    def __init__(
+        self,
+        run: RunFolder,
+        config: RunConfig,
+        piece: str,
+        model: BaseAlgorithm,
+        venv: VecEnv,
+        recorder: EpisodeRecorder,
+    ):
+        self.run = run
+        self.config = config
+        self.piece = piece
+        self.model = model
+        self._venv = venv
+        self._recorder = recorder
+
+    @classmethod
+    def open(
+        cls,
+        folder: str | os.PathLike[str],
+        *,
+        seed: int = 0,
+        physics: str | None = None,
+        score: Score | str | os.PathLike[str] | None = None,
+        best: str | None = None,
+    ) -> SavedPlayer:
+        """Return the player of a run.
+
+        Another piece comes in through the environment's ``reset``, so that an observation that
+        was fitted to the run's own piece keeps its meaning.
+
+        Args:
+            folder: The run's folder.
+            seed: Seeds the environment, unless :meth:`play` is given another, at least 0.
+            physics: Name of the physics profile to play on; by default the run's own.
+            score: What to play in place of the run's own piece, whatever its wrappers choose.
+            best: Play the best model by this metric, such as "f1", in place of the last one.
+
+        Raises:
+            ConfigError: If ``seed`` is out of range, the run's config is damaged, or a piece is
+                given to an environment that is no piano.
+            RunError: If there is no run, it has no model that can be loaded, or what it observes
+                cannot show the piece.
+            ScoreError: If the score cannot be read.
+        """
+        run = RunFolder.open(folder)
+        config = _config_to_play(run.read_config(), seed, physics)
+        chosen = None if score is None else load_score(score)
+        model_file, statistics = model_files(run, config, best)
+        recorders: list[EpisodeRecorder] = []
+
+        def innermost(env: gym.Env[Any, Any]) -> EpisodeRecorder:
+            recorders.append(EpisodeRecorder(env if chosen is None else _FixedPiece(env, chosen)))
+            return recorders[-1]
+
+        venv = build_vec_env(config, statistics, innermost=innermost)
+        try:
+            if isinstance(venv, VecNormalize):
+                venv.training = False
+            if chosen is not None:
+                _check_playable(run, config, recorders[0], chosen)
+            model = _load(config, model_file, venv)
+        except BaseException:
+            venv.close()
+            raise
+        piece = _own_piece(run, config, recorders[0]) if chosen is None else chosen.title
+        return cls(run, config, piece, model, venv, recorders[0])
+
+    @property
+    def env(self) -> gym.Env[Any, Any]:
+        """The bare environment."""
+        return self._recorder.unwrapped
+
+    @property
+    def num_timesteps(self) -> int:
+        """Environment steps that the model was trained for."""
+        return self.model.num_timesteps
+
+    def play(self, episodes: int = 1, *, seed: int | None = None) -> list[Recording]:
+        """Play from a freshly seeded environment.
+
+        Args:
+            episodes: How many episodes to play, at least 1.
+            seed: Seeds the environment, at least 0; by default the seed given to :meth:`open`.
+
+        Raises:
+            ConfigError: If a number is out of range.
+        """
+        _check_least("episodes", episodes, 1)
+        return list(itertools.islice(self.episodes(seed=seed), episodes))
+
+    def episodes(self, *, seed: int | None = None) -> Iterator[Recording]:
+        """Play from a freshly seeded environment without end, each episode as it is asked for.
+
+        Whatever is played next, or a rest, ends it.
+
+        Args:
+            seed: Seeds the environment, at least 0; by default the seed given to :meth:`open`.
+
+        Raises:
+            ConfigError: If the seed is out of range.
+        """
+        return self._record(seed, resting=False)
+
+    def rest(self, *, seed: int | None = None) -> Recording | None:
+        """Return an episode in which the hands rest, in the same environment and from its seed.
+
+        Returns:
+            The episode; ``None`` if the environment is no piano.
+        """
+        if not self._recorder.can_rest:
+            return None
+        return next(self._record(seed, resting=True))
+
+    def close(self) -> None:
+        """Close the environment."""
+        self._venv.close()
+
+    def __enter__(self) -> SavedPlayer:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _record(self, seed: int | None, *, resting: bool) -> Iterator[Recording]:
+        seed = self.config.seed if seed is None else seed
+        _check_least("seed", seed or 0, 0)
+        self._recorder.resting = resting
+        self._venv.seed(seed)
+        return self._endless(self._venv.reset())
+
+    def _endless(self, observation: Any) -> Iterator[Recording]:
+        state, starts = None, np.ones(1, dtype=bool)
+        while True:
+            action, state = self.model.predict(observation, state, starts, deterministic=True)
+            observation, _, starts, _ = self._venv.step(action)
+            if self._recorder.finished:
+                yield self._recorder.finished.pop()
+
+
+class _FixedPiece(gym.Wrapper[Any, Any, Any, Any]):
+    """Play one piece, whatever the wrappers further out ask for."""
+
+    def __init__(self, env: gym.Env[Any, Any], score: Score):
+        super().__init__(env)
+        self._score = score
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode of the piece."""
+        return self.env.reset(seed=seed, options={**(options or {}), "score": self._score})
+
+
+def _check_least(name: str, value: int, least: int) -> None:
+    if value < least:
+        raise ConfigError(f"{name} is {value}: expected {least} or more.")
+
+
+def _config_to_play(config: RunConfig, seed: int, physics: str | None) -> RunConfig:
+    _check_least("seed", seed, 0)
+    changed = {} if physics is None else {"physics": physics}
+    return dataclasses.replace(
+        config,
+        env_kwargs={**config.env_kwargs, **changed},
+        n_envs=1,
+        vec_env="dummy",
+        seed=seed,
+        monitor_kwargs={},
+    )
+
+
+def _check_playable(
+    run: RunFolder, config: RunConfig, env: gym.Env[Any, Any], score: Score
+) -> None:
+    if not isinstance(env.unwrapped, PianoEnv):
+        raise ConfigError(
+            f"Run '{run.path}' cannot play {score.title!r}: its environment {config.env_id!r} is "
+            "no piano. Expected a run of a piano environment, or no piece."
+        )
+    try:
+        env.reset()
+    except ScoreError as error:
+        raise RunError(
+            f"Run '{run.path}' cannot play {score.title!r}: {error} Expected a piece that its "
+            "observation can show."
+        ) from error
+
+
+def _own_piece(run: RunFolder, config: RunConfig, env: gym.Env[Any, Any]) -> str:
+    """Return what a run's own piece is called, by its file's name before it was copied."""
+    if not isinstance(env.unwrapped, PianoEnv):
+        return config.env_id
+    try:
+        notes = yaml.safe_load(run.provenance_file.read_text(encoding="utf-8"))
+        return Path(notes["score_file"]).stem
+    except (OSError, KeyError, TypeError, yaml.YAMLError):  # no file was copied
+        return env.unwrapped.score.title or config.env_id
+
+
+def _load(config: RunConfig, path: Path, venv: VecEnv) -> BaseAlgorithm:
+    # The replay buffer is not needed, and would be as large as in training.
+    off_policy = issubclass(config.algorithm, OffPolicyAlgorithm)
+    return load_model(config, path, venv, **({"buffer_size": 1} if off_policy else {}))

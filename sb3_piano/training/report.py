@@ -1,0 +1,181 @@
+"""The report of a run: what its saved model plays, and how its training went."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.files import write_text
+from sb3_piano.training.playing import SavedPlayer
+from sb3_piano.training.provenance import provenance
+from sb3_piano.training.run_folder import RunFolder
+from sb3_piano.training.yaml_config import read_yaml_mapping
+from sb3_piano.viewing.report import Curve, Report, report_html
+
+
+def write_report(
+    folder: str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    seed: int = 0,
+    physics: str | None = None,
+) -> Path:
+    """Let a run's saved model play an episode, and write what there is to see into an HTML file.
+
+    The file needs nothing else, also no network.
+
+    Args:
+        folder: The run's folder.
+        out: The file; by default ``evaluation/report.html`` in the run's folder.
+        seed: Seeds the environment, at least 0; the resting hands get the same.
+        physics: Name of the physics profile to play on; by default the run's own.
+
+    Returns:
+        The file.
+
+    Raises:
+        ConfigError: If ``seed`` or ``physics`` is not valid, or the run's config is damaged.
+        RunError: If there is no run of a piano environment, it has no model that can be loaded, or
+            the file cannot be written.
+    """
+    with SavedPlayer.open(folder, seed=seed, physics=physics) as player:
+        run, env = player.run, player.env
+        if not isinstance(env, PianoEnv):
+            raise RunError(
+                f"Run '{run.path}' has no music to show: its environment "
+                f"{player.config.env_id!r} is no piano. Expected a run of a piano environment."
+            )
+        played, baseline = player.play()[0], player.rest()
+        assert played.performance is not None, "a piano's episode is recorded"
+        facts, commands = _origin(player, env.config.physics, seed, physics)
+        report = Report(
+            performance=dataclasses.replace(played.performance, title=player.piece),
+            metrics=played.metrics,
+            baseline=None if baseline is None else baseline.metrics,
+            curves=training_curves(run),
+            subtitle=(
+                f"{player.config.algo.upper()} after {player.num_timesteps:,} steps of training · "
+                f"{env.config.physics} physics · seed {seed}"
+            ),
+            facts=facts,
+            commands=commands,
+        )
+    return _write(run, report_html(report), out)
+
+
+def training_curves(run: RunFolder) -> dict[str, Curve]:
+    """Return what TensorBoard's files of a run say, by name.
+
+    A run that was resumed from a checkpoint before its last log line has lines for some steps
+    twice; those of the training that was given up are left out. So are numbers that are not finite.
+
+    Args:
+        run: The run's folder.
+
+    Returns:
+        The curves, none of them empty; no curve if there is no such file.
+    """
+    points: dict[str, list[_Point]] = {}
+    if run.tensorboard_dir.is_dir():
+        for folder in sorted(run.tensorboard_dir.iterdir()):
+            for name, found in _points(folder).items():
+                points.setdefault(name, []).extend(found)
+    curves = {name: _curve(found) for name, found in points.items()}
+    return {name: curve for name, curve in curves.items() if len(curve.steps)}
+
+
+class _Point(NamedTuple):
+    written_at: float
+    step: int
+    value: float
+
+
+def _points(folder: Path) -> dict[str, list[_Point]]:
+    """Return all that the event files of a folder hold, in the order of its being written."""
+    # Slow to import, and of no use to a run without a log.
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    events = EventAccumulator(str(folder), size_guidance={"scalars": 0}).Reload()  # 0: keep all
+    return {
+        name: [_Point(event.wall_time, event.step, event.value) for event in events.Scalars(name)]
+        for name in events.Tags()["scalars"]
+    }
+
+
+def _curve(points: list[_Point]) -> Curve:
+    kept: list[_Point] = []
+    for point in sorted(points, key=lambda point: point.written_at):
+        while kept and kept[-1].step >= point.step:
+            kept.pop()
+        kept.append(point)
+    finite = [point for point in kept if math.isfinite(point.value)]
+    return Curve(
+        steps=np.array([point.step for point in finite], dtype=np.int64),
+        values=np.array([point.value for point in finite], dtype=float),
+    )
+
+
+Texts = list[tuple[str, str]]
+
+
+def _origin(
+    player: SavedPlayer, physics: str, seed: int, chosen_physics: str | None
+) -> tuple[Texts, Texts]:
+    """Return the facts of a report, and the commands to do it again."""
+    config, run = player.config, player.run
+    notes = _notes(run)
+    now = provenance(seed)
+    facts = [
+        ("Piece", player.piece),
+        ("Environment", config.env_id),
+        ("Algorithm", config.algo),
+        ("Steps trained", f"{player.num_timesteps:,}"),
+        ("Physics", physics),
+        ("Seed", f"{seed} (of the training: {notes.get('seed', 'unknown')})"),
+        ("Run", str(run.path)),
+        ("Trained", str(notes.get("created", "unknown"))),
+        ("Trained with", _versions(notes.get("versions"))),
+        ("Played", now["created"]),
+        ("Played with", _versions(now["versions"])),
+    ]
+    again = ["sb3-piano", "report", str(run.path), "--seed", str(seed)]
+    again += [] if chosen_physics is None else ["--physics", chosen_physics]
+    training = str(notes.get("command", "unknown"))
+    return facts, [("Training", training), ("This report", shlex.join(again))]
+
+
+def _notes(run: RunFolder) -> Mapping[str, Any]:
+    """Return what the run notes of its origin; nothing if that is gone or damaged."""
+    try:
+        return read_yaml_mapping(run.provenance_file)
+    except ConfigError:
+        return {}
+
+
+def _versions(versions: object) -> str:
+    if not isinstance(versions, Mapping):
+        return "unknown"
+    return ", ".join(f"{name} {version}" for name, version in versions.items() if version)
+
+
+def _write(run: RunFolder, html: str, out: str | os.PathLike[str] | None) -> Path:
+    path = run.evaluation_dir / "report.html" if out is None else Path(out)
+    try:
+        if out is None:
+            run.evaluation_dir.mkdir(exist_ok=True)
+        write_text(path, html)
+    except OSError as error:
+        raise RunError(
+            f"'{path}' cannot be written: {error.strerror}. Expected a file in a folder that is "
+            "there."
+        ) from error
+    return path

@@ -1,0 +1,162 @@
+"""Video files: H.264 pictures with AAC sound, written by the ffmpeg that imageio-ffmpeg brings."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.exceptions import ConfigError, RenderingError
+from sb3_piano.files import PARTIAL_SUFFIX
+
+Frame = npt.NDArray[np.uint8]
+
+_QUALITY = "20"
+"""x264's constant rate factor: 0 loses nothing, 51 is worst, 18 to 23 look good."""
+
+
+def write_video(
+    path: str | os.PathLike[str],
+    frames: Iterable[Frame],
+    fps: float,
+    audio: str | os.PathLike[str] | None,
+    size: tuple[int, int],
+    *,
+    progress: Callable[[int], object] | None = None,
+) -> None:
+    """Write pictures, as they come, and sound as an MP4 file, whole or not at all.
+
+    The sound is cut, or filled up with silence, to the length of the pictures.
+
+    Args:
+        path: The file; its folder must exist.
+        frames: (height, width, 3) uint8 each.
+        fps: Pictures per second.
+        audio: A sound file that starts with the first picture; ``None`` for a silent video.
+        size: Width and height in pixels, both even, as the format demands.
+        progress: Is called after each picture with the number of pictures so far.
+
+    Raises:
+        ConfigError: If size or pictures per second are out of range, or there is no such sound.
+        RenderingError: If there are no pictures, one has another size, or ffmpeg fails.
+    """
+    path = Path(path)
+    _check(fps, audio, size)
+    silent = path.with_name(path.name + ".silent" + PARTIAL_SUFFIX)
+    whole = path.with_name(path.name + PARTIAL_SUFFIX)
+    rate = Fraction(fps).limit_denominator(100000)
+    try:
+        with _ffmpeg_running(path, _encoding(silent, rate, size)) as pipe:
+            count = 0
+            for count, frame in enumerate(frames, start=1):
+                _check_frame(frame, size)
+                pipe.write(np.ascontiguousarray(frame).data)
+                if progress is not None:
+                    progress(count)
+            if count == 0:
+                raise RenderingError(f"Cannot write '{path}': there are no pictures.")
+        # Only now it is known for how long there has to be sound.
+        with _ffmpeg_running(path, _muxing(silent, audio, count / rate, whole)):
+            pass
+        os.replace(whole, path)
+    finally:
+        silent.unlink(missing_ok=True)
+        whole.unlink(missing_ok=True)
+
+
+def _encoding(path: Path, rate: Fraction, size: tuple[int, int]) -> list[str]:
+    """Return the arguments that make a video of the pictures that come in through a pipe."""
+    pictures = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}"]
+    source = [*pictures, "-r", str(rate), "-i", "pipe:0"]
+    h264 = ["-c:v", "libx264", "-crf", _QUALITY, "-pix_fmt", "yuv420p"]
+    return [*source, *h264, "-f", "mp4", os.fspath(path)]
+
+
+def _muxing(
+    silent: Path, audio: str | os.PathLike[str] | None, duration: Fraction, path: Path
+) -> list[str]:
+    """Return the arguments that put sound of a duration in s, if any, beside the pictures."""
+    sources = ["-i", os.fspath(silent)]
+    sound = []
+    if audio is not None:
+        sources += ["-i", os.fspath(audio), "-map", "0:v:0", "-map", "1:a:0"]
+        sound = ["-af", f"apad,atrim=end={float(duration):.6f}", "-c:a", "aac", "-b:a", "160k"]
+    return [
+        *sources,
+        "-c:v",
+        "copy",
+        *sound,
+        "-movflags",
+        "+faststart",
+        "-f",
+        "mp4",
+        os.fspath(path),
+    ]
+
+
+@contextlib.contextmanager
+def _ffmpeg_running(path: Path, arguments: list[str]) -> Iterator[IO[bytes]]:
+    """Run ffmpeg as long as the context lasts, and give its input; end it after an error."""
+    with tempfile.TemporaryFile() as messages:
+        process = subprocess.Popen(
+            [_ffmpeg(), "-y", "-v", "error", *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=messages,
+            start_new_session=True,  # Ctrl-C is for us to answer
+        )
+        assert process.stdin is not None, "a pipe was asked for"
+        try:
+            with contextlib.suppress(BrokenPipeError):  # ffmpeg has ended and says why
+                yield process.stdin
+                process.stdin.close()
+            process.wait()
+        finally:
+            process.kill()
+            process.wait()
+            with contextlib.suppress(BrokenPipeError):
+                process.stdin.close()
+        if process.returncode != 0:
+            messages.seek(0)
+            said = " ".join(messages.read().decode(errors="replace").split())
+            raise RenderingError(
+                f"Cannot write the video '{path}': ffmpeg ended with {process.returncode} and "
+                f"said: {said}"
+            )
+
+
+def _ffmpeg() -> str:
+    import imageio_ffmpeg
+
+    try:
+        return imageio_ffmpeg.get_ffmpeg_exe()
+    except RuntimeError as error:
+        raise RenderingError(
+            f"Cannot write a video: {error} Expected the ffmpeg that 'pip install imageio-ffmpeg' "
+            "brings, or one named by IMAGEIO_FFMPEG_EXE."
+        ) from error
+
+
+def _check(fps: float, audio: str | os.PathLike[str] | None, size: tuple[int, int]) -> None:
+    if not 0 < fps <= 1000:
+        raise ConfigError(f"fps is {fps}: expected more than 0, up to 1000 pictures per second.")
+    if any(length < 2 or length % 2 for length in size):
+        raise ConfigError(f"size is {size[0]}x{size[1]}: expected even numbers of pixels.")
+    if audio is not None and not Path(audio).is_file():
+        raise ConfigError(f"audio is '{os.fspath(audio)}': expected a sound file.")
+
+
+def _check_frame(frame: npt.NDArray[Any], size: tuple[int, int]) -> None:
+    expected = (size[1], size[0], 3)
+    if frame.shape != expected or frame.dtype != np.uint8:
+        raise RenderingError(
+            f"A picture has shape {frame.shape} and type {frame.dtype}: expected {expected} uint8."
+        )

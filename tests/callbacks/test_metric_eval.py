@@ -1,0 +1,387 @@
+"""Evaluation by a music metric: what it logs, which model it keeps and when it ends a training."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from scripted import (
+    NoisyEnv,
+    ScriptedEnv,
+    log_lines,
+    series,
+    tiny_td3,
+    vector_of,
+    with_f1,
+)
+from stable_baselines3 import PPO, TD3
+from stable_baselines3.common.callbacks import (
+    BaseCallback,
+    CallbackList,
+    EvalCallback,
+    StopTrainingOnNoModelImprovement,
+    StopTrainingOnRewardThreshold,
+)
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNormalize
+
+from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
+from sb3_piano.exceptions import ConfigError, RunError
+
+
+class Note(BaseCallback):
+    """Note down the step and what the parent says; perhaps end the training."""
+
+    def __init__(self, goes_on=True):
+        super().__init__()
+        self.goes_on = goes_on
+        self.seen = []
+
+    def _on_step(self):
+        self.seen.append((self.num_timesteps, self.parent.best_mean_reward))
+        return self.goes_on
+
+
+@pytest.fixture
+def model():
+    return tiny_td3(with_f1(0.0))
+
+
+def evaluating(*values, **kwargs):
+    """Return a callback that finds these F1, one in each evaluation, every 5 calls."""
+    return F1Callback(Monitor(with_f1(*values)), eval_freq=5, **kwargs)
+
+
+# What is logged.
+
+
+def test_each_evaluation_logs_the_metrics_beside_what_sb3_logs_at_its_step(model, tmp_path):
+    infos = [
+        {"f1": 0.1, "onset_f1": 0.5, "noop_f1": 0.3, "finger_share_r1": 0.25, "other": 7.0},
+        {"f1": 0.3, "onset_f1": 0.7, "noop_f1": 0.3, "finger_share_r1": 0.75, "other": 7.0},
+    ]
+    callback = F1Callback(Monitor(ScriptedEnv(infos)), n_eval_episodes=2, eval_freq=7)
+    lines = [
+        line for line in log_lines(tmp_path, model, 14, callback) if "eval/mean_reward" in line
+    ]
+    for name, mean in {"f1": 0.2, "onset_f1": 0.6, "noop_f1": 0.3, "finger_share_r1": 0.5}.items():
+        assert series(lines, f"eval/{name}") == pytest.approx({7: mean, 14: mean})
+    assert series(lines, "eval/mean_ep_length") == {7: 5.0, 14: 5.0}
+    assert not [name for line in lines for name in line if "other" in name]
+
+
+@pytest.mark.parametrize("n_envs", [1, 3])
+def test_the_frequency_counts_calls_and_the_log_environment_steps(n_envs, tmp_path):
+    model = tiny_td3(vector_of(lambda: with_f1(0.0), n_envs=n_envs))
+    lines = log_lines(tmp_path, model, 12 * n_envs, evaluating(0.1, 0.2))
+    assert series(lines, "eval/f1") == pytest.approx({5 * n_envs: 0.1, 10 * n_envs: 0.2})
+
+
+def test_several_evaluation_environments_share_the_episodes(model, tmp_path):
+    env = DummyVecEnv([lambda: Monitor(with_f1(0.1)), lambda: Monitor(with_f1(0.4))])
+    lines = log_lines(tmp_path, model, 5, F1Callback(env, eval_freq=5, n_eval_episodes=3))
+    assert series(lines, "eval/f1") == pytest.approx({5: (0.1 + 0.4 + 0.4) / 3})
+
+
+def test_an_on_policy_training_is_evaluated_within_its_rollout(tmp_path):
+    model = PPO("MlpPolicy", with_f1(0.0), n_steps=20, batch_size=20, n_epochs=1, device="cpu")
+    assert series(log_lines(tmp_path, model, 20, evaluating(0.1, 0.2)), "eval/f1") == {
+        5: 0.1,
+        10: 0.2,
+        15: 0.1,
+        20: 0.2,
+    }
+
+
+class TwoLives(gym.Wrapper):
+    """Tell of an end in mid-episode, where Monitor inside sees none."""
+
+    def step(self, action):
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        return observation, reward, terminated or self.unwrapped.steps == 2, truncated, info
+
+    def reset(self, **kwargs):
+        if getattr(self.unwrapped, "steps", 0) == 2:
+            return np.zeros(2, dtype=np.float32), {}
+        return self.env.reset(**kwargs)
+
+
+def test_only_ends_that_monitor_saw_count(model, tmp_path):
+    env = TwoLives(Monitor(with_f1(0.1, 0.3)))  # other steps have an F1 of 99
+    lines = log_lines(tmp_path, model, 5, F1Callback(env, eval_freq=5, n_eval_episodes=2))
+    assert series(lines, "eval/f1") == pytest.approx({5: 0.2})
+
+
+def test_without_a_monitor_every_end_counts(model, tmp_path):
+    callback = F1Callback(with_f1(0.1, 0.3), eval_freq=5, n_eval_episodes=2, warn=False)
+    assert series(log_lines(tmp_path, model, 5, callback), "eval/f1") == pytest.approx({5: 0.2})
+
+
+def test_a_value_that_is_no_number_is_left_out_of_the_log(model, tmp_path):
+    infos = [{"f1": 0.1, "onset_f1": math.nan, "recall": "high"}]
+    lines = log_lines(tmp_path, model, 5, F1Callback(Monitor(ScriptedEnv(infos)), eval_freq=5))
+    assert series(lines, "eval/f1") == {5: 0.1}
+    assert not {"eval/onset_f1", "eval/recall"} & set(lines[-1])
+
+
+def test_a_metric_that_is_nan_is_never_the_best(model, tmp_path):
+    callback = evaluating(0.2, math.nan, 0.1, best_model_save_path=str(tmp_path))
+    model.learn(15, callback=callback)
+    assert best_of(tmp_path) == {"metric": "f1", "value": 0.2, "num_timesteps": 5}
+    assert callback.best_mean_reward == 0.2
+
+
+def test_nothing_is_evaluated_at_a_frequency_of_0(model, tmp_path):
+    lines = log_lines(tmp_path, model, 10, F1Callback(Monitor(with_f1(0.1)), eval_freq=0))
+    assert series(lines, "eval/f1") == {}
+
+
+def test_the_evaluations_file_gains_the_metrics(model, tmp_path):
+    infos = [{"f1": 0.1, "recall": 0.5}, {"f1": 0.2}, {"f1": 0.3}, {"f1": 0.4}]
+    env = Monitor(ScriptedEnv(infos))
+    model.learn(10, F1Callback(env, n_eval_episodes=2, eval_freq=5, log_path=str(tmp_path)))
+    with np.load(tmp_path / "evaluations.npz") as found:
+        assert set(found) == {"timesteps", "results", "ep_lengths", "f1", "recall"}
+        assert found["timesteps"].tolist() == [5, 10]
+        assert found["f1"].tolist() == [[0.1, 0.2], [0.3, 0.4]]
+        assert found["recall"].tolist()[0][0] == 0.5
+        assert np.isnan(found["recall"]).tolist() == [[False, True], [True, True]]
+
+
+def test_lines_on_the_terminal_come_only_when_asked_for(model, capsys):
+    model.learn(5, evaluating(0.25))
+    assert capsys.readouterr().out == ""
+    model.learn(10, evaluating(0.25, 0.5, stop_threshold=0.4, verbose=1))
+    out = capsys.readouterr().out
+    assert "f1 0.2500 after 5 steps (best 0.2500)\n" in out
+    assert "f1 0.5000 after 10 steps (best 0.5000)\n" in out
+    assert "f1 was 0.4 or more in 1 evaluations in a row: the training ends." in out
+
+
+def test_such_a_line_has_the_f1_of_playing_nothing_if_it_is_known(model, capsys):
+    env = Monitor(ScriptedEnv([{"f1": 0.25, "noop_f1": 0.125}]))
+    model.learn(5, F1Callback(env, eval_freq=5, verbose=1))
+    assert "(best 0.2500, F1 of playing nothing 0.1250)\n" in capsys.readouterr().out
+
+
+# Which model is kept.
+
+
+def best_of(folder):
+    return json.loads((folder / "best_model.json").read_text())
+
+
+def test_the_best_model_is_that_of_the_highest_metric(model, tmp_path):
+    model.learn(20, evaluating(0.2, 0.6, 0.4, 0.6, best_model_save_path=str(tmp_path)))
+    assert best_of(tmp_path) == {"metric": "f1", "value": 0.6, "num_timesteps": 10}
+    assert TD3.load(tmp_path / "best_model.zip").num_timesteps == 10
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "best_model.json",
+        "best_model.zip",
+    ]
+
+
+def test_onset_f1_may_choose_another_model_than_f1(model, tmp_path):
+    infos = [{"f1": 0.9, "onset_f1": 0.1}, {"f1": 0.1, "onset_f1": 0.2}]
+    for cls in (F1Callback, OnsetF1Callback):
+        folder = tmp_path / cls.metric
+        env = Monitor(ScriptedEnv(infos))
+        model.learn(10, cls(env, eval_freq=5, best_model_save_path=str(folder)))
+    assert best_of(tmp_path / "f1")["num_timesteps"] == 5
+    assert best_of(tmp_path / "onset_f1") == {
+        "metric": "onset_f1",
+        "value": 0.2,
+        "num_timesteps": 10,
+    }
+
+
+def test_a_subclass_judges_by_the_metric_it_names(model, tmp_path):
+    class Loudness(MetricEvalCallback):
+        metric = "loudness"
+
+    env = Monitor(ScriptedEnv([{"loudness": 1.0}, {"loudness": 3.0}]))
+    lines = log_lines(tmp_path, model, 10, Loudness(env, eval_freq=5))
+    assert series(lines, "eval/loudness") == {5: 1.0, 10: 3.0}
+
+
+def test_the_statistics_of_the_normalisation_stand_beside_the_best_model(tmp_path):
+    venv = VecNormalize(vector_of(NoisyEnv))
+    model = tiny_td3(venv)
+    model.learn(12, F1Callback(eval_freq=5, best_model_save_path=str(tmp_path)))
+    saved = VecNormalize.load(str(tmp_path / "vecnormalize.pkl"), vector_of(NoisyEnv))
+    # one observation of the reset and one of each step so far; SB3 begins with a weight of 1e-4
+    assert saved.obs_rms.count == pytest.approx(best_of(tmp_path)["num_timesteps"] + 1, abs=1e-3)
+
+
+def test_a_training_that_goes_on_keeps_the_best_model_of_before(model, tmp_path):
+    path = str(tmp_path)
+    model.learn(10, evaluating(0.2, 0.6, best_model_save_path=path))
+    for found, best in ((0.5, 0.6), (0.7, 0.7)):
+        callback = evaluating(found, best_model_save_path=path)
+        model.learn(5, callback, reset_num_timesteps=False)
+        assert callback.best_mean_reward == best
+        assert best_of(tmp_path)["value"] == best
+    assert best_of(tmp_path)["num_timesteps"] == 20
+
+
+def test_a_new_training_starts_over(model, tmp_path):
+    for found in (0.6, 0.5):
+        model.learn(5, evaluating(found, best_model_save_path=str(tmp_path)))
+    assert best_of(tmp_path)["value"] == 0.5
+
+
+def test_the_best_by_another_metric_does_not_count(model, tmp_path):
+    model.learn(5, evaluating(0.6, best_model_save_path=str(tmp_path)))
+    env = Monitor(ScriptedEnv([{"onset_f1": 0.1}]))
+    callback = OnsetF1Callback(env, eval_freq=5, best_model_save_path=str(tmp_path))
+    model.learn(5, callback, reset_num_timesteps=False)
+    assert best_of(tmp_path)["value"] == 0.1
+
+
+@pytest.mark.parametrize("content", ["", "{}", '{"metric": "f1", "value": [], "num_timesteps": 1}'])
+def test_a_damaged_note_beside_the_best_model_is_named(model, tmp_path, content):
+    model.learn(5)
+    (tmp_path / "best_model.json").write_text(content)
+    with pytest.raises(RunError, match="best_model.json' cannot be read"):
+        model.learn(
+            5, evaluating(0.6, best_model_save_path=str(tmp_path)), reset_num_timesteps=False
+        )
+
+
+# Who is told, and when the training ends.
+
+
+def test_children_see_the_metric_as_the_parents_best(model):
+    new_best, after = Note(), Note()
+    callback = evaluating(
+        0.2, 0.6, 0.4, callback_on_new_best=new_best, callback_after_eval=CallbackList([after])
+    )
+    model.learn(15, callback)
+    assert new_best.seen == [(5, 0.2), (10, 0.6)]
+    assert after.seen == [(5, 0.2), (10, 0.6), (15, 0.6)]
+    assert callback.last_mean_reward == 0.4
+
+
+@pytest.mark.parametrize("event", ["callback_on_new_best", "callback_after_eval"])
+def test_a_child_that_returns_false_ends_the_training(model, event):
+    model.learn(15, evaluating(0.2, **{event: Note(goes_on=False)}))
+    assert model.num_timesteps == 5
+
+
+@pytest.mark.parametrize(
+    ("child", "steps"),
+    [
+        (StopTrainingOnRewardThreshold(0.5), 10),
+        (StopTrainingOnRewardThreshold(0.7), 30),
+        (StopTrainingOnNoModelImprovement(max_no_improvement_evals=1), 20),
+        (StopTrainingOnNoModelImprovement(max_no_improvement_evals=2), 25),
+    ],
+)
+def test_stopping_rules_of_sb3_go_by_the_metric(model, child, steps):
+    model.learn(30, evaluating(0.2, 0.6, 0.4, 0.5, 0.3, 0.1, callback_after_eval=child))
+    assert model.num_timesteps == steps
+
+
+@pytest.mark.parametrize(
+    ("values", "patience", "steps"),
+    [
+        ((0.1, 0.5, 0.9), 1, 10),
+        ((0.6, 0.4, 0.5, 0.6, 0.1), 2, 20),
+        ((0.6, 0.4, 0.6, 0.4, 0.6), 2, 25),
+        ((0.6, math.nan, 0.6, 0.6, 0.6), 3, 25),
+    ],
+)
+def test_a_threshold_that_is_held_ends_the_training(model, values, patience, steps):
+    model.learn(25, evaluating(*values, stop_threshold=0.5, stop_patience=patience))
+    assert model.num_timesteps == steps
+
+
+def test_without_a_threshold_the_training_goes_on(model):
+    model.learn(25, evaluating(1.0))
+    assert model.num_timesteps == 25
+
+
+def test_it_works_beside_evalcallback_in_a_list(model, tmp_path):
+    other = EvalCallback(Monitor(with_f1(0.9)), eval_freq=5, verbose=0)
+    lines = log_lines(tmp_path, model, 10, CallbackList([other, evaluating(0.1, 0.2)]))
+    assert series(lines, "eval/f1") == pytest.approx({5: 0.1, 10: 0.2})
+    assert other.best_mean_reward == 0.0
+
+
+# The evaluation environment.
+
+
+def test_every_evaluation_has_the_same_seed(model):
+    env = with_f1(0.1)
+    model.learn(15, F1Callback(Monitor(env), n_eval_episodes=2, eval_freq=5, seed=7))
+    # 3 x (the two episodes, and the one that the vector begins after the last)
+    first = env.first_draws[:3]
+    assert env.first_draws == first * 3
+    assert len(set(first)) == 3
+    assert first[0] == np.random.default_rng(7).random()
+
+
+def test_without_a_seed_evaluations_differ(model):
+    env = with_f1(0.1)
+    model.learn(10, F1Callback(Monitor(env), eval_freq=5, seed=None))
+    assert len(set(env.first_draws)) == len(env.first_draws) == 4
+
+
+def test_a_given_environment_is_left_open_and_its_own_is_closed(model):
+    given = with_f1(0.1)
+    model.learn(5, F1Callback(Monitor(given), eval_freq=5))
+    assert not given.closed
+
+    class Spy(BaseCallback):
+        def _on_step(self):
+            self.env = self.parent.eval_env.envs[0].unwrapped
+            return True
+
+    spy = Spy()
+    callback = F1Callback(eval_freq=5, callback_after_eval=spy)
+    for _ in range(2):  # a second training makes a second one
+        training = with_f1(0.1)
+        tiny_td3(training).learn(5, callback)
+        assert spy.env is not training
+        assert (spy.env.ended, spy.env.closed) == (1, True)
+    callback.on_training_end()  # RL Zoo does so twice
+    assert not training.closed
+
+
+def test_an_environment_without_the_metric_is_named(model):
+    with pytest.raises(ConfigError, match="'f1', which the info of 'Pendulum-v1' lacks"):
+        tiny_td3("Pendulum-v1").learn(300, F1Callback(eval_freq=5))
+    env = Monitor(ScriptedEnv([{"f2": 0.1}]))
+    with pytest.raises(ConfigError, match="info of 'ScriptedEnv' lacks.*mean 'f2'.*Expected a pi"):
+        model.learn(5, F1Callback(env, eval_freq=5))
+
+
+@pytest.mark.filterwarnings("ignore:Training and eval env are not of the same type")
+def test_an_evaluation_in_another_process_works_too(model, tmp_path):
+    env = SubprocVecEnv([_monitored], start_method="spawn")
+    try:
+        lines = log_lines(tmp_path, model, 5, F1Callback(env, eval_freq=5))
+        assert series(lines, "eval/f1") == {5: 0.5}
+        with pytest.raises(ConfigError, match="'onset_f1', which the info of the environment"):
+            model.learn(5, OnsetF1Callback(env, eval_freq=5))
+    finally:
+        env.close()
+
+
+def _monitored():
+    return Monitor(with_f1(0.5))
+
+
+# Settings.
+
+
+def test_settings_that_make_no_sense_are_refused():
+    with pytest.raises(ConfigError, match="n_eval_episodes is 0: expected 1 or more"):
+        F1Callback(n_eval_episodes=0)
+    with pytest.raises(ConfigError, match="stop_patience is 0: expected 1 or more"):
+        F1Callback(stop_patience=0)
+    with pytest.raises(ConfigError, match="MetricEvalCallback has no metric"):
+        MetricEvalCallback()

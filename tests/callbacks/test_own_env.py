@@ -1,0 +1,260 @@
+"""The environment of a callback: like the training's, and without a trace in the training."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from scripted import NoisyEnv, log_lines, series, tiny_td3, vector_of, with_f1
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import (
+    DummyVecEnv,
+    SubprocVecEnv,
+    VecFrameStack,
+    VecMonitor,
+    VecNormalize,
+    VecTransposeImage,
+)
+
+from sb3_piano.callbacks import F1Callback
+from sb3_piano.callbacks.own_env import make_own_env, randomness_aside, sync_normalization
+from sb3_piano.callbacks.run_context import RunContext
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Note, Score
+from sb3_piano.vec_env import ThreadVecEnv
+
+
+class Innermost(gym.Wrapper):
+    """A wrapper by whose name its place is found."""
+
+
+def own_env(venv, innermost=None):
+    return make_own_env(tiny_td3(venv), None, innermost)
+
+
+def layers(env):
+    names = [type(env).__name__]
+    while isinstance(env, gym.Wrapper):
+        env = env.env
+        names.append(type(env).__name__)
+    return names
+
+
+def learned(make_model, callback):
+    model = make_model()
+    model.learn(60, callback=callback)
+    weights = torch.cat([p.detach().flatten() for p in model.policy.parameters()])
+    return weights, model.get_env().unwrapped.envs[0].unwrapped.np_random.normal()
+
+
+def td3():
+    return tiny_td3(VecNormalize(vector_of(NoisyEnv, seed=1)), learning_starts=10)
+
+
+def td3_in_threads():
+    return tiny_td3(
+        vector_of(NoisyEnv, n_envs=2, vec_env_cls=ThreadVecEnv, vec_env_kwargs={"n_threads": 1}),
+        learning_starts=10,
+    )
+
+
+def ppo():
+    kwargs = {"n_steps": 20, "batch_size": 10, "n_epochs": 1, "device": "cpu", "seed": 1}
+    return PPO("MlpPolicy", vector_of(NoisyEnv), **kwargs)
+
+
+@pytest.mark.parametrize("make_model", [td3, td3_in_threads, ppo])
+@pytest.mark.parametrize("deterministic", [True, False])
+@pytest.mark.parametrize("seed", [0, None])
+def test_training_gives_the_same_model_with_and_without_evaluation(make_model, deterministic, seed):
+    expected, next_draw = learned(make_model, None)
+    callback = F1Callback(eval_freq=7, deterministic=deterministic, n_eval_episodes=2, seed=seed)
+    found, draw = learned(make_model, callback)
+    assert len(callback.evaluations_metrics) >= 4
+    assert torch.equal(found, expected)
+    assert draw == next_draw
+
+
+def test_seeded_evaluations_of_one_model_agree_even_when_it_explores(tmp_path):
+    kwargs = {"n_steps": 100, "batch_size": 10, "n_epochs": 1, "device": "cpu"}
+    model = PPO("MlpPolicy", vector_of(NoisyEnv), **kwargs)
+    lines = log_lines(tmp_path, model, 100, F1Callback(eval_freq=20, deterministic=False))
+    values = list(series(lines, "eval/f1").values())
+    assert len(values) == 5
+    assert len(set(values)) == 1
+
+
+def test_the_global_generators_are_given_back_as_they_were():
+    model = tiny_td3(NoisyEnv())
+
+    def draws():
+        return random.random(), np.random.random(), torch.rand(()).item()  # noqa: NPY002
+
+    model.set_random_seed(3)
+    expected = draws()
+    model.set_random_seed(3)
+    with contextlib.suppress(KeyboardInterrupt), randomness_aside(model, 5):
+        assert draws() != expected
+        raise KeyboardInterrupt
+    assert draws() == expected
+
+
+def test_making_an_environment_draws_no_random_numbers_from_the_training(tmp_path):
+    def make_env(innermost):
+        np.random.random()  # noqa: NPY002
+        return vector_of(NoisyEnv)
+
+    model = tiny_td3(NoisyEnv())
+    np.random.seed(3)  # noqa: NPY002
+    make_own_env(model, RunContext(folder=tmp_path, make_env=make_env))
+    assert np.random.random() == np.random.RandomState(3).random()  # noqa: NPY002
+
+
+@pytest.mark.parametrize("vec_env_cls", [DummyVecEnv, ThreadVecEnv])
+def test_one_environment_is_copied_with_its_wrappers(vec_env_cls):
+    wrap = gym.wrappers.FlattenObservation
+    training = vector_of(NoisyEnv, n_envs=2, wrapper_class=wrap, vec_env_cls=vec_env_cls)
+    copied = own_env(training)
+    assert type(copied) is DummyVecEnv
+    assert copied.num_envs == 1
+    assert layers(copied.envs[0]) == ["FlattenObservation", "Monitor", "NoisyEnv"]
+    assert copied.envs[0].unwrapped is not training.envs[0].unwrapped
+
+
+def test_an_environment_without_a_monitor_gets_one():
+    assert layers(own_env(DummyVecEnv([NoisyEnv])).envs[0]) == ["Monitor", "NoisyEnv"]
+
+
+def test_a_copy_writes_nothing_to_the_monitor_file_of_the_training(tmp_path):
+    training = vector_of(lambda: with_f1(0.5), monitor_dir=str(tmp_path))
+    tiny_td3(training).learn(20, F1Callback(eval_freq=5, n_eval_episodes=3))
+    training.close()
+    [path] = tmp_path.glob("*.monitor.csv")
+    assert len(path.read_text().splitlines()) == 2 + 4  # 20 steps are four episodes
+
+
+def test_returns_are_those_inside_the_monitor(tmp_path):
+    def wrap(env):
+        return gym.wrappers.TransformReward(env, lambda reward: 100.0)
+
+    model = tiny_td3(vector_of(lambda: with_f1(0.5), wrapper_class=wrap))
+    lines = log_lines(tmp_path, model, 5, F1Callback(eval_freq=5))
+    assert series(lines, "eval/mean_reward") == {5: 0.0}
+
+
+def test_a_copy_starts_anew_whatever_the_training_is_doing():
+    training = vector_of(lambda: with_f1(0.5))
+    training.reset()
+    training.step(np.zeros((1, 1)))
+    copied = own_env(training)
+    copied.reset()
+    dones = [bool(copied.step(np.zeros((1, 1)))[2][0]) for _ in range(5)]
+    assert dones == [False] * 4 + [True]
+    assert training.envs[0].unwrapped.steps == 1
+
+
+def test_a_copy_normalises_as_the_training_does_now_and_learns_nothing_itself():
+    training = VecNormalize(VecMonitor(DummyVecEnv([NoisyEnv])))
+    model = tiny_td3(training)
+    copied = make_own_env(model, None)
+    assert isinstance(copied, VecNormalize)
+    assert isinstance(copied.venv, VecMonitor)
+    assert (training.training, copied.training) == (True, False)
+    model.learn(20)
+    sync_normalization(model, copied)
+    copied.reset()
+    copied.step(np.zeros((1, 1)))
+    assert copied.obs_rms.count == training.obs_rms.count == pytest.approx(21, abs=1e-3)
+    np.testing.assert_array_equal(copied.obs_rms.mean, training.obs_rms.mean)
+
+
+def test_without_normalisation_there_is_nothing_to_match():
+    model = tiny_td3(NoisyEnv())
+    sync_normalization(model, make_own_env(model, None))
+
+
+def test_other_wrappers_of_the_vector_are_copied_for_one_environment():
+    training = VecFrameStack(vector_of(NoisyEnv), n_stack=3)
+    copied = own_env(training, Innermost)
+    assert isinstance(copied, VecFrameStack)
+    assert copied.reset().shape == (1, 6)
+    assert layers(copied.venv.envs[0]) == ["Monitor", "Innermost", "NoisyEnv"]
+    assert layers(training.venv.envs[0]) == ["Monitor", "NoisyEnv"]
+    with pytest.raises(ConfigError, match="VecFrameStack around the training's 2 environments"):
+        own_env(VecFrameStack(vector_of(NoisyEnv, n_envs=2), n_stack=3))
+
+
+def test_pictures_are_transposed_as_in_training():
+    class Picture(NoisyEnv):
+        observation_space = gym.spaces.Box(0, 255, (36, 40, 3), dtype=np.uint8)
+
+        def _observation(self):
+            return np.zeros((36, 40, 3), dtype=np.uint8)
+
+    copied = own_env(VecTransposeImage(vector_of(Picture, n_envs=2)))
+    assert copied.reset().shape == (1, 3, 36, 40)
+
+
+def test_processes_have_no_environment_to_copy():
+    training = vector_of(
+        NoisyEnv, vec_env_cls=SubprocVecEnv, vec_env_kwargs={"start_method": "spawn"}
+    )
+    try:
+        with pytest.raises(
+            ConfigError, match="in a SubprocVecEnv.*eval_env=.*by 'sb3-piano train'"
+        ):
+            own_env(training)
+    finally:
+        training.close()
+
+
+def test_an_environment_that_cannot_be_copied_is_named(tmp_path):
+    class WithFile(NoisyEnv):
+        def __init__(self):
+            self.file = (tmp_path / "open").open("w")
+
+        def close(self):
+            self.file.close()
+
+    training = vector_of(WithFile)
+    with pytest.raises(ConfigError, match="training's WithFile cannot be copied .*eval_env="):
+        own_env(training)
+    training.close()
+
+
+@pytest.mark.parametrize(
+    ("wrap", "expected"),
+    [
+        (None, ["Monitor", "Innermost", "NoisyEnv"]),
+        (
+            gym.wrappers.FlattenObservation,
+            ["FlattenObservation", "Monitor", "Innermost", "NoisyEnv"],
+        ),
+    ],
+)
+def test_a_wrapper_can_be_put_around_the_bare_environment(wrap, expected):
+    training = vector_of(NoisyEnv, wrapper_class=wrap)
+    assert layers(own_env(training, Innermost).envs[0]) == expected
+    assert "Innermost" not in layers(training.envs[0])
+    assert layers(own_env(DummyVecEnv([NoisyEnv]), Innermost).envs[0]) == [
+        "Monitor",
+        "Innermost",
+        "NoisyEnv",
+    ]
+
+
+def test_a_piano_is_copied_in_the_midst_of_playing():
+    score = Score(notes=[Note(onset=0.0, offset=0.3, pitch=60)])
+    training = vector_of(lambda: PianoEnv(score=score, physics="fast"))
+    training.reset()
+    training.step(training.envs[0].unwrapped.rest_action[None])
+    copied = own_env(training)
+    copied.reset()
+    assert copied.envs[0].unwrapped.steps_played == 0
+    assert training.envs[0].unwrapped.steps_played == 1
+    assert copied.envs[0].unwrapped.data is not training.envs[0].unwrapped.data

@@ -1,0 +1,209 @@
+"""Videos during training: what they show, and what is written where nothing can be drawn."""
+
+from __future__ import annotations
+
+import warnings
+
+import av
+import gymnasium as gym
+import numpy as np
+import pytest
+from scipy.io import wavfile
+from scripted import tiny_td3, vector_of, with_f1
+from stable_baselines3.common.vec_env import VecNormalize
+
+from sb3_piano.callbacks import PerformanceVideoCallback
+from sb3_piano.callbacks.run_context import RunContext, hand_over
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Note, Score, load_score
+from sb3_piano.music.synthesis import synthesize
+from sb3_piano.simulation import find_gl_backend
+
+needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
+
+STEPS = 8  # the notes' 0.4 s
+SCORE = Score(
+    notes=[Note(onset=0.0, offset=0.2, pitch=60), Note(onset=0.2, offset=0.375, pitch=64)]
+)
+
+
+def piano(**options):
+    return PianoEnv(score=SCORE, physics="fast", observation="window", **options)
+
+
+@pytest.fixture
+def no_gl(monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "none-at-all")
+
+
+def played_by(model, env, seed):
+    """Return what a model plays, found by another road."""
+    observation, _ = env.reset(seed=seed)
+    over = False
+    while not over:
+        observation, _, terminated, truncated, _ = env.step(model.predict(observation, None)[0])
+        over = terminated or truncated
+    return env.unwrapped.performance
+
+
+class Louder(gym.ActionWrapper):
+    """Add so much noise of the environment's own to what the model does that keys are pressed."""
+
+    def action(self, action):
+        noise = self.unwrapped.np_random.uniform(-1, 1, action.shape)
+        return np.clip(action + noise, -1, 1).astype(np.float32)
+
+
+class Resting(gym.ActionWrapper):
+    def action(self, action):
+        return self.unwrapped.rest_action
+
+
+@needs_gl
+@pytest.mark.parametrize("n_envs", [1, 2])
+def test_pictures_sound_and_notes_are_named_by_the_environment_steps(n_envs, tmp_path):
+    model = tiny_td3(vector_of(lambda: Louder(piano()), n_envs=n_envs))
+    callback = PerformanceVideoCallback(
+        4, str(tmp_path), max_seconds=0.15, width=64, height=36, camera="topdown"
+    )
+    model.learn(7 * n_envs, callback)
+    step = 4 * n_envs
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names - {f"step_{step}.mid"} == {f"step_{step}.mp4", f"step_{step}.wav"}
+    with av.open(str(tmp_path / f"step_{step}.mp4")) as video:
+        pictures = [frame.to_ndarray(format="rgb24") for frame in video.decode(video=0)]
+        assert video.streams.video[0].average_rate == 20
+        assert len(video.streams.audio) == 1
+    assert len(pictures) == 1 + 3  # 0.15 s
+    assert pictures[0].shape == (36, 64, 3)
+    assert pictures[0].std() > 1.0
+
+
+@pytest.mark.usefixtures("no_gl")
+def test_a_machine_that_cannot_draw_is_told_of_once_and_gets_sound_and_notes(tmp_path):
+    model = tiny_td3(Louder(piano()))
+    with pytest.warns(UserWarning, match="only sound and notes: Cannot draw.*none-at-all") as told:
+        model.learn(8, PerformanceVideoCallback(4, str(tmp_path)))
+    assert len([w for w in told if "no videos" in str(w.message)]) == 1
+    assert {path.name for path in tmp_path.iterdir()} == {
+        f"step_{step}.{kind}" for step in (4, 8) for kind in ("mid", "wav")
+    }
+
+
+@pytest.mark.usefixtures("no_gl")
+@pytest.mark.filterwarnings("ignore:There are no videos")
+@pytest.mark.parametrize("max_seconds", [60.0, 0.3])
+def test_notes_and_sound_are_what_the_model_plays_in_that_time(tmp_path, max_seconds):
+    model = tiny_td3(Louder(piano()))
+    model.learn(4, PerformanceVideoCallback(4, str(tmp_path), max_seconds=max_seconds, seed=6))
+    steps = min(STEPS, round(max_seconds / 0.05))
+    env = gym.wrappers.TimeLimit(Louder(piano()), steps)
+    expected = played_by(model, env, 6)
+    assert len(expected) == steps
+    notes = load_score(tmp_path / "step_4.mid").notes
+    assert [note.pitch for note in notes] == [note.pitch for note in expected.to_score().notes]
+    assert len(notes) > 0
+    _, sound = wavfile.read(tmp_path / "step_4.wav")
+    expected_sound = synthesize(expected.to_score(), at_least=steps * 0.05)
+    np.testing.assert_allclose(sound / 32767, expected_sound, atol=1e-4)
+
+
+@pytest.mark.usefixtures("no_gl")
+@pytest.mark.filterwarnings("ignore:There are no videos")
+def test_a_piece_without_a_pressed_key_has_silence_and_no_notes(tmp_path):
+    (tmp_path / "step_4.mid").write_text("of a training before")
+    tiny_td3(Resting(piano())).learn(4, PerformanceVideoCallback(4, str(tmp_path)))
+    assert [path.name for path in tmp_path.iterdir()] == ["step_4.wav"]
+    rate, sound = wavfile.read(tmp_path / "step_4.wav")
+    assert len(sound) / rate == pytest.approx(STEPS * 0.05)
+    assert not sound.any()
+
+
+@pytest.mark.usefixtures("no_gl")
+@pytest.mark.filterwarnings("ignore:There are no videos")
+def test_each_episode_begins_alike_if_it_is_seeded(tmp_path):
+    def notes(seed):
+        folder = tmp_path / str(seed)
+        env = Louder(piano())
+        tiny_td3(env).learn(8, PerformanceVideoCallback(4, str(folder), seed=seed))
+        return [(folder / f"step_{step}.mid").read_bytes() for step in (4, 8)]
+
+    seeded, unseeded = notes(0), notes(None)
+    assert seeded[0] == seeded[1]
+    assert unseeded[0] != unseeded[1]
+
+
+@pytest.mark.usefixtures("no_gl")
+@pytest.mark.filterwarnings("ignore:There are no videos")
+def test_the_training_does_not_notice(tmp_path):
+    def next_observation(callback):
+        venv = VecNormalize(vector_of(lambda: piano(randomize_hand_positions=True)))
+        model = tiny_td3(venv)
+        model.learn(12, callback)
+        return model._last_obs, np.random.random()  # noqa: NPY002
+
+    expected, draw = next_observation(None)
+    found, drawn = next_observation(PerformanceVideoCallback(5, str(tmp_path)))
+    assert (tmp_path / "step_10.wav").is_file()
+    np.testing.assert_array_equal(found, expected)
+    assert drawn == draw
+
+
+@pytest.mark.usefixtures("no_gl")
+@pytest.mark.filterwarnings("ignore:There are no videos")
+def test_a_run_gives_the_folder_and_the_environment_which_is_closed_at_the_end(tmp_path):
+    made, closed = [], []
+
+    class Own(gym.Wrapper):
+        def close(self):
+            closed.append(self)
+
+    def make_env(innermost):
+        made.append(Own(innermost(piano())))
+        return vector_of(lambda: made[-1])
+
+    callbacks = [
+        PerformanceVideoCallback(4),
+        PerformanceVideoCallback(4, folder=str(tmp_path / "mine")),
+    ]
+    hand_over(RunContext(folder=tmp_path, make_env=make_env), callbacks)
+    tiny_td3(piano()).learn(4, callbacks)
+    assert (tmp_path / "videos" / "step_4.wav").is_file()
+    assert (tmp_path / "mine" / "step_4.wav").is_file()
+    assert closed == made
+    assert len(made) == 2
+
+
+def test_without_a_run_a_folder_is_needed():
+    with pytest.raises(ConfigError, match="no folder to write into: expected folder='...'"):
+        tiny_td3(piano()).learn(4, PerformanceVideoCallback(4))
+
+
+def test_only_pianos_are_filmed(tmp_path):
+    with pytest.raises(ConfigError, match="to record in 'ScriptedEnv': expected a piano"):
+        tiny_td3(with_f1(0.1)).learn(4, PerformanceVideoCallback(4, str(tmp_path / "new")))
+    assert not (tmp_path / "new").exists()
+
+
+def test_there_are_no_videos_at_a_frequency_of_0(tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tiny_td3(piano()).learn(4, PerformanceVideoCallback(0, str(tmp_path)))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"max_seconds": 0.0}, "max_seconds is 0.0: expected more than 0 s"),
+        ({"width": 641}, "width is 641: expected an even number of pixels from 2 to 1920"),
+        ({"width": 1922}, "width is 1922: expected an even number"),
+        ({"height": 1082}, "height is 1082: expected an even number of pixels from 2 to 1080"),
+        ({"height": 0}, "height is 0: expected an even number"),
+        ({"camera": "below"}, "camera is 'below': expected 'overview' or 'topdown'"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(settings, message):
+    with pytest.raises(ConfigError, match=message):
+        PerformanceVideoCallback(10, **settings)

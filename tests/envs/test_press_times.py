@@ -1,0 +1,121 @@
+"""Within a control step, the time is noted at which a key goes down or comes up."""
+
+from __future__ import annotations
+
+import pickle
+
+import mujoco
+import numpy as np
+import pytest
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.envs.press_times import PressTimes
+from sb3_piano.metrics import presses_of
+
+
+def down(*columns):
+    """Return (p, n) bool from the states of each key, written as text: ``.`` up, ``#`` down."""
+    return np.array([[state == "#" for state in column] for column in columns]).T
+
+
+@pytest.mark.parametrize(
+    ("states", "time"),
+    [
+        ("....#", 0.05),  # with the last physics step, which is the end of the control step
+        ("..###", 0.03),
+        ("#####", 0.01),
+        ("#.###", 0.03),  # it bounced, and went down for good then
+        ("##..#", 0.05),
+    ],
+)
+def test_a_key_is_struck_when_it_goes_down_for_good(states, time):
+    times = PressTimes(0.05)
+    times.add(2, np.array([40]), down(states))
+    assert times.strikes() == pytest.approx([0.1 + time])
+    assert times.releases(0.9) == pytest.approx([0.9])  # still held
+
+
+def test_releases_belong_to_their_presses():
+    times = PressTimes(0.05)
+    times.add(0, np.array([10, 20]), down("..###", "....#"))
+    times.add(1, np.array([10]), down("##..."))
+    times.add(3, np.array([10, 30]), down("....#", "...##"))
+    times.add(4, np.array([20]), down("#...."))
+    assert times.strikes() == pytest.approx([0.03, 0.05, 0.2, 0.19])
+    assert times.releases(0.5) == pytest.approx([0.08, 0.22, 0.5, 0.5])
+
+
+@pytest.mark.parametrize("physics", ["reference", "fast"])
+def test_times_are_those_of_a_simulation_watched_step_by_step(performance, physics):
+    env = PianoEnv(performance.piece, **performance.options, physics=physics)
+    env.reset(seed=0)
+    data, sounding = mujoco.MjData(env.model), []
+    for action in performance["action"][: len(env.roll)]:
+        env.step(action)
+        data.ctrl[:] = env.data.ctrl
+        for _ in range(env.config.n_substeps):
+            mujoco.mj_step(env.model, data)
+            angle = data.qpos[env.scene.key_qpos]
+            sounding.append(angle >= env.scene.key_sounding_angle)
+    states = np.array(sounding).reshape(len(env.performance), -1, 88)
+    played, timestep = env.performance, env.model.opt.timestep
+    presses = presses_of(played.key_active)
+    assert len(presses.key) > 10
+    flat = states.reshape(-1, 88)
+    for key, first, strike in zip(presses.key, presses.first, played.strike_time, strict=True):
+        before, at = round(strike / timestep) - 2, round(strike / timestep) - 1
+        end = (first + 1) * env.config.n_substeps
+        assert first < strike / 0.05 <= first + 1 + 1e-9
+        assert flat[at:end, key].all()
+        assert at == first * env.config.n_substeps or not flat[before, key]
+    # The releases obey the same rule, seen from the end of each press.
+    open_ended = presses.end == len(played)
+    for key, end, release in zip(
+        presses.key[~open_ended],
+        presses.end[~open_ended],
+        played.release_time[~open_ended],
+        strict=True,
+    ):
+        at, stop = round(release / timestep) - 1, (end + 1) * env.config.n_substeps
+        assert not flat[at:stop, key].any()
+        assert at == end * env.config.n_substeps or flat[at - 1, key]
+    np.testing.assert_allclose(played.release_time[open_ended], env.roll.duration)
+
+
+def test_a_state_taken_while_keys_are_down_keeps_the_times_of_their_presses(performances):
+    recording = performances[0]
+    env = PianoEnv(recording.piece, **recording.options)
+    env.reset(seed=0)
+    states = []
+    for action in recording["action"][: len(env.roll)]:
+        env.step(action)
+        if env.key_active.any() and len(states) < 20:
+            states.append((env.steps_played, pickle.dumps(env.get_state())))
+    whole = env.performance
+    for step, state in states[::5]:
+        env.set_state(pickle.loads(state))
+        for action in recording["action"][step : len(env.roll)]:
+            env.step(action)
+        again = env.performance
+        for name in ("key_active", "strike_time", "release_time", "press_finger"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(whole, name))
+
+
+def test_good_playing_is_done_by_the_fingers_that_the_score_names(performance):
+    env = PianoEnv(performance.piece, **performance.options)
+    env.reset(seed=0)
+    for action in performance["action"][: len(env.roll)]:
+        *_, info = env.step(action)
+    assert info["fingering_agreement"] > 0.9
+    assert info["effective_fingers"] > 5
+    played = env.performance.to_score()
+    assert {note.finger for note in played.notes} == {note.finger for note in env.score.notes}
+    # The planner that made them has keys down by the end of a step: some 25 ms late, if not more.
+    assert 20 < info["onset_error_mean_ms"] < 35
+    env.reset(seed=0)
+    for _ in range(len(env.roll)):
+        *_, resting = env.step(env.rest_action)
+    assert (resting["f1"], resting["onset_f1"]) == (info["noop_f1"], 0.0)
+    assert info["normalized_return"] == pytest.approx(
+        float(np.sum(performance["reward"])) / env._goal.highest_return, rel=0.01
+    )

@@ -1,0 +1,250 @@
+"""Onset scores: the matching of strikes and notes against slow twins and mir_eval."""
+
+from __future__ import annotations
+
+import itertools
+
+import mir_eval
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
+
+from sb3_piano.metrics import (
+    Onsets,
+    match_onsets,
+    onset_f1,
+    onset_scores,
+    onsets_of,
+    timing_error,
+)
+
+
+def onsets(*strikes):
+    """Return onsets from pairs of time and key."""
+    time, key = zip(*strikes, strict=True) if strikes else ((), ())
+    return Onsets(time=np.array(time, dtype=float), key=np.array(key, dtype=np.intp))
+
+
+NOTHING = onsets()
+
+
+class TestMatching:
+    def test_a_strike_hits_up_to_the_tolerance_on_either_side(self):
+        target = onsets((0.15, 1), (0.15, 2), (0.15, 3), (0.15, 4))
+        played = onsets((0.1, 1), (0.2, 2), (0.0998, 3), (0.2002, 4))
+        assert match_onsets(target, played).tolist() == [[0, 0], [1, 1]]
+
+    def test_distances_are_rounded_to_a_tenth_of_a_millisecond(self):
+        target, played = onsets((0.0, 1), (0.0, 2)), onsets((0.05004, 1), (0.05006, 2))
+        assert match_onsets(target, played).tolist() == [[0, 0]]
+
+    @pytest.mark.parametrize(("tolerance", "hits"), [(0.0, 0), (0.1, 1), (0.0999, 0)])
+    def test_the_tolerance_can_be_chosen(self, tolerance, hits):
+        target, played = onsets((0.0, 1)), onsets((0.1, 1))
+        assert len(match_onsets(target, played, tolerance)) == hits
+        assert onset_f1(target, played, tolerance) == hits
+        assert onset_scores(target, played, tolerance).recall == hits
+        assert timing_error(target, played, tolerance).mean == pytest.approx(100 * hits)
+
+    def test_another_key_is_never_hit(self):
+        assert match_onsets(onsets((0.0, 40)), onsets((0.0, 41), (0.0, 39))).tolist() == []
+
+    def test_one_strike_hits_one_note_and_one_note_is_hit_once(self):
+        assert match_onsets(onsets((0.1, 5), (0.12, 5)), onsets((0.11, 5))).shape == (1, 2)
+        assert match_onsets(onsets((0.1, 5)), onsets((0.09, 5), (0.11, 5))).shape == (1, 2)
+
+    def test_a_note_is_hit_by_the_nearest_of_several_strikes(self):
+        target, played = onsets((0.10, 5)), onsets((0.06, 5), (0.09, 5), (0.12, 5))
+        assert match_onsets(target, played).tolist() == [[0, 1]]
+
+    def test_more_hits_are_worth_more_than_nearer_ones(self):
+        # 0.05 is nearest to 0.05, but then 0.0 and 0.1 would both be left without a partner.
+        target, played = onsets((0.05, 5), (0.10, 5)), onsets((0.0, 5), (0.05, 5))
+        assert match_onsets(target, played).tolist() == [[0, 0], [1, 1]]
+
+    def test_of_equally_near_onsets_the_earlier_is_taken(self):
+        assert match_onsets(onsets((0.1, 5), (0.2, 5)), onsets((0.15, 5))).tolist() == [[0, 0]]
+        assert match_onsets(onsets((0.15, 5)), onsets((0.1, 5), (0.2, 5))).tolist() == [[0, 0]]
+
+    def test_pairs_have_the_indices_of_what_was_given_ordered_by_target(self):
+        target = onsets((1.0, 7), (0.5, 2), (0.0, 9), (0.0, 2))
+        played = onsets((0.51, 2), (0.0, 9), (1.01, 7), (3.0, 0))
+        assert match_onsets(target, played).tolist() == [[0, 2], [1, 0], [2, 1]]
+
+    @pytest.mark.parametrize(("target", "played"), [((), ()), (((0, 1),), ()), ((), ((0, 1),))])
+    def test_nothing_pairs_with_nothing(self, target, played):
+        pairs = match_onsets(onsets(*target), onsets(*played))
+        assert (pairs.shape, pairs.dtype) == ((0, 2), np.intp)
+
+    def test_a_tremolo_of_thousands_is_matched_note_by_note(self):
+        # Each strike is as near to its own note as to the next, so that all hang together.
+        times = np.arange(5000) * 0.1
+        key = np.zeros(5000, dtype=np.intp)
+        pairs = match_onsets(Onsets(times, key), Onsets(times + 0.05, key))
+        np.testing.assert_array_equal(pairs, np.column_stack([np.arange(5000)] * 2))
+
+    def test_onsets_without_a_key_for_each_time_are_refused(self):
+        broken = Onsets(np.zeros(3), np.zeros(2, dtype=np.intp))
+        message = r"one time for each key, got shapes \(3,\) and \(2,\)"
+        with pytest.raises(ValueError, match=message):
+            match_onsets(broken, NOTHING)
+        with pytest.raises(ValueError, match=message):
+            match_onsets(NOTHING, broken)
+
+
+# Times on a grid of 5 ms hit the bound exactly; two keys make clusters likely.
+times = st.integers(0, 60).map(lambda n: n * 0.005) | st.floats(0, 0.3)
+
+
+@st.composite
+def random_onsets(draw, min_size=0, max_size=6):
+    strike = st.tuples(times, st.integers(3, 4))
+    return onsets(*draw(st.lists(strike, min_size=min_size, max_size=max_size)))
+
+
+def distance(target, played, i, j):
+    """Return a distance in ticks of 0.1 ms, None if the two are no pair."""
+    ticks = float(np.around(abs(target.time[i] - played.time[j]), 4))
+    return round(ticks * 10_000) if target.key[i] == played.key[j] and ticks <= 0.05 else None
+
+
+def in_order(target, played, pairs):
+    """Whether no two pairs of one key are crossed."""
+    return all(
+        target.key[i] != target.key[k]
+        or (target.time[i] - target.time[k]) * (played.time[j] - played.time[m]) >= 0
+        for (i, j), (k, m) in itertools.combinations(pairs, 2)
+    )
+
+
+def all_matchings(target, played, i=0, taken=()):
+    """Yield all one-to-one matchings, as lists of pairs."""
+    if i == len(target.key):
+        yield []
+        return
+    yield from all_matchings(target, played, i + 1, taken)
+    for j in range(len(played.key)):
+        if j not in taken and distance(target, played, i, j) is not None:
+            for rest in all_matchings(target, played, i + 1, (*taken, j)):
+                yield [(i, j), *rest]
+
+
+def value(target, played, pairs):
+    """Return how many pairs there are, and minus their distances in ticks."""
+    return len(pairs), -sum(distance(target, played, i, j) for i, j in pairs)
+
+
+@given(random_onsets(max_size=5), random_onsets(max_size=5))
+def test_the_matching_is_as_good_as_the_best_of_all_that_keep_the_order(target, played):
+    pairs = [tuple(pair) for pair in match_onsets(target, played).tolist()]
+    assert len({i for i, _ in pairs}) == len({j for _, j in pairs}) == len(pairs)
+    best = max(
+        value(target, played, other)
+        for other in all_matchings(target, played)
+        if in_order(target, played, other)
+    )
+    assert in_order(target, played, pairs)
+    assert value(target, played, pairs) == best
+
+
+@given(random_onsets(max_size=30), random_onsets(max_size=30))
+def test_keeping_the_order_costs_no_hit_and_no_time(target, played):
+    matched = match_onsets(target, played)
+    never = 1e6
+    cost = np.full((len(target.key), len(played.key)), never)
+    for i, j in itertools.product(range(len(target.key)), range(len(played.key))):
+        ticks = distance(target, played, i, j)
+        if ticks is not None:
+            # Unrounded, else crossing two pairs could save a tick.
+            cost[i, j] = abs(target.time[i] - played.time[j])
+    rows, columns = linear_sum_assignment(cost)
+    costs = cost[rows, columns]
+    assert len(matched) == np.count_nonzero(costs < never)
+    ours = np.abs(target.time[matched[:, 0]] - played.time[matched[:, 1]]).sum()
+    assert ours == pytest.approx(costs[costs < never].sum(), abs=1e-4 * max(1, len(matched)))
+
+
+@given(random_onsets(min_size=1, max_size=30), random_onsets(min_size=1, max_size=30))
+def test_onset_scores_equal_mir_eval(target, played):
+    def intervals(strikes):
+        return np.column_stack([strikes.time, strikes.time + 0.1])
+
+    def pitches(strikes):
+        return mir_eval.util.midi_to_hz(strikes.key + 21.0)
+
+    *expected, _ = mir_eval.transcription.precision_recall_f1_overlap(
+        intervals(target),
+        pitches(target),
+        intervals(played),
+        pitches(played),
+        onset_tolerance=0.05,
+        offset_ratio=None,
+    )
+    assert onset_scores(target, played) == pytest.approx(expected)
+
+
+class TestScores:
+    def test_precision_is_over_strikes_and_recall_over_notes(self):
+        target = onsets((0.0, 1), (0.5, 2), (1.0, 3))
+        played = onsets((0.0, 1), (0.5, 2), (0.5, 3), (1.2, 3), (1.5, 4))
+        assert onset_scores(target, played) == pytest.approx((2 / 5, 2 / 3, 4 / 8))
+        assert onset_f1(target, played) == pytest.approx(4 / 8)
+
+    def test_playing_nothing_has_precision_one(self):
+        assert onset_scores(onsets((0.0, 1)), NOTHING) == (1.0, 0.0, 0.0)
+
+    def test_where_nothing_is_due_recall_is_one(self):
+        assert onset_scores(NOTHING, onsets((0.0, 1))) == (0.0, 1.0, 0.0)
+
+    def test_silence_where_silence_is_due_scores_one(self):
+        assert onset_scores(NOTHING, NOTHING) == (1.0, 1.0, 1.0)
+
+    def test_timing_errors_are_positive_where_strikes_are_late(self):
+        target = onsets((0.0, 1), (0.5, 1), (1.0, 2), (1.5, 2))
+        played = onsets((0.04, 1), (0.51, 1), (0.98, 2), (3.0, 2))
+        # +40, +10 and -20 ms; the fourth is no hit.
+        mean, std = 10.0, np.sqrt((30**2 + 0**2 + 30**2) / 3)
+        assert timing_error(target, played) == pytest.approx((mean, std))
+
+    def test_without_a_hit_there_is_no_timing_error(self):
+        assert timing_error(onsets((0.0, 1)), onsets((0.0, 2))) == (0.0, 0.0)
+
+    @given(random_onsets(max_size=15), random_onsets(max_size=15), times, st.integers(0, 5))
+    def test_a_strike_that_can_hit_nothing_never_raises_precision_or_f1(
+        self, target, played, time, key
+    ):
+        wrong = onsets((time, key))
+        assume(len(match_onsets(target, wrong)) == 0)
+        worse = Onsets(*(np.concatenate(fields) for fields in zip(played, wrong, strict=True)))
+        before, after = onset_scores(target, played), onset_scores(target, worse)
+        assert after.precision <= before.precision
+        assert after.f1 <= before.f1
+        assert after.recall == before.recall
+
+
+class TestWholeSteps:
+    def active(self, *steps, n=10):
+        array = np.zeros((n, 88), dtype=bool)
+        array[list(steps), 40] = True
+        return array
+
+    def test_a_strike_falls_on_the_beginning_of_the_first_step(self):
+        strikes = onsets_of(self.active(2, 3, 7), control_timestep=0.05)
+        np.testing.assert_allclose(strikes.time, [0.1, 0.35])
+        assert strikes.key.tolist() == [40, 40]
+
+    @pytest.mark.parametrize(
+        ("steps", "f1"), [((2, 3), 0), ((3, 4), 1), ((4, 5), 1), ((5, 6), 1), ((6, 7), 0)]
+    )
+    def test_one_step_early_or_late_is_a_hit_and_two_are_not(self, steps, f1):
+        target, played = (onsets_of(self.active(*s), 0.05) for s in ((4, 5), steps))
+        assert onset_f1(target, played) == f1
+
+    def test_joining_two_presses_by_a_wrong_step_may_raise_onset_precision(self):
+        # The reason why the property of wrong keys is one of strikes: two presses became one.
+        target = onsets_of(self.active(2), 0.05)
+        apart, joined = self.active(2, 4), self.active(2, 3, 4)
+        assert onset_scores(target, onsets_of(apart, 0.05)).precision == 1 / 2
+        assert onset_scores(target, onsets_of(joined, 0.05)).precision == 1

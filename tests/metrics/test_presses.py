@@ -1,0 +1,111 @@
+"""Presses: the unbroken runs in which a key sounds, and those that nobody asked for."""
+
+from __future__ import annotations
+
+from itertools import groupby
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from sb3_piano.metrics import presses_of, wrong_presses, wrong_presses_per_second
+
+
+def keys_of(text):
+    """Return a (T, n) bool array from one line a key, ``x`` where it sounds."""
+    return np.array([[c == "x" for c in line] for line in text.split()]).T
+
+
+def listed(presses):
+    return list(zip(*(field.tolist() for field in presses), strict=True))
+
+
+def test_presses_are_ordered_by_first_step_then_key():
+    active = keys_of("""
+        .xx.x
+        xx..x
+        .x...
+    """)
+    assert listed(presses_of(active)) == [
+        (1, 0, 2),
+        (0, 1, 3),
+        (2, 1, 2),
+        (0, 4, 5),
+        (1, 4, 5),
+    ]
+
+
+def test_a_press_that_outlasts_the_data_ends_with_it_and_not_on_the_next_key():
+    assert listed(presses_of(keys_of("..xx xx..  ...."))) == [(1, 0, 2), (0, 2, 4)]
+
+
+@pytest.mark.parametrize("shape", [(0, 88), (5, 88), (5, 0)])
+def test_silence_has_no_press(shape):
+    assert [field.shape for field in presses_of(np.zeros(shape))] == [(0,), (0,), (0,)]
+
+
+def test_presses_are_not_found_in_an_array_without_keys():
+    with pytest.raises(ValueError, match=r"\(steps, keys\) array, got shape \(4,\)"):
+        presses_of(np.zeros(4))
+
+
+rolls = hnp.arrays(bool, st.tuples(st.integers(0, 8), st.integers(1, 4)))
+
+
+def plain_presses(active):
+    """Return the presses by key, with a loop in place of array operations."""
+    for key in range(active.shape[1]):
+        for sounds, run in groupby(range(len(active)), key=lambda step: active[step, key]):
+            steps = list(run)
+            if sounds:
+                yield key, steps[0], steps[-1] + 1
+
+
+@given(rolls)
+def test_presses_equal_a_plain_python_twin(active):
+    expected = sorted(plain_presses(active), key=lambda press: (press[1], press[0]))
+    assert listed(presses_of(active)) == expected
+
+
+@given(rolls)
+def test_presses_stand_in_the_order_of_argwhere_of_their_first_steps(active):
+    onset = active & ~np.vstack([np.zeros((1, active.shape[1]), dtype=bool), active[:-1]])
+    presses = presses_of(active)
+    np.testing.assert_array_equal(np.column_stack([presses.first, presses.key]), np.argwhere(onset))
+
+
+def test_a_press_is_wrong_if_its_key_is_due_in_none_of_its_steps():
+    target = keys_of("""
+        .xxx....
+        ...xxx..
+        ........
+    """)
+    played = keys_of("""
+        x.xx.xx.
+        .....xxx
+        xxxxxxxx
+    """)
+    # Key 0: one press before the note, one in it, one after it. Key 1 is late, not wrong.
+    assert wrong_presses(target, played) == 3
+    assert wrong_presses_per_second(target, played, 0.05) == pytest.approx(3 / 0.4)
+
+
+def test_no_step_and_no_press_have_no_wrong_presses():
+    assert wrong_presses_per_second(np.zeros((0, 88)), np.zeros((0, 88)), 0.05) == 0.0
+    assert wrong_presses_per_second(np.ones((3, 88)), np.zeros((3, 88)), 0.05) == 0.0
+
+
+@given(st.data())
+def test_wrong_presses_equal_a_plain_python_twin(data):
+    played = data.draw(rolls)
+    target = data.draw(hnp.arrays(bool, played.shape))
+    runs = plain_presses(played)
+    expected = sum(not target[first:end, key].any() for key, first, end in runs)
+    assert wrong_presses(target, played) == expected
+
+
+def test_wrong_presses_refuse_arrays_of_different_shapes():
+    with pytest.raises(ValueError, match=r"one shape, got \(2, 88\) and \(3, 88\)"):
+        wrong_presses(np.zeros((2, 88)), np.zeros((3, 88)))

@@ -1,0 +1,325 @@
+"""All metrics of whole performances: some worked by hand, and what holds for any of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sb3_piano.metrics import (
+    EPISODE_METRICS,
+    FINGER_SHARES,
+    Onsets,
+    episode_metrics,
+    normalized_return,
+    onsets_of,
+    presses_of,
+)
+from sb3_piano.music import Note, Pedal, PianoRoll, Score
+
+DT = 0.05
+
+SHARES = (
+    "precision",
+    "recall",
+    "f1",
+    "sustain_precision",
+    "sustain_recall",
+    "sustain_f1",
+    "onset_precision",
+    "onset_recall",
+    "onset_f1",
+    "non_silent_f1",
+    "fingering_agreement",
+    *FINGER_SHARES,
+    "noop_f1",
+)
+
+
+@dataclass
+class Played:
+    """What sounded in T control steps, when keys were struck, and by which fingers."""
+
+    keys: np.ndarray
+    fingers: np.ndarray
+    strikes: Onsets
+    pedal: np.ndarray
+
+
+def played(presses, steps, pedal=()):
+    """Play presses of (key, strike, release, finger), times in s, noted at the end of each step."""
+    keys, fingers = np.zeros((steps, 88), dtype=bool), np.full((steps, 88), -1, dtype=np.int8)
+    for key, strike, release, finger in presses:
+        sounds = [k for k in range(steps) if strike < (k + 1) * DT - 1e-9 <= release]
+        keys[sounds, key], fingers[sounds, key] = True, finger
+    strikes = Onsets(np.array([p[1] for p in presses]), np.array([p[0] for p in presses], np.intp))
+    pedals = np.zeros(steps, dtype=bool)
+    pedals[list(pedal)] = True
+    return Played(keys, fingers, strikes, pedals)
+
+
+def judge(due: Played, done: Played):
+    return episode_metrics(
+        target_keys=due.keys,
+        played_keys=done.keys,
+        target_pedal=due.pedal,
+        played_pedal=done.pedal,
+        target_onsets=due.strikes,
+        played_onsets=done.strikes,
+        target_finger=due.fingers,
+        press_finger=done.fingers,
+        control_timestep=DT,
+    )
+
+
+def assert_scores(metrics, **expected):
+    assert {name: metrics[name] for name in expected} == pytest.approx(expected)
+
+
+PIECE = [(39, 0.1, 0.3, 0), (41, 0.3, 0.5, 1)]
+"""Middle C with the thumb in steps 2-5, D with the forefinger in steps 6-9."""
+
+STEPS = 12
+"""Steps 0, 1, 10 and 11 are silent: playing nothing has F1 4 / 12."""
+
+DUE = played(PIECE, STEPS)
+
+
+def test_perfect_playing():
+    """All shares are 1 and all errors 0; two fingers press four steps each.
+
+    Effective fingers: 2 in all, 2 of the right hand, 0 of the left.
+    """
+    metrics = judge(DUE, DUE)
+    assert_scores(
+        metrics,
+        **dict.fromkeys(("precision", "recall", "f1", "onset_precision", "onset_recall"), 1.0),
+        **dict.fromkeys(("onset_f1", "non_silent_f1", "fingering_agreement"), 1.0),
+        **dict.fromkeys(("sustain_precision", "sustain_recall", "sustain_f1"), 1.0),
+        onset_error_mean_ms=0.0,
+        onset_error_std_ms=0.0,
+        wrong_presses_per_second=0.0,
+        effective_fingers=2.0,
+        effective_fingers_right=2.0,
+        effective_fingers_left=0.0,
+        noop_f1=4 / 12,
+    )
+    assert [metrics[name] for name in FINGER_SHARES] == [0.5, 0.5] + 8 * [0.0]
+
+
+def test_silence():
+    """Only the 4 silent steps of 12 are right; nothing was struck, so nothing was struck wrong."""
+    metrics = judge(DUE, played([], STEPS))
+    assert_scores(metrics, precision=1.0, recall=4 / 12, f1=4 / 12, noop_f1=4 / 12)
+    assert_scores(metrics, onset_precision=1.0, onset_recall=0.0, onset_f1=0.0, non_silent_f1=0.0)
+    assert_scores(metrics, wrong_presses_per_second=0.0, effective_fingers=0.0)
+    assert_scores(metrics, fingering_agreement=1.0, **dict.fromkeys(FINGER_SHARES, 0.0))
+
+
+def test_all_keys_at_once():
+    """All 88 keys are struck at 0 s and held.
+
+    In 8 of 12 steps 1 of 88 sounding keys is right: precision 1/88, recall 1, F1 2 / (88 + 1); in
+    the other 4 they are 0, 1 and 0. No strike is within 50 ms of 0.1 s or 0.3 s. 86 keys are due
+    at no step of the 0.6 s. The right thumb has half the keys, the left one the other half.
+    """
+    presses = [(key, 0.0, 0.6, 0 if key >= 44 else 5) for key in range(88)]
+    metrics = judge(DUE, played(presses, STEPS))
+    assert_scores(metrics, precision=8 / 12 / 88, recall=1.0, f1=8 / 12 * 2 / 89)
+    assert_scores(metrics, non_silent_f1=2 / 89, wrong_presses_per_second=86 / 0.6)
+    assert_scores(metrics, onset_precision=0.0, onset_recall=0.0, onset_f1=0.0)
+    assert_scores(metrics, effective_fingers=2.0, effective_fingers_right=1.0)
+    assert_scores(metrics, effective_fingers_left=1.0, finger_share_r1=0.5, finger_share_l1=0.5)
+
+
+def shifted(seconds):
+    return played([(k, on + seconds, off + seconds, f) for k, on, off, f in PIECE], STEPS)
+
+
+def test_all_40_ms_late():
+    """At the end of each step the right keys still sound, and both strikes are within 50 ms."""
+    metrics = judge(DUE, shifted(0.04))
+    assert_scores(metrics, precision=1.0, recall=1.0, f1=1.0, onset_f1=1.0, non_silent_f1=1.0)
+    assert_scores(metrics, onset_error_mean_ms=40.0, onset_error_std_ms=0.0)
+
+
+def test_all_60_ms_late():
+    """The keys sound in steps 3-6 and 7-10: no strike is in time, though no press is wrong.
+
+    Of the 8 steps that sound, 2 and 6 are wrong (F1 0 each); so is step 10, of those that do not.
+    Precision is 0 in steps 6 and 10, recall in 2 and 6.
+    """
+    metrics = judge(DUE, shifted(0.06))
+    assert_scores(metrics, precision=10 / 12, recall=10 / 12, f1=9 / 12, non_silent_f1=6 / 8)
+    assert_scores(metrics, onset_precision=0.0, onset_recall=0.0, onset_f1=0.0)
+    assert_scores(metrics, onset_error_mean_ms=0.0, wrong_presses_per_second=0.0)
+
+
+def test_early_and_late():
+    """One strike 20 ms early, one 40 ms late: on average 10 ms late, each 30 ms from that."""
+    done = played([(39, 0.08, 0.3, 0), (41, 0.34, 0.5, 1)], STEPS)
+    assert_scores(judge(DUE, done), onset_error_mean_ms=10.0, onset_error_std_ms=30.0)
+
+
+def test_one_finger_plays_all():
+    """The thumb has all 8 key-steps and is right in 4 of them."""
+    metrics = judge(DUE, played([(k, on, off, 0) for k, on, off, _ in PIECE], STEPS))
+    assert_scores(metrics, f1=1.0, onset_f1=1.0, effective_fingers=1.0, effective_fingers_right=1.0)
+    assert_scores(metrics, fingering_agreement=4 / 8, finger_share_r1=1.0, finger_share_r2=0.0)
+
+
+def test_the_left_hand_plays_the_right_hand_s_piece():
+    """The left hand's share of 1 is evenly split over two fingers; none is the labelled one."""
+    metrics = judge(DUE, played([(39, 0.1, 0.3, 9), (41, 0.3, 0.5, 6)], STEPS))
+    assert_scores(metrics, effective_fingers_right=0.0, effective_fingers_left=2.0)
+    assert_scores(metrics, fingering_agreement=0.0, finger_share_l5=0.5, finger_share_l2=0.5)
+
+
+REPEATED = played([(39, 0.0, 0.2, 0), (39, 0.25, 0.45, 0)], 10)
+"""Middle C in steps 0-3 and, struck again, 5-8."""
+
+
+def test_repeated_notes_struck_again():
+    """The silent step 4 shows the second strike."""
+    assert_scores(judge(REPEATED, REPEATED), f1=1.0, onset_f1=1.0, onset_precision=1.0)
+
+
+def test_repeated_notes_held_through():
+    """One strike for two notes: precision 1, recall 1/2, F1 2 / 3; step 4 of 10 is wrong."""
+    metrics = judge(REPEATED, played([(39, 0.0, 0.45, 0)], 10))
+    assert_scores(metrics, onset_precision=1.0, onset_recall=1 / 2, onset_f1=2 / 3)
+    assert_scores(metrics, precision=9 / 10, recall=1.0, f1=9 / 10, non_silent_f1=1.0)
+
+
+def test_a_unison_of_both_hands_is_one_strike():
+    """Two notes of one key at one time are one strike of the roll, and one strike hits it."""
+    notes = [Note(onset=0.1, offset=0.3, pitch=60, finger=finger) for finger in (0, 5)]
+    roll = PianoRoll.from_score(Score(notes=notes), DT)
+    metrics = judge(due_of(roll), played([(39, 0.1, 0.3, 0)], len(roll)))
+    assert_scores(metrics, f1=1.0, onset_precision=1.0, onset_recall=1.0, onset_f1=1.0)
+
+
+def test_pedal_only():
+    """Due in steps 0-3, down in 0, 1 and 4, of six: the keys, all silent, are all right.
+
+    Precision is 0 in step 4, recall in 2 and 3, F1 in 2, 3 and 4.
+    """
+    metrics = judge(played([], 6, pedal=(0, 1, 2, 3)), played([], 6, pedal=(0, 1, 4)))
+    assert_scores(metrics, sustain_precision=5 / 6, sustain_recall=4 / 6, sustain_f1=3 / 6)
+    assert_scores(metrics, precision=1.0, f1=1.0, onset_f1=1.0, non_silent_f1=1.0, noop_f1=1.0)
+
+
+def test_an_empty_piece():
+    """Without a step everything that can be right is right, and nobody has done anything."""
+    metrics = judge(played([], 0), played([], 0))
+    rights = set(SHARES) - set(FINGER_SHARES)
+    expected = {name: float(name in rights) for name in EPISODE_METRICS[:-1]}
+    assert metrics == expected
+
+
+def test_metrics_are_plain_floats_in_the_order_of_their_names():
+    metrics = judge(DUE, shifted(0.04))
+    assert (*metrics, "normalized_return") == EPISODE_METRICS
+    assert {type(value) for value in metrics.values()} == {float}
+
+
+def test_the_shares_of_fingers_are_named_right_hand_first_thumb_first():
+    assert FINGER_SHARES[0] == "finger_share_r1"
+    assert FINGER_SHARES[4:6] == ("finger_share_r5", "finger_share_l1")
+    assert len(FINGER_SHARES) == 10
+
+
+@pytest.mark.parametrize(
+    ("value", "highest", "expected"), [(30, 40, 0.75), (-4, 40, -0.1), (0, 0, 1.0), (40, 40, 1.0)]
+)
+def test_the_normalized_return_is_a_share_of_the_highest(value, highest, expected):
+    share = normalized_return(value, highest)
+    assert share == pytest.approx(expected)
+    assert type(share) is float
+
+
+def due_of(roll):
+    """Return what a roll asks for as if it had been played so, unlabelled keys by the thumb."""
+    fingers = np.where(roll.active & (roll.finger < 0), 0, roll.finger).astype(np.int8)
+    strikes = Onsets(roll.onset_time, np.nonzero(roll.onset)[1])
+    return Played(roll.active, fingers, strikes, roll.sustain)
+
+
+@st.composite
+def rolls(draw):
+    """Draw the roll of a random score: few keys, so that notes collide; any times and fingers."""
+    spans = st.tuples(st.floats(0, 1), st.floats(0.01, 0.5))
+    note = st.tuples(spans, st.integers(60, 64), st.integers(-1, 9))
+    notes = [
+        Note(onset=start, offset=start + length, pitch=pitch, finger=finger)
+        for (start, length), pitch, finger in draw(st.lists(note, min_size=1, max_size=8))
+    ]
+    pedals = [Pedal(onset=s, offset=s + n) for s, n in draw(st.lists(spans, max_size=2))]
+    lead = draw(st.sampled_from([0.0, 0.5]))
+    return PianoRoll.from_score(Score(notes=notes, pedals=pedals), DT, lead)
+
+
+@st.composite
+def random_playing(draw, steps):
+    """Draw presses of random keys by random fingers, with strikes within their first steps."""
+    presses = []
+    for _ in range(draw(st.integers(0, 8))):
+        first = draw(st.integers(0, steps - 1))
+        time = (first + draw(st.floats(0, 0.99))) * DT
+        length = draw(st.integers(1, 6)) * DT
+        presses.append((draw(st.integers(38, 44)), time, time + length, draw(st.integers(0, 9))))
+    done = played(presses, steps, pedal=draw(st.sets(st.integers(0, steps - 1))))
+    # Overlapping presses are one; its strike is taken at the beginning of its first step.
+    return Played(done.keys, done.fingers, onsets_of(done.keys, DT), done.pedal)
+
+
+@given(rolls())
+def test_perfect_playing_of_any_score_scores_one(roll):
+    metrics = judge(due_of(roll), due_of(roll))
+    for name in set(SHARES) - {*FINGER_SHARES, "noop_f1"}:
+        assert metrics[name] == 1.0, name
+    assert metrics["wrong_presses_per_second"] == 0.0
+    assert (metrics["onset_error_mean_ms"], metrics["onset_error_std_ms"]) == (0.0, 0.0)
+    assert math.fsum(metrics[name] for name in FINGER_SHARES) == pytest.approx(1.0)
+
+
+@given(rolls())
+def test_the_strikes_of_any_roll_are_its_presses_in_the_same_order(roll):
+    presses = presses_of(roll.active)
+    np.testing.assert_array_equal(
+        np.column_stack([presses.first, presses.key]), np.argwhere(roll.onset)
+    )
+
+
+@given(st.data())
+def test_metrics_stay_in_their_bounds(data):
+    roll = data.draw(rolls())
+    metrics = judge(due_of(roll), data.draw(random_playing(len(roll))))
+    for name in SHARES:
+        assert 0.0 <= metrics[name] <= 1.0, name
+    for name, most in (("", 10), ("_right", 5), ("_left", 5)):
+        number = metrics[f"effective_fingers{name}"]
+        assert number == 0.0 or 1.0 <= number <= most + 1e-9
+    assert metrics["wrong_presses_per_second"] >= 0.0
+    assert abs(metrics["onset_error_mean_ms"]) <= 50.05
+    assert metrics["onset_error_std_ms"] <= 50.05
+
+
+@given(st.data())
+def test_a_press_of_a_key_that_is_never_due_never_raises_a_score(data):
+    roll = data.draw(rolls())
+    done = data.draw(random_playing(len(roll)))
+    key = data.draw(st.sampled_from([20, 80]))  # neither due nor played
+    first = data.draw(st.integers(0, len(roll) - 1))
+    worse = Played(done.keys.copy(), done.fingers.copy(), done.strikes, done.pedal)
+    worse.keys[first : first + 3, key], worse.fingers[first : first + 3, key] = True, 9
+    worse.strikes = onsets_of(worse.keys, DT)
+    before, after = judge(due_of(roll), done), judge(due_of(roll), worse)
+    for name in ("precision", "f1", "onset_precision", "onset_f1", "non_silent_f1"):
+        assert after[name] <= before[name]
+    assert after["recall"] == before["recall"]
+    assert after["wrong_presses_per_second"] > before["wrong_presses_per_second"]

@@ -1,0 +1,191 @@
+"""The sound of a score, heard by its samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hearing import dominant_frequency, loudness, onsets_in
+from scipy.io import wavfile
+
+from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.music import SAMPLE_RATE, Note, Pedal, Score, synthesize, write_wav
+from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH
+
+RATE = SAMPLE_RATE
+
+
+def note(onset, offset, pitch=60, velocity=80):
+    return Note(onset=onset, offset=offset, pitch=pitch, velocity=velocity)
+
+
+def score(*notes, pedals=()):
+    return Score(notes=notes, pedals=[Pedal(onset=on, offset=off) for on, off in pedals])
+
+
+def test_every_note_is_heard_within_five_milliseconds_of_its_onset():
+    times = np.array([0.1234, 0.7, 1.3333, 1.9871, 2.5, 3.0001])
+    pitches = [60, 30, 72, 48, 96, 60]
+    piece = score(*(note(t, t + 0.05, p) for t, p in zip(times, pitches, strict=True)))
+    heard = onsets_in(synthesize(piece), RATE)
+    assert len(heard) == len(times)
+    np.testing.assert_allclose(heard, times, atol=0.005)
+
+
+def test_no_key_is_late():
+    for pitch in range(MIN_PITCH, MAX_PITCH + 1):
+        sound = np.abs(synthesize(score(note(0.0, 0.1, pitch)))).max(axis=1)
+        assert np.argmax(sound > 0.01) < 0.01 * RATE, pitch
+
+
+def test_before_the_first_note_there_is_silence():
+    sound = synthesize(score(note(0.5, 1.0)))
+    assert not sound[: round(0.5 * RATE)].any()
+    assert sound[round(0.5 * RATE) : round(0.51 * RATE)].any()
+
+
+@pytest.mark.parametrize("pitch", [36, 45, 60, 69, 81, 96, 108])
+def test_a_note_has_the_frequency_of_its_pitch(pitch):
+    frequency = 440.0 * 2.0 ** ((pitch - 69) / 12.0)
+    sound = synthesize(score(note(0.0, 1.0, pitch)))[round(0.1 * RATE) : RATE, 0]
+    heard = dominant_frequency(sound, RATE, near=frequency)
+    assert abs(1200.0 * np.log2(heard / frequency)) < 20  # cents; a semitone is 100
+
+
+def test_all_keys_of_the_piano_sound_and_no_two_alike():
+    sounds = [
+        synthesize(score(note(0.0, 0.1, pitch)))[:4410] for pitch in range(MIN_PITCH, MAX_PITCH + 1)
+    ]
+    assert all(loudness(sound, RATE, 0.0, 0.1) > 0.01 for sound in sounds)
+    assert len({sound.tobytes() for sound in sounds}) == 88
+
+
+def test_a_key_let_go_falls_silent_and_one_held_sounds_on():
+    short, held = synthesize(score(note(0.0, 0.2))), synthesize(score(note(0.0, 2.0)))
+    assert loudness(short, RATE, 0.1, 0.2) == pytest.approx(loudness(held, RATE, 0.1, 0.2))
+    assert loudness(held, RATE, 1.0, 1.1) > 0.02
+    assert loudness(short, RATE, 1.0, 1.1) < 0.03 * loudness(held, RATE, 1.0, 1.1)  # the room
+
+
+@pytest.mark.parametrize(
+    ("pedals", "damped_at"),
+    [
+        ([], 0.2),
+        ([(0.1, 1.0)], 1.0),
+        ([(0.2, 1.0)], 1.0),  # pressed at the moment the key is let go
+        ([(0.0, 0.2)], 0.2),  # comes up at that moment
+        ([(0.3, 1.0)], 0.2),  # too late
+        ([(0.1, 0.6), (0.7, 1.0)], 0.6),
+    ],
+)
+def test_the_pedal_holds_a_note_that_is_let_go_while_it_is_down(pedals, damped_at):
+    with_pedal = synthesize(score(note(0.0, 0.2), pedals=pedals))
+    held = synthesize(score(note(0.0, damped_at)))
+    common = min(len(with_pedal), len(held))
+    np.testing.assert_allclose(with_pedal[:common], held[:common], atol=1e-3)
+
+
+def test_a_key_struck_again_before_it_is_let_go_is_heard_twice():
+    heard = onsets_in(synthesize(score(note(0.0, 2.0), note(1.0, 3.0))), RATE)
+    np.testing.assert_allclose(heard, [0.0, 1.0], atol=0.01)
+
+
+def test_notes_at_the_same_time_are_all_heard():
+    low, high = note(0.0, 0.5, 60), note(0.25, 0.5, 79)
+    alone = synthesize(score(low)).astype(float)
+    both = synthesize(score(low, high)).astype(float)
+    rest = both - alone * (both[:2000] ** 2).sum() / (alone[:2000] * both[:2000]).sum()
+    other = synthesize(score(high)).astype(float)
+    assert np.corrcoef(rest[:, 0], other[: len(rest), 0])[0, 1] > 0.9999
+
+
+def test_another_key_does_not_damp_the_sound_that_the_pedal_holds():
+    other_key = synthesize(score(note(0.0, 0.2), note(0.5, 0.7, 72), pedals=[(0.0, 2.0)]))
+    by_hand = synthesize(score(note(0.0, 2.0), note(0.5, 2.0, 72)))
+    np.testing.assert_array_equal(other_key, by_hand)
+
+
+def test_a_note_is_softer_with_half_the_velocity_by_a_factor_of_four():
+    sound = synthesize(score(note(0.0, 0.1, velocity=100), note(3.0, 3.1, velocity=50)))
+    loud, soft = loudness(sound, RATE, 0.0, 0.1), loudness(sound, RATE, 3.0, 3.1)
+    assert loud / soft == pytest.approx(4.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "piece",
+    [
+        score(note(0.0, 1.0, velocity=1)),
+        score(*(note(0.0, 1.0, pitch, 127) for pitch in range(MIN_PITCH, MAX_PITCH + 1))),
+    ],
+    ids=["one soft note", "all keys at once"],
+)
+def test_the_loudest_moment_of_any_piece_is_at_nine_tenths(piece):
+    assert np.abs(synthesize(piece)).max() == pytest.approx(0.9, abs=1e-6)
+
+
+def test_the_last_note_is_given_a_second_to_ring_out():
+    sound = synthesize(score(note(0.0, 0.5), note(0.2, 1.5)))
+    assert len(sound) == round(2.5 * RATE)
+    assert loudness(sound, RATE, 1.5, 1.6) > 1e-3
+    assert loudness(sound, RATE, 2.45, 2.5) < 1e-4
+
+
+def test_a_note_held_by_the_pedal_is_given_that_time_too():
+    assert len(synthesize(score(note(0.0, 0.5), pedals=[(0.1, 3.0)]))) == round(4.0 * RATE)
+
+
+def test_a_sound_may_be_asked_to_last_longer_but_is_never_cut():
+    piece = score(note(0.0, 0.5))
+    plain, longer = synthesize(piece), synthesize(piece, at_least=4.0)
+    assert len(longer) == round(4.0 * RATE)
+    np.testing.assert_array_equal(longer[: len(plain)], plain)
+    assert not longer[round(1.6 * RATE) :].any()
+    assert len(synthesize(piece, at_least=0.3)) == len(plain)
+
+
+def test_nothing_played_is_silence_of_the_length_asked_for():
+    assert synthesize(None).shape == (0, 2)
+    silence = synthesize(None, at_least=0.5)
+    assert silence.shape == (round(0.5 * RATE), 2)
+    assert not silence.any()
+
+
+def test_there_are_two_channels_which_differ_and_equal_pieces_sound_equal():
+    piece = score(note(0.0, 0.5), note(0.1, 0.4, 67))
+    sound = synthesize(piece)
+    assert sound.dtype == np.float32
+    assert sound.shape[1] == 2
+    assert (sound[:, 0] != sound[:, 1]).any()
+    np.testing.assert_array_equal(synthesize(piece), sound)
+
+
+@pytest.mark.parametrize("length", [-1.0, float("nan"), float("inf")])
+def test_a_length_that_is_no_time_is_refused(length):
+    with pytest.raises(ConfigError, match="at_least is .* s: expected a time from 0 on"):
+        synthesize(None, at_least=length)
+
+
+def test_a_wav_file_holds_the_samples_in_sixteen_bits(tmp_path):
+    sound = synthesize(score(note(0.0, 0.2)))
+    write_wav(tmp_path / "note.wav", sound)
+    rate, samples = wavfile.read(tmp_path / "note.wav")
+    assert rate == SAMPLE_RATE
+    assert samples.dtype == np.int16
+    np.testing.assert_allclose(samples / 32767.0, sound, atol=0.5 / 32767.0 + 1e-7)
+    assert [path.name for path in tmp_path.iterdir()] == ["note.wav"]
+
+
+def test_samples_beyond_full_scale_are_clipped_not_wrapped_around(tmp_path):
+    write_wav(tmp_path / "loud.wav", np.array([[1.5, -1.5]], dtype=np.float32))
+    rate, samples = wavfile.read(tmp_path / "loud.wav")
+    assert rate == SAMPLE_RATE
+    assert samples.tolist() == [[32767, -32767]]
+
+
+def test_a_wav_file_that_cannot_be_written_is_an_error_that_names_it(tmp_path):
+    with pytest.raises(ScoreError, match=r"Cannot write '.*no/note.wav': No such file"):
+        write_wav(tmp_path / "no" / "note.wav", np.zeros((4, 2), dtype=np.float32))
+
+
+def test_a_sound_of_more_than_an_hour_is_refused():
+    with pytest.raises(ScoreError, match="would last 3602 s: expected 3600 s at most"):
+        synthesize(score(note(0.0, 3601.0)))

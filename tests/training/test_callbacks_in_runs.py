@@ -1,0 +1,138 @@
+"""Callbacks in ``sb3-piano train``: they get environment and folder from the run."""
+
+from __future__ import annotations
+
+import json
+from typing import ClassVar
+
+import gymnasium as gym
+import pytest
+import torch
+from acting import parameters, scalars
+from every_callback import ENV_ID, LOGGED, check_what_was_written, tensorboard_names, write_yaml
+from stable_baselines3 import TD3
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+from sb3_piano.cli import main
+from sb3_piano.training import resume
+from sb3_piano.training.builders import build_vec_env
+from sb3_piano.training.config import VEC_ENVS
+
+
+class WithMetrics(gym.Wrapper):
+    """Give the final ``info`` music metrics; named in configs by its import path."""
+
+    def step(self, action):
+        *result, info = self.env.step(action)
+        if result[2] or result[3]:
+            info.update(f1=0.5, return_energy=-3.0)
+        return (*result, info)
+
+
+F1 = "sb3_piano.callbacks.F1Callback"
+WITH_METRICS = f"{__name__}.WithMetrics"
+
+
+@pytest.fixture
+def run_with(run):
+    """Train on a Pendulum that tells music metrics."""
+
+    def start(**changes):
+        return run(**{"env_wrapper": WITH_METRICS, **changes})
+
+    return start
+
+
+class Probe(BaseCallback):
+    """Note down which environment its run makes."""
+
+    made: ClassVar = []
+
+    def use_run(self, run):
+        self.run = run
+
+    def _on_training_start(self):
+        venv = self.run.make_env(None)
+        self.made.append((type(venv.unwrapped), venv.num_envs))
+        venv.close()
+
+    def _on_step(self):
+        return True
+
+
+@pytest.mark.parametrize("vec_env", VEC_ENVS)
+def test_a_run_makes_a_single_environment_in_its_own_process(run, vec_env):
+    n_envs = 1 if vec_env == "subproc" else 2  # processes take long to start
+    run(vec_env=vec_env, n_envs=n_envs, n_timesteps=20, callback=f"{__name__}.Probe")
+    assert Probe.made.pop() == (DummyVecEnv, 1)
+
+
+def test_an_evaluation_may_break_off_an_episode_even_if_the_training_must_not(run_with):
+    strict = {"allow_early_resets": False}
+    folder = run_with(monitor_kwargs=strict, callback={F1: {"eval_freq": 50}}).folder
+    assert set(scalars(folder, "eval/f1")) == {50, 100}
+
+
+@pytest.mark.parametrize("vec_env", VEC_ENVS)
+def test_evaluation_in_a_run_has_the_runs_wrappers_and_normalisation(
+    run_with, vec_env, small_config, episodes_of
+):
+    folder = run_with(
+        vec_env=vec_env,
+        n_envs=2,
+        normalize=True,
+        callback={F1: {"eval_freq": 25}},
+    ).folder
+    assert scalars(folder, "eval/f1") == {50: 0.5, 100: 0.5}
+    assert set(scalars(folder, "eval/mean_reward")) == {50, 100}
+    note = json.loads((folder.path / "best_f1" / "best_model.json").read_text())
+    assert note == {"metric": "f1", "value": 0.5, "num_timesteps": 50}
+    assert TD3.load(folder.path / "best_f1" / "best_model.zip").num_timesteps == 50
+    venv = build_vec_env(small_config(), statistics=folder.path / "best_f1" / "vecnormalize.pkl")
+    assert isinstance(venv, VecNormalize)
+    # one file for each training environment, without the episodes of the evaluations
+    assert len(list(folder.monitor_dir.iterdir())) == 2
+    assert [episode["l"] for episode in episodes_of(folder.monitor_dir)] == [20] * 4
+
+
+def test_a_run_is_the_same_with_and_without_evaluation(run_with, tmp_path):
+    models = []
+    for callback in ((), {F1: {"eval_freq": 30, "deterministic": False}}):
+        folder = run_with(callback=callback).folder
+        models.append(parameters(folder))
+        folder.path.rename(tmp_path / f"done_{len(models)}")
+    assert torch.equal(*models)
+
+
+def test_a_resumed_run_keeps_its_best_model(run_with):
+    folder = run_with(callback={F1: {"eval_freq": 50}}).folder
+    note = folder.path / "best_f1" / "best_model.json"
+    first = json.loads(note.read_text())
+    resume(folder.path, 200, progress_bar=False)
+    assert json.loads(note.read_text()) == first  # the same again is no better
+    note.write_text(json.dumps({**first, "value": 0.1}))
+    resume(folder.path, 300, progress_bar=False)
+    assert json.loads(note.read_text()) == {"metric": "f1", "value": 0.5, "num_timesteps": 250}
+
+
+def test_a_stopped_training_is_saved(run_with):
+    result = run_with(callback={F1: {"eval_freq": 20, "stop_threshold": 0.5, "stop_patience": 2}})
+    assert (result.num_timesteps, result.interrupted) == (40, False)
+
+
+def test_metrics_and_reward_terms_of_the_training_are_logged_without_being_asked_for(run_with):
+    folder = run_with().folder
+    assert set(scalars(folder, "music/f1")) == set(scalars(folder, "reward/energy")) == {80, 100}
+    assert set(scalars(folder, "reward/energy").values()) == {-3.0}
+
+
+def test_every_callback_from_one_yaml_file_in_sb3_piano_train(midi_file, tmp_path):
+    write_yaml(tmp_path / "all.yml", midi_file, tmp_path)
+    command = ["train", "--config", str(tmp_path / "all.yml"), "--env", ENV_ID, "--seed", "1"]
+    assert main([*command, "--no-progress", "--run", str(tmp_path / "run")]) == 0
+    check_what_was_written(tmp_path)
+    assert (tmp_path / "run" / "best_onset_f1" / "best_model.zip").is_file()
+    found = tensorboard_names(tmp_path / "run" / "tensorboard" / "run_1")
+    assert set(found) >= LOGGED
+    assert set(found["eval/onset_f1"]) == {100, 200}

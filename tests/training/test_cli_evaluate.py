@@ -1,0 +1,384 @@
+"""``sb3-piano evaluate`` and ``compare``: what stands in their tables and files."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import os
+import signal
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from sb3_piano.cli import main
+from sb3_piano.cli.metric_names import METRIC_NAMES, label, rounded
+from sb3_piano.envs import RETURN_KEYS
+from sb3_piano.metrics import EPISODE_METRICS, FINGER_SHARES
+
+STILL = np.zeros(39)
+LOUD = np.where(np.arange(39) % 2 == 0, 0.9, -0.3)
+
+
+class Stopped(gym.Wrapper):
+    """Press Ctrl-C at the third step; named in a config by its import path."""
+
+    steps = 0
+
+    def step(self, action):
+        self.steps += 1
+        if self.steps == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+        return self.env.step(action)
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "100")
+
+
+@pytest.fixture
+def call(capsys):
+    """Return a function that runs a command and returns exit code, output and errors."""
+
+    def run(command):
+        capsys.readouterr()
+        code = main(command.split())
+        return code, *capsys.readouterr()
+
+    return run
+
+
+def rows_of(out):
+    """The cells of all table rows, without the frame."""
+    lines = [line for line in out.splitlines() if line.startswith("│")]
+    return [[cell.strip() for cell in line.strip("│").split("│")] for line in lines]
+
+
+def written(run, tmp_path):
+    return json.loads((tmp_path / run / "evaluation" / "metrics.json").read_text())
+
+
+def test_every_metric_has_a_name_in_words():
+    names = {*EPISODE_METRICS, *RETURN_KEYS, "return", "length"}
+    assert set(METRIC_NAMES) == names
+    assert len({label(name) for name in names}) == len(names)
+    assert label("grace") == "grace"
+    assert (rounded("length", 25.0), rounded("f1", -0.0001), rounded("grace", 1)) == (
+        "25", "0.000", "1.000",
+    )  # fmt: skip
+
+
+def test_one_run_has_all_metrics_by_section_beside_the_baseline(piano_run, call, tmp_path):
+    piano_run(LOUD)
+    code, out, err = call("evaluate run")
+    assert (code, err) == (0, "")
+    assert out.startswith("duet: 1 episode, model after 1 steps of training\n")
+    rows = rows_of(out)
+    headings = [row[0] for row in rows if row[1:] == ["", ""]]
+    assert headings == ["Keys", "Onsets", "Pedal", "Fingers", "Return"]
+    found = written("run", tmp_path)
+    assert rows[1] == ["F1", f"{found['mean']['f1']:.3f}", f"{found['baseline']['f1']:.3f}"]
+    by_name = {row[0]: row[1:] for row in rows}
+    energy = [found[side]["return_energy"] for side in ("mean", "baseline")]
+    assert by_name["from energy"] == [rounded("return_energy", value) for value in energy]
+    for hand in ("right", "left"):
+        shares = [found["mean"][f"finger_share_{hand[0]}{n}"] for n in range(1, 6)]
+        text = " ".join(f"{share:.2f}".removeprefix("0") for share in shares)
+        expected = text if sum(shares) > 0 else "-"
+        assert by_name[f"shares, {hand} thumb to little"] == [expected, "-"]
+    assert sum(found["mean"][name] for name in FINGER_SHARES) == pytest.approx(1)
+    assert "Performance: run/evaluation/performance_1.mid\n" in out
+    assert "Metrics:     run/evaluation/metrics.json\n" in out
+    assert max(map(len, out.splitlines())) <= 100
+
+
+def test_physics_and_seed_reach_the_evaluation(piano_run, call, tmp_path):
+    piano_run(STILL)
+    assert call("evaluate run --physics fast --seed 3")[0] == 0
+    found = written("run", tmp_path)
+    assert found["env_kwargs"]["physics"] == "fast"
+    assert found["episode_seeds"] == [3]
+
+
+def test_timing_without_a_hit_is_a_dash(piano_run, call):
+    piano_run(STILL)
+    rows = {row[0]: row[1:] for row in rows_of(call("evaluate run")[1])}
+    assert rows["mean error of the hits, ms"] == ["-", "-"]
+    assert rows["deviation of the hits, ms"] == ["-", "-"]
+    assert rows["wrong presses a second"] == ["0.00", "0.00"]
+
+
+def test_several_episodes_have_mean_deviation_and_interval(pendulum_run, call, tmp_path):
+    pendulum_run()
+    code, out, _ = call("evaluate run --episodes 2 --seeds 4 1")
+    assert code == 0
+    assert "Pendulum-v1: 4 episodes" in out
+    found = written("run", tmp_path)
+    mean, std, interval = (found[k]["return"] for k in ("mean", "std", "interval"))
+    rows = {row[0]: row[1:] for row in rows_of(out)}
+    assert rows["in all"] == [
+        f"{mean:.2f} ± {std:.2f}", f"{interval[0]:.2f}..{interval[1]:.2f}",
+    ]  # fmt: skip
+    assert rows["control steps"] == ["20 ± 0", ""]
+    assert "An interval from so few values (4) is too narrow" in out
+    assert "episodes are the same" not in out
+    assert found["episode_seeds"] == [4, 4, 1, 1]
+
+
+def test_from_ten_episodes_on_an_interval_stands_for_itself(pendulum_run, call):
+    pendulum_run()
+    assert "too narrow" not in call("evaluate run --episodes 10")[1]
+    assert (
+        "An interval from so few values (9) is too narrow" in call("evaluate run --episodes 9")[1]
+    )
+
+
+def test_a_repeated_episode_is_said_to_be_one(piano_run, call):
+    piano_run(STILL)
+    _, out, _ = call("evaluate run --seeds 0 1 2")
+    assert "Here all episodes are the same: nothing is random, so one would do" in out
+    assert "95 % interval" not in out
+    assert "± 0.000" in out
+    assert "no key was pressed in 3 of 3 episodes, so there is no MIDI file" in out
+    assert "are the same" not in call("evaluate run")[1]
+
+
+def test_many_performances_are_listed_in_short(piano_run, call):
+    piano_run(LOUD)
+    _, out, _ = call("evaluate run --episodes 7")
+    assert out.count("Performance: ") == 5
+    assert "performance_5.mid\n             and 2 more\n" in out
+
+
+def test_several_runs_have_a_row_each_under_their_piece(piano_run, call, tmp_path):
+    piano_run(LOUD, "runs/loud")
+    piano_run(STILL, "runs/still")
+    code, out, _ = call("evaluate runs/loud runs/still")
+    assert code == 0
+    assert out.startswith("Runs in runs\n")
+    assert [row[0] for row in rows_of(out)] == ["duet", "loud", "still", "no-op baseline"]
+    names = ("f1", "onset_f1", "non_silent_f1", "return", "normalized_return")
+    for row, run in ((1, "loud"), (2, "still")):
+        mean = written(f"runs/{run}", tmp_path)["mean"]
+        assert rows_of(out)[row][1:] == [rounded(name, mean[name]) for name in names]
+    baseline = written("runs/loud", tmp_path)["baseline"]
+    assert rows_of(out)[3][1:] == [rounded(name, baseline[name]) for name in names]
+    assert max(map(len, out.splitlines())) <= 100
+
+
+def test_baselines_that_differ_are_shown_for_each_run(piano_run, call):
+    piano_run(STILL, "one")
+    piano_run(STILL, "two", control_timestep=0.1)
+    _, out, _ = call("evaluate one two --metrics length")
+    assert [row[:2] for row in rows_of(out)] == [
+        ["duet", ""],
+        ["one", "25"],
+        ["two", "13"],
+        ["no-op baseline of one", "25"],
+        ["no-op baseline of two", "13"],
+    ]
+
+
+def test_given_pieces_are_played_by_each_run(piano_run, call):
+    piano_run(STILL)
+    pieces = "--score CMajorScaleOneHand --score TwinkleTwinkleLittleStar"
+    _, out, _ = call(f"evaluate run {pieces} --metrics length recall")
+    names = [row[0] for row in rows_of(out)]
+    assert names[0::3] == ["CMajorScaleOneHand", "TwinkleTwinkleLittleStar"]
+    assert names[2::3] == ["no-op baseline"] * 2
+
+
+def test_intervals_and_repetitions_of_several_runs_are_explained(pendulum_run, call):
+    pendulum_run("one")
+    pendulum_run("two", algo="sac")
+    _, out, _ = call("evaluate one two --seeds 0 1 2")
+    assert rows_of(out)[1][0] == "one"
+    assert rows_of(out)[2][0] == ""  # the line under the mean
+    assert ".." in rows_of(out)[2][1]
+    assert len(rows_of(out)[0]) == 2  # of the main metrics, these have the return alone
+    assert "Means over all episodes of all seeds; below, where they vary, 95 % intervals" in out
+    assert "so few values (3)" in out
+    assert "are the same" not in out
+
+
+def test_repetitions_are_counted_in_rows(piano_run, call):
+    piano_run(STILL, "still")
+    piano_run(STILL, "wandering", randomize_hand_positions=True)
+    _, out, _ = call("evaluate still wandering --seeds 0 1 --metrics return_energy")
+    assert "In 1 of 2 rows all episodes are the same" in out
+
+
+def test_named_metrics_choose_rows_or_columns(piano_run, pendulum_run, call):
+    piano_run(STILL, "piano")
+    pendulum_run("pendulum")
+    _, out, _ = call("evaluate piano --metrics finger_share_l5 f1")
+    assert [row[0] for row in rows_of(out)] == [
+        "Keys", "F1", "Fingers", "share of the left little finger",
+    ]  # fmt: skip
+    many = "f1 recall precision onset_f1 onset_recall return length"
+    _, out, _ = call(f"evaluate piano pendulum --metrics {many}")
+    assert [len(row) for row in rows_of(out)] == [6] * 5 + [3] * 5  # five metrics in a table
+    pendulum = [row for row in rows_of(out) if row[0] == "pendulum"]
+    assert pendulum[0][1:] == ["-"] * 5
+    assert pendulum[1][2] == "20"
+
+
+def test_files_hold_what_was_found(pendulum_run, call, tmp_path):
+    pendulum_run("one")
+    pendulum_run("two", algo="sac")
+    _, out, _ = call("evaluate one two --episodes 2 --seeds 5 3 --csv all.csv --json all.json")
+    assert "Episodes:    all.csv\nEverything:  all.json\n" in out
+    with (tmp_path / "all.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    content = json.loads((tmp_path / "all.json").read_text())["evaluations"]
+    assert [row["run"] for row in rows] == ["one"] * 4 + ["two"] * 4
+    returns = [episode["return"] for entry in content for episode in entry["episodes"]]
+    assert [float(row["return"]) for row in rows] == returns
+
+
+def test_a_run_that_fails_leaves_the_others_and_an_exit_code(pendulum_run, call, tmp_path):
+    pendulum_run("one")
+    code, out, err = call("evaluate nix one --json all.json")
+    assert code == 2
+    assert err.startswith("sb3-piano: error: Run 'nix' was not evaluated: There is no folder")
+    assert err.count("\n") == 1
+    assert [row[0] for row in rows_of(out)] == ["Pendulum-v1", "one"]
+    content = json.loads((tmp_path / "all.json").read_text())
+    assert (len(content["evaluations"]), len(content["failures"])) == (1, 1)
+
+
+def test_where_nothing_was_found_nothing_is_written(call, tmp_path):
+    (tmp_path / "all.csv").write_text("of yesterday")
+    code, out, _ = call("evaluate nix --csv all.csv --json all.json")
+    assert (code, out) == (2, "")
+    assert (tmp_path / "all.csv").read_text() == "of yesterday"
+    assert not (tmp_path / "all.json").exists()
+
+
+def test_ctrl_c_writes_what_is_there(pendulum_run, call, tmp_path, ctrl_c):
+    pendulum_run("one")
+    folder = pendulum_run("two")
+    config = folder.read_config()
+    folder.write_config(dataclasses.replace(config, env_wrapper=f"{__name__}.Stopped"))
+    code, out, err = call("evaluate one two --csv all.csv")
+    assert (code, err) == (130, "sb3-piano: interrupted.\n")
+    assert "Pendulum-v1: 1 episode" in out
+    assert len((tmp_path / "all.csv").read_text().splitlines()) == 2
+
+
+def test_a_bar_shows_on_a_terminal_how_far_several_runs_are(pendulum_run, call, monkeypatch):
+    pendulum_run("one")
+    pendulum_run("two")
+    assert call("evaluate one two")[2] == ""
+    monkeypatch.setenv("FORCE_COLOR", "1")  # how rich is told that there is a terminal
+    monkeypatch.setenv("TERM", "xterm")
+    assert "episodes" in call("evaluate one two")[2]
+    assert call("evaluate one")[2] == call("evaluate one two --no-progress")[2] == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("evaluate nix --metrics f1 onset_f", "Unknown metric 'onset_f'. Did you mean 'onset_f1'"),
+        ("evaluate nix --csv no/all.csv", "--csv is 'no/all.csv': expected a file in a folder"),
+        ("evaluate nix --json .", "--json is '.': expected a file in a folder that exists"),
+        ("evaluate nix --seeds 1 1", "seed 1 is given 2 times"),
+        ("evaluate nix --seed -1", "seed is -1: expected 0 or more"),
+        ("evaluate nix --score Waltz", "Unknown piece 'Waltz'"),
+        ("evaluate nix ./nix", "Run 'nix' is given twice"),
+        ("compare nix all.json", "There is no 'nix'"),
+        ("compare nix nix --csv .", "--csv is '.': expected a file"),
+    ],
+)
+def test_an_error_is_one_line(call, arguments, message):
+    code, out, err = call(arguments)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert message in err
+
+
+def test_one_seed_and_several_exclude_each_other(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["evaluate", "run", "--seed", "1", "--seeds", "2", "3"])
+    assert "not allowed with argument --seed" in capsys.readouterr().err
+
+
+def evaluations(path, values):
+    """Write what evaluate writes: one episode of each piece, with some metrics."""
+    entries = [
+        {"piece": piece, "episode_seeds": [0], "episodes": [metrics]}
+        for piece, metrics in values.items()
+    ]
+    path.write_text(json.dumps({"evaluations": entries}))
+
+
+def test_a_comparison_shows_each_pair_and_what_they_say_together(call, tmp_path):
+    """Ranks 1, 2 and 3 with one sign: p = 2 / 8."""
+    a = {"Scale": 0.1, "Waltz": 0.2, "Etude": 0.3, "March": 0.4}
+    b = {"Scale": 0.2, "Waltz": 0.4, "Etude": 0.6, "Polka": 0.5}
+    evaluations(tmp_path / "a.json", {piece: {"f1": v, "recall": 1.0} for piece, v in a.items()})
+    evaluations(tmp_path / "b.json", {piece: {"f1": v, "recall": 1.0} for piece, v in b.items()})
+    command = "compare a.json b.json --metric f1 --metric recall --csv pairs.csv --json all.json"
+    code, out, err = call(command)
+    assert (code, err) == (0, "")
+    rows = rows_of(out)
+    assert rows[:4] == [
+        ["F1", "", "", ""],
+        ["Scale", "0.100", "0.200", "+0.100"],
+        ["Waltz", "0.200", "0.400", "+0.200"],
+        ["Etude", "0.300", "0.600", "+0.300"],
+    ]
+    summary = {row[0]: row[1:] for row in rows if len(row) == 7}
+    interval = summary["F1"][3]
+    assert summary["F1"] == ["0.200", "0.400", "+0.200", interval, "3 of 3", "0.25"]
+    assert interval == "+0.100..+0.300"
+    assert summary["Keys: recall"] == ["1.000", "1.000", "0.000", "-", "0 of 3", "-"]
+    for line in (
+        "Left out, as only A has them: March.",
+        "Left out, as only B has them: Polka.",
+        "With 3 pairs p cannot be below 0.25 (F1).",
+        "No interval: all values are equal (Keys: recall).",
+        "No test: all pairs are equal (Keys: recall).",
+        "An interval from so few values (3) is too narrow",
+    ):
+        assert line in out
+    assert len((tmp_path / "pairs.csv").read_text().splitlines()) == 7
+    assert json.loads((tmp_path / "all.json").read_text())["metrics"]["f1"]["wilcoxon_p"] == 0.25
+    assert max(map(len, out.splitlines())) <= 100
+
+
+@pytest.mark.parametrize(("pairs", "told"), [(5, True), (6, False)])
+def test_the_least_p_is_told_where_it_is_above_a_twentieth(call, tmp_path, pairs, told):
+    """It is 2 / 2^5 = 0.0625 for five pairs and 0.03125 for six."""
+    evaluations(tmp_path / "a.json", {f"No. {n}": {"f1": 0.0} for n in range(pairs)})
+    evaluations(tmp_path / "b.json", {f"No. {n}": {"f1": 0.1 + n / 10} for n in range(pairs)})
+    _, out, _ = call("compare a.json b.json")
+    assert ("With 5 pairs p cannot be below 0.0625." in out) == told
+    assert ("cannot be below" in out) == told
+    # all have one sign, and what is shown must not seem to be below the least
+    assert rows_of(out)[-1][-1] == ("0.0625" if told else "0.0312")
+
+
+def test_equal_pairs_are_said_to_be_left_out_of_the_test(call, tmp_path):
+    pieces = "ABCDEFGHIJKLMNOPQRS"
+    evaluations(tmp_path / "a.json", {piece: {"f1": 0.5} for piece in pieces})
+    differences = [0, 0, *range(1, 18)]
+    after = {p: {"f1": 0.5 - d / 50} for p, d in zip(pieces, differences, strict=True)}
+    evaluations(tmp_path / "b.json", after)
+    _, out, _ = call("compare a.json b.json")
+    assert "2 equal pairs left out of the test." in out
+    assert rows_of(out)[-1][4:] == [rows_of(out)[-1][4], "0 of 19", "< 0.0001"]
+    assert "cannot be below" not in out
+    assert "too narrow" not in out
+
+
+def test_seeds_make_pairs_if_asked_for(pendulum_run, call):
+    pendulum_run("one")
+    pendulum_run("two", algo="sac")
+    call("evaluate one two --seeds 0 1")
+    _, out, _ = call("compare one two --by seed")
+    names = [row[0] for row in rows_of(out)]
+    assert names[:3] == ["return", "Pendulum-v1, seed 0", "Pendulum-v1, seed 1"]
+    assert rows_of(call("compare one two")[1])[1][0] == "Pendulum-v1"

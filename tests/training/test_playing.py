@@ -1,0 +1,116 @@
+"""A run's saved model plays what and where it is told to."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, RunError, ScoreError, UnknownPieceError
+from sb3_piano.music import Note, Score
+from sb3_piano.training import SavedPlayer
+
+STILL = np.zeros(39)
+BEYOND = Score(notes=[Note(pitch=100, onset=0.0, offset=0.2)], title="Beyond")
+
+
+class AlwaysTwinkle(gym.Wrapper):
+    """Choose a piece at each reset; named in a config by its import path."""
+
+    def reset(self, *, seed=None, options=None):
+        return self.env.reset(seed=seed, options={"score": "TwinkleTwinkleLittleStar"})
+
+
+def test_episodes_are_recorded_with_their_motion(piano_run):
+    with SavedPlayer.open(piano_run(STILL).path, seed=3) as player:
+        assert isinstance(player.env, PianoEnv)
+        first, second = player.play(2)
+        for recording in (first, second):
+            steps = len(recording.performance)
+            assert steps == len(player.env.roll) == recording.metrics["length"]
+            assert recording.motion.qpos.shape == (steps + 1, player.env.model.nq)
+        assert first.metrics == second.metrics
+        assert (player.config.seed, player.num_timesteps, player.piece) == (3, 1, "duet")
+        resting = player.rest()
+        assert resting.metrics["return_energy"] != first.metrics["return_energy"]
+        # a rest leaves nothing behind
+        assert player.play()[0].metrics == first.metrics
+
+
+def test_a_player_of_no_piano_does_not_rest(pendulum_run):
+    with SavedPlayer.open(pendulum_run().path) as player:
+        assert player.rest() is None
+        assert player.piece == "Pendulum-v1"
+        (recording,) = player.play()
+        assert (recording.performance, recording.motion) == (None, None)
+
+
+def test_each_playing_starts_from_its_seed(pendulum_run):
+    with SavedPlayer.open(pendulum_run().path, seed=5) as player:
+        returns = [r.metrics["return"] for r in player.play(3)]
+        assert [r.metrics["return"] for r in player.play(2)] == returns[:2]
+        other = [r.metrics["return"] for r in player.play(1, seed=6)]
+        assert other[0] not in returns
+        endless = player.episodes(seed=5)
+        assert [next(endless).metrics["return"] for _ in range(3)] == returns
+
+
+def test_a_run_without_a_file_names_its_piece_by_the_score(piano_run, small_config):
+    folder = piano_run(STILL)
+    config = folder.read_config()
+    folder.provenance_file.unlink()
+    folder.write_config(dataclasses.replace(config, env_kwargs={"score": "CMajorScaleOneHand"}))
+    with SavedPlayer.open(folder.path) as player:
+        assert player.piece == "CMajorScaleOneHand"
+
+
+def test_a_given_piece_is_played_whatever_wrappers_choose(piano_run):
+    folder = piano_run(STILL)
+    config = folder.read_config()
+    folder.write_config(dataclasses.replace(config, env_wrapper=f"{__name__}.AlwaysTwinkle"))
+    short = Score(notes=[Note(pitch=60, onset=0.0, offset=0.2)], title="Short")
+    with SavedPlayer.open(folder.path) as player:
+        assert player.play()[0].performance.title == "TwinkleTwinkleLittleStar"
+    with SavedPlayer.open(folder.path, score=short) as player:
+        for recording in (*player.play(2), player.rest()):
+            assert recording.performance.title == player.piece == "Short"
+
+
+def test_a_window_keeps_its_keys_for_another_piece(piano_run):
+    """Observed are the keys of the run's own piece, C3 to E5, and three beside them."""
+    folder = piano_run(STILL, observation="window")
+    inside = Score(notes=[Note(pitch=60, onset=0.0, offset=0.2)], title="Inside")
+    with SavedPlayer.open(folder.path) as own, SavedPlayer.open(folder.path, score=inside) as other:
+        assert own.env.observation_space == other.env.observation_space
+        assert len(other.play()[0].performance) == 5
+    with pytest.raises(RunError, match="run' cannot play 'Beyond': .*that its observation"):
+        SavedPlayer.open(folder.path, score=BEYOND)
+
+
+def test_no_piece_can_be_given_to_what_is_no_piano(pendulum_run):
+    with pytest.raises(ConfigError, match="cannot play 'Beyond': its environment 'Pendulum-v1' is"):
+        SavedPlayer.open(pendulum_run().path, score=BEYOND)
+
+
+def test_a_piece_that_cannot_be_read_is_refused(piano_run):
+    folder = piano_run(STILL)
+    with pytest.raises(UnknownPieceError, match="Unknown piece 'Twinkle'"):
+        SavedPlayer.open(folder.path, score="Twinkle")
+    with pytest.raises(ScoreError, match="no.mid"):
+        SavedPlayer.open(folder.path, score="no.mid")
+
+
+def test_numbers_out_of_range_are_refused(pendulum_run):
+    folder = pendulum_run()
+    with pytest.raises(ConfigError, match="seed is -1: expected 0 or more"):
+        SavedPlayer.open(folder.path, seed=-1)
+    with SavedPlayer.open(folder.path) as player:
+        with pytest.raises(ConfigError, match="episodes is 0: expected 1 or more"):
+            player.play(0)
+        with pytest.raises(ConfigError, match="seed is -2: expected 0 or more"):
+            player.play(1, seed=-2)
+        with pytest.raises(ConfigError, match="seed is -2: expected 0 or more"):
+            player.episodes(seed=-2)

@@ -1,0 +1,145 @@
+"""Statistics of a few numbers, each proved by another road."""
+
+from __future__ import annotations
+
+import itertools
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sb3_piano.training.statistics import bootstrap_interval, signed_rank_test, summarize
+
+
+def plain_interval(values, resamples=20_000):
+    """The ends between which 95 % of the means of resamples lie, by a loop."""
+    random = np.random.default_rng(12345)
+    means = [random.choice(values, len(values)).mean() for _ in range(resamples)]
+    return np.quantile(means, [0.025, 0.975])
+
+
+def enumerated_p(differences):
+    """The two-sided p of the signed-rank test: count the signs that are at least as one-sided."""
+    kept = [d for d in differences if d != 0]
+    sizes = np.abs(kept)
+    ranks = np.array([np.mean(np.flatnonzero(np.sort(sizes) == size) + 1) for size in sizes])
+    middle = ranks.sum() / 2
+    distance = abs(ranks[np.array(kept) > 0].sum() - middle)
+    signs = itertools.product([0, 1], repeat=len(kept))
+    return np.mean([abs(np.dot(sign, ranks) - middle) >= distance - 1e-9 for sign in signs])
+
+
+def test_the_interval_is_that_of_a_plain_resampling_loop():
+    values = np.random.default_rng(5).gamma(2.0, 1.0, 25)
+    assert bootstrap_interval(values) == pytest.approx(plain_interval(values), abs=0.03)
+
+
+def test_of_two_values_every_mean_of_a_resample_is_a_value_or_their_middle():
+    """A quarter of the resamples has the lower value twice, a quarter the upper one."""
+    assert bootstrap_interval([0.0, 1.0]) == (0.0, 1.0)
+
+
+def test_the_same_values_have_the_same_interval_whoever_drew_random_numbers_before():
+    values = np.random.default_rng(2).random(12)
+    first = bootstrap_interval(values)
+    np.random.default_rng().random(3)
+    assert bootstrap_interval(values) == first
+
+
+@given(st.lists(st.floats(0, 1), min_size=2, max_size=8))
+def test_an_interval_stays_within_the_values_and_around_their_mean(values):
+    interval = bootstrap_interval(values)
+    if len(set(values)) == 1:
+        assert interval is None
+        return
+    if interval is not None:
+        tolerance = 1e-12
+        low, high = interval
+        assert min(values) - tolerance <= low <= np.mean(values) + tolerance
+        assert np.mean(values) - tolerance <= high <= max(values) + tolerance
+
+
+def test_a_summary_has_mean_deviation_and_interval():
+    """The squares of the distances from the mean 2 are 1, 1, 4 and 4."""
+    summary = summarize([1.0, 3.0, 0.0, 4.0])
+    assert (summary.n, summary.mean) == (4, 2.0)
+    assert summary.std == pytest.approx(np.sqrt(10 / 4))
+    assert summary.interval == bootstrap_interval([1.0, 3.0, 0.0, 4.0])
+    assert summary.no_interval is None
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [([0.3], "fewer than 2 values"), ([0.1, 0.1, 0.1], "all values are equal")],
+)
+def test_where_nothing_varies_there_is_a_reason_in_place_of_an_interval(values, reason):
+    summary = summarize(values)
+    assert (summary.std, summary.interval, summary.no_interval) == (0.0, None, reason)
+    assert summary.mean == pytest.approx(values[0])
+
+
+@pytest.mark.parametrize("values", [[], [[1.0, 2.0]]])
+def test_what_is_no_row_of_values_is_refused(values):
+    with pytest.raises(ValueError, match="expected \\(n,\\) with n at least 1"):
+        summarize(values)
+
+
+@pytest.mark.parametrize(
+    "differences",
+    [
+        [1.0, 2.0],
+        [1.0, 2.0, -3.0, 4.0, 5.0],
+        [-0.1, -0.2, -0.3, -0.4, -0.5, -0.6],
+        [0.3, -0.1, 0.25, 0.7, -0.05, 0.4, 0.9, 1.1],
+        [1.0, 1.0, -1.0, 2.0, 2.0, 3.0],  # equal sizes share their mean rank
+        [0.0, 2.0, 0.0, -1.0, 3.0, 4.0],  # zeros do not count
+    ],
+)
+def test_the_test_is_that_of_trying_all_signs(differences):
+    test = signed_rank_test(differences)
+    assert test.p == pytest.approx(enumerated_p(differences), abs=1e-12)
+    assert test.n == np.count_nonzero(differences)
+
+
+def test_sizes_that_are_equal_but_for_rounding_share_their_rank():
+    exact = signed_rank_test([1.0, -1.0, 1.0, 1.0, 2.0])
+    assert signed_rank_test([0.1, -(0.3 - 0.2), 0.4 - 0.3, 0.1, 0.2]) == exact
+
+
+@given(st.lists(st.integers(-5, 5).map(float), min_size=2, max_size=7))
+def test_neither_order_nor_unit_nor_side_changes_the_test(differences):
+    test = signed_rank_test(differences)
+    for other in (sorted(differences), [-d for d in differences], [d / 3 for d in differences]):
+        assert signed_rank_test(other) == test
+
+
+@pytest.mark.parametrize("n", [2, 3, 5, 6, 10])
+def test_differences_that_all_have_one_side_reach_the_least_possible_p(n):
+    """Of 2^n signs, two are as one-sided: all positive and all negative."""
+    test = signed_rank_test(np.arange(1.0, n + 1))
+    assert test.p == pytest.approx(test.least_p)
+    assert test.least_p == 2 / 2**n
+
+
+@pytest.mark.parametrize(
+    ("differences", "reason"),
+    [
+        ([], "fewer than 2 pairs"),
+        ([0.4], "fewer than 2 pairs"),
+        ([0.0, 0.0, 0.0], "all pairs are equal"),
+        ([0.0, 0.4, 0.0], "fewer than 2 pairs differ"),
+    ],
+)
+def test_without_two_pairs_that_differ_there_is_a_reason_in_place_of_a_test(differences, reason):
+    test = signed_rank_test(differences)
+    assert (test.p, test.least_p, test.no_test) == (None, None, reason)
+
+
+def test_many_pairs_are_tested_by_the_normal_approximation():
+    """The sum of the ranks 1 to 60 of one side has mean 915 and variance 60 * 61 * 121 / 24."""
+    differences = np.arange(1.0, 61.0) * np.where(np.arange(60) % 3 == 0, -1, 1)
+    positive = sum(rank for rank in range(1, 61) if differences[rank - 1] > 0)
+    z = (positive - 915) / np.sqrt(60 * 61 * 121 / 24)
+    assert signed_rank_test(differences).p == pytest.approx(2 * (1 - NormalDist().cdf(z)), rel=1e-6)

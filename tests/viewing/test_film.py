@@ -1,0 +1,106 @@
+"""A film drawn afterwards shows what the environment would have shown."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+from sb3_piano.envs import EpisodeRecorder, PianoEnv
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Note, Score
+from sb3_piano.simulation import find_gl_backend
+from sb3_piano.viewing import FrameRenderer, film, moments
+
+needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
+
+PIECE = Score(
+    notes=[
+        Note(onset=0.0, offset=0.1, pitch=48, finger=0),
+        Note(onset=0.1, offset=0.2, pitch=60),
+    ]
+)
+
+
+def episode(**options):
+    """Play PIECE with hands that press keys; return env, recording and the rendered pictures."""
+    env = EpisodeRecorder(PianoEnv(PIECE, **options))
+    env.reset(seed=0)
+    action = np.where(np.arange(39) % 2 == 0, 0.9, -0.3).astype(np.float32)
+    pictures, over = [env.render()], False
+    while not over:
+        _, _, _, over, _ = env.step(action)
+        pictures.append(env.render())
+    return env.unwrapped, env.finished[0], pictures
+
+
+@needs_gl
+@pytest.mark.parametrize("camera", ["overview", "topdown"])
+def test_every_picture_is_that_of_the_environments_render(camera):
+    env, recording, rendered = episode(
+        render_mode="rgb_array", camera_name=camera, width=160, height=90
+    )
+    drawn = list(
+        film(
+            env.scene,
+            recording.performance,
+            recording.motion.qpos,
+            width=160,
+            height=90,
+            camera=camera,
+        )
+    )
+    env.close()
+    assert recording.performance.key_active.any()
+    assert len(drawn) == len(rendered) == len(env.roll) + 1
+    np.testing.assert_array_equal(drawn, rendered)
+
+
+def test_the_first_moment_has_the_keys_of_the_first_step_due_and_later_ones_those_just_played():
+    env, recording, _ = episode()
+    seen = list(moments(env.scene, recording.performance, recording.motion.qpos))
+    assert [moment.due.tolist() for moment in seen] == [[27], [27], [27], [39], [39], []]
+    assert [moment.fingers.tolist() for moment in seen] == [[0], [0], [0], [-1], [-1], []]
+
+
+def test_the_keys_shown_as_sounding_are_those_that_the_performance_has():
+    env, recording, _ = episode()
+    seen = list(moments(env.scene, recording.performance, recording.motion.qpos))
+    assert not seen[0].sounding.any()
+    shown = np.array([moment.sounding for moment in seen[1:]])
+    assert shown.any()
+    np.testing.assert_array_equal(shown, recording.performance.key_active)
+
+
+def test_sounding_keys_can_be_left_unmarked():
+    env, recording, _ = episode()
+    seen = moments(env.scene, recording.performance, recording.motion.qpos, mark_sounding=False)
+    assert not any(moment.sounding.any() for moment in seen)
+
+
+@pytest.mark.parametrize("cut", [(slice(1, None), slice(None)), (slice(None), slice(1, None))])
+def test_a_motion_that_is_not_of_the_performance_is_refused(cut):
+    env, recording, _ = episode()
+    shape = (len(env.roll) + 1, env.model.nq)
+    with pytest.raises(ConfigError, match=rf"expected \({shape[0]}, {shape[1]}\), the joint"):
+        moments(env.scene, recording.performance, recording.motion.qpos[cut])
+
+
+@needs_gl
+def test_a_film_frees_its_drawing_context_also_if_it_is_not_watched_to_the_end(monkeypatch):
+    closed = []
+
+    class Renderer(FrameRenderer):
+        def close(self):
+            closed.append(self)
+            super().close()
+
+    monkeypatch.setattr(sys.modules[film.__module__], "FrameRenderer", Renderer)
+    env, recording, _ = episode()
+    for watched in (2, len(env.roll) + 1):
+        frames = film(env.scene, recording.performance, recording.motion.qpos, width=64, height=64)
+        for _ in range(watched):
+            assert next(frames).shape == (64, 64, 3)
+        frames.close()
+    assert len(set(closed)) == 2

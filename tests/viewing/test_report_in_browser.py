@@ -1,0 +1,256 @@
+"""The report in a real browser without a network: it draws, answers the mouse, fits a phone."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from playwright.sync_api import sync_playwright
+from report_parts import C4, D4, E4, long_performance, metrics_of, resting, three_notes
+
+from sb3_piano.training import RunConfig, train, write_report
+from sb3_piano.viewing.report import Curve, Report, report_html
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine")
+
+PLACE = """([second, key]) => {
+  const roll = document.getElementById("piano-roll");
+  const box = roll.getBoundingClientRect(), {xaxis, yaxis} = roll._fullLayout;
+  return [box.left + xaxis._offset + xaxis.d2p(second), box.top + yaxis._offset + yaxis.d2p(key)];
+}"""
+VIEW = "document.getElementById('piano-roll').layout.xaxis.range"
+MARKS = """mark => {
+  const roll = document.getElementById("piano-roll");
+  const drawn = roll.querySelectorAll(".barlayer .trace, .scatterlayer .trace");
+  return [...drawn].filter(node => node.__data__[0].trace.meta === mark)
+    .reduce((count, node) => count + node.querySelectorAll(".point").length, 0);
+}"""
+
+
+class Tab:
+    """A page of the browser that notes down what should not happen."""
+
+    def __init__(self, page):
+        self.page = page
+        self.complaints = []
+        page.on("console", lambda message: self.complaints.append(message.text))
+        page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        page.on("dialog", lambda dialog: (self.complaints.append(dialog.message), dialog.accept()))
+        page.on("request", self._request)
+
+    def _request(self, request):
+        if not request.url.startswith(("file:", "data:", "blob:")):
+            self.complaints.append(request.url)
+
+    def open(self, path):
+        self.page.goto(Path(path).as_uri())
+        self.page.wait_for_function(
+            "[...document.querySelectorAll('.plotly-graph-div')].every(f => f.querySelector('svg'))"
+        )
+
+    def count(self, mark):
+        return self.page.evaluate(MARKS, mark)
+
+    def view(self):
+        return self.page.evaluate(VIEW)
+
+    def point_at(self, second, key):
+        """Return the text that appears."""
+        self.page.mouse.move(2, 2)
+        self.page.mouse.move(*self.page.evaluate(PLACE, [second, key]))
+        shown = self.page.locator("#piano-roll .hoverlayer .hovertext")
+        shown.wait_for()
+        return " ".join(shown.all_text_contents())
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def tab(browser, request):
+    """A tab of 1200 by 1000 pixels, or as given; at its end nothing may have gone wrong."""
+    context = browser.new_context(
+        **{"viewport": {"width": 1200, "height": 1000}, "offline": True}
+        | getattr(request, "param", {})
+    )
+    opened = Tab(context.new_page())
+    yield opened
+    complaints = opened.complaints
+    context.close()
+    assert complaints == []
+
+
+def written(path, played, **changes):
+    steps = np.arange(20) * 100
+    curve = Curve(steps, np.linspace(0.0, 0.6, 20))
+    names = ("music/f1", "music/onset_f1", "rollout/ep_rew_mean", "reward/key_press")
+    settings = {"baseline": metrics_of(resting(played)), "curves": dict.fromkeys(names, curve)}
+    report = Report(performance=played, metrics=metrics_of(played), **{**settings, **changes})
+    path.write_text(report_html(report), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def page_of_three_notes(tmp_path):
+    """The page of C4 hit, D4 missed, E4 struck late, F4 wrong; the pedal once."""
+    return written(tmp_path / "report.html", three_notes())
+
+
+def test_all_figures_are_drawn_with_all_their_marks(tab, page_of_three_notes):
+    tab.open(page_of_three_notes)
+    ids = tab.page.eval_on_selector_all(".plotly-graph-div", "nodes => nodes.map(n => n.id)")
+    training = [f"training-{number}" for number in (1, 2, 3, 4)]
+    assert ids == ["piano-roll", "finger-usage", "reward-terms", *training]
+    expected = {"hit": 1, "late": 1, "wrong": 1, "early": 0, "missed": 2, "pedal": 3}
+    expected |= {"due-thumb": 1, "due-index-finger": 1, "due-middle-finger": 1}
+    assert {mark: tab.count(mark) for mark in expected} == expected
+    bars = "node => node.querySelectorAll('.barlayer .point path').length"
+    assert tab.page.eval_on_selector("#finger-usage", bars) == 20  # ten fingers, due and played
+    assert tab.page.eval_on_selector("#reward-terms", bars) == 4  # two terms, both with baseline
+    lines = "node => node.querySelectorAll('.scatterlayer .js-line').length"
+    assert tab.page.eval_on_selector("#training-1", lines) == 2
+    assert tab.page.title() == "study · sb3-piano"
+
+
+def test_pointing_at_a_bar_shows_pitch_finger_onsets_error_and_result(tab, page_of_three_notes):
+    tab.open(page_of_three_notes)
+    hit = tab.point_at(0.8, C4)
+    for text in (
+        *("C4", "hit", "finger due: right thumb", "finger nearest: right index"),
+        *("onset due: 0.500 s", "onset played: 0.520 s", "error: +20 ms"),
+    ):
+        assert text in hit
+    missed = tab.point_at(1.25, D4)
+    assert "D4" in missed
+    assert "missed" in missed
+    assert "onset due: 1.000 s" in missed
+    late = tab.point_at(1.8, E4)
+    assert "missed, struck late" in late
+    assert "error: +120 ms" in late
+    wrong = tab.point_at(0.76, E4 + 1)
+    assert "F4" in wrong
+    assert "wrong" in wrong
+    assert "finger nearest: left little" in wrong
+
+
+def test_marks_are_hidden_and_shown_by_the_legend(tab, page_of_three_notes):
+    tab.open(page_of_three_notes)
+    for mark, count in (("wrong", 1), ("missed", 2), ("due-thumb", 1)):
+        button = tab.page.locator(f"button[data-mark={mark}]")
+        button.click()
+        assert button.get_attribute("aria-pressed") == "false"
+        assert tab.count(mark) == 0
+        assert tab.count("hit") == 1
+        button.click()
+        assert button.get_attribute("aria-pressed") == "true"
+        assert tab.count(mark) == count
+    tab.page.locator("button[data-mark=early]").click()  # there is none: nothing happens
+    assert tab.count("hit") == 1
+
+
+def test_a_long_piece_is_walked_through_by_buttons_and_by_dragging(tab, tmp_path):
+    played = long_performance(1200)
+    end = played.roll.duration
+    tab.open(written(tmp_path / "long.html", played))
+    due = sum(tab.count(f"due-{name}") for name in (
+        *("thumb", "index-finger", "middle-finger", "ring-finger", "little-finger"), "any-finger"
+    ))  # fmt: skip
+    assert due == len(played.roll.onset_time)
+
+    def press(view):
+        tab.page.click(f"button[data-view={view}]")
+        return tab.view()
+
+    first, last = tab.view()
+    assert first <= 0 < last < 30
+    low, high = press("later")
+    assert high - low == pytest.approx(last - first)
+    assert first < low < last < high
+    assert press("earlier") == pytest.approx([first, last])
+    assert press("earlier") == pytest.approx([first, last])  # there is nothing before
+    low, high = press("closer")
+    assert high - low == pytest.approx((last - first) / 2)
+    low, high = press("wider")
+    assert high - low == pytest.approx(last - first)
+    low, high = press("all")
+    assert low <= 0
+    assert high >= end
+    assert press("later") == pytest.approx([low, high])
+    for _ in range(3):
+        low, high = press("closer")
+    tab.page.locator("#piano-roll").scroll_into_view_if_needed()
+    x, y = tab.page.evaluate(PLACE, [(low + high) / 2, 40])
+    tab.page.mouse.move(x, y)
+    tab.page.mouse.down()
+    tab.page.mouse.move(x - 200, y, steps=4)
+    tab.page.mouse.up()
+    moved = tab.view()
+    assert moved[0] > low
+    assert moved[1] - moved[0] == pytest.approx(high - low)
+
+
+PHONE = {"viewport": {"width": 390, "height": 844}, "is_mobile": True, "has_touch": True}
+
+
+@pytest.mark.parametrize("tab", [PHONE], indirect=True)
+def test_on_a_phone_nothing_is_wider_than_the_screen_and_fingers_scroll_the_page(tab, tmp_path):
+    tab.open(written(tmp_path / "long.html", long_performance(300), facts=[("run", "x" * 300)]))
+    assert tab.page.evaluate("document.documentElement.scrollWidth") == 390
+    assert tab.page.evaluate("innerWidth") == 390
+    widest = "nodes => Math.max(...nodes.map(n => n.getBoundingClientRect().right))"
+    assert tab.page.eval_on_selector_all("main *:not(svg *)", widest) <= 390
+    first, last = tab.view()
+    assert last - first < 9  # of the 24 s that a wide screen shows
+    assert tab.page.evaluate("document.getElementById('piano-roll').layout.dragmode") is False
+    tab.page.tap("button[data-view=later]")
+    assert tab.view()[0] > first
+
+
+def test_a_window_can_be_made_narrower(tab, page_of_three_notes):
+    tab.open(page_of_three_notes)
+    for width in (700, 900):
+        tab.page.set_viewport_size({"width": width, "height": 800})
+        figures = "f => [...document.querySelectorAll('.plotly-graph-div')].every(f => "
+        inside = "f.querySelector('svg').getBoundingClientRect().right <= innerWidth - 20)"
+        tab.page.wait_for_function(f"{figures}{inside}", timeout=5000)
+        assert tab.page.evaluate("document.documentElement.scrollWidth") == width
+
+
+def test_a_piece_named_like_a_script_does_nothing(tab, tmp_path):
+    name = "<script>alert(1)</script><img src=x onerror=alert(2)>"
+    curves = {f"reward/{name}": Curve(np.arange(2), np.arange(2.0))}
+    metrics = {**metrics_of(three_notes()), f"return_{name}": 1.0}
+    played = three_notes(title=name)
+    settings = {"metrics": metrics, "baseline": None, "curves": curves}
+    report = Report(performance=played, subtitle=name, facts=[(name, name)], **settings)
+    path = tmp_path / "report.html"
+    path.write_text(report_html(report), encoding="utf-8")
+    tab.open(path)
+    assert tab.page.locator("h1").inner_text() == name
+    assert tab.page.locator("main img").count() == 0
+
+
+def test_the_report_of_a_run_opens(tab, tmp_path):
+    torch.set_num_threads(1)
+    config = RunConfig(
+        algo="td3",
+        env_id="RoboPianist-debug-TwinkleTwinkleLittleStar-v0",
+        n_timesteps=20,
+        seed=1,
+        env_kwargs={"physics": "fast"},
+        algorithm_kwargs={"policy_kwargs": {"net_arch": [8]}, "device": "cpu", "buffer_size": 100},
+    )
+    run = train(config, tmp_path / "run", progress_bar=False).folder
+    tab.open(write_report(run.path))
+    assert tab.page.locator("h1").inner_text() == "TwinkleTwinkleLittleStar"
+    thumbs = tab.page.locator("button[data-mark=due-thumb]").inner_text()
+    assert tab.count("due-thumb") == int(thumbs.split()[-1]) > 0

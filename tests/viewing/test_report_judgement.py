@@ -1,0 +1,114 @@
+"""Which notes the report calls hit, and what it calls each press."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from report_parts import C4, D4, long_performance, note, performance, resting
+
+from sb3_piano.metrics import wrong_presses
+from sb3_piano.viewing.report import Fate, Verdict, judge
+
+HIT, MISSED, NOT_REACHED = Fate
+RIGHT, EARLY, LATE, AGAIN, WRONG = Verdict
+
+
+@pytest.mark.parametrize(
+    ("presses", "fate", "verdicts"),
+    [
+        ([], MISSED, []),
+        ([(C4, 0.5, 1.0, 0)], HIT, [RIGHT]),
+        ([(C4, 0.55, 1.0, 0)], HIT, [RIGHT]),  # the tolerance itself
+        ([(C4, 0.45, 1.0, 0)], HIT, [RIGHT]),
+        ([(C4, 0.56, 1.0, 0)], MISSED, [LATE]),
+        ([(C4, 0.44, 1.0, 0)], MISSED, [EARLY]),
+        ([(C4, 0.2, 0.45, 0)], MISSED, [WRONG]),  # let go before it is due
+        ([(C4, 1.1, 1.3, 0)], MISSED, [WRONG]),  # struck when it is over
+        ([(D4, 0.5, 1.0, 0)], MISSED, [WRONG]),
+        ([(C4, 0.51, 0.65, 0), (C4, 0.8, 0.95, 0)], HIT, [RIGHT, AGAIN]),
+        ([(C4, 0.3, 0.54, 0), (C4, 0.8, 0.95, 0)], MISSED, [WRONG, LATE]),
+        ([(C4, 0.3, 0.6, 0), (C4, 0.8, 0.95, 0)], MISSED, [EARLY, LATE]),
+        ([(C4, 0.6, 0.7, 0), (C4, 0.8, 0.95, 0)], MISSED, [LATE, LATE]),
+        ([(C4, 0.47, 0.52, 0)], HIT, [RIGHT]),  # never down at the end of a step that is due
+    ],
+)
+def test_a_note_due_from_half_a_second_to_one_is_judged_by_its_strikes(presses, fate, verdicts):
+    played = performance([note(C4, 0.5, 1.0), note(D4 + 9, 1.5, 2.0)], presses)
+    notes, judged = judge(played)
+    assert notes.fate.tolist() == [fate, MISSED]
+    assert judged.verdict.tolist() == verdicts
+    belongs = [-1 if verdict == WRONG else 0 for verdict in verdicts]
+    assert judged.note.tolist() == belongs
+
+
+def test_a_note_after_the_end_of_the_episode_is_neither_hit_nor_missed():
+    played = performance(
+        [note(C4, 0.0, 0.4), note(C4, 0.5, 1.0), note(D4, 1.0, 1.5)],
+        [(C4, 0.01, 0.4, 0)],
+        steps=10,
+    )
+    notes, _ = judge(played)
+    assert notes.fate.tolist() == [HIT, NOT_REACHED, NOT_REACHED]
+
+
+def test_a_note_of_the_last_step_that_was_played_can_be_missed():
+    notes, _ = judge(performance([note(C4, 0.5, 1.0)], [], steps=11))
+    assert notes.fate.tolist() == [MISSED]
+
+
+def test_a_press_over_two_notes_belongs_to_the_one_whose_onset_is_nearer():
+    due = [note(C4, 0.2, 0.5), note(C4, 0.6, 0.9)]
+    for strike, owner in ((0.30, 0), (0.46, 1)):
+        notes, presses = judge(performance(due, [(C4, strike, 0.9, 0)]))
+        assert presses.note.tolist() == [owner]
+        assert notes.press.tolist() == [0 if i == owner else -1 for i in range(2)]
+
+
+def test_of_several_presses_a_note_names_the_one_that_hits_it_or_the_nearest():
+    hit = performance([note(C4, 0.5, 1.2)], [(C4, 0.54, 0.7, 0), (C4, 0.8, 1.0, 0)])
+    late = performance(
+        [note(C4, 0.5, 1.2)], [(C4, 0.6, 0.7, 0), (C4, 0.8, 0.9, 0), (C4, 1.0, 1.1, 0)]
+    )
+    assert judge(hit)[0].press.tolist() == [0]
+    assert judge(late)[0].press.tolist() == [0]
+    equally_far = performance([note(C4, 0.5, 1.2)], [(C4, 0.45, 0.48, 0), (C4, 0.55, 0.9, 0)])
+    notes, presses = judge(equally_far)
+    assert presses.verdict[notes.press].tolist() == [RIGHT]
+    assert set(presses.verdict.tolist()) == {RIGHT, AGAIN}
+
+
+def test_times_and_fingers_are_those_of_score_and_playing():
+    played = performance([note(C4, 0.52, 0.98, 6)], [(C4, 0.53, 0.77, 8)])
+    notes, presses = judge(played)
+    assert notes.onset.tolist() == pytest.approx([0.52])
+    assert notes.offset.tolist() == pytest.approx([1.0])  # to the end of its last step
+    assert (notes.key.tolist(), notes.finger.tolist()) == ([C4], [6])
+    assert presses.onset.tolist() == pytest.approx([0.53])
+    assert presses.offset.tolist() == pytest.approx([0.77])
+    assert (presses.key.tolist(), presses.finger.tolist()) == ([C4], [8])
+
+
+def test_counts_are_those_of_the_metrics():
+    played = long_performance(400)
+    notes, presses = judge(played)
+    metrics = played.metrics()
+    hits = int((notes.fate == HIT).sum())
+    assert 0 < hits == (presses.verdict == RIGHT).sum()
+    assert hits / len(notes.key) == pytest.approx(metrics["onset_recall"])
+    assert hits / len(presses.key) == pytest.approx(metrics["onset_precision"])
+    wrong = int((presses.verdict == WRONG).sum())
+    assert wrong == wrong_presses(played.roll.active, played.key_active)
+    assert set(presses.verdict.tolist()) >= {RIGHT, LATE, AGAIN}
+    late = 1000 * (presses.onset[notes.press] - notes.onset)[notes.fate == HIT]
+    assert late.mean() == pytest.approx(metrics["onset_error_mean_ms"])
+
+
+def test_where_nothing_is_due_or_played_nothing_is_judged():
+    played = performance([note(C4, 0.5, 1.0)], [(D4, 0.1, 0.3, 2)])
+    silent_notes, silence = judge(resting(played))
+    assert silent_notes.fate.tolist() == [MISSED]
+    assert silent_notes.press.tolist() == [-1]
+    for array in vars(silence).values():
+        assert len(array) == 0
+    before = judge(performance([note(C4, 0.5, 1.0)], [], steps=0))[0]
+    np.testing.assert_array_equal(before.fate, [NOT_REACHED])

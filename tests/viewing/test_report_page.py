@@ -1,0 +1,206 @@
+"""The report's page: all that it should say, harmless, and in need of nothing else."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from report_parts import C4, metrics_of, note, performance, resting, three_notes
+
+from sb3_piano.envs import RETURN_KEYS
+from sb3_piano.metrics import EPISODE_METRICS, FINGER_SHARES
+from sb3_piano.viewing.report import Curve, Report, report_html
+from sb3_piano.viewing.report.definitions import GROUPS, definition_of, formatted
+
+EVIL = '<script>alert(1)</script> & "it\'s" <b>'
+
+
+class Page(HTMLParser):
+    """A parsed page: its elements, and the text of those that people read."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.elements, self.stack, self.texts = [], [], []
+        self.feed(html)
+        self.text = " ".join(" ".join(self.texts).split())
+
+    def handle_starttag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+        if tag not in ("meta", "br", "input"):
+            self.stack.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.stack.pop() == tag  # everything is closed in its order
+
+    def handle_data(self, data):
+        if self.stack and self.stack[-1] not in ("script", "style"):
+            self.texts.append(data)
+
+    def count(self, tag):
+        return sum(name == tag for name, _ in self.elements)
+
+    def ids(self):
+        return [attributes["id"] for _, attributes in self.elements if "id" in attributes]
+
+
+def report(played=None, **changes):
+    played = three_notes() if played is None else played
+    settings = {"metrics": metrics_of(played), "baseline": metrics_of(resting(played)), **changes}
+    return Report(performance=played, **settings)
+
+
+def curves(*names):
+    return {name: Curve(np.arange(3) * 100, np.array([0.1, 0.2, 0.3])) for name in names}
+
+
+def test_the_page_says_who_played_what_and_how_well():
+    page = Page(
+        report_html(
+            report(
+                subtitle="TD3 after 700 steps of training",
+                facts=[("Physics", "fast")],
+                commands=[("This report", "sb3-piano report runs/x")],
+            )
+        )
+    )
+    assert page.stack == []
+    for text in (
+        "TD3 after 700 steps of training study",
+        "1 of 3 notes hit within 50 ms; 1 strike too early or too late; 1 wrong press.",
+        "Physics fast",
+        "This report sb3-piano report runs/x",
+    ):
+        assert text in page.text
+    assert ("title", {}) in page.elements
+    assert "study · sb3-piano" in page.text
+
+
+def test_an_episode_that_ended_early_is_told_in_words():
+    short = performance([note(C4, 0.0, 0.5), note(C4, 1.0, 1.5)], [], steps=12)
+    text = Page(report_html(report(short))).text
+    assert "0 of 2 notes hit" in text
+    assert "The episode ended before 1 of the notes." in text
+    assert "not reached 1" in text
+    assert "The episode ended" not in Page(report_html(report())).text
+
+
+def test_each_number_stands_beside_what_playing_nothing_scores_and_what_it_means():
+    made = report()
+    text = Page(report_html(made)).text
+    for name, value in made.metrics.items():
+        if name in FINGER_SHARES:
+            continue
+        known = definition_of(name)
+        cells = f"{formatted(name, value)} {formatted(name, made.baseline[name])}"
+        row = f"{known.label} {cells} {known.meaning}".replace("\N{NO-BREAK SPACE}", " ")
+        assert row in text, name
+    alone = Page(report_html(report(baseline=None))).text
+    assert alone.count("playing nothing") == 1  # what the no-op F1 is
+    assert f"F1 {formatted('f1', made.metrics['f1'])} Frame F1" in alone
+
+
+def test_every_number_of_the_environment_is_defined_once_and_by_more_than_its_name():
+    defined = [definition.name for _, group in GROUPS for definition in group]
+    assert len(set(defined)) == len(defined)
+    expected = {*EPISODE_METRICS, *RETURN_KEYS, "return", "length"} - set(FINGER_SHARES)
+    assert set(defined) == expected
+    assert all(definition_of(name).meaning.endswith(".") for name in defined)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("f1", 0.12345, "0.123"),
+        ("length", 161.0, "161"),
+        ("return_energy", -1.25, "\N{MINUS SIGN}1.25"),
+        ("return_energy", -0.0001, "0.00"),
+        ("onset_error_mean_ms", 12.34, "12.3\N{NO-BREAK SPACE}ms"),
+        ("return_own_term", 2.0, "2.000"),
+    ],
+)
+def test_numbers_are_rounded_as_their_meaning_asks(name, value, text):
+    assert formatted(name, value) == text
+
+
+def test_names_are_text_whatever_they_hold():
+    played = three_notes(title=EVIL)
+    metrics = {**metrics_of(played), f"return_{EVIL}": 1.0}
+    html = report_html(
+        report(
+            played,
+            metrics=metrics,
+            baseline=None,
+            curves=curves("music/f1", f"reward/{EVIL}"),
+            subtitle=EVIL,
+            facts=[(EVIL, EVIL)],
+            commands=[(EVIL, EVIL)],
+        )
+    )
+    page = Page(html)
+    assert page.stack == []
+    assert page.text.count(EVIL) == 7  # head, heading, subtitle, fact and command twice each
+    harmless = Page(report_html(report(baseline=None, curves=curves("music/f1", "reward/a"))))
+    assert page.count("script") == harmless.count("script")
+    assert page.count("b") == harmless.count("b")
+    assert "<script>alert" not in html
+
+
+def test_nothing_is_fetched_and_the_browser_is_told_to_refuse_it():
+    page = Page(report_html(report(curves=curves("music/f1"))))
+    loading = {"src", "href", "data", "action", "poster", "srcset"}
+    assert not [found for found in page.elements if loading & set(found[1])]
+    assert page.count("link") == page.count("img") == page.count("iframe") == 0
+    policies = [
+        attributes["content"]
+        for tag, attributes in page.elements
+        if tag == "meta" and attributes.get("http-equiv") == "Content-Security-Policy"
+    ]
+    assert len(policies) == 1
+    assert "default-src 'none'" in policies[0]
+    assert "http" not in policies[0]
+    styles = re.findall(r"<style>(.*?)</style>", report_html(report()), flags=re.DOTALL)
+    assert styles
+    assert "url(" not in styles[0]
+    assert "@import" not in styles[0]
+
+
+def test_what_is_not_there_is_left_out_or_told():
+    full = Page(report_html(report(curves=curves("music/f1", "rollout/ep_rew_mean"))))
+    figures = {"piano-roll", "finger-usage", "reward-terms", "training-1", "training-2"}
+    assert set(full.ids()) >= figures
+    assert "There is no log" not in full.text
+    played = three_notes()
+    bare = Page(report_html(report(metrics=played.metrics(), baseline=None)))
+    assert set(bare.ids()) & figures == {"piano-roll", "finger-usage"}
+    assert "There is no log of the training that could be drawn." in bare.text
+    assert "Normalised return" not in bare.text
+
+
+def test_the_legend_counts_and_explains_each_mark():
+    page = Page(report_html(report()))
+    marks = [a["data-mark"] for tag, a in page.elements if tag == "button" and "data-mark" in a]
+    assert marks == [
+        *("hit", "early", "late", "again", "wrong"),
+        *("missed", "due-thumb", "due-index-finger", "due-middle-finger"),
+    ]
+    for text in (
+        "played hit 1 early 0 late 1 struck again 0 wrong 1",
+        "due missed 2 thumb 1 index finger 1 middle finger 1",
+        "late The right key, struck more than 50 ms too late.",
+        "wrong A key that is not due while it is pressed.",
+        "missed Due, but its key was not struck within 50 ms.",
+        "thumb Due, for the thumb of either hand.",
+        "pedal When the sustain pedal should be down.",
+    ):
+        assert text in page.text
+
+
+def test_a_piece_without_a_name_or_a_note_has_a_page_too():
+    silent = performance([note(C4, 0.0, 0.5)], [], steps=0, title="")
+    page = Page(report_html(report(silent, metrics={**silent.metrics()}, baseline=None)))
+    assert "untitled" in page.text
+    assert "0 of 1 notes hit within 50 ms; 0 strikes too early or too late; 0 wrong presses." in (
+        page.text
+    )

@@ -15,10 +15,10 @@ $(INSTALLED): setup.cfg pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
 	touch $@
 
-# Train on a short piece for a few minutes, then say how well it is played.
+# Train on a short piece for a few minutes, then say how well it is played, and write a video of it.
 demo: $(INSTALLED)
-	$(BIN)/sb3-piano train --algo td3 --midi examples/five_fingers.mid \
-		--config examples/demo.yml --evaluate
+	$(BIN)/sb3-piano train --algo sac --midi examples/five_fingers.mid \
+		--config examples/demo.yml --evaluate --play
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

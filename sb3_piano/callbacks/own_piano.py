@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 from gymnasium.wrappers import TimeLimit
 from stable_baselines3.common.base_class import BaseAlgorithm
 
@@ -20,20 +18,7 @@ from sb3_piano.callbacks.own_env import (
 from sb3_piano.callbacks.run_context import RunContext
 from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.performance import Performance
-from sb3_piano.simulation import PianoScene
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Played:
-    """An episode, with all that is needed to show it."""
-
-    scene: PianoScene
-    """Where it was played."""
-    performance: Performance
-    """What was played, in t control steps."""
-    qpos: npt.NDArray[np.float64]
-    """(t + 1, nq) joint positions at the start and after each control step, rad or m."""
+from sb3_piano.viewing import Take
 
 
 class OwnPiano:
@@ -68,7 +53,7 @@ class OwnPiano:
             )
         self._scene = piano.scene
 
-    def play(self, seed: int | None) -> Played:
+    def play(self, seed: int | None) -> Take:
         """Return an episode that the model plays now, without exploring.
 
         Args:
@@ -82,9 +67,7 @@ class OwnPiano:
         recording = self._recorder.finished.pop()
         assert recording.performance is not None, "it is a piano"
         assert recording.motion is not None, "it is a piano"
-        return Played(
-            scene=self._scene, performance=recording.performance, qpos=recording.motion.qpos
-        )
+        return Take.of(self._scene, recording.performance, recording.motion.qpos)
 
     def close(self) -> None:
         """Close the environment."""

@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import Any
 
 from stable_baselines3.common.callbacks import BaseCallback
 
-from sb3_piano.callbacks.own_piano import OwnPiano, Played
+from sb3_piano.callbacks.own_piano import OwnPiano
 from sb3_piano.callbacks.run_context import RunContext
-from sb3_piano.exceptions import ConfigError, RenderingError
-from sb3_piano.music import write_midi
-from sb3_piano.music.synthesis import synthesize, write_wav
-from sb3_piano.performance import Performance
-from sb3_piano.viewing.film import film
-from sb3_piano.viewing.video import write_video
-
-_LARGEST = {"width": 1920, "height": 1080}
-_CAMERAS = ("overview", "topdown")
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.viewing import Picture, Take, write_take
 
 
 class PerformanceVideoCallback(BaseCallback):
@@ -61,16 +53,15 @@ class PerformanceVideoCallback(BaseCallback):
         seed: int | None = 0,
     ) -> None:
         super().__init__()
-        _check(max_seconds, {"width": width, "height": height}, camera)
+        if not max_seconds > 0:
+            raise ConfigError(f"max_seconds is {max_seconds}: expected more than 0 s.")
         self._video_freq = video_freq
         self._folder = None if folder is None else Path(folder)
         self._max_seconds = max_seconds
-        self._size = (width, height)
-        self._camera = camera
+        self._picture: Picture | None = Picture(width=width, height=height, camera=camera)
         self._seed = seed
         self._run: RunContext | None = None
         self._piano: OwnPiano | None = None
-        self._can_draw = True
 
     def use_run(self, run: RunContext) -> None:
         """Take the environment, and the place for the videos, from a run."""
@@ -92,11 +83,7 @@ class PerformanceVideoCallback(BaseCallback):
         if self._video_freq > 0 and self.n_calls % self._video_freq == 0:
             assert self._piano is not None, "a training is on"
             assert self._folder is not None, "a training is on"
-            played = self._piano.play(self._seed)
-            base = self._folder / f"step_{self.num_timesteps}"
-            _write_sound(base, played.performance)
-            if self._can_draw:
-                self._write_video(base, played)
+            self._write(self._piano.play(self._seed), self._folder / f"step_{self.num_timesteps}")
         return True
 
     def _on_training_end(self) -> None:
@@ -107,44 +94,11 @@ class PerformanceVideoCallback(BaseCallback):
             self._piano.close()
             self._piano = None
 
-    def _write_video(self, base: Path, played: Played) -> None:
-        """Write the picture to the sound that is there already."""
-        width, height = self._size
-        view: dict[str, Any] = {"width": width, "height": height, "camera": self._camera}
-        try:
-            write_video(
-                base.with_suffix(".mp4"),
-                film(played.scene, played.performance, played.qpos, **view),
-                fps=1.0 / played.performance.roll.control_timestep,
-                audio=base.with_suffix(".wav"),
-                size=self._size,
-            )
-        except RenderingError as error:
-            self._can_draw = False
+    def _write(self, take: Take, base: Path) -> None:
+        played = write_take(take, base, self._picture)
+        if played.problem is not None:
+            self._picture = None
             warnings.warn(
-                f"There are no videos of this training, only sound and notes: {error}",
+                f"There are no videos of this training, only sound and notes: {played.problem}",
                 stacklevel=2,
             )
-
-
-def _write_sound(base: Path, performance: Performance) -> None:
-    score = performance.to_score()
-    midi = base.with_suffix(".mid")
-    if score is None:
-        midi.unlink(missing_ok=True)  # of a training that was here before
-    else:
-        write_midi(score, midi)
-    length = len(performance) * performance.roll.control_timestep
-    write_wav(base.with_suffix(".wav"), synthesize(score, at_least=length))
-
-
-def _check(max_seconds: float, size: dict[str, int], camera: str) -> None:
-    if not max_seconds > 0:
-        raise ConfigError(f"max_seconds is {max_seconds}: expected more than 0 s.")
-    for name, pixels in size.items():
-        if not 2 <= pixels <= _LARGEST[name] or pixels % 2:
-            raise ConfigError(
-                f"{name} is {pixels}: expected an even number of pixels from 2 to {_LARGEST[name]}."
-            )
-    if camera not in _CAMERAS:
-        raise ConfigError(f"camera is {camera!r}: expected 'overview' or 'topdown'.")

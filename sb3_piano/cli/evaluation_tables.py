@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 from rich.text import Text
 
-from sb3_piano.cli.metric_names import METRIC_NAMES, label, rounded
+from sb3_piano.cli.metric_names import label, rounded, short_label
+from sb3_piano.metrics import DEFINITIONS, FINGER_SHARES, has_value
 
 if TYPE_CHECKING:
     from sb3_piano.training import Evaluation
 
 _NOTHING = "-"
 _SHARES = {
-    f"shares, {hand} thumb to little": tuple(f"finger_share_{hand[0]}{n}" for n in range(1, 6))
-    for hand in ("right", "left")
+    "shares, right thumb to little": FINGER_SHARES[:5],
+    "shares, left thumb to little": FINGER_SHARES[5:],
 }
 _METRICS_IN_TABLE = 5
-_TIMING = ("onset_error_mean_ms", "onset_error_std_ms")
 
 
 def one_run_table(evaluation: Evaluation, metrics: Sequence[str] | None = None) -> Table:
@@ -37,11 +37,11 @@ def one_run_table(evaluation: Evaluation, metrics: Sequence[str] | None = None) 
     if evaluation.baseline is not None:
         table.add_column("no-op baseline", justify="right")
     names = [name for name in _rows(metrics) if name in evaluation.summary]
-    for section, group in itertools.groupby(names, key=lambda name: METRIC_NAMES[name].section):
+    for section, group in itertools.groupby(names, key=lambda name: DEFINITIONS[name].section):
         table.add_section()
         table.add_row(Text(section, style="bold"))
         for name in group:
-            cells = [f"  {METRIC_NAMES[name].text}", _mean_and_std(evaluation, name)]
+            cells = [f"  {short_label(name)}", _mean_and_std(evaluation, name)]
             if with_interval:
                 cells.append(_interval(evaluation, name))
             if evaluation.baseline is not None:
@@ -99,9 +99,9 @@ def _name(evaluation: Evaluation, parent: Path) -> str:
 
 def _rows(metrics: Sequence[str] | None) -> list[str]:
     if metrics is not None:
-        return [name for name in METRIC_NAMES if name in metrics]
-    compact = {"noop_f1", *itertools.chain(*_SHARES.values())}  # in a column, or five in a row
-    return [name for name in METRIC_NAMES if name not in compact]
+        return [name for name in DEFINITIONS if name in metrics]
+    compact = {"noop_f1", *FINGER_SHARES}  # in a column, or five in a row
+    return [name for name in DEFINITIONS if name not in compact]
 
 
 def _add_shares(table: Table, evaluation: Evaluation, with_interval: bool) -> None:
@@ -122,10 +122,8 @@ def _shares(metrics: Mapping[str, float], names: Sequence[str]) -> str:
 
 
 def _value(metrics: Mapping[str, float], name: str) -> str:
-    """Return a rounded value; a dash for timing where nothing was hit that could have one."""
-    if name in _TIMING and metrics["onset_recall"] == 0:
-        return _NOTHING
-    return rounded(name, metrics[name])
+    """Return a rounded value; a dash where there is none."""
+    return rounded(name, metrics[name]) if has_value(name, metrics) else _NOTHING
 
 
 def _mean_and_std(evaluation: Evaluation, name: str) -> str:
@@ -154,14 +152,10 @@ def _baselines(
 ) -> list[tuple[str, list[str]]]:
     """Return what playing nothing scores: once if it is the same for all runs on a piece."""
     rows = [
-        (_name(evaluation, parent), [_of_baseline(evaluation.baseline, name) for name in metrics])
+        (_name(evaluation, parent), [_value(evaluation.baseline, name) for name in metrics])
         for evaluation in evaluations
         if evaluation.baseline is not None
     ]
     if all(cells == rows[0][1] for _, cells in rows):
         return [("no-op baseline", cells) for _, cells in rows[:1]]
     return [(f"no-op baseline of {run}", cells) for run, cells in rows]
-
-
-def _of_baseline(baseline: Mapping[str, float], name: str) -> str:
-    return _value(baseline, name) if name in baseline else _NOTHING

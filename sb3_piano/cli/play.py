@@ -13,7 +13,7 @@ from sb3_piano.cli.common import EXIT_ERROR, EXIT_OK
 from sb3_piano.exceptions import ConfigError, RenderingError, near_names
 
 if TYPE_CHECKING:
-    from sb3_piano.training.play import Picture, Played, Progress, Take
+    from sb3_piano.viewing import Picture, Played, Progress, Take
 
 
 def add_parser(commands: Any) -> None:
@@ -25,6 +25,7 @@ def add_parser(commands: Any) -> None:
     add("--score", metavar="PIECE", help="let the run's model play another piece")
     add("--seed", type=int, metavar="N", help="seed of the run's environment; default: 0")
     add("--physics", metavar="NAME", help="reference or fast; default: what it was trained on")
+    add("--best", metavar="METRIC", help="play the best model by f1 or onset_f1, not the last one")
     add("--camera", choices=("overview", "topdown"), default="overview", help="default: overview")
     add("--size", default="640x360", metavar="WxH", help="pixels of the video; default: 640x360")
     add("--human", action="store_true", help="show it in a window first, in real time")
@@ -33,8 +34,16 @@ def add_parser(commands: Any) -> None:
     play.set_defaults(command=_play)
 
 
+def play_run(run: str, *, progress: bool) -> int:
+    """Let a run's model play, write what there is to see and hear, and return the exit status."""
+    from sb3_piano.training.play import default_folder, take_of_run
+    from sb3_piano.viewing import DEFAULT_PICTURE
+
+    return _write(take_of_run(run), default_folder(run, None), DEFAULT_PICTURE, progress, [])
+
+
 def _play(arguments: argparse.Namespace) -> int:
-    from sb3_piano.training.play import show_take, write_take
+    from sb3_piano.viewing import show_take
 
     picture = None if arguments.no_video else _picture(arguments)
     take, folder = _take(arguments)
@@ -44,18 +53,27 @@ def _play(arguments: argparse.Namespace) -> int:
             show_take(take, camera=arguments.camera)
         except RenderingError as error:
             problems.append(str(error))
-    with contextlib.nullcontext() if arguments.no_progress else _progress_bar() as progress:
-        played = write_take(take, folder, picture, progress)
+    return _write(take, folder, picture, not arguments.no_progress, problems)
+
+
+def _write(
+    take: Take, folder: Path, picture: Picture | None, progress: bool, problems: list[str]
+) -> int:
+    from sb3_piano.training.play import FILE_NAME
+    from sb3_piano.viewing import write_take
+
+    with _progress_bar() if progress else contextlib.nullcontext() as tell:
+        played = write_take(take, folder / FILE_NAME, picture, tell)
     _report(played)
     if played.problem is not None:
-        problems.append(f"There is no video. {played.problem}")
+        problems = [*problems, f"There is no video. {played.problem}"]
     for problem in problems:
         print(f"sb3-piano: error: {problem}", file=sys.stderr)
     return EXIT_ERROR if problems else EXIT_OK
 
 
 def _picture(arguments: argparse.Namespace) -> Picture:
-    from sb3_piano.training.play import Picture
+    from sb3_piano.viewing import Picture
 
     width, _, height = arguments.size.partition("x")
     if not (width.isdecimal() and height.isdecimal()):
@@ -72,7 +90,9 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     if Path(what).is_dir():
         score = None if arguments.score is None else load_score(arguments.score)
         seed = 0 if arguments.seed is None else arguments.seed
-        take = take_of_run(what, seed=seed, physics=arguments.physics, score=score)
+        take = take_of_run(
+            what, seed=seed, physics=arguments.physics, score=score, best=arguments.best
+        )
         folder = default_folder(what, score)
     else:
         _check_piece(arguments)
@@ -91,7 +111,7 @@ def _check_piece(arguments: argparse.Namespace) -> None:
             f"Nothing to play: there is no {what!r}.{near_names(what, STUDIES)} Expected the "
             f"folder of a run, a MIDI or PIG file, or a study ({', '.join(sorted(STUDIES))})."
         )
-    for name in ("score", "seed"):
+    for name in ("score", "seed", "best"):
         if getattr(arguments, name) is not None:
             raise ConfigError(
                 f"--{name} cannot be given with a piece: {what!r} plays itself. Expected a run's "

@@ -21,6 +21,7 @@ def add_parser(commands: Any) -> None:
     add("--out", type=Path, metavar="FILE.html", help="default: RUN/evaluation/report.html")
     add("--seed", type=int, default=0, metavar="N", help="default: 0")
     add("--physics", metavar="NAME", help="reference or fast; default: what it was trained on")
+    add("--best", metavar="METRIC", help="play the best model by f1 or onset_f1, not the last one")
     add("--open", action="store_true", help="open it in the web browser")
     report.set_defaults(command=_report)
 
@@ -30,7 +31,11 @@ def _report(arguments: argparse.Namespace) -> int:
     from sb3_piano.training.report import write_report
 
     path = write_report(
-        arguments.run, arguments.out, seed=arguments.seed, physics=arguments.physics
+        arguments.run,
+        arguments.out,
+        seed=arguments.seed,
+        physics=arguments.physics,
+        best=arguments.best,
     )
     print(f"Report: {path}")
     if arguments.open and not webbrowser.open(path.resolve().as_uri()):

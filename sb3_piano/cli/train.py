@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, whole_number
 from sb3_piano.cli.evaluate import evaluate_run
+from sb3_piano.cli.play import play_run
 from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ def add_parser(commands: Any) -> None:
     add("--resume", metavar="RUN", help="go on with the run in this folder")
     add("--no-progress", action="store_true", help="show no progress bar")
     add("--evaluate", action="store_true", help="evaluate the model afterwards")
+    add("--play", action="store_true", help="write a video of the model afterwards")
     train.set_defaults(command=_train)
 
 
@@ -62,6 +64,9 @@ def _train(arguments: argparse.Namespace) -> int:
         return EXIT_INTERRUPTED
     if arguments.evaluate:
         evaluate_run(str(result.folder.path), 1, 0)
+    if arguments.play:
+        # A machine that cannot draw says so; the training has succeeded all the same.
+        play_run(str(result.folder.path), progress=not arguments.no_progress)
     return EXIT_OK
 
 

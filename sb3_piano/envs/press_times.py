@@ -54,9 +54,17 @@ class PressTimes:
         return np.array(self._strikes, dtype=float)
 
     def releases(self, end: float) -> FloatArray:
-        """Return when each press ended, (n,) s; ``end`` for those that have not."""
-        releases = np.array(self._releases, dtype=float)
-        return np.where(np.isnan(releases), end, releases)
+        """Return when each press ended, (n,) s.
+
+        Those that have not ended last until ``end``, but at least a millisecond: a key may go down
+        with the very last physics step.
+        """
+        releases = self.unfinished_releases()
+        return np.where(np.isnan(releases), np.maximum(end, self.strikes() + 1e-3), releases)
+
+    def unfinished_releases(self) -> FloatArray:
+        """Return when each press ended, (n,) s; NaN for those that have not."""
+        return np.array(self._releases, dtype=float)
 
     def restore(self, key_active: BoolArray, strikes: FloatArray, releases: FloatArray) -> None:
         """Go on from the presses of (t, 88) steps with these times."""

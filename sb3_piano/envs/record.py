@@ -105,7 +105,7 @@ class EpisodeRecord:
             sustain=self._sustain[steps].copy(),
             fingertips=self._fingertips[steps].copy(),
             strike_time=self._times.strikes(),
-            release_time=self._times.releases(np.nan),
+            release_time=self._times.unfinished_releases(),
             returns=self.returns.copy(),
         )
 

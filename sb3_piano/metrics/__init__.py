@@ -1,5 +1,6 @@
 """How well a piece was played: pure functions from arrays to numbers."""
 
+from sb3_piano.metrics.definitions import DEFINITIONS, Definition, has_value
 from sb3_piano.metrics.episode import EPISODE_METRICS, FINGER_SHARES, episode_metrics
 from sb3_piano.metrics.fingers import (
     KeyBoxes,
@@ -31,9 +32,11 @@ from sb3_piano.metrics.returns import normalized_return
 from sb3_piano.metrics.wrong import wrong_presses, wrong_presses_per_second
 
 __all__ = [
+    "DEFINITIONS",
     "EPISODE_METRICS",
     "FINGER_SHARES",
     "ONSET_TOLERANCE",
+    "Definition",
     "FrameScores",
     "KeyBoxes",
     "OnsetScores",
@@ -46,6 +49,7 @@ __all__ = [
     "fingering_agreement",
     "frame_f1",
     "frame_scores",
+    "has_value",
     "match_onsets",
     "nearest_fingers",
     "non_silent_f1",

@@ -5,7 +5,7 @@ from sb3_piano.training.compare import MAIN_METRICS, Comparison, compare
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.evaluate import Evaluation, evaluate
 from sb3_piano.training.evaluations import Evaluations, evaluate_runs
-from sb3_piano.training.play import Picture, Played, play_run, play_score
+from sb3_piano.training.play import play_run, play_score
 from sb3_piano.training.playing import SavedPlayer
 from sb3_piano.training.plugins import Plugin
 from sb3_piano.training.report import write_report
@@ -13,6 +13,7 @@ from sb3_piano.training.run_folder import RunFolder
 from sb3_piano.training.session import TrainResult
 from sb3_piano.training.train import resume, train
 from sb3_piano.training.yaml_config import load_config
+from sb3_piano.viewing import Picture, Played
 
 __all__ = [
     "ALGORITHMS",

@@ -28,6 +28,7 @@ def write_report(
     *,
     seed: int = 0,
     physics: str | None = None,
+    best: str | None = None,
 ) -> Path:
     """Let a run's saved model play an episode, and write what there is to see into an HTML file.
 
@@ -38,6 +39,7 @@ def write_report(
         out: The file; by default ``evaluation/report.html`` in the run's folder.
         seed: Seeds the environment, at least 0; the resting hands get the same.
         physics: Name of the physics profile to play on; by default the run's own.
+        best: Play the best model by this metric, such as "f1", in place of the last one.
 
     Returns:
         The file.
@@ -47,7 +49,7 @@ def write_report(
         RunError: If there is no run of a piano environment, it has no model that can be loaded, or
             the file cannot be written.
     """
-    with SavedPlayer.open(folder, seed=seed, physics=physics) as player:
+    with SavedPlayer.open(folder, seed=seed, physics=physics, best=best) as player:
         run, env = player.run, player.env
         if not isinstance(env, PianoEnv):
             raise RunError(
@@ -56,7 +58,9 @@ def write_report(
             )
         played, baseline = player.play()[0], player.rest()
         assert played.performance is not None, "a piano's episode is recorded"
-        facts, commands = _origin(player, env.config.physics, seed, physics)
+        facts, commands = _origin(
+            player, env.config.physics, seed, {"--physics": physics, "--best": best}
+        )
         report = Report(
             performance=dataclasses.replace(played.performance, title=player.piece),
             metrics=played.metrics,
@@ -128,9 +132,9 @@ Texts = list[tuple[str, str]]
 
 
 def _origin(
-    player: SavedPlayer, physics: str, seed: int, chosen_physics: str | None
+    player: SavedPlayer, physics: str, seed: int, options: Mapping[str, str | None]
 ) -> tuple[Texts, Texts]:
-    """Return the facts of a report, and the commands to do it again."""
+    """Return the facts of a report, and the commands, with their options, to do it again."""
     config, run = player.config, player.run
     notes = _notes(run)
     now = provenance(seed)
@@ -139,6 +143,7 @@ def _origin(
         ("Environment", config.env_id),
         ("Algorithm", config.algo),
         ("Steps trained", f"{player.num_timesteps:,}"),
+        ("Model", "the last one" if options["--best"] is None else f"best by {options['--best']}"),
         ("Physics", physics),
         ("Seed", f"{seed} (of the training: {notes.get('seed', 'unknown')})"),
         ("Run", str(run.path)),
@@ -148,7 +153,8 @@ def _origin(
         ("Played with", _versions(now["versions"])),
     ]
     again = ["sb3-piano", "report", str(run.path), "--seed", str(seed)]
-    again += [] if chosen_physics is None else ["--physics", chosen_physics]
+    for option, value in options.items():
+        again += [] if value is None else [option, value]
     training = str(notes.get("command", "unknown"))
     return facts, [("Training", training), ("This report", shlex.join(again))]
 

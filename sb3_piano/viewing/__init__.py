@@ -3,17 +3,33 @@
 from sb3_piano.viewing.colors import FINGER_COLORS, PRESSED_COLOR, UNLABELLED_COLOR
 from sb3_piano.viewing.film import Moment, film, moments
 from sb3_piano.viewing.frame_renderer import FrameRenderer
+from sb3_piano.viewing.take import (
+    DEFAULT_PICTURE,
+    Picture,
+    Played,
+    Progress,
+    Take,
+    show_take,
+    write_take,
+)
 from sb3_piano.viewing.video import write_video
 from sb3_piano.viewing.window import SceneWindow
 
 __all__ = [
+    "DEFAULT_PICTURE",
     "FINGER_COLORS",
     "PRESSED_COLOR",
     "UNLABELLED_COLOR",
     "FrameRenderer",
     "Moment",
+    "Picture",
+    "Played",
+    "Progress",
     "SceneWindow",
+    "Take",
     "film",
     "moments",
+    "show_take",
+    "write_take",
     "write_video",
 ]

@@ -119,3 +119,11 @@ def test_good_playing_is_done_by_the_fingers_that_the_score_names(performance):
     assert info["normalized_return"] == pytest.approx(
         float(np.sum(performance["reward"])) / env._goal.highest_return, rel=0.01
     )
+
+
+def test_a_key_that_goes_down_with_the_last_physics_step_still_makes_a_note():
+    times = PressTimes(0.05)
+    times.add(2, np.array([40]), down("....#"))
+    assert times.strikes() == pytest.approx([0.15])
+    assert times.releases(0.15) == pytest.approx([0.151])
+    assert np.isnan(times.unfinished_releases())

@@ -11,7 +11,7 @@ import pytest
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError, UnknownPieceError
 from sb3_piano.music import Note, Score
-from sb3_piano.training import SavedPlayer
+from sb3_piano.training import SavedPlayer, evaluate, train
 
 STILL = np.zeros(39)
 BEYOND = Score(notes=[Note(pitch=100, onset=0.0, offset=0.2)], title="Beyond")
@@ -114,3 +114,30 @@ def test_numbers_out_of_range_are_refused(pendulum_run):
             player.play(1, seed=-2)
         with pytest.raises(ConfigError, match="seed is -2: expected 0 or more"):
             player.episodes(seed=-2)
+
+
+@pytest.mark.parametrize("normalize", [False, True])
+def test_the_best_model_plays_in_place_of_the_last_one(
+    small_config, tmp_path, midi_file, normalize
+):
+    """Nothing is pressed in so few steps: all evaluations are alike, and the first one is best."""
+    config = small_config(
+        env_id="RoboPianist-v0",
+        env_kwargs={"score": str(midi_file), "physics": "fast"},
+        n_timesteps=30,
+        normalize=normalize,
+        callback=({"sb3_piano.callbacks.F1Callback": {"eval_freq": 10}},),
+    )
+    run = train(config, tmp_path / "best", progress_bar=False).folder
+    for best, steps in ((None, 30), ("f1", 10)):
+        with SavedPlayer.open(run.path, best=best) as player:
+            assert player.num_timesteps == steps
+            assert len(player.play()) == 1
+    assert evaluate(run.path, best="f1").num_timesteps == 10
+    with pytest.raises(RunError, match="no best model by 'onset_f1', it has one by f1: expected"):
+        SavedPlayer.open(run.path, best="onset_f1")
+
+
+def test_a_run_without_a_best_model_says_so(piano_run):
+    with pytest.raises(RunError, match="no best model by 'f1', it has none by any metric"):
+        SavedPlayer.open(piano_run(STILL).path, best="f1")

@@ -35,7 +35,7 @@ def test_the_stock_zoo_trains_with_a_preset_and_logs_the_metrics(tmp_path):
     run = tmp_path / "td3" / f"{ENV_ID}_1"
     assert (run / f"{ENV_ID}.zip").is_file()
     _, names, *episodes = (run / "0.monitor.csv").read_text().splitlines()
-    assert names == "r,l,t,precision,recall,f1"
+    assert names == "r,l,t,precision,recall,f1,onset_f1"
     assert len(episodes) == 1  # the scale has 151 steps
 
 

@@ -139,7 +139,12 @@ def test_a_preset_loads_for_our_environments_with_the_published_values(algo):
     assert (arguments["buffer_size"], arguments["learning_starts"]) == (1_000_000, 5000)
     assert (arguments["train_freq"], arguments["gradient_steps"]) == (1, 1)
     assert config.n_timesteps == 1_000_000
-    assert config.monitor_kwargs == {"info_keywords": ("precision", "recall", "f1")}
+    assert config.monitor_kwargs == {"info_keywords": ("precision", "recall", "f1", "onset_f1")}
+    (callback,) = config.callback
+    assert (callback.path, callback.kwargs) == (
+        "sb3_piano.callbacks.F1Callback",
+        {"eval_freq": 10000},
+    )
 
 
 def test_the_presets_have_the_noise_or_entropy_of_their_algorithm():

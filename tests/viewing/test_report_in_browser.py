@@ -217,7 +217,7 @@ def test_on_a_phone_nothing_is_wider_than_the_screen_and_fingers_scroll_the_page
 
 def test_a_window_can_be_made_narrower(tab, page_of_three_notes):
     tab.open(page_of_three_notes)
-    for width in (700, 900):
+    for width in (900, 700):
         tab.page.set_viewport_size({"width": width, "height": 800})
         figures = "f => [...document.querySelectorAll('.plotly-graph-div')].every(f => "
         inside = "f.querySelector('svg').getBoundingClientRect().right <= innerWidth - 20)"

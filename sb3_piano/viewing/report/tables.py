@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping
 from html import escape
 
-from sb3_piano.viewing.report.definitions import GROUPS, Definition, definition_of, formatted
+from sb3_piano.metrics import DEFINITIONS, FINGER_SHARES, has_value
+from sb3_piano.viewing.report.definitions import definition_of, formatted
 from sb3_piano.viewing.report.marks import Mark
 from sb3_piano.viewing.report.rewards import NOTHING, PLAYED
 
@@ -42,31 +44,36 @@ def _percent(share: float) -> str:
 
 
 def metrics_table(metrics: Mapping[str, float], baseline: Baseline) -> str:
-    """Return all numbers that have a definition, with it, beside what playing nothing scores."""
+    """Return all numbers that have a definition, with it, beside what playing nothing scores.
+
+    The shares of the ten fingers are left out: they have a figure.
+    """
     heads = f'<th class="number">{PLAYED}</th>'
     if baseline is not None:
         heads += f'<th class="number">{NOTHING}</th>'
+    names = [name for name in DEFINITIONS if name in metrics and name not in FINGER_SHARES]
     rows = []
-    for heading, definitions in GROUPS:
-        known = [_row(d, metrics, baseline) for d in definitions if d.name in metrics]
-        if known:
-            rows += [f'<tr class="group"><th colspan="4">{heading}</th></tr>', *known]
+    for section, group in itertools.groupby(names, key=lambda name: DEFINITIONS[name].section):
+        rows.append(f'<tr class="group"><th colspan="4">{escape(section)}</th></tr>')
+        rows += [_row(name, metrics, baseline) for name in group]
     return (
         f'<table class="metrics"><thead><tr><th>metric</th>{heads}<th class="meaning">meaning</th>'
         f"</tr></thead><tbody>{''.join(rows)}</tbody></table>"
     )
 
 
-def _row(definition: Definition, metrics: Mapping[str, float], baseline: Baseline) -> str:
-    name = definition.name
-    cells = f'<td class="number">{formatted(name, metrics[name])}</td>'
-    if baseline is not None:
-        text = formatted(name, baseline[name]) if name in baseline else "&ndash;"
-        cells += f'<td class="number">{text}</td>'
+def _row(name: str, metrics: Mapping[str, float], baseline: Baseline) -> str:
+    definition = definition_of(name)
+    columns = [metrics] if baseline is None else [metrics, baseline]
+    cells = "".join(f'<td class="number">{_value(name, column)}</td>' for column in columns)
     return (
         f"<tr><td>{escape(definition.label)}</td>{cells}"
         f'<td class="meaning">{escape(definition.meaning)}</td></tr>'
     )
+
+
+def _value(name: str, metrics: Mapping[str, float]) -> str:
+    return formatted(name, metrics[name]) if has_value(name, metrics) else "&ndash;"
 
 
 def legend_html(group: str, marks: Iterable[tuple[Mark, int]]) -> str:

@@ -52,6 +52,7 @@ def test_the_demo_of_the_makefile_trains_and_evaluates(tmp_path, monkeypatch, ca
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8").replace("\\\n", " ")
     command = re.search(r"^\t\$\(BIN\)/sb3-piano (.*)$", makefile, re.MULTILINE)[1].split()
     monkeypatch.chdir(ROOT)
+    command.remove("--play")  # drawing takes long without a graphics card
     shortened = [*command, "--steps", "200", "--runs-dir", str(tmp_path), "--no-progress"]
     assert main(shortened) == 0
-    assert "Keys: F1" in capsys.readouterr().out
+    assert "non-silent F1" in capsys.readouterr().out

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.metrics import DEFINITIONS
+from sb3_piano.metrics import DEFINITIONS, Definition
 
 
 def check_metric_names(names: list[str]) -> None:
@@ -22,23 +22,26 @@ def check_metric_names(names: list[str]) -> None:
 
 def label(name: str) -> str:
     """Return what a metric is called where it stands alone; one from elsewhere by its name."""
-    known = DEFINITIONS.get(name)
-    return name if known is None else _with_unit(known.label, known.unit)
+    known = _definition(name)
+    return _with_unit(known.label, known.unit)
 
 
 def short_label(name: str) -> str:
     """Return what a metric is called under the heading of its section."""
-    known = DEFINITIONS[name]
+    known = _definition(name)
     return _with_unit(known.short, known.unit)
+
+
+def rounded(name: str, value: float) -> str:
+    """Return the value of a metric with its number of decimals."""
+    return _definition(name).rounded(value)
+
+
+def _definition(name: str) -> Definition:
+    return DEFINITIONS.get(name, Definition(name, "", name, name, ""))
 
 
 def _with_unit(text: str, unit: str) -> str:
     if unit.startswith("/"):
         return text + unit
     return f"{text}, {unit}" if unit else text
-
-
-def rounded(name: str, value: float) -> str:
-    """Return the value of a metric with its number of decimals."""
-    known = DEFINITIONS.get(name)
-    return f"{value:.3f}" if known is None else known.rounded(value)

@@ -1,4 +1,4 @@
-"""What each number of an episode is called, and what it means: the only words for them."""
+"""What each number of an episode is called, and what it means in one line."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ _OF_FINGERS = (
             _FINGERS,
             f"effective fingers, {hand} hand",
             f"effective number, {hand} hand",
-            f"The same, of the {hand} hand's five.",
+            f"How many of the {hand} hand's five would share its pressing as evenly.",
             digits=2,
         )
         for hand in ("right", "left")

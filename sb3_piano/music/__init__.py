@@ -13,7 +13,7 @@ from sb3_piano.music.load import load_score
 from sb3_piano.music.midi import read_midi, write_midi
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.pig import read_pig
-from sb3_piano.music.roll import PianoRoll, score_from_activation
+from sb3_piano.music.roll import PianoRoll
 from sb3_piano.music.score import Score
 from sb3_piano.music.studies import STUDIES, major_scale, study
 from sb3_piano.music.synthesis import SAMPLE_RATE, synthesize, write_wav
@@ -36,7 +36,6 @@ __all__ = [
     "major_scale",
     "read_midi",
     "read_pig",
-    "score_from_activation",
     "study",
     "synthesize",
     "write_midi",

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music.constants import DEFAULT_VELOCITY, MIN_PITCH, NUM_KEYS
+from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.music.grid import MAX_STEPS, Sheet, ceil_steps, floor_steps
-from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.score import Score
 
 
@@ -145,53 +144,6 @@ class PianoRoll:
     def _lock(self) -> None:
         for array in (self.active, self.finger, self.onset, self.sustain, self.onset_time):
             array.flags.writeable = False
-
-
-def score_from_activation(
-    active: NDArray[np.bool_],
-    sustain: NDArray[np.bool_],
-    control_timestep: float,
-    title: str = "",
-    velocity: int = DEFAULT_VELOCITY,
-) -> Score | None:
-    """Write down what was played, as a score.
-
-    Args:
-        active: (T, 88) bool, whether each key was down. Each unbroken run is a note.
-        sustain: (T,) bool, whether the sustain pedal was down. Each unbroken run is a press.
-        control_timestep: Length of a step, in s, finite and above 0.
-        title: Title of the score.
-        velocity: Velocity of all notes, 1-127: the simulated keys do not measure it.
-
-    Returns:
-        The score, without finger labels, or None if no key was down at any step.
-
-    Raises:
-        ConfigError: If the control time step is out of range.
-        ScoreError: If the shapes are wrong.
-    """
-    _check_control_timestep(control_timestep)
-    active, sustain = np.asarray(active, dtype=bool), np.asarray(sustain, dtype=bool)
-    steps = active.shape[0] if active.ndim else 0
-    _check_shape("active", active, (steps, NUM_KEYS))
-    _check_shape("sustain", sustain, (steps,))
-    dt = float(control_timestep)
-    notes = [
-        Note(onset=start * dt, offset=end * dt, pitch=MIN_PITCH + key, velocity=velocity)
-        for key, start, end in _runs(active)
-    ]
-    if not notes:
-        return None
-    pedals = [Pedal(onset=start * dt, offset=end * dt) for _, start, end in _runs(sustain[:, None])]
-    return Score(notes=notes, pedals=pedals, title=title)
-
-
-def _runs(active: NDArray[np.bool_]) -> list[tuple[int, int, int]]:
-    """Find the unbroken runs in each column of (T, n): (column, first step, step after)."""
-    edges = np.diff(np.pad(active.T.astype(np.int8), ((0, 0), (1, 1))), axis=1)
-    columns, starts = np.nonzero(edges == 1)
-    _, ends = np.nonzero(edges == -1)
-    return list(zip(columns.tolist(), starts.tolist(), ends.tolist(), strict=True))
 
 
 def _sustain_steps(

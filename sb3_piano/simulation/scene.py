@@ -151,6 +151,8 @@ def compile_scene(
 def _furnish(root: mjcf.RootElement) -> None:
     """Add what only matters to the eye: floor, light and cameras."""
     root.visual.get_children("global").set_attributes(offwidth=1920, offheight=1080)
+    # A quarter of MuJoCo's default; pictures look alike, and take half as long without a GPU.
+    root.visual.quality.shadowsize = 1024
     root.visual.headlight.set_attributes(ambient=[0.35] * 3, diffuse=[0.4] * 3, specular=[0.1] * 3)
     root.asset.add(
         "texture",

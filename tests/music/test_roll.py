@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music import Note, Pedal, PianoRoll, Score, score_from_activation
+from sb3_piano.music import Note, Pedal, PianoRoll, Score
 
 KEY = 39  # middle C, pitch 60
 
@@ -235,42 +235,6 @@ class TestRoll:
         roll = PianoRoll.from_score(score, 0.05)
         assert time.perf_counter() - start < 0.5
         assert roll.onset.sum() == 10_000
-
-
-class TestScoreFromActivation:
-    def test_each_run_is_a_note_of_the_given_velocity(self):
-        active = np.zeros((4, 88), dtype=bool)
-        active[[0, 1, 3], KEY] = True
-        active[1:4, 0] = True
-        sustain = np.array([False, True, False, True])
-        score = score_from_activation(active, sustain, 0.5, title="played", velocity=64)
-        assert score == Score(
-            notes=[
-                Note(onset=0, offset=1, pitch=60, velocity=64),
-                Note(onset=0.5, offset=2, pitch=21, velocity=64),
-                Note(onset=1.5, offset=2, pitch=60, velocity=64),
-            ],
-            pedals=[Pedal(onset=0.5, offset=1), Pedal(onset=1.5, offset=2)],
-            title="played",
-        )
-
-    def test_silence_is_none(self):
-        assert score_from_activation(np.zeros((3, 88)), np.ones(3), 0.05) is None
-
-    def test_no_steps_are_silence(self):
-        assert score_from_activation(np.zeros((0, 88)), np.zeros(0), 0.05) is None
-
-    def test_wrong_shapes_are_refused(self):
-        with pytest.raises(ScoreError, match=r"'active' has shape \(3, 89\): expected \(3, 88\)"):
-            score_from_activation(np.zeros((3, 89)), np.zeros(3), 0.05)
-
-    def test_a_roll_of_what_was_played_is_what_was_played(self):
-        rng = np.random.default_rng(0)
-        active, sustain = rng.random((200, 88)) < 0.3, rng.random(200) < 0.5
-        roll = PianoRoll.from_score(score_from_activation(active, sustain, 0.05), 0.05)
-        assert np.array_equal(roll.active[:200], active)
-        assert np.array_equal(roll.sustain[:200], sustain)
-        assert not roll.active[200:].any()
 
 
 class TestOnsetTime:

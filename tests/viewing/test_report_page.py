@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from report_parts import C4, metrics_of, note, performance, resting, three_notes
 
-from sb3_piano.envs import RETURN_KEYS
-from sb3_piano.metrics import EPISODE_METRICS, FINGER_SHARES
+from sb3_piano.metrics import FINGER_SHARES
 from sb3_piano.viewing.report import Curve, Report, report_html
-from sb3_piano.viewing.report.definitions import GROUPS, definition_of, formatted
+from sb3_piano.viewing.report.definitions import definition_of, formatted
+from sb3_piano.viewing.report.tables import metrics_table
 
+NONE = "\N{EN DASH}"
+HEADINGS = ["Keys, step by step", "Notes, strike by strike", "Pedal", "Fingers", "Return"]
 EVIL = '<script>alert(1)</script> & "it\'s" <b>'
 
 
@@ -89,24 +91,52 @@ def test_an_episode_that_ended_early_is_told_in_words():
 def test_each_number_stands_beside_what_playing_nothing_scores_and_what_it_means():
     made = report()
     text = Page(report_html(made)).text
+    timing = ("onset_error_mean_ms", "onset_error_std_ms")
     for name, value in made.metrics.items():
         if name in FINGER_SHARES:
             continue
         known = definition_of(name)
-        cells = f"{formatted(name, value)} {formatted(name, made.baseline[name])}"
-        row = f"{known.label} {cells} {known.meaning}".replace("\N{NO-BREAK SPACE}", " ")
-        assert row in text, name
+        nothing = NONE if name in timing else formatted(name, made.baseline[name])
+        row = f"{known.label} {formatted(name, value)} {nothing} {known.meaning}"
+        assert row.replace("\N{NO-BREAK SPACE}", " ") in text, name
     alone = Page(report_html(report(baseline=None))).text
     assert alone.count("playing nothing") == 1  # what the no-op F1 is
     assert f"F1 {formatted('f1', made.metrics['f1'])} Frame F1" in alone
 
 
-def test_every_number_of_the_environment_is_defined_once_and_by_more_than_its_name():
-    defined = [definition.name for _, group in GROUPS for definition in group]
-    assert len(set(defined)) == len(defined)
-    expected = {*EPISODE_METRICS, *RETURN_KEYS, "return", "length"} - set(FINGER_SHARES)
-    assert set(defined) == expected
-    assert all(definition_of(name).meaning.endswith(".") for name in defined)
+def test_a_number_without_a_value_is_a_dash():
+    played = three_notes()
+    metrics = metrics_of(played)
+    nothing_of = {name: value for name, value in metrics.items() if name != "return_energy"}
+    html = report_html(report(played, metrics={**metrics, "onset_recall": 0.0}, baseline=None))
+    assert f"Mean timing error {NONE} How late" in Page(html).text
+    table = metrics_table(metrics, nothing_of)
+    assert f"Energy \N{MINUS SIGN}1.25 {NONE} The cost" in Page(table).text
+
+
+def test_the_table_has_a_heading_for_each_section_that_has_numbers():
+    assert [heading for heading in HEADINGS if heading in Page(report_html(report())).text] == (
+        HEADINGS
+    )
+    table = Page(metrics_table({"return": 1.0, "f1": 0.5, "finger_share_r1": 1.0}, None)).text
+    assert table == (
+        f"metric played meaning {HEADINGS[0]} F1 0.500 {definition_of('f1').meaning} "
+        f"{HEADINGS[-1]} Return 1.00 {definition_of('return').meaning}"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [
+        ("onset_f1", "Onset F1"),
+        ("return_energy", "Energy"),
+        ("return_own_term", "Own term"),
+        ("finger_share_l1", "Share of the left thumb"),
+        ("", ""),
+    ],
+)
+def test_labels_begin_a_line(name, label):
+    assert definition_of(name).label == label
 
 
 @pytest.mark.parametrize(
@@ -116,6 +146,7 @@ def test_every_number_of_the_environment_is_defined_once_and_by_more_than_its_na
         ("length", 161.0, "161"),
         ("return_energy", -1.25, "\N{MINUS SIGN}1.25"),
         ("return_energy", -0.0001, "0.00"),
+        ("wrong_presses_per_second", 0.124, "0.124\N{NO-BREAK SPACE}/s"),
         ("onset_error_mean_ms", 12.34, "12.3\N{NO-BREAK SPACE}ms"),
         ("return_own_term", 2.0, "2.000"),
     ],

@@ -1,0 +1,82 @@
+"""Each number of an episode has words, and one set of them."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from sb3_piano.envs import RETURN_KEYS
+from sb3_piano.metrics import DEFINITIONS, EPISODE_METRICS, FINGER_SHARES, has_value
+from sb3_piano.music import FINGER_NAMES
+
+
+def test_every_number_of_an_episode_is_defined_and_no_other():
+    expected = [*EPISODE_METRICS, *RETURN_KEYS, "return", "length"]
+    assert sorted(DEFINITIONS) == sorted(expected)
+    assert all(name == definition.name for name, definition in DEFINITIONS.items())
+
+
+def test_no_two_numbers_have_the_same_words():
+    labels = [definition.label for definition in DEFINITIONS.values()]
+    shorts = [(definition.section, definition.short) for definition in DEFINITIONS.values()]
+    meanings = [definition.meaning for definition in DEFINITIONS.values()]
+    for words in (labels, shorts, meanings):
+        assert len(set(words)) == len(words)
+
+
+def test_what_is_about_the_same_stands_together():
+    of_each = [definition.section for definition in DEFINITIONS.values()]
+    sections = [section for section, _ in itertools.groupby(of_each)]
+    assert len(set(sections)) == len(sections) == 5
+
+
+@pytest.mark.parametrize("definition", DEFINITIONS.values(), ids=DEFINITIONS)
+def test_words_fit_in_a_line_and_end_as_they_should(definition):
+    assert definition.meaning.endswith(".")
+    assert definition.meaning[0].isupper()
+    assert len(definition.meaning) <= 100
+    for words in (definition.label, definition.short):
+        assert words.startswith("F1") or words[0].islower()
+        assert len(words) <= 40
+    assert (definition.unit == "ms") == definition.name.endswith("_ms")
+    assert (definition.unit == "/s") == definition.name.endswith("_per_second")
+
+
+def test_shares_are_called_by_their_fingers():
+    for name, finger in zip(FINGER_SHARES, FINGER_NAMES, strict=True):
+        assert DEFINITIONS[name].label.startswith(f"share of the {finger}")
+
+
+def test_the_meaning_of_a_hit_has_the_tolerance():
+    assert "within 50 ms of the onset" in DEFINITIONS["onset_recall"].meaning
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("f1", 0.12345, "0.123"),
+        ("f1", -0.0001, "0.000"),
+        ("length", 161.0, "161"),
+        ("return_energy", -1.254, "-1.25"),
+        ("onset_error_mean_ms", -0.04, "0.0"),
+        ("effective_fingers_left", 2.0, "2.00"),
+    ],
+)
+def test_a_value_has_as_many_decimals_as_are_worth_showing(name, value, text):
+    assert DEFINITIONS[name].rounded(value) == text
+
+
+@pytest.mark.parametrize(
+    ("name", "metrics", "expected"),
+    [
+        ("onset_error_mean_ms", {"onset_error_mean_ms": 0.0, "onset_recall": 0.5}, True),
+        ("onset_error_mean_ms", {"onset_error_mean_ms": 0.0, "onset_recall": 0.0}, False),
+        ("onset_error_std_ms", {"onset_error_std_ms": 0.0, "onset_recall": 0.0}, False),
+        ("onset_error_std_ms", {"onset_error_std_ms": 0.0}, True),
+        ("onset_recall", {"onset_recall": 0.0}, True),
+        ("f1", {"onset_recall": 0.0}, False),
+    ],
+)
+def test_timing_has_a_value_where_something_was_hit(name, metrics, expected):
+    assert has_value(name, metrics) is expected

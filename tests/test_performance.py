@@ -1,0 +1,112 @@
+"""The record of what was played, and the scores that are made from it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sb3_piano.metrics import EPISODE_METRICS, presses_of
+from sb3_piano.music import Note, Pedal, PianoRoll, Score
+from sb3_piano.performance import Performance
+
+STEP = 0.05
+C4, D4 = 60 - 21, 62 - 21
+
+DUE = Score(
+    notes=[
+        Note(onset=0.0, offset=0.1, pitch=60, finger=0),
+        Note(onset=0.12, offset=0.3, pitch=62, finger=1),
+    ],
+    pedals=[Pedal(onset=0.05, offset=0.2)],
+    title="two notes",
+)
+
+times = st.integers(0, 60).map(lambda hundredths: hundredths / 100)
+notes = st.builds(
+    lambda onset, length, pitch, finger: Note(
+        onset=onset, offset=onset + length + 0.01, pitch=pitch, finger=finger
+    ),
+    times,
+    times,
+    st.integers(60, 63),
+    st.integers(-1, 9),
+)
+scores = st.builds(lambda found: Score(notes=found), st.lists(notes, min_size=1, max_size=12))
+
+
+def played(presses, steps=6, score=DUE, pedal=()):
+    """Return a performance of (key, first step, step after, strike, release, finger)."""
+    active, finger = np.zeros((steps, 88), dtype=bool), np.full((steps, 88), -1, dtype=np.int8)
+    for key, first, end, *_, by in presses:
+        active[first:end, key], finger[first:end, key] = True, by
+    sustain = np.zeros(steps, dtype=bool)
+    sustain[list(pedal)] = True
+    return Performance(
+        roll=PianoRoll.from_score(score, STEP),
+        key_active=active,
+        sustain=sustain,
+        strike_time=np.array([press[3] for press in presses], dtype=float),
+        release_time=np.array([press[4] for press in presses], dtype=float),
+        press_finger=finger,
+        title=score.title,
+    )
+
+
+def test_the_score_of_what_was_played_has_its_times_fingers_and_pedal():
+    presses = [(C4, 0, 2, 0.035, 0.115, 0), (D4, 3, 5, 0.165, 0.26, 7)]
+    score = played(presses, pedal=[1, 2, 4]).to_score()
+    assert score.title == "two notes"
+    found = [(note.pitch, note.onset, note.offset, note.finger) for note in score.notes]
+    assert found == [(60, 0.035, 0.115, 0), (62, 0.165, 0.26, 7)]
+    spans = [(pedal.onset, pedal.offset) for pedal in score.pedals]
+    assert spans == [pytest.approx((0.05, 0.15)), pytest.approx((0.2, 0.25))]
+
+
+def test_of_nothing_played_there_is_no_score():
+    assert played([]).to_score() is None
+    assert played([], steps=0).to_score() is None
+
+
+def test_a_notes_finger_is_the_one_that_struck_it():
+    performance = played([(C4, 0, 3, 0.02, 0.16, 0)])
+    performance.press_finger[1:, C4] = 1
+    assert [note.finger for note in performance.to_score().notes] == [0]
+
+
+def test_the_score_of_what_was_due_has_the_notes_own_onsets():
+    due = played([]).target_score()
+    found = [(note.pitch, note.onset, note.offset, note.finger) for note in due.notes]
+    assert found == [(60, 0.0, pytest.approx(0.1), 0), (62, 0.12, pytest.approx(0.3), 1)]
+    assert [(pedal.onset, pedal.offset) for pedal in due.pedals] == [pytest.approx((0.05, 0.2))]
+
+
+@given(scores)
+def test_what_was_due_makes_the_same_roll_again(score):
+    performance = played([], score=score)
+    roll, again = performance.roll, PianoRoll.from_score(performance.target_score(), STEP)
+    common = min(len(roll), len(again))
+    assert not roll.active[common:].any()
+    for name in ("active", "onset"):
+        np.testing.assert_array_equal(getattr(again, name)[:common], getattr(roll, name)[:common])
+
+
+@given(scores)
+def test_every_press_that_is_due_begins_with_a_strike(score):
+    roll = PianoRoll.from_score(score, STEP)
+    presses = presses_of(roll.active)
+    np.testing.assert_array_equal(
+        np.stack([presses.first, presses.key], 1), np.argwhere(roll.onset)
+    )
+
+
+def test_metrics_are_over_the_steps_that_were_played():
+    """Both notes are struck in time; only the first one is due within the first two steps."""
+    struck = [(C4, 0, 2, 0.03, 0.1, 0)]
+    for steps, recall in ((2, 1.0), (6, 0.5)):
+        metrics = played(struck, steps=steps).metrics()
+        assert set(metrics) == set(EPISODE_METRICS) - {"normalized_return"}
+        assert (metrics["onset_precision"], metrics["onset_recall"]) == (1.0, recall)
+    assert metrics["onset_error_mean_ms"] == pytest.approx(30.0)
+    assert metrics["finger_share_r1"] == 1.0

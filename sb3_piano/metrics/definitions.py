@@ -140,8 +140,8 @@ _OF_FINGERS = (
         Definition(
             f"effective_fingers_{hand}",
             _FINGERS,
-            f"effective fingers, {hand} hand",
-            f"effective number, {hand} hand",
+            f"effective fingers, {hand}",
+            f"effective number, {hand}",
             f"How many of the {hand} hand's five would share its pressing as evenly.",
             digits=2,
         )

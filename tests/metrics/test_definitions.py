@@ -43,7 +43,8 @@ def test_words_fit_in_a_line_and_end_as_they_should(definition):
     assert (definition.unit == "/s") == definition.name.endswith("_per_second")
 
 
-def test_shares_are_called_by_their_fingers():
+def test_shares_are_called_by_their_fingers_and_stand_in_their_order():
+    assert tuple(name for name in DEFINITIONS if name in FINGER_SHARES) == FINGER_SHARES
     for name, finger in zip(FINGER_SHARES, FINGER_NAMES, strict=True):
         assert DEFINITIONS[name].label.startswith(f"share of the {finger}")
 

@@ -91,6 +91,7 @@ def test_one_run_has_all_metrics_by_section_beside_the_baseline(piano_run, call,
         text = " ".join(f"{share:.2f}".removeprefix("0") for share in shares)
         expected = text if sum(shares) > 0 else "-"
         assert by_name[f"shares, {hand} thumb to little"] == [expected, "-"]
+    assert not [text for text in by_name if text.startswith("share of the right")]
     assert sum(found["mean"][name] for name in FINGER_SHARES) == pytest.approx(1)
     assert "Performance: run/evaluation/performance_1.mid\n" in out
     assert "Metrics:     run/evaluation/metrics.json\n" in out

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -30,24 +32,24 @@ class PressTimes:
         self._releases: list[float] = []
         self._held: dict[int, int] = {}  # which press each key that is down belongs to
 
-    def add(self, step: int, changed: npt.NDArray[np.intp], down: BoolArray) -> None:
-        """Note down the presses and releases of a control step.
+    def add(self, step: int, key: int, down: Sequence[bool]) -> None:
+        """Note down that a key was struck or let go in a control step.
 
         Args:
-            step: The control step.
-            changed: (n,) keys that do another thing at its end than at its beginning, ascending.
-            down: (p, n) bool, whether each of them was down after each of the p physics steps.
+            step: The control step; at its end the key does another thing than at its beginning.
+            key: The key. Those of one step come in ascending order.
+            down: Whether it was down after each of the p physics steps.
         """
-        for key, states in zip(changed.tolist(), down.T, strict=True):
-            other = np.flatnonzero(states != states[-1])
-            since = int(other[-1]) + 1 if len(other) else 0
-            time = (step + (since + 1) / len(states)) * self._control_timestep
-            if states[-1]:
-                self._held[key] = len(self._strikes)
-                self._strikes.append(time)
-                self._releases.append(np.nan)
-            else:
-                self._releases[self._held.pop(key)] = time
+        since = len(down) - 1
+        while since > 0 and down[since - 1] == down[-1]:
+            since -= 1
+        time = (step + (since + 1) / len(down)) * self._control_timestep
+        if down[-1]:
+            self._held[key] = len(self._strikes)
+            self._strikes.append(time)
+            self._releases.append(np.nan)
+        else:
+            self._releases[self._held.pop(key)] = time
 
     def strikes(self) -> FloatArray:
         """Return when each press began, (n,) s, in the order of ``presses_of``."""

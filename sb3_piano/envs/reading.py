@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -13,8 +13,7 @@ from sb3_piano.simulation import PianoScene
 FloatArray = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Reading:
+class Reading(NamedTuple):
     """What hands and keys are doing. The arrays that are views change with the simulation."""
 
     data: mujoco.MjData

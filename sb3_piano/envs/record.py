@@ -57,16 +57,17 @@ class EpisodeRecord:
             pedal_down: Whether the pedal is down.
             weighted_terms: The weighted reward terms, in the order of ``RETURN_KEYS``.
         """
-        changed = np.flatnonzero(reading.sounding != self._sounding)
-        if len(changed):
-            down = key_angles[:, changed] >= self._scene.key_sounding_angle[changed]
-            self._times.add(self.steps, changed, down)
-        self._sounding = reading.sounding
-        self._key_active[self.steps] = reading.sounding
-        self._sustain[self.steps] = pedal_down
-        self._fingertips[self.steps] = reading.fingertips
-        self.returns += list(weighted_terms.values())
-        self.steps += 1
+        step, sounding = self.steps, reading.sounding
+        if sounding.tobytes() != self._sounding.tobytes():  # the fastest way to compare them
+            for key in np.flatnonzero(sounding != self._sounding).tolist():
+                down = key_angles[:, key] >= self._scene.key_sounding_angle[key]
+                self._times.add(step, key, down.tolist())
+        self._sounding = sounding
+        self._key_active[step] = sounding
+        self._sustain[step] = pedal_down
+        self._fingertips[step] = reading.fingertips
+        self.returns += tuple(weighted_terms.values())
+        self.steps = step + 1
 
     def performance(self) -> Performance:
         """Return a copy of what was played so far."""

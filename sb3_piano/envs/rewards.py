@@ -8,6 +8,7 @@ RoboPianist's own.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -75,11 +76,11 @@ def tolerance(distance: float, bound: float, margin: float) -> float:
     return float(0.1 ** (outside * outside))
 
 
-def _mean_closeness(distances: FloatArray, bound: float) -> float:
-    """Return the mean tolerance of (n,) distances, of which there is at least one."""
+def _mean_closeness(distances: list[float], bound: float) -> float:
+    """Return the mean tolerance of distances, of which there is at least one."""
     margin = 10 * bound
     # There are few, for which plain numbers are faster than numpy; and this is every control step.
-    values = [tolerance(distance, bound, margin) for distance in distances.tolist()]
+    values = [tolerance(distance, bound, margin) for distance in distances]
     return sum(values) / len(values)
 
 
@@ -110,7 +111,7 @@ def key_press(due: BoolArray, key_state: FloatArray, sounding: BoolArray) -> flo
     reward = 0.0 if np.count_nonzero(sounding > due) else 0.5
     depth = key_state[due]
     if len(depth) > 0:
-        reward += 0.5 * _mean_closeness(1.0 - depth, _KEY_TOLERANCE)
+        reward += 0.5 * _mean_closeness((1.0 - depth).tolist(), _KEY_TOLERANCE)
     return reward
 
 
@@ -152,7 +153,8 @@ def labelled_fingering(fingertips: FloatArray, press_points: FloatArray) -> floa
     """
     if len(press_points) == 0:
         return 0.0
-    return _mean_closeness(_distance(press_points, fingertips), _FINGER_TOLERANCE)
+    pairs = zip(press_points.tolist(), fingertips.tolist(), strict=True)
+    return _mean_closeness([math.dist(*pair) for pair in pairs], _FINGER_TOLERANCE)
 
 
 def optimal_transport_fingering(fingertips: FloatArray, press_points: FloatArray) -> float:
@@ -170,7 +172,8 @@ def optimal_transport_fingering(fingertips: FloatArray, press_points: FloatArray
     if len(press_points) == 0:
         return 1.0
     distance = _distance(fingertips[:, None], press_points[None])
-    return _mean_closeness(distance[linear_sum_assignment(distance)], _FINGER_TOLERANCE)
+    assigned = distance[linear_sum_assignment(distance)]
+    return _mean_closeness(assigned.tolist(), _FINGER_TOLERANCE)
 
 
 def forearm(touching: bool) -> float:

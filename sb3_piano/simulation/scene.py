@@ -87,15 +87,16 @@ class PianoScene:
     def key_angle(self, data: mujoco.MjData) -> FloatArray:
         """Return each key's angle, (88,) rad, clipped to its range (joint limits are soft)."""
         # Twice as fast as np.clip on so few numbers.
-        return np.minimum(np.maximum(data.qpos[self.key_qpos], 0.0), self.key_max_angle)
+        return np.minimum(np.maximum(data.qpos[self.key_slice], 0.0), self.key_max_angle)
 
     def fingertip_position(self, data: mujoco.MjData) -> FloatArray:
         """Return the world positions of the ten fingertips, (10, 3) m."""
-        return np.asarray(data.site_xpos[self.fingertip_site])
+        return np.asarray(data.site_xpos.take(self.fingertip_site, axis=0))
 
     def press_point(self, data: mujoco.MjData, keys: IntArray) -> FloatArray:
         """Return where fingers should press the given keys: world positions, (n, 3) m."""
-        return np.asarray(data.geom_xpos[self.key_geom[keys]] + self.key_press_offset[keys])
+        points = data.geom_xpos.take(self.key_geom[keys], axis=0)
+        return np.asarray(points + self.key_press_offset.take(keys, axis=0))
 
     def forearms_touch(self, data: mujoco.MjData) -> bool:
         """Return whether a shape of one forearm touches one of the other."""

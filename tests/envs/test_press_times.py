@@ -13,9 +13,9 @@ from sb3_piano.envs.press_times import PressTimes
 from sb3_piano.metrics import presses_of
 
 
-def down(*columns):
-    """Return (p, n) bool from the states of each key, written as text: ``.`` up, ``#`` down."""
-    return np.array([[state == "#" for state in column] for column in columns]).T
+def down(states):
+    """Return the states of a key, written as text: ``.`` up, ``#`` down."""
+    return [state == "#" for state in states]
 
 
 @pytest.mark.parametrize(
@@ -30,17 +30,19 @@ def down(*columns):
 )
 def test_a_key_is_struck_when_it_goes_down_for_good(states, time):
     times = PressTimes(0.05)
-    times.add(2, np.array([40]), down(states))
+    times.add(2, 40, down(states))
     assert times.strikes() == pytest.approx([0.1 + time])
     assert times.releases(0.9) == pytest.approx([0.9])  # still held
 
 
 def test_releases_belong_to_their_presses():
     times = PressTimes(0.05)
-    times.add(0, np.array([10, 20]), down("..###", "....#"))
-    times.add(1, np.array([10]), down("##..."))
-    times.add(3, np.array([10, 30]), down("....#", "...##"))
-    times.add(4, np.array([20]), down("#...."))
+    times.add(0, 10, down("..###"))
+    times.add(0, 20, down("....#"))
+    times.add(1, 10, down("##..."))
+    times.add(3, 10, down("....#"))
+    times.add(3, 30, down("...##"))
+    times.add(4, 20, down("#...."))
     assert times.strikes() == pytest.approx([0.03, 0.05, 0.2, 0.19])
     assert times.releases(0.5) == pytest.approx([0.08, 0.22, 0.5, 0.5])
 
@@ -123,7 +125,7 @@ def test_good_playing_is_done_by_the_fingers_that_the_score_names(performance):
 
 def test_a_key_that_goes_down_with_the_last_physics_step_still_makes_a_note():
     times = PressTimes(0.05)
-    times.add(2, np.array([40]), down("....#"))
+    times.add(2, 40, down("....#"))
     assert times.strikes() == pytest.approx([0.15])
     assert times.releases(0.15) == pytest.approx([0.151])
     assert np.isnan(times.unfinished_releases())

@@ -9,9 +9,12 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from sb3_piano.cli import main
 from sb3_piano.envs import ENV_IDS
+from sb3_piano.training import load_config
+from sb3_piano.training.builders import build_callbacks
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -22,6 +25,7 @@ BLOCKS = {
         re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
     )
 }
+MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8").replace("\\\n", " ")
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 
@@ -49,10 +53,16 @@ def test_an_example_runs_and_prints_a_number(example, tmp_path):
 
 
 def test_the_demo_of_the_makefile_trains_and_evaluates(tmp_path, monkeypatch, capsys):
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8").replace("\\\n", " ")
-    command = re.search(r"^\t\$\(BIN\)/sb3-piano (.*)$", makefile, re.MULTILINE)[1].split()
+    command = re.search(r"^\t\$\(BIN\)/sb3-piano (.*)$", MAKEFILE, re.MULTILINE)[1].split()
     monkeypatch.chdir(ROOT)
     command.remove("--play")  # drawing takes long without a graphics card
     shortened = [*command, "--steps", "200", "--runs-dir", str(tmp_path), "--no-progress"]
     assert main(shortened) == 0
     assert "non-silent F1" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("name", "algo"), [("demo", "sac"), ("callbacks", "td3")])
+def test_a_yaml_file_of_the_examples_has_valid_settings(name, algo):
+    file = ROOT / "examples" / f"{name}.yml"
+    (env_id,) = yaml.safe_load(file.read_text(encoding="utf-8"))
+    assert build_callbacks(load_config(algo, env_id, file))

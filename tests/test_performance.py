@@ -110,3 +110,9 @@ def test_metrics_are_over_the_steps_that_were_played():
         assert (metrics["onset_precision"], metrics["onset_recall"]) == (1.0, recall)
     assert metrics["onset_error_mean_ms"] == pytest.approx(30.0)
     assert metrics["finger_share_r1"] == 1.0
+
+
+def test_the_labels_that_fingers_are_compared_with_are_those_of_the_notes_due():
+    for finger, agreement in ((0, 1.0), (3, 0.0)):
+        metrics = played([(C4, 0, 2, 0.03, 0.1, finger)], steps=2).metrics()
+        assert metrics["fingering_agreement"] == agreement

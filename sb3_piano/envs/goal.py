@@ -62,7 +62,7 @@ class Goal:
 
     def _highest_return(self, config: PianoEnvConfig) -> float:
         n_fingering = {
-            "labels": int(((self.roll.finger >= 0) & self.roll.active).any(axis=1).sum()),
+            "labels": int((self.roll.finger >= 0).any(axis=1).sum()),
             "optimal-transport": len(self),
             "off": 0,
         }

@@ -456,3 +456,39 @@ def test_unknown_reset_options_and_render_modes_are_refused(env):
 def test_an_unknown_piece_is_answered_with_near_names():
     with pytest.raises(UnknownPieceError, match="CMajorScaleTwoHands"):
         PianoEnv("CMajorScaleTwoHand")
+
+
+@pytest.mark.parametrize(
+    ("options", "highest"),
+    [
+        ({}, 6.5 * 1 + 8 + 5 + 4),  # eight steps: five with a key due, all of them labelled
+        ({"fingering_reward": "off"}, 6.5 + 8 + 4),
+        ({"fingering_reward": "optimal-transport"}, 6.5 + 8 + 8 + 4),
+        ({"forearm_reward": False}, 6.5 + 8 + 5),
+        ({"reward_weights": {"fingering": 2.0, "sustain": 0.0}}, 6.5 + 10 + 4),
+    ],
+)
+def test_the_return_is_told_as_a_share_of_the_highest_one(options, highest):
+    """Pressing earns 1 in five steps and 0.5 in three; pedal 1, forearms 0.5 in eight."""
+    notes = [Note(onset=0.0, offset=0.25, pitch=60, finger=0)]
+    env = PianoEnv(Score(notes=notes, title="short"), initial_buffer_time=0.1, **options)
+    env.reset(seed=0)
+    for _ in range(8):
+        *_, info = env.step(env.rest_action)
+    returns = sum(info[name] for name in RETURN_KEYS)
+    assert info["normalized_return"] == pytest.approx(returns / highest)
+    assert env.performance.title == "short"
+
+
+def test_only_labelled_notes_can_earn_the_fingering_term():
+    """Four of six steps with a key due have a label: keys 6.5, pedal 7, fingers 4, forearms 3.5."""
+    notes = [
+        Note(onset=0.0, offset=0.2, pitch=60, finger=0),
+        Note(onset=0.2, offset=0.3, pitch=62),
+    ]
+    env = PianoEnv(Score(notes=notes))
+    env.reset(seed=0)
+    for _ in range(7):
+        *_, info = env.step(env.rest_action)
+    returns = sum(info[name] for name in RETURN_KEYS)
+    assert info["normalized_return"] == pytest.approx(returns / (6.5 + 7 + 4 + 3.5))

@@ -89,3 +89,23 @@ def test_equal_arguments_share_one_compiled_scene_and_a_copy_has_its_own():
 def test_an_unknown_physics_profile_is_answered_with_a_near_name():
     with pytest.raises(ConfigError, match=r"profile 'referense'.*'reference'"):
         physics_profile("referense")
+
+
+def test_the_boxes_of_pressed_keys_lie_where_pressed_keys_are():
+    """A key turns about its hinge by its largest angle: its far end goes down, its length stays."""
+    scene = compile_scene()
+    center, rotation, half_size = scene.key_boxes
+    data = mujoco.MjData(scene.model)
+    mujoco.mj_forward(scene.model, data)
+    at_rest = data.geom_xpos[scene.key_geom].copy()
+    assert (center[:, 2] < at_rest[:, 2] - 0.002).all()
+    data.qpos[scene.key_qpos] = scene.key_max_angle
+    mujoco.mj_forward(scene.model, data)
+    np.testing.assert_allclose(center, data.geom_xpos[scene.key_geom], atol=1e-12)
+    np.testing.assert_allclose(half_size, scene.model.geom_size[scene.key_geom])
+    np.testing.assert_allclose(np.arccos(rotation[:, 0, 0]), scene.key_max_angle, rtol=1e-6)
+    # The hinge stays: seen from it, the centre is at the same distance as before.
+    hinge = data.xanchor[scene.model.body_jntadr[scene.model.geom_bodyid[scene.key_geom]]]
+    np.testing.assert_allclose(
+        np.linalg.norm(center - hinge, axis=1), np.linalg.norm(at_rest - hinge, axis=1), rtol=1e-9
+    )

@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError, UnknownPieceError
 from sb3_piano.music import Note, Score
@@ -133,6 +134,9 @@ def test_the_best_model_plays_in_place_of_the_last_one(
         with SavedPlayer.open(run.path, best=best) as player:
             assert player.num_timesteps == steps
             assert len(player.play()) == 1
+            statistics = player.model.get_vec_normalize_env()
+            assert (statistics is not None) is normalize
+            assert not normalize or statistics.obs_rms.count == pytest.approx(steps + 1, abs=0.1)
     assert evaluate(run.path, best="f1").num_timesteps == 10
     with pytest.raises(RunError, match="no best model by 'onset_f1', it has one by f1: expected"):
         SavedPlayer.open(run.path, best="onset_f1")
@@ -141,3 +145,29 @@ def test_the_best_model_plays_in_place_of_the_last_one(
 def test_a_run_without_a_best_model_says_so(piano_run):
     with pytest.raises(RunError, match="no best model by 'f1', it has none by any metric"):
         SavedPlayer.open(piano_run(STILL).path, best="f1")
+
+
+def test_every_command_that_plays_takes_the_best_model(small_config, tmp_path, midi_file, capsys):
+    config = small_config(
+        env_id="RoboPianist-v0",
+        env_kwargs={"score": str(midi_file), "physics": "fast"},
+        n_timesteps=30,
+        callback=({"sb3_piano.callbacks.F1Callback": {"eval_freq": 10}},),
+    )
+    run = str(train(config, tmp_path / "best", progress_bar=False).folder.path)
+    for command in (["evaluate"], ["play", "--no-video"], ["report"]):
+        assert main([*command, run, "--best", "recall"]) == 2
+        assert "has no best model by 'recall'" in capsys.readouterr().err
+        assert main([*command, run, "--best", "f1"]) == 0
+    page = (tmp_path / "best" / "evaluation" / "report.html").read_text(encoding="utf-8")
+    assert "best by f1" in page
+    assert f"sb3-piano report {run} --seed 0 --best f1" in page
+
+
+def test_a_training_may_end_with_what_the_model_plays(tmp_path, midi_file):
+    run = tmp_path / "run"
+    settings = "RoboPianist-v0: {n_timesteps: 5, policy: MlpPolicy, buffer_size: 10}"
+    (tmp_path / "tiny.yml").write_text(settings)
+    command = ["train", "--midi", str(midi_file), "--config", str(tmp_path / "tiny.yml")]
+    assert main([*command, "--run", str(run), "--no-progress", "--play"]) == 0
+    assert (run / "play" / "performance.wav").is_file()

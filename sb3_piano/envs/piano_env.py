@@ -356,16 +356,17 @@ class PianoEnv(gym.Env[Any, Any]):
         the call ends with the first stage: fingertips and velocities are then those of the new
         state, at no extra cost.
         """
-        self.data.ctrl[:] = controls
-        keys = self.data.qpos[self.scene.key_slice]
-        mujoco.mj_step2(self.model, self.data)
-        self._key_angles[0] = keys
-        for substep in range(1, len(self._key_angles)):
-            mujoco.mj_step(self.model, self.data)
-            self._key_angles[substep] = keys
-        mujoco.mj_step1(self.model, self.data)
+        model, data, angles = self.model, self.data, self._key_angles
+        data.ctrl[:] = controls
+        keys = data.qpos[self.scene.key_slice]
+        mujoco.mj_step2(model, data)
+        angles[0] = keys
+        for substep in range(1, len(angles)):
+            mujoco.mj_step(model, data)
+            angles[substep] = keys
+        mujoco.mj_step1(model, data)
         # MuJoCo answers NaN and huge numbers with a warning and starts the simulation anew.
-        if np.count_nonzero(self.data.warning.number[_INSTABILITIES]):
+        if np.count_nonzero(data.warning.number[_INSTABILITIES]):
             self._finished = True
             raise SimulationDivergedError(
                 f"The physics became unstable in control step {self._record.steps}. The episode "

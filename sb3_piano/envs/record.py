@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.goal import Goal
-from sb3_piano.envs.press_times import PressTimes
+from sb3_piano.envs.press_times import press_times
 from sb3_piano.envs.reading import Reading
 from sb3_piano.envs.rewards import RETURN_KEYS
 from sb3_piano.envs.state import EnvState
-from sb3_piano.metrics import KeyBoxes, nearest_fingers, normalized_return
+from sb3_piano.metrics import KeyBoxes, nearest_fingers, normalized_return, presses_of
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene
@@ -32,13 +33,12 @@ class EpisodeRecord:
         """
         self._goal = goal
         self._scene = scene
-        self._times = PressTimes(goal.roll.control_timestep)
         self._key_active = np.zeros((len(goal), NUM_KEYS), dtype=bool)
         self._sustain = np.zeros(len(goal), dtype=bool)
         self._fingertips = np.zeros((len(goal), NUM_FINGERS, 3))
         self._sounding = np.zeros(NUM_KEYS, dtype=bool)
-        self.returns = np.zeros(len(RETURN_KEYS))
-        """(5,) sums so far of the weighted reward terms, in the order of ``RETURN_KEYS``."""
+        self._within: dict[int, npt.NDArray[np.bool_]] = {}  # of steps in which a key changed
+        self._returns = [0.0] * len(RETURN_KEYS)  # plain numbers, faster to add than an array
         self.steps = 0
         """Control steps that are over."""
 
@@ -59,26 +59,27 @@ class EpisodeRecord:
         """
         step, sounding = self.steps, reading.sounding
         if sounding.tobytes() != self._sounding.tobytes():  # the fastest way to compare them
-            for key in np.flatnonzero(sounding != self._sounding).tolist():
-                down = key_angles[:, key] >= self._scene.key_sounding_angle[key]
-                self._times.add(step, key, down.tolist())
+            self._within[step] = key_angles >= self._scene.key_sounding_angle
         self._sounding = sounding
         self._key_active[step] = sounding
         self._sustain[step] = pedal_down
         self._fingertips[step] = reading.fingertips
-        self.returns += tuple(weighted_terms.values())
+        self._returns = list(map(operator.add, self._returns, weighted_terms.values()))
         self.steps = step + 1
 
     def performance(self) -> Performance:
         """Return a copy of what was played so far."""
         steps, roll = self.steps, self._goal.roll
         key_active = self._key_active[:steps].copy()
+        strikes, releases = press_times(
+            presses_of(key_active), self._within, roll.control_timestep, steps
+        )
         return Performance(
             roll=roll,
             key_active=key_active,
             sustain=self._sustain[:steps].copy(),
-            strike_time=self._times.strikes(),
-            release_time=self._times.releases(steps * roll.control_timestep),
+            strike_time=strikes,
+            release_time=releases,
             press_finger=nearest_fingers(
                 key_active, self._fingertips[:steps], KeyBoxes(*self._scene.key_boxes)
             ),
@@ -90,8 +91,8 @@ class EpisodeRecord:
         highest = self._goal.highest_return
         return {
             **self.performance().metrics(),
-            "normalized_return": normalized_return(float(self.returns.sum()), highest),
-            **dict(zip(RETURN_KEYS, self.returns.tolist(), strict=True)),
+            "normalized_return": normalized_return(sum(self._returns), highest),
+            **dict(zip(RETURN_KEYS, self._returns, strict=True)),
         }
 
     def save(self, *, physics: npt.NDArray[np.float64], finished: bool, pedal: float) -> EnvState:
@@ -105,9 +106,8 @@ class EpisodeRecord:
             key_active=self._key_active[steps].copy(),
             sustain=self._sustain[steps].copy(),
             fingertips=self._fingertips[steps].copy(),
-            strike_time=self._times.strikes(),
-            release_time=self._times.unfinished_releases(),
-            returns=self.returns.copy(),
+            within=dict(self._within),
+            returns=np.array(self._returns),
         )
 
     def restore(self, state: EnvState) -> None:
@@ -116,6 +116,6 @@ class EpisodeRecord:
         self._key_active[: self.steps] = state.key_active
         self._sustain[: self.steps] = state.sustain
         self._fingertips[: self.steps] = state.fingertips
-        self._times.restore(state.key_active, state.strike_time, state.release_time)
+        self._within = dict(state.within)
         self._sounding = self._key_active[self.steps - 1] if self.steps else self._sounding
-        self.returns[:] = state.returns
+        self._returns = state.returns.tolist()

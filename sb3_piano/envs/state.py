@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,10 +29,9 @@ class EnvState:
     """(step,) bool, whether the pedal was down."""
     fingertips: npt.NDArray[np.float64]
     """(step, 10, 3) positions of the fingertips after each control step, m."""
-    strike_time: npt.NDArray[np.float64]
-    """(n,) when each press of a key began, s."""
-    release_time: npt.NDArray[np.float64]
-    """(n,) when it ended, s; NaN if it has not."""
+    within: Mapping[int, npt.NDArray[np.bool_]]
+    """By control step in which a key went down or up: (p, 88) bool, keys that sounded after each of
+    its p physics steps."""
     returns: npt.NDArray[np.float64]
     """(5,) sums so far of the weighted reward terms."""
 

@@ -9,13 +9,20 @@ import numpy as np
 import pytest
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.envs.press_times import PressTimes
-from sb3_piano.metrics import presses_of
+from sb3_piano.envs.press_times import press_times
+from sb3_piano.metrics import Presses, presses_of
 
 
-def down(states):
-    """Return the states of a key, written as text: ``.`` up, ``#`` down."""
-    return [state == "#" for state in states]
+def within(**columns):
+    """Return (p, 88) bool from the states of keys k<number>: ``.`` up, ``#`` down."""
+    states = np.zeros((5, 88), dtype=bool)
+    for name, column in columns.items():
+        states[:, int(name[1:])] = [state == "#" for state in column]
+    return states
+
+
+def presses(*rows):
+    return Presses(*(np.array(column, dtype=np.intp) for column in zip(*rows, strict=True)))
 
 
 @pytest.mark.parametrize(
@@ -29,22 +36,32 @@ def down(states):
     ],
 )
 def test_a_key_is_struck_when_it_goes_down_for_good(states, time):
-    times = PressTimes(0.05)
-    times.add(2, 40, down(states))
-    assert times.strikes() == pytest.approx([0.1 + time])
-    assert times.releases(0.9) == pytest.approx([0.9])  # still held
+    strikes, releases = press_times(presses((40, 2, 4)), {2: within(k40=states)}, 0.05, 4)
+    assert strikes == pytest.approx([0.1 + time])
+    assert releases == pytest.approx([0.2])  # still held
 
 
-def test_releases_belong_to_their_presses():
-    times = PressTimes(0.05)
-    times.add(0, 10, down("..###"))
-    times.add(0, 20, down("....#"))
-    times.add(1, 10, down("##..."))
-    times.add(3, 10, down("....#"))
-    times.add(3, 30, down("...##"))
-    times.add(4, 20, down("#...."))
-    assert times.strikes() == pytest.approx([0.03, 0.05, 0.2, 0.19])
-    assert times.releases(0.5) == pytest.approx([0.08, 0.22, 0.5, 0.5])
+def test_each_press_has_its_own_times():
+    moments = {
+        0: within(k10="..###", k20="....#"),
+        1: within(k10="##...", k20="#####"),
+        3: within(k10="....#", k20="#####", k30="...##"),
+        4: within(k10="#####", k20="#....", k30="#####"),
+    }
+    made = presses((10, 0, 1), (20, 0, 4), (10, 3, 5), (30, 3, 5))
+    strikes, releases = press_times(made, moments, 0.05, 5)
+    assert strikes == pytest.approx([0.03, 0.05, 0.2, 0.19])
+    assert releases == pytest.approx([0.08, 0.22, 0.25, 0.25])
+
+
+def test_where_nothing_is_known_of_a_step_it_happened_at_its_end():
+    strikes, releases = press_times(presses((40, 2, 3)), {}, 0.05, 4)
+    assert (strikes, releases) == (pytest.approx([0.15]), pytest.approx([0.2]))
+
+
+def test_a_key_that_goes_down_with_the_last_physics_step_still_makes_a_note():
+    strikes, releases = press_times(presses((40, 2, 3)), {2: within(k40="....#")}, 0.05, 3)
+    assert (strikes, releases) == (pytest.approx([0.15]), pytest.approx([0.151]))
 
 
 @pytest.mark.parametrize("physics", ["reference", "fast"])
@@ -61,20 +78,20 @@ def test_times_are_those_of_a_simulation_watched_step_by_step(performance, physi
             sounding.append(angle >= env.scene.key_sounding_angle)
     states = np.array(sounding).reshape(len(env.performance), -1, 88)
     played, timestep = env.performance, env.model.opt.timestep
-    presses = presses_of(played.key_active)
-    assert len(presses.key) > 10
+    found = presses_of(played.key_active)
+    assert len(found.key) > 10
     flat = states.reshape(-1, 88)
-    for key, first, strike in zip(presses.key, presses.first, played.strike_time, strict=True):
+    for key, first, strike in zip(found.key, found.first, played.strike_time, strict=True):
         before, at = round(strike / timestep) - 2, round(strike / timestep) - 1
         end = (first + 1) * env.config.n_substeps
         assert first < strike / 0.05 <= first + 1 + 1e-9
         assert flat[at:end, key].all()
         assert at == first * env.config.n_substeps or not flat[before, key]
     # The releases obey the same rule, seen from the end of each press.
-    open_ended = presses.end == len(played)
+    open_ended = found.end == len(played)
     for key, end, release in zip(
-        presses.key[~open_ended],
-        presses.end[~open_ended],
+        found.key[~open_ended],
+        found.end[~open_ended],
         played.release_time[~open_ended],
         strict=True,
     ):
@@ -121,11 +138,3 @@ def test_good_playing_is_done_by_the_fingers_that_the_score_names(performance):
     assert info["normalized_return"] == pytest.approx(
         float(np.sum(performance["reward"])) / env._goal.highest_return, rel=0.01
     )
-
-
-def test_a_key_that_goes_down_with_the_last_physics_step_still_makes_a_note():
-    times = PressTimes(0.05)
-    times.add(2, 40, down("....#"))
-    assert times.strikes() == pytest.approx([0.15])
-    assert times.releases(0.15) == pytest.approx([0.151])
-    assert np.isnan(times.unfinished_releases())

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, PianoEnv
-from sb3_piano.metrics import presses_of
 
 # The names of the recorded reward terms and observation blocks, in the order of ours.
 TERMS = {
@@ -40,17 +39,13 @@ def state_at(env, recording, row, finished=False):
     mujoco.mj_resetData(env.model, env.data)
     env.data.qpos[:], env.data.qvel[:] = recording["qpos"][row], recording["qvel"][row]
     pedal = (recording["action"][row - 1, -1] + 1) / 2 if row > 0 else 0.0
-    key_active = recording["key_active"][:row].astype(bool)
-    presses = presses_of(key_active)
     return dataclasses.replace(
         env.get_state(),
         finished=finished,
         pedal=pedal,
-        key_active=key_active,
+        key_active=recording["key_active"][:row].astype(bool),
         sustain=recording["sustain_active"][:row, 0],
         fingertips=np.zeros((row, 10, 3)),  # not recorded
-        strike_time=presses.first * env.config.control_timestep,
-        release_time=presses.end * env.config.control_timestep,
     )
 
 

@@ -492,3 +492,12 @@ def test_only_labelled_notes_can_earn_the_fingering_term():
         *_, info = env.step(env.rest_action)
     returns = sum(info[name] for name in RETURN_KEYS)
     assert info["normalized_return"] == pytest.approx(returns / (6.5 + 7 + 4 + 3.5))
+
+
+def test_a_state_does_not_change_with_the_episode_that_goes_on(env):
+    state = env.get_state()
+    push_key(env, C4)
+    env.step(env.rest_action)
+    assert env.key_active[C4]
+    assert (state.step, len(state.within)) == (0, 0)
+    assert len(env.get_state().within) == 1

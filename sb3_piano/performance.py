@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.metrics import Onsets, episode_metrics, presses_of
+from sb3_piano.metrics import Onsets, Presses, episode_metrics, presses_of
 from sb3_piano.music import MIN_PITCH, Note, Pedal, PianoRoll, Score
 
 BoolArray = npt.NDArray[np.bool_]
@@ -22,7 +23,7 @@ class Performance:
     """The control steps of an episode so far, beside the roll that should have been played.
 
     A press is an unbroken run of control steps at whose ends a key sounds; their order is that of
-    :func:`~sb3_piano.metrics.presses_of`. All times count from the start of the episode.
+    :attr:`presses`. All times count from the start of the episode.
     """
 
     roll: PianoRoll
@@ -43,6 +44,11 @@ class Performance:
     def __len__(self) -> int:
         return len(self.key_active)
 
+    @functools.cached_property
+    def presses(self) -> Presses:
+        """The presses: which key, its first control step, and the step after its last one."""
+        return presses_of(self.key_active)
+
     def metrics(self) -> dict[str, float]:
         """Return the music metrics by name, over the steps that were played.
 
@@ -58,7 +64,7 @@ class Performance:
             target_pedal=roll.sustain[:steps],
             played_pedal=self.sustain,
             target_onsets=Onsets(roll.onset_time[begun], key[begun]),
-            played_onsets=Onsets(self.strike_time, presses_of(self.key_active).key),
+            played_onsets=Onsets(self.strike_time, self.presses.key),
             target_finger=roll.finger[:steps],
             press_finger=self.press_finger,
             control_timestep=roll.control_timestep,
@@ -70,7 +76,7 @@ class Performance:
         Times are those of the episode, the initial silence included; a note's finger is the one
         that was nearest when the key went down.
         """
-        presses = presses_of(self.key_active)
+        presses = self.presses
         notes = _notes(
             presses.key,
             self.strike_time,

@@ -36,25 +36,26 @@ def press_times(
         (n,) times from the start of the episode, s, at which the keys went down, and at which they
         came up; the end of the last step for those that have not.
     """
-    strikes = _times(presses.first, presses.key, within) * control_timestep
-    over = presses.end < n_steps
-    releases = np.maximum(n_steps * control_timestep, strikes + _LEAST)
-    releases[over] = _times(presses.end[over], presses.key[over], within) * control_timestep
-    return strikes, releases
+    steps = np.concatenate([presses.first, presses.end])
+    share = _shares(steps, np.tile(presses.key, 2), within)
+    strikes, releases = np.split((steps + share) * control_timestep, 2)
+    end = np.maximum(n_steps * control_timestep, strikes + _LEAST)
+    return strikes, np.where(presses.end < n_steps, releases, end)
 
 
-def _times(
+def _shares(
     steps: npt.NDArray[np.intp], keys: npt.NDArray[np.intp], within: Mapping[int, BoolArray]
 ) -> FloatArray:
-    """Return since when keys have done what they do at the end of a step, in control steps."""
+    """Return after which share of a step keys did for good what they do at its end."""
     share = np.ones(len(steps))
-    events = list(zip(steps.tolist(), keys.tolist(), strict=True))
-    known = [step in within for step, _ in events]
-    if any(known):
-        states = np.array([within[step][:, key] for step, key in events if step in within])
-        # Backwards from the end, how far it has been so.
-        other = (states != states[:, -1:])[:, ::-1]
-        n_substeps = states.shape[1]
-        so_long = np.where(other.any(axis=1), other.argmax(axis=1), n_substeps)
-        share[known] = (n_substeps - so_long + 1) / n_substeps
-    return steps + share
+    if not within:
+        return share
+    known_steps = np.fromiter(within, dtype=np.intp)  # ascending, as they were noted down
+    row = np.minimum(np.searchsorted(known_steps, steps), len(known_steps) - 1)
+    known = known_steps[row] == steps
+    states = np.stack(list(within.values()))[row, :, keys]
+    # Backwards from the end, how far it has been so.
+    other = (states != states[:, -1:])[:, ::-1]
+    n_substeps = states.shape[1]
+    so_long = np.where(other.any(axis=1), other.argmax(axis=1), n_substeps)
+    return np.where(known, (n_substeps - so_long + 1) / n_substeps, share)

@@ -87,7 +87,7 @@ def judge(performance: Performance) -> tuple[DueNotes, PlayedPresses]:
     several, to the one whose onset is nearest to the strike.
     """
     roll = performance.roll
-    due, played = presses_of(roll.active), presses_of(performance.key_active)
+    due, played = presses_of(roll.active), performance.presses
     reached = due.first < len(performance)
     began = np.flatnonzero(reached)
     pairs = match_onsets(

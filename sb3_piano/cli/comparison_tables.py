@@ -48,6 +48,12 @@ def summary_table(comparison: Comparison) -> Table:
 def notes(comparison: Comparison) -> list[str]:
     """Return in words what the tables do not tell."""
     lines = []
+    if comparison.physics_a != comparison.physics_b or len(comparison.physics_a) > 1:
+        lines.append(
+            f"Not played on the same physics: A on {' and '.join(comparison.physics_a)}, B on "
+            f"{' and '.join(comparison.physics_b)}. To play both on one: sb3-piano evaluate "
+            "--physics."
+        )
     for side, missing in (("A", comparison.only_in_a), ("B", comparison.only_in_b)):
         if missing:
             lines.append(f"Left out, as only {side} has them: {'; '.join(missing)}.")

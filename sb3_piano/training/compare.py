@@ -65,6 +65,8 @@ def compare(
         b=sides[1].source,
         by=by,
         metrics=tuple(_compare(name, common, *sides) for name in _chosen(metrics, common, *sides)),
+        physics_a=sides[0].physics(common),
+        physics_b=sides[1].physics(common),
         only_in_a=_names(task for task in sides[0].tasks if task not in common),
         only_in_b=_names(task for task in sides[1].tasks if task not in common),
     )
@@ -79,10 +81,16 @@ class _Side:
     def __init__(self, source: str, episodes: Iterable[SavedEpisodes], by: str):
         self.source = source
         self.tasks: dict[_Task, list[Mapping[str, float]]] = {}
+        self._physics: dict[_Task, set[str]] = {}
         for saved in episodes:
             for seed, metrics in zip(saved.seeds, saved.metrics, strict=True):
                 task = (saved.piece, seed if by == "seed" else None)
                 self.tasks.setdefault(task, []).append(metrics)
+                self._physics.setdefault(task, set()).add(saved.physics)
+
+    def physics(self, tasks: Iterable[_Task]) -> tuple[str, ...]:
+        """Return the physics profiles on which some tasks were played."""
+        return tuple(sorted(set().union(*(self._physics[task] for task in tasks))))
 
     def names(self, tasks: Iterable[_Task]) -> list[str]:
         """Return the names of the metrics that all episodes of some tasks have."""

@@ -76,6 +76,10 @@ class Comparison:
     """What makes a pair, "piece" or "seed"."""
     metrics: tuple[MetricComparison, ...]
     """The comparison of each metric."""
+    physics_a: tuple[str, ...]
+    """Names of the physics profiles on which A was played; one, if all is well."""
+    physics_b: tuple[str, ...]
+    """Those on which B was played; expected to be the same."""
     only_in_a: tuple[str, ...]
     """Pieces, or seeds of pieces, that only A has; they are left out."""
     only_in_b: tuple[str, ...]
@@ -87,6 +91,8 @@ class Comparison:
             "a": self.a,
             "b": self.b,
             "by": self.by,
+            "physics_a": list(self.physics_a),
+            "physics_b": list(self.physics_b),
             "only_in_a": list(self.only_in_a),
             "only_in_b": list(self.only_in_b),
             "metrics": {m.metric: _metric_json(m) for m in self.metrics},

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sb3_piano.envs import PianoEnvConfig
 from sb3_piano.exceptions import RunError
 from sb3_piano.training.run_folder import RunFolder
 
@@ -19,6 +20,8 @@ class SavedEpisodes:
 
     piece: str
     """What was played."""
+    physics: str
+    """Name of the physics profile that it was played on."""
     seeds: tuple[int, ...]
     """The seed from which each episode comes."""
     metrics: tuple[Mapping[str, float], ...]
@@ -85,6 +88,7 @@ def _read_file(file: Path) -> list[SavedEpisodes]:
 def _episodes(entry: Mapping[str, Any]) -> SavedEpisodes:
     saved = SavedEpisodes(
         piece=str(entry["piece"]),
+        physics=str(entry.get("env_kwargs", {}).get("physics", PianoEnvConfig.physics)),
         seeds=tuple(int(seed) for seed in entry["episode_seeds"]),
         metrics=tuple(
             {name: float(value) for name, value in metrics.items()} for metrics in entry["episodes"]

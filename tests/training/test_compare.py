@@ -7,6 +7,7 @@ import json
 
 import pytest
 
+from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.training import compare
 
@@ -15,10 +16,11 @@ from sb3_piano.training import compare
 def written(tmp_path):
     """Return a function that writes what evaluation writes: metrics by piece and seed."""
 
-    def write(name, pieces, **more):
+    def write(name, pieces, physics="fast", **more):
         entries = [
             {
                 "piece": piece,
+                "env_kwargs": {"physics": physics},
                 "episode_seeds": [seed for seed, _ in episodes],
                 "episodes": [metrics for _, metrics in episodes],
             }
@@ -211,3 +213,28 @@ def test_a_damaged_file_is_named(written, tmp_path, content, message):
     damaged.write_text(content)
     with pytest.raises(RunError, match=f"damaged.json'.*{message}"):
         compare(written("a.json", {"Scale": episodes(0.1)}), damaged)
+
+
+def test_both_sides_tell_on_which_physics_they_were_played(written, run_folder, capsys):
+    """A run whose settings do not name a physics was played on the default one."""
+    pieces = {"Scale": episodes(0.1, 0.3)}
+    fast, exact = written("a.json", pieces), written("b.json", pieces, physics="reference")
+    same = compare(fast, fast)
+    assert (same.physics_a, same.physics_b) == (("fast",), ("fast",))
+    other = compare(fast, run_folder("run", "Scale", [0.2]))
+    assert (other.physics_a, other.physics_b) == (("fast",), ("reference",))
+    assert other.to_json()["physics_b"] == ["reference"]
+    assert main(["compare", str(fast), str(fast)]) == 0
+    assert "Not played" not in capsys.readouterr().out
+    assert main(["compare", str(fast), str(exact)]) == 0
+    assert "Not played on the same physics: A on fast, B on reference." in capsys.readouterr().out
+
+
+def test_physics_count_only_where_both_sides_have_the_piece(written, tmp_path):
+    a = written("runs/a.json", {"Scale": episodes(0.1)})
+    mixed = written("b.json", {"Scale": episodes(0.1), "Waltz": episodes(0.2)})
+    content = json.loads(mixed.read_text())
+    content["evaluations"][1]["env_kwargs"] = {}
+    mixed.write_text(json.dumps(content))
+    assert compare(a, mixed).physics_b == ("fast",)
+    assert compare(mixed, mixed).physics_b == ("fast", "reference")

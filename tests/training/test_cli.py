@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -186,3 +187,12 @@ def test_help_does_not_wait_for_torch():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
     assert output.stdout.splitlines()[-1] == "False"
+
+
+def test_output_that_nobody_reads_is_no_crash():
+    reading, writing = os.pipe()
+    os.close(reading)
+    command = [sys.executable, "-m", "sb3_piano.cli", "envs"]
+    done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (2, "")

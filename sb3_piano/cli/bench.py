@@ -7,8 +7,7 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
-from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, whole_number
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, check_output_file, whole_number
 
 
 def add_parser(commands: Any) -> None:
@@ -47,8 +46,7 @@ def _bench(arguments: argparse.Namespace) -> int:
     from sb3_piano.files import write_json
 
     file: Path | None = arguments.json
-    if file is not None and (file.is_dir() or not file.parent.is_dir()):
-        raise ConfigError(f"--json is '{file}': expected a file in a folder that exists.")
+    check_output_file("--json", file)
     settings = BenchSettings(
         parts=PARTS if arguments.only is None else tuple(arguments.only),
         rounds=arguments.rounds,

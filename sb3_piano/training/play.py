@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sb3_piano.envs import PianoEnv
+from sb3_piano.envs import PianoEnv, PianoEnvConfig
 from sb3_piano.exceptions import RunError
 from sb3_piano.metrics import presses_of
 from sb3_piano.music import PianoRoll, Score, load_score
@@ -16,9 +16,6 @@ from sb3_piano.performance import Performance
 from sb3_piano.simulation import compile_scene
 from sb3_piano.training.playing import SavedPlayer
 from sb3_piano.viewing import DEFAULT_PICTURE, Picture, Played, Progress, Take, write_take
-
-CONTROL_TIMESTEP = 0.05
-"""Length of a step of a piece that plays itself, s: that of the environments."""
 
 FILE_NAME = "performance"
 """What the files are called, without their suffixes."""
@@ -120,7 +117,7 @@ def take_of_run(
 def take_of_score(score: Score, *, physics: str = "reference") -> Take:
     """Return a piece that plays itself, exactly as it is written."""
     scene = compile_scene(physics=physics)
-    roll = PianoRoll.from_score(score, CONTROL_TIMESTEP)
+    roll = PianoRoll.from_score(score, PianoEnvConfig.control_timestep)
     qpos = np.tile(scene.model.qpos0, (len(roll) + 1, 1))
     qpos[1:, scene.key_qpos] = roll.active * scene.key_max_angle
     performance = Performance(

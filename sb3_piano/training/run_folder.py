@@ -35,7 +35,8 @@ class RunFolder:
     ``tensorboard/``         the training's log
     ``best_<metric>/``       the best model by a metric, if the run has a callback that looks for it
     ``videos/``              what the model played now and then, if the run has a callback for it
-    ``evaluation/``          what :func:`~sb3_piano.training.evaluate` wrote
+    ``evaluation/``          what :func:`~sb3_piano.training.evaluate` wrote, and the report
+    ``play/``                what :func:`~sb3_piano.training.play_run` wrote
     ======================== =====================================================================
     """
 

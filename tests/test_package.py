@@ -25,6 +25,7 @@ ROOMS = [
     "performance",
     "viewing",
     "envs",
+    "wrappers",
     "buffers",
     "vec_env",
     "callbacks",

@@ -1,16 +1,19 @@
 """The piano environment, alone or as a vector, and its registration with gymnasium."""
 
 from sb3_piano.envs.config import PianoEnvConfig
+from sb3_piano.envs.key_window import ALL_KEYS, KeyWindow
 from sb3_piano.envs.observation import ObservationBlock, ObservationLayout, ObservationSpace
 from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.envs.recorder import EpisodeRecorder, Motion, Recording
 from sb3_piano.envs.registration import DEBUG_IDS, ENV_IDS, GENERAL_ID, register_envs
 from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS, RETURN_KEYS
+from sb3_piano.envs.score_choice import ScoreTransform
 from sb3_piano.envs.state import EnvState
 from sb3_piano.envs.vector_env import PianoVectorEnv
 from sb3_piano.performance import Performance
 
 __all__ = [
+    "ALL_KEYS",
     "DEBUG_IDS",
     "DEFAULT_REWARD_WEIGHTS",
     "ENV_IDS",
@@ -18,6 +21,7 @@ __all__ = [
     "RETURN_KEYS",
     "EnvState",
     "EpisodeRecorder",
+    "KeyWindow",
     "Motion",
     "ObservationBlock",
     "ObservationLayout",
@@ -27,5 +31,6 @@ __all__ = [
     "PianoEnvConfig",
     "PianoVectorEnv",
     "Recording",
+    "ScoreTransform",
     "register_envs",
 ]

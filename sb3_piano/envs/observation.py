@@ -32,6 +32,8 @@ class ObservationBlock:
     """Greatest value of its numbers; broadcast to the shape."""
     binary: bool = False
     """Whether its numbers are only ever 0 or 1."""
+    columns: IntArray | None = None
+    """(n,) for a block that was cut, which indices of its last axis remain; ``None`` if all do."""
     start: int = 0
     """First index in the observation vector."""
 
@@ -48,7 +50,9 @@ class ObservationBlock:
     def restrict(self, kept: IntArray) -> ObservationBlock:
         """Return the block with only the given indices of its last axis."""
         low, high = (np.broadcast_to(b, self.shape)[..., kept] for b in (self.low, self.high))
-        return dataclasses.replace(self, shape=(*self.shape[:-1], len(kept)), low=low, high=high)
+        columns = kept if self.columns is None else self.columns[kept]
+        shape = (*self.shape[:-1], len(kept))
+        return dataclasses.replace(self, shape=shape, low=low, high=high, columns=columns)
 
 
 class ObservationLayout(Mapping[str, ObservationBlock]):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import Any, SupportsFloat
 
 import gymnasium as gym
@@ -18,6 +17,7 @@ from sb3_piano.envs.observation import ObservationLayout, ObservationSpace
 from sb3_piano.envs.reading import Reading
 from sb3_piano.envs.record import EpisodeRecord
 from sb3_piano.envs.reward_terms import reward_terms
+from sb3_piano.envs.score_choice import ScoreSource, chosen_score
 from sb3_piano.envs.state import EnvState
 from sb3_piano.exceptions import (
     ConfigError,
@@ -30,7 +30,6 @@ from sb3_piano.simulation import compile_scene, pedal_threshold
 from sb3_piano.viewing import FrameRenderer
 
 Observation = npt.NDArray[np.float32]
-ScoreSource = Score | str | os.PathLike[str]
 
 # Neighbours in MuJoCo's list of warnings: bad positions, velocities, accelerations.
 _INSTABILITIES = slice(
@@ -98,8 +97,9 @@ class PianoEnv(gym.Env[Any, Any]):
     ## Options
 
     ``score`` is what is played unless ``reset(options={"score": ...})`` names another score for one
-    episode: a ``Score``, a path to a MIDI or PIG file, or a study's name. All other keyword
-    arguments are the fields of :class:`~sb3_piano.envs.PianoEnvConfig`.
+    episode: a ``Score``, a path to a MIDI or PIG file, or a study's name. The option ``transform``
+    of ``reset`` is a function that changes it, such as those of :mod:`sb3_piano.wrappers`. All
+    other keyword arguments are the fields of :class:`~sb3_piano.envs.PianoEnvConfig`.
 
     ## Version history
 
@@ -145,8 +145,16 @@ class PianoEnv(gym.Env[Any, Any]):
         self._renderer: FrameRenderer | None = None
         self._clear_episode()
         self._finished = True  # until the first reset
+        self.total_steps = 0
+        """Control steps played since this environment was made. Schedules go by it; a training that
+        is resumed sets it to what was played before."""
 
     # What is played, and where the episode stands.
+
+    @property
+    def default_score(self) -> Score:
+        """The score that is played if ``reset`` names no other."""
+        return self._default_score
 
     @property
     def score(self) -> Score:
@@ -197,18 +205,16 @@ class PianoEnv(gym.Env[Any, Any]):
 
         Args:
             seed: Seeds the environment's random generator.
-            options: ``{"score": ...}`` plays another score in this episode.
+            options: ``"score"``: another score for this episode. ``"transform"``: a function of the
+                score and of the environment's random generator that returns what is played in
+                its place.
 
         Raises:
-            ConfigError: If ``options`` has an unknown key.
+            ConfigError: If ``options`` has an unknown key, or the transform returns no score.
             ScoreError: If the score cannot be read or played.
         """
-        unknown = set(options or {}) - {"score"}
-        if unknown:
-            raise ConfigError(f"Unknown reset option {min(unknown)!r}: expected 'score'.")
-        score = load_score(options["score"]) if options else self._default_score
         super().reset(seed=seed)
-        self._set_score(score)
+        self._set_score(chosen_score(options or {}, self._default_score, self.np_random))
         self._clear_episode()
         if self.config.randomize_hand_positions:
             # RoboPianist moves the bases of both hands; moving the sliders that stand on them
@@ -243,6 +249,7 @@ class PianoEnv(gym.Env[Any, Any]):
         weights = self.config.reward_weights
         weighted = {name: weights[name] * term for name, term in terms.items()}
         self._record.add(reading, self._key_angles, self.pedal_down, weighted)
+        self.total_steps += 1
         truncated = self._record.steps == len(self._goal)
         terminated = (
             self.config.wrong_press_termination

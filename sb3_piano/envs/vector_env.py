@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from sb3_piano.envs.piano_env import PianoEnv, ScoreSource
+from sb3_piano.envs.piano_env import PianoEnv
+from sb3_piano.envs.score_choice import ScoreSource
 from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError
 from sb3_piano.music import Score, load_score
 from sb3_piano.threads import ThreadTeam
@@ -86,7 +87,8 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
         Args:
             seed: Seed of the first environment, the others count on from it; or one for each.
             options: ``"score"``: what is played in this episode, one score or a sequence of one for
-                each environment. ``"reset_mask"``: (num_envs,) bool, the environments to reset.
+                each environment. ``"transform"``: as for a single environment, for all of them.
+                ``"reset_mask"``: (num_envs,) bool, the environments to reset.
 
         Raises:
             ConfigError: If ``seed`` or ``options`` does not fit the environments.

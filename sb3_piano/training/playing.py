@@ -200,7 +200,8 @@ class _FixedPiece(gym.Wrapper[Any, Any, Any, Any]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode of the piece."""
-        return self.env.reset(seed=seed, options={**(options or {}), "score": self._score})
+        others = {k: v for k, v in (options or {}).items() if k != "transform"}
+        return self.env.reset(seed=seed, options={**others, "score": self._score})
 
 
 def _check_least(name: str, value: int, least: int) -> None:

@@ -1,0 +1,48 @@
+"""What is played in an episode, chosen by the options of ``reset``."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Score, load_score
+
+ScoreSource = Score | str | os.PathLike[str]
+"""Whatever :func:`~sb3_piano.music.load_score` makes a score of."""
+
+ScoreTransform = Callable[[Score, np.random.Generator], Score]
+"""Makes the score that is played of the one that would be, with a given source of randomness."""
+
+
+def chosen_score(options: Mapping[str, Any], default: Score, random: np.random.Generator) -> Score:
+    """Return the score of an episode.
+
+    Args:
+        options: ``"score"``: a source to play in place of the default. ``"transform"``: a
+            :data:`ScoreTransform` that changes it.
+        default: What is played without options.
+        random: The environment's random generator.
+
+    Raises:
+        ConfigError: If ``options`` has an unknown key, or the transform returns no score.
+        ScoreError: If the score cannot be read or transformed.
+    """
+    unknown = set(options) - {"score", "transform"}
+    if unknown:
+        raise ConfigError(
+            f"Unknown reset option {min(unknown)!r}: expected 'score' or 'transform'."
+        )
+    score = load_score(options.get("score", default))
+    if "transform" not in options:
+        return score
+    transformed = options["transform"](score, random)
+    if not isinstance(transformed, Score):
+        raise ConfigError(
+            f"The reset option 'transform' made a {type(transformed).__name__} of "
+            f"{score.title!r}: expected a function that returns a Score."
+        )
+    return transformed

@@ -1,0 +1,48 @@
+"""What a wrapper asks of the environment inside it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+
+from sb3_piano.envs import ObservationLayout, ObservationSpace, PianoEnv
+from sb3_piano.exceptions import ConfigError
+
+
+def piano_of(env: gym.Env[Any, Any], asker: str) -> PianoEnv:
+    """Return the piano environment inside all wrappers.
+
+    Args:
+        env: An environment, wrapped or not.
+        asker: Name of the wrapper that asks, for the message.
+
+    Raises:
+        ConfigError: If it is no piano.
+    """
+    inside = env.unwrapped
+    if not isinstance(inside, PianoEnv):
+        raise ConfigError(
+            f"{asker} cannot wrap a {type(inside).__name__}: expected a piano environment."
+        )
+    return inside
+
+
+def layout_of(env: gym.Env[Any, Any], asker: str) -> ObservationLayout:
+    """Return which numbers stand where in the observation that a wrapper gets.
+
+    Args:
+        env: The environment right inside the wrapper.
+        asker: Name of the wrapper that asks, for the message.
+
+    Raises:
+        ConfigError: If it is no piano, or a wrapper inside has hidden the layout.
+    """
+    piano_of(env, asker)
+    space = env.observation_space
+    if not isinstance(space, ObservationSpace):
+        raise ConfigError(
+            f"{asker} cannot tell which numbers of a {type(space).__name__} mean what: expected "
+            "an observation space with a layout. Put wrappers that replace it further out."
+        )
+    return space.layout

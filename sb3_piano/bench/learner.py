@@ -47,11 +47,46 @@ def training_contestants(settings: BenchSettings, stack: contextlib.ExitStack) -
     """Return the whole training with each preset as it is: simulation, learner and all else."""
     contestants = []
     for algo in PRESETS:
-        contestants.append(_training(algo, settings, _default_config(settings, algo), stack))
+        config = _default_config(settings, algo)
+        contestants.append(training_contestant(algo, settings, config, stack))
         if _has_debug_settings(algo):
             config = _debug_config(settings, algo)
-            contestants.append(_training(_debug_name(algo), settings, config, stack))
+            contestants.append(training_contestant(_debug_name(algo), settings, config, stack))
     return contestants
+
+
+def training_contestant(
+    name: str,
+    settings: BenchSettings,
+    config: RunConfig,
+    stack: contextlib.ExitStack,
+    comparisons: tuple[Comparison, ...] = (),
+) -> Contestant:
+    """Return the whole training of a run.
+
+    Args:
+        name: What it is called.
+        settings: The settings of the benchmark.
+        config: The run's settings, with ``learning_starts`` at the benchmark's ``transitions``.
+        stack: Closes the environments.
+        comparisons: The ratios it is reported with.
+    """
+    model, venv = _model(settings, config, stack)
+    simulation, learner = Stopwatch(), Stopwatch()
+    venv.step = simulation.wrap(venv.step)  # type: ignore[method-assign]
+    model.train = learner.wrap(model.train)  # type: ignore[method-assign]
+
+    def play() -> Lap:
+        simulation.seconds = learner.seconds = 0.0
+        before, start = model.num_timesteps, time.perf_counter()
+        model.learn(settings.training_steps, reset_num_timesteps=False)
+        return Lap(
+            steps=model.num_timesteps - before,
+            seconds=time.perf_counter() - start,
+            within={"simulation": simulation.seconds, "learner": learner.seconds},
+        )
+
+    return Contestant(name=name, unit="env steps/s", play=play, comparisons=comparisons)
 
 
 class Stopwatch:
@@ -119,27 +154,6 @@ def _updates(
     return Contestant(
         name=name, unit="updates/s", play=play, comparisons=() if name == base else comparisons
     )
-
-
-def _training(
-    name: str, settings: BenchSettings, config: RunConfig, stack: contextlib.ExitStack
-) -> Contestant:
-    model, venv = _model(settings, config, stack)
-    simulation, learner = Stopwatch(), Stopwatch()
-    venv.step = simulation.wrap(venv.step)  # type: ignore[method-assign]
-    model.train = learner.wrap(model.train)  # type: ignore[method-assign]
-
-    def play() -> Lap:
-        simulation.seconds = learner.seconds = 0.0
-        before, start = model.num_timesteps, time.perf_counter()
-        model.learn(settings.training_steps, reset_num_timesteps=False)
-        return Lap(
-            steps=model.num_timesteps - before,
-            seconds=time.perf_counter() - start,
-            within={"simulation": simulation.seconds, "learner": learner.seconds},
-        )
-
-    return Contestant(name=name, unit="env steps/s", play=play)
 
 
 def _model(

@@ -50,7 +50,8 @@ def read_midi(path: str | os.PathLike[str]) -> Score:
 
     All tracks but drums are read as piano. The sustain pedal (controller 64, down from 64 on) is
     down while any track holds it down. A pedal never released lasts until the end of the last
-    note, a note never released until the end of its track.
+    note, a note never released until the end of its track. Bars go by the time signatures of all
+    tracks, each of which begins one, and are of 4/4 until the first.
 
     Raises:
         ScoreError: If there is no such file, it is not MIDI, it has no notes, or a note has no
@@ -82,11 +83,19 @@ def read_midi(path: str | os.PathLike[str]) -> Score:
     if not notes:
         raise ScoreError(f"MIDI file {str(path)!r} has no notes (drums do not count).")
     end = max(note.offset for note in notes)
-    return Score(notes=notes, pedals=_pedals(contents.pedals, end), title=path.stem)
+    return Score(
+        notes=notes,
+        pedals=_pedals(contents.pedals, end),
+        title=path.stem,
+        bars=[line for line in contents.bars if line < end],
+    )
 
 
 def write_midi(score: Score, path: str | os.PathLike[str]) -> None:
     """Write a score as a MIDI file, whole or not at all.
+
+    Bar lines are not written: the file is in 4/4 at 120 beats a minute, so that the score read
+    back has bars of 2 s.
 
     Raises:
         ScoreError: If the file cannot be written, or the score is longer than 13 hours.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from numbers import Integral
+from dataclasses import dataclass, field, replace
+from numbers import Integral, Real
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH, UNKNOWN_FINGER
@@ -20,17 +20,27 @@ class Score:
         notes: The notes, sorted by onset, then pitch.
         pedals: The presses of the sustain pedal, sorted, without overlaps.
         title: What the piece is called; used in messages and file names.
+        bars: When each bar begins, in s, finite, at least 0 and strictly increasing. Empty if
+            that is unknown. A bar that is under way at 0 s has no line. Scores that differ only
+            in their bars are equal: where the lines stand changes nothing about what is played.
 
     Raises:
-        ScoreError: If there are no notes, or something in `notes` or `pedals` is of another type.
+        ScoreError: If there are no notes, something in `notes` or `pedals` is of another type, or
+            a bar line is no time or not later than the one before.
     """
 
     notes: tuple[Note, ...]
     pedals: tuple[Pedal, ...]
     title: str
+    bars: tuple[float, ...] = field(default=(), compare=False)
 
     def __init__(
-        self, *, notes: Iterable[Note], pedals: Iterable[Pedal] = (), title: str = ""
+        self,
+        *,
+        notes: Iterable[Note],
+        pedals: Iterable[Pedal] = (),
+        title: str = "",
+        bars: Iterable[float] = (),
     ) -> None:
         """Sort the notes, and merge the presses of the pedal that overlap or touch."""
         notes, pedals = tuple(notes), tuple(pedals)
@@ -42,6 +52,7 @@ class Score:
         object.__setattr__(self, "notes", tuple(sorted(notes, key=_order)))
         object.__setattr__(self, "pedals", merge_pedals(pedals))
         object.__setattr__(self, "title", title)
+        object.__setattr__(self, "bars", _checked_bars(bars, title))
 
     def __repr__(self) -> str:
         notes = "1 note" if len(self.notes) == 1 else f"{len(self.notes)} notes"
@@ -79,6 +90,7 @@ class Score:
             notes=[replace(note, pitch=note.pitch + shift) for note in self.notes],
             pedals=self.pedals,
             title=self.title,
+            bars=self.bars,
         )
 
     def stretch(self, factor: float) -> Score:
@@ -105,12 +117,13 @@ class Score:
             ],
             pedals=[Pedal(onset=p.onset * factor, offset=p.offset * factor) for p in self.pedals],
             title=self.title,
+            bars=[line * factor for line in self.bars],
         )
 
     def trim_silence(self) -> Score:
         """Return the piece moved so that its first note starts at 0 s.
 
-        Presses of the pedal move along; what lies before 0 s is cut off.
+        Presses of the pedal and bar lines move along; what lies before 0 s is cut off.
         """
         return self.excerpt(self.notes[0].onset, math.inf)
 
@@ -118,7 +131,8 @@ class Score:
         """Return the notes struck from `start` up to, not including, `end`.
 
         Notes and presses of the pedal that last beyond `end` are cut there. A note struck before
-        `start` is left out; a pedal pressed before is kept from `start` on. `start` becomes 0 s.
+        `start` is left out; a pedal pressed before is kept from `start` on. Bar lines are kept
+        from `start` up to, not including, `end`. `start` becomes 0 s.
 
         Args:
             start: Beginning, in s, finite and at least 0.
@@ -147,7 +161,8 @@ class Score:
             for pedal in self.pedals
             if pedal.onset < end and pedal.offset > start
         ]
-        return Score(notes=notes, pedals=pedals, title=self.title)
+        bars = [line - start for line in self.bars if start <= line < end]
+        return Score(notes=notes, pedals=pedals, title=self.title, bars=bars)
 
     def _check_transposition(self, semitones: int) -> None:
         lost = [
@@ -178,3 +193,19 @@ def _check_types(items: tuple[object, ...], expected: type, title: str) -> None:
                 f"{expected.__name__} {index} of {title!r} is a {type(item).__name__}: "
                 f"expected a {expected.__name__}."
             )
+
+
+def _checked_bars(bars: Iterable[object], title: str) -> tuple[float, ...]:
+    lines: list[float] = []
+    for index, line in enumerate(bars):
+        if not isinstance(line, Real) or not math.isfinite(line) or line < 0:
+            raise ScoreError(
+                f"Bar line {index} of {title!r} is at {line!r}: expected seconds from 0."
+            )
+        if lines and line <= lines[-1]:
+            raise ScoreError(
+                f"Bar line {index} of {title!r} is at {line} s: expected it after bar line "
+                f"{index - 1} at {lines[-1]} s."
+            )
+        lines.append(float(line))
+    return tuple(lines)

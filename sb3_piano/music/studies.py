@@ -6,7 +6,7 @@ and velocity.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from functools import partial
 from types import MappingProxyType
 from typing import TypeAlias
@@ -50,7 +50,7 @@ def major_scale(
     note_duration: float = 0.5,
     title: str = "",
 ) -> Score:
-    """Play a major scale of one octave up and down again, 15 notes a hand.
+    """Play a major scale of one octave up and down again, 15 notes a hand, 4 in a bar.
 
     Args:
         right: MIDI pitch at which the right hand starts; None if it does not play.
@@ -66,30 +66,37 @@ def major_scale(
         for tonic, fingers in ((right, _RIGHT_SCALE_FINGERS), (left, _LEFT_SCALE_FINGERS))
         if tonic is not None
     ]
-    return in_sequence(((touches, note_duration) for touches in zip(*hands, strict=True)), title)
+    groups = [(touches, note_duration) for touches in zip(*hands, strict=True)]
+    return in_sequence(groups, title, bars=range(0, len(groups), 4))
 
 
-def in_sequence(beats: Iterable[tuple[Iterable[Touch], float]], title: str) -> Score:
+def in_sequence(
+    groups: Iterable[tuple[Iterable[Touch], float]], title: str, *, bars: Container[int] = ()
+) -> Score:
     """Play groups of keys one after the other, each held until the next.
 
     Args:
-        beats: For each group its touches and its length in s.
+        groups: For each group its touches and its length in s.
         title: Title of the score.
+        bars: Indices of the groups with which a bar begins.
     """
     notes: list[Note] = []
+    lines: list[float] = []
     onset = 0.0
-    for touches, duration in beats:
+    for index, (touches, duration) in enumerate(groups):
+        if index in bars:
+            lines.append(onset)
         offset = onset + duration
         notes += [
             Note(onset=onset, offset=offset, pitch=pitch, finger=finger)
             for pitch, finger in touches
         ]
         onset = offset
-    return Score(notes=notes, title=title)
+    return Score(notes=notes, title=title, bars=lines)
 
 
 def _chord_progression(title: str) -> Score:
-    """C, F, G and C major: the root in the left hand, a triad in the right, 1 s each."""
+    """C, F, G and C major: the root in the left hand, a triad in the right, 1 s each; 4/4."""
     basses: tuple[Touch, ...] = ((48, 5), (41, 8), (43, 7), (48, 5))
     roots = (60, 65, 67, 60)
     return in_sequence(
@@ -98,11 +105,12 @@ def _chord_progression(title: str) -> Score:
             for bass, root in zip(basses, roots, strict=True)
         ),
         title,
+        bars=(0,),
     )
 
 
 def _twinkle(title: str) -> Score:
-    """Play two phrases in the right hand: 0.5 s a note, the last of each phrase 1 s."""
+    """Play two phrases in the right hand: 0.5 s a note, the last of each phrase 1 s; 4/4."""
     durations = (0.5,) * 6 + (1.0,)
     return in_sequence(
         (
@@ -111,6 +119,7 @@ def _twinkle(title: str) -> Score:
             for touch, duration in zip(phrase, durations, strict=True)
         ),
         title,
+        bars=(0, 4, 7, 11),
     )
 
 

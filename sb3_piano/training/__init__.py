@@ -8,7 +8,7 @@ from sb3_piano.training.evaluations import Evaluations, evaluate_runs
 from sb3_piano.training.play import play_run, play_score
 from sb3_piano.training.playing import SavedPlayer
 from sb3_piano.training.plugins import Plugin
-from sb3_piano.training.report import write_report
+from sb3_piano.training.report import training_curves, write_report
 from sb3_piano.training.run_folder import RunFolder
 from sb3_piano.training.session import TrainResult
 from sb3_piano.training.train import resume, train
@@ -36,5 +36,6 @@ __all__ = [
     "play_score",
     "resume",
     "train",
+    "training_curves",
     "write_report",
 ]

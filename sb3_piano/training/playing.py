@@ -8,14 +8,14 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
 import yaml
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
 from sb3_piano.envs import EpisodeRecorder, PianoEnv, Recording
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
@@ -24,6 +24,7 @@ from sb3_piano.training.builders import build_vec_env
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.loading import load_model, model_files
 from sb3_piano.training.run_folder import RunFolder
+from sb3_piano.wrappers.score_wrapper import possible_scores
 
 
 class SavedPlayer:
@@ -40,7 +41,8 @@ class SavedPlayer:
     Attributes:
         run: The run's folder.
         config: The run's settings as they are played: one environment, the given physics.
-        piece: The name of what is played; the environment's id if it is no piano.
+        piece: The name of what is played, of several pieces joined by "or"; the environment's id
+            if it is no piano.
         model: The saved model.
     """
 
@@ -104,12 +106,12 @@ class SavedPlayer:
             if isinstance(venv, VecNormalize):
                 venv.training = False
             if chosen is not None:
-                _check_playable(run, config, recorders[0], chosen)
+                _check_playable(run, config, recorders[0], venv, chosen)
             model = _load(config, model_file, venv)
         except BaseException:
             venv.close()
             raise
-        piece = _own_piece(run, config, recorders[0]) if chosen is None else chosen.title
+        piece = _own_piece(run, config, venv) if chosen is None else chosen.title
         return cls(run, config, piece, model, venv, recorders[0])
 
     @property
@@ -223,7 +225,7 @@ def _config_to_play(config: RunConfig, seed: int, physics: str | None) -> RunCon
 
 
 def _check_playable(
-    run: RunFolder, config: RunConfig, env: gym.Env[Any, Any], score: Score
+    run: RunFolder, config: RunConfig, env: gym.Env[Any, Any], venv: VecEnv, score: Score
 ) -> None:
     if not isinstance(env.unwrapped, PianoEnv):
         raise ConfigError(
@@ -231,7 +233,7 @@ def _check_playable(
             "no piano. Expected a run of a piano environment, or no piece."
         )
     try:
-        env.reset()
+        venv.reset()
     except ScoreError as error:
         raise RunError(
             f"Run '{run.path}' cannot play {score.title!r}: {error} Expected a piece that its "
@@ -239,15 +241,22 @@ def _check_playable(
         ) from error
 
 
-def _own_piece(run: RunFolder, config: RunConfig, env: gym.Env[Any, Any]) -> str:
-    """Return what a run's own piece is called, by its file's name before it was copied."""
+def _own_piece(run: RunFolder, config: RunConfig, venv: VecEnv) -> str:
+    """Return what a run's own piece is called, by its file's name before it was copied.
+
+    Where wrappers choose the piece, all that they may choose are named.
+    """
+    env = cast(DummyVecEnv, venv.unwrapped).envs[0]
     if not isinstance(env.unwrapped, PianoEnv):
         return config.env_id
+    titles = list(dict.fromkeys(score.title for score in possible_scores(env)))
+    if titles != [env.unwrapped.default_score.title]:
+        return " or ".join(titles)
     try:
         notes = yaml.safe_load(run.provenance_file.read_text(encoding="utf-8"))
         return Path(notes["score_file"]).stem
     except (OSError, KeyError, TypeError, yaml.YAMLError):  # no file was copied
-        return env.unwrapped.score.title or config.env_id
+        return titles[0] or config.env_id
 
 
 def _load(config: RunConfig, path: Path, venv: VecEnv) -> BaseAlgorithm:

@@ -15,6 +15,7 @@ import numpy as np
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import write_text
+from sb3_piano.performance import Performance
 from sb3_piano.training.playing import SavedPlayer
 from sb3_piano.training.provenance import provenance
 from sb3_piano.training.run_folder import RunFolder
@@ -62,7 +63,7 @@ def write_report(
             player, env.config.physics, seed, {"--physics": physics, "--best": best}
         )
         report = Report(
-            performance=dataclasses.replace(played.performance, title=player.piece),
+            performance=_titled(played.performance, player.piece, env.default_score.title),
             metrics=played.metrics,
             baseline=None if baseline is None else baseline.metrics,
             curves=training_curves(run),
@@ -129,6 +130,13 @@ def _curve(points: list[_Point]) -> Curve:
 
 
 Texts = list[tuple[str, str]]
+
+
+def _titled(performance: Performance, piece: str, own_title: str) -> Performance:
+    """Return a performance by the run's name of its piece, unless a wrapper chose another one."""
+    if performance.title != own_title:
+        return performance
+    return dataclasses.replace(performance, title=piece)
 
 
 def _origin(

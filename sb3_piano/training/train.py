@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import logging
 import os
 import shutil
 from collections.abc import Iterator
+from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
@@ -16,6 +19,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from sb3_piano.callbacks import Checkpoint, restore_replay_buffer
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY, checked_every
 from sb3_piano.callbacks.replay_segments import end_last_episode
+from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.training.builders import build_callbacks, build_model, build_vec_env
 from sb3_piano.training.config import RunConfig
@@ -79,6 +83,8 @@ def resume(
 
     A new episode begins, and random numbers are drawn from a seed made of the run's seed and the
     step count: two resumptions of one checkpoint are alike, but not like a run that never stopped.
+    What goes by ``PianoEnv.total_steps``, as schedules of wrappers do, goes on where it was.
+
     A run that stopped before its first checkpoint starts over; one that has done its steps returns
     at once, see ``had_finished`` of the result.
 
@@ -110,7 +116,8 @@ def resume(
     statistics = None
     if saved is not None and saved.vec_normalize is not None:
         statistics = run.checkpoint_dir / saved.vec_normalize
-    with _closing(build_vec_env(config, statistics)) as venv:
+    played_on = functools.partial(_played_on, steps=done // config.n_envs)
+    with _closing(build_vec_env(config, statistics, innermost=played_on)) as venv:
         model = _fresh(run, config, venv) if saved is None else _restored(run, config, saved, venv)
         callbacks = build_callbacks(config)
         run.write_config(config)
@@ -155,6 +162,13 @@ def _fresh(run: RunFolder, config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
     for leftover in (run.monitor_dir, run.tensorboard_dir):
         shutil.rmtree(leftover, ignore_errors=True)
     return model
+
+
+def _played_on(env: gym.Env[Any, Any], *, steps: int) -> gym.Env[Any, Any]:
+    """Let a piano count on from the control steps that were played before."""
+    if isinstance(env.unwrapped, PianoEnv):
+        env.unwrapped.total_steps = steps
+    return env
 
 
 def _restored(run: RunFolder, config: RunConfig, saved: Checkpoint, venv: VecEnv) -> BaseAlgorithm:

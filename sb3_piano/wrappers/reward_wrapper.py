@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, SupportsFloat
 
 import gymnasium as gym
@@ -32,15 +32,22 @@ class RewardTermsWrapper(gym.Wrapper[Any, Any, Any, Any]):
     @property
     def inner_weights(self) -> Mapping[str, float]:
         """The weights of the terms as they are inside of this wrapper."""
-        if self.env.has_wrapper_attr("reward_weights"):
-            weights: Mapping[str, float] = self.env.get_wrapper_attr("reward_weights")
-            return weights
+        for inside in self.inner_wrappers():
+            return inside.reward_weights
         return self._piano.config.reward_weights
 
     @property
     def reward_weights(self) -> Mapping[str, float]:
-        """The weights of the terms in this control step."""
+        """The weights of the terms in the control step that was played last."""
         return self.inner_weights
+
+    def inner_wrappers(self) -> Iterator[RewardTermsWrapper]:
+        """Yield the wrappers of this kind inside of this one, the outermost first."""
+        inside = self.env
+        while isinstance(inside, gym.Wrapper):
+            if isinstance(inside, RewardTermsWrapper):
+                yield inside
+            inside = inside.env
 
     def reward_terms(self, terms: RewardTerms) -> RewardTerms:
         """Return the terms of the control step that was just played, changed."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import gymnasium as gym
@@ -12,6 +13,31 @@ import numpy as np
 from sb3_piano.envs import ScoreTransform
 from sb3_piano.music import Score
 from sb3_piano.wrappers.piano import piano_of
+
+
+@dataclass(frozen=True)
+class ScorePlan:
+    """What the wrappers around an environment do to the score of an episode, all together."""
+
+    choose: Callable[[np.random.Generator], Score] | None = None
+    """What is played in place of the environment's own score."""
+    changes: tuple[ScoreTransform, ...] = ()
+    """What is then done to it, one after the other."""
+
+    @classmethod
+    def of(cls, transform: ScoreTransform | None) -> ScorePlan:
+        """Return what the option ``transform`` stands for, whoever gave it."""
+        if transform is None:
+            return cls()
+        return transform if isinstance(transform, cls) else cls(changes=(transform,))
+
+    def __call__(self, score: Score, random: np.random.Generator) -> Score:
+        """Return what is played, as a :data:`~sb3_piano.envs.ScoreTransform` does."""
+        if self.choose is not None:
+            score = self.choose(random)
+        for change in self.changes:
+            score = change(score, random)
+        return score
 
 
 class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any], ABC):
@@ -27,6 +53,21 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any], ABC):
         super().__init__(env)
         piano_of(env, type(self).__name__)
 
+    @property
+    def cuts(self) -> bool:
+        """Whether this wrapper leaves out notes by their times."""
+        return False
+
+    @property
+    def draws_times(self) -> bool:
+        """Whether the times of the changed score differ between episodes, or may."""
+        return False
+
+    @property
+    def sources(self) -> Sequence[Score] | None:
+        """What this wrapper has played in place of the environment's own score, if it does so."""
+        return None
+
     @abstractmethod
     def change(self, score: Score, random: np.random.Generator) -> Score:
         """Return what is played in place of a score.
@@ -41,7 +82,10 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any], ABC):
 
     @abstractmethod
     def extremes(self, score: Score) -> Sequence[Score]:
-        """Return scores which have, together, all pitches that :meth:`change` may make of one.
+        """Return scores with the lowest and the highest pitch that :meth:`change` may lead to.
+
+        Whatever lies between the lowest and the highest pitch of ``score`` must be changed into
+        something that lies between those of the result, so that they hold for parts of it too.
 
         Raises:
             ScoreError: If the score does not allow the change.
@@ -52,32 +96,41 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any], ABC):
     ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode of the changed score."""
         options = dict(options or {})
-        options["transform"] = self._joined(options.get("transform"))
+        options["transform"] = self.extend(ScorePlan.of(options.get("transform")), options)
         return self.env.reset(seed=seed, options=options)
 
-    def _joined(self, outer: ScoreTransform | None) -> ScoreTransform:
-        """Return the changes of the wrappers further out, followed by this one."""
-        if outer is None:
-            return self.change
+    def extend(self, plan: ScorePlan, options: Mapping[str, Any]) -> ScorePlan:
+        """Return the plan of the wrappers further out, with this one's part added.
 
-        def both(score: Score, random: np.random.Generator) -> Score:
-            return self.change(outer(score, random), random)
-
-        return both
+        Args:
+            plan: What they do.
+            options: The options of ``reset``.
+        """
+        del options  # the change is the same for every score
+        return replace(plan, changes=(*plan.changes, self.change))
 
 
 def possible_scores(env: gym.Env[Any, Any]) -> list[Score]:
-    """Return scores which have, together, all pitches that an environment may ask for by itself.
+    """Return scores with the lowest and the highest pitch that an environment may ask for.
+
+    Scores that are given to ``reset`` are not among them, nor what wrappers further out would
+    change. Of a piece from which a drawn part is played, or a part after a drawn change of times,
+    all notes count.
 
     Args:
-        env: A piano environment, wrapped or not; what wrappers around it would change is unknown.
+        env: A piano environment, wrapped or not.
 
     Raises:
         ScoreError: If a wrapper cannot change what it gets.
     """
-    scores = [piano_of(env, "possible_scores").default_score]
-    for layer in _score_wrappers(env):
-        scores = [extreme for score in scores for extreme in layer.extremes(score)]
+    layers = list(_score_wrappers(env))
+    chosen = (sources for layer in layers if (sources := layer.sources) is not None)
+    scores = list(next(chosen, [piano_of(env, "possible_scores").default_score]))
+    times_known = True
+    for layer in layers:
+        if times_known or not layer.cuts:
+            scores = [extreme for score in scores for extreme in layer.extremes(score)]
+        times_known = times_known and not layer.draws_times
     return scores
 
 

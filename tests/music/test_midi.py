@@ -220,6 +220,88 @@ class TestForeignFiles:
         assert times(read_midi(path).notes) == spans([note(0, 0.5), note(0.5, 1.0)])
 
 
+def meter(numerator, denominator, time=0):
+    return mido.MetaMessage(
+        "time_signature", numerator=numerator, denominator=denominator, time=time
+    )
+
+
+def lasting(ticks):
+    return [on(60), off(60, ticks)]
+
+
+class TestBars:
+    """A quarter has 500 ticks, which last 0.5 s."""
+
+    def test_without_a_meter_they_are_of_four_quarters(self, tmp_path):
+        path = save(tmp_path / "a.mid", lasting(6000))
+        assert read_midi(path).bars == pytest.approx((0, 2, 4))
+
+    @pytest.mark.parametrize(
+        ("signature", "length"),
+        [((3, 4), 1.5), ((6, 8), 1.5), ((2, 2), 2), ((3, 8), 0.75), ((12, 8), 3), ((7, 16), 0.875)],
+    )
+    def test_their_length_is_that_of_the_meter(self, signature, length, tmp_path):
+        path = save(tmp_path / "a.mid", [meter(*signature), *lasting(8000)])
+        bars = read_midi(path).bars
+        assert bars == pytest.approx([i * length for i in range(len(bars))])
+        assert 8 - length <= bars[-1] < 8
+
+    def test_a_change_of_meter_begins_a_bar(self, tmp_path):
+        # The upbeat is a quarter; the last bar of 3/4 is cut short by the change.
+        signatures = [meter(1, 4), meter(3, 4, time=500), meter(2, 4, time=4000)]
+        path = save(tmp_path / "a.mid", signatures, lasting(7000))
+        assert read_midi(path).bars == pytest.approx((0, 0.5, 2, 3.5, 4.5, 5.5, 6.5))
+
+    def test_until_the_first_meter_they_are_of_four_quarters(self, tmp_path):
+        path = save(tmp_path / "a.mid", [meter(3, 4, time=5000)], lasting(9000))
+        assert read_midi(path).bars == pytest.approx((0, 2, 4, 5, 6.5, 8))
+
+    def test_they_follow_the_tempo(self, tmp_path):
+        path = save(tmp_path / "a.mid", [tempo(0.5), tempo(1.0, time=3000)], lasting(8000))
+        # Two quarters of the second bar at 0.5 s, two at 1 s.
+        assert read_midi(path).bars == pytest.approx((0, 2, 5, 9))
+
+    def test_meter_and_tempo_of_any_track_count(self, tmp_path):
+        path = save(tmp_path / "a.mid", lasting(4000), [meter(3, 4), tempo(1.0)])
+        assert read_midi(path).bars == pytest.approx((0, 3, 6))
+
+    def test_they_end_before_the_piece_does(self, tmp_path):
+        end = mido.MetaMessage("end_of_track", time=9000)
+        path = save(tmp_path / "a.mid", [*lasting(4000), end])
+        assert read_midi(path).bars == pytest.approx((0, 2))
+
+    def test_a_bar_that_is_no_whole_number_of_ticks_does_not_drift(self, tmp_path):
+        path = save(tmp_path / "a.mid", [meter(7, 16), *lasting(7000)], ticks_per_beat=25)
+        # 43.75 ticks of 20 ms each.
+        assert read_midi(path).bars[-1] == pytest.approx(159 * 0.875, abs=0.011)
+
+    def test_a_bar_lasts_a_tick_at_least(self, tmp_path):
+        path = save(tmp_path / "a.mid", [meter(1, 64), *lasting(4)], ticks_per_beat=2)
+        assert read_midi(path).bars == pytest.approx((0, 0.25, 0.5, 0.75))
+
+    @pytest.mark.parametrize("signature", [(0, 4), (3, 2**100), (1, 128)])
+    def test_a_meter_that_makes_no_sense_is_ignored(self, signature, tmp_path):
+        path = save(tmp_path / "a.mid", [meter(*signature), *lasting(4000)])
+        assert read_midi(path).bars == pytest.approx((0, 2))
+
+    @pytest.mark.parametrize("signature", [(2, 4), (3, 4), (4, 4), (6, 8), (5, 8)])
+    def test_pretty_midi_finds_the_same_in_an_ordinary_file(self, signature, tmp_path):
+        midi = pretty_midi.PrettyMIDI(initial_tempo=100, resolution=480)
+        piano = pretty_midi.Instrument(0)
+        piano.notes = [pretty_midi.Note(90, 60, t, t + 0.5) for t in range(20)]
+        midi.instruments = [piano]
+        midi.time_signature_changes = [pretty_midi.TimeSignature(*signature, 0.0)]
+        midi.write(str(tmp_path / "a.mid"))
+        theirs = pretty_midi.PrettyMIDI(str(tmp_path / "a.mid")).get_downbeats()
+        assert read_midi(tmp_path / "a.mid").bars == pytest.approx(theirs, abs=1e-6)
+
+    def test_a_written_file_has_bars_of_two_seconds_whatever_the_score_had(self, tmp_path):
+        score = study("TwinkleTwinkleLittleStar").stretch(1.5)
+        assert score.bars == (0, 3, 6, 9)
+        assert round_trip(score, tmp_path).bars == pytest.approx((0, 2, 4, 6, 8, 10))
+
+
 class TestErrors:
     def test_notes_without_length_are_counted_and_the_first_is_named(self, tmp_path):
         messages = [on(60), off(60, 500), on(62, 500), off(62), on(64), off(64)]

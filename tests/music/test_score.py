@@ -194,6 +194,56 @@ class TestTrimSilence:
         assert once.trim_silence() == once
 
 
+class TestBars:
+    def test_a_score_knows_none_unless_told(self):
+        assert three_notes().bars == ()
+
+    def test_numbers_become_plain_ones(self):
+        bars = three_notes(bars=np.arange(3, dtype=np.float32)).bars
+        assert repr(bars) == "(0.0, 1.0, 2.0)"
+
+    def test_scores_that_differ_only_in_bars_are_equal(self):
+        assert three_notes(bars=[0, 2]) == three_notes()
+        assert hash(three_notes(bars=[0, 2])) == hash(three_notes())
+
+    @pytest.mark.parametrize(
+        ("bars", "message"),
+        [
+            ([0, -1.0], "Bar line 1 of 'etude' is at -1.0: expected seconds from 0"),
+            ([math.nan], "Bar line 0 of 'etude' is at nan: expected seconds"),
+            ([0, math.inf], "Bar line 1 of 'etude' is at inf: expected seconds"),
+            (["0"], "Bar line 0 of 'etude' is at '0': expected seconds"),
+            ([0, 2, 2], "Bar line 2 of 'etude' is at 2 s: expected it after bar line 1 at 2.0 s"),
+            ([3, 2], "Bar line 1 of 'etude' is at 2 s: expected it after bar line 0 at 3.0 s"),
+        ],
+    )
+    def test_a_bad_line_is_refused_by_index_and_value(self, bars, message):
+        with pytest.raises(ScoreError, match=message):
+            three_notes(bars=bars)
+
+    def test_transposing_keeps_them(self):
+        assert three_notes(bars=[0, 2]).transpose(3).bars == (0, 2)
+
+    def test_stretching_scales_them(self):
+        assert three_notes(bars=[0.5, 2]).stretch(3).bars == (1.5, 6)
+
+    def test_an_excerpt_keeps_those_from_its_start_up_to_but_not_including_its_end(self):
+        bars = [0, 1, 1.5, 2, 3, 4]
+        assert three_notes(bars=bars).excerpt(1.5, 4).bars == (0, 0.5, 1.5)
+
+    def test_trimming_moves_them_along_and_drops_those_before(self):
+        assert three_notes(bars=[0, 1.25, 3]).trim_silence().bars == (0.25, 2)
+
+    def test_survive_replacing_pickling_and_deep_copying(self):
+        score = three_notes(bars=[0, 2])
+        for copied in (
+            dataclasses.replace(score, title="other"),
+            pickle.loads(pickle.dumps(score)),
+            copy.deepcopy(score),
+        ):
+            assert copied.bars == (0, 2)
+
+
 class TestExcerpt:
     def test_keeps_onsets_from_start_up_to_but_not_including_end(self):
         score = Score(notes=[note(0, 1), note(1, 2, 61), note(2, 3, 62), note(3, 4, 63)])

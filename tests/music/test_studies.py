@@ -6,6 +6,7 @@ import pytest
 from sb3_piano.exceptions import ScoreError, UnknownPieceError
 from sb3_piano.music import STUDIES, PianoRoll, major_scale, study
 
+_HANDS = ("OneHand", "TwoHands")
 REFERENCE = Path(__file__).parents[1] / "data" / "reference"
 
 
@@ -57,6 +58,23 @@ def test_twinkle_has_two_phrases_that_end_in_a_long_note():
     assert [note.finger for note in notes] == [0, 0, 2, 2, 3, 3, 2, 3, 3, 2, 2, 1, 1, 0]
     assert [note.duration for note in notes] == ([0.5] * 6 + [1.0]) * 2
     assert [note.onset for note in notes[6:8]] == [3.0, 4.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "bars"),
+    [
+        *((f"{key}MajorScale{hands}", (0, 2, 4, 6)) for key in "CD" for hands in _HANDS),
+        ("CMajorChordProgressionTwoHands", (0,)),
+        ("TwinkleTwinkleLittleStar", (0, 2, 4, 6)),
+    ],
+)
+def test_the_studies_are_in_four_four_time(name, bars):
+    assert study(name).bars == bars
+
+
+def test_bars_of_a_scale_begin_with_every_fourth_note_at_any_speed():
+    scale = major_scale(right=60, note_duration=0.1)
+    assert scale.bars == tuple(note.onset for note in scale.notes[::4])
 
 
 def test_an_unknown_study_is_answered_with_the_nearest_names():

@@ -1,0 +1,98 @@
+"""Print the paper's tables 1 to 3 with what was measured beside what the paper has.
+
+    python examples/sac_vs_td3/table.py
+
+The runs are those of ``run.py``. Where a cell was trained from several seeds, means are shown. A
+dash is what was not run, or what the paper does not have.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import yaml
+from cells import HERE, RUNS, Cell, find_cells
+
+from sb3_piano.training import RunFolder, training_curves
+
+COLUMNS = {
+    "return": "{:.1f}",
+    "paper's return": "{:.1f}",
+    "resting hands": "{:.1f}",
+    "steps": "{:.0f}",
+    "return / step": "{:.2f}",
+    "F1": "{:.3f}",
+    "onset F1": "{:.3f}",
+    "actor loss": "{:.1f}",
+    "paper's actor loss": "{:.1f}",
+    "critic loss": "{:.2f}",
+    "paper's critic loss": "{:.2f}",
+    "seeds": "{:.0f}",
+}
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--runs", type=Path, default=RUNS, metavar="DIR", help=f"default: {RUNS}")
+    runs = parser.parse_args().runs
+    cells = {cell.name: cell for cell in find_cells()}
+    for title, rows in yaml.safe_load((HERE / "paper.yml").read_text(encoding="utf-8")).items():
+        print(f"\n{title}\n")
+        print_row("cell", COLUMNS)
+        print_row("---", ["---:"] * len(COLUMNS))
+        for name, paper in rows.items():
+            values = {**measured(cells[name], runs), **(paper or {})}
+            print_row(name, [shown(values, column) for column in COLUMNS])
+
+
+def measured(cell: Cell, runs: Path) -> dict[str, float]:
+    """Return the columns that the runs of a cell give, means over their seeds; empty if none."""
+    found = [measured_in(run) for run in cell.evaluated_runs(runs)]
+    if not found:
+        return {}
+    means = {
+        name: statistics.fmean(values[name] for values in found)
+        for name in COLUMNS
+        if all(name in values for values in found)
+    }
+    return {**means, "seeds": len(found)}
+
+
+def measured_in(run: RunFolder) -> dict[str, float]:
+    """Return the columns that one run gives."""
+    evaluation = json.loads((run.evaluation_dir / "metrics.json").read_text(encoding="utf-8"))
+    mean, resting = evaluation["mean"], evaluation["baseline"]
+    curves = training_curves(run)
+    losses = {
+        f"{network} loss": curves[f"train/{network}_loss"].values[-1]
+        for network in ("actor", "critic")
+        if f"train/{network}_loss" in curves
+    }
+    return {
+        "return": mean["return"],
+        "resting hands": resting["return"],
+        "steps": mean["length"],
+        "return / step": mean["return"] / mean["length"],
+        "F1": mean["f1"],
+        "onset F1": mean["onset_f1"],
+        **losses,
+    }
+
+
+def shown(values: Mapping[str, float], column: str) -> str:
+    """Return a number as text."""
+    return COLUMNS[column].format(values[column]) if column in values else "-"
+
+
+def print_row(first: str, others: Iterable[str]) -> None:
+    """Print a row of a Markdown table."""
+    print(f"| {' | '.join([first, *others])} |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,178 @@
+"""A part of a piece, the same or another one in each episode."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import gymnasium as gym
+import numpy as np
+
+from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.music import Score
+from sb3_piano.wrappers.arguments import finite_number
+from sb3_piano.wrappers.score_change import ScoreChange
+from sb3_piano.wrappers.score_wrapper import possible_scores
+
+Span = tuple[float, float]
+"""Beginning and end of a part, s."""
+
+_WHOLE: Span = (0.0, math.inf)
+
+_SAME_TIME = 1e-6
+"""Times that differ by less, in s, are taken for equal."""
+
+
+class Excerpt(ScoreChange, gym.utils.RecordConstructorArgs):
+    """Play a part of each piece: the notes that are struck in it.
+
+    With ``start="random"`` another part is drawn for each episode, never a silent one and never
+    shorter than need be. In seconds, it begins with a note: all times at which notes are struck are
+    equally likely, as far as the part then lies within the piece; if notes are struck later than
+    that, the last part of the piece is one more. In bars, it begins with a bar in which a note is
+    struck, by the same rule.
+
+    A piece that is no longer than the part is played whole. What is left of a piece after ``start``
+    is played if it is shorter than ``length``.
+
+    Bars are counted from 0. The last one is that in which the last note is struck; it lasts until
+    the end of the piece. Notes before the first bar line, an upbeat, make a bar of their own.
+
+    Args:
+        env: A piano environment, wrapped or not.
+        start: Where the part begins, in the unit from the beginning of the piece, at least 0; or
+            "random".
+        length: How long it is, in the unit, above 0.
+        unit: "seconds"; or "bars", of which both numbers are whole ones, for pieces that know
+            theirs: those of MIDI files and the studies.
+
+    Raises:
+        ConfigError: If an argument is not valid, or ``env`` is no piano.
+        ScoreError: If no note is struck in the part, or the bars of a piece are not known, here for
+            the environment's own pieces, at ``reset`` for others.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        *,
+        start: float | str = 0.0,
+        length: float = 4.0,
+        unit: str = "seconds",
+    ) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, start=start, length=length, unit=unit)
+        super().__init__(env)
+        if unit not in ("seconds", "bars"):
+            raise ConfigError(f"unit is {unit!r}: expected 'seconds' or 'bars'.")
+        number = finite_number if unit == "seconds" else _whole_number
+        size = number("length", length)
+        if size <= 0:
+            raise ConfigError(f"length is {length!r}: expected more than 0 {unit}.")
+        if isinstance(start, str) and start != "random":
+            raise ConfigError(f"start is {start!r}: expected a number of {unit} or 'random'.")
+        self._start = None if start == "random" else number("start", start)
+        if self._start is not None and self._start < 0:
+            raise ConfigError(f"start is {start!r}: expected 0 {unit} or more.")
+        self._part: _Part = _Seconds(size) if unit == "seconds" else _Bars(int(size))
+        possible_scores(self)  # raises if a piece has no such part
+
+    @property
+    def cuts(self) -> bool:
+        """True: the rest of the piece is left out."""
+        return True
+
+    @property
+    def draws_times(self) -> bool:
+        """Whether the beginning is drawn."""
+        return self._start is None
+
+    def draw(self, score: Score, random: np.random.Generator) -> Span:
+        """Return the beginning and the end of the part of this episode, s."""
+        if self._start is not None:
+            return self._part.span(score, self._start)
+        starts = self._part.starts(score)
+        return self._part.span(score, starts[random.integers(len(starts))])
+
+    def extreme_values(self, score: Score) -> list[Span]:
+        """Return the part; if it is drawn, the whole piece, in which all of them lie."""
+        if self._start is not None:
+            return [self._part.span(score, self._start)]
+        self._part.starts(score)  # raises if the piece has no bars
+        return [_WHOLE]
+
+    def changed(self, score: Score, value: Span) -> Score:
+        """Return the part of the score."""
+        return score if value == _WHOLE else score.excerpt(*value)
+
+
+class _Part(Protocol):
+    """Parts of a certain length."""
+
+    def starts(self, score: Score) -> list[Any]:
+        """Return where a part may begin."""
+
+    def span(self, score: Score, start: Any) -> Span:
+        """Return beginning and end of the part that begins there, s."""
+
+
+@dataclass(frozen=True)
+class _Seconds:
+    length: float
+
+    def starts(self, score: Score) -> list[float]:
+        last = max(score.duration - self.length, 0.0)
+        return sorted({min(note.onset, last) for note in score.notes})
+
+    def span(self, score: Score, start: float) -> Span:
+        end = start + self.length
+        if start == 0 and end >= score.duration:
+            return _WHOLE
+        return _at_onset(score, start), _at_onset(score, end)
+
+
+@dataclass(frozen=True)
+class _Bars:
+    length: int
+
+    def starts(self, score: Score) -> list[int]:
+        lines = _bar_lines(score)
+        last = max(len(lines) - self.length, 0)
+        return sorted({min(bisect_right(lines, note.onset) - 1, last) for note in score.notes})
+
+    def span(self, score: Score, start: float) -> Span:
+        lines = [*_bar_lines(score), math.inf]
+        first, count = int(start), len(lines) - 1
+        if first >= count:
+            raise ScoreError(
+                f"Cannot cut {score.title!r} from bar {first}: expected one of its bars, 0 to "
+                f"{count - 1}."
+            )
+        if first == 0 and self.length >= count:
+            return _WHOLE
+        return lines[first], lines[min(first + self.length, count)]
+
+
+def _bar_lines(score: Score) -> list[float]:
+    """Return when each bar begins, up to that in which the last note is struck."""
+    if not score.bars:
+        raise ScoreError(
+            f"The bars of {score.title!r} are not known: expected a piece from a MIDI file, or an "
+            "excerpt in seconds."
+        )
+    upbeat = [0.0] if score.notes[0].onset < score.bars[0] else []
+    return upbeat + [line for line in score.bars if line <= score.notes[-1].onset]
+
+
+def _at_onset(score: Score, time: float) -> float:
+    """Return the time of the note that is struck at a time, which may be a rounding error off."""
+    nearest = min((note.onset for note in score.notes), key=lambda onset: abs(onset - time))
+    return nearest if abs(nearest - time) < _SAME_TIME else time
+
+
+def _whole_number(name: str, value: Any) -> float:
+    number = finite_number(name, value)
+    if number != int(number):
+        raise ConfigError(f"{name} is {value!r}: expected a whole number of bars.")
+    return number

@@ -1,0 +1,217 @@
+"""Another distance to look ahead."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.envs import ObservationBlock, ObservationLayout
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import PianoRoll
+from sb3_piano.music.constants import NUM_FINGERS
+from sb3_piano.wrappers.arguments import finite_number, whole_number
+from sb3_piano.wrappers.hide_fingering import HideFingering
+from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
+from sb3_piano.wrappers.piano import layout_of, piano_of
+
+Float32Array = npt.NDArray[np.float32]
+
+_LABELS = "lookahead_fingering"
+
+# Within which a time is a whole number of control steps, s.
+_TIME_TOLERANCE = 1e-9
+
+
+class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
+    """Observe the goal of more control steps to come, or of fewer.
+
+    The block ``goal`` gets another number of rows, whatever the environment's own
+    ``n_steps_lookahead``; it keeps the keys it has. Row 0 is the current control step. With
+    ``stride`` s, row k covers the s steps from ``(k - 1) * s + 1`` to ``k * s`` after it: a number
+    is 1 if it is 1 in any of them. Beyond the end of the piece all is 0.
+
+    With ``fingers`` there is one block more at the end, ``lookahead_fingering``: for each row the
+    fingers labelled to press in its steps, right thumb to little, then left.
+
+    Source: RoboVirtuoso, section 7.2, has ``steps=100, stride=10`` by a convolution: "one vector
+    representing the current goal" and "10 vectors each representing 0.5s of lookahead". It learns
+    what a vector keeps of its ten steps; here it is the union. "We also introduced a lookahead for
+    the fingering goal."
+
+    Args:
+        env: A piano environment, wrapped or not, that observes keys (not ``"fingers"``).
+        steps: How many control steps after the current one are shown, 0 or more; a multiple of
+            ``stride``.
+        seconds: The same as a time, s, a whole number of control steps. Exactly one of ``steps``
+            and ``seconds`` is given.
+        stride: How many control steps a row covers, except the first one; 1 or more.
+        fingers: Whether the finger labels of the future are shown, too.
+
+    Raises:
+        ConfigError: If an argument has the wrong type or is out of range, ``env`` is no piano or
+            does not observe keys, or fingers are asked for that are hidden or shown already.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        steps: int | None = None,
+        *,
+        seconds: float | None = None,
+        stride: int = 1,
+        fingers: bool = False,
+    ) -> None:
+        gym.utils.RecordConstructorArgs.__init__(
+            self, steps=steps, seconds=seconds, stride=stride, fingers=fingers
+        )
+        layout = layout_of(env, "Lookahead")
+        if "goal" not in layout:
+            raise ConfigError(
+                f"Lookahead finds no block 'goal' among {', '.join(layout)}: expected an "
+                'environment whose observation is "roll" or "window".'
+            )
+        _check_fingers(env, fingers)
+        self._piano = piano_of(env, "Lookahead")
+        self._stride = whole_number("stride", stride, 1)
+        self._steps = _steps_ahead(
+            steps, seconds, self._stride, self._piano.config.control_timestep
+        )
+        super().__init__(env, _layout(layout, self._steps // self._stride + 1, stride, fingers))
+        inner, outer = layout["goal"], self.observation_layout["goal"]
+        self._columns = inner.all_columns
+        self._before = slice(0, inner.start)
+        self._goal = outer.slice
+        self._inner_after = slice(inner.slice.stop, layout.size)
+        self._after = slice(outer.slice.stop, outer.slice.stop + layout.size - inner.slice.stop)
+        self._labels = self.observation_layout[_LABELS].slice if fingers else None
+        self._take(self._piano.roll)
+
+    def observation(self, observation: Any) -> Float32Array:
+        """Return an observation with the other goal; after the last step it repeats the last."""
+        if self._piano.roll is not self._roll:
+            self._take(self._piano.roll)
+        step = min(self._piano.steps_played, len(self._roll) - 1)
+        shown = np.empty(self.observation_layout.size, dtype=np.float32)
+        shown[self._before] = observation[self._before]
+        shown[self._goal] = self._goal_ahead.rows(step)
+        shown[self._after] = observation[self._inner_after]
+        if self._labels is not None:
+            shown[self._labels] = self._labels_ahead.rows(step)
+        return shown
+
+    def _take(self, roll: PianoRoll) -> None:
+        """Prepare a piece."""
+        self._roll = roll
+        goal = np.column_stack([roll.active, roll.sustain])[:, self._columns]  # (T, n)
+        self._goal_ahead = _Ahead(goal, self._steps, self._stride)
+        if self._labels is not None:
+            self._labels_ahead = _Ahead(_labelled_fingers(roll), self._steps, self._stride)
+
+
+class _Ahead:
+    """What each control step of a piece, and those after it, ask for."""
+
+    def __init__(self, values: npt.NDArray[np.bool_], steps: int, stride: int):
+        """Prepare all rows.
+
+        Args:
+            values: (T, n) bool, what each control step asks for.
+            steps: How many steps after the current one are shown.
+            stride: How many of them a row covers.
+        """
+        self._steps, self._stride = steps, stride
+        self._now = values.astype(np.float32)
+        # Silence is appended, so that the lookahead of the last step can be cut like any other.
+        padded = np.zeros((len(values) + steps + stride, values.shape[1]), dtype=bool)
+        padded[: len(values)] = values
+        # In row t, what any of the steps t + 1 to t + stride asks for.
+        soon = np.zeros((len(values) + steps, values.shape[1]), dtype=bool)
+        for later in range(1, stride + 1):
+            soon |= padded[later : later + len(soon)]
+        self._soon = soon.astype(np.float32)
+
+    def rows(self, step: int) -> Float32Array:
+        """Return the rows of a control step, one after the other."""
+        ahead = self._soon[step : step + self._steps : self._stride]
+        return np.concatenate([self._now[step], ahead.reshape(-1)])
+
+
+def _labelled_fingers(roll: PianoRoll) -> npt.NDArray[np.bool_]:
+    """Return the fingers that are labelled to press at each step, (T, 10)."""
+    fingers = np.zeros((len(roll), NUM_FINGERS), dtype=bool)
+    steps, keys = np.nonzero(roll.active & (roll.finger >= 0))
+    fingers[steps, roll.finger[steps, keys]] = True
+    return fingers
+
+
+def _layout(layout: ObservationLayout, rows: int, stride: int, fingers: bool) -> ObservationLayout:
+    covers = f" Each row after the first covers {stride} control steps." if stride > 1 else ""
+    goal = layout["goal"]
+    other = dataclasses.replace(
+        goal, shape=(rows, goal.shape[1]), low=0.0, high=1.0, meaning=goal.meaning + covers
+    )
+    blocks = [other if block.name == "goal" else block for block in layout.values()]
+    if fingers:
+        meaning = (
+            "1 for each finger that is labelled to press, for the current control step and those "
+            "after it: right thumb to little, then left; 0 beyond the end"
+        )
+        shape = (rows, NUM_FINGERS)
+        blocks.append(
+            ObservationBlock(
+                name=_LABELS, shape=shape, unit="1", meaning=meaning + covers, binary=True
+            )
+        )
+    return ObservationLayout(blocks)
+
+
+def _steps_ahead(
+    steps: int | None, seconds: float | None, stride: int, control_timestep: float
+) -> int:
+    """Return how many control steps are looked ahead, from one way or the other to say it."""
+    if (steps is None) == (seconds is None):
+        raise ConfigError(
+            f"steps is {steps!r} and seconds is {seconds!r}: expected exactly one of them."
+        )
+    if seconds is not None:
+        steps = _whole_steps(finite_number("seconds", seconds), control_timestep)
+    steps = whole_number("steps", steps, 0)
+    if steps % stride != 0:
+        below = steps // stride * stride
+        raise ConfigError(
+            f"Lookahead over {steps} control steps cannot be cut into rows of stride {stride}: "
+            f"expected a multiple of it, such as {below} or {below + stride}."
+        )
+    return steps
+
+
+def _whole_steps(seconds: float, control_timestep: float) -> int:
+    if seconds < 0:
+        raise ConfigError(f"seconds is {seconds:g}: expected 0 or more.")
+    steps = round(seconds / control_timestep)
+    if abs(steps * control_timestep - seconds) > _TIME_TOLERANCE:
+        below = math.floor(seconds / control_timestep)
+        raise ConfigError(
+            f"seconds is {seconds!r}, which is no whole number of control steps of "
+            f"{control_timestep:g} s: expected {below * control_timestep:g} or "
+            f"{(below + 1) * control_timestep:g}."
+        )
+    return steps
+
+
+def _check_fingers(env: gym.Env[Any, Any], fingers: Any) -> None:
+    """Refuse to show labels that a wrapper inside hides."""
+    if not isinstance(fingers, bool):
+        raise ConfigError(f"fingers is {fingers!r}: expected true or false.")
+    while fingers and isinstance(env, gym.Wrapper):
+        if isinstance(env, HideFingering):
+            raise ConfigError(
+                "Lookahead with fingers would show the labels that a HideFingering inside of it "
+                "hides: expected the HideFingering outside, or fingers=False."
+            )
+        env = env.env

@@ -1,0 +1,97 @@
+"""What was done and earned in the step before."""
+
+from __future__ import annotations
+
+from typing import Any, SupportsFloat
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.envs import ObservationBlock, ObservationLayout
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
+from sb3_piano.wrappers.piano import layout_of
+
+
+class PreviousActionReward(LayoutWrapper, gym.utils.RecordConstructorArgs):
+    """Observe the action and the reward of the step before, too.
+
+    Appends the block ``previous_action``, the action of the last control step, clipped to [-1, 1]
+    as the environment clips it; and ``previous_reward``, one number without bounds: the reward as
+    it leaves ``env``, before wrappers further out change it. At the start of an episode both are 0.
+
+    Source: RoboPianist (Zakka et al. 2023), its "action-reward" observation; RoboVirtuoso,
+    section 3, item 5.
+
+    Args:
+        env: A piano environment, wrapped or not.
+
+    Raises:
+        ConfigError: If ``env`` is no piano, its actions do not lie in [-1, 1], or the blocks are
+            there already.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self)
+        layout = layout_of(env, "PreviousActionReward")
+        shape = _action_shape(env.action_space)
+        added = ObservationLayout([*layout.values(), *_blocks(shape)])
+        super().__init__(env, added)
+        self._inside = slice(0, layout.size)
+        self._of_action = added["previous_action"].slice
+        self._of_reward = added["previous_reward"].start
+        self._action = np.zeros(shape, dtype=np.float32)
+        self._reward = 0.0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode, before which nothing was done."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._action, self._reward = np.zeros_like(self._action), 0.0
+        return self.observation(observation), info
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Play a control step, which the observation after it shows."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self._action = np.minimum(np.maximum(np.asarray(action, dtype=np.float32), -1.0), 1.0)
+        self._reward = float(reward)
+        return self.observation(observation), reward, terminated, truncated, info
+
+    def observation(self, observation: Any) -> npt.NDArray[np.float32]:
+        """Return an observation followed by the last action and reward."""
+        shown = np.empty(self.observation_layout.size, dtype=np.float32)
+        shown[self._inside] = observation
+        shown[self._of_action] = self._action.reshape(-1)
+        shown[self._of_reward] = self._reward
+        return shown
+
+
+def _action_shape(space: gym.Space[Any]) -> tuple[int, ...]:
+    if not isinstance(space, gym.spaces.Box) or np.any(space.low != -1) or np.any(space.high != 1):
+        raise ConfigError(
+            f"PreviousActionReward cannot show actions of {space}: expected a Box from -1 to 1. "
+            "Put wrappers that replace it further out."
+        )
+    return space.shape
+
+
+def _blocks(action_shape: tuple[int, ...]) -> list[ObservationBlock]:
+    return [
+        ObservationBlock(
+            name="previous_action",
+            shape=action_shape,
+            unit="1",
+            meaning="the action of the control step before; 0 at the start",
+            low=-1.0,
+        ),
+        ObservationBlock(
+            name="previous_reward",
+            shape=(1,),
+            unit="1",
+            meaning="the reward of the control step before; 0 at the start",
+            low=-np.inf,
+            high=np.inf,
+        ),
+    ]

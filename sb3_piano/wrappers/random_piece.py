@@ -1,0 +1,92 @@
+"""A piece chosen at random for each episode."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.envs.score_choice import ScoreSource
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Score, load_score
+from sb3_piano.wrappers.arguments import finite_number
+from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper, possible_scores
+
+
+class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
+    """Choose one of several pieces for each episode.
+
+    It takes the place of the environment's own piece before any other wrapper changes it, wherever
+    they stand: ``PitchShift(RandomPiece(env, pieces), 3)`` and
+    ``RandomPiece(PitchShift(env, 3), pieces)`` both shift the chosen piece. Of several
+    ``RandomPiece`` the outermost chooses. A score given in ``reset(options={"score": ...})`` is
+    played in place of a chosen one.
+
+    Args:
+        env: A piano environment, wrapped or not.
+        pieces: One or more of what an environment takes as its score: scores, paths of MIDI or PIG
+            files, names of studies. Files are read at once.
+        weights: How likely each piece is, in proportion to the others; 0 or more, not all 0. Left
+            out, all are equally likely.
+
+    Raises:
+        ConfigError: If ``pieces`` or ``weights`` is no such list, or ``env`` is no piano.
+        ScoreError: If a piece cannot be read, or wrappers inside cannot change it.
+        UnknownPieceError: If a name is no study's.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        pieces: Sequence[ScoreSource],
+        weights: Sequence[float] | None = None,
+    ) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, pieces=pieces, weights=weights)
+        super().__init__(env)
+        if isinstance(pieces, str) or not isinstance(pieces, Sequence) or len(pieces) == 0:
+            raise ConfigError(f"pieces is {pieces!r}: expected a list of one or more pieces.")
+        self._pieces = [load_score(piece) for piece in pieces]
+        self._probabilities = _probabilities(weights, len(pieces))
+        possible_scores(self)  # raises if a wrapper inside cannot change a piece
+
+    @property
+    def sources(self) -> list[Score]:
+        """The pieces that may be chosen."""
+        chances = zip(self._pieces, self._probabilities, strict=True)
+        return [piece for piece, probability in chances if probability > 0]
+
+    def choose(self, random: np.random.Generator) -> Score:
+        """Return the piece of an episode."""
+        return self._pieces[random.choice(len(self._pieces), p=self._probabilities)]
+
+    def change(self, score: Score, random: np.random.Generator) -> Score:
+        """Return the score as it is: it is chosen, not changed."""
+        return score
+
+    def extremes(self, score: Score) -> list[Score]:
+        """Return the score as it is."""
+        return [score]
+
+    def extend(self, plan: ScorePlan, options: Mapping[str, Any]) -> ScorePlan:
+        """Return the plan with this choice, unless the piece is settled further out."""
+        if "score" in options or plan.choose is not None:
+            return plan
+        return replace(plan, choose=self.choose)
+
+
+def _probabilities(weights: Any, count: int) -> npt.NDArray[np.float64]:
+    if weights is None:
+        return np.full(count, 1 / count)
+    if isinstance(weights, str) or not isinstance(weights, Sequence) or len(weights) != count:
+        raise ConfigError(
+            f"weights is {weights!r}: expected a list of {count}, one for each piece."
+        )
+    numbers = np.array([finite_number(f"weights[{i}]", w) for i, w in enumerate(weights)])
+    if numbers.min() < 0 or numbers.max() == 0:
+        raise ConfigError(f"weights is {weights!r}: expected numbers from 0 on, not all of them 0.")
+    numbers /= numbers.max()  # first, so that the sum of huge ones is finite
+    return numbers / numbers.sum()

@@ -1,0 +1,226 @@
+"""The cells of the study of SAC and TD3 are what their names say, and the driver runs them."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import runpy
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+import yaml
+
+from sb3_piano.training import load_config
+
+FOLDER = Path(__file__).parents[1] / "examples" / "sac_vs_td3"
+FILES = sorted(FOLDER.glob("*/*.yml"))
+CELL = "td3/d_major"
+STEPS = 500  # three episodes of this cell, and the beginning of a fourth
+
+PIECES = {
+    "c_major": ("RoboPianist-debug-CMajorScaleTwoHands-v0", None, "C major"),
+    "d_major": ("RoboPianist-debug-DMajorScaleTwoHands-v0", None, "D major"),
+    "nocturne": ("RoboPianist-v0", "examples/sac_vs_td3/nocturne.mid", "Nocturne"),
+}
+CHANGES = {
+    "": [],
+    "_shift_3": [("PitchShift", {"semitones": 3})],
+    "_shift_7": [("PitchShift", {"semitones": 7})],
+    "_stretch_2": [("TemporalStretch", {"factor": 2.0})],
+    "_stretch_05": [("TemporalStretch", {"factor": 0.5})],
+    "_36_keys": [("KeyRange", {"keys": 36, "outside": "hide"})],
+    "_piece_keys": [("KeyRange", {"keys": "piece"})],
+}
+
+
+def name_of(file):
+    return f"{file.parent.name}/{file.stem}"
+
+
+def entry_of(file):
+    ((env_id, entry),) = yaml.safe_load(file.read_text(encoding="utf-8")).items()
+    return env_id, entry
+
+
+def config_of(file):
+    return load_config(file.parent.name, entry_of(file)[0], file)
+
+
+def hyperparameters(file):
+    """Return what must be the same for all cells of an algorithm."""
+    mapping = config_of(file).to_mapping()
+    mapping["env_kwargs"].pop("score", None)
+    return {key: mapping[key] for key in mapping if key not in ("env_id", "env_wrapper")}
+
+
+def test_the_paper_s_tables_have_all_cells_and_no_others():
+    tables = yaml.safe_load((FOLDER / "paper.yml").read_text(encoding="utf-8"))
+    assert {name for rows in tables.values() for name in rows} == set(map(name_of, FILES))
+
+
+@pytest.mark.parametrize("file", FILES, ids=name_of)
+def test_a_cell_holds_what_its_name_says(file):
+    piece = next(piece for piece in PIECES if file.stem.startswith(piece))
+    env_id, score, words = PIECES[piece]
+    config = config_of(file)
+    assert (config.algo, config.env_id) == (file.parent.name, env_id)
+    assert config.env_kwargs.get("score") == score
+    wrappers = [(plugin.path.rpartition(".")[2], plugin.kwargs) for plugin in config.env_wrapper]
+    assert wrappers == CHANGES[file.stem.removeprefix(piece)]
+    title = file.read_text(encoding="utf-8").partition("\n")[0]
+    assert config.algo.upper() in title
+    assert words in title
+
+
+@pytest.mark.parametrize("file", FILES, ids=name_of)
+def test_a_cell_has_the_hyperparameters_of_its_algorithm(file):
+    assert hyperparameters(file) == hyperparameters(file.parent / "c_major.yml")
+
+
+def test_the_algorithms_share_what_the_paper_has_for_both():
+    sac, td3 = (hyperparameters(FOLDER / algo / "c_major.yml") for algo in ("sac", "td3"))
+    differing = {key for key in sac if sac[key] != td3[key]}
+    assert differing == {"algo", "algorithm_kwargs", "noise_type", "noise_std"}
+    own = {"ent_coef", "target_entropy"}
+    common = {k: v for k, v in sac["algorithm_kwargs"].items() if k not in own}
+    assert common == td3["algorithm_kwargs"]
+    assert (sac["n_timesteps"], common["learning_starts"]) == (50_000, 5_000)
+    assert common["policy_kwargs"] == {"net_arch": [256, 256, 256]}
+
+
+# The driver, as a user runs it: interrupted, then run again.
+
+
+class Sitting(NamedTuple):
+    """What one run of the driver left behind."""
+
+    status: int
+    output: str
+    files: dict[str, bytes]
+    """The run's files, by their paths in its folder."""
+
+    def json(self, name):
+        return json.loads(self.files[name])
+
+    @property
+    def steps(self):
+        return self.json("checkpoint/checkpoint.json")["num_timesteps"]
+
+
+def arguments(runs):
+    return [CELL, "--steps", str(STEPS), "--runs", str(runs), "--no-progress"]
+
+
+def start(runs):
+    return subprocess.Popen(
+        [sys.executable, str(FOLDER / "run.py"), *arguments(runs)],
+        cwd=runs.parent,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def finish(process, folder):
+    try:
+        output, _ = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    return Sitting(process.returncode, output, files_in(folder))
+
+
+def files_in(folder):
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+def wait_for_an_episode(process, folder):
+    """Wait until the log of episodes has a line beside its two of heading."""
+    log = folder / "monitor" / "0.monitor.csv"
+    while process.poll() is None and not (log.is_file() and log.read_text().count("\n") > 2):
+        time.sleep(0.01)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    return tmp_path_factory.mktemp("study") / "runs"
+
+
+@pytest.fixture(scope="module")
+def folder(runs):
+    return runs / "td3" / "d_major_seed_0"
+
+
+@pytest.fixture(scope="module")
+def interrupted(runs, folder):
+    process = start(runs)
+    wait_for_an_episode(process, folder)
+    process.send_signal(signal.SIGINT)
+    return finish(process, folder)
+
+
+@pytest.fixture(scope="module")
+def finished(interrupted, runs, folder):
+    return finish(start(runs), folder)
+
+
+def test_ctrl_c_ends_the_driver_with_a_checkpoint(interrupted):
+    assert interrupted.status == 130, interrupted.output
+    assert "the same command goes on from here" in interrupted.output
+    assert 0 < interrupted.steps < STEPS
+    assert "evaluation/metrics.json" not in interrupted.files
+
+
+def test_the_same_command_goes_on_to_the_end_and_evaluates(interrupted, finished):
+    assert finished.status == 0, finished.output
+    assert finished.steps == STEPS
+    log = "monitor/0.monitor.csv"
+    assert finished.files[log].startswith(interrupted.files[log])
+    assert {"config.yml", "model.zip", "evaluation/metrics.json"} <= set(finished.files)
+    config = yaml.safe_load(finished.files["config.yml"])
+    assert (config["n_timesteps"], config["seed"], config["algo"]) == (STEPS, 0, "td3")
+    mean = finished.json("evaluation/metrics.json")["mean"]
+    assert f"return {mean['return']:.2f}, F1 {mean['f1']:.3f}" in finished.output
+
+
+def test_a_finished_cell_is_skipped(finished, runs, folder, monkeypatch, capsys):
+    with pytest.raises(SystemExit) as exit_status:
+        run_script("run.py", arguments(runs), monkeypatch)
+    assert exit_status.value.code == 0
+    assert capsys.readouterr().out == f"[1/1] {CELL}, seed 0\n  finished before\n"
+    assert files_in(folder) == finished.files
+
+
+def test_the_table_shows_what_was_measured(finished, runs, monkeypatch, capsys):
+    mean = finished.json("evaluation/metrics.json")["mean"]
+    run_script("table.py", ["--runs", str(runs)], monkeypatch)
+    printed = capsys.readouterr().out
+    measured, *_ = re.findall(rf"^\| {CELL} \| (.*) \|$", printed, re.MULTILINE)
+    missing, *_ = re.findall(r"^\| sac/d_major \| (.*) \|$", printed, re.MULTILINE)
+    assert f"{mean['return']:.1f} | 421.6 |" in measured
+    assert f"{mean['f1']:.3f} |" in measured
+    assert missing.startswith("- | 248.3 |")
+
+
+def test_an_unknown_cell_is_one_clear_error(tmp_path, monkeypatch, capsys):
+    with pytest.raises(SystemExit) as exit_status:
+        run_script("run.py", ["td3/d_majr", "--runs", str(tmp_path / "runs")], monkeypatch)
+    assert exit_status.value.code == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "No cell is called 'td3/d_majr'. Did you mean 'td3/d_major'" in error
+    assert "Traceback" not in error
+    assert not list(tmp_path.iterdir())
+
+
+def run_script(name, arguments, monkeypatch):
+    monkeypatch.syspath_prepend(FOLDER)  # where the interpreter looks first for a script's imports
+    monkeypatch.setattr(sys, "argv", [name, *arguments])
+    runpy.run_path(str(FOLDER / name), run_name="__main__")

@@ -1,0 +1,353 @@
+"""Wrappers named in YAML: in trainings, resumed ones, evaluations, and stock RL Zoo."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import os
+import subprocess
+import sys
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import yaml
+from acting import act_at
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.save_util import load_from_pkl
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from sb3_piano.buffers import CompactReplayBuffer
+from sb3_piano.callbacks import Checkpoint
+from sb3_piano.callbacks.env_copy import copy_env
+from sb3_piano.cli import main
+from sb3_piano.exceptions import RunError
+from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.training import (
+    RunFolder,
+    SavedPlayer,
+    evaluate,
+    play_run,
+    resume,
+    train,
+    write_report,
+)
+from sb3_piano.training.builders import build_model, build_vec_env
+from sb3_piano.training.config import VEC_ENVS
+
+ENV_ID = "RoboPianist-v0"
+ROOM = "sb3_piano.wrappers"
+
+# C5, then E5, 0.2 s each. With the silence at its end, 9 control steps; in the stack 13.
+PIECE = Score(
+    notes=[
+        Note(onset=0.0, offset=0.2, pitch=72, finger=0),
+        Note(onset=0.2, offset=0.4, pitch=76, finger=2),
+    ],
+    title="two notes",
+)
+STEPS, STACKED_STEPS = 9, 13
+PITCHES, STACKED_PITCHES = [72, 76], [75, 79]
+
+STACK = [
+    {f"{ROOM}.PitchShift": {"semitones": 3}},
+    {f"{ROOM}.TemporalStretch": {"factor": 1.5}},
+    {f"{ROOM}.KeyRange": {"keys": [60, 84]}},
+    f"{ROOM}.HideFingering",
+    {f"{ROOM}.RewardWeights": {"weights": {"energy": 0.25, "fingering": 2}}},
+    {f"{ROOM}.FingeringDecay": {"n_steps": 20, "start": 5}},
+    f"{ROOM}.KeyRewardTiering",
+    {f"{ROOM}.RewardTiering": {"threshold": 0.25}},
+]
+SAVED = [entry if isinstance(entry, dict) else {entry: {}} for entry in STACK]
+
+# A goal of 11 rows for 25 keys and the pedal, the fingers, the keys' state, and all the rest.
+STACKED_SIZE = 11 * 26 + 10 + 25 + 1 + 46
+
+
+@pytest.fixture
+def score_file(tmp_path):
+    path = tmp_path / "two_notes.mid"
+    write_midi(PIECE, path)
+    return path
+
+
+@pytest.fixture
+def piano_config(small_config, score_file):
+    """Return a function that makes a config of a tiny TD3, which never learns, with the stack."""
+
+    def make(**changes):
+        settings = {
+            "env_id": ENV_ID,
+            "env_kwargs": {"score": str(score_file), "physics": "fast"},
+            "env_wrapper": copy.deepcopy(STACK),
+            "n_timesteps": 12,
+            "algorithm_kwargs": {"learning_starts": 1000},
+        }
+        return small_config(**{**settings, **changes})
+
+    return make
+
+
+def assert_has_the_stack(venv):
+    """Compare the wrappers in a vector of one, and the arguments they were made with."""
+    specs = venv.envs[0].spec.additional_wrappers
+    ours = [spec for spec in specs if spec.entry_point.startswith(f"{ROOM}.")]
+    for spec, entry in zip(ours, SAVED, strict=True):
+        [(path, given)] = entry.items()
+        assert f"{ROOM}.{spec.name}" == path
+        assert {name: spec.kwargs[name] for name in given} == given
+
+
+def pitches(score):
+    return [note.pitch for note in score.notes]
+
+
+def play_steps(venv, count):
+    """Return observations, rewards and ends of steps with random actions."""
+    random = np.random.default_rng(0)
+    observations, rewards, dones = [venv.reset()], [], []
+    for _ in range(count):
+        action = random.uniform(-1, 1, venv.action_space.shape)
+        observation, reward, done, _ = venv.step(np.tile(action, (venv.num_envs, 1)))
+        observations.append(observation)
+        rewards.append(reward)
+        dones.append(done)
+    return np.array(observations), np.array(rewards), np.array(dones)
+
+
+# From YAML into a run, and out of its folder again.
+
+
+def write_yaml(path, **changes):
+    entry = {
+        "n_timesteps": 40,
+        "policy": "MlpPolicy",
+        "policy_kwargs": "dict(net_arch=[8])",
+        "learning_starts": 1000,
+        "buffer_size": 100,
+        "env_kwargs": {"physics": "fast"},
+        "env_wrapper": copy.deepcopy(STACK),
+    }
+    path.write_text(yaml.safe_dump({ENV_ID: {**entry, **changes}}))
+    return path
+
+
+def train_by_command(tmp_path, score_file, **changes):
+    file = write_yaml(tmp_path / "stack.yml", **changes)
+    command = ["train", "--algo", "td3", "--config", str(file), "--midi", str(score_file)]
+    return main([*command, "--seed", "1", "--no-progress", "--run", str(tmp_path / "run")])
+
+
+def test_a_stack_in_yaml_is_trained_with_saved_and_put_back(tmp_path, score_file, capsys):
+    assert train_by_command(tmp_path, score_file) == 0
+    run = RunFolder.open(tmp_path / "run")
+    assert yaml.safe_load(run.config_file.read_text())["env_wrapper"] == SAVED
+    with SavedPlayer.open(run.path) as player:
+        assert_has_the_stack(player.model.get_env())
+        assert player.model.observation_space.shape == (STACKED_SIZE,)
+        assert player.piece == "two_notes"
+        for recording in (*player.play(2), player.rest()):
+            assert len(recording.performance) == STACKED_STEPS
+            due = recording.performance.roll.active.any(axis=0)
+            assert (np.flatnonzero(due) + 21).tolist() == STACKED_PITCHES
+    assert main(["evaluate", str(run.path)]) == 0
+    assert "two_notes" in capsys.readouterr().out
+    assert play_run(run.path, picture=None).wav.is_file()
+
+
+def test_a_given_piece_is_played_unshifted_but_observed_by_the_runs_wrappers(
+    piano_config, tmp_path
+):
+    run = train(piano_config(), tmp_path / "run", progress_bar=False).folder
+    assert [e["length"] for e in evaluate(run.path).episodes] == [STACKED_STEPS]
+    assert [e["length"] for e in evaluate(run.path, score=PIECE).episodes] == [STEPS]
+    with SavedPlayer.open(run.path, score=PIECE) as player:
+        (recording,) = player.play()
+        assert pitches(player.env.score) == PITCHES
+        assert recording.performance.title == player.piece == "two notes"
+        assert_has_the_stack(player.model.get_env())
+    low = Score(notes=[Note(onset=0.0, offset=0.2, pitch=40)], title="low")
+    with pytest.raises(RunError, match="cannot play 'low': .*40"):
+        SavedPlayer.open(run.path, score=low)
+
+
+def test_random_pieces_follow_the_seed_also_in_an_evaluation(piano_config, tmp_path):
+    pieces = ["CMajorScaleOneHand", "DMajorScaleOneHand", "TwinkleTwinkleLittleStar"]
+    chosen = {f"{ROOM}.RandomPiece": {"pieces": pieces}}
+    shortened = {f"{ROOM}.Excerpt": {"start": 0.0, "length": 0.2, "unit": "seconds"}}
+    config = piano_config(env_wrapper=[shortened, chosen])
+    run = train(config, tmp_path / "run", progress_bar=False).folder
+    titles = []
+    with SavedPlayer.open(run.path) as player:
+        assert player.piece == " or ".join(pieces)
+        for seed in (5, 5, 6):
+            recordings = [recording.performance.title for recording in player.play(6, seed=seed)]
+            titles.append(recordings)
+    assert titles[0] == titles[1] != titles[2]
+    assert set(titles[0] + titles[2]) == set(pieces)
+    assert f"<h1>{titles[0][0]}</h1>" in write_report(run.path, seed=5).read_text(encoding="utf-8")
+
+
+def test_an_evaluation_in_the_training_has_the_wrappers(piano_config, tmp_path):
+    evaluation = {"sb3_piano.callbacks.F1Callback": {"eval_freq": 6, "log_path": str(tmp_path)}}
+    train(piano_config(callback=evaluation), tmp_path / "run", progress_bar=False)
+    with np.load(tmp_path / "evaluations.npz") as found:
+        assert found["ep_lengths"].tolist() == [[STACKED_STEPS]] * 2
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ({"PitchShift": {"semitones": "three"}}, "semitones is 'three'"),
+        ({"PitchShift": {"semitone": 3}}, "PitchShift cannot be called with {'semitone': 3}"),
+        ({"TemporalStretch": {"factor": 0}}, "factor is 0"),
+        ({"KeyRange": {"keys": [72, 74]}}, "76"),
+        ({"RewardWeights": {"weights": {"energ": 1}}}, "Did you mean 'energy'"),
+        ({"FingeringDecay": {"n_steps": 0}}, "n_steps is 0"),
+        ({"RewardTiering": {"threshold": 2}}, "threshold is 2"),
+        ("PitchShifts", "has no 'PitchShifts'. Did you mean 'PitchShift'"),
+    ],
+)
+def test_wrong_arguments_are_one_clear_error_and_leave_no_folder(
+    entry, message, tmp_path, score_file, capsys
+):
+    if isinstance(entry, str):
+        wrapper = f"{ROOM}.{entry}"
+    else:
+        wrapper = {f"{ROOM}.{name}": kwargs for name, kwargs in entry.items()}
+    assert train_by_command(tmp_path, score_file, env_wrapper=[wrapper]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert "Traceback" not in error
+    assert not (tmp_path / "run").exists()
+
+
+# Vectors of environments, buffers and copies.
+
+
+def test_environments_in_threads_and_processes_have_the_same_wrappers(piano_config):
+    played = []
+    for vec_env in VEC_ENVS:
+        n_envs = 1 if vec_env == "subproc" else 2  # processes take long to start
+        venv = build_vec_env(piano_config(n_envs=n_envs, vec_env=vec_env))
+        try:
+            assert venv.observation_space.shape == (STACKED_SIZE,)
+            played.append(play_steps(venv, STACKED_STEPS + 2))
+            weights = [weights["fingering"] for weights in venv.get_attr("reward_weights")]
+            assert weights == pytest.approx([2 - 2 * (STACKED_STEPS + 2 - 5) / 20] * n_envs)
+        finally:
+            venv.close()
+    assert np.flatnonzero(played[0][2].all(axis=1)).tolist() == [STACKED_STEPS - 1]
+    for others in played[1:]:
+        for mine, other in zip(played[0], others, strict=True):
+            np.testing.assert_array_equal(mine[:, : other.shape[1]], other.astype(mine.dtype))
+
+
+def test_a_compact_buffer_holds_exactly_what_a_cut_observation_shows(piano_config):
+    rows = []
+    for buffer in ("sb3_piano.buffers.CompactReplayBuffer", None):
+        changes = {} if buffer is None else {"replay_buffer_class": buffer}
+        arguments = {"learning_starts": 1000, "buffer_size": 50, **changes}
+        config = piano_config(n_timesteps=30, algorithm_kwargs=arguments)
+        venv = build_vec_env(config)
+        model = build_model(config, venv)
+        model.learn(30)
+        assert isinstance(model.replay_buffer, CompactReplayBuffer) is (buffer is not None)
+        everything = np.arange(30), np.zeros(30, dtype=int)
+        rows.append(model.replay_buffer.observations[everything])
+        rows.append(model.replay_buffer.next_observations[everything])
+        venv.close()
+    assert rows[0].shape == (30, STACKED_SIZE)
+    np.testing.assert_array_equal(rows[0], rows[2])
+    np.testing.assert_array_equal(rows[1], rows[3])
+
+
+@pytest.mark.parametrize("vec_env", ["dummy", "threads"])
+def test_the_copy_for_an_evaluation_keeps_the_wrappers_and_touches_nothing(piano_config, vec_env):
+    venv = build_vec_env(piano_config(vec_env=vec_env))
+    venv.seed(3)
+    expected = play_steps(venv, 20)
+    venv.seed(3)
+    copied = copy_env(venv)
+    assert isinstance(copied, DummyVecEnv)
+    assert_has_the_stack(copied)
+    copied.seed(3)
+    played = play_steps(copied, 20)
+    np.testing.assert_array_equal(played[0], expected[0])
+    steps = [each.envs[0].unwrapped.total_steps for each in (venv, copied)]
+    assert steps == [20, 40]
+
+
+# Stock RL Zoo.
+
+
+def test_the_stock_zoo_trains_with_the_stack_on_the_same_transitions(tmp_path, score_file):
+    env_kwargs = {"score": str(score_file), "physics": "fast"}
+    file = write_yaml(tmp_path / "zoo.yml", env_kwargs=env_kwargs)
+    command = [sys.executable, "-m", "rl_zoo3.train", "--algo", "td3", "--env", ENV_ID]
+    command += ["--gym-packages", "sb3_piano", "--conf-file", str(file), "--seed", "1"]
+    command += ["--log-folder", str(tmp_path / "zoo"), "--eval-freq", "-1", "--save-replay-buffer"]
+    done = subprocess.run(
+        command, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}
+    )
+    assert done.returncode == 0, done.stderr
+    theirs = load_from_pkl(tmp_path / "zoo" / "td3" / f"{ENV_ID}_1" / "replay_buffer.pkl")
+    assert train_by_command(tmp_path, score_file) == 0
+    folder = RunFolder.open(tmp_path / "run").checkpoint_dir
+    ours = {"observations": [], "actions": [], "rewards": []}
+    for segment in Checkpoint.read(folder).replay.segments:
+        with np.load(folder / segment.file) as rows:
+            for name, found in ours.items():
+                found.append(rows[name])
+    for name, found in ours.items():
+        np.testing.assert_array_equal(np.concatenate(found), getattr(theirs, name)[:40])
+    assert theirs.observations.shape == (100, 1, STACKED_SIZE)
+
+
+# Schedules go on in a resumed training.
+
+
+class FingeringWeights(BaseCallback):
+    """Note down the weights of each step; named in configs by its import path."""
+
+    noted: ClassVar = []
+
+    def _on_step(self):
+        weights = [w["fingering"] for w in self.training_env.get_attr("reward_weights")]
+        self.noted.append(pytest.approx(weights))
+        return True
+
+
+@pytest.mark.parametrize("vec_env", VEC_ENVS)
+def test_a_decay_goes_on_where_the_training_was_interrupted(piano_config, vec_env, tmp_path):
+    n_envs = 1 if vec_env == "subproc" else 2  # processes take long to start
+    config = piano_config(
+        n_envs=n_envs,
+        env_wrapper=[{f"{ROOM}.FingeringDecay": {"n_steps": 10, "start": 1}}],
+        callback=[f"{__name__}.FingeringWeights", act_at(6, "stop")],
+    )
+    FingeringWeights.noted.clear()
+    first = train(config, tmp_path / "run", progress_bar=False)
+    assert (first.num_timesteps, len(FingeringWeights.noted)) == (6, 6 // n_envs)
+    first.folder.write_config(dataclasses.replace(config, vec_env=vec_env))
+    assert resume(first.folder.path, progress_bar=False).num_timesteps == 12
+    steps = np.arange(1, 12 // n_envs + 1)
+    expected = np.clip(1 - (steps - 1) / 10, 0, 1)
+    assert [[weight] * n_envs for weight in expected] == FingeringWeights.noted
+
+
+class Attributes(BaseCallback):
+    """Note down what a bare environment has; named in configs by its import path."""
+
+    noted: ClassVar = []
+
+    def _on_step(self):
+        self.noted.append(set(vars(self.training_env.envs[0].unwrapped)))
+        return True
+
+
+def test_a_resumed_training_leaves_what_is_no_piano_alone(run):
+    folder = run(n_timesteps=20, callback=f"{__name__}.Attributes").folder
+    resume(folder.path, 21, progress_bar=False)
+    assert Attributes.noted[-1] == Attributes.noted[0]

@@ -1,0 +1,242 @@
+"""A part of the keyboard is observed: what remains is what it was."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import RescaleObservation
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from side_by_side import TINY, block, episode
+from stable_baselines3.common.env_checker import check_env as sb3_check_env
+
+from sb3_piano.envs import KeyWindow, PianoEnv
+from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.music import Note, Score, study
+from sb3_piano.wrappers import HideFingering, KeyRange
+from sb3_piano.wrappers.score_wrapper import ScoreWrapper
+
+UNCUT = ("fingering", "sustain", "right_joints", "left_joints")
+MIDDLE = Score(notes=[Note(onset=0.0, offset=0.1, pitch=60, finger=0)], title="middle")
+
+
+def assert_only_these_keys_are_seen(cut_env, cut, whole_env, whole, low, high):
+    """Compare with the whole observation, by MIDI pitches."""
+    keys = slice(low - 21, high - 20)
+    goal = block(whole_env, whole, "goal")
+    np.testing.assert_array_equal(
+        block(cut_env, cut, "goal"), np.column_stack([goal[:, keys], goal[:, 88]])
+    )
+    np.testing.assert_array_equal(
+        block(cut_env, cut, "key_state"), block(whole_env, whole, "key_state")[keys]
+    )
+    for name in UNCUT:
+        np.testing.assert_array_equal(
+            block(cut_env, cut, name), block(whole_env, whole, name), name
+        )
+
+
+@settings(max_examples=15, deadline=None)
+@given(ends=st.lists(st.integers(21, 108), min_size=2, max_size=2).map(sorted), seed=st.integers(0))
+def test_the_observation_is_the_full_one_without_the_other_keys_at_every_step(ends, seed):
+    whole_env = PianoEnv(TINY, physics="fast", n_steps_lookahead=3)
+    inner = PianoEnv(TINY, physics="fast", n_steps_lookahead=3)
+    env = KeyRange(inner, ends, outside="hide")
+    for whole, cut in episode(whole_env, env, seed=seed):
+        assert_only_these_keys_are_seen(env, cut, whole_env, whole, *ends)
+    assert inner.observation_space == whole_env.observation_space
+
+
+@pytest.mark.parametrize(
+    ("keys", "low", "high"), [(12, 60, 71), (24, 48, 71), (36, 48, 83), (88, 21, 108)]
+)
+def test_a_number_of_keys_stands_for_the_central_octaves(keys, low, high):
+    whole_env = PianoEnv(MIDDLE, physics="fast")
+    env = KeyRange(PianoEnv(MIDDLE, physics="fast"), keys)
+    assert env.observation_space.shape == (11 * (keys + 1) + 10 + keys + 1 + 46,)
+    for whole, cut in episode(whole_env, env):
+        assert_only_these_keys_are_seen(env, cut, whole_env, whole, low, high)
+
+
+def test_the_range_of_the_piece_is_the_window_of_the_environment():
+    window_env = PianoEnv("CMajorScaleOneHand", observation="window", physics="fast")
+    env = KeyRange(PianoEnv("CMajorScaleOneHand", physics="fast"), "piece")
+    assert repr(env.observation_layout) == repr(window_env.observation_layout)
+    for window, cut in episode(window_env, env):
+        np.testing.assert_array_equal(cut, window)
+
+
+class UpOrDown(ScoreWrapper):
+    """Shift by an octave, up or down."""
+
+    def change(self, score, random):
+        return score.transpose(int(random.choice([-12, 12])))
+
+    def extremes(self, score):
+        return [score.transpose(-12), score.transpose(12)]
+
+
+def test_the_range_of_the_piece_holds_all_that_score_wrappers_inside_may_make_of_it():
+    env = KeyRange(UpOrDown(PianoEnv(MIDDLE, physics="fast")), "piece", margin=1)
+    assert env.window == KeyWindow(60 - 12 - 1 - 21, 60 + 12 + 1 - 21)
+    played = set()
+    for seed in range(6):
+        observation, _ = env.reset(seed=seed)
+        played |= set(np.flatnonzero(block(env, observation, "goal")[0]).tolist())
+    assert played == {1, 25}  # an octave down and one up, each a key from the end of the range
+
+
+def test_a_margin_ends_with_the_keyboard():
+    assert KeyRange(PianoEnv(TINY), "piece", margin=2).window == KeyWindow(39 - 21 - 2, 87)
+    assert KeyRange(PianoEnv(MIDDLE), "piece", margin=0).window == KeyWindow(39, 39)
+
+
+# What was cut before.
+
+
+def test_ranges_can_be_nested_and_the_inner_one_decides_what_is_left_to_cut():
+    once = KeyRange(PianoEnv(MIDDLE, physics="fast"), 24)
+    twice = KeyRange(KeyRange(PianoEnv(MIDDLE, physics="fast"), 36), 24)
+    assert repr(twice.observation_layout) == repr(once.observation_layout)
+    for first, second in episode(once, twice):
+        np.testing.assert_array_equal(first, second)
+    columns = twice.observation_layout["goal"].columns
+    assert columns.tolist() == [*range(27, 51), 88]
+    with pytest.raises(ConfigError, match=r"pitch 48 to 83.*'goal'.*12 of them.*such as C5"):
+        KeyRange(once, 36)
+
+
+def test_a_window_can_be_cut_further_but_not_widened():
+    piece = Score(notes=[Note(onset=0.0, offset=0.1, pitch=p) for p in (60, 65)])
+    whole_env = PianoEnv(piece, physics="fast")
+    env = KeyRange(PianoEnv(piece, observation="window", physics="fast"), [59, 66])
+    for whole, cut in episode(whole_env, env):
+        assert_only_these_keys_are_seen(env, cut, whole_env, whole, 59, 66)
+    with pytest.raises(ConfigError, match=r"pitch 56 to 60 \(G#3 to C4\).*1 of them.*G#3"):
+        KeyRange(PianoEnv(piece, observation="window"), [56, 60], outside="hide")
+
+
+def test_a_range_without_a_block_for_keys_is_refused():
+    with pytest.raises(ConfigError, match=r"targets.*expected .*\"roll\" or \"window\""):
+        KeyRange(PianoEnv("CMajorScaleOneHand", observation="fingers"))
+
+
+def test_a_range_around_an_unknown_layout_is_refused():
+    rescaled = RescaleObservation(KeyRange(PianoEnv(MIDDLE), 12), np.float32(0), np.float32(1))
+    with pytest.raises(ConfigError, match="KeyRange cannot tell"):
+        KeyRange(rescaled, 12)
+
+
+# Notes beyond the range.
+
+
+class OneDown(UpOrDown):
+    """Shift by a semitone down."""
+
+    def change(self, score, random):
+        return score.transpose(-1)
+
+
+def test_a_piece_that_leaves_the_range_is_refused_by_the_names_of_its_notes():
+    with pytest.raises(ScoreError, match=r"C#6, D6, of pitch 85, 86, but.*48 to 83 \(C3 to B5\)"):
+        KeyRange(PianoEnv("DMajorScaleTwoHands"), 36)
+    with pytest.raises(ScoreError, match=r"D#2, C6, C8, of pitch 39, 84, 108"):
+        KeyRange(PianoEnv(TINY), 36)
+
+
+def test_a_piece_given_to_reset_is_refused_too_and_the_next_one_is_played():
+    env = KeyRange(PianoEnv(MIDDLE, physics="fast"), 12)
+    with pytest.raises(ScoreError, match=r"C5, of pitch 72, but.*or outside=\"hide\""):
+        env.reset(options={"score": MIDDLE.transpose(12)})
+    env.reset(options={"score": MIDDLE.transpose(11)})
+    assert env.unwrapped.score == MIDDLE.transpose(11)
+    with pytest.raises(ScoreError, match="B3, of pitch 59"):
+        OneDown(env).reset()
+
+
+def test_hidden_notes_are_played_without_being_seen():
+    env = KeyRange(PianoEnv("DMajorScaleTwoHands", physics="fast"), 36, outside="hide")
+    observation, _ = env.reset()
+    assert env.unwrapped.roll.active[:, 86 - 21].any()
+    assert env.observation_space.shape == (11 * 37 + 10 + 36 + 1 + 46,)
+    env.reset(options={"score": TINY})
+    for _ in range(6):
+        observation, *_ = env.step(env.unwrapped.rest_action)
+    assert set(np.flatnonzero(block(env, observation, "goal")[0])) == {64 - 48}  # not C8
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"keys": 48}, r"keys is 48: expected 12, 24, 36, 88, \"piece\""),
+        ({"keys": True}, "keys is True"),
+        ({"keys": "all"}, "keys is 'all'"),
+        ({"keys": [48]}, r"keys is \[48\]"),
+        ({"keys": [60, 48]}, r"keys is \[60, 48\]"),
+        ({"keys": [20, 48]}, r"from 21 to 108"),
+        ({"keys": [48, 109]}, r"from 21 to 108"),
+        ({"keys": [48.0, 60.5]}, r"keys is \[48.0, 60.5\]"),
+        ({"margin": -1}, "margin is -1"),
+        ({"margin": 1.5}, "margin is 1.5"),
+        ({"outside": "ignore"}, "outside is 'ignore'"),
+        ({"simulated": 1}, "simulated is 1"),
+        ({"outside": "hide", "simulated": True}, "expected one of them only"),
+    ],
+)
+def test_a_wrong_argument_is_named_with_what_was_expected(arguments, message):
+    with pytest.raises(ConfigError, match=message):
+        KeyRange(PianoEnv(MIDDLE), **arguments)
+
+
+# The simulated keys.
+
+
+def test_with_simulated_keys_the_observation_space_is_the_same_and_only_these_keys_move():
+    env = PianoEnv(MIDDLE, physics="fast")
+    seen_only = KeyRange(PianoEnv(MIDDLE, physics="fast"), 24)
+    simulated = KeyRange(env, 24, simulated=True)
+    assert simulated.observation_space == seen_only.observation_space
+    assert env.observation_space == PianoEnv(MIDDLE).observation_space
+    assert env.scene.moving_keys == slice(48 - 21, 71 - 21 + 1)
+    assert env.model.njnt == seen_only.unwrapped.model.njnt - 64
+    for _ in episode(simulated):
+        pass
+
+
+def test_a_range_that_is_refused_leaves_the_simulation_as_it_was():
+    env = PianoEnv(TINY)
+    scene = env.scene
+    with pytest.raises(ScoreError, match="C8"):
+        KeyRange(env, 36, simulated=True)
+    inner = KeyRange(env, [21, 100], outside="hide")
+    with pytest.raises(ConfigError, match="such as"):
+        KeyRange(inner, 88, simulated=True)
+    assert env.scene is scene
+
+
+# As a wrapper among others.
+
+
+@pytest.mark.filterwarnings("ignore:.*render", "ignore:.*wrapper")
+def test_it_passes_both_env_checkers():
+    for simulated in (False, True):
+        env = KeyRange(PianoEnv(MIDDLE, physics="fast"), 24, simulated=simulated)
+        check_env(env, skip_render_check=True)
+        sb3_check_env(env, warn=True)
+
+
+def test_it_is_made_again_from_its_spec_and_copied_with_its_keys():
+    made = gym.make("RoboPianist-v0", score=study("CMajorScaleOneHand"), physics="fast")
+    env = HideFingering(KeyRange(made, [69, 90], simulated=True))
+    again = gym.make(env.spec)
+    others = [again, copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    for other in others:
+        assert other.unwrapped.scene.moving_keys == slice(48, 70)
+    for first, *rest in episode(env, *others):
+        for observation in rest:
+            np.testing.assert_array_equal(observation, first)

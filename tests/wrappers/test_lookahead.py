@@ -1,0 +1,201 @@
+"""Looking farther ahead, or less far, than the environment does by itself."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from side_by_side import TINY, block, episode
+from stable_baselines3.common.env_checker import check_env as sb3_check_env
+
+from sb3_piano.buffers.packing import ObservationPacking
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Note, Score
+from sb3_piano.wrappers import HideFingering, KeyRange, Lookahead
+
+OTHER = Score(
+    notes=[
+        Note(onset=0.0, offset=0.1, pitch=62, finger=2),
+        Note(onset=0.1, offset=0.3, pitch=50, finger=7),
+    ],
+    title="other",
+)
+
+
+@pytest.mark.parametrize("steps", [0, 1, 4, 10, 100])
+@pytest.mark.parametrize("observation", ["roll", "window"])
+def test_it_is_the_environment_that_looks_as_far_ahead_at_every_step(steps, observation):
+    made_so = PianoEnv(TINY, n_steps_lookahead=steps, observation=observation, physics="fast")
+    inner = PianoEnv(TINY, n_steps_lookahead=3, observation=observation, physics="fast")
+    env = Lookahead(inner, steps)
+    assert repr(env.observation_layout) == repr(made_so.observation_layout)
+    assert env.observation_space == made_so.observation_space
+    count = 0
+    for expected, seen in episode(made_so, env):
+        np.testing.assert_array_equal(seen, expected)
+        count += 1
+    assert count == 11  # ten steps, and what is seen after the last
+    assert inner.observation_space.shape == inner.reset()[0].shape
+    assert inner.observation_layout["goal"].shape[0] == 4
+
+
+def test_a_time_is_a_number_of_steps():
+    for control_timestep, seconds, steps in [(0.05, 0.3, 6), (0.05, 5, 100), (0.1, 0.3, 3)]:
+        env = PianoEnv(TINY, control_timestep=control_timestep)
+        layout = Lookahead(env, seconds=seconds).observation_layout
+        assert layout["goal"].shape == (steps + 1, 89)
+
+
+def due_by_hand(roll, step, rows, stride):
+    """Return the goal's rows and those of the fingers, read off the roll note by note."""
+    goal, fingers = np.zeros((rows, 89)), np.zeros((rows, 10))
+    for row in range(rows):
+        covered = (
+            [step] if row == 0 else range(step + (row - 1) * stride + 1, step + row * stride + 1)
+        )
+        for later in covered:
+            if later >= len(roll):
+                continue
+            goal[row, 88] = max(goal[row, 88], roll.sustain[later])
+            for key in range(88):
+                if roll.active[later, key]:
+                    goal[row, key] = 1
+                    if roll.finger[later, key] >= 0:
+                        fingers[row, roll.finger[later, key]] = 1
+    return goal, fingers
+
+
+@settings(max_examples=15, deadline=None)
+@given(stride=st.integers(1, 12), strides=st.integers(0, 4))
+def test_a_row_of_a_stride_has_what_is_due_in_any_of_its_steps(stride, strides):
+    env = Lookahead(
+        PianoEnv(TINY, physics="fast"), steps=stride * strides, stride=stride, fingers=True
+    )
+    for step, (observation,) in enumerate(episode(env)):
+        shown = min(step, len(env.unwrapped.roll) - 1)
+        goal, fingers = due_by_hand(env.unwrapped.roll, shown, strides + 1, stride)
+        np.testing.assert_array_equal(block(env, observation, "goal"), goal)
+        ahead = block(env, observation, "lookahead_fingering")
+        np.testing.assert_array_equal(ahead, fingers)
+        np.testing.assert_array_equal(ahead[0], block(env, observation, "fingering"))
+
+
+def test_a_hundred_steps_in_strides_of_ten_are_eleven_rows_as_in_robovirtuoso():
+    env = Lookahead(PianoEnv("CMajorScaleTwoHands"), 100, stride=10, fingers=True)
+    layout = env.observation_layout
+    assert (layout["goal"].shape, layout["lookahead_fingering"].shape) == ((11, 89), (11, 10))
+    assert list(layout)[-1] == "lookahead_fingering"
+    assert "10 control steps" in layout["goal"].meaning
+    assert "10 control steps" in layout["lookahead_fingering"].meaning
+    assert "control steps." not in Lookahead(PianoEnv(TINY), 5).observation_layout["goal"].meaning
+
+
+def test_the_new_blocks_take_one_bit_a_number_in_a_compact_buffer():
+    env = Lookahead(PianoEnv(TINY, physics="fast"), 20, stride=5, fingers=True)
+    packing = ObservationPacking(env.observation_space)
+    binary = [name for name, b in env.observation_layout.items() if packing.binary[b.slice].all()]
+    assert binary == ["goal", "fingering", "lookahead_fingering"]
+    for (observation,) in episode(env):
+        _, exact = packing.pack(observation[None])
+        assert exact.all()
+
+
+@pytest.mark.parametrize("stride", [1, 3])
+def test_it_commutes_with_a_range_of_keys(stride):
+    def piano():
+        return PianoEnv(TINY, physics="fast")
+
+    cut_last = KeyRange(Lookahead(piano(), 6, stride=stride, fingers=True), 36, outside="hide")
+    cut_first = Lookahead(KeyRange(piano(), 36, outside="hide"), 6, stride=stride, fingers=True)
+    assert repr(cut_last.observation_layout) == repr(cut_first.observation_layout)
+    for first, second in episode(cut_last, cut_first):
+        np.testing.assert_array_equal(first, second)
+
+
+def test_the_outermost_of_two_decides():
+    once = Lookahead(PianoEnv(TINY, physics="fast"), 2)
+    twice = Lookahead(Lookahead(PianoEnv(TINY, physics="fast"), 7, fingers=True), 2)
+    labels = twice.observation_layout["lookahead_fingering"]
+    assert labels.shape == (8, 10)
+    for first, second in episode(once, twice):
+        np.testing.assert_array_equal(second[: labels.start], first)
+    with pytest.raises(ConfigError, match="Two blocks.*'lookahead_fingering'"):
+        Lookahead(twice, 2, fingers=True)
+
+
+def test_each_episode_shows_its_own_piece():
+    env = Lookahead(PianoEnv(TINY, physics="fast"), 6, stride=2, fingers=True)
+    for options in (None, {"score": OTHER}, None):
+        made_so = Lookahead(PianoEnv(OTHER if options else TINY, physics="fast"), 6, stride=2)
+        size = made_so.observation_layout.size
+        for expected, seen in episode(made_so, env, options=options):
+            np.testing.assert_array_equal(seen[:size], expected)
+
+
+def test_it_sees_the_piece_that_keys_made_rigid_further_out_begin_anew():
+    env = KeyRange(Lookahead(PianoEnv(TINY, physics="fast"), 4), "piece", simulated=True)
+    seen_only = KeyRange(Lookahead(PianoEnv(TINY, physics="fast"), 4), "piece")
+    first, second = env.reset(seed=0)[0], seen_only.reset(seed=0)[0]
+    np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, "steps is None and seconds is None: expected exactly one"),
+        ({"steps": 10, "seconds": 0.5}, "steps is 10 and seconds is 0.5"),
+        ({"steps": -1}, "steps is -1"),
+        ({"steps": 2.0}, "steps is 2.0"),
+        ({"steps": True}, "steps is True"),
+        ({"seconds": 0.52}, r"seconds is 0.52.*0.05 s: expected 0.5 or 0.55"),
+        ({"seconds": 0.5 + 1e-8}, r"expected 0.5 or 0.55"),
+        ({"seconds": -0.5}, "seconds is -0.5: expected 0 or more"),
+        ({"seconds": "1"}, "seconds is '1'"),
+        ({"seconds": float("inf")}, "seconds is inf"),
+        ({"steps": 10, "stride": 0}, "stride is 0"),
+        ({"steps": 10, "stride": 4}, "stride 4: expected a multiple of it, such as 8 or 12"),
+        ({"steps": 10, "fingers": "yes"}, "fingers is 'yes'"),
+    ],
+)
+def test_a_wrong_argument_is_named_with_what_was_expected(arguments, message):
+    with pytest.raises(ConfigError, match=message):
+        Lookahead(PianoEnv(TINY), **arguments)
+
+
+def test_fingers_that_observe_their_own_targets_cannot_look_ahead():
+    with pytest.raises(ConfigError, match=r"no block 'goal' among targets"):
+        Lookahead(PianoEnv("CMajorScaleOneHand", observation="fingers"), 10)
+
+
+def test_labels_that_are_hidden_inside_are_not_shown_again():
+    hidden = KeyRange(HideFingering(PianoEnv(TINY)), 88)
+    with pytest.raises(ConfigError, match="HideFingering outside, or fingers=False"):
+        Lookahead(hidden, 10, fingers=True)
+    assert "lookahead_fingering" not in Lookahead(hidden, 20).observation_layout
+
+
+@pytest.mark.filterwarnings("ignore:.*render", "ignore:.*wrapper")
+def test_it_passes_both_env_checkers():
+    env = Lookahead(PianoEnv(TINY, physics="fast"), 100, stride=10, fingers=True)
+    check_env(env, skip_render_check=True)
+    sb3_check_env(env, warn=True)
+
+
+def test_it_is_made_again_from_its_spec_and_copied_in_the_middle_of_an_episode():
+    made = gym.make("RoboPianist-v0", score=TINY, physics="fast")
+    env = Lookahead(made, seconds=1, stride=2, fingers=True)
+    for first, second in episode(env, gym.make(env.spec)):
+        np.testing.assert_array_equal(first, second)
+    env.reset(options={"score": OTHER})
+    env.step(env.unwrapped.rest_action)
+    others = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    expected, *_ = env.step(env.unwrapped.rest_action)
+    for other in others:
+        np.testing.assert_array_equal(other.step(env.unwrapped.rest_action)[0], expected)

@@ -1,0 +1,138 @@
+"""Pieces chosen at random."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from playing_scores import melody, piano, played, titles
+
+from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
+from sb3_piano.music import study, write_midi
+from sb3_piano.wrappers import Excerpt, PitchShift, RandomPiece, TemporalStretch
+from sb3_piano.wrappers.score_wrapper import possible_scores
+
+A, B, C = (melody(pitch, title=title) for pitch, title in ((60, "a"), (62, "b"), (64, "c")))
+
+
+def frequencies(env, count):
+    random = np.random.default_rng(0)
+    return Counter(env.choose(random).title for _ in range(count))
+
+
+class TestChoice:
+    def test_all_pieces_are_equally_likely_without_weights(self):
+        drawn = frequencies(RandomPiece(piano(), [A, B, C]), 900)
+        assert sorted(drawn) == ["a", "b", "c"]
+        assert all(250 < count < 350 for count in drawn.values())
+
+    @pytest.mark.parametrize("scale", [1, 0.1, 1e308])
+    def test_pieces_are_as_frequent_as_their_weights(self, scale):
+        weights = [0.6 * scale, 0, 0.2 * scale]
+        drawn = frequencies(RandomPiece(piano(), [A, B, C], weights), 800)
+        assert set(drawn) == {"a", "c"}
+        assert drawn["a"] == pytest.approx(600, abs=40)
+
+    def test_the_episodes_play_what_is_chosen_by_the_generator_of_the_environment(self):
+        env = RandomPiece(piano(), (A, B, C), (1, 2, 3))
+        twin = np.random.default_rng(5)
+        expected = ["abc"[twin.choice(3, p=[1 / 6, 2 / 6, 3 / 6])] for _ in range(8)]
+        assert titles(env, 8, seed=5) == expected
+        assert len(set(expected)) > 1
+
+    def test_pieces_are_whatever_can_be_played(self, tmp_path):
+        write_midi(melody(60, 64), tmp_path / "own.mid")
+        env = RandomPiece(piano(), [A, "TwinkleTwinkleLittleStar", tmp_path / "own.mid"])
+        (tmp_path / "own.mid").unlink()  # read when the wrapper was made
+        assert {*titles(env, 20)} == {"a", "TwinkleTwinkleLittleStar", "own"}
+
+    def test_the_same_piece_is_the_same_object_in_each_episode(self):
+        env = RandomPiece(piano(), ["TwinkleTwinkleLittleStar"])
+        assert played(env) is played(env)
+
+
+class TestPlaceInTheStack:
+    @pytest.mark.parametrize(
+        "stack",
+        [
+            lambda env: PitchShift(RandomPiece(env, [A, B]), 7),
+            lambda env: RandomPiece(PitchShift(env, 7), [A, B]),
+            lambda env: PitchShift(RandomPiece(PitchShift(env, 3), [A, B]), 4),
+            lambda env: TemporalStretch(RandomPiece(PitchShift(env, 7), [A, B]), 1),
+        ],
+    )
+    def test_the_chosen_piece_is_shifted_wherever_the_shift_stands(self, stack):
+        env = stack(piano())
+        seen = {(score.title, score.notes[0].pitch) for score in (played(env) for _ in range(20))}
+        assert seen == {("a", 67), ("b", 69)}
+
+    def test_of_two_the_outermost_chooses(self):
+        env = RandomPiece(PitchShift(RandomPiece(piano(), [A, B]), 1), [C])
+        assert {played(env).notes[0].pitch for _ in range(10)} == {65}
+
+    def test_the_one_that_is_overruled_draws_nothing(self):
+        inner = RandomPiece(piano(), [A, B])
+        RandomPiece(inner, [C]).reset(seed=3)
+        twin = np.random.default_rng(3)
+        twin.choice(1, p=[1.0])
+        assert inner.unwrapped.np_random.random() == twin.random()
+
+    def test_a_score_given_to_reset_is_played_instead_and_changed_by_the_others(self):
+        env = PitchShift(RandomPiece(piano(), [A, B]), 1)
+        assert {played(env, score=C).title for _ in range(10)} == {"c"}
+        assert played(env, score=C).notes[0].pitch == 65
+        assert played(env).title in "ab"
+
+    def test_a_transform_given_to_reset_changes_the_chosen_piece(self):
+        env = RandomPiece(piano(), [A])
+        score = played(env, transform=lambda score, random: score.transpose(2))
+        assert (score.title, score.notes[0].pitch) == ("a", 62)
+
+    def test_only_pieces_with_a_chance_count_as_possible(self):
+        env = PitchShift(RandomPiece(piano(), [A, B, C], [1, 0, 1]), 1)
+        assert [(s.title, s.notes[0].pitch) for s in possible_scores(env)] == [("a", 61), ("c", 65)]
+        assert [s.title for s in possible_scores(RandomPiece(env, [B]))] == ["b"]
+
+
+class TestErrors:
+    @pytest.mark.parametrize("pieces", [[], "CMajorScaleOneHand", A, None])
+    def test_what_is_no_list_of_pieces_is_refused(self, pieces):
+        with pytest.raises(ConfigError, match="pieces is .*: expected a list of one or more"):
+            RandomPiece(piano(), pieces)
+
+    def test_an_unknown_piece_is_refused_at_once(self):
+        with pytest.raises(UnknownPieceError, match="Did you mean 'CMajorScaleOneHand'"):
+            RandomPiece(piano(), [A, "CMajorScaleOneHnd"])
+
+    def test_a_missing_file_is_refused_at_once(self):
+        with pytest.raises(ScoreError, match="There is no MIDI file 'none.mid'"):
+            RandomPiece(piano(), ["none.mid"])
+
+    @pytest.mark.parametrize(
+        ("weights", "message"),
+        [
+            ([1], r"weights is \[1\]: expected a list of 2, one for each piece"),
+            ([1, 2, 3], "expected a list of 2"),
+            ("12", "weights is '12': expected a list of 2"),
+            (0.5, "weights is 0.5: expected a list of 2"),
+            ([1, -0.1], r"weights is \[1, -0.1\]: expected numbers from 0 on, not all of them 0"),
+            ([0, 0.0], "not all of them 0"),
+            ([1, float("inf")], r"weights\[1\] is inf: expected a finite number"),
+            (["1", 1], r"weights\[0\] is '1': expected a finite number"),
+        ],
+    )
+    def test_bad_weights_are_refused_by_value(self, weights, message):
+        with pytest.raises(ConfigError, match=message):
+            RandomPiece(piano(), [A, B], weights)
+
+    def test_a_piece_that_a_wrapper_inside_cannot_change_is_refused_at_once(self):
+        with pytest.raises(ScoreError, match="Transposing 'high' by 5 semitones"):
+            RandomPiece(PitchShift(piano(), 5), [A, melody(104, title="high")])
+        with pytest.raises(ScoreError, match="The bars of 'plain' are not known"):
+            RandomPiece(
+                Excerpt(piano(), length=1, unit="bars"), [A, melody(60, title="plain", bars=())]
+            )
+
+    def test_a_study_has_the_title_by_which_it_is_told(self):
+        assert played(RandomPiece(piano(), ["CMajorScaleOneHand"])) == study("CMajorScaleOneHand")

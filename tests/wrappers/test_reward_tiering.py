@@ -1,0 +1,170 @@
+"""RoboVirtuoso's tiers: the worked examples of its report, and when comfort counts.
+
+The report counts keys that are played, the environment measures how far down each due key is: one
+that is pushed to its end is fully down in both, one that is up has a closeness of
+0.1 ** (0.95 / 0.5) ** 2 = 0.00025 in place of 0. Hence the tolerance of 0.0003.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import NUM_KEYS, Note, Score
+from sb3_piano.wrappers import KeyRewardTiering, RewardTiering
+from sb3_piano.wrappers.key_reward_tiering import tiered_key_press
+
+TOLERANCE = 0.0003
+
+# Two keys are due for six control steps; in the seventh, none is.
+C4, E4, WRONG = 60 - 21, 64 - 21, 70
+CHORD = Score(
+    notes=[
+        Note(onset=0.0, offset=0.3, pitch=60, finger=0),
+        Note(onset=0.0, offset=0.3, pitch=64, finger=2),
+    ],
+    title="chord",
+)
+
+# Keys that are played; recall and precision of the report; its key reward, old and tiered.
+EXAMPLES = {
+    "all 88 keys": (range(NUM_KEYS), 1.0, 0.0, 0.5, 0.5),
+    "none": ((), 0.0, 1.0, 0.5, 0.0),
+    "both right": ((C4, E4), 1.0, 1.0, 1.0, 1.0),
+    "one right and one wrong": ((C4, WRONG), 0.5, 0.0, 0.25, 0.25),
+}
+
+
+@pytest.fixture
+def piano():
+    env = PianoEnv(CHORD, physics="fast")
+    env.reset(seed=0)
+    return env
+
+
+def push(env, keys):
+    """Hold keys down with outside torques."""
+    for key in keys:
+        joint = np.flatnonzero(env.model.jnt_qposadr == env.scene.key_qpos[key])
+        env.data.qfrc_applied[env.model.jnt_dofadr[joint]] = 10.0
+
+
+def play(env, keys, steps=2):
+    """Return reward and terms of the last of some control steps in which keys are held down."""
+    piano = env.unwrapped
+    push(piano, keys)
+    for _ in range(steps):
+        _, reward, _, _, info = env.step(piano.rest_action)
+    return reward, info["reward_terms"]
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_the_reports_examples_by_its_formulas(example):
+    _, recall, precision, old, tiered = EXAMPLES[example]
+    assert tiered_key_press(recall, precision, any_due=False) == old
+    assert tiered_key_press(recall, precision, any_due=True) == tiered
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_the_reports_examples_in_the_environment(example, piano):
+    keys, _, _, old, tiered = EXAMPLES[example]
+    assert play(piano, keys)[1]["key_press"] == pytest.approx(old, abs=TOLERANCE)
+    env = KeyRewardTiering(piano)
+    env.reset(seed=0)
+    assert play(env, keys)[1]["key_press"] == pytest.approx(tiered, abs=TOLERANCE)
+
+
+@given(recall=st.floats(0, 1), precision=st.sampled_from([0.0, 1.0]))
+def test_the_tiered_term_never_exceeds_the_old_one_nor_twice_its_recall(recall, precision):
+    old = tiered_key_press(recall, precision, any_due=False)
+    tiered = tiered_key_press(recall, precision, any_due=True)
+    assert 0.0 <= tiered <= old <= 1.0
+    assert tiered <= recall
+    assert (tiered == old) is (precision <= recall)
+
+
+def test_the_reward_changes_by_what_the_term_does(piano):
+    reward, terms = play(piano, [C4])
+    env = KeyRewardTiering(piano)
+    env.reset(seed=0)
+    tiered_reward, tiered_terms = play(env, [C4])
+    assert terms["key_press"] == pytest.approx(0.75, abs=TOLERANCE)
+    assert tiered_terms["key_press"] == pytest.approx(0.5, abs=TOLERANCE)
+    assert list(tiered_terms) == list(terms)
+    others = [tiered_terms[name] == terms[name] for name in terms if name != "key_press"]
+    assert all(others)
+    assert reward - tiered_reward == pytest.approx(terms["key_press"] - tiered_terms["key_press"])
+
+
+@pytest.mark.parametrize(("keys", "expected"), [((), 0.5), ((WRONG,), 0.0)])
+def test_where_nothing_is_due_the_term_stays(piano, keys, expected):
+    assert play(KeyRewardTiering(piano), keys, steps=7)[1]["key_press"] == expected
+
+
+def test_each_step_is_compared_with_its_own_goal():
+    """First only C is due, then only E: holding C is right, then wrong, then wrong in silence."""
+    notes = [
+        Note(onset=0.0, offset=0.1, pitch=60, finger=0),
+        Note(onset=0.1, offset=0.2, pitch=64, finger=2),
+    ]
+    env = KeyRewardTiering(PianoEnv(Score(notes=notes), physics="fast"))
+    env.reset(seed=0)
+    found = []
+    for _ in range(5):
+        found.append(play(env, [C4], steps=1)[1]["key_press"])
+    assert found == pytest.approx([1.0, 1.0, 0.0, 0.0, 0.0], abs=TOLERANCE)
+
+
+# Energy and forearms only once the keys are pressed well.
+
+
+@pytest.mark.parametrize(
+    ("keys", "threshold", "counts"),
+    [
+        ((), 0.75, False),  # 0.5
+        ((C4,), 0.74, True),  # 0.75
+        ((C4,), 0.76, False),
+        ((C4, E4), 0.75, True),
+        ((C4, E4), 1, True),  # 1 reaches 1
+        ((C4, E4, WRONG), 0.75, False),  # 0.5
+        (range(NUM_KEYS), 0.0, True),
+    ],
+)
+def test_comfort_counts_from_the_threshold_on(piano, keys, threshold, counts):
+    _, terms = play(piano, keys)
+    assert (terms["forearm"], terms["energy"] < 0.0) == (1.0, True)
+    env = RewardTiering(piano, threshold)
+    env.reset(seed=0)
+    reward, tiered = play(env, keys)
+    if not counts:
+        terms.update(energy=0.0, forearm=0.0)
+    assert tiered == terms
+    weights = piano.config.reward_weights
+    assert reward == pytest.approx(sum(weights[name] * terms[name] for name in terms))
+
+
+def test_by_default_silent_steps_have_no_comfort_and_well_played_ones_do(piano):
+    env = RewardTiering(piano)
+    assert play(env, [C4, E4])[1]["forearm"] == 1.0
+    env.reset(seed=0)
+    _, terms = play(env, (), steps=7)
+    assert (terms["key_press"], terms["forearm"], terms["energy"]) == (0.5, 0.0, 0.0)
+
+
+def test_a_tiered_key_term_has_to_reach_the_threshold(piano):
+    """One of two keys: 0.75, but 0.5 tiered."""
+    env = RewardTiering(KeyRewardTiering(piano), 0.74)
+    assert play(env, [C4])[1]["forearm"] == 0.0
+    other = KeyRewardTiering(RewardTiering(piano, 0.74))
+    other.reset(seed=0)
+    assert play(other, [C4])[1]["forearm"] == 1.0
+
+
+@pytest.mark.parametrize("threshold", [-0.01, 1.01, "0.5", True, None, float("nan")])
+def test_a_threshold_out_of_range_is_refused(piano, threshold):
+    with pytest.raises(ConfigError, match=rf"threshold is {threshold!r}: expected "):
+        RewardTiering(piano, threshold)

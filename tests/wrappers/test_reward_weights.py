@@ -1,0 +1,182 @@
+"""Rewards under other weights, and reward wrappers around each other."""
+
+from __future__ import annotations
+
+import itertools
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.wrappers import TimeLimit, TransformReward
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, RETURN_KEYS, PianoEnv
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Note, Score
+from sb3_piano.wrappers import FingeringDecay, KeyRewardTiering, RewardTiering, RewardWeights
+
+TINY = Score(
+    notes=[
+        Note(onset=0.0, offset=0.1, pitch=60, finger=0),
+        Note(onset=0.15, offset=0.25, pitch=64, finger=6),
+    ],
+    title="tiny",
+)
+STEPS = 6
+
+
+def piano(**options):
+    return PianoEnv(TINY, physics="fast", **options)
+
+
+def episode(env, seed=0):
+    """Return the rewards, terms and final info of an episode of random actions."""
+    random = np.random.default_rng(seed)
+    env.reset(seed=seed)
+    rewards, terms, ended = [], [], False
+    while not ended:
+        action = random.uniform(-1, 1, env.action_space.shape)
+        _, reward, terminated, truncated, info = env.step(action)
+        rewards.append(reward)
+        terms.append(info["reward_terms"])
+        ended = terminated or truncated
+    return rewards, terms, info
+
+
+def summed(weights, terms):
+    return [sum(weights[name] * value for name, value in row.items()) for row in terms]
+
+
+weights = st.dictionaries(
+    st.sampled_from(sorted(DEFAULT_REWARD_WEIGHTS)), st.floats(-10, 10, allow_subnormal=False)
+)
+BARE = piano()
+
+
+@settings(max_examples=15, deadline=None)
+@given(inner=weights, outer=weights, seed=st.integers(0, 2**32 - 1))
+def test_rewards_are_those_of_an_environment_made_with_the_weights(inner, outer, seed):
+    wrapped = RewardWeights(RewardWeights(BARE, inner), outer)
+    made = piano(reward_weights={**inner, **outer})
+    rewards, terms, _ = episode(wrapped, seed)
+    expected, expected_terms, _ = episode(made, seed)
+    assert rewards == expected
+    assert terms == expected_terms
+
+
+def test_weights_by_yaml_may_be_whole_numbers():
+    rewards, terms, _ = episode(RewardWeights(BARE, {"key_press": 3, "energy": 0}))
+    assert rewards == summed({**DEFAULT_REWARD_WEIGHTS, "key_press": 3.0, "energy": 0.0}, terms)
+
+
+def test_the_environments_own_metrics_stay():
+    own = episode(piano())[2]
+    info = episode(RewardWeights(BARE, {"key_press": 0.0, "energy": 1.0}))[2]
+    for name in (*RETURN_KEYS, "normalized_return", "f1"):
+        assert info[name] == own[name]
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (
+            {"fingring": 1.0},
+            r"unknown term 'fingring'\. Did you mean 'fingering'\? Expected one of",
+        ),
+        ({7: 1.0}, "unknown term 7"),
+        ({"energy": "1e-3"}, r"weights\['energy'\] is '1e-3': expected a finite number"),
+        ({"energy": True}, r"weights\['energy'\] is True: expected a finite number"),
+        ({"energy": float("nan")}, r"weights\['energy'\] is nan: expected a finite number"),
+        ({"energy": None}, r"weights\['energy'\] is None: expected a finite number"),
+        (["energy"], r"weights is \['energy'\]: expected a mapping"),
+        (None, "weights is None: expected a mapping"),
+    ],
+)
+def test_wrong_weights_are_refused(given, message):
+    with pytest.raises(ConfigError, match=message):
+        RewardWeights(BARE, given)
+
+
+def test_later_changes_to_the_mapping_do_not_matter():
+    own = {"energy": 0.0}
+    env = RewardWeights(BARE, own)
+    own["energy"] = 5.0
+    rewards, terms, _ = episode(env)
+    assert rewards == summed({**DEFAULT_REWARD_WEIGHTS, "energy": 0.0}, terms)
+
+
+# Reward wrappers around each other and others.
+
+LAYERS = {
+    "weights": lambda env: RewardWeights(env, {"fingering": 2.0, "energy": 0.5}),
+    "decay": lambda env: FingeringDecay(env, STEPS, final=0.25),
+    "keys": KeyRewardTiering,
+    "comfort": lambda env: RewardTiering(env, 0.5),
+    "other": lambda env: TimeLimit(env, 1000),
+}
+
+
+@pytest.mark.parametrize(
+    "order", [*itertools.permutations(["weights", "decay", "keys", "comfort"])]
+)
+def test_in_every_order_the_reward_is_the_sum_of_the_final_terms_under_the_final_weights(order):
+    env: gym.Env = piano()
+    for name in (*order[:2], "other", *order[2:]):
+        env = LAYERS[name](env)
+    rewards, terms, _ = episode(env)
+    for step, (reward, row) in enumerate(zip(rewards, terms, strict=True), start=1):
+        first = 2.0 if order.index("weights") < order.index("decay") else 1.0
+        fingering = first + (0.25 - first) * step / STEPS
+        if order.index("weights") > order.index("decay"):
+            fingering = 2.0
+        final = {**DEFAULT_REWARD_WEIGHTS, "energy": 0.5, "fingering": fingering}
+        assert reward == pytest.approx(sum(final[name] * value for name, value in row.items()))
+
+
+def test_tiers_count_the_key_term_as_it_arrives():
+    """Silence where a key is due: key_press is 0.5 for the environment and nearly 0 tiered."""
+    counted = {}
+    for name, layers in {"inside": ("keys", "comfort"), "outside": ("comfort", "keys")}.items():
+        env: gym.Env = piano()
+        for layer in layers:
+            env = LAYERS[layer](env)
+        env.reset(seed=0)
+        *_, info = env.step(env.unwrapped.rest_action)
+        assert info["reward_terms"]["key_press"] < 0.001
+        counted[name] = info["reward_terms"]["forearm"]
+    assert counted == {"inside": 0.0, "outside": 1.0}
+
+
+@pytest.mark.parametrize("layer", ["weights", "decay", "keys", "comfort"])
+def test_a_foreign_reward_inside_is_refused_and_outside_welcome(layer):
+    def doubled(env):
+        return TransformReward(env, lambda reward: 2.0 * reward)
+
+    twice, once = episode(doubled(LAYERS[layer](piano())))[0], episode(LAYERS[layer](piano()))[0]
+    assert twice == [2.0 * reward for reward in once]
+    env = LAYERS[layer](doubled(piano()))
+    env.reset(seed=0)
+    with pytest.raises(ConfigError, match="a wrapper inside has changed it. Expected that wrapper"):
+        env.step(env.unwrapped.rest_action)
+
+
+def test_a_second_key_tiering_is_refused_wherever_it_stands():
+    env = LAYERS["weights"](KeyRewardTiering(piano()))
+    with pytest.raises(ConfigError, match="KeyRewardTiering wraps another one"):
+        KeyRewardTiering(env)
+
+
+def test_observations_and_the_terms_inside_are_left_alone():
+    env, bare = KeyRewardTiering(RewardTiering(piano())), piano()
+    assert env.observation_space is env.unwrapped.observation_space
+    for each in (env, bare):
+        each.reset(seed=0)
+    for _ in range(STEPS):
+        inside = bare.step(bare.rest_action)
+        outside = env.step(bare.rest_action)
+        np.testing.assert_array_equal(outside[0], inside[0])
+        assert outside[2:4] == inside[2:4]
+        untiered = ("sustain", "fingering")
+        for name in untiered:
+            assert outside[4]["reward_terms"][name] == inside[4]["reward_terms"][name]

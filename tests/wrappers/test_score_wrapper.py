@@ -1,0 +1,229 @@
+"""Score wrappers in stacks: seeds, options, copies, and what they may lead to."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import playing_scores
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from playing_scores import melody, piano, played
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Score
+from sb3_piano.wrappers import Excerpt, OctaveShift, PitchShift, RandomPiece, TemporalStretch
+from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper, possible_scores
+
+DRAWN = {
+    "PitchShift": lambda env: PitchShift(env, [-9, 9]),
+    "OctaveShift": lambda env: OctaveShift(env, [-2, 2]),
+    "TemporalStretch": lambda env: TemporalStretch(env, [0.5, 2.0]),
+    "RandomPiece": lambda env: RandomPiece(env, [melody(p, title=str(p)) for p in range(60, 80)]),
+    "Excerpt": lambda env: Excerpt(env, start="random", length=1.0),
+}
+
+
+def debug_env():
+    id = "RoboPianist-debug-CMajorScaleOneHand-v0"
+    return gym.make(id, physics="fast", n_steps_lookahead=0)
+
+
+def stack(env):
+    """Return an environment with one of each around it."""
+    env = RandomPiece(TemporalStretch(env, (0.8, 1.25)), ["CMajorScaleTwoHands", melody(50, 70)])
+    return PitchShift(Excerpt(OctaveShift(env, [-1, 1]), start="random", length=1), [-3, 3])
+
+
+def sequence(env, seed, count=6):
+    return [played(env, seed=seed if i == 0 else None) for i in range(count)]
+
+
+class TestSeeds:
+    @pytest.mark.parametrize("name", DRAWN)
+    def test_equal_seeds_give_equal_pieces_and_others_do_not(self, name):
+        env = DRAWN[name](piano(melody(*range(60, 70))))
+        first = sequence(env, 1)
+        assert sequence(env, 1) == first
+        assert sequence(env, 2) != first
+        assert len({score.notes for score in first}) > 2
+
+    def test_a_stack_repeats_its_pieces_observations_and_generator(self):
+        ours, twin = stack(debug_env()), stack(debug_env())
+        for seed in (7, None, None, None):
+            observation, _ = ours.reset(seed=seed)
+            assert np.array_equal(observation, twin.reset(seed=seed)[0])
+            assert ours.unwrapped.score == twin.unwrapped.score
+        assert ours.np_random.random() == twin.np_random.random()
+
+    def test_two_wrappers_of_one_seed_draw_independently(self):
+        env = OctaveShift(PitchShift(piano(melody(60)), [0, 5]), [0, 1])
+        seen = {played(env, seed=0 if i == 0 else None).notes[0].pitch - 60 for i in range(100)}
+        assert seen == {*range(6), *range(12, 18)}
+
+    def test_fixed_changes_leave_the_generator_alone(self):
+        env = Excerpt(TemporalStretch(OctaveShift(PitchShift(piano(), 1), 1), 0.5), length=2)
+        env.reset(seed=3)
+        assert env.unwrapped.np_random.random() == np.random.default_rng(3).random()
+
+
+class TestOrderAndOptions:
+    def test_the_outermost_acts_first(self):
+        # 2 s of the piece stretched to twice its length, against 2 s of the piece itself.
+        outer_stretch = TemporalStretch(Excerpt(piano(), length=2), 2)
+        outer_excerpt = Excerpt(TemporalStretch(piano(), 2), length=2)
+        assert [len(played(env).notes) for env in (outer_stretch, outer_excerpt)] == [1, 2]
+        assert [env.unwrapped.score.duration for env in (outer_stretch, outer_excerpt)] == [4, 4]
+
+    def test_a_score_given_to_reset_is_changed(self):
+        env = TemporalStretch(PitchShift(piano(), 2), 0.5)
+        score = played(env, score=melody(40, 50))
+        assert [(n.pitch, n.offset) for n in score.notes] == [(42, 0.5), (52, 1.0)]
+
+    def test_a_transform_given_to_reset_acts_before_the_wrappers(self):
+        def last_note(score, random):
+            return Score(notes=score.notes[-1:], title=str(random.integers(1000)))
+
+        env = Excerpt(PitchShift(piano(melody(60, 70)), 1), start=1, length=1)
+        env.reset(seed=5, options={"transform": last_note})
+        assert [note.pitch for note in env.unwrapped.score.notes] == [71]
+        assert env.unwrapped.score.title == str(np.random.default_rng(5).integers(1000))
+
+    def test_options_are_not_changed(self):
+        options = {"score": melody(50)}
+        stack(debug_env()).reset(options=options)
+        assert list(options) == ["score"]
+
+    def test_an_unknown_option_is_refused_as_ever(self):
+        with pytest.raises(ConfigError, match="Unknown reset option 'piece'"):
+            PitchShift(piano(), 1).reset(options={"piece": "a"})
+
+    def test_the_environment_inside_stays_as_it_was(self):
+        env = piano()
+        space, default = env.observation_space, env.default_score
+        stack(env).reset(seed=0)
+        assert env.score != default
+        assert (env.observation_space, env.default_score) == (space, default)
+        env.reset()
+        assert env.score is default
+
+
+class TestSameObject:
+    @pytest.mark.parametrize(
+        "wrap",
+        [
+            lambda env: PitchShift(env, 1),
+            lambda env: OctaveShift(env, 1),
+            lambda env: TemporalStretch(env, 1.5),
+            lambda env: Excerpt(env, start=1, length=2),
+            lambda env: PitchShift(TemporalStretch(env, 2), -1),
+        ],
+    )
+    def test_a_fixed_change_keeps_the_goal_that_the_environment_has_prepared(self, wrap):
+        env = wrap(debug_env())
+        env.reset()
+        roll = env.unwrapped.roll
+        env.reset()
+        assert env.unwrapped.roll is roll
+
+    def test_a_drawn_value_that_repeats_gives_the_same_object(self):
+        env = PitchShift(piano(), [-1, 1])
+        assert len({id(score) for score in sequence(env, 0, count=30)}) == 3
+
+    def test_equal_values_for_different_scores_are_kept_apart(self):
+        env = PitchShift(piano(), 1)
+        for _ in range(2):
+            assert played(env, score=melody(40)).notes[0].pitch == 41
+            assert played(env, score=melody(50)).notes[0].pitch == 51
+
+    def test_no_more_than_a_few_scores_are_kept(self):
+        env = TemporalStretch(piano(), [0.5, 2])
+        sequence(env, 0, count=40)
+        assert len(env._recent) == 16
+
+
+class TestCopies:
+    @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+    def test_a_copy_goes_on_as_the_original_does(self, clone):
+        env = stack(debug_env())
+        sequence(env, 3)
+        twin = clone(env)
+        assert sequence(twin, None) == sequence(env, None)
+
+    def test_a_copy_changes_other_scores_correctly(self):
+        env = PitchShift(piano(), 1)
+        sequence(env, 0)
+        twin = pickle.loads(pickle.dumps(env))
+        for pitch in range(40, 60):
+            assert played(twin, score=melody(pitch)).notes[0].pitch == pitch + 1
+
+    def test_the_spec_makes_the_stack_again(self):
+        env = stack(debug_env())
+        twin = gym.make(env.spec)
+        assert str(twin) == str(env)
+        assert sequence(twin, 2) == sequence(env, 2)
+
+    @pytest.mark.parametrize("name", DRAWN)
+    def test_only_a_piano_is_wrapped(self, name):
+        with pytest.raises(ConfigError, match=f"{name} cannot wrap a CartPoleEnv"):
+            DRAWN[name](gym.make("CartPole-v1"))
+
+
+def drawn_by(env, random):
+    """Return what an episode would play, without preparing it."""
+    plan = ScorePlan()
+    while isinstance(env, ScoreWrapper):
+        plan, env = env.extend(plan, {}), env.env
+    return plan(env.default_score, random)
+
+
+class TestPossibleScores:
+    changes = st.one_of(
+        st.tuples(st.just(PitchShift), st.tuples(st.integers(-60, 0), st.integers(0, 60))),
+        st.tuples(st.just(PitchShift), st.tuples(st.integers(20, 30), st.integers(30, 60))),
+        st.tuples(st.just(OctaveShift), st.tuples(st.integers(-6, 0), st.integers(0, 6))),
+        st.tuples(st.just(TemporalStretch), st.tuples(st.floats(0.5, 1), st.floats(1, 2))),
+        st.tuples(st.just(TemporalStretch), st.floats(0.5, 2)),
+    )
+
+    @settings(max_examples=60, deadline=None)
+    @given(
+        inner=st.lists(changes, max_size=2),
+        outer=st.lists(changes, max_size=2),
+        length=st.floats(0.2, 5),
+        score=playing_scores.scores(),
+    )
+    def test_whatever_is_drawn_lies_within_their_pitches(self, inner, outer, length, score):
+        env = RandomPiece(piano(), [score, melody(40, 80, 30)])
+        for wrapper, value in inner:
+            env = wrapper(env, value)
+        env = Excerpt(env, start="random", length=length)
+        for wrapper, value in outer:
+            env = wrapper(env, value)
+        ranges = [possible.pitch_range for possible in possible_scores(env)]
+        lowest, highest = min(low for low, _ in ranges), max(high for _, high in ranges)
+        random = np.random.default_rng(0)
+        for _ in range(20):
+            low, high = drawn_by(env, random).pitch_range
+            assert lowest <= low <= high <= highest
+
+    def test_a_part_may_have_room_for_an_octave_that_the_piece_has_not(self):
+        env = OctaveShift(piano(melody(96, 100)), [0, 1])
+        env = Excerpt(env, start="random", length=1)
+        assert {drawn_by(env, np.random.default_rng(i)).notes[0].pitch for i in range(20)} == {
+            100,
+            96,
+            108,
+        }
+        assert max(score.pitch_range[1] for score in possible_scores(env)) == 108
+
+    def test_of_a_bare_environment_it_is_its_own_score(self):
+        assert possible_scores(piano(melody(60))) == [melody(60)]
+
+    def test_those_of_a_range_have_its_extreme_shifts_and_tempi(self):
+        env = TemporalStretch(PitchShift(piano(melody(60)), [-2, 9]), [0.5, 2])
+        found = {(s.notes[0].pitch, s.duration) for s in possible_scores(env)}
+        assert found == {(58, 0.5), (58, 2), (69, 0.5), (69, 2)}

@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from sb3_piano.exceptions import ConfigError
+
 IntArray = npt.NDArray[np.intp]
 
 
@@ -47,11 +49,15 @@ class ObservationBlock:
         """Where the block stands in the observation vector."""
         return slice(self.start, self.start + self.size)
 
+    @property
+    def all_columns(self) -> IntArray:
+        """(n,) which indices of its last axis, before the block was cut, it still has."""
+        return np.arange(self.shape[-1]) if self.columns is None else self.columns
+
     def restrict(self, kept: IntArray) -> ObservationBlock:
         """Return the block with only the given indices of its last axis."""
         low, high = (np.broadcast_to(b, self.shape)[..., kept] for b in (self.low, self.high))
-        columns = kept if self.columns is None else self.columns[kept]
-        shape = (*self.shape[:-1], len(kept))
+        shape, columns = (*self.shape[:-1], len(kept)), self.all_columns[kept]
         return dataclasses.replace(self, shape=shape, low=low, high=high, columns=columns)
 
 
@@ -59,10 +65,19 @@ class ObservationLayout(Mapping[str, ObservationBlock]):
     """The blocks of an observation vector by name, in their order, without gaps."""
 
     def __init__(self, blocks: Iterable[ObservationBlock]):
-        """Lay out blocks one after the other, wherever they stood before."""
+        """Lay out blocks one after the other, wherever they stood before.
+
+        Raises:
+            ConfigError: If two have one name.
+        """
         self._blocks: dict[str, ObservationBlock] = {}
         start = 0
         for block in blocks:
+            if block.name in self._blocks:
+                raise ConfigError(
+                    f"Two blocks of the observation are called {block.name!r}: expected names that "
+                    "differ. A wrapper that adds a block can be there only once."
+                )
             self._blocks[block.name] = dataclasses.replace(block, start=start)
             start += block.size
         self.size = start

@@ -13,17 +13,14 @@ from sb3_piano.envs.actions import ActionMap
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.encodings import make_encoding
 from sb3_piano.envs.goal import Goal
+from sb3_piano.envs.key_window import ALL_KEYS, KeyWindow
 from sb3_piano.envs.observation import ObservationLayout, ObservationSpace
 from sb3_piano.envs.reading import Reading
 from sb3_piano.envs.record import EpisodeRecord
 from sb3_piano.envs.reward_terms import reward_terms
 from sb3_piano.envs.score_choice import ScoreSource, chosen_score
 from sb3_piano.envs.state import EnvState
-from sb3_piano.exceptions import (
-    ConfigError,
-    EnvStateError,
-    SimulationDivergedError,
-)
+from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedError
 from sb3_piano.music import NUM_KEYS, PianoRoll, Score, load_score
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import compile_scene, pedal_threshold
@@ -120,31 +117,13 @@ class PianoEnv(gym.Env[Any, Any]):
         self.render_mode = render_mode
         render_fps = round(1 / self.config.control_timestep)
         self.metadata = {**type(self).metadata, "render_fps": render_fps}
-        self.scene = compile_scene(
-            reduced_action_space=self.config.reduced_action_space,
-            gravity_compensation=self.config.gravity_compensation,
-            physics=self.config.physics,
-        ).copy()
-        self.model = self.scene.model
-        self.data = mujoco.MjData(self.model)
-        self._actions = ActionMap(self.scene)
-        self.action_space = self._actions.space
         self._pedal_threshold = pedal_threshold()
-        self._key_angles = np.zeros((self.config.n_substeps, NUM_KEYS))  # after each physics step
         self._default_score = load_score(score)
-        self._goal = Goal(self._default_score, self.config)
-        self._encoding = make_encoding(
-            self.config.observation,
-            self.scene,
-            self.config.n_steps_lookahead,
-            self.config.control_timestep,
-            self._goal.roll,
-        )
-        self._encoding.prepare(self._goal.roll)
-        self.observation_space = ObservationSpace(self._encoding.layout)
         self._renderer: FrameRenderer | None = None
-        self._clear_episode()
+        self._build(ALL_KEYS)
         self._finished = True  # until the first reset
+        self.action_space = self._actions.space
+        self.observation_space = ObservationSpace(self._encoding.layout)
         self.total_steps = 0
         """Control steps played since this environment was made. Schedules go by it; a training that
         is resumed sets it to what was played before."""
@@ -195,6 +174,24 @@ class PianoEnv(gym.Env[Any, Any]):
     def rest_action(self) -> npt.NDArray[np.float32]:
         """The action that plays nothing: it holds all joints at 0 (or as near as they can be)."""
         return self._actions.rest
+
+    def fix_keys(self, first: int, last: int) -> None:
+        """Let only the keys from ``first`` to ``last`` move; all others are rigid from now on.
+
+        The fewer keys move, the faster are the physics steps. Scene, model and data are built anew:
+        changes made to them are lost, and the next call must be ``reset``. Saved states belong to
+        the keys that moved when they were saved.
+
+        Args:
+            first: The lowest key that moves, 0 to 87.
+            last: The highest, ``first`` to 87.
+
+        Raises:
+            ConfigError: If there are no such keys.
+        """
+        self.close()
+        self._build(KeyWindow(first, last))
+        self._finished = True  # until the next reset
 
     # Gymnasium's interface.
 
@@ -343,6 +340,27 @@ class PianoEnv(gym.Env[Any, Any]):
 
     # How it works.
 
+    def _build(self, moving: KeyWindow) -> None:
+        """Make the simulation, and all that knows its joints."""
+        config = self.config
+        self.scene = compile_scene(
+            reduced_action_space=config.reduced_action_space,
+            gravity_compensation=config.gravity_compensation,
+            physics=config.physics,
+            moving_keys=(moving.first, moving.last),
+        ).copy()
+        self.model = self.scene.model
+        self.data = mujoco.MjData(self.model)
+        self._actions = ActionMap(self.scene)
+        self._key_angles = np.zeros((config.n_substeps, NUM_KEYS))  # after each physics step
+        self._goal = Goal(self._default_score, config)
+        roll, lookahead = self._goal.roll, config.n_steps_lookahead
+        self._encoding = make_encoding(
+            config.observation, self.scene, lookahead, config.control_timestep, roll
+        )
+        self._encoding.prepare(roll)
+        self._clear_episode()
+
     def _set_score(self, score: Score) -> None:
         if score is not self._goal.score:
             goal = Goal(score, self.config)
@@ -363,7 +381,8 @@ class PianoEnv(gym.Env[Any, Any]):
         the call ends with the first stage: fingertips and velocities are then those of the new
         state, at no extra cost.
         """
-        model, data, angles = self.model, self.data, self._key_angles
+        model, data = self.model, self.data
+        angles = self._key_angles[:, self.scene.moving_keys]  # a view; those of rigid keys stay 0
         data.ctrl[:] = controls
         keys = data.qpos[self.scene.key_slice]
         mujoco.mj_step2(model, data)

@@ -26,16 +26,24 @@ KEY_IS_BLACK = np.array([key["color"] == "black" for key in load_table("keyboard
 """(88,) bool, which keys are black."""
 
 
-def build_keyboard(*, balanced: bool = False, gravity: bool = True) -> mjcf.RootElement:
+ALL_KEYS_MOVE = (0, NUM_KEYS - 1)
+"""The lowest and the highest key that move, where none is rigid."""
+
+
+def build_keyboard(
+    *, balanced: bool = False, gravity: bool = True, moving_keys: tuple[int, int] = ALL_KEYS_MOVE
+) -> mjcf.RootElement:
     """Return the MJCF of the keyboard, to be attached to a scene.
 
-    Key ``i`` (0 = A0, 87 = C8) has the joint ``<color>_joint_<i>``, whose angle is 0 at rest and
-    grows as the key goes down, and the geom ``<color>_key_<i>``.
+    Key ``i`` (0 = A0, 87 = C8) has the geom ``<color>_key_<i>`` and, if it moves, the joint
+    ``<color>_joint_<i>``, whose angle is 0 at rest and grows as the key goes down.
 
     Args:
         balanced: Hold idle keys by their springs alone, see
             :class:`~sb3_piano.simulation.PhysicsProfile`.
         gravity: Whether the scene has gravity, which balanced springs then balance.
+        moving_keys: The lowest and the highest key that move; the others are rigid, and in the way
+            as before.
     """
     table = load_table("keyboard")
     assert len(table["keys"]) == NUM_KEYS, "keyboard.json must describe all 88 keys"
@@ -51,8 +59,10 @@ def build_keyboard(*, balanced: bool = False, gravity: bool = True) -> mjcf.Root
         pos=table["base"]["pos"],
     )
     joints = {color: _joint(table, table[color], balanced, gravity) for color in KEY_COLORS}
+    first, last = moving_keys
     for index, key in enumerate(table["keys"]):
-        _add_key(root, index, key, table[key["color"]], joints[key["color"]])
+        joint = joints[key["color"]] if first <= index <= last else None
+        _add_key(root, index, key, table[key["color"]], joint)
     return root
 
 
@@ -97,20 +107,21 @@ def _add_key(
     index: int,
     key: dict[str, Any],
     kind: dict[str, Any],
-    joint: dict[str, Any],
+    joint: dict[str, Any] | None,
 ) -> None:
     color = key["color"]
     body = root.worldbody.add(
         "body", name=f"{color}_key_{index}", pos=[kind["body_x"], key["y"], kind["body_z"]]
     )
-    body.add(
-        "joint",
-        name=f"{color}_joint_{index}",
-        type="hinge",
-        axis=[0, 1, 0],
-        pos=[kind["hinge_x"], 0, 0],
-        **joint,
-    )
+    if joint is not None:
+        body.add(
+            "joint",
+            name=f"{color}_joint_{index}",
+            type="hinge",
+            axis=[0, 1, 0],
+            pos=[kind["hinge_x"], 0, 0],
+            **joint,
+        )
     body.add(
         "geom",
         name=f"{color}_key_{index}",

@@ -9,11 +9,14 @@ from __future__ import annotations
 import copy
 import dataclasses
 import functools
+from collections.abc import Iterable
+from numbers import Integral
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.simulation import hand, keyboard
 from sb3_piano.simulation.dm_mjcf import mjcf
@@ -36,19 +39,22 @@ class PianoScene:
 
     model: mujoco.MjModel
     """MuJoCo's model."""
+    moving_keys: slice
+    """Those of the 88 keys that move; all, unless the scene was compiled with rigid ones."""
     key_qpos: IntArray
-    """(88,) address in ``qpos`` of each key's angle."""
+    """(n,) address in ``qpos`` of the angle of each key that moves."""
     key_slice: slice
     """The same addresses as a slice of ``qpos``, which gives a view."""
     key_max_angle: FloatArray
-    """(88,) angle of each key when fully down, rad."""
+    """(88,) angle of each key when fully down, rad; what it would be for a rigid one."""
     key_sounding_angle: FloatArray
-    """(88,) angle from which on each key sounds, rad."""
+    """(88,) angle from which on each key sounds, rad; no rigid one ever does."""
     key_geom: IntArray
     """(88,) geom of each key."""
     key_boxes: tuple[FloatArray, FloatArray, FloatArray]
-    """Where the keys are when fully down: (88, 3) centres of their boxes in the world, m;
-    (88, 3, 3) the boxes' axes in the world, as columns; (88, 3) half lengths along them, m."""
+    """Where the keys are when fully down (the rigid ones as they are): (88, 3) centres of their
+    boxes in the world, m; (88, 3, 3) the boxes' axes in the world, as columns; (88, 3) half lengths
+    along them, m."""
     key_press_offset: FloatArray
     """(88, 3) from a key geom's centre to the point where a finger should press it, m."""
     fingertip_site: IntArray
@@ -86,8 +92,16 @@ class PianoScene:
 
     def key_angle(self, data: mujoco.MjData) -> FloatArray:
         """Return each key's angle, (88,) rad, clipped to its range (joint limits are soft)."""
+        return self.key_angle_at(data.qpos)
+
+    def key_angle_at(self, qpos: FloatArray) -> FloatArray:
+        """Return each key's angle, (88,) rad, clipped to its range, at joint positions, (nq,)."""
+        angle = np.maximum(qpos[self.key_slice], 0.0)
+        if len(angle) < NUM_KEYS:
+            angle, moving = np.zeros(NUM_KEYS), angle
+            angle[self.moving_keys] = moving
         # Twice as fast as np.clip on so few numbers.
-        return np.minimum(np.maximum(data.qpos[self.key_slice], 0.0), self.key_max_angle)
+        return np.minimum(angle, self.key_max_angle)
 
     def fingertip_position(self, data: mujoco.MjData) -> FloatArray:
         """Return the world positions of the ten fingertips, (10, 3) m."""
@@ -116,6 +130,7 @@ def compile_scene(
     reduced_action_space: bool = True,
     gravity_compensation: bool = True,
     physics: str = "reference",
+    moving_keys: tuple[int, int] = keyboard.ALL_KEYS_MOVE,
 ) -> PianoScene:
     """Build and compile the scene; equal arguments return the same object (``copy`` it to change).
 
@@ -123,10 +138,13 @@ def compile_scene(
         reduced_action_space: As in RoboPianist: without the joints LFJ5, THJ5 and THJ1.
         gravity_compensation: Let forces balance the weight of the hands.
         physics: Name of a physics profile.
+        moving_keys: The lowest and the highest key that move. The others are rigid: hands rest on
+            them, but they never go down. The fewer move, the faster are the physics steps.
 
     Raises:
-        ConfigError: If the physics profile is unknown.
+        ConfigError: If the physics profile is unknown, or there are no such keys.
     """
+    _check_moving_keys(*moving_keys)
     root = mjcf.RootElement(model="scene")
     profile = physics_profile(physics)
     root.option.set_attributes(**profile.solver.to_mjcf())
@@ -135,7 +153,11 @@ def compile_scene(
     if weightless:
         root.option.gravity = [0, 0, 0]
     _furnish(root)
-    root.attach(keyboard.build_keyboard(balanced=profile.balanced_keys, gravity=not weightless))
+    root.attach(
+        keyboard.build_keyboard(
+            balanced=profile.balanced_keys, gravity=not weightless, moving_keys=moving_keys
+        )
+    )
     for side in SIDES:
         root.attach(
             hand.build_hand(
@@ -146,7 +168,16 @@ def compile_scene(
                 playing_contacts_only=profile.playing_contacts_only,
             )
         )
-    return _index_scene(mujoco.MjModel.from_xml_string(root.to_xml_string()))
+    return _index_scene(mujoco.MjModel.from_xml_string(root.to_xml_string()), *moving_keys)
+
+
+def _check_moving_keys(first: int, last: int) -> None:
+    whole = all(isinstance(key, Integral) and not isinstance(key, bool) for key in (first, last))
+    if not (whole and 0 <= first <= last < NUM_KEYS):
+        raise ConfigError(
+            f"The keys {first!r} to {last!r} cannot be those that move: expected whole numbers "
+            f"from 0 to {NUM_KEYS - 1}, the lower one first."
+        )
 
 
 def _furnish(root: mjcf.RootElement) -> None:
@@ -186,22 +217,26 @@ def _furnish(root: mjcf.RootElement) -> None:
     world.add("camera", name="topdown", pos=[0.05, 0, 1.15], xyaxes=[0, 1, 0, -1, 0, 0], fovy=40)
 
 
-def _index_scene(model: mujoco.MjModel) -> PianoScene:
+def _index_scene(model: mujoco.MjModel, first: int, last: int) -> PianoScene:
     max_angle, margin = keyboard.sounding_angles()
-    key_joint = _sorted_keys(model, mujoco.mjtObj.mjOBJ_JOINT, model.njnt, "joint")
-    key_geom = _sorted_keys(model, mujoco.mjtObj.mjOBJ_GEOM, model.ngeom, "key")
+    moving = slice(first, last + 1)
+    key_joint = _named_keys(
+        model, mujoco.mjtObj.mjOBJ_JOINT, model.njnt, "joint", range(first, last + 1)
+    )
+    key_geom = _named_keys(model, mujoco.mjtObj.mjOBJ_GEOM, model.ngeom, "key", range(NUM_KEYS))
     press_offset = np.zeros((NUM_KEYS, 3))
     press_offset[:, 0] = _PRESS_POINT_X * model.geom_size[key_geom, 0]
     press_offset[:, 2] = _PRESS_POINT_Z * model.geom_size[key_geom, 2]
     hand_joints = [_hand_joints(model, side) for side in SIDES]
     return PianoScene(
         model=model,
+        moving_keys=moving,
         key_qpos=model.jnt_qposadr[key_joint].astype(np.intp),
         key_max_angle=np.array(max_angle),
         key_sounding_angle=np.array(max_angle) - margin,
         key_slice=_contiguous(model.jnt_qposadr[key_joint]),
         key_geom=key_geom,
-        key_boxes=_boxes_of_pressed_keys(model, key_joint, key_geom, max_angle),
+        key_boxes=_boxes_of_pressed_keys(model, key_joint, key_geom, max_angle[moving]),
         key_press_offset=press_offset,
         fingertip_site=np.array([model.site(n).id for s in SIDES for n in hand.fingertip_sites(s)]),
         fingertip_geom=np.array(
@@ -217,15 +252,17 @@ def _index_scene(model: mujoco.MjModel) -> PianoScene:
     )
 
 
-def _sorted_keys(model: mujoco.MjModel, kind: int, count: int, word: str) -> IntArray:
-    """Return the ids of the 88 elements called ``piano/<color>_<word>_<key>``, by key."""
+def _named_keys(
+    model: mujoco.MjModel, kind: int, count: int, word: str, keys: Iterable[int]
+) -> IntArray:
+    """Return the ids of the elements called ``piano/<color>_<word>_<key>``, one for each key."""
     names = (mujoco.mj_id2name(model, kind, i) or "" for i in range(count))
     found = {
         int(name.rsplit("_", 1)[1]): i
         for i, name in enumerate(names)
         if name.startswith("piano/") and f"_{word}_" in name
     }
-    return np.array([found[key] for key in range(NUM_KEYS)])
+    return np.array([found[key] for key in keys])
 
 
 def _contiguous(addresses: npt.NDArray[np.int32]) -> slice:

@@ -101,8 +101,7 @@ def _moments(
 ) -> Iterator[Moment]:
     for k, positions in enumerate(qpos):
         due, fingers = performance.roll.due(max(k - 1, 0))
-        angle = positions[scene.key_qpos]
-        sounding = (angle >= scene.key_sounding_angle) & mark_sounding
+        sounding = (scene.key_angle_at(positions) >= scene.key_sounding_angle) & mark_sounding
         yield Moment(qpos=positions, due=due, fingers=fingers, sounding=sounding)
 
 

@@ -1,0 +1,267 @@
+"""Keys that do not move: everything else is as it was, and faster."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import mujoco
+import numpy as np
+import pytest
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, EnvStateError
+from sb3_piano.music import Note, Score
+from sb3_piano.music.constants import NUM_KEYS
+from sb3_piano.simulation import compile_scene
+from sb3_piano.viewing.film import moments
+
+FIRST, LAST = 30, 50
+MOVING = np.arange(FIRST, LAST + 1)
+RIGID = np.setdiff1d(np.arange(NUM_KEYS), MOVING)
+TINY = Score(
+    notes=[Note(onset=0.1 * k, offset=0.1 * k + 0.1, pitch=55 + k, finger=k % 5) for k in range(12)]
+)
+
+
+def fixed_env(first=FIRST, last=LAST, score=TINY, **options):
+    env = PianoEnv(score, **{"physics": "fast", **options})
+    env.fix_keys(first, last)
+    return env
+
+
+def push_all_keys(env):
+    """Press every body of a key, as no action can be relied upon to."""
+    bodies = env.model.geom_bodyid[env.scene.key_geom]
+    env.data.xfrc_applied[bodies, 2] = -20.0
+
+
+# The scene.
+
+
+@pytest.mark.parametrize("physics", ["reference", "fast"])
+def test_the_scene_differs_by_the_joints_of_the_rigid_keys_and_by_nothing_else(physics):
+    full = compile_scene(physics=physics)
+    fixed = compile_scene(physics=physics, moving_keys=(FIRST, LAST))
+    names = [
+        [scene.model.joint(j).name for j in range(scene.model.njnt)] for scene in (full, fixed)
+    ]
+    missing = {name.rsplit("_", 1)[1] for name in set(names[0]) - set(names[1])}
+    assert missing == set(map(str, RIGID))
+    kept = [names[0].index(name) for name in names[1]]
+    for field in ("jnt_range", "jnt_pos", "jnt_axis", "jnt_stiffness", "dof_damping", "qpos0"):
+        np.testing.assert_array_equal(
+            getattr(fixed.model, field), getattr(full.model, field)[kept], field
+        )
+    for field in ("body_pos", "body_mass", "geom_pos", "geom_size", "geom_rgba", "geom_contype"):
+        np.testing.assert_array_equal(
+            getattr(fixed.model, field), getattr(full.model, field), field
+        )
+    np.testing.assert_array_equal(fixed.ctrl_low, full.ctrl_low)
+    np.testing.assert_array_equal(fixed.joint_range[0], full.joint_range[0])
+
+
+def test_all_that_is_told_of_keys_is_told_of_all_88():
+    full, fixed = compile_scene(), compile_scene(moving_keys=(FIRST, LAST))
+    for name in ("key_max_angle", "key_sounding_angle", "key_geom", "key_press_offset"):
+        np.testing.assert_array_equal(getattr(fixed, name), getattr(full, name), name)
+    data = mujoco.MjData(fixed.model)
+    assert len(fixed.key_qpos) == len(MOVING)
+    data.qpos[fixed.key_qpos] = angles = np.linspace(0.01, 0.04, len(MOVING))
+    angle = fixed.key_angle(data)
+    np.testing.assert_array_equal(angle[MOVING], angles)
+    np.testing.assert_array_equal(angle[RIGID], np.zeros(len(RIGID)))
+    np.testing.assert_array_equal(fixed.key_angle_at(data.qpos), angle)
+    for ours, theirs in zip(fixed.key_boxes, full.key_boxes, strict=True):
+        assert ours.shape == theirs.shape
+        np.testing.assert_allclose(ours[MOVING], theirs[MOVING], atol=1e-12)
+    mujoco.mj_kinematics(fixed.model, data)
+    at_rest = data.geom_xpos[fixed.key_geom]
+    np.testing.assert_allclose(fixed.key_boxes[0][RIGID], at_rest[RIGID], atol=1e-12)
+
+
+@pytest.mark.parametrize("keys", [(-1, 5), (5, 88), (6, 5), (1.0, 5), (True, 5)])
+def test_keys_that_are_none_are_refused(keys):
+    with pytest.raises(ConfigError, match=r"expected whole numbers from 0 to 87"):
+        compile_scene(moving_keys=keys)
+    env = PianoEnv(TINY)
+    scene = env.scene
+    with pytest.raises(ConfigError, match=f"keys {keys[0]} to {keys[1]} cannot"):
+        env.fix_keys(*keys)
+    assert env.scene is scene
+
+
+@pytest.mark.parametrize("physics", ["reference", "fast"])
+def test_a_physics_step_from_rest_moves_the_hands_as_with_all_keys(physics):
+    full = compile_scene(physics=physics)
+    fixed = compile_scene(physics=physics, moving_keys=(FIRST, LAST))
+    after = []
+    for scene in (full, fixed):
+        data = mujoco.MjData(scene.model)
+        data.ctrl[:] = 0.3 * scene.ctrl_high + 0.7 * scene.ctrl_low
+        mujoco.mj_step(scene.model, data)
+        after.append([data.qpos[np.concatenate(scene.joint_qpos)], scene.key_angle(data)[MOVING]])
+    assert np.abs(after[0][0]).max() > 1e-3
+    for all_move, some_move in zip(*after, strict=True):
+        np.testing.assert_allclose(some_move, all_move, rtol=0, atol=1e-9)
+
+
+# The environment.
+
+
+def test_rigid_keys_neither_move_nor_sound_and_the_others_do():
+    env, pushed = fixed_env(), np.zeros(NUM_KEYS, dtype=bool)
+    env.reset(seed=0)
+    at_rest = env.data.geom_xpos[env.scene.key_geom].copy()
+    rng = np.random.default_rng(0)
+    truncated = False
+    while not truncated:
+        push_all_keys(env)
+        observation, _, _, truncated, info = env.step(rng.uniform(-1, 1, env.action_space.shape))
+        pushed |= env.key_active
+        moved = np.abs(env.data.geom_xpos[env.scene.key_geom] - at_rest).max(axis=1)
+        assert not moved[RIGID].any()
+        assert not observation[env.observation_layout["key_state"].slice][RIGID].any()
+    np.testing.assert_array_equal(np.flatnonzero(pushed), MOVING)
+    played = env.performance.key_active
+    assert played.shape == (len(env.roll), NUM_KEYS)
+    np.testing.assert_array_equal(np.flatnonzero(played.any(axis=0)), MOVING)
+    assert 0 < info["precision"] < 1
+
+
+def test_the_times_of_presses_are_those_of_the_same_piano_with_all_keys():
+    times = []
+    for env in (PianoEnv(TINY, physics="fast"), fixed_env()):
+        env.reset(seed=0)
+        bodies = env.model.geom_bodyid[env.scene.key_geom[[FIRST, 41, LAST]]]
+        env.data.xfrc_applied[bodies, 2] = [-4.0, -8.0, -20.0]
+        for _ in range(6):
+            env.step(env.rest_action)
+        times.append(env.performance.strike_time)
+    assert len(set(times[0].tolist())) > 1
+    np.testing.assert_array_equal(times[0], times[1])
+
+
+def test_fingers_that_press_a_rigid_key_stay_on_top_of_it(performances):
+    lowest, touched = [], []
+    for last in (NUM_KEYS - 1, 0):
+        env = fixed_env(0, last, performances[1].piece, **performances[1].options)
+        env.reset(seed=0)
+        heights, keys = [], set()
+        for action in performances[1]["action"][:40]:
+            env.step(action)
+            heights.append(env.scene.fingertip_position(env.data)[:, 2].min())
+            keys |= set(env.scene.key_geom) & set(env.data.contact.geom.ravel())
+        lowest.append(min(heights))
+        touched.append(len(keys))
+        assert env.performance.key_active.any() == (last > 0)
+    assert min(touched) >= 5
+    assert lowest[1] > lowest[0] + 0.005  # a key goes down by a centimetre
+
+
+@pytest.mark.parametrize("physics", ["reference", "fast"])
+def test_recorded_playing_is_the_same_music_where_only_the_keys_of_the_piece_move(
+    performances, physics, capsys
+):
+    for recording in performances:
+        all_move = PianoEnv(recording.piece, physics=physics, **recording.options)
+        used = np.flatnonzero(
+            all_move.roll.active.any(axis=0) | recording["key_active"].any(axis=0)
+        )
+        few = fixed_env(
+            int(used[0]), int(used[-1]), recording.piece, physics=physics, **recording.options
+        )
+        scores = []
+        for env in (all_move, few):
+            env.reset(seed=0)
+            for action in recording["action"]:
+                *_, truncated, info = env.step(action)
+            assert truncated
+            scores.append(info["f1"])
+        with capsys.disabled():
+            print(f"\n{recording.piece} ({physics}): F1 {scores[0]:.4f}, {scores[1]:.4f}")
+        assert scores[0] > 0.9
+        assert scores[1] == pytest.approx(scores[0], abs=0.005)
+
+
+def test_the_next_call_after_fixing_keys_is_reset_and_spaces_and_schedules_stay():
+    env = PianoEnv(TINY, physics="fast", render_mode="rgb_array")
+    spaces = env.observation_space, env.action_space
+    env.reset(options={"score": "CMajorScaleOneHand"})
+    env.step(env.rest_action)
+    env.fix_keys(FIRST, LAST)
+    assert (env.observation_space, env.action_space) == spaces
+    assert env.score is env.default_score
+    assert env.total_steps == 1
+    with pytest.raises(EnvStateError, match="call reset"):
+        env.step(env.rest_action)
+    observation, _ = env.reset(seed=0)
+    assert env.observation_space.contains(observation)
+    env.fix_keys(0, NUM_KEYS - 1)
+    back, _ = env.reset(seed=0)
+    np.testing.assert_array_equal(back, PianoEnv(TINY, physics="fast").reset(seed=0)[0])
+
+
+@pytest.mark.parametrize("observation", ["roll", "window", "fingers"])
+def test_every_observation_reads_the_joints_of_the_hands_where_they_are_then(observation):
+    everything, few = (
+        PianoEnv("CMajorScaleOneHand", physics="fast", observation=observation) for _ in range(2)
+    )
+    few.fix_keys(50, 60)
+    rng = np.random.default_rng(0)
+    np.testing.assert_array_equal(few.reset(seed=0)[0], everything.reset(seed=0)[0])
+    for _ in range(3):
+        action = rng.uniform(-0.2, 0.2, few.action_space.shape)
+        np.testing.assert_allclose(few.step(action)[0], everything.step(action)[0], atol=1e-5)
+    assert everything.data.qpos.any()
+
+
+@pytest.mark.parametrize("physics", ["reference", "fast"])
+def test_the_state_goes_back_and_copies_go_on_exactly(physics):
+    env = fixed_env(physics=physics)
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    for _ in range(5):
+        env.step(env.action_space.sample())
+    state, actions = env.get_state(), [env.action_space.sample() for _ in range(8)]
+    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env)), fixed_env(physics=physics)]
+    copies[2].set_state(state)
+    expected = [env.step(action)[0] for action in actions]
+    for other in copies:
+        for action, observation in zip(actions, expected, strict=True):
+            np.testing.assert_array_equal(other.step(action)[0], observation)
+        np.testing.assert_array_equal(other.performance.key_active, env.performance.key_active)
+    with pytest.raises(EnvStateError, match="same options"):
+        PianoEnv(TINY, physics=physics).set_state(state)
+
+
+def test_films_show_what_sounds_by_all_88_keys():
+    env = fixed_env()
+    env.reset(seed=0)
+    motion = [env.data.qpos.copy()]
+    for _ in range(6):
+        push_all_keys(env)
+        env.step(env.rest_action)
+        motion.append(env.data.qpos.copy())
+    seen = list(moments(env.scene, env.performance, np.array(motion)))
+    assert not seen[0].sounding.any()
+    for moment, sounding in zip(seen[1:], env.performance.key_active, strict=True):
+        np.testing.assert_array_equal(moment.sounding, sounding)
+    np.testing.assert_array_equal(np.flatnonzero(seen[-1].sounding), MOVING)
+
+
+def test_pictures_after_fixing_keys_are_of_the_new_scene():
+    options = {"render_mode": "rgb_array", "width": 64, "height": 48}
+    painted, fresh = PianoEnv(TINY, **options), PianoEnv(TINY, **options)
+    painted.model.geom_rgba[:] = [1.0, 0.0, 1.0, 1.0]
+    pictures = []
+    for env in (painted, fresh):
+        env.reset(seed=0)
+        pictures.append(env.render())
+        env.fix_keys(FIRST, LAST)
+        env.reset(seed=0)
+        pictures.append(env.render())
+        env.close()
+    before, after, fresh_before, fresh_after = pictures
+    assert (before != fresh_before).any()
+    np.testing.assert_array_equal(after, fresh_after)

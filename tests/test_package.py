@@ -26,6 +26,7 @@ ROOMS = [
     "viewing",
     "envs",
     "wrappers",
+    "policies",
     "buffers",
     "vec_env",
     "callbacks",

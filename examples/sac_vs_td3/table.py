@@ -21,9 +21,9 @@ from sb3_piano.training import RunFolder, training_curves
 
 COLUMNS = {
     "return": "{:.1f}",
+    "in training": "{:.1f}",
     "paper's return": "{:.1f}",
     "resting hands": "{:.1f}",
-    "steps": "{:.0f}",
     "return / step": "{:.2f}",
     "F1": "{:.3f}",
     "onset F1": "{:.3f}",
@@ -33,6 +33,13 @@ COLUMNS = {
     "paper's critic loss": "{:.2f}",
     "seeds": "{:.0f}",
 }
+
+LOGGED = {
+    "in training": "rollout/ep_rew_mean",  # with exploration, over the last 100 episodes
+    "actor loss": "train/actor_loss",
+    "critic loss": "train/critic_loss",
+}
+"""Columns that are the last values of curves in the training's log."""
 
 
 def main() -> None:
@@ -68,19 +75,14 @@ def measured_in(run: RunFolder) -> dict[str, float]:
     evaluation = json.loads((run.evaluation_dir / "metrics.json").read_text(encoding="utf-8"))
     mean, resting = evaluation["mean"], evaluation["baseline"]
     curves = training_curves(run)
-    losses = {
-        f"{network} loss": curves[f"train/{network}_loss"].values[-1]
-        for network in ("actor", "critic")
-        if f"train/{network}_loss" in curves
-    }
+    logged = {name: curves[key].values[-1] for name, key in LOGGED.items() if key in curves}
     return {
         "return": mean["return"],
         "resting hands": resting["return"],
-        "steps": mean["length"],
         "return / step": mean["return"] / mean["length"],
         "F1": mean["f1"],
         "onset F1": mean["onset_f1"],
-        **losses,
+        **logged,
     }
 
 

@@ -1,0 +1,5 @@
+"""Policies for stock Stable-Baselines3 algorithms."""
+
+from sb3_piano.policies.regularized import RegularizedSACPolicy, RegularizedTD3Policy
+
+__all__ = ["RegularizedSACPolicy", "RegularizedTD3Policy"]

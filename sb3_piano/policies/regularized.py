@@ -1,0 +1,113 @@
+"""SB3's policies with critics that RoboPianist's authors train: dropout and layer normalisation.
+
+Source: DroQ (Hiraoka et al. 2022, "Dropout Q-Functions for Doubly Efficient Reinforcement
+Learning"), section 3: each hidden layer of a critic is a linear map, dropout, layer normalisation,
+ReLU. RoboPianist (Zakka et al. 2023) uses it with dropout 0.01. Two things are as SB3 has them:
+target critics do not drop out, and there is one update for each environment step unless told
+otherwise.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, cast
+
+from stable_baselines3.common.policies import BasePolicy, ContinuousCritic
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
+from stable_baselines3.sac.policies import SACPolicy
+from stable_baselines3.td3.policies import TD3Policy
+from torch import nn
+
+from sb3_piano.exceptions import ConfigError
+
+Layer = type[nn.Module]
+
+
+class RegularizedCritic(ContinuousCritic):
+    """SB3's critics, their hidden layers with dropout and layer normalisation.
+
+    Args:
+        *args: As of ``ContinuousCritic``.
+        dropout: Probability with which an activation is dropped while training, in [0, 1).
+        layer_norm: Whether hidden layers are normalised.
+        **kwargs: As of ``ContinuousCritic``.
+    """
+
+    def __init__(self, *args: Any, dropout: float, layer_norm: bool, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        between = [functools.partial(_dropout, dropout)] if dropout > 0 else []
+        layers = cast(list[Layer], [*between, *([nn.LayerNorm] if layer_norm else [])])
+        first = cast(nn.Linear, cast(nn.Sequential, self.q_networks[0])[0])
+        self.q_networks = []
+        for index in range(self.n_critics):
+            network = nn.Sequential(
+                *create_mlp(
+                    first.in_features,
+                    1,
+                    kwargs["net_arch"],
+                    kwargs["activation_fn"],
+                    post_linear_modules=layers,
+                )
+            )
+            self.add_module(f"qf{index}", network)  # in place of the one that was there
+            self.q_networks.append(network)
+
+
+class _RegularizedCritics(BasePolicy):
+    """What both policies have in common."""
+
+    critic_kwargs: dict[str, Any]
+
+    def __init__(
+        self, *args: Any, dropout: float = 0.01, layer_norm: bool = True, **kwargs: Any
+    ) -> None:
+        if not 0 <= dropout < 1:
+            raise ConfigError(f"dropout is {dropout!r}: expected 0 or more, and less than 1.")
+        self._regularization: dict[str, Any] = {"dropout": dropout, "layer_norm": layer_norm}
+        super().__init__(*args, **kwargs)
+
+    def make_critic(
+        self, features_extractor: BaseFeaturesExtractor | None = None
+    ) -> RegularizedCritic:
+        """Return new critics."""
+        arguments = self._update_features_extractor(self.critic_kwargs, features_extractor)
+        return RegularizedCritic(**arguments, **self._regularization).to(self.device)
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        return {**super()._get_constructor_parameters(), **self._regularization}
+
+
+class RegularizedSACPolicy(_RegularizedCritics, SACPolicy):
+    """SB3's ``MlpPolicy`` of SAC with regularised critics.
+
+    Args:
+        *args: As of SB3's.
+        dropout: Probability with which an activation of a critic is dropped while training, 0 to
+            less than 1.
+        layer_norm: Whether the hidden layers of the critics are normalised.
+        **kwargs: As of SB3's, such as ``net_arch``.
+
+    Raises:
+        ConfigError: If ``dropout`` is out of range.
+    """
+
+
+class RegularizedTD3Policy(_RegularizedCritics, TD3Policy):
+    """SB3's ``MlpPolicy`` of TD3 with regularised critics.
+
+    Args:
+        *args: As of SB3's.
+        dropout: Probability with which an activation of a critic is dropped while training, 0 to
+            less than 1.
+        layer_norm: Whether the hidden layers of the critics are normalised.
+        **kwargs: As of SB3's, such as ``net_arch``.
+
+    Raises:
+        ConfigError: If ``dropout`` is out of range.
+    """
+
+
+def _dropout(probability: float, features: int) -> nn.Dropout:
+    """Return dropout for a layer of any size."""
+    del features
+    return nn.Dropout(probability)

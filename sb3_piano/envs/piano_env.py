@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.actions import ActionMap
+from sb3_piano.envs.advance import advance
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.encodings import make_encoding
 from sb3_piano.envs.goal import Goal
@@ -27,11 +28,6 @@ from sb3_piano.simulation import compile_scene, pedal_threshold
 from sb3_piano.viewing import FrameRenderer
 
 Observation = npt.NDArray[np.float32]
-
-# Neighbours in MuJoCo's list of warnings: bad positions, velocities, accelerations.
-_INSTABILITIES = slice(
-    int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1
-)
 
 # RoboPianist's range for the random offset of both hands along the keyboard, m.
 _HAND_OFFSET = 0.05
@@ -240,7 +236,12 @@ class PianoEnv(gym.Env[Any, Any]):
         if self._finished:
             raise EnvStateError("No episode is under way: call reset() before step().")
         controls, self._pedal = self._actions.controls(action)
-        self._simulate(controls)
+        if not advance(self.scene, self.data, controls, self._key_angles):
+            self._finished = True
+            raise SimulationDivergedError(
+                f"The physics became unstable in control step {self._record.steps}. The episode "
+                "is over: call reset(). Expected only after changes to the model or its state."
+            )
         reading, step = self._read(), self._record.steps
         terms = self._reward_terms(step, reading)
         weights = self.config.reward_weights
@@ -372,32 +373,6 @@ class PianoEnv(gym.Env[Any, Any]):
         self._record = EpisodeRecord(self._goal, self.scene)
         self._finished = False
         self._pedal = 0.0
-
-    def _simulate(self, controls: npt.NDArray[np.float64]) -> None:
-        """Advance the physics by a control step.
-
-        The position and velocity stages of the last state are already done (by the last call, by
-        ``reset`` or by ``set_state``), so that the first physics step is MuJoCo's second stage and
-        the call ends with the first stage: fingertips and velocities are then those of the new
-        state, at no extra cost.
-        """
-        model, data = self.model, self.data
-        angles = self._key_angles[:, self.scene.moving_keys]  # a view; those of rigid keys stay 0
-        data.ctrl[:] = controls
-        keys = data.qpos[self.scene.key_slice]
-        mujoco.mj_step2(model, data)
-        angles[0] = keys
-        for substep in range(1, len(angles)):
-            mujoco.mj_step(model, data)
-            angles[substep] = keys
-        mujoco.mj_step1(model, data)
-        # MuJoCo answers NaN and huge numbers with a warning and starts the simulation anew.
-        if np.count_nonzero(data.warning.number[_INSTABILITIES]):
-            self._finished = True
-            raise SimulationDivergedError(
-                f"The physics became unstable in control step {self._record.steps}. The episode "
-                "is over: call reset(). Expected only after changes to the model or its state."
-            )
 
     def _read(self) -> Reading:
         return Reading.of(self.scene, self.data, self._pedal)

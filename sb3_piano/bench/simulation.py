@@ -17,6 +17,7 @@ from sb3_piano.bench.rounds import Comparison, Contestant, Lap
 from sb3_piano.bench.settings import ENV_ID, BenchSettings
 from sb3_piano.envs import PianoEnv
 from sb3_piano.simulation import PHYSICS_PROFILES
+from sb3_piano.wrappers import KeyRange
 
 UNIT = "control steps/s"
 _BARE_REFERENCE = "mj_step, reference"
@@ -91,8 +92,22 @@ def _of_profile(profile: str, actions: Actions, stack: contextlib.ExitStack) -> 
             play=lambda: _play(made.reset, made.step, actions),
             comparisons=(over_bare,),
         ),
+        _of_fewer_keys(profile, actions, stack),
     ]
     return [_beside(_BARE_REFERENCE, "x of bare reference", c) for c in contestants]
+
+
+def _of_fewer_keys(profile: str, actions: Actions, stack: contextlib.ExitStack) -> Contestant:
+    """Return the environment in which only the keys around those of the piece move."""
+    made = stack.enter_context(contextlib.closing(gym.make(ENV_ID, physics=profile)))
+    keys, env = len(KeyRange(made, "piece", simulated=True).window), _unwrapped(made)
+    base = f"PianoEnv.step, {profile}"
+    return Contestant(
+        name=f"PianoEnv.step, {profile}, {keys} keys move",
+        unit=UNIT,
+        play=lambda: _play(env.reset, env.step, actions),
+        comparisons=(Comparison(label=f"x of {base}", base=base),),
+    )
 
 
 def _of_slots(slots: int, actions: Actions, stack: contextlib.ExitStack) -> Contestant:

@@ -68,9 +68,11 @@ def test_who_takes_part(contestants):
         "mj_step, reference",
         "PianoEnv.step, reference",
         "gymnasium.make, reference",
+        "PianoEnv.step, reference, 43 keys move",
         "mj_step, fast",
         "PianoEnv.step, fast",
         "gymnasium.make, fast",
+        "PianoEnv.step, fast, 43 keys move",
         "vector env, 1 slot, fast",
         "vector env, 2 slots, fast",
     ]
@@ -88,6 +90,9 @@ def test_who_is_compared_with_whom(contestants):
         over_bare = ("env/bare", f"mj_step, {profile}", True)
         for name in (f"PianoEnv.step, {profile}", f"gymnasium.make, {profile}"):
             assert compared[name] == [over_bare, beside_bare]
+        beside_all_keys = (f"x of PianoEnv.step, {profile}", f"PianoEnv.step, {profile}", False)
+        fewer = compared[f"PianoEnv.step, {profile}, 43 keys move"]
+        assert fewer == [beside_all_keys, beside_bare]
     beside_one = ("x of PianoEnv.step, fast", "PianoEnv.step, fast", False)
     assert compared["vector env, 2 slots, fast"] == [beside_one, beside_bare]
 
@@ -102,6 +107,17 @@ def test_an_environment_plays_the_actions(profile, contestants, actions, calls):
         assert lap.seconds > 0
         assert [physics for physics, _ in heard] == [profile] * STEPS
         np.testing.assert_array_equal([action for _, action in heard], actions)
+
+
+@pytest.mark.parametrize("profile", ["reference", "fast"])
+def test_with_fewer_keys_the_rest_is_rigid_and_the_actions_are_the_same(
+    profile, contestants, actions, calls
+):
+    heard = calls(PianoEnv, "step", lambda env, action: (env, action))
+    assert contestants[f"PianoEnv.step, {profile}, 43 keys move"].play().steps == STEPS
+    np.testing.assert_array_equal([action for _, action in heard], actions)
+    env = heard[0][0]
+    assert (env.config.physics, len(env.scene.key_qpos)) == (profile, 43)
 
 
 def test_the_environment_is_measured_bare_and_with_gymnasiums_wrappers(contestants, calls):

@@ -13,10 +13,12 @@ import numpy as np
 import pytest
 import yaml
 from acting import act_at
+from gymnasium.utils import RecordConstructorArgs as RecordArguments
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.save_util import load_from_pkl
 from stable_baselines3.common.vec_env import DummyVecEnv
 
+import sb3_piano.wrappers
 from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.callbacks.env_copy import copy_env
@@ -221,6 +223,35 @@ def test_wrong_arguments_are_one_clear_error_and_leave_no_folder(
     assert message in error
     assert "Traceback" not in error
     assert not (tmp_path / "run").exists()
+
+
+IN_YAML = """
+Excerpt: {start: random, length: 1, unit: bars}
+FingeringDecay: {n_steps: 1000, final: 0.1}
+HideFingering:
+KeyRange: {keys: piece, margin: 5, simulated: true}
+KeyRewardTiering:
+Lookahead: {seconds: 1, stride: 5, fingers: true}
+OctaveShift: {octaves: [-1, 1]}
+PitchShift: {semitones: [-2, 2]}
+PreviousActionReward:
+RandomPiece: {pieces: [CMajorScaleOneHand, TwinkleTwinkleLittleStar], weights: [1, 2]}
+RewardTiering: {threshold: 1}
+RewardWeights: {weights: {energy: 0}}
+TemporalStretch: {factor: [1, 2]}
+"""
+
+
+def test_every_wrapper_takes_its_arguments_from_yaml(piano_config):
+    entries = yaml.safe_load(IN_YAML)
+    kinds = {name: getattr(sb3_piano.wrappers, name) for name in sb3_piano.wrappers.__all__}
+    assert set(entries) == {n for n, kind in kinds.items() if issubclass(kind, RecordArguments)}
+    for name, arguments in entries.items():
+        venv = build_vec_env(piano_config(env_wrapper=[{f"{ROOM}.{name}": arguments}]))
+        assert isinstance(venv.envs[0], kinds[name])
+        observations, *_ = play_steps(venv, 2)
+        assert observations.shape == (3, 1, *venv.observation_space.shape)
+        venv.close()
 
 
 # Vectors of environments, buffers and copies.

@@ -58,15 +58,15 @@ def test_everything_is_measured_by_default(monkeypatch):
 def test_ctrl_c_prints_and_writes_what_there_is(monkeypatch, tmp_path, capsys):
     @contextlib.contextmanager
     def bar():
-        yield lambda part, done, laps: done == 20 and os.kill(os.getpid(), signal.SIGINT)
+        yield lambda part, done, laps: done == 25 and os.kill(os.getpid(), signal.SIGINT)
 
     monkeypatch.setattr(sb3_piano.bench, "progress_bar", bar)
     assert main(["bench", "--only", "simulation", "--json", "result.json"]) == 130
     assert "Interrupted" in capsys.readouterr().out
     stored = json.loads((tmp_path / "result.json").read_text())
     assert stored["interrupted"]
-    # 8 laps to warm up and 8 of the first round
-    assert [len(row["by_round"]) for row in stored["rows"]] == [1] * 8
+    # 10 laps to warm up and 10 of the first round
+    assert [len(row["by_round"]) for row in stored["rows"]] == [1] * 10
 
 
 @pytest.mark.parametrize(

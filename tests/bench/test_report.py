@@ -43,7 +43,7 @@ def test_all_parts_are_measured_in_their_order(short):
     told = []
     report = run_bench(short(rounds=2), lambda *lap: told.append(lap))
     parts = [row.part for row in report.rows]
-    kinds = {"simulation": 8, "learner": 11, "training": 5, "memory": 2}
+    kinds = {"simulation": 10, "learner": 11, "training": 5, "memory": 2}
     assert parts == [part for part, count in kinds.items() for _ in range(count)]
     assert told[-1] == ("training", 15, 15)
     assert all(row.value > 0 for row in report.rows)
@@ -80,7 +80,7 @@ def test_ctrl_c_keeps_what_was_measured(short):
 
     report = run_bench(short(), stop)
     assert report.interrupted
-    assert [row.part for row in report.rows] == ["simulation"] * 8
+    assert [row.part for row in report.rows] == ["simulation"] * 10
     assert "Interrupted: what is missing was not measured." in text_of(report)
 
 

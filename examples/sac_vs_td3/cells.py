@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.training import RunFolder
+from sb3_piano.training import RunConfig, RunFolder, load_config
 
 HERE = Path(__file__).parent
 RUNS = Path("runs/sac_vs_td3")
@@ -41,12 +41,16 @@ class Cell:
         (env_id,) = self._content()
         return str(env_id)
 
-    @property
-    def score(self) -> Path | None:
-        """The score file that is played, if it is none of the studies."""
+    def config(self, seed: int, steps: int | None = None) -> RunConfig:
+        """Return the settings of a run of ``steps`` steps, by default as many as the paper's."""
+        changed: dict[str, Any] = {"seed": seed}
+        if steps is not None:
+            changed["n_timesteps"] = steps
         (entry,) = self._content().values()
-        name = entry["env_kwargs"].get("score")
-        return None if name is None else HERE / Path(name).name
+        score = entry["env_kwargs"].get("score")
+        if score is not None:  # a file beside this one, wherever the command is given
+            changed["env_kwargs"] = {"score": str(HERE / Path(score).name)}
+        return load_config(self.algo, self.env_id, self.path, **changed)
 
     def run_folder(self, runs: Path, seed: int) -> Path:
         """Return where the run from a seed is kept."""

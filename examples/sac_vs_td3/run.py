@@ -12,12 +12,11 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from cells import RUNS, Cell, find_cells
 
 from sb3_piano.exceptions import SB3PianoError
-from sb3_piano.training import evaluate, load_config, resume, train
+from sb3_piano.training import evaluate, resume, train
 
 
 def main() -> int:
@@ -49,7 +48,7 @@ def run_cell(cell: Cell, folder: Path, seed: int, steps: int | None, progress: b
     Returns:
         Whether it came to its end, rather than being interrupted.
     """
-    config = load_config(cell.algo, cell.env_id, cell.path, **overrides(cell, seed, steps))
+    config = cell.config(seed, steps)
     if (folder / "config.yml").is_file():
         result = resume(folder, config.n_timesteps, progress_bar=progress)
     else:
@@ -62,16 +61,6 @@ def run_cell(cell: Cell, folder: Path, seed: int, steps: int | None, progress: b
     mean = evaluate(folder).mean
     print(f"  return {mean['return']:.2f}, F1 {mean['f1']:.3f}: {folder}", flush=True)
     return True
-
-
-def overrides(cell: Cell, seed: int, steps: int | None) -> dict[str, Any]:
-    """Return what is not as in the cell's YAML file."""
-    changed: dict[str, Any] = {"seed": seed}
-    if steps is not None:
-        changed["n_timesteps"] = steps
-    if cell.score is not None:  # so that it is found wherever the command is given
-        changed["env_kwargs"] = {"score": str(cell.score)}
-    return changed
 
 
 if __name__ == "__main__":

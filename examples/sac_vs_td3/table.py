@@ -9,6 +9,7 @@ dash is what was not run, or what the paper does not have.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import statistics
 from collections.abc import Iterable, Mapping
@@ -18,6 +19,7 @@ import yaml
 from cells import HERE, RUNS, Cell, find_cells
 
 from sb3_piano.training import RunFolder, training_curves
+from sb3_piano.training.builders import build_vec_env
 
 COLUMNS = {
     "return": "{:.1f}",
@@ -45,15 +47,19 @@ LOGGED = {
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--runs", type=Path, default=RUNS, metavar="DIR", help=f"default: {RUNS}")
-    runs = parser.parse_args().runs
+    add = parser.add_argument
+    add("--runs", type=Path, default=RUNS, metavar="DIR", help=f"default: {RUNS}")
+    add("--resting", action="store_true", help="let hands rest also in cells that were not run")
+    arguments = parser.parse_args()
     cells = {cell.name: cell for cell in find_cells()}
     for title, rows in yaml.safe_load((HERE / "paper.yml").read_text(encoding="utf-8")).items():
         print(f"\n{title}\n")
         print_row("cell", COLUMNS)
         print_row("---", ["---:"] * len(COLUMNS))
         for name, paper in rows.items():
-            values = {**measured(cells[name], runs), **(paper or {})}
+            values = {**measured(cells[name], arguments.runs), **(paper or {})}
+            if arguments.resting and "resting hands" not in values:
+                values["resting hands"] = resting_return(cells[name])
             print_row(name, [shown(values, column) for column in COLUMNS])
 
 
@@ -84,6 +90,18 @@ def measured_in(run: RunFolder) -> dict[str, float]:
         "onset F1": mean["onset_f1"],
         **logged,
     }
+
+
+def resting_return(cell: Cell) -> float:
+    """Return what hands earn that do nothing for an episode of a cell."""
+    with contextlib.closing(build_vec_env(cell.config(seed=0))) as venv:
+        (action,) = venv.get_attr("rest_action")
+        venv.reset()
+        done, total = False, 0.0
+        while not done:
+            _, (reward,), (done,), _ = venv.step([action])
+            total += float(reward)
+    return total
 
 
 def shown(values: Mapping[str, float], column: str) -> str:

@@ -55,6 +55,7 @@ def test_everything_is_measured_by_default(monkeypatch):
     assert asked == {"parts": parts, "rounds": 10, "peer_python": None, "threads": None}
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_prints_and_writes_what_there_is(monkeypatch, tmp_path, capsys):
     @contextlib.contextmanager
     def bar():

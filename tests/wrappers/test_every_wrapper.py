@@ -85,7 +85,7 @@ def stacked(*wrappers):
 STACKS = {
     **{wrapper.__name__: single(wrapper) for wrapper in ARGUMENTS},
     "of the issue": lambda env: HideFingering(
-        KeyRange(TemporalStretch(PitchShift(env, 3), 2.0), [48, 96])
+        KeyRange(TemporalStretch(PitchShift(env, 3), 2.0), 36)
     ),
     "piece, keys, weights": stacked(RandomPiece, KeyRange, RewardWeights),
     "decay, excerpt, lookahead": stacked(FingeringDecay, Excerpt, Lookahead),

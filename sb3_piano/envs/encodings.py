@@ -110,7 +110,7 @@ class RollEncoding(Encoding):
         rows[:steps, :-1] = roll.active[:, self._window.slice]
         rows[:steps, -1] = roll.sustain
         self._rows = rows
-        self._fingers = _labelled_fingers(roll)
+        self._fingers = roll.labelled_fingers().astype(np.float32)
 
     def write(self, step: int, reading: Reading) -> Float32Array:
         """Return the observation; see :meth:`Encoding.write`."""
@@ -269,14 +269,6 @@ def _joint_blocks(scene: PianoScene) -> list[ObservationBlock]:
         )
         for side, limits in zip(("right", "left"), scene.joint_range, strict=True)
     ]
-
-
-def _labelled_fingers(roll: PianoRoll) -> Float32Array:
-    """Return 1 for each finger that is labelled to press at a step, (T, 10)."""
-    fingers = np.zeros((len(roll), NUM_FINGERS), dtype=np.float32)
-    steps, keys = np.nonzero(roll.active & (roll.finger >= 0))
-    fingers[steps, roll.finger[steps, keys]] = 1.0
-    return fingers
 
 
 def _steps_to_change(values: npt.NDArray[np.bool_], most: int) -> npt.NDArray[np.intp]:

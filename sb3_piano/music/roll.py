@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music.constants import NUM_KEYS
+from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
 from sb3_piano.music.grid import MAX_STEPS, Sheet, ceil_steps, floor_steps
 from sb3_piano.music.score import Score
 
@@ -123,6 +123,13 @@ class PianoRoll:
     def duration(self) -> float:
         """Length of all steps together, in s."""
         return len(self) * self.control_timestep
+
+    def labelled_fingers(self) -> NDArray[np.bool_]:
+        """Return which fingers are labelled to press at each step, (T, 10) bool."""
+        fingers = np.zeros((len(self), NUM_FINGERS), dtype=bool)
+        steps, keys = np.nonzero(self.active & (self.finger >= 0))
+        fingers[steps, self.finger[steps, keys]] = True
+        return fingers
 
     def due(self, step: int) -> tuple[NDArray[np.intp], NDArray[np.int8]]:
         """Return what should sound at a step.

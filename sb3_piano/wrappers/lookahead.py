@@ -110,7 +110,7 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
         goal = np.column_stack([roll.active, roll.sustain])[:, self._columns]  # (T, n)
         self._goal_ahead = _Ahead(goal, self._steps, self._stride)
         if self._labels is not None:
-            self._labels_ahead = _Ahead(_labelled_fingers(roll), self._steps, self._stride)
+            self._labels_ahead = _Ahead(roll.labelled_fingers(), self._steps, self._stride)
 
 
 class _Ahead:
@@ -139,14 +139,6 @@ class _Ahead:
         """Return the rows of a control step, one after the other."""
         ahead = self._soon[step : step + self._steps : self._stride]
         return np.concatenate([self._now[step], ahead.reshape(-1)])
-
-
-def _labelled_fingers(roll: PianoRoll) -> npt.NDArray[np.bool_]:
-    """Return the fingers that are labelled to press at each step, (T, 10)."""
-    fingers = np.zeros((len(roll), NUM_FINGERS), dtype=bool)
-    steps, keys = np.nonzero(roll.active & (roll.finger >= 0))
-    fingers[steps, roll.finger[steps, keys]] = True
-    return fingers
 
 
 def _layout(layout: ObservationLayout, rows: int, stride: int, fingers: bool) -> ObservationLayout:

@@ -265,3 +265,9 @@ class TestOnsetTime:
         assert PianoRoll(control_timestep=1.0, **arrays).onset_time == pytest.approx([0, 3])
         with pytest.raises(ScoreError, match=r"'onset_time' has shape \(1,\): expected \(2,\)"):
             PianoRoll(control_timestep=1.0, **arrays, onset_time=[0.0])
+
+
+def test_labelled_fingers_are_those_of_the_notes_that_are_due():
+    roll = roll_of((0, 2, 3), (3, 4), (5, 6, 9))
+    pressing = [np.flatnonzero(row).tolist() for row in roll.labelled_fingers()]
+    assert pressing == [[3], [3], [], [], [], [9], []]

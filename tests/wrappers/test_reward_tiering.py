@@ -83,7 +83,7 @@ def test_the_tiered_term_never_exceeds_the_old_one_nor_twice_its_recall(recall, 
     old = tiered_key_press(recall, precision, any_due=False)
     tiered = tiered_key_press(recall, precision, any_due=True)
     assert 0.0 <= tiered <= old <= 1.0
-    assert tiered <= recall
+    assert tiered <= recall + 1e-12  # halves of the smallest numbers are rounded
     assert (tiered == old) is (precision <= recall)
 
 

@@ -1,35 +1,23 @@
-"""How is a hyperparameter searched with Optuna?"""
+"""How are hyperparameters searched with Optuna?"""
 
 from tempfile import mkdtemp
 
-import optuna
-from optuna.distributions import CategoricalDistribution, FloatDistribution
+from sb3_piano.training import load_entry
+from sb3_piano.tuning import Choice, Discount, Search, Space, StudyConfig, tune
 
-from sb3_piano.training import load_config
-from sb3_piano.tuning import Objective
-
-# Far too few steps to learn anything: raise both for a real search.
+# Far too few steps to learn anything: raise both for a real search, of which docs/tuning.md tells.
 STEPS, TRIALS = 60, 2
-SPACE = {
-    "gamma": FloatDistribution(0.7, 0.95),
-    "batch_size": CategoricalDistribution([64, 128]),
-}
+ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
+SPACE = Space({"gamma": Discount(0.7, 0.95), "batch_size": Choice([64, 128])})
 
 
 def main() -> None:
-    config = load_config(
-        "td3",
-        "RoboPianist-debug-TwinkleTwinkleLittleStar-v0",
-        n_timesteps=STEPS,
-        learning_starts=40,
-        buffer_size=1_000,
-    )
-    study = optuna.create_study(direction="maximize")
-    runs = mkdtemp(prefix="study_")
-    study.optimize(Objective(config, SPACE, runs), n_trials=TRIALS)
-    print(f"Best of {TRIALS} trials: F1 {study.best_value:.3f} with {study.best_params}")
-    print(f"Every trial is a run in {runs}")
+    entry = load_entry("td3", ENV_ID, n_timesteps=STEPS, learning_starts=40, buffer_size=1_000)
+    config = StudyConfig(algo="td3", env_id=ENV_ID, entry=entry, space=SPACE)
+    result = tune(config, mkdtemp(prefix="study_"), n_trials=TRIALS, search=Search(seed=0))
+    print(f"Best of {TRIALS} trials: F1 {result.best.value:.3f} with {result.study.best_params}")
+    print(f"{result.folder.best_file} has its settings, {result.folder.report_file} tells more")
 
 
-if __name__ == "__main__":
+if __name__ == "__main__":  # trials run in processes of their own
     main()

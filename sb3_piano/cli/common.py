@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from sb3_piano.exceptions import ConfigError
 
@@ -24,6 +25,33 @@ def whole_number(text: str) -> int:
             f"{text!r} is no whole number from 1 on, such as 1000 or 1e5"
         ) from None
     return int(number)
+
+
+def what_is_played(
+    env_id: str | None, midi: str | None, instead: str = ""
+) -> tuple[str, dict[str, Any]]:
+    """Return the environment that ``--env`` and ``--midi`` stand for, and settings to go with it.
+
+    Args:
+        env_id: The value of ``--env``, if it is given.
+        midi: The value of ``--midi``, if it is given.
+        instead: What else the command takes, for the error if neither is.
+
+    Raises:
+        ConfigError: If neither is given, or the environment plays one piece only.
+    """
+    from sb3_piano.envs import GENERAL_ID
+
+    if midi is None:
+        if env_id is None:
+            raise ConfigError(f"Nothing to play: expected --env ID{instead or ' or --midi FILE'}.")
+        return env_id, {}
+    if env_id not in (None, GENERAL_ID):
+        raise ConfigError(
+            f"--midi cannot be given with --env {env_id}: only {GENERAL_ID} plays any piece. "
+            "Expected --midi alone."
+        )
+    return GENERAL_ID, {"env_kwargs": {"score": midi}}
 
 
 def check_output_file(option: str, file: Path | None) -> None:

@@ -22,9 +22,10 @@ def add_parser(commands: Any) -> None:
     add("--metric", action="append", metavar="NAME", help="such as f1; may be given several times")
     add(
         "--by",
-        choices=("piece", "seed"),
+        choices=("piece", "seed", "training-seed"),
         default="piece",
-        help="pair the means of each piece (default), or of each evaluation seed of a piece",
+        help="pair the means of each piece (default), or those of each seed of a piece: of the "
+        "evaluation, or of the training",
     )
     add("--csv", type=Path, metavar="FILE", help="write a row for each metric and pair")
     add("--json", type=Path, metavar="FILE", help="write everything, statistics included")

@@ -6,7 +6,7 @@ import argparse
 import shlex
 from typing import TYPE_CHECKING, Any
 
-from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, whole_number
+from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, what_is_played, whole_number
 from sb3_piano.cli.evaluate import evaluate_run
 from sb3_piano.cli.play import play_run
 from sb3_piano.exceptions import ConfigError
@@ -80,11 +80,12 @@ def _refuse_new_run_options(arguments: argparse.Namespace) -> None:
 
 
 def _config(arguments: argparse.Namespace) -> RunConfig:
-    from sb3_piano.envs import GENERAL_ID
     from sb3_piano.training import load_config
 
-    env_id = arguments.env
-    overrides = {
+    env_id, overrides = what_is_played(
+        arguments.env, arguments.midi, ", --midi FILE or --resume RUN"
+    )
+    overrides |= {
         name: value
         for name, value in {
             "n_timesteps": arguments.steps,
@@ -94,16 +95,6 @@ def _config(arguments: argparse.Namespace) -> RunConfig:
         }.items()
         if value is not None
     }
-    if arguments.midi is not None:
-        if env_id not in (None, GENERAL_ID):
-            raise ConfigError(
-                f"--midi cannot be given with --env {env_id}: only {GENERAL_ID} plays any piece. "
-                "Expected --midi alone."
-            )
-        env_id = GENERAL_ID
-        overrides["env_kwargs"] = {"score": arguments.midi}
-    if env_id is None:
-        raise ConfigError("Nothing to play: expected --env ID, --midi FILE or --resume RUN.")
     algo = "td3" if arguments.algo is None else arguments.algo
     return load_config(algo, env_id, arguments.config, **overrides)
 

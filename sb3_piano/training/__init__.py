@@ -12,7 +12,7 @@ from sb3_piano.training.report import training_curves, write_report
 from sb3_piano.training.run_folder import RunFolder
 from sb3_piano.training.session import TrainResult
 from sb3_piano.training.train import resume, train
-from sb3_piano.training.yaml_config import load_config
+from sb3_piano.training.yaml_config import entry_config, load_config, load_entry
 from sb3_piano.viewing import Picture, Played
 
 __all__ = [
@@ -29,9 +29,11 @@ __all__ = [
     "SavedPlayer",
     "TrainResult",
     "compare",
+    "entry_config",
     "evaluate",
     "evaluate_runs",
     "load_config",
+    "load_entry",
     "play_run",
     "play_score",
     "resume",

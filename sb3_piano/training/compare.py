@@ -15,8 +15,8 @@ from sb3_piano.training.statistics import signed_rank_test, summarize
 MAIN_METRICS = ("f1", "onset_f1", "non_silent_f1", "return", "normalized_return")
 """What is compared, and shown of several runs, unless metrics are named."""
 
-PAIRINGS = ("piece", "seed")
-"""What may make a pair: a piece, or an evaluation seed of a piece."""
+PAIRINGS = ("piece", "seed", "training-seed")
+"""What may make a pair: a piece, or a seed of its evaluation or of the training, for each piece."""
 
 
 def compare(
@@ -37,8 +37,9 @@ def compare(
         b: Likewise; differences are B - A.
         metrics: Names of the metrics; by default those of :data:`MAIN_METRICS` that there are.
         by: "piece" pairs the means over all episodes of a piece, "seed" those over the episodes of
-            one evaluation seed of a piece. Seeds of one piece are no independent evidence on how
-            the two compare on others.
+            one evaluation seed of a piece, "training-seed" those of the runs that were trained from
+            one seed. Seeds of one piece are no independent evidence on how the two compare on
+            others.
 
     Raises:
         ConfigError: If ``by`` or a metric is unknown.
@@ -84,7 +85,7 @@ class _Side:
         self._physics: dict[_Task, set[str]] = {}
         for saved in episodes:
             for seed, metrics in zip(saved.seeds, saved.metrics, strict=True):
-                task = (saved.piece, seed if by == "seed" else None)
+                task = (saved.piece, _paired_seed(by, seed, saved, source))
                 self.tasks.setdefault(task, []).append(metrics)
                 self._physics.setdefault(task, set()).add(saved.physics)
 
@@ -99,6 +100,20 @@ class _Side:
 
     def mean(self, task: _Task, name: str) -> float:
         return float(np.mean([metrics[name] for metrics in self.tasks[task]]))
+
+
+def _paired_seed(by: str, seed: int, saved: SavedEpisodes, source: str) -> int | None:
+    """Return the seed by which an episode is paired, if it is paired by one."""
+    if by == "piece":
+        return None
+    if by == "seed":
+        return seed
+    if saved.training_seed is None:
+        raise RunError(
+            f"The evaluation of {saved.piece} in '{source}' does not tell the seed of the training: "
+            "expected one that 'sb3-piano evaluate' of this version wrote."
+        )
+    return saved.training_seed
 
 
 def _chosen(metrics: Sequence[str] | None, tasks: list[_Task], a: _Side, b: _Side) -> list[str]:

@@ -23,7 +23,7 @@ class Pair:
     piece: str
     """What was played."""
     seed: int | None
-    """The seed of the evaluation; ``None`` for all of them together."""
+    """The seed of evaluation or training that makes the pair, if one does."""
     a: float
     """What A reaches."""
     b: float
@@ -73,7 +73,7 @@ class Comparison:
     b: str
     """Where B was read from."""
     by: str
-    """What makes a pair, "piece" or "seed"."""
+    """What makes a pair, see :func:`~sb3_piano.training.compare`."""
     metrics: tuple[MetricComparison, ...]
     """The comparison of each metric."""
     physics_a: tuple[str, ...]

@@ -35,6 +35,8 @@ class Evaluation:
     """What was played; the environment's id if it is no piano."""
     num_timesteps: int
     """Environment steps that the model was trained for."""
+    training_seed: int | None
+    """Seed of the training."""
     env_kwargs: Mapping[str, Any]
     """Arguments of the environment that was played in."""
     episodes: tuple[Mapping[str, float], ...]
@@ -85,6 +87,7 @@ class Evaluation:
             "algo": self.algo,
             "piece": self.piece,
             "num_timesteps": self.num_timesteps,
+            "training_seed": self.training_seed,
             "env_kwargs": dict(self.env_kwargs),
             "interrupted": self.interrupted,
             "mean": self.mean,
@@ -161,6 +164,7 @@ def evaluate(
         algo=player.config.algo,
         piece=player.piece,
         num_timesteps=player.num_timesteps,
+        training_seed=player.run.read_config().seed,  # that of the player is its own
         env_kwargs=player.config.env_kwargs,
         episodes=tuple(episode.metrics for episode in played),
         episode_seeds=tuple(episode.seed for episode in played),

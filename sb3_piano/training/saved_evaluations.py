@@ -22,6 +22,8 @@ class SavedEpisodes:
     """What was played."""
     physics: str
     """Name of the physics profile that it was played on."""
+    training_seed: int | None
+    """Seed of the training; ``None`` if the evaluation does not tell."""
     seeds: tuple[int, ...]
     """The seed from which each episode comes."""
     metrics: tuple[Mapping[str, float], ...]
@@ -86,9 +88,11 @@ def _read_file(file: Path) -> list[SavedEpisodes]:
 
 
 def _episodes(entry: Mapping[str, Any]) -> SavedEpisodes:
+    training_seed = entry.get("training_seed")
     saved = SavedEpisodes(
         piece=str(entry["piece"]),
         physics=str(entry.get("env_kwargs", {}).get("physics", PianoEnvConfig.physics)),
+        training_seed=None if training_seed is None else int(training_seed),
         seeds=tuple(int(seed) for seed in entry["episode_seeds"]),
         metrics=tuple(
             {name: float(value) for name, value in metrics.items()} for metrics in entry["episodes"]

@@ -8,12 +8,13 @@ import functools
 import logging
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.callbacks import Checkpoint, restore_replay_buffer
@@ -36,6 +37,7 @@ def train(
     folder: str | os.PathLike[str] | None = None,
     *,
     runs_dir: str | os.PathLike[str] = "runs",
+    callbacks: Sequence[BaseCallback] = (),
     progress_bar: bool = True,
     checkpoint_every: int = DEFAULT_EVERY,
 ) -> TrainResult:
@@ -48,6 +50,8 @@ def train(
         config: What to train; without a seed, one is drawn and noted down.
         folder: The run's folder, new or empty; by default the next free one in ``runs_dir``.
         runs_dir: Where runs are kept.
+        callbacks: Callbacks beside the config's. The run's folder does not know them, so that
+            :func:`resume` goes on without.
         progress_bar: Whether to show progress on the terminal.
         checkpoint_every: Environment steps between two checkpoints.
 
@@ -59,12 +63,12 @@ def train(
     if config.seed is None:
         config = dataclasses.replace(config, seed=int(np.random.default_rng().integers(2**31)))
     with _closing(build_vec_env(config)) as venv:
-        model, callbacks = build_model(config, venv), build_callbacks(config)
+        model, every_callback = build_model(config, venv), [*build_callbacks(config), *callbacks]
         return Session(
             config=config,
             folder=RunFolder.create(config, folder, runs_dir),
             model=model,
-            callbacks=callbacks,
+            callbacks=every_callback,
             checkpoint_every=checkpoint_every,
             progress_bar=progress_bar,
         ).run()

@@ -41,6 +41,31 @@ def load_config(
         ConfigError: If the file cannot be read, has no entry for the environment, or a setting is
             not valid; the message names file, entry and key.
     """
+    return _loaded(algo, env_id, path, overrides)[1]
+
+
+def load_entry(
+    algo: str, env_id: str, path: str | os.PathLike[str] | None = None, **overrides: Any
+) -> dict[str, Any]:
+    """Return the entry that :func:`load_config` reads, as it is written, with the overrides in it.
+
+    Arguments and errors are those of :func:`load_config`; :func:`entry_config` makes its result.
+    """
+    return _loaded(algo, env_id, path, overrides)[0]
+
+
+def entry_config(algo: str, env_id: str, entry: Mapping[str, Any]) -> RunConfig:
+    """Return the settings that an entry stands for.
+
+    Raises:
+        ConfigError: If one is not valid.
+    """
+    return RunConfig(algo=algo, env_id=env_id, **_fields_of(entry))
+
+
+def _loaded(
+    algo: str, env_id: str, path: str | os.PathLike[str] | None, overrides: Mapping[str, Any]
+) -> tuple[dict[str, Any], RunConfig]:
     algorithm_class(algo)
     _, name = registered_id(env_id)
     file = _preset(algo) if path is None else Path(path)
@@ -53,7 +78,7 @@ def load_config(
         )
     try:
         entry = _merged(entries[entry_name], overrides)
-        return RunConfig(algo=algo, env_id=env_id, **_fields_of(entry))
+        return entry, entry_config(algo, env_id, entry)
     except ConfigError as error:
         given = f" with {', '.join(overrides)} replaced" if overrides else ""
         raise ConfigError(f"'{file}', entry {entry_name!r}{given}: {error}") from error

@@ -38,7 +38,7 @@ def written(tmp_path):
 def run_folder(tmp_path):
     """Return a function that makes what a run's folder has after its evaluation."""
 
-    def make(name, piece, values):
+    def make(name, piece, values, **more):
         folder = tmp_path / name
         (folder / "evaluation").mkdir(parents=True)
         (folder / "config.yml").write_text("algo: td3\n")
@@ -46,6 +46,7 @@ def run_folder(tmp_path):
             "piece": piece,
             "episode_seeds": list(range(len(values))),
             "episodes": [{"f1": value} for value in values],
+            **more,
         }
         (folder / "evaluation" / "metrics.json").write_text(json.dumps(content))
         return folder
@@ -80,6 +81,24 @@ def test_pairs_may_be_the_seeds_of_a_piece(written):
     assert (pair.piece, pair.seed, pair.a, pair.b) == ("Scale", 2, 0.5, 0.6)
     assert comparison.only_in_a == ("Scale, seed 1",)
     assert comparison.only_in_b == ("Scale, seed 3",)
+
+
+def test_pairs_may_be_the_seeds_of_the_trainings(run_folder, tmp_path):
+    run_folder("a/1", "Scale", [0.1, 0.3], training_seed=1)
+    run_folder("a/2", "Scale", [0.5], training_seed=2)
+    run_folder("b/x", "Scale", [0.7], training_seed=2)
+    run_folder("b/y", "Scale", [0.4], training_seed=1)
+    (found,) = compare(tmp_path / "a", tmp_path / "b", by="training-seed").metrics
+    assert [(pair.seed, pair.a, pair.b) for pair in found.pairs] == [
+        (1, pytest.approx(0.2), 0.4),
+        (2, 0.5, 0.7),
+    ]
+
+
+def test_an_evaluation_that_does_not_tell_the_seed_of_its_training_is_refused(run_folder):
+    old = run_folder("old", "Scale", [0.1])
+    with pytest.raises(RunError, match="of Scale in '.*old' does not tell the seed of the training"):
+        compare(old, old, by="training-seed")
 
 
 def test_pieces_of_only_one_side_are_named_and_left_out(written):
@@ -167,7 +186,7 @@ def test_a_metric_that_only_one_side_has_is_unknown(written):
 
 def test_what_pairs_is_checked(written):
     a = written("a.json", {"Scale": episodes(0.1)})
-    with pytest.raises(ConfigError, match=r"by is 'seeds': expected one of 'piece', 'seed'\. Did"):
+    with pytest.raises(ConfigError, match=r"by is 'seeds': expected one of 'piece', 'seed', .*\. Did"):
         compare(a, a, by="seeds")
 
 

@@ -72,11 +72,12 @@ def test_hands_that_rest_equal_the_baseline_and_leave_no_midi_file(piano_run, mi
 
 
 def test_the_file_of_metrics_has_what_was_returned(piano_run):
-    evaluation = evaluate(piano_run(loud_action()).path, episodes=2, seed=3)
+    evaluation = evaluate(piano_run(loud_action()).path, episodes=2, seed=5)
     content = json.loads(evaluation.metrics_file.read_text())
     assert content == json.loads(json.dumps(evaluation.to_json()))
     assert content["num_timesteps"] == 1
-    assert content["episode_seeds"] == [3, 3]
+    assert content["training_seed"] == 1
+    assert content["episode_seeds"] == [5, 5]
     assert content["mean"] == evaluation.mean
     assert content["std"]["f1"] == 0.0  # nothing is random here
     assert content["interval"]["f1"] is None

@@ -1,94 +1,208 @@
-"""Optuna studies: real trials, a few steps long."""
+"""What a trial is: real trainings, a few steps long, judged and reported."""
 
 from __future__ import annotations
 
-import dataclasses
-import os
-import signal
+import json
+import platform
+import re
 
-import gymnasium as gym
 import optuna
 import pytest
-from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+import small_study
+from optuna.trial import TrialState
 
-from sb3_piano.exceptions import ConfigError
-from sb3_piano.training import RunConfig, RunFolder
-from sb3_piano.tuning import Objective
+from sb3_piano.training import RunFolder
+from sb3_piano.tuning import Choice, Float, Int, Objective, Space, StudyFolder
+from sb3_piano.tuning.objective import TrialInterrupted, reason_of
 
-
-class StoppedInSecondEpisode(gym.Wrapper):
-    """Press Ctrl-C in the second episode played after a rest; named by its import path."""
-
-    resets = 0
-
-    def reset(self, **arguments):
-        self.resets += 1  # for the rest and after it, for the first episode and after it
-        return self.env.reset(**arguments)
-
-    def step(self, action):
-        if self.resets == 4:
-            os.kill(os.getpid(), signal.SIGINT)
-        return self.env.step(action)
+small = small_study.small_study
 
 
-CONFIG = RunConfig(
-    algo="td3",
-    env_id="RoboPianist-debug-TwinkleTwinkleLittleStar-v0",
-    n_timesteps=30,
-    seed=0,
-    env_kwargs={"n_steps_lookahead": 1},
-    algorithm_kwargs={
-        "learning_starts": 20,
-        "buffer_size": 100,
-        "batch_size": 8,
-        "policy_kwargs": {"net_arch": [8]},
-    },
-)
+class PruneAt(optuna.pruners.BasePruner):
+    """Prune when a value is reported at this step."""
+
+    def __init__(self, step):
+        self._step = step
+
+    def prune(self, study, trial):
+        return trial.last_step == self._step
 
 
-def test_a_study_trains_each_trial_in_its_own_run_with_the_suggested_settings(tmp_path):
+def run(config, folder, n_trials=1, pruner=None, **options):
+    """Run trials of a study in this process and return them."""
+    study = optuna.create_study(
+        direction="maximize",
+        sampler=optuna.samplers.RandomSampler(seed=0),
+        pruner=pruner or optuna.pruners.NopPruner(),
+    )
+    objective = Objective(config, StudyFolder(folder), **options)
+    study.optimize(objective, n_trials=n_trials, catch=(Exception,))
+    return study.trials
+
+
+def test_each_trial_trains_with_its_settings_in_a_run_of_its_own(tmp_path):
     space = {
-        "gamma": FloatDistribution(0.7, 0.9),
-        "batch_size": CategoricalDistribution([4, 8]),
-        "env_kwargs.n_steps_lookahead": IntDistribution(0, 2),
+        "gamma": Float(0.7, 0.9),
+        "batch_size": Choice([4, 8]),
+        "policy_kwargs.net_arch": Choice({"one": [4], "two": [4, 4]}),
+        "env_kwargs.n_steps_lookahead": Int(0, 2),
     }
-    study = optuna.create_study(direction="maximize", sampler=optuna.samplers.RandomSampler(seed=0))
-    study.optimize(Objective(CONFIG, space, tmp_path), n_trials=2)
-    for trial in study.trials:
-        config = RunFolder.open(tmp_path / f"trial_{trial.number}").read_config()
-        assert config.algorithm_kwargs["gamma"] == trial.params["gamma"]
-        assert config.algorithm_kwargs["batch_size"] == trial.params["batch_size"]
-        lookahead = trial.params["env_kwargs.n_steps_lookahead"]
-        assert config.env_kwargs == {"n_steps_lookahead": lookahead}
-        assert 0 <= trial.value <= 1
+    config = small(Space(space))
+    for trial in run(config, tmp_path, n_trials=2):
+        used = RunFolder.open(tmp_path / "trials" / str(trial.number) / "seed_0").read_config()
+        settings = config.space.settings(trial.params)
+        assert used.algorithm_kwargs["gamma"] == trial.params["gamma"] == settings["gamma"]
+        assert used.algorithm_kwargs["batch_size"] == trial.params["batch_size"]
+        assert used.algorithm_kwargs["policy_kwargs"] == {
+            "net_arch": settings["policy_kwargs.net_arch"]
+        }
+        assert used.env_kwargs == {"n_steps_lookahead": settings["env_kwargs.n_steps_lookahead"]}
+        assert used.seed == 0
+        assert used.n_timesteps == trial.user_attrs["steps"] == 40
+        assert trial.user_attrs["host"] == platform.node()
+        assert trial.user_attrs["folder"] == str(tmp_path / "trials" / str(trial.number))
 
 
-def test_an_unknown_metric_is_answered_with_those_there_are(tmp_path):
-    study = optuna.create_study()
-    with pytest.raises(
-        ConfigError, match=r"metric is 'f2'\. Did you mean .*'f1'.* Expected one of"
-    ):
-        study.optimize(Objective(CONFIG, {}, tmp_path, metric="f2"), n_trials=1)
+def test_its_value_is_what_evaluation_of_the_model_at_the_end_found(tmp_path):
+    (trial,) = run(small(metric="onset_f1", eval_seed=7, eval_episodes=2), tmp_path)
+    saved = json.loads((tmp_path / "trials/0/seed_0/evaluation/metrics.json").read_text())
+    assert saved["episode_seeds"] == [7, 7]
+    assert trial.value == saved["mean"]["onset_f1"] == trial.user_attrs["final_onset_f1"]
+    assert trial.user_attrs["final_f1"] == saved["mean"]["f1"]
+    assert trial.user_attrs["best_f1"] >= saved["mean"]["f1"]
 
 
-def test_an_unknown_setting_is_refused_before_anything_is_trained(tmp_path):
-    objective = Objective(CONFIG, {"gama": FloatDistribution(0, 1)}, tmp_path)
-    with pytest.raises(ConfigError, match="Unknown key 'gama' for TD3. Did you mean 'gamma'"):
-        optuna.create_study().optimize(objective, n_trials=1)
-    assert not any(tmp_path.iterdir())
+def test_the_best_model_may_count_in_place_of_the_last(tmp_path):
+    config = small(objective="best", entry={"learning_rate": 0.1}, n_evaluations=4)
+    (trial,) = run(config, tmp_path)
+    note = json.loads((tmp_path / "trials/0/seed_0/best_f1/best_model.json").read_text())
+    # the best of the evaluations during training, and the model at the end
+    assert trial.value == max(note["value"], trial.user_attrs["final_f1"])
+    assert list(trial.intermediate_values) == [10, 20, 30, 40]
+    reported = list(trial.intermediate_values.values())
+    assert reported == sorted(reported)
 
 
-def test_a_space_of_another_kind_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match="The space of 'gamma' is 0.8: expected a distribution"):
-        Objective(CONFIG, {"gamma": 0.8}, tmp_path)
+def test_a_value_is_reported_at_each_evaluation_and_the_mean_over_seeds_so_far(tmp_path):
+    (trial,) = run(small(seeds=(3, 5)), tmp_path)
+    assert list(trial.intermediate_values) == [20, 40, 60, 80]
+    finals = [
+        json.loads((tmp_path / f"trials/0/seed_{seed}/evaluation/metrics.json").read_text())
+        for seed in (3, 5)
+    ]
+    values = [saved["mean"]["f1"] for saved in finals]
+    assert trial.user_attrs["values"] == values
+    assert trial.intermediate_values[40] == values[0]
+    assert trial.value == trial.intermediate_values[80] == pytest.approx(sum(values) / 2)
+    assert trial.user_attrs["steps"] == 80
+    within = json.loads((tmp_path / "trials/0/seed_5/best_f1/best_model.json").read_text())
+    assert trial.intermediate_values[60] <= (values[0] + within["value"]) / 2
 
 
-def test_ctrl_c_within_an_evaluation_ends_the_study(tmp_path, ctrl_c):
-    """A mean over fewer episodes than the others' would be no value of the trial."""
-    wrapper = f"{__name__}.{StoppedInSecondEpisode.__name__}"
-    config = dataclasses.replace(CONFIG, env_wrapper=wrapper)
-    study = optuna.create_study()
-    with pytest.raises(KeyboardInterrupt):
-        study.optimize(Objective(config, {}, tmp_path, episodes=2), n_trials=1)
-    assert study.trials[0].value is None
-    assert (tmp_path / "trial_0" / "evaluation" / "metrics.json").is_file()
+def test_pruning_within_a_training_ends_it_there(tmp_path):
+    (trial,) = run(small(seeds=(0, 1)), tmp_path, pruner=PruneAt(60))
+    assert trial.state is TrialState.PRUNED
+    assert trial.user_attrs["steps"] == 60
+    assert len(trial.user_attrs["values"]) == 1
+    assert trial.value == trial.intermediate_values[60]
+
+
+def test_pruning_between_seeds_spares_those_that_are_left(tmp_path):
+    (trial,) = run(small(seeds=(0, 1)), tmp_path, pruner=PruneAt(40))
+    assert trial.state is TrialState.PRUNED
+    assert trial.user_attrs["steps"] == 40
+    assert not (tmp_path / "trials/0/seed_1").exists()
+
+
+def test_a_trial_that_is_through_is_not_pruned(tmp_path):
+    (trial,) = run(small(), tmp_path, pruner=PruneAt(40))
+    assert trial.state is TrialState.COMPLETE
+
+
+def test_with_several_environments_evaluations_are_as_many(tmp_path):
+    config = small(entry={"n_envs": 4, "n_timesteps": 80})
+    (trial,) = run(config, tmp_path)
+    assert list(trial.intermediate_values) == [40, 80]
+
+
+def test_a_trial_ends_when_its_time_is_over(tmp_path):
+    config = small(minutes=1e-4, seeds=(0, 1), entry={"n_timesteps": 100_000})
+    (trial,) = run(config, tmp_path)
+    assert trial.state is TrialState.COMPLETE
+    assert trial.user_attrs["steps"] < 1000
+    assert len(trial.user_attrs["values"]) == 2
+    assert list(trial.intermediate_values) == [100_000, 200_000]
+
+
+def test_the_entrys_own_evaluations_are_left_out_and_other_callbacks_stay(tmp_path):
+    video = "stable_baselines3.common.callbacks.CheckpointCallback"
+    saving = {video: {"save_freq": 10, "save_path": str(tmp_path / "saved")}}
+    judging = {"sb3_piano.callbacks.OnsetF1Callback": {"eval_freq": 5}}
+    run(small(entry={"callback": [judging, saving]}), tmp_path / "study")
+    assert not (tmp_path / "study/trials/0/seed_0/best_onset_f1").exists()
+    assert len(list((tmp_path / "saved").iterdir())) == 4
+
+
+def test_replay_buffers_do_not_stay_on_the_disk_but_models_do(tmp_path):
+    run(small(), tmp_path)
+    assert not (tmp_path / "trials/0/seed_0/checkpoint").exists()
+    assert (tmp_path / "trials/0/seed_0/model.zip").is_file()
+
+
+class First(optuna.samplers.BaseSampler):
+    """Take the first choice in the first trial, the second in the second."""
+
+    def infer_relative_search_space(self, study, trial):
+        return {}
+
+    def sample_relative(self, study, trial, search_space):
+        return {}
+
+    def sample_independent(self, study, trial, name, distribution):
+        return distribution.choices[trial.number]
+
+
+@pytest.mark.parametrize(
+    ("name", "choices", "reason"),
+    [
+        ("learning_rate", [1e-3, 1e30], "InvalidActionError: .*nan"),
+        ("buffer_size", [100, 10**13], "out of memory: .*Unable to allocate"),
+        ("env_wrapper.Broken.limit", [1e9, 30], "^RuntimeError: a string has broken$"),
+    ],
+)
+def test_a_trial_that_fails_says_why_and_the_study_goes_on(name, choices, reason, tmp_path):
+    config = small(
+        Space({name: Choice(choices)}), small_study.wrapped(small_study.Broken, limit=1e9)
+    )
+    study = optuna.create_study(direction="maximize", sampler=First())
+    study.optimize(Objective(config, StudyFolder(tmp_path)), n_trials=2, catch=(Exception,))
+    good, bad = study.trials
+    assert good.state is TrialState.COMPLETE
+    assert bad.state is TrialState.FAIL
+    assert re.search(reason, bad.user_attrs["failure"])
+
+
+def test_ctrl_c_ends_the_trial_which_tells_so(tmp_path, ctrl_c):
+    config = small(entry=small_study.wrapped(small_study.Interrupted, step=30))
+    study = optuna.create_study(direction="maximize")
+    with pytest.raises(TrialInterrupted):
+        study.optimize(Objective(config, StudyFolder(tmp_path)), n_trials=1, catch=(Exception,))
+    assert study.trials[0].state is TrialState.FAIL
+    assert study.trials[0].user_attrs["interrupted"] is True
+
+
+def test_it_says_who_runs_it_before_anyone_else_may_start(tmp_path):
+    seen = []
+    study = optuna.create_study(direction="maximize")
+
+    def look():
+        seen.append((study.trials[0].user_attrs["worker"], study.trials[0].params))
+
+    objective = Objective(small(), StudyFolder(tmp_path), "me", on_start=look)
+    study.optimize(objective, n_trials=1)
+    assert seen == [("me", study.trials[0].params)]
+    assert seen[0][1]
+
+
+def test_an_error_without_words_is_told_by_its_name():
+    assert reason_of(MemoryError()) == "out of memory: MemoryError"

@@ -10,6 +10,7 @@ from html import escape
 from sb3_piano.performance import Performance
 from sb3_piano.viewing.report.curves import Curve, training_figures
 from sb3_piano.viewing.report.definitions import TOLERANCE, formatted
+from sb3_piano.viewing.report.document import document_html
 from sb3_piano.viewing.report.fingers import finger_usage_figure
 from sb3_piano.viewing.report.judgement import DueNotes, Fate, PlayedPresses, Verdict, judge
 from sb3_piano.viewing.report.marks import (
@@ -23,7 +24,6 @@ from sb3_piano.viewing.report.marks import (
 from sb3_piano.viewing.report.piano_roll import piano_roll_figure
 from sb3_piano.viewing.report.rewards import reward_terms_figure
 from sb3_piano.viewing.report.script import ROLL_ID, SCRIPT
-from sb3_piano.viewing.report.style import STYLE
 from sb3_piano.viewing.report.tables import (
     facts_html,
     headlines_html,
@@ -31,12 +31,8 @@ from sb3_piano.viewing.report.tables import (
     metrics_table,
     words_html,
 )
-from sb3_piano.viewing.report.theme import figure_html, library_html
+from sb3_piano.viewing.report.theme import figure_html
 
-# The browser itself refuses whatever would have to be fetched.
-_POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
-)
 _VIEWS = (
     ("earlier", "← earlier"),
     ("later", "later →"),
@@ -84,14 +80,7 @@ def report_html(report: Report) -> str:
         f"<section><h2>All numbers</h2>{metrics_table(report.metrics, report.baseline)}</section>",
         _facts_section(report),
     ]
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{title} · sb3-piano</title><style>{STYLE}</style>{library_html()}</head>\n"
-        f"<body><main>{''.join(part + chr(10) for part in parts)}</main>"
-        f"<script>{SCRIPT}</script></body></html>\n"
-    )
+    return document_html(report.performance.title or "untitled", parts, SCRIPT)
 
 
 def _summary(notes: DueNotes, presses: PlayedPresses, strikes: int) -> str:

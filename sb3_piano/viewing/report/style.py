@@ -44,6 +44,8 @@ dl.words {{ display: grid; grid-template-columns: repeat(2, max-content 1fr); ga
   margin: 8px 0 0; font-size: 14px; }}
 dl.words dt {{ font-weight: 600; }}
 dl.words dd {{ margin: 0; color: {MUTED}; }}
+.wide {{ overflow-x: auto; }}
+.wide td, .wide th {{ white-space: nowrap; }}
 details {{ margin-top: 10px; }}
 details summary {{ cursor: pointer; color: {MUTED}; font-size: 14px; }}
 table {{ border-collapse: collapse; width: 100%; font-size: 14px; }}

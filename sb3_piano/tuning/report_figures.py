@@ -1,0 +1,221 @@
+"""Optuna's figures of a study, in the look of our reports."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+import optuna
+import plotly.graph_objects as go
+from optuna import visualization
+from optuna.importance import PedAnovaImportanceEvaluator
+from optuna.trial import TrialState
+
+from sb3_piano.tuning.best import complete_trials, preset_trial
+from sb3_piano.tuning.table import STATES
+from sb3_piano.viewing.report.theme import MUTED, RULE, SERIES, SOUNDING, axis, themed
+
+_BEST = "Best Value"
+_STATE_COLORS = {
+    "COMPLETE": SOUNDING,
+    "PRUNED": SERIES[3],
+    "FAIL": SERIES[0],
+    "RUNNING": SERIES[1],
+    "WAITING": RULE,
+}
+_MARGIN = {"l": 48, "r": 16, "t": 30, "b": 44}
+_AXIS_WIDTH = 106
+"""Of a parallel coordinate plot, in pixels."""
+_LONGEST = 18
+"""Characters of a choice that have room there."""
+
+
+def history_figure(study: optuna.Study, label: str) -> go.Figure | None:
+    """Return the values of the complete trials; ``None`` if there are none.
+
+    Args:
+        study: The study.
+        label: What a value is called.
+    """
+    if not complete_trials(study):
+        return None
+    figure = visualization.plot_optimization_history(study, target_name=label)
+    figure.update_traces(marker={"color": SERIES[1], "size": 7}, selector={"name": label})
+    figure.update_traces(
+        line={"color": SOUNDING, "width": 2, "shape": "hv"},
+        name="best so far",
+        selector={"name": _BEST},
+    )
+    preset = preset_trial(study)
+    if preset is not None:
+        figure.add_hline(
+            preset.value, line={"color": MUTED, "dash": "dash"}, name="preset", showlegend=True
+        )
+    return _styled(figure, height=300, showlegend=True)
+
+
+def importances(study: optuna.Study) -> dict[str, float]:
+    """Return how much each parameter matters for being among the best tenth of complete trials.
+
+    They are those of Optuna's PED-ANOVA evaluator, which does not draw random numbers; they sum up
+    to 1. Without two different values there are none.
+    """
+    if len({trial.value for trial in complete_trials(study)}) < 2:
+        return {}
+    with _quiet():
+        evaluator = PedAnovaImportanceEvaluator()
+        found = optuna.importance.get_param_importances(study, evaluator=evaluator)
+    return found if sum(found.values()) > 0 else {}
+
+
+def importance_figure(study: optuna.Study) -> go.Figure | None:
+    """Return bars of :func:`importances`; ``None`` if there are none."""
+    found = importances(study)
+    if not found:
+        return None
+    with _quiet():
+        evaluator = PedAnovaImportanceEvaluator()
+        figure = visualization.plot_param_importances(study, evaluator=evaluator)
+    figure.update_traces(marker={"color": SERIES[1]})
+    _styled(figure, height=max(300, 80 + 26 * len(found)))
+    figure.update_xaxes(title=None, range=[0, 1.15 * max(found.values())])
+    return figure.update_yaxes(title=None, showgrid=False)
+
+
+def reports_figure(study: optuna.Study, label: str) -> go.Figure | None:
+    """Return what trials reported while they ran; ``None`` if nothing.
+
+    Args:
+        study: The study.
+        label: What a value is called.
+    """
+    figure = visualization.plot_intermediate_values(study)
+    if not figure.data:
+        return None
+    pruned = {f"Trial{t.number}" for t in study.get_trials(deepcopy=False)
+              if t.state is TrialState.PRUNED}  # fmt: skip
+    for trace in figure.data:
+        is_pruned = trace.name in pruned
+        trace.update(
+            line={
+                "color": _STATE_COLORS["PRUNED" if is_pruned else "COMPLETE"],
+                "dash": "dot" if is_pruned else "solid",
+                "width": 1.4,
+            },
+            marker={"size": 5},
+            opacity=0.7,
+        )
+    _styled(figure, height=320)
+    figure.update_yaxes(title_text=label)
+    return figure.update_xaxes(title_text="environment steps of the trial", rangemode="tozero")
+
+
+def parallel_figure(study: optuna.Study, label: str) -> go.Figure | None:
+    """Return lines through the settings of complete trials; ``None`` if there are none.
+
+    ``meta`` is the least width in pixels at which its axes can be told apart.
+
+    Args:
+        study: The study.
+        label: What a value is called.
+    """
+    names = _searched(study)
+    if not names:
+        return None
+    figure = visualization.plot_parallel_coordinate(study, target_name=label)
+    figure.update_layout(
+        title=None,
+        template="none",
+        dragmode=False,
+        font=_styled(go.Figure()).layout.font,
+        height=340,
+        margin={"l": 50, "r": 30, "t": 30, "b": 50},
+        meta=_AXIS_WIDTH * (len(names) + 1),
+    )
+    figure.update_traces(marker={"showscale": False})  # the first axis has the values
+    figure.for_each_annotation(lambda tick: tick.update(text=_shortened(tick.text)))
+    return figure.update_xaxes(fixedrange=True, tickfont={"size": 10})
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"…{text[1 - _LONGEST :]}"
+
+
+def slice_figures(study: optuna.Study, label: str) -> dict[str, go.Figure]:
+    """Return a figure of values over settings for each parameter that complete trials have.
+
+    Args:
+        study: The study.
+        label: What a value is called.
+
+    Returns:
+        The figures by the parameter's name, the most important one first.
+    """
+    names = _searched(study)
+    order = importances(study)
+    figures = {}
+    for name in sorted(names, key=lambda name: (-order.get(name, 0.0), name)):
+        figure = visualization.plot_slice(study, params=[name], target_name=label)
+        figure.update_traces(marker={"showscale": False, "size": 7})
+        _styled(figure, height=230).update_xaxes(title=None, nticks=6)
+        if figure.layout.xaxis.type == "log":
+            ticks = log_ticks(min(figure.data[0].x), max(figure.data[0].x))
+            figure.update_xaxes(tickvals=ticks, ticktext=[f"{tick:g}" for tick in ticks])
+        figures[name] = figure
+    return figures
+
+
+def log_ticks(low: float, high: float) -> list[float]:
+    """Return the numbers to mark on a logarithmic axis: 1, 2 and 5, or 1 alone, of each decade.
+
+    >>> log_ticks(0.0008, 0.012)
+    [0.001, 0.002, 0.005, 0.01]
+
+    Args:
+        low: The least number that is shown, above 0.
+        high: The greatest.
+    """
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    steps = (1, 2, 5) if len(decades) <= 4 else (1,)
+    ticks = [float(f"{step}e{decade}") for decade in decades for step in steps]
+    return [tick for tick in ticks if low <= tick <= high]
+
+
+def timeline_figure(study: optuna.Study) -> go.Figure | None:
+    """Return when each trial ran, by its state; ``None`` if there are no trials."""
+    trials = study.get_trials(deepcopy=False)
+    if not trials:
+        return None
+    figure = visualization.plot_timeline(study)
+    figure.for_each_trace(
+        lambda trace: trace.update(
+            name=STATES[TrialState[trace.name]], marker={"color": _STATE_COLORS[trace.name]}
+        )
+    )
+    _styled(figure, height=max(220, 90 + 9 * len(trials)), showlegend=True)
+    figure.update_xaxes(title=None)
+    return figure.update_yaxes(title_text="trial", showgrid=False)
+
+
+def _searched(study: optuna.Study) -> list[str]:
+    """Return the parameters that complete trials have."""
+    return sorted({name for trial in complete_trials(study) for name in trial.params})
+
+
+def _styled(figure: go.Figure, **layout: Any) -> go.Figure:
+    figure.update_layout(themed(margin=_MARGIN, hovermode="closest", **layout))
+    figure.update_layout(title=None)
+    look = axis(title={})
+    figure.update_xaxes(look)
+    return figure.update_yaxes(look)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep to ourselves that an evaluator is experimental, or has few trials; the page says so."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield

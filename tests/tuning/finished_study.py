@@ -1,0 +1,127 @@
+"""Studies whose trials have run, with made-up results, through Optuna's own interface."""
+
+from __future__ import annotations
+
+import math
+
+import optuna
+from optuna.trial import TrialState
+
+from sb3_piano.tuning import attributes
+from sb3_piano.tuning.space import Space
+from sb3_piano.tuning.study_config import StudyConfig
+
+ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
+
+SPACE = {
+    "learning_rate": {"float": [1e-4, 1e-2], "log": True},
+    "gamma": {"discount": [0.6, 0.97]},
+    "batch_size": {"choice": [32, 64, 128]},
+    "policy_kwargs.net_arch": {"choice": {"small": [16], "large": [32, 32]}},
+}
+
+ENTRY = {
+    "env_kwargs": {"observation": "fingers", "physics": "fast"},
+    "n_timesteps": 1000,
+    "policy": "MlpPolicy",
+    "policy_kwargs": {"net_arch": [16]},
+    "learning_rate": 0.001,
+    "batch_size": 32,
+    "gamma": 0.8,
+    "buffer_size": 1000,
+    "replay_buffer_class": "importlib.import_module('sb3_piano.buffers').CompactReplayBuffer",
+    "learning_starts": 100,
+    "train_freq": 4,
+    "monitor_kwargs": "dict(info_keywords=('precision', 'recall', 'f1', 'onset_f1'))",
+    "callback": [{"sb3_piano.callbacks.F1Callback": {"eval_freq": 900}}],
+}
+
+
+def study_config(entry=ENTRY, space=SPACE, **changes):
+    """A study of SAC on a debug piece, unless something is changed."""
+    settings = {"algo": "sac", "env_id": ENV_ID, **changes}
+    return StudyConfig(entry=entry, space=Space(space), **settings)
+
+
+def new_study(name="sac_twinkle", storage=None):
+    return optuna.create_study(
+        study_name=name,
+        storage=storage,
+        direction="maximize",
+        sampler=optuna.samplers.RandomSampler(seed=0),
+    )
+
+
+def begin(study, config, **noted):
+    """Start a trial, as a worker does."""
+    trial = study.ask()
+    noted = {"host": "here", "folder": f"study/trials/{trial.number}", **noted}
+    for name, value in noted.items():
+        trial.set_user_attr(name, value)
+    config.space.suggest(trial)
+    return trial
+
+
+def complete(study, config, value, **noted):
+    """Run a trial up to a value; what else it scored follows from that."""
+    trial = begin(study, config, steps=1000, seconds=2.5, values=[value], **noted)
+    results = {"final_f1": value, "best_f1": value + 0.01, "final_onset_f1": value / 2}
+    for name, result in {**results, "best_onset_f1": value / 2 + 0.01}.items():
+        trial.set_user_attr(name, result)
+    for part in range(1, 6):
+        trial.report(value * part / 5, 200 * part)
+    return study.tell(trial, value)
+
+
+def complete_by_learning_rate(study, config, center=1e-3):
+    """Run a trial that is the better, the nearer its learning rate is to ``center``."""
+    trial = begin(study, config, steps=1000, seconds=2.5)
+    value = 1 / (1 + abs(math.log(trial.params["learning_rate"] / center)))
+    for part in range(1, 6):
+        trial.report(value * part / 5, 200 * part)
+    return study.tell(trial, value)
+
+
+def complete_preset(study, config, value):
+    """Run the trial that has the settings of the study's entry."""
+    study.enqueue_trial(
+        config.space.params_of(config.entry), user_attrs={attributes.ORIGIN: attributes.PRESET}
+    )
+    return complete(study, config, value)
+
+
+def prune(study, config, value):
+    """Run a trial that reports a value once, and is pruned."""
+    trial = begin(study, config, steps=200, seconds=0.5, values=[])
+    trial.report(value, 200)
+    return study.tell(trial, state=TrialState.PRUNED)
+
+
+def fail(study, config, reason=None, **noted):
+    """Run a trial that fails with a reason, or whose process is gone."""
+    trial = begin(study, config, **noted)
+    if reason is not None:
+        trial.set_user_attr(attributes.FAILURE, reason)
+    return study.tell(trial, state=TrialState.FAIL)
+
+
+def interrupt(study, config):
+    """Run a trial that someone stops."""
+    noted = {attributes.INTERRUPTED: True}
+    return fail(study, config, "it was interrupted", **noted)
+
+
+def finished_study(config, name="sac_twinkle", storage=None, n_complete=24):
+    """A study with trials of all kinds, the preset's first."""
+    study = new_study(name, storage)
+    complete_preset(study, config, 0.41)
+    for number in range(1, n_complete):
+        complete_by_learning_rate(study, config)
+        if number % 4 == 0:
+            prune(study, config, 0.02 * number)
+    fail(study, config, "RunError: final_f1 is nan: expected a number.")
+    fail(study, config)
+    interrupt(study, config)
+    begin(study, config)
+    study.enqueue_trial({})
+    return study

@@ -1,0 +1,89 @@
+"""A study so small that its trials take a second, and wrappers that go wrong on purpose."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import gymnasium as gym
+
+from sb3_piano.tuning import Float, Space, StudyConfig
+
+ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
+ENTRY = {
+    "n_timesteps": 40,
+    "policy": "MlpPolicy",
+    "policy_kwargs": {"net_arch": [8]},
+    "env_kwargs": {"n_steps_lookahead": 1},
+    "learning_starts": 20,
+    "buffer_size": 100,
+    "batch_size": 8,
+    "gamma": 0.8,
+}
+
+
+def small_study(space=None, entry=None, **settings) -> StudyConfig:
+    """Return a study of TD3 with 40 steps a training, two evaluations of each."""
+    space = Space({"gamma": Float(0.7, 0.9)}) if space is None else space
+    arguments = {"n_evaluations": 2, **settings}
+    return StudyConfig(
+        algo="td3", env_id=ENV_ID, entry={**ENTRY, **(entry or {})}, space=space, **arguments
+    )
+
+
+def wrapped(wrapper: type[gym.Wrapper], **arguments) -> dict:
+    """Return what an entry says to have a wrapper of this module."""
+    return {"env_wrapper": {f"{__name__}.{wrapper.__name__}": arguments}}
+
+
+class KilledOnce(gym.Wrapper):
+    """Kill this process, as the system does when memory runs out, unless a file says it was done."""
+
+    def __init__(self, env: gym.Env, marker: str, step: int = 10):
+        super().__init__(env)
+        self._marker = Path(marker)
+        self._left = step
+
+    def step(self, action):
+        self._left -= 1
+        if self._left == 0 and not self._marker.exists():
+            self._marker.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return self.env.step(action)
+
+
+class Broken(gym.Wrapper):
+    """Raise an error in the middle of an episode."""
+
+    def __init__(self, env: gym.Env, limit: float):
+        super().__init__(env)
+        self._limit = limit
+        self._steps = 0
+
+    def step(self, action):
+        self._steps += 1
+        if self._steps > self._limit:
+            raise RuntimeError("a string\nhas broken")
+        return self.env.step(action)
+
+
+class Interrupted(gym.Wrapper):
+    """Press Ctrl-C after some steps."""
+
+    def __init__(self, env: gym.Env, step: int):
+        super().__init__(env)
+        self._left = step
+
+    def step(self, action):
+        self._left -= 1
+        if self._left == 0:
+            os.kill(os.getpid(), signal.SIGINT)
+        return self.env.step(action)
+
+
+class KilledAlways(gym.Wrapper):
+    """Kill this process at the first step."""
+
+    def step(self, action):
+        os.kill(os.getpid(), signal.SIGKILL)

@@ -1,0 +1,418 @@
+"""The page of a study: whatever the study holds, it opens, in a browser without a network too."""
+
+from __future__ import annotations
+
+import html
+import re
+import shutil
+import warnings
+from html.parser import HTMLParser
+from pathlib import Path
+
+import optuna
+import pytest
+from finished_study import (
+    ENTRY,
+    SPACE,
+    begin,
+    complete,
+    complete_by_learning_rate,
+    complete_preset,
+    fail,
+    finished_study,
+    interrupt,
+    new_study,
+    prune,
+    study_config,
+)
+from playwright.sync_api import sync_playwright
+
+from sb3_piano.tuning.report import report_html, write_report
+from sb3_piano.tuning.report_figures import (
+    history_figure,
+    importances,
+    log_ticks,
+    parallel_figure,
+    reports_figure,
+)
+from sb3_piano.tuning.study_folder import StudyFolder
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine")
+
+EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>"
+
+
+class Texts(HTMLParser):
+    """The texts that a page shows, and the tables among them as lists of rows."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.words, self.tables, self._hidden = [], [], False
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self._hidden = tag in ("script", "style")
+        if tag == "table":
+            self.tables.append([])
+        elif tag == "tr":
+            self.tables[-1].append([])
+        elif tag in ("td", "th"):
+            self.tables[-1][-1].append("")
+
+    def handle_endtag(self, tag):
+        self._hidden = False
+
+    def handle_data(self, data):
+        if self._hidden:
+            return
+        self.words.append(data)
+        if self.lasttag in ("td", "th") and self.tables:
+            self.tables[-1][-1][-1] += data
+
+
+def texts_of(study, config, folder=None):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        page = Texts(report_html(study, config, folder))
+    page.text = " ".join(" ".join(page.words).split())
+    return page
+
+
+# What it says.
+
+
+def test_the_summary_counts_trials_and_compares_with_the_preset():
+    config, study = study_config(), new_study("evenings")
+    complete_preset(study, config, 0.25)
+    complete(study, config, 0.5)
+    prune(study, config, 0.9)
+    fail(study, config, "ValueError")
+    begin(study, config)
+    interrupt(study, config)
+    study.enqueue_trial({})
+    text = texts_of(study, config).text
+    assert "Study of SAC" in text
+    assert "TwinkleTwinkleLittleStar evenings" in text
+    assert "6 trials: 2 complete, 1 pruned, 1 failed, 1 running, 1 waiting." in text
+    assert "The best value is 0.500, of trial 1; the preset's is 0.250." in text
+    assert "1 interrupted trial not counted" in text
+    assert "F1 of the model at the end of a training, in 1 episode from seed 1000" in text
+    assert "train with other seeds" in text
+
+
+def test_a_preset_that_is_the_best_is_said_to_be():
+    config, study = study_config(), new_study()
+    complete_preset(study, config, 0.25)
+    text = texts_of(study, config).text
+    assert "1 trial: 1 complete. The best value is 0.250, of trial 0 with the preset's" in text
+
+
+def test_the_best_settings_stand_beside_the_presets():
+    space = {**SPACE, "target_entropy": {"float": [-40.0, -10.0]}}
+    entry = {**ENTRY, "gamma": 0.99}  # outside of what is searched
+    config, study = study_config(entry, space), new_study()
+    complete(study, config, 0.25)
+    complete(study, config, 0.5)
+    best = config.space.settings(study.trials[1].params)
+    assert texts_of(study, config).tables[0] == [
+        ["setting", "best", "preset"],
+        ["learning_rate", f"{best['learning_rate']:.4g}", "0.001"],
+        ["gamma", f"{best['gamma']:.4g}", "0.99"],
+        ["batch_size", str(best["batch_size"]), "32"],
+        ["policy_kwargs.net_arch", str(best["policy_kwargs.net_arch"]), "[16]"],
+        ["target_entropy", f"{best['target_entropy']:.4g}", "\N{EN DASH}"],
+    ]
+
+
+def test_the_ten_best_complete_trials_are_listed_the_best_first():
+    config, study = study_config(), new_study()
+    values = [0.1, 0.5, 0.3, 0.7, 0.2, 0.0, 0.9, 0.4, 0.8, 0.6, 0.7, 0.05]
+    for value in values:
+        complete(study, config, value)
+    prune(study, config, 0.99)
+    heads, *rows = texts_of(study, config).tables[1]
+    assert heads[:3] == ["trial", "value", "final f1"]
+    assert [row[0] for row in rows] == ["6", "8", "3", "10", "9", "1", "7", "2", "4", "0"]
+    assert rows[0][1:6] == ["0.900", "0.900", "0.450", "0.910", "0.460"]
+    settings = config.space.settings(study.trials[6].params)
+    assert rows[0][heads.index("gamma")] == f"{settings['gamma']:.4g}"
+
+
+def test_failed_trials_are_listed_with_their_reasons():
+    config, study = study_config(), new_study()
+    fail(study, config, f"RuntimeError: {EVIL}")
+    fail(study, config)
+    interrupt(study, config)
+    page = report_html(study, config)
+    assert "<img" not in page.replace("\\u003cimg", "")
+    (table,) = Texts(page).tables
+    assert table[1] == ["0", f"RuntimeError: {EVIL}"]
+    assert table[2][0] == "1"
+    assert "killed" in table[2][1]
+    assert len(table) == 3
+    assert "No trial is complete yet." in page
+
+
+def test_the_commands_name_the_files_of_the_study(tmp_path):
+    config, study = study_config(), new_study()
+    complete(study, config, 0.5)
+    folder = StudyFolder(tmp_path / "a study")
+    folder.path.mkdir()
+    text = texts_of(study, config, folder).text
+    assert f"--config '{folder.best_file}' --seed 0" in text
+    assert f"--conf-file '{folder.best_file}' --seed 0 --eval-env-kwargs" in text
+    assert "optuna-dashboard URL" in text  # there is no journal: it is in a database
+    folder.journal_file.touch()
+    assert f"optuna-dashboard '{folder.journal_file}'" in texts_of(study, config, folder).text
+    assert "optuna-dashboard journal.log" in texts_of(study, config).text
+
+
+# Importance.
+
+
+def test_what_alone_decides_is_the_most_important_and_of_how_many_trials_is_said():
+    config, study = study_config(), new_study()
+    for _ in range(40):
+        complete_by_learning_rate(study, config)
+    prune(study, config, 0.3)
+    found = importances(study)
+    assert next(iter(found)) == "learning_rate"
+    assert sum(found.values()) == pytest.approx(1)
+    assert importances(study) == found  # nothing random
+    page = texts_of(study, config)
+    assert "of 40 complete trials (PED-ANOVA" in page.text
+    assert page.words.index("learning_rate") < page.words.index("1 - gamma")
+
+
+@pytest.mark.parametrize("values", [[], [0.5], [0.5, 0.5, 0.5]])
+def test_without_two_different_values_no_importance_is_made_up(values):
+    config, study = study_config(), new_study()
+    for value in values:
+        complete(study, config, value)
+    assert importances(study) == {}
+    trials = f"{len(values)} complete trial{'' if len(values) == 1 else 's'}"
+    assert f"This needs values that differ; so far: {trials}." in texts_of(study, config).text
+
+
+# Figures.
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "ticks"),
+    [
+        (1e-4, 3e-3, [1e-4, 2e-4, 5e-4, 1e-3, 2e-3]),
+        (0.03, 0.4, [0.05, 0.1, 0.2]),
+        (64, 512, [100, 200, 500]),
+        (1e-6, 1, [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1]),
+    ],
+)
+def test_a_logarithmic_axis_is_marked_at_round_numbers(low, high, ticks):
+    assert log_ticks(low, high) == ticks
+
+
+def test_lines_of_pruned_trials_are_dotted():
+    config, study = study_config(), new_study()
+    complete(study, config, 0.5)
+    prune(study, config, 0.1)
+    begin(study, config).report(0.2, 200)
+    dashes = {trace.name: trace.line.dash for trace in reports_figure(study, "F1").data}
+    assert dashes == {"Trial0": "solid", "Trial1": "dot", "Trial2": "solid"}
+
+
+def test_the_presets_value_is_a_line_in_the_history():
+    config, study = study_config(), new_study()
+    complete(study, config, 0.5)
+    assert not history_figure(study, "F1").layout.shapes
+    complete_preset(study, config, 0.25)
+    (line,) = history_figure(study, "F1").layout.shapes
+    assert (line.y0, line.y1) == (0.25, 0.25)
+
+
+def test_a_long_choice_is_shortened_where_there_is_no_room():
+    space = {
+        **SPACE,
+        "policy": {"choice": ["MlpPolicy", "sb3_piano.policies.RegularizedSACPolicy"]},
+    }
+    config, study = study_config(space=space), new_study()
+    for value in (0.1, 0.2, 0.3, 0.4):
+        complete(study, config, value)
+    figure = parallel_figure(study, "F1")
+    texts = [annotation.text for annotation in figure.layout.annotations]
+    assert "…ularizedSACPolicy" in texts
+    assert max(map(len, texts)) == 18
+
+
+# Studies of every kind.
+
+
+def figures_in(page):
+    return re.findall(r'<div id="([\w-]+)" class="plotly-graph-div"', page)
+
+
+ALL = ["history", "importance", "reports", "timeline", "parallel"]
+
+
+def with_conditional(study, config):
+    for value in (0.2, 0.3):
+        distributions = {"batch_size": config.space.distributions["batch_size"]}
+        params = {"batch_size": 64}
+        study.add_trial(
+            optuna.create_trial(value=value, params=params, distributions=distributions)
+        )
+    complete(study, config, 0.25)
+    complete(study, config, 0.35)
+
+
+@pytest.mark.parametrize(
+    ("fill", "space", "expected"),
+    [
+        (lambda s, c: None, SPACE, []),
+        (lambda s, c: s.enqueue_trial({}), SPACE, ["timeline"]),
+        (lambda s, c: begin(s, c), SPACE, ["timeline"]),
+        (lambda s, c: [fail(s, c, "ValueError") for _ in range(3)], SPACE, ["timeline"]),
+        (lambda s, c: prune(s, c, 0.5), SPACE, ["reports", "timeline"]),
+        (
+            lambda s, c: complete(s, c, 0.5),
+            SPACE,
+            ["history", "reports", "timeline", "parallel", *(f"slice-{n}" for n in range(1, 5))],
+        ),
+        (
+            lambda s, c: [complete(s, c, value) for value in (0.5, 0.6)],
+            SPACE,
+            [*ALL, *(f"slice-{n}" for n in range(1, 5))],
+        ),
+        (
+            lambda s, c: [complete(s, c, value / 40) for value in range(40)],
+            {"tau": {"float": [0.001, 0.1]}},
+            [*ALL, "slice-1"],
+        ),
+        (
+            lambda s, c: [complete(s, c, value / 40) for value in range(40)],
+            {"train_freq": {"choice": [1, 2, [1, "episode"]]}},
+            [*ALL, "slice-1"],
+        ),
+        (with_conditional, SPACE, [*ALL, *(f"slice-{n}" for n in range(1, 5))]),
+    ],
+    ids=[
+        *("empty", "waiting", "running", "failed", "pruned", "one", "two", "one number"),
+        *("one choice", "conditional"),
+    ],
+)
+def test_every_study_has_the_figures_for_which_there_is_something(fill, space, expected):
+    config, study = study_config(space=space), new_study()
+    fill(study, config)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        page = report_html(study, config)
+    assert figures_in(page) == expected
+
+
+def test_an_infinite_value_that_was_reported_is_survived():
+    config, study = study_config(), new_study()
+    trial = begin(study, config)
+    trial.report(float("nan"), 100)
+    trial.report(float("inf"), 200)
+    study.tell(trial, 0.5)
+    assert "reports" in figures_in(report_html(study, config))
+
+
+def test_the_study_is_not_changed_and_the_same_page_comes_again():
+    config = study_config()
+    study = finished_study(config)
+    before = study.get_trials()
+    first = report_html(study, config)
+    assert study.get_trials() == before
+    assert len(report_html(study, config)) == pytest.approx(len(first), abs=200)  # the time
+
+
+# In a browser.
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def opened(browser, tmp_path):
+    """Return a function that opens the report of a study; nothing may go wrong on the page."""
+    complaints, contexts = [], []
+
+    def note_request(request):
+        if not request.url.startswith(("file:", "data:", "blob:")):
+            complaints.append(request.url)
+
+    def open_page(study, config, **screen):
+        contexts.append(browser.new_context(offline=True, **screen))
+        page = contexts[-1].new_page()
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("dialog", lambda dialog: (complaints.append(dialog.message), dialog.accept()))
+        page.on("request", note_request)
+        page.goto(write_report(study, config, StudyFolder(tmp_path)).as_uri())
+        page.wait_for_function(
+            "[...document.querySelectorAll('.plotly-graph-div')].every(f => f.querySelector('svg'))"
+        )
+        return page
+
+    yield open_page
+    for context in contexts:
+        context.close()
+    assert complaints == []
+
+
+POINTS = "node => node.querySelectorAll('.scatterlayer .point').length"
+LINES = "node => node.querySelectorAll('.scatterlayer .js-line').length"
+BARS = "node => node.querySelectorAll('.barlayer .point path').length"
+
+
+@needs_chromium
+def test_all_figures_are_drawn_with_all_their_trials(opened, tmp_path):
+    config = study_config()
+    study = finished_study(config)
+    page = opened(study, config)
+    assert (tmp_path / "report.html").is_file()
+    assert page.title() == "sac_twinkle · sb3-piano"
+    assert page.eval_on_selector("#history", POINTS) == 24
+    assert page.eval_on_selector("#importance", BARS) == 4
+    assert page.eval_on_selector("#reports", LINES) >= 24
+    assert page.eval_on_selector("#timeline", BARS) == len(study.trials)
+    assert page.eval_on_selector("#parallel", LINES) == 24
+    assert page.eval_on_selector_all("[id^=slice-]", f"f => f.map({POINTS})") == [24] * 4
+    legend = page.eval_on_selector("#timeline .legend", "node => node.textContent")
+    for state in ("complete", "pruned", "failed", "running", "waiting"):
+        assert state in legend
+    legend = page.eval_on_selector("#history .legend", "node => node.textContent")
+    for name in ("final F1", "best so far", "preset"):
+        assert name in legend
+
+
+@needs_chromium
+def test_on_a_phone_only_tables_and_the_lines_are_scrolled(opened):
+    space = {**SPACE, **{f"env_kwargs.reward_weights.{name}": {"float": [0.1, 2.0]}
+                         for name in ("energy", "fingering", "key_press", "sustain")}}  # fmt: skip
+    config = study_config(space=space)
+    size = {"width": 390, "height": 844}
+    page = opened(finished_study(config), config, viewport=size, is_mobile=True, has_touch=True)
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    widest = "nodes => Math.max(...nodes.map(n => n.getBoundingClientRect().right))"
+    assert page.eval_on_selector_all("main *:not(svg *):not(.wide *)", widest) <= 390
+    assert page.eval_on_selector("#parallel", "node => node.clientWidth") >= 9 * 100
+
+
+@needs_chromium
+def test_names_and_reasons_like_scripts_do_nothing(opened):
+    space = {**SPACE, "policy_kwargs.net_arch": {"choice": {EVIL: [16], "other": [32]}}}
+    config, study = study_config(space=space), new_study(EVIL)
+    for value in (0.1, 0.2, 0.3, 0.4):
+        complete(study, config, value, origin=EVIL)
+    fail(study, config, EVIL, host=EVIL)
+    page = opened(study, config)
+    assert page.locator("h1").inner_text() == EVIL
+    assert page.locator("main img").count() == 0
+    page.locator("#timeline .barlayer .point").first.hover(force=True)
+    assert html.escape(EVIL) in Path(page.url.removeprefix("file://")).read_text(encoding="utf-8")

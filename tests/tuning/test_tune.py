@@ -1,0 +1,206 @@
+"""Studies with worker processes, on both stores: nothing is lost and nothing is done twice."""
+
+from __future__ import annotations
+
+import csv
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+import optuna
+import pytest
+import small_study
+import yaml
+from optuna.trial import TrialState
+
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.training import RunFolder, load_config
+from sb3_piano.tuning import Float, Search, Space, tune
+from sb3_piano.tuning.attributes import repeated
+
+small = small_study.small_study
+MIDI_FILE = Path(__file__).parents[2] / "examples" / "five_fingers.mid"
+TWO = Space({"gamma": Float(0.7, 0.9), "learning_rate": Float(1e-4, 1e-2, log=True)})
+
+
+@pytest.fixture(params=["embedded", "postgresql"])
+def storage(request):
+    """Where the study is kept: ``None`` for its folder, or a server's URL."""
+    if request.param == "embedded":
+        return None
+    return request.getfixturevalue("postgresql_url")
+
+
+def run(config, folder, storage=None, **options):
+    arguments = {"n_trials": 4, "workers": 2, "progress_bar": False, **options}
+    arguments.setdefault("name", f"{folder.name}-{time.time_ns()}")
+    return tune(config, folder / "study", storage=storage, **arguments)
+
+
+def states(result):
+    return [trial.state for trial in result.study.trials]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A study in its folder, which one worker has finished."""
+    config = small(TWO, {"learning_rate": 2e-3})
+    folder = tmp_path_factory.mktemp("finished")
+    return tune(config, folder / "small", n_trials=3, search=Search(seed=0), progress_bar=False)
+
+
+def test_the_first_trial_has_the_presets_settings(finished):
+    assert finished.study.trials[0].params == {"gamma": 0.8, "learning_rate": 2e-3}
+    assert finished.preset.number == 0
+
+
+def test_what_comes_out_is_ready_for_use(finished):
+    assert finished.best.value == max(trial.value for trial in finished.trials)
+    config = load_config("td3", small_study.ENV_ID, finished.folder.best_file)
+    assert config.algorithm_kwargs["gamma"] == finished.best.params["gamma"]
+    with finished.folder.table_file.open() as file:
+        assert len(list(csv.DictReader(file))) == 3
+    assert yaml.safe_load(finished.folder.best_file.read_text()).keys() == {small_study.ENV_ID}
+    assert "<html" in finished.folder.report_file.read_text()
+
+
+def test_optuna_itself_can_read_the_store(finished):
+    backend = optuna.storages.journal.JournalFileBackend(str(finished.folder.journal_file))
+    storage = optuna.storages.JournalStorage(backend)
+    study = optuna.load_study(study_name="small", storage=storage)
+    assert study.best_value == finished.best.value
+
+
+def test_two_workers_run_every_trial_once(storage, tmp_path):
+    result = run(small(TWO), tmp_path, storage, n_trials=6, search=Search(seed=0))
+    assert states(result) == 6 * [TrialState.COMPLETE]
+    assert not result.interrupted
+    workers = {trial.user_attrs["worker"] for trial in result.trials}
+    assert len(workers) == 2
+    assert len({trial.params["gamma"] for trial in result.trials}) == 6
+    for trial in result.trials:
+        run_folder = RunFolder.open(tmp_path / f"study/trials/{trial.number}/seed_0")
+        assert run_folder.read_config().algorithm_kwargs["gamma"] == trial.params["gamma"]
+    assert sorted(path.name for path in (tmp_path / "study/trials").iterdir()) == list("012345")
+
+
+def test_a_killed_worker_is_noticed_and_its_trial_run_again(storage, tmp_path):
+    killed = small_study.wrapped(small_study.KilledOnce, marker=str(tmp_path / "killed"))
+    result = run(small(TWO, killed), tmp_path, storage)
+    assert (tmp_path / "killed").exists()
+    assert [trial.state for trial in result.trials] == 4 * [TrialState.COMPLETE]
+    (lost,) = repeated(result.study.trials)
+    dead = result.study.trials[lost]
+    assert dead.state is TrialState.FAIL
+    assert "was gone" in dead.user_attrs["failure"]
+    (again,) = [trial for trial in result.trials if trial.params == dead.params]
+    assert again.number != dead.number
+    assert again.user_attrs["worker"] != dead.user_attrs["worker"]
+    assert "failure" not in again.user_attrs
+
+
+def test_a_study_goes_on_where_it_was_also_with_more_trials(storage, tmp_path):
+    first = run(small(TWO), tmp_path, storage, n_trials=2, name=f"more-{time.time_ns()}")
+    name = first.study.study_name
+    second = run(small(TWO), tmp_path, storage, n_trials=3, name=name)
+    assert states(second) == 3 * [TrialState.COMPLETE]
+    assert second.trials[:2] == first.trials
+    again = run(small(TWO), tmp_path, storage, n_trials=3, name=name)
+    assert len(again.study.trials) == 3
+
+
+def test_ctrl_c_stops_the_workers_and_the_same_call_goes_on(storage, tmp_path, ctrl_c):
+    name = f"stopped-{time.time_ns()}"
+    config = small(TWO, {"n_timesteps": 1_000, "learning_starts": 990})
+    stopper = threading.Thread(target=press_ctrl_c_once_begun, args=(tmp_path / "study",))
+    stopper.start()
+    stopped = run(config, tmp_path, storage, n_trials=3, name=name)
+    stopper.join()
+    assert stopped.interrupted
+    assert TrialState.RUNNING not in states(stopped)
+    assert TrialState.WAITING in states(stopped)
+    assert (tmp_path / "study/report.html").is_file()
+    result = run(config, tmp_path, storage, n_trials=3, name=name)
+    assert [trial.state for trial in result.trials] == 3 * [TrialState.COMPLETE]
+    stopped_settings = {trial.params["gamma"] for trial in stopped.study.trials if trial.params}
+    assert stopped_settings <= {trial.params["gamma"] for trial in result.trials}
+
+
+def press_ctrl_c_once_begun(folder):
+    while not list(folder.glob("trials/*/seed_0/monitor/*.csv")):
+        time.sleep(0.05)
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_a_study_in_which_every_trial_fails_says_why(tmp_path):
+    entry = small_study.wrapped(small_study.Broken, limit=30)
+    result = run(small(TWO, entry), tmp_path, n_trials=2, workers=1)
+    assert result.best is None
+    assert result.failures == {"RuntimeError: a string has broken"}
+    assert not result.folder.best_file.exists()
+
+
+def test_a_study_with_another_objective_is_refused(storage, tmp_path):
+    name = f"other-{time.time_ns()}"
+    run(small(TWO), tmp_path, storage, n_trials=1, workers=1, name=name)
+    with pytest.raises(ConfigError, match=r"'final f1'.*'best onset_f1'.*another name"):
+        run(small(TWO, metric="onset_f1", objective="best"), tmp_path, storage, name=name)
+
+
+def test_an_unreachable_database_is_one_clear_error(tmp_path):
+    url = "postgresql+psycopg://pianist:secret@127.0.0.1:1/piano"
+    with pytest.raises((ConfigError, RunError), match="127.0.0.1") as caught:
+        run(small(TWO), tmp_path, url)
+    assert "secret" not in str(caught.value)
+
+
+def test_runs_of_another_study_are_not_overwritten(tmp_path):
+    (tmp_path / "study/trials/0").mkdir(parents=True)
+    with pytest.raises(RunError, match="has runs of trials, but its study has none"):
+        run(small(TWO), tmp_path)
+
+
+def test_workers_that_die_at_once_end_the_study_with_one_error(tmp_path):
+    config = small(TWO, small_study.wrapped(small_study.KilledAlways))
+    with pytest.raises(RunError, match="3 workers in a row ended with signal SIGKILL"):
+        run(config, tmp_path, workers=1)
+
+
+@pytest.mark.parametrize(("name", "value"), [("n_trials", 0), ("workers", 0)])
+def test_there_is_at_least_one_of_each(name, value, tmp_path):
+    with pytest.raises(ConfigError, match=f"{name} is 0: expected 1 or more"):
+        run(small(TWO), tmp_path, **{name: value})
+
+
+def test_a_study_is_the_same_from_its_mapping():
+    config = small(TWO, seeds=(1, 2), minutes=3.5)
+    assert type(config).from_mapping(config.to_mapping()) == config
+
+
+def test_a_score_file_counts_by_its_content(tmp_path):
+    copy = tmp_path / "elsewhere.mid"
+    copy.write_bytes(MIDI_FILE.read_bytes())
+    here, there = (small(entry={"env_kwargs": {"score": str(f)}}) for f in (MIDI_FILE, copy))
+    assert here.identity() == there.identity()
+    copy.write_bytes(b"other")
+    assert here.identity() != there.identity()
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"metric": "f2"}, "metric is 'f2': expected one of 'f1', 'onset_f1'"),
+        ({"objective": "last"}, "objective is 'last': expected one of 'final', 'best'"),
+        ({"seeds": ()}, "seeds are"),
+        ({"seeds": (1, 1)}, "seeds are"),
+        ({"seeds": (3,), "eval_seed": 3}, "eval_seed is 3: expected a seed .* no training has"),
+        ({"eval_episodes": 0}, "eval_episodes is 0"),
+        ({"n_evaluations": 41}, "n_evaluations is 41, in 40 steps"),
+        ({"minutes": 0.0}, "minutes is 0.0: expected more than 0"),
+    ],
+)
+def test_a_setting_out_of_range_is_refused(setting, message):
+    with pytest.raises(ConfigError, match=message):
+        small(**setting)

@@ -110,7 +110,7 @@ def _paired_seed(by: str, seed: int, saved: SavedEpisodes, source: str) -> int |
         return seed
     if saved.training_seed is None:
         raise RunError(
-            f"The evaluation of {saved.piece} in '{source}' does not tell the seed of the training: "
+            f"The evaluation of {saved.piece} in '{source}' does not tell the training's seed: "
             "expected one that 'sb3-piano evaluate' of this version wrote."
         )
     return saved.training_seed

@@ -40,7 +40,7 @@ def outermost_first(names: Iterable[str]) -> list[str]:
 
 
 def with_setting(entry: Mapping[str, Any], name: str, value: Any) -> dict[str, Any]:
-    """Return a copy of an entry in which a setting has a value.
+    """Return a copy of an entry in which a setting has a value; the rest is shared with it.
 
     What is on the way to it and missing is made. A mapping that is written as text, as RL Zoo
     evaluates it, remains text.
@@ -49,7 +49,7 @@ def with_setting(entry: Mapping[str, Any], name: str, value: Any) -> dict[str, A
         ConfigError: If the path leads through something that cannot hold the setting.
     """
     head, *rest = name.split(".")
-    changed = copy.deepcopy(dict(entry))
+    changed = dict(entry)
     value = copy.deepcopy(value)
     if head == WRAPPERS and rest:
         changed[head] = _with_argument(changed.get(head), rest[0], rest[1:], value)

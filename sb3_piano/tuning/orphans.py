@@ -126,8 +126,8 @@ def _is_orphan(
 def _requeue_stale(study: optuna.Study, running: list[FrozenTrial]) -> None:
     """Let trials fail whose heartbeat in a database has stopped, or that never had one.
 
-    The first heartbeat comes only after the sampler has thought. If a worker dies before that,
-    Optuna would wait for ever, so the trial gets one heartbeat here.
+    The first heartbeat comes a moment after the trial. If a worker dies in between, Optuna would
+    wait for ever, so the trial gets one heartbeat here.
     """
     storage = study._storage
     if not isinstance(storage, BaseHeartbeat):

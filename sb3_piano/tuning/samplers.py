@@ -115,9 +115,7 @@ def _median(search: Search, config: StudyConfig) -> BasePruner:
     A median of a few trials says little, so half of ``startup_trials`` have to be complete (5 by
     default, as in Optuna).
     """
-    return MedianPruner(
-        n_startup_trials=max(1, search.startup_trials // 2), n_warmup_steps=_warmup(config)
-    )
+    return MedianPruner(n_startup_trials=search.startup_trials // 2, n_warmup_steps=_warmup(config))
 
 
 def _halving(search: Search, config: StudyConfig) -> BasePruner:

@@ -116,9 +116,7 @@ class _Workshop:
         config = entry_config(self._algo, self._env_id, entry)
         cheap = {k: v for k, v in _CHEAP.items() if k in parameters_of(config.algorithm)}
         arguments = {**config.algorithm_kwargs, **cheap}
-        return dataclasses.replace(
-            config, n_envs=1, vec_env="dummy", seed=None, algorithm_kwargs=arguments
-        )
+        return dataclasses.replace(config, n_envs=1, vec_env="dummy", algorithm_kwargs=arguments)
 
     def _build(self, config: RunConfig, *, new_env: bool) -> None:
         with warnings.catch_warnings():

@@ -97,7 +97,7 @@ def test_pairs_may_be_the_seeds_of_the_trainings(run_folder, tmp_path):
 
 def test_an_evaluation_that_does_not_tell_the_seed_of_its_training_is_refused(run_folder):
     old = run_folder("old", "Scale", [0.1])
-    with pytest.raises(RunError, match="of Scale in '.*old' does not tell the seed of the training"):
+    with pytest.raises(RunError, match="of Scale in '.*old' does not tell the training's seed"):
         compare(old, old, by="training-seed")
 
 
@@ -186,7 +186,7 @@ def test_a_metric_that_only_one_side_has_is_unknown(written):
 
 def test_what_pairs_is_checked(written):
     a = written("a.json", {"Scale": episodes(0.1)})
-    with pytest.raises(ConfigError, match=r"by is 'seeds': expected one of 'piece', 'seed', .*\. Did"):
+    with pytest.raises(ConfigError, match=r"by is 'seeds': expected one of 'piece', .*\. Did"):
         compare(a, a, by="seeds")
 
 

@@ -38,7 +38,7 @@ def wrapped(wrapper: type[gym.Wrapper], **arguments) -> dict:
 
 
 class KilledOnce(gym.Wrapper):
-    """Kill this process, as the system does when memory runs out, unless a file says it was done."""
+    """Kill this process, as a system without memory does, unless a file says it was done."""
 
     def __init__(self, env: gym.Env, marker: str, step: int = 10):
         super().__init__(env)

@@ -157,9 +157,12 @@ def test_words_for_one_seed_and_one_episode():
     assert training_in_words(config) == "1,000 steps from seed 0"
 
 
-def test_a_name_of_several_lines_stays_in_the_comment(folder):
-    config, study = study_config(), new_study("a\nevil: true\r\u2028worse: 1\x85bad: 2")
+def test_names_of_several_lines_stay_in_the_comment(tmp_path):
+    lines = "a\nevil: true\r\u2028worse: 1\x85bad: 2"
+    config, study = study_config(), new_study(lines)
     complete(study, config, 0.5)
+    folder = StudyFolder(tmp_path / lines)
+    folder.path.mkdir()
     assert list(yaml.safe_load(write_best(study, config, folder).read_text())) == [ENV_ID]
 
 

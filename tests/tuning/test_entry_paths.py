@@ -199,6 +199,7 @@ def test_a_path_that_leads_nowhere_is_refused_by_name(entry, name, message):
             "dict(optimizer_kwargs=dict(eps=0.001, betas=[0.5, 0.9]), log_std_init=-2)",
         ),
         ("dict(a=1)", {"b.c": "it's"}, "dict(a=1, b=dict(c=\"it's\"))"),
+        ("dict(a=1)", {"b": {"lambda": 1}}, "dict(a=1, b={'lambda': 1})"),
         ("dict(a=1)", {"b": {"lambda": 1, "x y": None}}, "dict(a=1, b={'lambda': 1, 'x y': None})"),
         (
             "dict(a=1)",

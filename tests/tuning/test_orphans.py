@@ -280,9 +280,9 @@ def test_a_heartbeat_goes_on_after_the_server_was_away(database_url, tmp_path):
 
 def rival(store: Store, barrier, said) -> None:
     study = store.study()
-    said.put("ready")
+    running = study.get_trials(states=(TrialState.RUNNING,))
     barrier.wait(30)
-    said.put([trial.number for trial in study.get_trials() if requeue(study, trial)])
+    said.put([trial.number for trial in running if requeue(study, trial)])
 
 
 def test_of_rivals_exactly_one_queues_the_settings_again(store):
@@ -293,10 +293,10 @@ def test_of_rivals_exactly_one_queues_the_settings_again(store):
     rivals = [FORK.Process(target=rival, args=(store, barrier, said)) for _ in range(2)]
     for process in rivals:
         process.start()
-    answers = [said.get(timeout=30) for _ in range(4)]
+    answers = [said.get(timeout=30) for _ in rivals]
     for process in rivals:
         process.join()
-    won = [number for answer in answers if answer != "ready" for number in answer]
+    won = [number for answer in answers for number in answer]
     assert sorted(won) == [0, 1, 2, 3, 4]
     trials = study.get_trials()
     assert [trial.state for trial in trials[:5]] == [TrialState.FAIL] * 5

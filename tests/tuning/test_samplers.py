@@ -103,7 +103,7 @@ def test_a_sampler_learns_after_its_random_trials(sampler):
     assert mean_distance(sampler) < 0.5 * mean_distance("random")
 
 
-@pytest.mark.parametrize("sampler", ["tpe", "gp"])
+@pytest.mark.parametrize("sampler", ["tpe", "cmaes", "gp"])
 def test_the_first_trials_are_random_and_no_more(sampler):
     def first_params(startup_trials: int) -> list[dict]:
         search = Search(sampler=sampler, pruner="none", startup_trials=startup_trials, seed=3)
@@ -136,7 +136,7 @@ def test_cmaes_learns_from_pruned_trials_where_most_are_pruned(pruner, learns):
         trial.report(value, 20)
         is_first = trial.number == 0
         study.tell(trial, value if is_first else None, None if is_first else TrialState.PRUNED)
-    study.ask()
+    study.ask().suggest_float("x", 0.0, 1.0)
     assert ("cma:generation" in study.trials[-1].system_attrs) is learns
 
 

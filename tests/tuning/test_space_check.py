@@ -101,8 +101,11 @@ def test_what_is_possible_passes_also_settings_that_only_go_together(parameters)
 class Fussy(gym.Wrapper):
     """An environment that tells only at the first reset that it cannot work."""
 
+    made = 0
+
     def __init__(self, env, mood=0):
         super().__init__(env)
+        Fussy.made += 1
         self.mood = mood
 
     def reset(self, **kwargs):
@@ -116,6 +119,20 @@ def test_what_an_environment_says_in_its_own_way_is_passed_on():
     message = "^Search space: 'env_wrapper.Fussy.mood' = -1: RuntimeError: not today"
     with pytest.raises(ConfigError, match=message):
         check({"env_wrapper.Fussy.mood": Int(-1, 1)}, entry)
+
+
+def test_one_environment_in_this_process_is_enough_whatever_the_entry_has():
+    entry = {"env_wrapper": f"{__name__}.Fussy", "n_envs": 3, "vec_env": "subproc"}
+    before = Fussy.made
+    message = "^Search space: 'env_wrapper.Fussy.mood' = -1: RuntimeError: not today"
+    with pytest.raises(ConfigError, match=message):  # not: a process ended
+        check({"env_wrapper.Fussy.mood": Int(-1, 1)}, entry)
+    assert Fussy.made - before == 4  # the entry's own; -1 twice, if only it went with others; 1
+
+
+@pytest.mark.filterwarnings("error")
+def test_warnings_are_left_to_the_training():
+    check({"batch_size": Choice([48, 64])}, {"n_steps": 64}, algo="ppo")
 
 
 def test_an_entry_that_is_wrong_by_itself_is_not_blamed_on_the_space():

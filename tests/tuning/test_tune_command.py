@@ -1,0 +1,156 @@
+"""``sb3-piano tune``: the command, its output and its errors."""
+
+from __future__ import annotations
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+from small_study import ENTRY, ENV_ID
+
+from sb3_piano.cli import main
+from sb3_piano.training import load_config
+
+MIDI_FILE = Path(__file__).parents[2] / "examples" / "five_fingers.mid"
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    """A folder to work in, with a small configuration and a small search space."""
+    monkeypatch.chdir(tmp_path)
+    write("small.yml", {"default": ENTRY})
+    write("space.yml", {"gamma": {"discount": [0.6, 0.9]}, "tau": {"float": [0.01, 0.1]}})
+    return tmp_path
+
+
+def write(name, content):
+    Path(name).write_text(yaml.safe_dump(content))
+
+
+def arguments(*more):
+    command = ["tune", "--algo", "td3", "--env", ENV_ID, "--config", "small.yml"]
+    command += ["--space", "space.yml", "--steps", "40", "--evaluations", "2", "--no-progress"]
+    return [*command, *more]
+
+
+def error(capsys, *more):
+    """Run the command and return the one line that says what is wrong."""
+    assert main(arguments(*more)) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    (line,) = printed.err.splitlines()
+    return line
+
+
+def test_a_study_tells_what_it_found_and_where_everything_is(files, capsys):
+    assert main(arguments("--trials", "2", "--seed", "0")) == 0
+    out = capsys.readouterr().out
+    folder = f"studies/td3-{ENV_ID}"
+    assert f"{folder}, 2 trials, best final f1 " in out
+    assert "(of the preset: " in out
+    for name in ("best.yml", "report.html", "trials.csv"):
+        assert f"{folder}/{name}" in out
+        assert (files / folder / name).is_file()
+    command = f"sb3-piano train --algo td3 --env {ENV_ID} --config {folder}/best.yml"
+    assert command in out
+    assert load_config("td3", ENV_ID, files / folder / "best.yml").n_timesteps == 40
+
+
+def test_a_midi_file_gives_its_study_the_name(files, capsys):
+    command = arguments("--midi", str(MIDI_FILE), "--trials", "1", "--seeds", "2")
+    del command[command.index("--env") : command.index("--env") + 2]
+    assert main(command) == 0
+    folder = files / "studies" / "td3-five_fingers"
+    with (folder / "trials.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert row["steps"] == "80"
+    best = load_config("td3", "RoboPianist-v0", folder / "best.yml")
+    assert best.env_kwargs["score"] == str(MIDI_FILE)
+
+
+def test_a_study_without_a_complete_trial_is_an_error(files, capsys):
+    Path("small.yml").write_text(yaml.safe_dump({"default": {**ENTRY, "learning_rate": 1e30}}))
+    assert main(arguments("--trials", "1")) == 2
+    assert "No trial is complete." in (out := capsys.readouterr().out)
+    assert "Failed:     InvalidActionError" in out
+
+
+def test_ctrl_c_on_the_terminal_stops_it_and_the_same_command_goes_on(files):
+    write("small.yml", {"default": {**ENTRY, "learning_starts": 990}})
+    command = [sys.executable, "-m", "sb3_piano.cli", *arguments("--trials", "2", "--workers", "2")]
+    command[command.index("--steps") + 1] = "1000"
+    # as a terminal does it, Ctrl-C goes to the whole group of processes
+    process = subprocess.Popen(
+        command, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    while not list(files.glob("studies/*/trials/*/seed_0/monitor/*.csv")):
+        assert process.poll() is None
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate()
+    assert process.returncode == 130, err
+    assert "Interrupted: the same command goes on." in out
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert ", 2 trials, best final f1 " in done.stdout
+
+
+def test_an_unknown_parameter_is_refused(files, capsys):
+    write("space.yml", {"gama": {"float": [0.6, 0.9]}})
+    assert "'gama'" in (line := error(capsys))
+    assert "Did you mean 'gamma'" in line
+    assert not (files / "studies").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "reason"),
+    [
+        ("gamma", {"float": [0.9, 0.6]}, "0.9"),
+        ("gamma", {"float": [0.5, 1.5]}, "1.5"),
+        ("env_kwargs.n_steps_lookahead", {"int": [-3, 3]}, "-3"),
+    ],
+)
+def test_an_impossible_range_is_refused(name, parameter, reason, files, capsys):
+    write("space.yml", {name: parameter})
+    line = error(capsys)
+    assert name in line
+    assert reason in line
+    assert not (files / "studies").exists()
+
+
+def test_an_unreachable_database_is_named_without_its_password(files, capsys):
+    line = error(capsys, "--storage", "postgresql+psycopg://pianist:secret@127.0.0.1:1/piano")
+    assert "127.0.0.1:1/piano" in line
+    assert "secret" not in line
+
+
+def test_a_study_that_exists_with_another_objective_is_refused(files, capsys):
+    assert main(arguments("--trials", "1")) == 0
+    capsys.readouterr()
+    line = error(capsys, "--metric", "onset_f1", "--objective", "best")
+    assert "maximises 'final f1', not 'best onset_f1'" in line
+    assert "--name" in line
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--metric", "f2"], "metric is 'f2': expected one of 'f1', 'onset_f1'"),
+        (["--sampler", "tpee"], "sampler is 'tpee'"),
+        (["--pruner", "medium"], "pruner is 'medium'"),
+        (["--algo", "a2c", "--space", "a2c"], "'a2c'"),
+        (["--space", "sacc"], "Did you mean 'sac'"),
+        (["--eval-seed", "0"], "eval_seed is 0"),
+        (["--midi", str(MIDI_FILE)], "--midi cannot be given with --env"),
+        (["--storage", "sqlite:///x.db"], "SQLite"),
+        (["--storage", "nowhere"], "is no URL of a database"),
+    ],
+)
+def test_a_wrong_option_is_told_in_one_line(options, reason, files, capsys):
+    assert reason in error(capsys, *options)

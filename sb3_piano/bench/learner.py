@@ -20,6 +20,9 @@ from sb3_piano.training import RunConfig, load_config
 from sb3_piano.training.builders import build_model, build_vec_env
 from sb3_piano.training.yaml_config import read_yaml_mapping
 
+# Of the presets, those whose updates are compared: off-policy, on the same settings.
+_ALGORITHMS = ("sac", "td3", "tqc")
+
 
 def learner_contestants(settings: BenchSettings, stack: contextlib.ExitStack) -> list[Contestant]:
     """Return the updates of each preset's networks.
@@ -32,7 +35,7 @@ def learner_contestants(settings: BenchSettings, stack: contextlib.ExitStack) ->
         stack: Closes the environments.
     """
     contestants = []
-    for algo in PRESETS:
+    for algo in _ALGORITHMS:
         base = f"{algo}, {OBSERVATIONS[0]}"
         for observation in OBSERVATIONS:
             config = _default_config(settings, algo, observation=observation)
@@ -46,7 +49,7 @@ def learner_contestants(settings: BenchSettings, stack: contextlib.ExitStack) ->
 def training_contestants(settings: BenchSettings, stack: contextlib.ExitStack) -> list[Contestant]:
     """Return the whole training with each preset as it is: simulation, learner and all else."""
     contestants = []
-    for algo in PRESETS:
+    for algo in _ALGORITHMS:
         config = _default_config(settings, algo)
         contestants.append(training_contestant(algo, settings, config, stack))
         if _has_debug_settings(algo):

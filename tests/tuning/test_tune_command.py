@@ -25,7 +25,7 @@ def files(tmp_path, monkeypatch):
     """A folder to work in, with a small configuration and a small search space."""
     monkeypatch.chdir(tmp_path)
     write("small.yml", {"default": ENTRY})
-    write("space.yml", {"gamma": {"discount": [0.6, 0.9]}, "tau": {"float": [0.01, 0.1]}})
+    write("space.yml", {"gamma": {"discount": [0.6, 0.9]}, "tau": {"float": [0.001, 0.1]}})
     return tmp_path
 
 

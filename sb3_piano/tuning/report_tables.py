@@ -11,6 +11,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from sb3_piano.tuning.attributes import FAILURE, ORIGIN, counting
 from sb3_piano.tuning.best import best_trial, complete_trials
+from sb3_piano.tuning.defaults import with_defaults
 from sb3_piano.tuning.entry_paths import MISSING, setting_at
 from sb3_piano.tuning.study_config import StudyConfig
 from sb3_piano.tuning.table import RESULTS
@@ -28,8 +29,9 @@ def settings_table(study: optuna.Study, config: StudyConfig) -> str:
     if best is None:
         return ""
     found = config.space.settings(best.params)
+    preset = with_defaults(config.algo, config.env_id, config.entry)
     rows = (
-        (name, shown(found.get(name, MISSING)), shown(setting_at(config.entry, name)))
+        (name, shown(found.get(name, MISSING)), shown(setting_at(preset, name)))
         for name in config.space
     )
     return _wide(_table(("setting", "best", "preset"), rows))

@@ -18,7 +18,7 @@ from optuna.trial import TrialState
 
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.tuning import database, journal, storage
-from sb3_piano.tuning.attributes import ORIGIN, PRESET
+from sb3_piano.tuning.attributes import ORIGIN, PRESET, PRESET_IN_PART
 from sb3_piano.tuning.samplers import Search
 from sb3_piano.tuning.space import Space
 from sb3_piano.tuning.storage import open_storage, open_study
@@ -76,6 +76,13 @@ def test_a_new_study_says_what_it_is_and_waits_with_the_preset(folder, url):
     assert (settings["learning_rate"], settings["batch_size"]) == (3e-4, 64)
 
 
+def test_a_preset_that_the_space_holds_in_part_is_noted_as_such(folder):
+    space = Space({**CONFIG.space, "batch_size": {"choice": [128, 256]}})
+    (preset,) = open_study(changed(space=space), folder, name="twinkle").get_trials()
+    assert preset.user_attrs == {ORIGIN: PRESET_IN_PART}
+    assert "batch_size" not in preset.system_attrs["fixed_params"]
+
+
 def test_a_study_opened_again_is_the_same_one(folder, url):
     open_study(CONFIG, folder, name="twinkle", url=url).ask()
     again = open_study(CONFIG, folder, name="twinkle", url=url)
@@ -101,7 +108,7 @@ def test_who_finds_that_another_made_the_study_just_before_joins_it(folder, url,
 
     monkeypatch.setattr(optuna, "get_all_study_names", names_before)
     study = open_study(CONFIG, folder, name="twinkle", url=url)
-    assert [trial.user_attrs for trial in study.get_trials()] == [{ORIGIN: PRESET_IN_PART}]
+    assert [trial.user_attrs for trial in study.get_trials()] == [{ORIGIN: PRESET}]
     with pytest.raises(ConfigError, match="seeds"):
         open_study(changed(seeds=(1,)), folder, name="twinkle", url=url)
 
@@ -110,7 +117,7 @@ def open_together(folder, url, barrier, said) -> None:
     barrier.wait(30)
     try:
         study = open_study(CONFIG, folder, name="twinkle", url=url)
-        said.put(study.user_attrs["identity"] is not None)
+        said.put(len(study.get_trials()))
     except Exception as error:
         said.put(repr(error))
 
@@ -122,7 +129,7 @@ def test_processes_that_open_a_new_study_at_once_make_one_with_one_preset(folder
     ]
     for process in processes:
         process.start()
-    assert [said.get(timeout=60) for _ in processes] == [True] * 4
+    assert [said.get(timeout=60) for _ in processes] == [1] * 4
     for process in processes:
         process.join()
     study = open_study(CONFIG, folder, name="twinkle", url=url)
@@ -163,6 +170,12 @@ def test_another_study_of_the_same_name_is_refused(other, message, folder):
 def test_a_whole_number_is_the_same_with_a_point(folder):
     open_study(CONFIG, folder, name="twinkle")
     open_study(changed(entry={**CONFIG.entry, "n_timesteps": 1000.0}), folder, name="twinkle")
+
+
+def test_a_tuple_is_the_same_as_the_list_that_a_store_gives_back(folder):
+    config = changed(entry={**CONFIG.entry, "policy_kwargs": {"net_arch": (64, 64)}})
+    open_study(config, folder, name="twinkle")
+    open_study(config, folder, name="twinkle")
 
 
 def test_studies_of_one_score_are_the_same_wherever_the_file_is(folder, tmp_path):

@@ -122,7 +122,7 @@ def test_the_best_settings_stand_beside_the_presets():
         ["gamma", f"{best['gamma']:.4g}", "0.99"],
         ["batch_size", str(best["batch_size"]), "32"],
         ["policy_kwargs.net_arch", str(best["policy_kwargs.net_arch"]), "[16]"],
-        ["target_entropy", f"{best['target_entropy']:.4g}", "\N{EN DASH}"],
+        ["target_entropy", f"{best['target_entropy']:.4g}", "auto"],
     ]
 
 

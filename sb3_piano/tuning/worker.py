@@ -95,7 +95,8 @@ def run_trial(study: optuna.Study, job: Job, worker: str, request: StopRequest) 
             return False
         objective = Objective(job.config, job.folder, worker, on_start=claim.close)
         try:
-            study.optimize(objective, n_trials=1, catch=(Exception,))
+            # Models refer to themselves: without a collection their memory would pile up.
+            study.optimize(objective, n_trials=1, catch=(Exception,), gc_after_trial=True)
         except TrialInterrupted:
             requeue_interrupted(study, _last_of(study, worker))
             request.made = True

@@ -151,6 +151,7 @@ def _default_name(arguments: argparse.Namespace, config: StudyConfig) -> str:
 
 def _show(result: TuneResult, config: StudyConfig, arguments: argparse.Namespace) -> None:
     from sb3_piano.tuning.progress import summary
+    from sb3_piano.tuning.store.database import shown_url
 
     label = f"{config.objective} {config.metric}"
     print(f"Study:      {result.folder.path}, {summary(result.trials, label)}")
@@ -162,7 +163,8 @@ def _show(result: TuneResult, config: StudyConfig, arguments: argparse.Namespace
         print(f"Settings:   {result.folder.best_file}")
     print(f"Report:     {result.folder.report_file}")
     print(f"All trials: {result.folder.table_file}")
-    store = result.folder.journal_file if arguments.storage is None else arguments.storage
+    url = arguments.storage
+    store = result.folder.journal_file if url is None else shown_url(url)
     print(f"Dashboard:  optuna-dashboard {shlex.quote(str(store))}")
     for reason in sorted(result.failures):
         print(f"Failed:     {reason}")

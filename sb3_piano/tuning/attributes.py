@@ -8,7 +8,7 @@ import optuna
 from optuna.storages import RetryHeartbeatStaleTrialCallback
 from optuna.trial import FrozenTrial, TrialState
 
-from sb3_piano.tuning.experimental import experimental_allowed
+from sb3_piano.tuning.store.experimental import experimental_allowed
 
 HOST = "host"
 """The machine that ran it."""

@@ -15,7 +15,7 @@ from optuna.pruners import (
 from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, RandomSampler, TPESampler
 
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.tuning.experimental import experimental_allowed
+from sb3_piano.tuning.store.experimental import experimental_allowed
 from sb3_piano.tuning.study_config import StudyConfig
 
 

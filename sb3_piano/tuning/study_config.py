@@ -11,8 +11,8 @@ from typing import Any
 from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.training import RunConfig, entry_config
-from sb3_piano.tuning.defaults import with_defaults
-from sb3_piano.tuning.space import Space
+from sb3_piano.tuning.search_space.defaults import with_defaults
+from sb3_piano.tuning.search_space.space import Space
 
 METRICS: Mapping[str, type[MetricEvalCallback]] = {
     callback.metric: callback for callback in (F1Callback, OnsetF1Callback)

@@ -13,15 +13,15 @@ from optuna.trial import FrozenTrial, TrialState
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.threads import usable_cores
 from sb3_piano.tuning.attributes import FAILURE, ORIGIN, PRESET, counting
-from sb3_piano.tuning.best import best_trial, write_best
+from sb3_piano.tuning.outcome.best import best_trial, write_best
+from sb3_piano.tuning.outcome.report import write_report
+from sb3_piano.tuning.outcome.table import write_table
 from sb3_piano.tuning.progress import progress_bar as progress_bar_of
-from sb3_piano.tuning.report import write_report
 from sb3_piano.tuning.samplers import Search
-from sb3_piano.tuning.storage import open_study
+from sb3_piano.tuning.store.storage import open_study
 from sb3_piano.tuning.study_config import StudyConfig
 from sb3_piano.tuning.study_folder import StudyFolder
 from sb3_piano.tuning.supervisor import supervise
-from sb3_piano.tuning.table import write_table
 from sb3_piano.tuning.worker import Job
 
 

@@ -17,11 +17,11 @@ from optuna.trial import TrialState
 
 from sb3_piano.training.interrupts import StopRequest, stop_on_signal
 from sb3_piano.tuning.attributes import WORKER, counting
-from sb3_piano.tuning.locks import WorkerLock, exclusive
 from sb3_piano.tuning.objective import Objective, TrialInterrupted
-from sb3_piano.tuning.orphans import requeue_interrupted, requeue_orphans
 from sb3_piano.tuning.samplers import Search, make_pruner, make_sampler
-from sb3_piano.tuning.storage import open_storage
+from sb3_piano.tuning.store.locks import WorkerLock, exclusive
+from sb3_piano.tuning.store.orphans import requeue_interrupted, requeue_orphans
+from sb3_piano.tuning.store.storage import open_storage
 from sb3_piano.tuning.study_config import StudyConfig
 from sb3_piano.tuning.study_folder import StudyFolder
 

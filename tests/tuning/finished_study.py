@@ -8,7 +8,7 @@ import optuna
 from optuna.trial import TrialState
 
 from sb3_piano.tuning import attributes
-from sb3_piano.tuning.space import Space
+from sb3_piano.tuning.search_space.space import Space
 from sb3_piano.tuning.study_config import StudyConfig
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"

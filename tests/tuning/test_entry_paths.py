@@ -13,8 +13,8 @@ from torch import nn
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training import entry_config
-from sb3_piano.tuning.parameters import Choice
-from sb3_piano.tuning.space import Space
+from sb3_piano.tuning.search_space.parsing import Choice
+from sb3_piano.tuning.search_space.space import Space
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
 STRETCH = "sb3_piano.wrappers.TemporalStretch"

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from sb3_piano.exceptions import RunError
-from sb3_piano.tuning.locks import (
+from sb3_piano.tuning.store.locks import (
     WorkerLock,
     any_held,
     dead_workers,

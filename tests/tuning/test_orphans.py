@@ -24,9 +24,9 @@ from sb3_piano.tuning.attributes import (
     counting,
     repeated,
 )
-from sb3_piano.tuning.locks import WorkerLock, is_held
-from sb3_piano.tuning.orphans import requeue, requeue_interrupted, requeue_orphans
-from sb3_piano.tuning.storage import open_storage
+from sb3_piano.tuning.store.locks import WorkerLock, is_held
+from sb3_piano.tuning.store.orphans import requeue, requeue_interrupted, requeue_orphans
+from sb3_piano.tuning.store.storage import open_storage
 from sb3_piano.tuning.study_folder import StudyFolder
 
 # Optuna means ask and tell, with which no heart beats.

@@ -19,7 +19,7 @@ from optuna.distributions import (
 )
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.tuning.parameters import Choice, Discount, Float, Int, parse_parameter
+from sb3_piano.tuning.search_space.parsing import Choice, Discount, Float, Int, parse_parameter
 
 NUMBERS = st.floats(-1e6, 1e6)
 SCALARS = st.one_of(

@@ -11,7 +11,7 @@ from optuna.trial import TrialState
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.tuning.samplers import PRUNERS, SAMPLERS, Search, make_pruner, make_sampler
-from sb3_piano.tuning.space import Space
+from sb3_piano.tuning.search_space.space import Space
 from sb3_piano.tuning.study_config import StudyConfig
 
 STEPS = 100

@@ -11,10 +11,10 @@ import pytest
 from optuna.trial import FixedTrial
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.tuning.defaults import with_defaults
-from sb3_piano.tuning.parameters import Choice, Discount, Float, Int
-from sb3_piano.tuning.space import Space, load_space
-from sb3_piano.tuning.spaces import SPACES
+from sb3_piano.tuning.search_space.built_in import SPACES
+from sb3_piano.tuning.search_space.defaults import with_defaults
+from sb3_piano.tuning.search_space.parsing import Choice, Discount, Float, Int
+from sb3_piano.tuning.search_space.space import Space, load_space
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
 STRETCH = "sb3_piano.wrappers.TemporalStretch"

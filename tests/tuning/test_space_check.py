@@ -8,8 +8,8 @@ import gymnasium as gym
 import pytest
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.tuning.parameters import Choice, Float, Int
-from sb3_piano.tuning.space import Space
+from sb3_piano.tuning.search_space.parsing import Choice, Float, Int
+from sb3_piano.tuning.search_space.space import Space
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
 STRETCH = "sb3_piano.wrappers.TemporalStretch"

@@ -7,8 +7,8 @@ import pytest
 from sb3_piano.envs import DEBUG_IDS, DEFAULT_REWARD_WEIGHTS
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.training import ALGORITHMS, load_entry
-from sb3_piano.tuning.defaults import with_defaults
-from sb3_piano.tuning.spaces import SPACES
+from sb3_piano.tuning.search_space.built_in import SPACES
+from sb3_piano.tuning.search_space.defaults import with_defaults
 
 ENV_ID = DEBUG_IDS[1]
 

@@ -17,11 +17,11 @@ from optuna.exceptions import ExperimentalWarning
 from optuna.trial import TrialState
 
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.tuning import database, journal, storage
 from sb3_piano.tuning.attributes import ORIGIN, PRESET, PRESET_IN_PART
 from sb3_piano.tuning.samplers import Search
-from sb3_piano.tuning.space import Space
-from sb3_piano.tuning.storage import open_storage, open_study
+from sb3_piano.tuning.search_space.space import Space
+from sb3_piano.tuning.store import database, journal, storage
+from sb3_piano.tuning.store.storage import open_storage, open_study
 from sb3_piano.tuning.study_config import StudyConfig
 from sb3_piano.tuning.study_folder import StudyFolder
 

@@ -28,8 +28,8 @@ from finished_study import (
 from optuna.distributions import FloatDistribution
 from playwright.sync_api import sync_playwright
 
-from sb3_piano.tuning.report import report_html, write_report
-from sb3_piano.tuning.report_figures import (
+from sb3_piano.tuning.outcome.report import report_html, write_report
+from sb3_piano.tuning.outcome.report_figures import (
     history_figure,
     importances,
     log_ticks,

@@ -19,8 +19,8 @@ from types import MappingProxyType
 from typing import Any
 
 from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS
-from sb3_piano.tuning.parameters import Choice, Discount, Float, Int, Parameter
-from sb3_piano.tuning.space import Space
+from sb3_piano.tuning.search_space.parsing import Choice, Discount, Float, Int, Parameter
+from sb3_piano.tuning.search_space.space import Space
 
 _COMMON: dict[str, Parameter] = {
     # RL Zoo: 1e-5 to 2e-3; presets: 3e-4 and 1e-3. Trials are short, so it begins higher.

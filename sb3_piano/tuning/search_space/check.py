@@ -12,8 +12,13 @@ from sb3_piano.exceptions import ConfigError, SB3PianoError
 from sb3_piano.training import RunConfig, entry_config
 from sb3_piano.training.builders import build_model, build_vec_env
 from sb3_piano.training.coerce import coerce, linear_start, parameters_of
-from sb3_piano.tuning.entry_paths import MISSING, outermost_first, setting_at, with_setting
-from sb3_piano.tuning.parameters import Parameter
+from sb3_piano.tuning.search_space.entry_paths import (
+    MISSING,
+    outermost_first,
+    setting_at,
+    with_setting,
+)
+from sb3_piano.tuning.search_space.parsing import Parameter
 
 _Need = tuple[Callable[[float], bool], str]
 _SHARE: _Need = (lambda x: 0 <= x <= 1, "0 to 1")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from sb3_piano.training import entry_config
-from sb3_piano.tuning.zoo_source import Source, holds_class, source
+from sb3_piano.tuning.search_space.zoo_source import Source, holds_class, source
 
 # RL Zoo hands every key that it does not know to the algorithm, and these itself.
 _NOT_IN_ZOO = ("seed", "vec_env", "device", "verbose")

@@ -7,9 +7,9 @@ from dataclasses import fields
 from typing import Any
 
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.tuning.choices import Choice
-from sb3_piano.tuning.parameter import Parameter
-from sb3_piano.tuning.ranges import Discount, Float, Int
+from sb3_piano.tuning.search_space.choices import Choice
+from sb3_piano.tuning.search_space.parameter import Parameter
+from sb3_piano.tuning.search_space.ranges import Discount, Float, Int
 
 __all__ = ["Choice", "Discount", "Float", "Int", "Parameter", "parse_parameter"]
 

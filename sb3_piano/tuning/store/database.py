@@ -19,8 +19,8 @@ from sqlalchemy.exc import (
 )
 
 from sb3_piano.exceptions import ConfigError, RunError, near_names
-from sb3_piano.tuning.experimental import experimental_allowed
-from sb3_piano.tuning.orphans import retry_callback
+from sb3_piano.tuning.store.experimental import experimental_allowed
+from sb3_piano.tuning.store.orphans import retry_callback
 
 HEARTBEAT_INTERVAL = 60
 """Seconds between two signs of life of a worker's trial."""
@@ -89,6 +89,15 @@ class _Database(RDBStorage):
             super().record_heartbeat(trial_id)
         except StorageInternalError as error:
             _logger.warning("Heartbeat of a trial missed: %s", _reason(error))
+
+
+def shown_url(url: str) -> str:
+    """Return a database's URL without the password that it may hold.
+
+    Raises:
+        ConfigError: If it is no URL, or none of a database that can be used here.
+    """
+    return _shown(_parsed(url))
 
 
 def _parsed(url: str) -> sqlalchemy.URL:

@@ -14,8 +14,8 @@ from optuna import visualization
 from optuna.importance import PedAnovaImportanceEvaluator
 from optuna.trial import TrialState
 
-from sb3_piano.tuning.best import complete_trials, preset_trial
-from sb3_piano.tuning.table import STATES
+from sb3_piano.tuning.outcome.best import complete_trials, preset_trial
+from sb3_piano.tuning.outcome.table import STATES
 from sb3_piano.viewing.report.theme import MUTED, RULE, SERIES, SOUNDING, axis, themed
 
 _BEST = "Best Value"

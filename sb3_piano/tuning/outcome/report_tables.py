@@ -10,11 +10,11 @@ import optuna
 from optuna.trial import FrozenTrial, TrialState
 
 from sb3_piano.tuning.attributes import FAILURE, ORIGIN, counting
-from sb3_piano.tuning.best import best_trial, complete_trials
-from sb3_piano.tuning.defaults import with_defaults
-from sb3_piano.tuning.entry_paths import MISSING, setting_at
+from sb3_piano.tuning.outcome.best import best_trial, complete_trials
+from sb3_piano.tuning.outcome.table import RESULTS
+from sb3_piano.tuning.search_space.defaults import with_defaults
+from sb3_piano.tuning.search_space.entry_paths import MISSING, setting_at
 from sb3_piano.tuning.study_config import StudyConfig
-from sb3_piano.tuning.table import RESULTS
 
 MOST_TRIALS = 10
 """Trials in the table of the best ones."""

@@ -16,10 +16,10 @@ from sb3_piano.metrics import DEFINITIONS
 from sb3_piano.training.env_ids import registered_id
 from sb3_piano.training.provenance import provenance
 from sb3_piano.tuning.attributes import ORIGIN, PRESET, counting
-from sb3_piano.tuning.commands import train_command, zoo_command
+from sb3_piano.tuning.outcome.commands import train_command, zoo_command
+from sb3_piano.tuning.outcome.zoo_entry import zoo_entry
 from sb3_piano.tuning.study_config import StudyConfig
 from sb3_piano.tuning.study_folder import StudyFolder
-from sb3_piano.tuning.zoo_entry import zoo_entry
 
 CAVEAT = (
     "Values of few seeds are noisy, and the best of many trials was lucky as well as good: train "

@@ -14,9 +14,9 @@ from optuna.study import StudyDirection
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.tuning.attributes import ORIGIN, PRESET, PRESET_IN_PART
-from sb3_piano.tuning.database import GRACE_PERIOD, HEARTBEAT_INTERVAL, open_database
-from sb3_piano.tuning.journal import open_journal
 from sb3_piano.tuning.samplers import Search, make_pruner, make_sampler
+from sb3_piano.tuning.store.database import GRACE_PERIOD, HEARTBEAT_INTERVAL, open_database
+from sb3_piano.tuning.store.journal import open_journal
 from sb3_piano.tuning.study_config import StudyConfig
 from sb3_piano.tuning.study_folder import StudyFolder
 
@@ -99,6 +99,8 @@ def _fill(study: optuna.Study, config: StudyConfig) -> None:
     Only the process that made it does so. The identity comes last, as others wait for it.
     """
     study.set_user_attr(_STUDY, _as_stored(config.to_mapping()))
+    with experimental_allowed():
+        study.set_metric_names([f"{config.objective} {config.metric}"])  # for the dashboard
     params = config.preset_params()
     whole = params.keys() == config.space.distributions.keys()
     origin = PRESET if whole else PRESET_IN_PART

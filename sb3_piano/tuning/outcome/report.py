@@ -16,7 +16,7 @@ from sb3_piano.files import write_text
 from sb3_piano.metrics import DEFINITIONS
 from sb3_piano.training.env_ids import registered_id
 from sb3_piano.tuning.attributes import counting, repeated
-from sb3_piano.tuning.best import (
+from sb3_piano.tuning.outcome.best import (
     CAVEAT,
     best_entry,
     best_trial,
@@ -25,8 +25,8 @@ from sb3_piano.tuning.best import (
     preset_trial,
     training_in_words,
 )
-from sb3_piano.tuning.commands import train_command, zoo_command
-from sb3_piano.tuning.report_figures import (
+from sb3_piano.tuning.outcome.commands import train_command, zoo_command
+from sb3_piano.tuning.outcome.report_figures import (
     history_figure,
     importance_figure,
     parallel_figure,
@@ -34,11 +34,11 @@ from sb3_piano.tuning.report_figures import (
     slice_figures,
     timeline_figure,
 )
-from sb3_piano.tuning.report_tables import best_trials_table, failures_table, settings_table
+from sb3_piano.tuning.outcome.report_tables import best_trials_table, failures_table, settings_table
+from sb3_piano.tuning.outcome.table import STATES
+from sb3_piano.tuning.outcome.zoo_entry import zoo_entry
 from sb3_piano.tuning.study_config import StudyConfig
 from sb3_piano.tuning.study_folder import StudyFolder
-from sb3_piano.tuning.table import STATES
-from sb3_piano.tuning.zoo_entry import zoo_entry
 from sb3_piano.viewing.report.document import document_html
 from sb3_piano.viewing.report.tables import facts_html
 from sb3_piano.viewing.report.theme import figure_html

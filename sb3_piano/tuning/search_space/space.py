@@ -14,15 +14,15 @@ from optuna.trial import BaseTrial
 
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.training.yaml_config import read_yaml_mapping
-from sb3_piano.tuning.entry_paths import (
+from sb3_piano.tuning.search_space.check import check_space
+from sb3_piano.tuning.search_space.entry_paths import (
     MISSING,
     WRAPPERS,
     outermost_first,
     setting_at,
     with_setting,
 )
-from sb3_piano.tuning.parameters import Parameter, parse_parameter
-from sb3_piano.tuning.space_check import check_space
+from sb3_piano.tuning.search_space.parsing import Parameter, parse_parameter
 
 _PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*")
 
@@ -158,7 +158,7 @@ def load_space(sources: Sequence[str | os.PathLike[str]], algo: str) -> Space:
     Raises:
         ConfigError: If there is no such space or file, or one is not valid.
     """
-    from sb3_piano.tuning.spaces import SPACES  # which is made of spaces
+    from sb3_piano.tuning.search_space.built_in import SPACES  # which is made of spaces
 
     if not sources and algo not in SPACES:
         raise ConfigError(

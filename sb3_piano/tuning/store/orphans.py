@@ -15,8 +15,8 @@ from optuna.storages._heartbeat import BaseHeartbeat
 from optuna.trial import FrozenTrial, TrialState
 
 from sb3_piano.tuning.attributes import FAILURE, HOST, ORIGIN, WORKER
-from sb3_piano.tuning.experimental import experimental_allowed
-from sb3_piano.tuning.locks import any_held, dead_workers, is_held, remove_dead
+from sb3_piano.tuning.store.experimental import experimental_allowed
+from sb3_piano.tuning.store.locks import any_held, dead_workers, is_held, remove_dead
 from sb3_piano.tuning.study_folder import StudyFolder
 
 MAX_RETRIES = 3

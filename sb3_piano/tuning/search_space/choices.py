@@ -17,7 +17,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.training.import_names import full_name
 from sb3_piano.training.plain import plain
 from sb3_piano.training.zoo_text import parse_zoo_text
-from sb3_piano.tuning.parameter import Parameter, Stored, as_number
+from sb3_piano.tuning.search_space.parameter import Parameter, Stored, as_number
 
 # Numbers of which PyYAML makes text.
 _EXPONENT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+")

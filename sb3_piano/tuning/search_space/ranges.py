@@ -12,7 +12,7 @@ from optuna.trial import BaseTrial
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training.coerce import coerce
-from sb3_piano.tuning.parameter import Parameter, as_number
+from sb3_piano.tuning.search_space.parameter import Parameter, as_number
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""What may be searched: parameters, the settings they are for, and spaces of them."""

@@ -1,0 +1,1 @@
+"""Where studies are kept, and how trials of dead workers are found in there."""

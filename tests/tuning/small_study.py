@@ -7,6 +7,7 @@ import signal
 from pathlib import Path
 
 import gymnasium as gym
+import torch
 
 from sb3_piano.tuning import Float, Space, StudyConfig
 
@@ -51,6 +52,14 @@ class KilledOnce(gym.Wrapper):
             self._marker.touch()
             os.kill(os.getpid(), signal.SIGKILL)
         return self.env.step(action)
+
+
+class ThreadsNoted(gym.Wrapper):
+    """Write into a file how many threads torch has in this process."""
+
+    def __init__(self, env: gym.Env, file: str):
+        super().__init__(env)
+        Path(file).write_text(str(torch.get_num_threads()))
 
 
 class Broken(gym.Wrapper):

@@ -144,7 +144,6 @@ def test_a_study_that_exists_with_another_objective_is_refused(files, capsys):
         (["--metric", "f2"], "metric is 'f2': expected one of 'f1', 'onset_f1'"),
         (["--sampler", "tpee"], "sampler is 'tpee'"),
         (["--pruner", "medium"], "pruner is 'medium'"),
-        (["--algo", "a2c", "--space", "a2c"], "'a2c'"),
         (["--space", "sacc"], "Did you mean 'sac'"),
         (["--eval-seed", "0"], "eval_seed is 0"),
         (["--midi", str(MIDI_FILE)], "--midi cannot be given with --env"),

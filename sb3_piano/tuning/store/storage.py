@@ -16,6 +16,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.tuning.attributes import ORIGIN, PRESET, PRESET_IN_PART
 from sb3_piano.tuning.samplers import Search, make_pruner, make_sampler
 from sb3_piano.tuning.store.database import GRACE_PERIOD, HEARTBEAT_INTERVAL, open_database
+from sb3_piano.tuning.store.experimental import experimental_allowed
 from sb3_piano.tuning.store.journal import open_journal
 from sb3_piano.tuning.study_config import StudyConfig
 from sb3_piano.tuning.study_folder import StudyFolder

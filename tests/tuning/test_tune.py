@@ -106,19 +106,19 @@ def test_a_killed_worker_is_noticed_and_its_trial_run_again(storage, tmp_path):
     assert "failure" not in again.user_attrs
 
 
-def test_a_study_goes_on_where_it_was_also_with_more_trials(storage, tmp_path):
-    first = run(small(TWO), tmp_path, storage, n_trials=2, name=f"more-{time.time_ns()}")
-    name = first.study.study_name
-    second = run(small(TWO), tmp_path, storage, n_trials=3, name=name)
-    assert states(second) == 3 * [TrialState.COMPLETE]
-    assert second.trials[:2] == first.trials
-    again = run(small(TWO), tmp_path, storage, n_trials=3, name=name)
-    assert len(again.study.trials) == 3
+def test_a_study_goes_on_where_it_was_also_with_more_trials(tmp_path):
+    first = run(small(TWO), tmp_path, n_trials=1, workers=1, name="more")
+    second = run(small(TWO), tmp_path, n_trials=2, workers=1, name="more")
+    assert states(second) == 2 * [TrialState.COMPLETE]
+    assert second.trials[:1] == first.trials
+    again = run(small(TWO), tmp_path, n_trials=2, name="more")
+    assert again.trials == second.trials
 
 
-def test_ctrl_c_stops_the_workers_and_the_same_call_goes_on(storage, tmp_path, ctrl_c):
-    name = f"stopped-{time.time_ns()}"
-    config = small(TWO, {"n_timesteps": 1_000, "learning_starts": 990})
+def test_ctrl_c_stops_the_workers_and_the_same_call_goes_on(postgresql_url, tmp_path, ctrl_c):
+    """With the embedded store: tests/tuning/test_tune_command.py."""
+    storage, name = postgresql_url, f"stopped-{time.time_ns()}"
+    config = small(TWO, {"n_timesteps": 1_500, "learning_starts": 1_490})
     stopper = threading.Thread(target=press_ctrl_c_once_begun, args=(tmp_path / "study",))
     stopper.start()
     stopped = run(config, tmp_path, storage, n_trials=3, name=name)

@@ -82,9 +82,9 @@ def test_a_study_without_a_complete_trial_is_an_error(files, capsys):
 
 
 def test_ctrl_c_on_the_terminal_stops_it_and_the_same_command_goes_on(files):
-    write("small.yml", {"default": {**ENTRY, "learning_starts": 990}})
+    write("small.yml", {"default": {**ENTRY, "learning_starts": 1_990}})
     command = [sys.executable, "-m", "sb3_piano.cli", *arguments("--trials", "2", "--workers", "2")]
-    command[command.index("--steps") + 1] = "1000"
+    command[command.index("--steps") + 1] = "2000"
     # as a terminal does it, Ctrl-C goes to the whole group of processes
     process = subprocess.Popen(
         command, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

@@ -43,9 +43,9 @@ def test_all_parts_are_measured_in_their_order(short):
     told = []
     report = run_bench(short(rounds=2), lambda *lap: told.append(lap))
     parts = [row.part for row in report.rows]
-    kinds = {"simulation": 10, "learner": 11, "training": 5, "memory": 2}
+    kinds = {"simulation": 10, "learner": 12, "training": 6, "memory": 2}
     assert parts == [part for part, count in kinds.items() for _ in range(count)]
-    assert told[-1] == ("training", 15, 15)
+    assert told[-1] == ("training", 18, 18)
     assert all(row.value > 0 for row in report.rows)
     assert {len(row.by_round) for row in report.rows if row.part != "memory"} == {2}
     assert (report.interrupted, report.peer) == (False, None)

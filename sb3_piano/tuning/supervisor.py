@@ -12,6 +12,7 @@ from multiprocessing.connection import wait
 from multiprocessing.context import SpawnProcess
 
 import optuna
+from optuna.exceptions import StorageInternalError
 from optuna.trial import TrialState
 
 from sb3_piano.exceptions import RunError
@@ -104,7 +105,8 @@ class _Team:
             process.kill()
             process.join()
         if self._processes:
-            requeue_orphans(self._study, self._job.folder)
+            with contextlib.suppress(StorageInternalError):  # it may be why they are killed
+                requeue_orphans(self._study, self._job.folder)
 
     def _start(self, number: int) -> SpawnProcess:
         context = multiprocessing.get_context("spawn")

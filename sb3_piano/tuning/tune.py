@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import optuna
+from optuna.exceptions import StorageInternalError
 from optuna.trial import FrozenTrial, TrialState
 
 from sb3_piano.exceptions import ConfigError, RunError
@@ -18,6 +19,7 @@ from sb3_piano.tuning.outcome.report import write_report
 from sb3_piano.tuning.outcome.table import write_table
 from sb3_piano.tuning.progress import progress_bar as progress_bar_of
 from sb3_piano.tuning.samplers import Search
+from sb3_piano.tuning.store.database import why_refused
 from sb3_piano.tuning.store.storage import open_study
 from sb3_piano.tuning.study_config import StudyConfig
 from sb3_piano.tuning.study_folder import StudyFolder
@@ -105,10 +107,16 @@ def tune(
     )
     label = f"{config.objective} {config.metric}"
     bar = progress_bar_of(n_trials, label) if progress_bar else contextlib.nullcontext()
-    with bar as on_progress:
-        options = {} if on_progress is None else {"on_progress": on_progress}
-        interrupted = supervise(study, job, workers, **options)
-    return _finished(study, config, place, interrupted)
+    try:
+        with bar as on_progress:
+            options = {} if on_progress is None else {"on_progress": on_progress}
+            interrupted = supervise(study, job, workers, **options)
+        return _finished(study, config, place, interrupted)
+    except StorageInternalError as error:
+        raise RunError(
+            f"The database of study {name!r} cannot be used any more: {why_refused(error)}. What "
+            "is in it stays: when it is back, the same command goes on."
+        ) from error
 
 
 def _make(folder: StudyFolder) -> None:

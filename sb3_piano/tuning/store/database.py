@@ -71,8 +71,8 @@ def open_database(url: str, *, heartbeat_interval: int, grace_period: int) -> RD
         ) from error
     except (SQLAlchemyError, StorageInternalError) as error:
         raise RunError(
-            f"Database '{_shown(parsed)}' cannot be used: {_reason(error)}. Expected a server that "
-            "runs, with this database and a role that may make tables in it."
+            f"Database '{_shown(parsed)}' cannot be used: {why_refused(error)}. Expected a server "
+            "that runs, with this database and a role that may make tables in it."
         ) from error
     except RuntimeError as error:  # the tables are of another version
         raise RunError(f"Database '{_shown(parsed)}' cannot be used: {error}") from error
@@ -88,7 +88,7 @@ class _Database(RDBStorage):
         try:
             super().record_heartbeat(trial_id)
         except StorageInternalError as error:
-            _logger.warning("Heartbeat of a trial missed: %s", _reason(error))
+            _logger.warning("Heartbeat of a trial missed: %s", why_refused(error))
 
 
 def shown_url(url: str) -> str:
@@ -152,7 +152,7 @@ def _shown(url: sqlalchemy.URL) -> str:
     return url.set(query={}).render_as_string(hide_password=True)
 
 
-def _reason(error: Exception) -> str:
+def why_refused(error: Exception) -> str:
     """Return in one line why a database refused."""
     cause = error.__cause__ if isinstance(error, StorageInternalError) else error
     text = str(getattr(cause, "orig", None) or cause).strip()

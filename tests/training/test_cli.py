@@ -127,7 +127,7 @@ def test_an_environment_without_music_is_evaluated_too(capsys):
         ("train", "Nothing to play: expected --env ID, --midi FILE or --resume RUN."),
         ("train --env RoboPianist-v0 --algo td4", "Unknown algorithm 'td4'. Did you mean 'td3'"),
         ("train --env RoboPianst-v0", "Unknown environment 'RoboPianst-v0'. Did you mean 'Rob"),
-        ("train --env RoboPianist-v0 --algo ppo", "No preset comes with this package for 'ppo'"),
+        ("train --env RoboPianist-v0 --algo a2c", "No preset comes with this package for 'a2c'"),
         ("train --env RoboPianist-v0 --config no.yml", "'no.yml' cannot be read: No such file"),
         ("train --midi no.mid --config small.yml", "no.mid"),
         ("train --midi Twinkle --config small.yml", "Unknown piece 'Twinkle'"),

@@ -32,7 +32,7 @@ def progress_bar(n_trials: int, label: str) -> Iterator[OnProgress]:
 
 
 def summary(trials: Sequence[FrozenTrial], label: str) -> str:
-    """Return ``"7 trials (2 running, 3 pruned), best final f1 0.430 (trial 5)"``."""
+    """Return ``"7 trials (2 running, 3 pruned), highest final f1 0.430 (trial 5)"``."""
     counts = Counter(trial.state for trial in trials)
     finished = sum(trial.state.is_finished() for trial in trials)
     states = {
@@ -45,5 +45,5 @@ def summary(trials: Sequence[FrozenTrial], label: str) -> str:
     complete = [trial for trial in trials if trial.state is TrialState.COMPLETE]
     if complete:
         best = max(complete, key=lambda trial: trial.value or 0.0)
-        text += f", best {label} {best.value:.3f} (trial {best.number})"
+        text += f", highest {label} {best.value:.3f} (trial {best.number})"
     return text

@@ -52,7 +52,7 @@ def test_a_study_tells_what_it_found_and_where_everything_is(files, capsys):
     assert main(arguments("--trials", "2", "--seed", "0")) == 0
     out = capsys.readouterr().out
     folder = f"studies/td3-{ENV_ID}"
-    assert f"{folder}, 2 trials, best final f1 " in out
+    assert f"{folder}, 2 trials, highest final f1 " in out
     assert "(of the preset: " in out
     for name in ("best.yml", "report.html", "trials.csv"):
         assert f"{folder}/{name}" in out
@@ -98,7 +98,7 @@ def test_ctrl_c_on_the_terminal_stops_it_and_the_same_command_goes_on(files):
     assert "Interrupted: the same command goes on." in out
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert ", 2 trials, best final f1 " in done.stdout
+    assert ", 2 trials, highest final f1 " in done.stdout
 
 
 def test_an_unknown_parameter_is_refused(files, capsys):

@@ -14,9 +14,9 @@ from optuna.pruners import (
 )
 from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, RandomSampler, TPESampler
 
-from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.tuning.store.experimental import experimental_allowed
-from sb3_piano.tuning.study_config import StudyConfig
+from sb3_piano.tuning.study_config import StudyConfig, check_choice
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,13 +37,8 @@ class Search:
     """Seed of the sampler, at least 0. Only with one worker are its choices the same each time."""
 
     def __post_init__(self) -> None:
-        for name, valid in (("sampler", tuple(SAMPLERS)), ("pruner", tuple(PRUNERS))):
-            value = getattr(self, name)
-            if value not in valid:
-                raise ConfigError(
-                    f"{name} is {value!r}: expected one of {', '.join(map(repr, valid))}."
-                    f"{near_names(str(value), valid)}"
-                )
+        check_choice("sampler", self.sampler, SAMPLERS)
+        check_choice("pruner", self.pruner, PRUNERS)
         if self.startup_trials < 1:
             raise ConfigError(f"startup_trials is {self.startup_trials}: expected 1 or more.")
         if self.seed is not None and self.seed < 0:

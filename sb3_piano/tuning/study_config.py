@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -56,8 +56,8 @@ class StudyConfig:
     """The longest that the trainings of a trial may take together; each has an equal share."""
 
     def __post_init__(self) -> None:
-        self._check_choice("metric", tuple(METRICS))
-        self._check_choice("objective", OBJECTIVES)
+        check_choice("metric", self.metric, METRICS)
+        check_choice("objective", self.objective, OBJECTIVES)
         for name in ("eval_episodes", "n_evaluations"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"{name} is {getattr(self, name)}: expected 1 or more.")
@@ -124,14 +124,6 @@ class StudyConfig:
             mapping["entry"]["env_kwargs"] = {**kwargs, "score": f"sha256 {digest}"}
         return mapping
 
-    def _check_choice(self, name: str, valid: tuple[str, ...]) -> None:
-        value = getattr(self, name)
-        if value not in valid:
-            raise ConfigError(
-                f"{name} is {value!r}: expected one of {', '.join(map(repr, valid))}."
-                f"{near_names(str(value), valid)}"
-            )
-
     def _check_seeds(self) -> None:
         if not self.seeds or min(self.seeds) < 0 or len(set(self.seeds)) < len(self.seeds):
             raise ConfigError(
@@ -142,3 +134,16 @@ class StudyConfig:
                 f"eval_seed is {self.eval_seed}: expected a seed from 0 on that no training has "
                 f"({', '.join(map(str, self.seeds))})."
             )
+
+
+def check_choice(name: str, value: str, valid: Collection[str]) -> None:
+    """Refuse a value that is none of those that are valid.
+
+    Raises:
+        ConfigError: If it is not.
+    """
+    if value not in valid:
+        raise ConfigError(
+            f"{name} is {value!r}: expected one of {', '.join(map(repr, valid))}."
+            f"{near_names(str(value), valid)}"
+        )

@@ -13,8 +13,8 @@ from optuna.trial import FrozenTrial, TrialState
 
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.threads import usable_cores
-from sb3_piano.tuning.attributes import FAILURE, ORIGIN, PRESET, counting
-from sb3_piano.tuning.outcome.best import best_trial, write_best
+from sb3_piano.tuning.attributes import FAILURE, counting
+from sb3_piano.tuning.outcome.best import best_trial, preset_trial, write_best
 from sb3_piano.tuning.outcome.report import write_report
 from sb3_piano.tuning.outcome.table import write_table
 from sb3_piano.tuning.progress import progress_bar as progress_bar_of
@@ -142,20 +142,14 @@ def _check_runs(study: optuna.Study, folder: StudyFolder) -> None:
 def _finished(
     study: optuna.Study, config: StudyConfig, folder: StudyFolder, interrupted: bool
 ) -> TuneResult:
-    trials = counting(study)
     write_best(study, config, folder)
     write_table(study, config, folder)
     write_report(study, config, folder)
-    presets = [
-        trial
-        for trial in trials
-        if trial.user_attrs.get(ORIGIN) == PRESET and trial.state is TrialState.COMPLETE
-    ]
     return TuneResult(
         folder=folder,
         study=study,
         best=best_trial(study),
-        preset=presets[0] if presets else None,
-        trials=tuple(trials),
+        preset=preset_trial(study),
+        trials=tuple(counting(study)),
         interrupted=interrupted,
     )

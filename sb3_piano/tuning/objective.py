@@ -143,7 +143,7 @@ class _Progress:
         number = len(judge.evaluations_metrics)
         if number >= self._config.n_evaluations:
             return True  # the finished model is judged in its place
-        found = _results({}, judge)[self._name]
+        found = results_of({}, judge)[self._name]
         values = [*(result[self._name] for result in self._results), found]
         interval = self._length // self._config.n_evaluations
         self._report(float(np.mean(values)), number * interval)
@@ -156,7 +156,7 @@ class _Progress:
             RunError: If that is no number.
             optuna.TrialPruned: If there are seeds left, but the trial is not to go on.
         """
-        found = _results(last, judge)
+        found = results_of(last, judge)
         if not math.isfinite(found[self._name]):
             raise RunError(f"{self._name} is {found[self._name]}: expected a number.")
         self._results.append(found)
@@ -181,7 +181,7 @@ class _Progress:
             self.trial.set_user_attr(name, value)
 
 
-def _results(last: Mapping[str, float], judge: MetricEvalCallback) -> dict[str, float]:
+def results_of(last: Mapping[str, float], judge: MetricEvalCallback) -> dict[str, float]:
     """Return final and best value of each metric of a training, by :func:`result_name`.
 
     Args:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sb3_piano.cli.common import EXIT_ERROR, EXIT_OK
-from sb3_piano.exceptions import ConfigError, RenderingError, near_names
+from sb3_piano.exceptions import ConfigError, RenderingError
 
 if TYPE_CHECKING:
     from sb3_piano.viewing import Picture, Played, Progress, Take
@@ -103,14 +103,7 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
 
 
 def _check_piece(arguments: argparse.Namespace) -> None:
-    from sb3_piano.music import STUDIES
-
     what = arguments.what
-    if what not in STUDIES and not Path(what).is_file():
-        raise ConfigError(
-            f"Nothing to play: there is no {what!r}.{near_names(what, STUDIES)} Expected the "
-            f"folder of a run, a MIDI or PIG file, or a study ({', '.join(sorted(STUDIES))})."
-        )
     for name in ("score", "seed", "best"):
         if getattr(arguments, name) is not None:
             raise ConfigError(

@@ -1,5 +1,6 @@
 """Music: scores, piano rolls, files and studies."""
 
+from sb3_piano.music.catalogue import BUILT_IN, find_piece, pieces
 from sb3_piano.music.constants import (
     DEFAULT_VELOCITY,
     FINGER_NAMES,
@@ -9,16 +10,18 @@ from sb3_piano.music.constants import (
     NUM_KEYS,
     UNKNOWN_FINGER,
 )
+from sb3_piano.music.formats.midi import read_midi, write_midi
+from sb3_piano.music.formats.pig import read_pig
 from sb3_piano.music.load import load_score
-from sb3_piano.music.midi import read_midi, write_midi
 from sb3_piano.music.note import Note, Pedal
-from sb3_piano.music.pig import read_pig
+from sb3_piano.music.piece import Piece
 from sb3_piano.music.roll import PianoRoll
 from sb3_piano.music.score import Score
-from sb3_piano.music.studies import STUDIES, major_scale, study
+from sb3_piano.music.studies import STUDIES, major_scale
 from sb3_piano.music.synthesis import SAMPLE_RATE, synthesize, write_wav
 
 __all__ = [
+    "BUILT_IN",
     "DEFAULT_VELOCITY",
     "FINGER_NAMES",
     "MAX_PITCH",
@@ -31,12 +34,14 @@ __all__ = [
     "Note",
     "Pedal",
     "PianoRoll",
+    "Piece",
     "Score",
+    "find_piece",
     "load_score",
     "major_scale",
+    "pieces",
     "read_midi",
     "read_pig",
-    "study",
     "synthesize",
     "write_midi",
     "write_wav",

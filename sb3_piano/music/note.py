@@ -15,11 +15,12 @@ from sb3_piano.music.constants import (
     NUM_FINGERS,
     UNKNOWN_FINGER,
 )
+from sb3_piano.music.hands import HANDS, Hand, hand_of_finger
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Note:
-    """One note: which key, when, how hard and with which finger.
+    """One note: which key, when, how hard, with which finger or at least which hand.
 
     Attributes:
         onset: When the key is struck, in s, finite and at least 0.
@@ -27,6 +28,8 @@ class Note:
         pitch: MIDI pitch, 21 (A0) to 108 (C8).
         velocity: How hard the key is struck, 1-127.
         finger: 0-4 right hand thumb to little, 5-9 left hand thumb to little, -1 unknown.
+        hand: "right", "left" or None if unknown, as in a file that says which hand plays, but not
+            with which finger. A finger that is known decides, whatever is given.
 
     Raises:
         ScoreError: If a value is not a number or out of its range.
@@ -37,6 +40,7 @@ class Note:
     pitch: int
     velocity: int = DEFAULT_VELOCITY
     finger: int = UNKNOWN_FINGER
+    hand: Hand | None = None
 
     def __post_init__(self) -> None:
         _check_times(self)
@@ -44,6 +48,7 @@ class Note:
         _check_integer(self, "velocity", 1, 127, "1 to 127")
         fingers = "0-4 (right), 5-9 (left) or -1 (unknown)"
         _check_integer(self, "finger", UNKNOWN_FINGER, NUM_FINGERS - 1, fingers)
+        _settle_hand(self)
 
     @property
     def key(self) -> int:
@@ -83,6 +88,7 @@ def located_note(
     pitch: int,
     velocity: int = DEFAULT_VELOCITY,
     finger: int = UNKNOWN_FINGER,
+    hand: Hand | None = None,
 ) -> Note:
     """Make a note whose error, if it is refused, says which note of which piece it was.
 
@@ -93,12 +99,15 @@ def located_note(
         pitch: As in `Note`.
         velocity: As in `Note`.
         finger: As in `Note`.
+        hand: As in `Note`.
 
     Raises:
         ScoreError: If `Note` refuses the values.
     """
     try:
-        return Note(onset=onset, offset=offset, pitch=pitch, velocity=velocity, finger=finger)
+        return Note(
+            onset=onset, offset=offset, pitch=pitch, velocity=velocity, finger=finger, hand=hand
+        )
     except ScoreError as error:
         text = str(error)
         raise ScoreError(f"{where}: {text[0].lower()}{text[1:]}") from error
@@ -134,3 +143,9 @@ def _check_integer(note: Note, name: str, low: int, high: int, expected: str) ->
     if not low <= int(value) <= high:
         raise ScoreError(f"{name.capitalize()} {value} is out of range: expected {expected}.")
     object.__setattr__(note, name, int(value))
+
+
+def _settle_hand(note: Note) -> None:
+    if note.hand is not None and note.hand not in HANDS:
+        raise ScoreError(f"Hand {note.hand!r} is not valid: expected 'right', 'left' or None.")
+    object.__setattr__(note, "hand", hand_of_finger(note.finger) or note.hand)

@@ -112,6 +112,7 @@ class Score:
                     pitch=note.pitch,
                     velocity=note.velocity,
                     finger=note.finger,
+                    hand=note.hand,
                 )
                 for index, note in enumerate(self.notes)
             ],
@@ -181,9 +182,9 @@ class Score:
         )
 
 
-def _order(note: Note) -> tuple[float, int, float, int, int]:
+def _order(note: Note) -> tuple[float, int, float, int, str, int]:
     """Sort by onset and pitch; the rest makes the order of simultaneous notes definite."""
-    return note.onset, note.pitch, note.offset, note.finger, note.velocity
+    return note.onset, note.pitch, note.offset, note.finger, note.hand or "", note.velocity
 
 
 def _check_types(items: tuple[object, ...], expected: type, title: str) -> None:

@@ -17,7 +17,7 @@ from sb3_piano.envs import ObservationBlock, ObservationLayout, ObservationSpace
 from sb3_piano.envs.finger_goals import FingerGoals
 from sb3_piano.envs.key_window import ALL_KEYS, KeyWindow
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music import Note, Pedal, PianoRoll, Score, study
+from sb3_piano.music import Note, Pedal, PianoRoll, Score, load_score
 from sb3_piano.music.constants import NUM_KEYS
 
 OPTIONS = [
@@ -61,7 +61,9 @@ def test_observations_stay_within_their_space_under_wild_actions(options):
 
 
 def test_the_window_is_the_roll_without_the_keys_beside_it():
-    score = Score(notes=study("CMajorScaleOneHand").notes, pedals=[Pedal(onset=0.5, offset=3.0)])
+    score = Score(
+        notes=load_score("CMajorScaleOneHand").notes, pedals=[Pedal(onset=0.5, offset=3.0)]
+    )
     roll, window = (
         PianoEnv(score, observation=name, randomize_hand_positions=True)
         for name in ("roll", "window")

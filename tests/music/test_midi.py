@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music import STUDIES, Note, Pedal, Score, read_midi, study, write_midi
+from sb3_piano.music import STUDIES, Note, Pedal, Score, load_score, read_midi, write_midi
 
 
 def note(onset, offset, pitch=60, **fields):
@@ -100,7 +100,7 @@ class TestRoundTrip:
 
     @pytest.mark.parametrize("name", STUDIES)
     def test_studies_come_back_exactly(self, name, tmp_path):
-        assert round_trip(study(name), tmp_path) == study(name)
+        assert round_trip(load_score(name), tmp_path) == load_score(name)
 
     def test_a_note_shorter_than_a_tick_survives(self, tmp_path):
         back = round_trip(Score(notes=[note(1.0, 1.000001)]), tmp_path)
@@ -297,7 +297,7 @@ class TestBars:
         assert read_midi(tmp_path / "a.mid").bars == pytest.approx(theirs, abs=1e-6)
 
     def test_a_written_file_has_bars_of_two_seconds_whatever_the_score_had(self, tmp_path):
-        score = study("TwinkleTwinkleLittleStar").stretch(1.5)
+        score = load_score("TwinkleTwinkleLittleStar").stretch(1.5)
         assert score.bars == (0, 3, 6, 9)
         assert round_trip(score, tmp_path).bars == pytest.approx((0, 2, 4, 6, 8, 10))
 
@@ -377,24 +377,24 @@ class TestErrors:
 class TestWriting:
     def test_an_existing_file_is_replaced_and_nothing_else_is_left(self, tmp_path):
         (tmp_path / "a.mid").write_text("old")
-        write_midi(study("TwinkleTwinkleLittleStar"), tmp_path / "a.mid")
+        write_midi(load_score("TwinkleTwinkleLittleStar"), tmp_path / "a.mid")
         assert [path.name for path in tmp_path.iterdir()] == ["a.mid"]
         assert len(read_midi(tmp_path / "a.mid").notes) == 14
 
     def test_a_missing_folder_is_refused_by_path(self, tmp_path):
         with pytest.raises(ScoreError, match=r"Cannot write '.*none/a\.mid': No such file"):
-            write_midi(study("TwinkleTwinkleLittleStar"), tmp_path / "none" / "a.mid")
+            write_midi(load_score("TwinkleTwinkleLittleStar"), tmp_path / "none" / "a.mid")
 
     def test_a_failed_write_leaves_nothing_behind(self, tmp_path):
         (tmp_path / "a.mid").mkdir()
         with pytest.raises(ScoreError, match=r"Cannot write '.*a\.mid'"):
-            write_midi(study("TwinkleTwinkleLittleStar"), tmp_path / "a.mid")
+            write_midi(load_score("TwinkleTwinkleLittleStar"), tmp_path / "a.mid")
         assert [path.name for path in tmp_path.iterdir()] == ["a.mid"]
 
     def test_a_file_as_folder_is_refused(self, tmp_path):
         (tmp_path / "file").write_text("")
         with pytest.raises(ScoreError, match=r"Cannot write '.*a\.mid': Not a directory"):
-            write_midi(study("TwinkleTwinkleLittleStar"), tmp_path / "file" / "a.mid")
+            write_midi(load_score("TwinkleTwinkleLittleStar"), tmp_path / "file" / "a.mid")
 
     def test_a_piece_too_long_for_midi_is_refused(self, tmp_path):
         with pytest.raises(ScoreError, match=r"'day' lasts 86400 s, too long .* less than 49500 s"):

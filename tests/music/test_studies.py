@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sb3_piano.exceptions import ScoreError, UnknownPieceError
-from sb3_piano.music import STUDIES, PianoRoll, major_scale, study
+from sb3_piano.music import STUDIES, PianoRoll, load_score, major_scale
 
 _HANDS = ("OneHand", "TwoHands")
 REFERENCE = Path(__file__).parents[1] / "data" / "reference"
@@ -23,7 +23,7 @@ REFERENCE = Path(__file__).parents[1] / "data" / "reference"
 def test_rolls_equal_those_of_robopianist(name, file):
     reference = np.load(REFERENCE / f"{file}.npz")
     buffer = float(reference.get("initial_buffer_time", 0.0))
-    roll = PianoRoll.from_score(study(name), 0.05, initial_buffer_time=buffer)
+    roll = PianoRoll.from_score(load_score(name), 0.05, initial_buffer_time=buffer)
     steps, keys = np.nonzero(roll.active)
     rows = np.column_stack([steps, keys, roll.finger[steps, keys]])
     assert np.array_equal(rows, reference["roll_notes"])
@@ -32,25 +32,25 @@ def test_rolls_equal_those_of_robopianist(name, file):
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_titles_are_the_names_and_every_note_has_a_finger(name):
-    score = study(name)
+    score = load_score(name)
     assert score.title == name
     assert all(0 <= note.finger <= 9 and note.velocity == 80 for note in score.notes)
 
 
 @pytest.mark.parametrize("key", ["C", "D"])
 def test_one_hand_is_the_right_hand_of_two(key):
-    two_hands = study(f"{key}MajorScaleTwoHands").notes
+    two_hands = load_score(f"{key}MajorScaleTwoHands").notes
     right = tuple(note for note in two_hands if note.finger <= 4)
-    assert study(f"{key}MajorScaleOneHand").notes == right
+    assert load_score(f"{key}MajorScaleOneHand").notes == right
 
 
 def test_the_left_hand_of_d_major_starts_at_50_with_the_little_finger():
-    first = study("DMajorScaleTwoHands").notes[0]
+    first = load_score("DMajorScaleTwoHands").notes[0]
     assert (first.pitch, first.finger, first.onset, first.offset) == (50, 9, 0.0, 0.5)
 
 
 def test_twinkle_has_two_phrases_that_end_in_a_long_note():
-    notes = study("TwinkleTwinkleLittleStar").notes
+    notes = load_score("TwinkleTwinkleLittleStar").notes
     assert [note.pitch for note in notes] == [
         *(60, 60, 67, 67, 69, 69, 67),
         *(65, 65, 64, 64, 62, 62, 60),
@@ -69,7 +69,7 @@ def test_twinkle_has_two_phrases_that_end_in_a_long_note():
     ],
 )
 def test_the_studies_are_in_four_four_time(name, bars):
-    assert study(name).bars == bars
+    assert load_score(name).bars == bars
 
 
 def test_bars_of_a_scale_begin_with_every_fourth_note_at_any_speed():
@@ -79,7 +79,7 @@ def test_bars_of_a_scale_begin_with_every_fourth_note_at_any_speed():
 
 def test_an_unknown_study_is_answered_with_the_nearest_names():
     with pytest.raises(UnknownPieceError, match="Did you mean 'CMajorScaleOneHand'"):
-        study("cmajorscaleonehnd")
+        load_score("cmajorscaleonehnd")
 
 
 def test_a_scale_starts_where_and_lasts_as_long_as_asked():

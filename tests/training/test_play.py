@@ -15,7 +15,7 @@ from stable_baselines3 import TD3
 from sb3_piano.cli import main
 from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError, UnknownPieceError
-from sb3_piano.music import Note, Pedal, Score, read_midi, study, write_midi
+from sb3_piano.music import Note, Pedal, Score, load_score, read_midi, write_midi
 from sb3_piano.simulation import find_gl_backend
 from sb3_piano.training import Picture, play_run, play_score, train
 from sb3_piano.training.play import take_of_run, take_of_score
@@ -282,7 +282,7 @@ def test_a_study_is_played_by_its_name(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["play", "DMajorScaleOneHand", "--no-video"]) == 0
     written = read_midi(tmp_path / "play" / "DMajorScaleOneHand" / "performance.mid")
-    assert len(written.notes) == len(study("DMajorScaleOneHand").notes)
+    assert len(written.notes) == len(load_score("DMajorScaleOneHand").notes)
 
 
 @needs_gl

@@ -10,7 +10,7 @@ import yaml
 from stable_baselines3.common.buffers import ReplayBuffer
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import STUDIES, study
+from sb3_piano.music import STUDIES, load_score
 from sb3_piano.training import ALGORITHMS, Plugin, RunConfig
 from sb3_piano.training.algorithms import algorithm_class
 
@@ -99,7 +99,10 @@ def test_a_config_does_not_share_what_it_was_given(small_config):
         ({"normalize": "dict(norm_observation=True)"}, "'norm_observation' for VecNormalize"),
         ({"normalize": 1}, "normalize is 1: expected a mapping"),
         ({"monitor_kwargs": {"filename": "x"}}, "Unknown key 'filename' for Monitor"),
-        ({"env_kwargs": {"score": study("CMajorScaleOneHand")}}, "env_kwargs.score is a Score, wh"),
+        (
+            {"env_kwargs": {"score": load_score("CMajorScaleOneHand")}},
+            "env_kwargs.score is a Score, wh",
+        ),
         ({"env_kwargs": {1: 2}}, "env_kwargs is .*: expected a mapping from names"),
         ({"env_kwargs": {"a": [{1: 2}]}}, r"env_kwargs.a\[0\] has the key 1: expected text"),
     ],

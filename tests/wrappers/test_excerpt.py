@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from playing_scores import melody, piano, played
 
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music import Note, Score, study, write_midi
+from sb3_piano.music import Note, Score, load_score, write_midi
 from sb3_piano.wrappers import Excerpt, PitchShift, TemporalStretch
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
@@ -164,7 +164,7 @@ class TestBars:
         assert played_by == [[60], [61, 62], [63, 64]]
 
     def test_bars_of_a_midi_file_are_those_of_its_meter(self, tmp_path):
-        write_midi(study("TwinkleTwinkleLittleStar"), tmp_path / "a.mid")
+        write_midi(load_score("TwinkleTwinkleLittleStar"), tmp_path / "a.mid")
         env = Excerpt(piano(), start=1, length=2, unit="bars")
         score = played(env, score=tmp_path / "a.mid")
         assert pitches(score) == [69, 69, 67, 65, 65, 64, 64]

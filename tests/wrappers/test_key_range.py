@@ -17,7 +17,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from sb3_piano.envs import KeyWindow, PianoEnv
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music import Note, Score, study
+from sb3_piano.music import Note, Score, load_score
 from sb3_piano.wrappers import HideFingering, KeyRange
 from sb3_piano.wrappers.score_wrapper import ScoreWrapper
 
@@ -231,7 +231,7 @@ def test_it_passes_both_env_checkers():
 
 
 def test_it_is_made_again_from_its_spec_and_copied_with_its_keys():
-    made = gym.make("RoboPianist-v0", score=study("CMajorScaleOneHand"), physics="fast")
+    made = gym.make("RoboPianist-v0", score=load_score("CMajorScaleOneHand"), physics="fast")
     env = HideFingering(KeyRange(made, [69, 90], simulated=True))
     again = gym.make(env.spec)
     others = [again, copy.deepcopy(env), pickle.loads(pickle.dumps(env))]

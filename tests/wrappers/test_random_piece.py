@@ -9,7 +9,7 @@ import pytest
 from playing_scores import melody, piano, played, titles
 
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
-from sb3_piano.music import study, write_midi
+from sb3_piano.music import load_score, write_midi
 from sb3_piano.wrappers import Excerpt, PitchShift, RandomPiece, TemporalStretch
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
@@ -135,4 +135,6 @@ class TestErrors:
             )
 
     def test_a_study_has_the_title_by_which_it_is_told(self):
-        assert played(RandomPiece(piano(), ["CMajorScaleOneHand"])) == study("CMajorScaleOneHand")
+        assert played(RandomPiece(piano(), ["CMajorScaleOneHand"])) == load_score(
+            "CMajorScaleOneHand"
+        )

@@ -1,4 +1,4 @@
-"""Generated studies: scales, a chord progression and a tune, with fingering.
+"""The debug set: two scales, a chord progression and a tune, with fingering.
 
 Source: the pieces of RoboPianist's debug set, under its names and with its notes, times, fingers
 and velocity.
@@ -6,17 +6,13 @@ and velocity.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import TypeAlias
 
-from sb3_piano.exceptions import UnknownPieceError, near_names
-from sb3_piano.music.note import Note
+from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
-
-Touch: TypeAlias = tuple[int, int]
-"""A MIDI pitch and the finger (0-9) that strikes it."""
+from sb3_piano.music.studies.sequence import Touch, in_sequence
 
 _MAJOR_OCTAVE = (0, 2, 4, 5, 7, 9, 11, 12)
 _UP_AND_DOWN = _MAJOR_OCTAVE + _MAJOR_OCTAVE[-2::-1]
@@ -27,20 +23,6 @@ _TWINKLE_PHRASES: tuple[tuple[Touch, ...], ...] = (
     ((60, 0), (60, 0), (67, 2), (67, 2), (69, 3), (69, 3), (67, 2)),
     ((65, 3), (65, 3), (64, 2), (64, 2), (62, 1), (62, 1), (60, 0)),
 )
-
-
-def study(name: str) -> Score:
-    """Return a study by its name; `STUDIES` holds the names.
-
-    Raises:
-        UnknownPieceError: If there is no study of this name.
-    """
-    if name not in STUDIES:
-        raise UnknownPieceError(
-            f"Unknown study {name!r}.{near_names(name, STUDIES)} "
-            f"Expected one of: {', '.join(sorted(STUDIES))}."
-        )
-    return STUDIES[name]()
 
 
 def major_scale(
@@ -68,31 +50,6 @@ def major_scale(
     ]
     groups = [(touches, note_duration) for touches in zip(*hands, strict=True)]
     return in_sequence(groups, title, bars=range(0, len(groups), 4))
-
-
-def in_sequence(
-    groups: Iterable[tuple[Iterable[Touch], float]], title: str, *, bars: Container[int] = ()
-) -> Score:
-    """Play groups of keys one after the other, each held until the next.
-
-    Args:
-        groups: For each group its touches and its length in s.
-        title: Title of the score.
-        bars: Indices of the groups with which a bar begins.
-    """
-    notes: list[Note] = []
-    lines: list[float] = []
-    onset = 0.0
-    for index, (touches, duration) in enumerate(groups):
-        if index in bars:
-            lines.append(onset)
-        offset = onset + duration
-        notes += [
-            Note(onset=onset, offset=offset, pitch=pitch, finger=finger)
-            for pitch, finger in touches
-        ]
-        onset = offset
-    return Score(notes=notes, title=title, bars=lines)
 
 
 def _chord_progression(title: str) -> Score:
@@ -123,16 +80,26 @@ def _twinkle(title: str) -> Score:
     )
 
 
-_BUILDERS: dict[str, Callable[..., Score]] = {
-    "CMajorScaleOneHand": partial(major_scale, right=72),
-    "CMajorScaleTwoHands": partial(major_scale, right=72, left=48),
-    "DMajorScaleOneHand": partial(major_scale, right=74),
-    "DMajorScaleTwoHands": partial(major_scale, right=74, left=50),
-    "CMajorChordProgressionTwoHands": _chord_progression,
-    "TwinkleTwinkleLittleStar": _twinkle,
+_BUILDERS: dict[str, tuple[str, Callable[..., Score]]] = {
+    "CMajorScaleOneHand": ("C major scale, right hand", partial(major_scale, right=72)),
+    "CMajorScaleTwoHands": ("C major scale", partial(major_scale, right=72, left=48)),
+    "DMajorScaleOneHand": ("D major scale, right hand", partial(major_scale, right=74)),
+    "DMajorScaleTwoHands": ("D major scale", partial(major_scale, right=74, left=50)),
+    "CMajorChordProgressionTwoHands": ("Four chords", _chord_progression),
+    "TwinkleTwinkleLittleStar": ("Twinkle Twinkle Little Star, right hand", _twinkle),
 }
 
-STUDIES: Mapping[str, Callable[[], Score]] = MappingProxyType(
-    {name: partial(builder, title=name) for name, builder in _BUILDERS.items()}
+DEBUG: Mapping[str, Piece] = MappingProxyType(
+    {
+        f"debug-{name}": Piece(
+            name=f"debug-{name}",
+            title=title,
+            collection="debug",
+            source="RoboPianist's debug set",
+            fingering="RoboPianist's",
+            build=partial(builder, title=name),
+        )
+        for name, (title, builder) in _BUILDERS.items()
+    }
 )
-"""The studies by name; calling one makes its score."""
+"""The pieces of the debug set by name."""

@@ -26,7 +26,7 @@ import pretty_midi
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.files import write_bytes
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH, NUM_FINGERS, UNKNOWN_FINGER
-from sb3_piano.music.midi_events import SUSTAIN_CONTROLLER, parse_midi
+from sb3_piano.music.formats.midi_events import SUSTAIN_CONTROLLER, parse_midi
 from sb3_piano.music.note import Note, Pedal, located_note, merge_pedals
 from sb3_piano.music.score import Score
 

@@ -15,12 +15,10 @@ from pathlib import Path
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.note import Note, located_note
+from sb3_piano.music.pitch import pitch_number
 from sb3_piano.music.score import Score
 
 _FIELDS = "id, onset, offset, pitch, onset velocity, offset velocity, channel, finger"
-_SEMITONES = {"C": 0, "D": 2, "E": 4, "F": 5, "G": 7, "A": 9, "B": 11}
-_ACCIDENTALS = {"": 0, "#": 1, "##": 2, "b": -1, "bb": -2}
-_PITCH = re.compile(r"([A-G])(|##?|bb?)(-?\d)")
 _FINGER = re.compile(r"(-?[0-5])(_-?[0-5])*")
 
 
@@ -79,11 +77,12 @@ def _read_time(name: str, text: str, where: str) -> float:
 
 
 def _read_pitch(text: str, where: str) -> int:
-    match = _PITCH.fullmatch(text)
-    if match is None:
-        raise _bad_field("pitch", text, where, "a spelled pitch, such as C4, F#5, Bb3, C##4")
-    letter, accidental, octave = match.groups()
-    return 12 * (int(octave) + 1) + _SEMITONES[letter] + _ACCIDENTALS[accidental]
+    try:
+        return pitch_number(text)
+    except ScoreError as error:
+        raise _bad_field(
+            "pitch", text, where, "a spelled pitch, such as C4, F#5, Bb3, C##4"
+        ) from error
 
 
 def _read_velocity(text: str, where: str) -> int:

@@ -1,0 +1,29 @@
+"""Which hand, and which finger of which hand."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from sb3_piano.music.constants import UNKNOWN_FINGER
+
+Hand = Literal["right", "left"]
+
+HANDS: tuple[Hand, Hand] = ("right", "left")
+"""Both hands, in the order of their fingers: 0-4 are the right hand's, 5-9 the left hand's."""
+
+FINGERS_PER_HAND = 5
+
+
+def hand_of_finger(finger: int) -> Hand | None:
+    """Return the hand that a finger (0-9) belongs to; None for an unknown one (-1)."""
+    return None if finger == UNKNOWN_FINGER else HANDS[finger // FINGERS_PER_HAND]
+
+
+def finger_of(hand: Hand, number: int) -> int:
+    """Return the finger (0-9) with the pianists' number (1 thumb to 5 little) of a hand."""
+    return HANDS.index(hand) * FINGERS_PER_HAND + number - 1
+
+
+def finger_number(finger: int) -> int:
+    """Return the pianists' number (1 thumb to 5 little) of a finger (0-9)."""
+    return finger % FINGERS_PER_HAND + 1

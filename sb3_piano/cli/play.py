@@ -103,7 +103,14 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
 
 
 def _check_piece(arguments: argparse.Namespace) -> None:
+    from sb3_piano.music import is_path
+
     what = arguments.what
+    if is_path(what) and not Path(what).exists():
+        raise ConfigError(
+            f"Nothing to play: there is no {what!r}. Expected the folder of a run, a file such as "
+            "a MIDI file, or the name of a piece (see 'sb3-piano pieces list')."
+        )
     for name in ("score", "seed", "best"):
         if getattr(arguments, name) is not None:
             raise ConfigError(

@@ -19,10 +19,10 @@ from sb3_piano.envs.observation import ObservationLayout, ObservationSpace
 from sb3_piano.envs.reading import Reading
 from sb3_piano.envs.record import EpisodeRecord
 from sb3_piano.envs.reward_terms import reward_terms
-from sb3_piano.envs.score_choice import ScoreSource, chosen_score
+from sb3_piano.envs.score_choice import ScoreSource, chosen_score, own_score
 from sb3_piano.envs.state import EnvState
 from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedError
-from sb3_piano.music import NUM_KEYS, PianoRoll, Score, load_score
+from sb3_piano.music import NUM_KEYS, PianoRoll, Score
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import compile_scene, pedal_threshold
 from sb3_piano.viewing import FrameRenderer
@@ -90,9 +90,11 @@ class PianoEnv(gym.Env[Any, Any]):
     ## Options
 
     ``score`` is what is played unless ``reset(options={"score": ...})`` names another score for one
-    episode: a ``Score``, a path to a MIDI or PIG file, or a study's name. The option ``transform``
-    of ``reset`` is a function that changes it, such as those of :mod:`sb3_piano.wrappers`. All
-    other keyword arguments are the fields of :class:`~sb3_piano.envs.PianoEnvConfig`.
+    episode: a ``Score``, the path of a file such as a MIDI file, or a piece's name. The option
+    ``transform`` of ``reset`` is a function that changes it, such as those of
+    :mod:`sb3_piano.wrappers`. What may be chosen about a generated study (``tempo``, ``hands``...:
+    ``sb3-piano pieces show NAME`` tells) is a keyword argument, too. All others are the fields of
+    :class:`~sb3_piano.envs.PianoEnvConfig`.
 
     ## Version history
 
@@ -109,12 +111,12 @@ class PianoEnv(gym.Env[Any, Any]):
                 f"render_mode is {render_mode!r}: expected None or one of "
                 f"{self.metadata['render_modes']}."
             )
+        self._default_score, options = own_score(score, options)
         self.config = PianoEnvConfig.from_options(options)
         self.render_mode = render_mode
         render_fps = round(1 / self.config.control_timestep)
         self.metadata = {**type(self).metadata, "render_fps": render_fps}
         self._pedal_threshold = pedal_threshold()
-        self._default_score = load_score(score)
         self._renderer: FrameRenderer | None = None
         self._build(ALL_KEYS)
         self._finished = True  # until the first reset

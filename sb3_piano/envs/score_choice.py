@@ -9,10 +9,34 @@ from typing import Any
 import numpy as np
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Score, load_score
+from sb3_piano.music import Score, find_piece, is_path, load_score
 
 ScoreSource = Score | str | os.PathLike[str]
 """Whatever :func:`~sb3_piano.music.load_score` makes a score of."""
+
+
+def own_score(source: ScoreSource, options: Mapping[str, Any]) -> tuple[Score, dict[str, Any]]:
+    """Return the score that an environment plays by itself, and the options that are left.
+
+    What may be chosen about a generated study (its tempo, its hands...) is an option of the
+    environment that plays it.
+
+    Args:
+        source: The score, or what it is made of.
+        options: The options of the environment, those of a study among them.
+
+    Raises:
+        ConfigError: If an option of a study is out of range.
+        ScoreError: If the score cannot be read.
+        UnknownPieceError: If there is no piece of this name.
+    """
+    if not isinstance(source, str) or is_path(source):
+        return load_score(source), dict(options)
+    piece = find_piece(source)
+    chosen = {name: options[name] for name in piece.options if name in options}
+    left = {name: value for name, value in options.items() if name not in chosen}
+    return piece.score(**chosen), left
+
 
 ScoreTransform = Callable[[Score, np.random.Generator], Score]
 """Makes the score that is played of the one that would be, with a given source of randomness."""

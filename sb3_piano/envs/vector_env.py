@@ -11,7 +11,7 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from sb3_piano.envs.piano_env import PianoEnv
-from sb3_piano.envs.score_choice import ScoreSource
+from sb3_piano.envs.score_choice import ScoreSource, own_score
 from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError
 from sb3_piano.music import Score, load_score
 from sb3_piano.threads import ThreadTeam
@@ -33,13 +33,14 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
     Args:
         num_envs: How many environments there are, at least 1.
         score: What is played: one score for all, or a sequence of one for each environment. A score
-            is a ``Score``, a path or a study's name.
+            is a ``Score``, a path or a piece's name.
         n_threads: Threads to use, the calling one included; by default one for each environment or
             each usable core, whichever are fewer.
         autoreset_mode: When an environment whose episode has ended begins the next one: with the
             next step ("NextStep"), with the same one ("SameStep") or when told to ("Disabled").
         render_mode: As for a single environment.
-        **options: The fields of :class:`~sb3_piano.envs.PianoEnvConfig`, alike for all.
+        **options: The fields of :class:`~sb3_piano.envs.PianoEnvConfig`, alike for all; and those
+            of a generated study, if one is played by all.
 
     Raises:
         ConfigError: If an argument is not valid, or the scores lead to observations of different
@@ -61,6 +62,8 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
             raise ConfigError(f"num_envs is {num_envs}: expected 1 or more.")
         mode = _checked_mode(autoreset_mode)
         self._team = ThreadTeam(num_envs, n_threads)
+        if isinstance(score, str) or not isinstance(score, Sequence):
+            score, options = own_score(score, options)
         envs = [
             PianoEnv(source, render_mode=render_mode, **options)
             for source in _one_for_each(score, num_envs)

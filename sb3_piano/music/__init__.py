@@ -12,7 +12,7 @@ from sb3_piano.music.constants import (
 )
 from sb3_piano.music.formats.midi import read_midi, write_midi
 from sb3_piano.music.formats.pig import read_pig
-from sb3_piano.music.load import load_score
+from sb3_piano.music.load import is_path, load_score
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.roll import PianoRoll
@@ -37,6 +37,7 @@ __all__ = [
     "Piece",
     "Score",
     "find_piece",
+    "is_path",
     "load_score",
     "major_scale",
     "pieces",

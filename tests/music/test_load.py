@@ -4,7 +4,7 @@ import pytest
 
 import sb3_piano.music
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
-from sb3_piano.music import Note, Score, load_score, write_midi
+from sb3_piano.music import BUILT_IN, Note, Score, load_score, write_midi
 
 SCORE = Score(notes=[Note(onset=0, offset=1, pitch=60)], title="piece")
 PIG_LINE = "0\t0.0\t1.0\tC4\t80\t80\t0\t1\n"
@@ -14,8 +14,10 @@ def test_a_score_is_returned_as_it_is():
     assert load_score(SCORE) is SCORE
 
 
-def test_the_name_of_a_study_makes_the_study():
-    assert load_score("TwinkleTwinkleLittleStar") == load_score("TwinkleTwinkleLittleStar")
+def test_the_name_of_a_piece_makes_the_piece_with_or_without_its_collection():
+    score = load_score("debug-TwinkleTwinkleLittleStar")
+    assert score == BUILT_IN["debug-TwinkleTwinkleLittleStar"].score()
+    assert score == load_score("TwinkleTwinkleLittleStar")
 
 
 @pytest.mark.parametrize("name", ["piece.mid", "piece.midi", "piece.MID"])
@@ -37,7 +39,10 @@ def test_a_file_in_the_current_folder_needs_no_separator(tmp_path, monkeypatch):
 
 
 def test_an_unknown_name_is_answered_with_near_names_and_what_is_accepted():
-    message = r"Unknown piece 'CMajorScaleTwoHand'\. Did you mean .*TwoHands'.*\.mid or \.midi file"
+    message = (
+        r"Unknown piece 'CMajorScaleTwoHand'\. Did you mean .*TwoHands'.* Expected a name from "
+        r"'sb3-piano pieces list' or the path of a file"
+    )
     with pytest.raises(UnknownPieceError, match=message):
         load_score("CMajorScaleTwoHand")
 

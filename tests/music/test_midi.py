@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music import STUDIES, Note, Pedal, Score, load_score, read_midi, write_midi
+from sb3_piano.music import BUILT_IN, Note, Pedal, Score, load_score, read_midi, write_midi
 
 
 def note(onset, offset, pitch=60, **fields):
@@ -98,7 +98,7 @@ class TestRoundTrip:
             assert ours.onset == pytest.approx(theirs.onset, abs=1e-4)
             assert ours.offset == pytest.approx(theirs.offset, abs=1e-4)
 
-    @pytest.mark.parametrize("name", STUDIES)
+    @pytest.mark.parametrize("name", BUILT_IN)
     def test_studies_come_back_exactly(self, name, tmp_path):
         assert round_trip(load_score(name), tmp_path) == load_score(name)
 

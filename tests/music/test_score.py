@@ -35,7 +35,15 @@ class TestNote:
 
     def test_numpy_numbers_become_plain_numbers(self):
         made = note(np.float32(0.5), np.float64(1.0), np.int64(60), velocity=np.int32(7))
-        assert repr(made) == "Note(onset=0.5, offset=1.0, pitch=60, velocity=7, finger=-1)"
+        assert (
+            repr(made) == "Note(onset=0.5, offset=1.0, pitch=60, velocity=7, finger=-1, hand=None)"
+        )
+
+    def test_a_known_finger_decides_which_hand_plays(self):
+        assert note(0, 1, finger=4).hand == "right"
+        assert note(0, 1, finger=5, hand="right").hand == "left"
+        assert note(0, 1, hand="left").hand == "left"
+        assert note(0, 1).hand is None
 
     def test_cannot_be_changed(self):
         with pytest.raises(dataclasses.FrozenInstanceError, match="pitch"):
@@ -55,6 +63,7 @@ class TestNote:
             ({"pitch": 60.0}, "Pitch 60.0 is no whole number"),
             ({"velocity": 0}, "Velocity 0 is out of range: expected 1 to 127"),
             ({"velocity": 128}, "Velocity 128 is out of range"),
+            ({"hand": "both"}, "Hand 'both' is not valid: expected 'right', 'left' or None"),
             ({"finger": 10}, r"Finger 10 is out of range: expected 0-4 \(right\), 5-9 \(left\)"),
             ({"finger": -2}, r"Finger -2 is out of range: .* or -1 \(unknown\)"),
         ],

@@ -330,10 +330,7 @@ def test_a_window_without_a_screen_is_an_error_but_the_files_come_out(
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (
-            ["runs/none"],
-            "there is no 'runs/none'. Expected the folder of a run, a MIDI or PIG file",
-        ),
+        (["runs/none"], "there is no 'runs/none'. Expected the folder of a run, a file such as"),
         (["CMajorScaleTwoHand"], "Did you mean 'CMajorScaleTwoHands'"),
         (["."], "'.' is no run, it has no config.yml"),
         (["CMajorScaleOneHand", "--seed", "1"], "--seed cannot be given with a piece"),

@@ -10,7 +10,7 @@ import yaml
 from stable_baselines3.common.buffers import ReplayBuffer
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import STUDIES, load_score
+from sb3_piano.music import BUILT_IN, load_score
 from sb3_piano.training import ALGORITHMS, Plugin, RunConfig
 from sb3_piano.training.algorithms import algorithm_class
 
@@ -174,5 +174,5 @@ def test_every_algorithm_can_be_imported_and_configured(name):
 
 
 def test_a_piece_is_named_by_text(small_config):
-    config = small_config(env_id="RoboPianist-v0", env_kwargs={"score": next(iter(STUDIES))})
-    assert config.env_kwargs["score"] in STUDIES
+    config = small_config(env_id="RoboPianist-v0", env_kwargs={"score": next(iter(BUILT_IN))})
+    assert config.env_kwargs["score"] in BUILT_IN

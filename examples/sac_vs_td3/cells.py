@@ -46,10 +46,6 @@ class Cell:
         changed: dict[str, Any] = {"seed": seed}
         if steps is not None:
             changed["n_timesteps"] = steps
-        (entry,) = self._content().values()
-        score = entry["env_kwargs"].get("score")
-        if score is not None:  # a file beside this one, wherever the command is given
-            changed["env_kwargs"] = {"score": str(HERE / Path(score).name)}
         return load_config(self.algo, self.env_id, self.path, **changed)
 
     def run_folder(self, runs: Path, seed: int) -> Path:

@@ -371,8 +371,8 @@ def test_a_bad_header_is_refused(path, header, message):
         ("bar 1\nL: C4/1*4~\nbar 2", r"Bar 2 .*, left hand, line 1: nothing follows the tie of"),
         ("bar 1\nR: -*4\nR: C4/1*4~\nbar 2\nR: C4/1*4", r"Bar 2 .*, line 2: nothing follows"),
         ("bar 1\nR: C4/1*4~", r"The end of 'Try.notes', right hand, line 1: nothing follows"),
-        ("bar 1", r"'repertoire-Try' has no notes"),
-        ("", r"'repertoire-Try' has no notes"),
+        ("bar 1", r"'Try' has no notes"),
+        ("", r"'Try' has no notes"),
     ],
 )
 def test_bad_bars_are_refused_with_their_place(path, bars, message):

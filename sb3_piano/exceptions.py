@@ -18,6 +18,10 @@ class ScoreError(SB3PianoError, ValueError):
     """A score, or a file that should hold one, is unusable."""
 
 
+class ScoreWarning(UserWarning):
+    """A file was read as a score, but something in it was left out; the message says what."""
+
+
 class UnknownPieceError(SB3PianoError, ValueError):
     """A piece name is neither a built-in study nor a file."""
 

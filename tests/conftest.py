@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+
+# No test sees the music that whoever runs it has imported.
+_data_folder = tempfile.TemporaryDirectory(prefix="sb3-piano-tests-")
+os.environ["SB3_PIANO_DATA"] = _data_folder.name
 
 torch.set_num_threads(1)  # faster for the small networks of the tests
 

@@ -47,6 +47,11 @@ def add_parser(commands: Any) -> None:
     )
     add("--physics", metavar="NAME", help="reference or fast; default: what it was trained on")
     add("--best", metavar="METRIC", help="play the best model by f1 or onset_f1, not the last one")
+    add(
+        "--motion",
+        action="store_true",
+        help="also write how everything moved, as performance_<i>.npz beside each MIDI file",
+    )
     add("--metrics", nargs="+", metavar="NAME", help="show these, such as f1 onset_f1 return")
     add("--csv", type=Path, metavar="FILE", help="write a row for each episode")
     add("--json", type=Path, metavar="FILE", help="write everything, statistics included")
@@ -76,6 +81,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
             physics=arguments.physics,
             scores=arguments.score,
             best=arguments.best,
+            motion=arguments.motion,
             on_episode=on_episode,
         )
     if found.evaluations:
@@ -178,6 +184,10 @@ def _list_performances(evaluation: Evaluation) -> None:
             f"Performance: no key was pressed in {n_silent} of {len(evaluation.performances)} "
             "episodes, so there is no MIDI file"
         )
+    if evaluation.motions:
+        first, *others = evaluation.motions
+        more = f" and {len(others)} more" if others else ""
+        print(f"Motion:      {first}{more}")
 
 
 def _write(found: Evaluations, csv: Path | None, json: Path | None) -> None:

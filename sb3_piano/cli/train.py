@@ -24,7 +24,12 @@ def add_parser(commands: Any) -> None:
     add = train.add_argument
     add("--algo", metavar="NAME", help="td3 (default), sac, tqc, ddpg, ppo, a2c, crossq or trpo")
     add("--env", metavar="ID", help="environment id; 'sb3-piano envs' lists ours")
-    add("--midi", metavar="FILE", help="play a MIDI file, a PIG .txt file or a piece by its name")
+    add(
+        "--midi",
+        "--score",
+        metavar="FILE",
+        help="play a file, such as MIDI, or a piece by its name",
+    )
     add("--config", metavar="FILE.yml", help="hyperparameters; default: the algorithm's preset")
     add("--steps", type=whole_number, metavar="N", help="environment steps in all, such as 1e6")
     add("--seed", type=int, metavar="N", help="default: drawn, and noted in the run's folder")

@@ -32,7 +32,12 @@ def add_parser(commands: Any) -> None:
     add = tune.add_argument
     add("--algo", default="td3", metavar="NAME", help="td3 (default), sac, tqc, ...")
     add("--env", metavar="ID", help="environment id; 'sb3-piano envs' lists ours")
-    add("--midi", metavar="FILE", help="play a MIDI file, a PIG .txt file or a piece by its name")
+    add(
+        "--midi",
+        "--score",
+        metavar="FILE",
+        help="play a file, such as MIDI, or a piece by its name",
+    )
     add("--config", metavar="FILE.yml", help="settings to depart from; default: the preset")
     _add_trial_arguments(tune.add_argument_group("trials"))
     _add_search_arguments(tune.add_argument_group("search"))

@@ -5,7 +5,14 @@ from sb3_piano.envs.key_window import ALL_KEYS, KeyWindow
 from sb3_piano.envs.observation import ObservationBlock, ObservationLayout, ObservationSpace
 from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.envs.recorder import EpisodeRecorder, Motion, Recording
-from sb3_piano.envs.registration import DEBUG_IDS, ENV_IDS, GENERAL_ID, PIECE_IDS, register_envs
+from sb3_piano.envs.registration import (
+    DEBUG_IDS,
+    ENV_IDS,
+    GENERAL_ID,
+    PIECE_IDS,
+    PIG_IDS,
+    register_envs,
+)
 from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS, RETURN_KEYS
 from sb3_piano.envs.score_choice import ScoreTransform
 from sb3_piano.envs.state import EnvState
@@ -19,6 +26,7 @@ __all__ = [
     "ENV_IDS",
     "GENERAL_ID",
     "PIECE_IDS",
+    "PIG_IDS",
     "RETURN_KEYS",
     "EnvState",
     "EpisodeRecorder",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Integral, Real
@@ -30,6 +31,11 @@ class PianoEnvConfig:
         ConfigError: If a value has the wrong type or is out of range.
     """
 
+    fingering: str = "keep"
+    """Which finger labels the score gets: "keep" leaves it as it is; "ergonomic" chooses fingers
+    for the notes without; "optimal-transport" takes all labels away, so that any finger may play;
+    or the path of a file whose labels are put on the environment's own score (not on another one
+    that ``reset`` names)."""
     n_steps_lookahead: int = 10
     """How many control steps after the current one the goal shows; 0 or more."""
     observation: str = "roll"
@@ -107,6 +113,7 @@ class PianoEnvConfig:
         return count
 
     def _check_types(self) -> None:
+        object.__setattr__(self, "fingering", _text_or_path("fingering", self.fingering))
         for option in dataclasses.fields(self):
             value = getattr(self, option.name)
             expected = str(option.type)
@@ -124,6 +131,12 @@ def _number(name: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
         raise ConfigError(f"{name} is {value!r}: expected a finite number.")
     return float(value)
+
+
+def _text_or_path(name: str, value: Any) -> str:
+    if not isinstance(value, str | os.PathLike):
+        raise ConfigError(f"{name} is {value!r}: expected text or a path.")
+    return os.fspath(value)
 
 
 def _require(condition: bool, name: str, value: object, valid: str) -> None:

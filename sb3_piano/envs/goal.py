@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.rewards import highest_return
+from sb3_piano.envs.score_choice import fingered
 from sb3_piano.music import PianoRoll, Score
 
 BoolArray = npt.NDArray[np.bool_]
@@ -42,7 +43,9 @@ class Goal:
         Raises:
             ScoreError: If the score is too long.
         """
-        self.score = score
+        self.source = score
+        """The score as it was handed in."""
+        self.score = score = fingered(score, config.fingering)
         self.roll = PianoRoll.from_score(
             score.trim_silence() if config.trim_silence else score,
             config.control_timestep,

@@ -23,6 +23,7 @@ from sb3_piano.envs.score_choice import ScoreSource, chosen_score, own_score
 from sb3_piano.envs.state import EnvState
 from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedError
 from sb3_piano.music import NUM_KEYS, PianoRoll, Score
+from sb3_piano.music.fingering.apply import apply_fingering
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import compile_scene, pedal_threshold
 from sb3_piano.viewing import FrameRenderer
@@ -111,8 +112,9 @@ class PianoEnv(gym.Env[Any, Any]):
                 f"render_mode is {render_mode!r}: expected None or one of "
                 f"{self.metadata['render_modes']}."
             )
-        self._default_score, options = own_score(score, options)
+        own, options = own_score(score, options)
         self.config = PianoEnvConfig.from_options(options)
+        self._default_score = apply_fingering(own, self.config.fingering)
         self.render_mode = render_mode
         render_fps = round(1 / self.config.control_timestep)
         self.metadata = {**type(self).metadata, "render_fps": render_fps}
@@ -135,7 +137,7 @@ class PianoEnv(gym.Env[Any, Any]):
 
     @property
     def score(self) -> Score:
-        """The score of this episode, as it was handed in (before silence is trimmed)."""
+        """The score of this episode, with its fingering (before silence is trimmed)."""
         return self._goal.score
 
     @property
@@ -365,7 +367,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self._clear_episode()
 
     def _set_score(self, score: Score) -> None:
-        if score is not self._goal.score:
+        if score is not self._goal.source:
             goal = Goal(score, self.config)
             self._encoding.prepare(goal.roll)
             self._goal = goal

@@ -17,10 +17,17 @@ from sb3_piano.performance import Performance
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How everything moved in an episode, enough to draw it."""
+    """How everything moved in an episode, enough to draw it, and what was done for that."""
 
     qpos: npt.NDArray[np.float64]
     """(T + 1, nq) joint positions at the start and after each control step, rad or m."""
+    hand_qpos: npt.NDArray[np.intp]
+    """(m,) where in a row of ``qpos`` the hands' joints stand, the right hand's first."""
+    fingertips: npt.NDArray[np.float64]
+    """(T + 1, 10, 3) world positions of the fingertips at the same times, in the order of finger
+    labels, m."""
+    actions: npt.NDArray[np.float32]
+    """(T, n) the action of each control step, as it reached the bare environment."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +58,8 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
         self._return = 0.0
         self._length = 0
         self._qpos: list[npt.NDArray[np.float64]] = []
+        self._fingertips: list[npt.NDArray[np.float64]] = []
+        self._actions: list[npt.NDArray[np.float32]] = []
 
     @property
     def can_rest(self) -> bool:
@@ -62,7 +71,8 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
     ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode."""
         result = self.env.reset(seed=seed, options=options)
-        self._return, self._length, self._qpos = 0.0, 0, []
+        self._return, self._length = 0.0, 0
+        self._qpos, self._fingertips, self._actions = [], [], []
         self._note_positions()
         return result
 
@@ -73,6 +83,8 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
         observation, reward, terminated, truncated, info = self.env.step(action)
         self._return += float(reward)
         self._length += 1
+        if self.can_rest:
+            self._actions.append(np.array(action, dtype=np.float32))
         self._note_positions()
         if terminated or truncated:
             self.finished.append(self._recording(info))
@@ -80,7 +92,9 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
 
     def _note_positions(self) -> None:
         if self.can_rest:
-            self._qpos.append(self.unwrapped.data.qpos.copy())  # type: ignore[attr-defined]
+            env: Any = self.unwrapped
+            self._qpos.append(env.data.qpos.copy())
+            self._fingertips.append(env.scene.fingertip_position(env.data))
 
     def _recording(self, info: Mapping[str, Any]) -> Recording:
         played = getattr(self.unwrapped, "performance", None)
@@ -90,5 +104,16 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
         return Recording(
             metrics=metrics,
             performance=played if isinstance(played, Performance) else None,
-            motion=Motion(np.array(self._qpos)) if self._qpos else None,
+            motion=self._motion(),
+        )
+
+    def _motion(self) -> Motion | None:
+        if not self._qpos:
+            return None
+        env: Any = self.unwrapped
+        return Motion(
+            qpos=np.array(self._qpos),
+            hand_qpos=np.concatenate(env.scene.joint_qpos),
+            fingertips=np.array(self._fingertips),
+            actions=np.array(self._actions),
         )

@@ -8,6 +8,7 @@ from types import MappingProxyType
 import gymnasium as gym
 
 from sb3_piano.music import BUILT_IN
+from sb3_piano.music.library import PIG_PIECES, user_library
 from sb3_piano.music.studies import DEBUG
 
 ENTRY_POINT = "sb3_piano.envs.piano_env:PianoEnv"
@@ -15,6 +16,9 @@ VECTOR_ENTRY_POINT = "sb3_piano.envs.vector_env:PianoVectorEnv"
 
 GENERAL_ID = "RoboPianist-v0"
 """The id that plays any score, given as ``score=``."""
+
+_BENCHMARKS = ("debug-", "etude-12-", "repertoire-150-")
+"""How the names of the pieces of RoboPianist's own suite begin."""
 
 PIECE_IDS: Mapping[str, str] = MappingProxyType(
     {f"RoboPianist-{name}-v0": name for name in BUILT_IN}
@@ -25,12 +29,23 @@ DEBUG_IDS = tuple(f"RoboPianist-{name}-v0" for name in DEBUG)
 """The ids of the debug set."""
 
 ENV_IDS = (GENERAL_ID, *PIECE_IDS)
-"""All ids that this package registers."""
+"""All ids of what comes with the package."""
+
+PIG_IDS: Mapping[str, str] = MappingProxyType(
+    {f"RoboPianist-{name}-v0": name for name in PIG_PIECES}
+)
+"""The same for the pieces of the PIG data set, which play once it has been imported."""
 
 
 def register_envs() -> None:
-    """Register all ids with gymnasium; safe to call twice."""
-    for env_id, piece in {GENERAL_ID: "debug-TwinkleTwinkleLittleStar", **PIECE_IDS}.items():
+    """Register all ids with gymnasium, those of imported benchmark pieces too; safe to repeat."""
+    ids = {
+        GENERAL_ID: "debug-TwinkleTwinkleLittleStar",
+        **PIECE_IDS,
+        **PIG_IDS,
+        **{f"RoboPianist-{name}-v0": name for name in _imported_benchmark()},
+    }
+    for env_id, piece in ids.items():
         if env_id not in gym.registry:
             gym.register(
                 id=env_id,
@@ -38,3 +53,11 @@ def register_envs() -> None:
                 vector_entry_point=VECTOR_ENTRY_POINT,
                 kwargs={"score": piece},
             )
+
+
+def _imported_benchmark() -> list[str]:
+    """Return the names of imported pieces that RoboPianist has ids for, without reading them."""
+    try:
+        return [name for name in user_library().names() if name.startswith(_BENCHMARKS)]
+    except OSError:
+        return []  # a folder that cannot be read: finding a piece in it says so

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Score, find_piece, is_path, load_score
+from sb3_piano.music.fingering.apply import apply_fingering
 
 ScoreSource = Score | str | os.PathLike[str]
 """Whatever :func:`~sb3_piano.music.load_score` makes a score of."""
@@ -40,6 +42,23 @@ def own_score(source: ScoreSource, options: Mapping[str, Any]) -> tuple[Score, d
 
 ScoreTransform = Callable[[Score, np.random.Generator], Score]
 """Makes the score that is played of the one that would be, with a given source of randomness."""
+
+
+@functools.lru_cache(maxsize=32)
+def _fingered(score: Score, fingering: str) -> Score:
+    return apply_fingering(score, fingering)
+
+
+def fingered(score: Score, fingering: str) -> Score:
+    """Return a score with the fingering that the environment's option of this name asks for.
+
+    Labels from a file are left to whoever knows the score that they belong to.
+    """
+    if fingering not in ("ergonomic", "optimal-transport"):
+        return score
+    # Equal scores may differ in their bars, which make no difference to the fingers.
+    notes = _fingered(score, fingering).notes
+    return Score(notes=notes, pedals=score.pedals, title=score.title, bars=score.bars)
 
 
 def chosen_score(options: Mapping[str, Any], default: Score, random: np.random.Generator) -> Score:

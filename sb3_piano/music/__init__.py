@@ -1,4 +1,4 @@
-"""Music: scores, piano rolls, files and studies."""
+"""Music: scores, piano rolls, files, pieces."""
 
 from sb3_piano.music.catalogue import BUILT_IN, find_piece, pieces
 from sb3_piano.music.constants import (
@@ -10,8 +10,16 @@ from sb3_piano.music.constants import (
     NUM_KEYS,
     UNKNOWN_FINGER,
 )
-from sb3_piano.music.formats.midi import read_midi, write_midi
-from sb3_piano.music.formats.pig import read_pig
+from sb3_piano.music.formats import (
+    read_midi,
+    read_musicxml,
+    read_pig,
+    read_score,
+    write_midi,
+    write_musicxml,
+    write_pig,
+    write_score,
+)
 from sb3_piano.music.load import is_path, load_score
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.piece import Piece
@@ -42,8 +50,13 @@ __all__ = [
     "major_scale",
     "pieces",
     "read_midi",
+    "read_musicxml",
     "read_pig",
+    "read_score",
     "synthesize",
     "write_midi",
+    "write_musicxml",
+    "write_pig",
+    "write_score",
     "write_wav",
 ]

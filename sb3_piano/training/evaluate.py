@@ -9,9 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import write_json
-from sb3_piano.music import Score, write_midi
+from sb3_piano.music import Score
+from sb3_piano.music.difficulty import MotionRecording
+from sb3_piano.training.performance_files import (
+    clear_performances,
+    motion_recording,
+    write_motions,
+    write_performances,
+)
 from sb3_piano.training.playing import SavedPlayer
 from sb3_piano.training.run_folder import RunFolder
 from sb3_piano.training.statistics import Summary, summarize
@@ -50,6 +57,8 @@ class Evaluation:
     performances: tuple[Path | None, ...] = ()
     """The MIDI file of each episode, ``None`` if no key was pressed in it; empty if none was
     written, as for any piece but the run's own."""
+    motions: tuple[Path, ...] = ()
+    """The file of how everything moved in each episode; empty if none was asked for."""
     metrics_file: Path | None = None
     """The file in the run's folder with all this; ``None`` if none was written."""
     interrupted: bool = False
@@ -98,6 +107,7 @@ class Evaluation:
             "episodes": [dict(metrics) for metrics in self.episodes],
             "episode_seeds": list(self.episode_seeds),
             "performances": [None if path is None else path.name for path in self.performances],
+            "motions": [path.name for path in self.motions],
         }
 
 
@@ -108,6 +118,7 @@ class _Played:
     seed: int
     metrics: Mapping[str, float]
     score: Score | None
+    motion: MotionRecording | None
 
 
 def evaluate(
@@ -118,6 +129,7 @@ def evaluate(
     physics: str | None = None,
     score: Score | str | os.PathLike[str] | None = None,
     best: str | None = None,
+    motion: bool = False,
     on_episode: Callable[[], object] = lambda: None,
 ) -> Evaluation:
     """Let a run's saved model play, without exploring, and say how well it did.
@@ -125,7 +137,7 @@ def evaluate(
     The environment has the run's wrappers and normalisation; returns and metrics are those of the
     bare environment inside. Unless another piece is given, writes ``evaluation/metrics.json`` and,
     from 1 on, ``evaluation/performance_<i>.mid`` into the run's folder, in place of those that
-    were there.
+    were there; ``motion`` adds a file beside each.
 
     Ctrl-C ends it with the episodes that are finished, see ``interrupted`` of the result; before
     the first one it is a ``KeyboardInterrupt`` as everywhere.
@@ -138,10 +150,13 @@ def evaluate(
         physics: Name of the physics profile to play on; by default the run's own.
         score: What to play in place of the run's own piece.
         best: Play the best model by this metric, such as "f1", in place of the last one.
+        motion: Also write ``evaluation/performance_<i>.npz``, how everything moved (see
+            :mod:`sb3_piano.music.difficulty.recording`).
         on_episode: Is called after each episode.
 
     Raises:
-        ConfigError: If ``episodes`` or ``seed`` is out of range, or the run's config is damaged.
+        ConfigError: If ``episodes`` or ``seed`` is out of range, the run's config is damaged, or
+            the motion is to be written for another piece or of no piano.
         RunError: If there is no run, it has no model that can be loaded, or what it observes
             cannot show the score.
         ScoreError: If the score cannot be read.
@@ -149,11 +164,15 @@ def evaluate(
     seeds = checked_seeds(seed)
     if episodes < 1:
         raise ConfigError(f"episodes is {episodes}: expected 1 or more.")
+    if motion and score is not None:
+        raise ConfigError("Of another piece no motion is written: expected the run's own one.")
     played: list[_Played] = []
     with SavedPlayer.open(folder, seed=seeds[0], physics=physics, score=score, best=best) as player:
         resting = player.rest()  # first, so that Ctrl-C cannot leave episodes without it
+        if motion and resting is None:
+            raise ConfigError(f"Run '{player.run.path}' is of no piano: expected no motion=True.")
         try:
-            for episode in _play(player, episodes, seeds):
+            for episode in _play(player, episodes, seeds, motion):
                 played.append(episode)
                 on_episode()
         except KeyboardInterrupt:
@@ -195,14 +214,21 @@ def checked_seeds(seeds: Seeds) -> tuple[int, ...]:
     return several
 
 
-def _play(player: SavedPlayer, episodes: int, seeds: Sequence[int]) -> Iterator[_Played]:
+def _play(
+    player: SavedPlayer, episodes: int, seeds: Sequence[int], motion: bool
+) -> Iterator[_Played]:
     for seed in seeds:
         recordings = player.episodes(seed=seed)
         for _ in range(episodes):
             recording = next(recordings)
             played = recording.performance
             score = None if played is None else played.to_score()
-            yield _Played(seed=seed, metrics=recording.metrics, score=score)
+            yield _Played(
+                seed=seed,
+                metrics=recording.metrics,
+                score=score,
+                motion=motion_recording(recording, player.piece) if motion else None,
+            )
 
 
 def _summaries(episodes: Sequence[Mapping[str, float]]) -> dict[str, Summary]:
@@ -214,26 +240,13 @@ def _listed(interval: tuple[float, float] | None) -> list[float] | None:
 
 
 def _written(found: Evaluation, run: RunFolder, played: Sequence[_Played]) -> Evaluation:
-    paths = _write_performances(run, [episode.score for episode in played])
+    clear_performances(run)
     metrics_file = run.evaluation_dir / "metrics.json"
-    evaluation = dataclasses.replace(found, performances=paths, metrics_file=metrics_file)
+    evaluation = dataclasses.replace(
+        found,
+        performances=write_performances(run, [episode.score for episode in played]),
+        motions=write_motions(run, [e.motion for e in played if e.motion is not None]),
+        metrics_file=metrics_file,
+    )
     write_json(metrics_file, evaluation.to_json())
     return evaluation
-
-
-def _write_performances(run: RunFolder, scores: Sequence[Score | None]) -> tuple[Path | None, ...]:
-    try:
-        run.evaluation_dir.mkdir(exist_ok=True)
-        for stale in run.evaluation_dir.glob("performance_*.mid"):
-            stale.unlink()
-    except OSError as error:
-        raise RunError(
-            f"'{run.evaluation_dir}' cannot be written: {error.strerror}. Expected a folder."
-        ) from error
-    paths: list[Path | None] = []
-    for number, score in enumerate(scores, start=1):
-        path = run.evaluation_dir / f"performance_{number}.mid"
-        if score is not None:
-            write_midi(score, path)
-        paths.append(None if score is None else path)
-    return tuple(paths)

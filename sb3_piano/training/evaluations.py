@@ -79,6 +79,7 @@ def evaluate_runs(
     physics: str | None = None,
     scores: Sequence[Score | str | os.PathLike[str]] = (),
     best: str | None = None,
+    motion: bool = False,
     on_episode: Callable[[], object] = lambda: None,
 ) -> Evaluations:
     """Evaluate several runs, each on its own piece or on the given ones.
@@ -94,6 +95,7 @@ def evaluate_runs(
         physics: Name of the physics profile to play on; by default each run's own.
         scores: What to play in place of the runs' own pieces.
         best: Play each run's best model by this metric, such as "f1", in place of the last one.
+        motion: Also write how everything moved, which can only be done for the runs' own pieces.
         on_episode: Is called after each episode.
 
     Raises:
@@ -110,7 +112,7 @@ def evaluate_runs(
     interrupted = False
     try:
         for run, piece in itertools.product(runs, pieces or [None]):
-            settings = {"physics": physics, "score": piece, "best": best}
+            settings = {"physics": physics, "score": piece, "best": best, "motion": motion}
             result = _try(run, episodes, seeds, settings, on_episode)
             if isinstance(result, Failure):
                 failures.append(result)

@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import os
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +18,9 @@ from sb3_piano.training.config import RunConfig
 from sb3_piano.training.provenance import provenance
 from sb3_piano.training.yaml_config import read_yaml_mapping
 
+FILE_OPTIONS = ("score", "fingering")
+"""The options of the environment that may name a file."""
+
 _EXPECTED = "expected a folder that 'sb3-piano train' made"
 
 
@@ -27,7 +31,8 @@ class RunFolder:
     ======================== =====================================================================
     ``config.yml``           the :class:`RunConfig`, with all defaults and the seed filled in
     ``run.yml``              command line, versions of packages, seed, time, the score file's origin
-    ``score.<suffix>``       the score file that is played, if the run was given one
+    ``score.<suffix>``       the score file that is played, if the run was given one; likewise
+                             ``fingering.<suffix>``, a file of finger labels
     ``model.zip``            the newest saved model; ``vecnormalize.pkl`` beside it, if it has any
     ``checkpoint/``          what resuming needs, see :class:`~sb3_piano.callbacks.Checkpoint`
     ``monitor/``             one ``<n>.monitor.csv`` per environment. After a crash it also has the
@@ -142,32 +147,35 @@ class RunFolder:
             config = RunConfig.from_mapping(read_yaml_mapping(self.config_file))
         except ConfigError as error:
             raise ConfigError(f"'{self.config_file}': {error}") from error
-        score = config.env_kwargs.get("score")
-        if isinstance(score, str) and (self.path / score).is_file():
-            return _with_score(config, str(self.path / score))
-        return config
+        found = {name: self.path / file for name, file in _files(config).items()}
+        return _with_options(config, {n: str(path) for n, path in found.items() if path.is_file()})
 
     def write_config(self, config: RunConfig) -> None:
         """Write the run's settings, a score file in this folder as a name relative to it."""
-        score = config.env_kwargs.get("score")
-        if isinstance(score, str) and Path(score).parent == self.path:
-            config = _with_score(config, Path(score).name)
+        ours = {n: Path(f).name for n, f in _files(config).items() if Path(f).parent == self.path}
+        config = _with_options(config, ours)
         write_text(self.config_file, yaml.safe_dump(config.to_mapping(), sort_keys=False))
 
     def _write(self, config: RunConfig) -> None:
         notes = provenance(config.seed)
-        score = config.env_kwargs.get("score")
-        if isinstance(score, str) and Path(score).suffix and Path(score).is_file():
-            notes["score_file"] = score
-            copy = self.path / f"score{Path(score).suffix}"
-            shutil.copyfile(score, copy)
-            config = _with_score(config, str(copy))
+        for option, file in _files(config).items():
+            if Path(file).suffix and Path(file).is_file():
+                notes[f"{option}_file"] = file
+                copy = self.path / f"{option}{Path(file).suffix}"
+                shutil.copyfile(file, copy)
+                config = _with_options(config, {option: str(copy)})
         write_text(self.provenance_file, yaml.safe_dump(notes, sort_keys=False))
         self.write_config(config)
 
 
-def _with_score(config: RunConfig, score: str) -> RunConfig:
-    return dataclasses.replace(config, env_kwargs={**config.env_kwargs, "score": score})
+def _files(config: RunConfig) -> dict[str, str]:
+    """Return the environment's options that may name files."""
+    options = config.env_kwargs
+    return {name: options[name] for name in FILE_OPTIONS if isinstance(options.get(name), str)}
+
+
+def _with_options(config: RunConfig, options: Mapping[str, str]) -> RunConfig:
+    return dataclasses.replace(config, env_kwargs={**config.env_kwargs, **options})
 
 
 def _first_free(parent: Path, env_id: str) -> Path:

@@ -11,6 +11,7 @@ from typing import Any
 from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.training import RunConfig, entry_config
+from sb3_piano.training.run_folder import FILE_OPTIONS
 from sb3_piano.tuning.search_space.defaults import with_defaults
 from sb3_piano.tuning.search_space.space import Space
 
@@ -113,15 +114,16 @@ class StudyConfig:
     def identity(self) -> dict[str, Any]:
         """Return what has to be equal where several machines work on one study.
 
-        It is :meth:`to_mapping`, with the content of a score file in place of its path, which may
-        be another on each machine.
+        It is :meth:`to_mapping`, with the content of a file (a score, finger labels) in place of
+        its path, which may be another on each machine.
         """
         mapping = self.to_mapping()
-        kwargs = self.config.env_kwargs
-        score = kwargs.get("score")
-        if isinstance(score, str) and Path(score).is_file():
-            digest = hashlib.sha256(Path(score).read_bytes()).hexdigest()
-            mapping["entry"]["env_kwargs"] = {**kwargs, "score": f"sha256 {digest}"}
+        kwargs = dict(self.config.env_kwargs)
+        for option in FILE_OPTIONS:
+            file = kwargs.get(option)
+            if isinstance(file, str) and Path(file).is_file():
+                kwargs[option] = f"sha256 {hashlib.sha256(Path(file).read_bytes()).hexdigest()}"
+                mapping["entry"]["env_kwargs"] = kwargs
         return mapping
 
     def _check_seeds(self) -> None:

@@ -12,8 +12,17 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
-from sb3_piano.envs import ENV_IDS
+from sb3_piano.envs import DEBUG_IDS, ENV_IDS, GENERAL_ID, PIG_IDS
+from sb3_piano.exceptions import UnknownPieceError
 from sb3_piano.music import Note, Score, write_midi
+
+# Pieces of every kind, short enough to be played to their ends.
+SAMPLE = (
+    GENERAL_ID,
+    *DEBUG_IDS,
+    "RoboPianist-scale-EbMajor-v0",
+    "RoboPianist-repertoire-PathetiqueRondo-v0",
+)
 
 # Prints a hash of everything that a seeded episode of random actions hands out.
 EPISODE_HASH = """
@@ -31,7 +40,8 @@ print(digest.hexdigest())
 
 def test_the_ids_are_in_gymnasiums_registry_under_robopianists_names():
     ours = {name for name in gym.registry if name.startswith("RoboPianist")}
-    assert ours == set(ENV_IDS)
+    assert ours == {*ENV_IDS, *PIG_IDS}
+    assert len(ENV_IDS) == 1 + 6 + 37 + 24 + 20 + 12
     assert {name for name in ours if "debug" in name} == {
         f"RoboPianist-debug-{piece}-v0"
         for piece in (
@@ -46,6 +56,27 @@ def test_the_ids_are_in_gymnasiums_registry_under_robopianists_names():
 
 
 @pytest.mark.parametrize("env_id", ENV_IDS)
+def test_every_id_makes_resets_and_steps(env_id):
+    env = gym.make(env_id)
+    observation, _ = env.reset(seed=0)
+    assert env.observation_space.contains(observation)
+    observation, reward, terminated, truncated, _ = env.step(env.action_space.sample())
+    assert env.observation_space.contains(observation)
+    assert np.isfinite(reward)
+    assert not terminated
+    assert not truncated
+    assert env.unwrapped.score.has_fingering
+
+
+def test_an_id_of_the_pig_data_set_says_how_to_get_the_data(tmp_path, monkeypatch):
+    monkeypatch.setenv("SB3_PIANO_DATA", str(tmp_path))
+    assert len([name for name in PIG_IDS if "etude-12" in name]) == 12
+    for env_id in PIG_IDS:
+        with pytest.raises(UnknownPieceError, match="register at https://.*pieces import PianoF"):
+            gym.make(env_id)
+
+
+@pytest.mark.parametrize("env_id", SAMPLE)
 def test_both_checkers_pass_without_a_warning(env_id):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -53,7 +84,7 @@ def test_both_checkers_pass_without_a_warning(env_id):
         sb3_check_env(gym.make(env_id))
 
 
-@pytest.mark.parametrize("env_id", ENV_IDS)
+@pytest.mark.parametrize("env_id", SAMPLE)
 def test_a_random_episode_stays_in_the_observation_space_and_ends_with_the_score(env_id):
     env = gym.make(env_id)
     env.action_space.seed(0)

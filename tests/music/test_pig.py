@@ -1,6 +1,6 @@
 import pytest
 
-from sb3_piano.exceptions import ScoreError
+from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.music import Note, Score, read_pig
 
 
@@ -60,7 +60,7 @@ def test_pitches_are_spelled_with_c4_as_60(tmp_path, spelled, pitch):
     ("text", "finger"),
     [
         *(("1", 0), ("2", 1), ("5", 4), ("-1", 5), ("-4", 8), ("-5", 9), ("0", -1)),
-        *(("4_1", 3), ("-2_-1", 6), ("3_2_1", 2)),
+        *(("4_1", 3), ("-2_-1", 6), ("3_2_1", 2), ("4_", 3)),
     ],
 )
 def test_the_first_finger_counts_and_its_sign_is_the_hand(tmp_path, text, finger):
@@ -71,24 +71,41 @@ def test_the_sign_of_the_finger_overrules_the_channel(tmp_path):
     assert read_line(tmp_path, channel="0", finger="-1").finger == 5
 
 
-def test_a_missing_finger_is_unknown(tmp_path):
-    assert read_pig(write(tmp_path, line(finger=""))).notes[0].finger == -1
+@pytest.mark.parametrize("finger", ["", "0"])
+@pytest.mark.parametrize(("channel", "hand"), [("0", "right"), ("1", "left")])
+def test_without_a_finger_the_channel_is_the_hand(tmp_path, channel, hand, finger):
+    note = read_line(tmp_path, channel=channel, finger=finger)
+    assert (note.finger, note.hand) == (-1, hand)
+
+
+def test_what_no_piano_can_play_is_left_out_with_a_warning(tmp_path):
+    text = line() + line(pitch="C9") + line(offset="0.5") + line(offset="0.25")
+    message = (
+        r"etude\.txt' left out 2 notes without length \(C4 at 0\.5 s, C4 at 0\.5 s\) and 1 note "
+        r"off the keyboard \(C9 at 0\.5 s\)"
+    )
+    with pytest.warns(ScoreWarning, match=message):
+        assert len(read_pig(write(tmp_path, text)).notes) == 1
+
+
+def test_a_file_of_which_nothing_remains_is_refused(tmp_path):
+    with pytest.raises(ScoreError, match=r"has no notes, only 1 note off the keyboard \(C9"):
+        read_pig(write(tmp_path, line(pitch="C9")))
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"finger": "6"}, "finger '6' is not valid: expected 1 to 5, -1 to -5"),
-        ({"finger": "4_"}, "finger '4_' is not valid"),
+        ({"finger": "_4"}, "finger '_4' is not valid"),
         ({"finger": "R1"}, "finger 'R1' is not valid"),
         ({"pitch": "H4"}, "pitch 'H4' is not valid: expected a spelled pitch"),
         ({"pitch": "C#b4"}, "pitch 'C#b4' is not valid"),
         ({"pitch": "60"}, "pitch '60' is not valid"),
-        ({"pitch": "C9"}, "pitch 120 is out of range"),
         ({"onset": "soon"}, "onset 'soon' is not valid: expected seconds"),
-        ({"offset": "0.5"}, "offset 0.5 s is not after onset 0.5 s"),
-        ({"offset": "nan"}, "offset nan is no time"),
-        ({"onset": "-1"}, "onset -1.0 is no time"),
+        ({"offset": "nan"}, "offset 'nan' is not valid: expected seconds from 0"),
+        ({"offset": "inf"}, "offset 'inf' is not valid"),
+        ({"onset": "-1"}, "onset '-1' is not valid"),
         ({"velocity": "loud"}, "onset velocity 'loud' is not valid: expected 1 to 127"),
         ({"velocity": "128"}, "velocity 128 is out of range"),
         ({"channel": "2"}, r"channel '2' is not valid: expected 0 \(right hand\) or 1"),

@@ -13,10 +13,13 @@ import yaml
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from sb3_piano.buffers import CompactReplayBuffer
-from sb3_piano.envs import DEBUG_IDS, ENV_IDS, GENERAL_ID
+from sb3_piano.envs import DEBUG_IDS, GENERAL_ID
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.training import load_config
 from sb3_piano.training.builders import build_callbacks, build_model, build_vec_env
+
+IDS = (GENERAL_ID, *DEBUG_IDS)
+"""The ids that the files name, and one of those that go by the default."""
 
 MUSIC = ("precision", "recall", "f1", "onset_f1")
 OFF_POLICY = ("crossq", "ddpg", "sac", "td3", "tqc")
@@ -36,7 +39,7 @@ def settings(config):
 def distinct_ids(algo):
     """Return the first id of each entry that differs from those before it."""
     found = []
-    for env_id in (GENERAL_ID, *DEBUG_IDS):
+    for env_id in IDS:
         here = settings(load_config(algo, env_id))
         if all(settings(load_config(algo, other)) != here for other in found):
             found.append(env_id)
@@ -55,7 +58,7 @@ def test_a_file_has_a_default_and_an_entry_for_each_debug_piece(algo):
     assert list(yaml.safe_load(PRESETS[algo].read_text())) == ["default", *DEBUG_IDS]
 
 
-@pytest.mark.parametrize("env_id", ENV_IDS)
+@pytest.mark.parametrize("env_id", IDS)
 @pytest.mark.parametrize("algo", PRESETS)
 def test_every_file_has_valid_settings_for_every_id(algo, env_id):
     config = load_config(algo, env_id)
@@ -95,7 +98,7 @@ def test_the_sources_that_a_file_cites_are_those_that_it_explains(algo):
 
 @pytest.mark.parametrize("algo", OFF_POLICY)
 def test_a_replay_buffer_is_compact_and_holds_the_whole_training(algo):
-    for env_id in ENV_IDS:
+    for env_id in IDS:
         config = load_config(algo, env_id)
         arguments = config.algorithm_kwargs
         assert arguments["replay_buffer_class"] == "sb3_piano.buffers.CompactReplayBuffer"
@@ -105,7 +108,7 @@ def test_a_replay_buffer_is_compact_and_holds_the_whole_training(algo):
 
 @pytest.mark.parametrize("algo", ["crossq", "sac", "tqc"])
 def test_the_entropy_is_set_for_the_number_of_actions(algo):
-    for env_id in ENV_IDS:
+    for env_id in IDS:
         n_actions = gym.make(env_id).action_space.shape[0]
         entropy = load_config(algo, env_id).algorithm_kwargs["target_entropy"]
         if env_id == GENERAL_ID:
@@ -125,7 +128,7 @@ def test_the_variants_of_an_algorithm_have_its_settings_where_both_have_them():
 
 
 def test_ppo_has_full_batches_and_normalises():
-    for env_id in ENV_IDS:
+    for env_id in IDS:
         config = load_config("ppo", env_id)
         arguments = config.algorithm_kwargs
         assert config.n_envs * arguments["n_steps"] % arguments["batch_size"] == 0

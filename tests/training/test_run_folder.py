@@ -64,6 +64,24 @@ def test_a_score_file_keeps_its_suffix(small_config, tmp_path):
     assert folder.read_config().env_kwargs["score"] == str(tmp_path / "run" / "score.txt")
 
 
+def test_a_file_of_finger_labels_is_copied_beside_the_score(small_config, tmp_path, midi_file):
+    labels = tmp_path / "labels.csv"
+    labels.write_text("onset,pitch,finger\n0,60,1\n")
+    files = {"score": str(midi_file), "fingering": str(labels)}
+    folder = RunFolder.create(
+        small_config(env_id="RoboPianist-v0", env_kwargs=files), tmp_path / "run"
+    )
+    labels.unlink()
+    moved = RunFolder(folder.path.rename(tmp_path / "moved"))
+    copy = tmp_path / "moved" / "fingering.csv"
+    assert moved.read_config().env_kwargs["fingering"] == str(copy)
+    assert copy.read_text() == "onset,pitch,finger\n0,60,1\n"
+    assert yaml.safe_load(moved.config_file.read_text())["env_kwargs"] == {
+        "score": "score.mid",
+        "fingering": "fingering.csv",
+    }
+
+
 def test_the_name_of_a_piece_stays_a_name(small_config, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "CMajorScaleOneHand").mkdir()  # not what was meant

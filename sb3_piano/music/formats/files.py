@@ -8,16 +8,39 @@ from pathlib import Path
 from types import MappingProxyType
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music.formats.midi import read_midi
-from sb3_piano.music.formats.pig import read_pig
+from sb3_piano.music.formats.midi import read_midi, write_midi
+from sb3_piano.music.formats.musicxml import read_musicxml, write_musicxml
+from sb3_piano.music.formats.pig import read_pig, write_pig
+from sb3_piano.music.repertoire.text import read_notes
 from sb3_piano.music.score import Score
 
+_MUSICXML = (".musicxml", ".mxl", ".xml")
+
 READERS: Mapping[str, Callable[[Path], Score]] = MappingProxyType(
-    {".mid": read_midi, ".midi": read_midi, ".txt": read_pig}
+    {
+        ".mid": read_midi,
+        ".midi": read_midi,
+        ".txt": read_pig,
+        ".notes": read_notes,
+        **dict.fromkeys(_MUSICXML, read_musicxml),
+    }
 )
 """How a file is read, by its suffix in lower case."""
 
-ACCEPTED_FILES = "a .mid or .midi file (MIDI) or a .txt file (PIG fingering)"
+WRITERS: Mapping[str, Callable[[Score, Path], None]] = MappingProxyType(
+    {
+        ".mid": write_midi,
+        ".midi": write_midi,
+        ".txt": write_pig,
+        **dict.fromkeys(_MUSICXML, write_musicxml),
+    }
+)
+"""How a file is written, by its suffix in lower case."""
+
+ACCEPTED_FILES = (
+    "a .mid or .midi file (MIDI), a .musicxml, .mxl or .xml file (MusicXML), a .txt file (PIG "
+    "fingering) or a .notes file (music as text)"
+)
 """The files that can be read, for messages."""
 
 
@@ -32,3 +55,16 @@ def read_score(path: str | os.PathLike[str]) -> Score:
     if reader is None:
         raise ScoreError(f"Cannot tell the format of {str(path)!r}: expected {ACCEPTED_FILES}.")
     return reader(path)
+
+
+def write_score(score: Score, path: str | os.PathLike[str]) -> None:
+    """Write a file, whole or not at all, in the format that its suffix tells.
+
+    Raises:
+        ScoreError: If the suffix is unknown, or the file cannot be written.
+    """
+    path = Path(path)
+    writer = WRITERS.get(path.suffix.lower())
+    if writer is None:
+        raise ScoreError(f"Cannot tell the format of {str(path)!r}: expected {ACCEPTED_FILES}.")
+    writer(score, path)

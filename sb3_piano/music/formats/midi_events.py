@@ -35,6 +35,9 @@ _COMMON_TIME = (4, 4)
 _SHORTEST_BEAT = 64
 """A meter in shorter notes than 64ths is taken for damage, and ignored."""
 
+_MOST_BARS = 100_000
+"""More are taken for damage: at one every half second they last for 14 hours."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class MidiContents:
@@ -45,19 +48,21 @@ class MidiContents:
         pedals: Presses of the sustain pedal in any track, (down, up) in s, up None if the pedal
             is never released. Neither sorted nor merged.
         bars: When each bar begins, in s, ascending. Each time signature, in any track, begins one;
-            until the first the meter is 4/4.
+            until the first the meter is 4/4. Empty if there are more than anybody has written.
+        empty_notes: Notes that are struck and released at one moment: (time in s, pitch).
     """
 
     midi: pretty_midi.PrettyMIDI
     pedals: list[tuple[float, float | None]]
     bars: list[float]
+    empty_notes: list[tuple[float, int]]
 
 
 def parse_midi(path: Path) -> MidiContents:
     """Parse a MIDI file.
 
     Raises:
-        ScoreError: If there is no such file, it is not a MIDI file, or a note has no length.
+        ScoreError: If there is no such file, or it is not a MIDI file.
     """
     if not os.path.isfile(path):
         raise ScoreError(f"There is no MIDI file {str(path)!r}: expected an existing file.")
@@ -72,7 +77,8 @@ def parse_midi(path: Path) -> MidiContents:
             (_seconds(midi, down), None if up is None else _seconds(midi, up))
             for down, up in scan.pedals
         ]
-        bars = [_seconds(midi, tick) for tick in scan.bars(file.ticks_per_beat)]
+        lines = list(itertools.islice(scan.bars(file.ticks_per_beat), _MOST_BARS + 1))
+        bars = [_seconds(midi, tick) for tick in lines] if len(lines) <= _MOST_BARS else []
         empty = [(_seconds(midi, tick), pitch) for tick, pitch in scan.empty_notes]
     except Exception as error:
         # A damaged file surfaces as whatever the parser happens to stumble over.
@@ -80,14 +86,7 @@ def parse_midi(path: Path) -> MidiContents:
             f"Cannot read {str(path)!r} as a MIDI file ({str(error) or type(error).__name__}): "
             "expected a complete standard MIDI file."
         ) from error
-    if empty:
-        time, pitch = min(empty)
-        raise ScoreError(
-            f"{str(path)!r} has notes without length ({len(empty)}, first "
-            f"{pretty_midi.note_number_to_name(pitch)} at {time:g} s): expected each note to end "
-            "after it starts."
-        )
-    return MidiContents(midi=midi, pedals=pedals, bars=bars)
+    return MidiContents(midi=midi, pedals=pedals, bars=bars, empty_notes=empty)
 
 
 @dataclass

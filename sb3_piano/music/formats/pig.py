@@ -3,43 +3,129 @@
 A line is one note, its fields separated by white space: id, onset (s), offset (s), spelled pitch,
 onset velocity, offset velocity, channel (0 right hand, 1 left hand), finger. Fingers are 1 to 5
 in the right hand and -1 to -5 in the left, thumb to little; ``4_1`` is a finger changed while the
-key is held. Lines that start with ``//`` are comments.
+key is held; an underscore may be left behind it. Lines that start with ``//`` are comments.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import UNKNOWN_FINGER
+from sb3_piano.music.formats.left_out import LeftOut
+from sb3_piano.music.formats.output import write_score_file
+from sb3_piano.music.hands import HANDS, finger_number, finger_of, hand_of_finger
 from sb3_piano.music.note import Note, located_note
-from sb3_piano.music.pitch import pitch_number
+from sb3_piano.music.pitch import pitch_name, pitch_number
 from sb3_piano.music.score import Score
 
 _FIELDS = "id, onset, offset, pitch, onset velocity, offset velocity, channel, finger"
-_FINGER = re.compile(r"(-?[0-5])(_-?[0-5])*")
+_FINGER = re.compile(r"(-?)([0-5])(_(-?[0-5])?)*")
+_VERSION = "//Version: PianoFingering_v170101"
+_OFFSET_VELOCITY = 80
+"""The one that the files of the data set have throughout."""
+
+_MIDDLE_C = 60
+
+_SAME_TIME = 0.001
+"""By how many seconds the onset of a note may differ between annotators."""
 
 
 def read_pig(path: str | os.PathLike[str]) -> Score:
     """Read a PIG fingering file; its name without the suffix becomes the title.
 
     Of a changed finger the first is taken, since it plays the onset. The sign of the finger
-    decides the hand, whatever the channel. A finger that is 0 or missing is unknown.
+    decides the hand, whatever the channel. A finger that is 0 or missing is unknown; then the
+    channel decides the hand. Notes off the keyboard and notes that do not end after they start
+    are left out, with a warning that counts them.
 
     Raises:
-        ScoreError: If there is no such file, it holds no notes, or a line is malformed.
+        ScoreError: If there is no such file, a line is malformed, or no note remains.
+        ScoreWarning: Is warned if notes were left out.
     """
-    path = Path(path)
-    notes = [
-        _read_note(f"Line {number} of {str(path)!r}", line.split())
+    path, left_out = Path(path), LeftOut()
+    lines = [
+        _read_line(f"Line {number} of {str(path)!r}", line.split(), left_out)
         for number, line in enumerate(_read_text(path).splitlines(), start=1)
         if line.strip() and not line.lstrip().startswith("//")
     ]
+    notes = [note for note in lines if note is not None]
     if not notes:
-        raise ScoreError(f"Fingering file {str(path)!r} has no notes: expected lines of {_FIELDS}.")
+        rest = f", only {left_out}" if str(left_out) else ""
+        raise ScoreError(
+            f"Fingering file {str(path)!r} has no notes{rest}: expected lines of {_FIELDS}."
+        )
+    left_out.warn(path)
     return Score(notes=notes, title=path.stem)
+
+
+def read_pig_annotations(paths: Iterable[str | os.PathLike[str]]) -> list[Score]:
+    """Read fingering files of one piece by several annotators, such as ``001-1_fingering.txt``.
+
+    The scores have the same notes in the same order, and differ in their labels.
+
+    Raises:
+        ScoreError: If a file cannot be read, or its notes are not those of the first file: another
+            number, another pitch, or an onset that differs by more than a millisecond.
+    """
+    files = [Path(path) for path in paths]
+    scores = [read_pig(file) for file in files]
+    for file, score in zip(files[1:], scores[1:], strict=True):
+        _check_same_notes(score, file, scores[0], files[0])
+    return scores
+
+
+def write_pig(score: Score, path: str | os.PathLike[str]) -> None:
+    """Write a score as a PIG fingering file, whole or not at all.
+
+    Times, pitches, velocities, fingers and hands come back exactly. Bars and the pedal are lost:
+    the format has neither. A note of which only the hand is known gets the finger 0. The format
+    also has no unknown hand: where it is, the note goes to the right hand from middle C on and to
+    the left hand below.
+
+    Raises:
+        ScoreError: If the file cannot be written.
+    """
+    lines = [_VERSION, *(_line(number, note) for number, note in enumerate(score.notes))]
+    write_score_file(Path(path), "".join(f"{line}\n" for line in lines).encode())
+
+
+def _line(number: int, note: Note) -> str:
+    hand = note.hand or ("right" if note.pitch >= _MIDDLE_C else "left")
+    finger = 0 if note.finger == UNKNOWN_FINGER else finger_number(note.finger)
+    fields = (
+        number,
+        repr(note.onset),
+        repr(note.offset),
+        pitch_name(note.pitch),
+        note.velocity,
+        _OFFSET_VELOCITY,
+        HANDS.index(hand),
+        -finger if hand == "left" else finger,
+    )
+    return "\t".join(str(field) for field in fields)
+
+
+def _check_same_notes(score: Score, path: Path, first: Score, first_path: Path) -> None:
+    for index, (note, expected) in enumerate(zip(score.notes, first.notes, strict=False)):
+        if note.pitch != expected.pitch or abs(note.onset - expected.onset) > _SAME_TIME:
+            raise ScoreError(
+                f"Note {index} of {str(path)!r} is {_described(note)}: expected "
+                f"{_described(expected)} as in {str(first_path)!r}."
+            )
+    if len(score.notes) != len(first.notes):
+        raise ScoreError(
+            f"{str(path)!r} has {len(score.notes)} notes: expected {len(first.notes)} as in "
+            f"{str(first_path)!r}."
+        )
+
+
+def _described(note: Note) -> str:
+    return f"{pitch_name(note.pitch)} at {note.onset:g} s"
 
 
 def _read_text(path: Path) -> str:
@@ -53,27 +139,36 @@ def _read_text(path: Path) -> str:
         ) from error
 
 
-def _read_note(where: str, fields: list[str]) -> Note:
+def _read_line(where: str, fields: list[str], left_out: LeftOut) -> Note | None:
     if len(fields) not in (7, 8):
         raise ScoreError(f"{where} has {len(fields)} fields: expected {_FIELDS}.")
-    _, onset, offset, pitch, velocity, _, channel, *finger = fields
+    _, onset_text, offset_text, pitch_text, velocity, _, channel, *finger_text = fields
     if channel not in ("0", "1"):
         raise _bad_field("channel", channel, where, "0 (right hand) or 1 (left hand)")
+    onset, offset = _read_time("onset", onset_text, where), _read_time("offset", offset_text, where)
+    pitch = _read_pitch(pitch_text, where)
+    finger = _read_finger(finger_text[0], where) if finger_text else UNKNOWN_FINGER
+    if not left_out.is_playable(onset, offset, pitch):
+        return None
     return located_note(
         where,
-        onset=_read_time("onset", onset, where),
-        offset=_read_time("offset", offset, where),
-        pitch=_read_pitch(pitch, where),
+        onset=onset,
+        offset=offset,
+        pitch=pitch,
         velocity=_read_velocity(velocity, where),
-        finger=_read_finger(finger[0], where) if finger else UNKNOWN_FINGER,
+        finger=finger,
+        hand=hand_of_finger(finger) or HANDS[int(channel)],
     )
 
 
 def _read_time(name: str, text: str, where: str) -> float:
     try:
-        return float(text)
+        time = float(text)
     except ValueError as error:
         raise _bad_field(name, text, where, "seconds, such as 1.25") from error
+    if not (math.isfinite(time) and time >= 0):
+        raise _bad_field(name, text, where, "seconds from 0")
+    return time
 
 
 def _read_pitch(text: str, where: str) -> int:
@@ -95,10 +190,9 @@ def _read_finger(text: str, where: str) -> int:
     match = _FINGER.fullmatch(text)
     if match is None:
         raise _bad_field("finger", text, where, "1 to 5, -1 to -5, 0, or a change such as 4_1")
-    number = int(match[1])
-    if number == 0:
+    if match[2] == "0":
         return UNKNOWN_FINGER
-    return number - 1 if number > 0 else 4 - number
+    return finger_of("left" if match[1] else "right", int(match[2]))
 
 
 def _bad_field(name: str, text: str, where: str, expected: str) -> ScoreError:

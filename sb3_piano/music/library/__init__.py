@@ -1,13 +1,23 @@
 """The user's library: pieces that were imported, kept in a folder of the user's."""
 
-from collections.abc import Mapping
+from sb3_piano.music.library.folder import DATA_VARIABLE, data_folder, pieces_folder
+from sb3_piano.music.library.imported import imported_pieces, user_library
+from sb3_piano.music.library.importing import ImportReport, import_path
+from sb3_piano.music.library.piece_file import PieceInfo
+from sb3_piano.music.library.pig_pieces import PIG_PIECES
+from sb3_piano.music.library.search import Unusable
+from sb3_piano.music.library.store import Library
 
-from sb3_piano.music.piece import Piece
-
-
-def imported_pieces() -> Mapping[str, Piece]:
-    """Return the imported pieces by name."""
-    return {}
-
-
-__all__ = ["imported_pieces"]
+__all__ = [
+    "DATA_VARIABLE",
+    "PIG_PIECES",
+    "ImportReport",
+    "Library",
+    "PieceInfo",
+    "Unusable",
+    "data_folder",
+    "import_path",
+    "imported_pieces",
+    "pieces_folder",
+    "user_library",
+]

@@ -1,0 +1,206 @@
+"""How far two fingerings of the same notes agree.
+
+The match rates are those of E. Nakamura, Y. Saito and K. Yoshii, "Statistical learning and
+estimation of piano fingering", Information Sciences 517, 2020 (arXiv 1904.10237). Where its text
+leaves a choice they follow the authors' released evaluation program
+(Evaluate_MultipleGroundTruth), which their figures come from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.music.constants import UNKNOWN_FINGER
+from sb3_piano.music.fingering.pairing import pair_all
+from sb3_piano.music.hands import HANDS
+from sb3_piano.music.score import Score
+
+_WRONG_FINGER = 1
+_CHANGE_OF_ANNOTATOR = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Agreement:
+    """How many labelled notes another fingering plays with the same finger.
+
+    A share is None where a hand has no labelled notes.
+    """
+
+    notes: tuple[int, int]
+    """Labelled notes of the right and of the left hand."""
+    same_finger: tuple[int, int]
+    """Those of them that the other fingering plays with the same finger of the same hand."""
+    same_hand: tuple[int, int]
+    """Those of them that the other fingering plays with the same hand, whatever the finger."""
+
+    @property
+    def right(self) -> float | None:
+        """Share of the right hand's labelled notes that have the same finger."""
+        return _share(self.same_finger[0], self.notes[0])
+
+    @property
+    def left(self) -> float | None:
+        """Share of the left hand's labelled notes that have the same finger."""
+        return _share(self.same_finger[1], self.notes[1])
+
+    @property
+    def both(self) -> float:
+        """Share of all labelled notes that have the same finger."""
+        return sum(self.same_finger) / sum(self.notes)
+
+    @property
+    def hands(self) -> float:
+        """Share of all labelled notes that are played by the same hand."""
+        return sum(self.same_hand) / sum(self.notes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatchRates:
+    """Match rates of a fingering with those of several annotators, each in [0, 1].
+
+    It is always ``general <= highest <= recombination <= soft``.
+    """
+
+    notes: int
+    """The notes that count: those to which each annotator gave a finger."""
+    general: float
+    """M_gen: the share of notes with an annotator's finger, averaged over the annotators."""
+    highest: float
+    """M_high: that share for the annotator with whom it is highest, chosen for each hand."""
+    soft: float
+    """M_soft: the share of notes with the finger of any annotator."""
+    recombination: float
+    """M_rec: that share for the best way to follow one annotator after another."""
+
+
+def agreement(labelled: Score, other: Score) -> Agreement:
+    """Compare a fingering with labels, note by note.
+
+    Args:
+        labelled: The score whose labels are taken for right; its unlabelled notes do not count.
+        other: The same notes (pitches and onsets, to 1 ms), with other fingers. A note without a
+            finger agrees with no label.
+
+    Raises:
+        ScoreError: If no note is labelled, or `other` lacks a note.
+    """
+    pairs = pair_all(labelled, other)
+    counts = {hand: [0, 0, 0] for hand in HANDS}
+    for index, note in enumerate(labelled.notes):
+        if note.finger == UNKNOWN_FINGER or note.hand is None:
+            continue
+        partner = other.notes[pairs[index]]
+        count = counts[note.hand]
+        count[0] += 1
+        count[1] += partner.finger == note.finger
+        count[2] += partner.hand == note.hand
+    if not any(count[0] for count in counts.values()):
+        raise ScoreError(f"Score {labelled.title!r} has no finger labels: expected at least one.")
+    right, left = (counts[hand] for hand in HANDS)
+    return Agreement(
+        notes=(right[0], left[0]), same_finger=(right[1], left[1]), same_hand=(right[2], left[2])
+    )
+
+
+def match_rates(annotations: Sequence[Score], other: Score) -> MatchRates:
+    r"""Compare a fingering with those of several annotators.
+
+    With N notes, fingers :math:`f_n` and those of annotator k :math:`f^k_n`, the sums below being
+    taken over the notes of each hand of `other` by itself, and then added:
+
+    - M_gen: mean over k of :math:`\frac{1}{N} \sum_n [f_n = f^k_n]`,
+    - M_high: :math:`\frac{1}{N} \max_k \sum_n [f_n = f^k_n]`,
+    - M_soft: :math:`\frac{1}{N} \sum_n [f_n = f^k_n \text{ for some } k]`,
+    - M_rec: :math:`\frac{1}{N} \max_{k_1 \dots k_N} \sum_n [f_n = f^{k_n}_n] - [k_n \ne k_{n-1}]`,
+      where an annotator may be left for another only after a note to which both gave the same
+      finger. The maximum is found by dynamic programming.
+
+    Notes of a chord follow each other upwards. Of a finger that changes on the held key only the
+    first counts, also for M_gen, for which the authors' program asks for the same change.
+
+    Args:
+        annotations: The fingerings taken for right, of one annotator each. Notes to which any of
+            them gave no finger do not count.
+        other: The same notes (pitches and onsets, to 1 ms) with the fingers to be judged. A note
+            without a finger matches none.
+
+    Raises:
+        ScoreError: If there are no annotations, they have no labelled note in common, or their
+            notes are not those of `other`.
+    """
+    if not annotations:
+        raise ScoreError(f"There are no annotations of {other.title!r}: expected at least one.")
+    truths = _aligned(annotations, other)
+    counted = [n for n, fingers in enumerate(zip(*truths, strict=True)) if min(fingers) >= 0]
+    if not counted:
+        raise ScoreError(
+            f"The annotations of {other.title!r} have no labelled note in common: expected at "
+            "least one."
+        )
+    highest = soft = recombined = 0
+    for hand in HANDS:  # notes of neither hand have no finger, and match nothing
+        notes = [n for n in counted if other.notes[n].hand == hand]
+        fingers = [other.notes[n].finger for n in notes]
+        of_hand = [[truth[n] for n in notes] for truth in truths]
+        highest += max(_matches(fingers, truth) for truth in of_hand)
+        soft += sum(any(truth[n] == other.notes[n].finger for truth in truths) for n in notes)
+        recombined += len(notes) - _recombination_cost(fingers, of_hand)
+    fingers = [other.notes[n].finger for n in counted]
+    matches = [_matches(fingers, [truth[n] for n in counted]) for truth in truths]
+    total = len(counted)
+    return MatchRates(
+        notes=total,
+        general=sum(matches) / len(matches) / total,
+        highest=highest / total,
+        soft=soft / total,
+        recombination=recombined / total,
+    )
+
+
+def _share(part: int, whole: int) -> float | None:
+    return part / whole if whole else None
+
+
+def _aligned(annotations: Sequence[Score], other: Score) -> list[list[int]]:
+    """Return each annotator's fingers in the order of the notes of `other`."""
+    aligned = []
+    for annotation in annotations:
+        pairs = pair_all(other, annotation)
+        pair_all(annotation, other)  # nor may an annotation have notes that `other` lacks
+        aligned.append([annotation.notes[pairs[n]].finger for n in range(len(other.notes))])
+    return aligned
+
+
+def _matches(fingers: Sequence[int], truth: Sequence[int]) -> int:
+    return sum(ours == theirs for ours, theirs in zip(fingers, truth, strict=True))
+
+
+def _recombination_cost(fingers: Sequence[int], truths: Sequence[Sequence[int]]) -> int:
+    """Return the least number of wrong fingers and changes of annotator, taken together.
+
+    Args:
+        fingers: (N,) fingers to be judged.
+        truths: (K, N) the annotators' fingers.
+    """
+    costs = [0] * len(truths)
+    for n, finger in enumerate(fingers):
+        if n > 0:
+            costs = [_cost_of_following(k, n - 1, costs, truths) for k in range(len(truths))]
+        costs = [
+            cost + _WRONG_FINGER * (truth[n] != finger)
+            for cost, truth in zip(costs, truths, strict=True)
+        ]
+    return min(costs)
+
+
+def _cost_of_following(
+    annotator: int, last: int, costs: Sequence[int], truths: Sequence[Sequence[int]]
+) -> int:
+    """Return the least cost up to note `last` of those who follow this annotator from then on."""
+    return min(
+        cost + _CHANGE_OF_ANNOTATOR * (k != annotator)
+        for k, cost in enumerate(costs)
+        if truths[k][last] == truths[annotator][last]
+    )

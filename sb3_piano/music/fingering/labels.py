@@ -1,0 +1,189 @@
+"""Finger labels from a file, put on the notes of a score.
+
+So that a fingering from elsewhere, of an annotator or of a program that watches a video, can take
+the place of ours. Besides the formats of scores there is a plain table, a CSV file in UTF-8 whose
+first line names its columns: ``onset`` (s), ``pitch`` (a MIDI number or a name such as ``Eb4``),
+``finger``, and perhaps ``hand`` (``right`` or ``left``)::
+
+    onset,pitch,hand,finger
+    0.0,C5,right,1
+    0.5,D5,right,2
+
+With a hand, fingers are the pianists' 1 (thumb) to 5 (little); without, they are 0 to 4 for the
+right hand and 5 to 9 for the left one, as in `Note`. An empty finger is unknown. Further columns
+are ignored.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import math
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.music.constants import NUM_FINGERS, UNKNOWN_FINGER
+from sb3_piano.music.fingering.pairing import describe, pair_notes
+from sb3_piano.music.formats.files import read_score
+from sb3_piano.music.hands import FINGERS_PER_HAND, HANDS, finger_of
+from sb3_piano.music.note import Note, located_note
+from sb3_piano.music.pitch import pitch_number
+from sb3_piano.music.score import Score
+
+TOLERANCE = 0.05
+"""How far a label's onset may lie from its note's, in s, unless one says otherwise; as in the
+comparison of transcriptions (mir_eval)."""
+
+_COLUMNS = ("onset", "pitch", "finger")
+_EXPECTED_COLUMNS = "onset, pitch, finger and perhaps hand"
+_LABEL_LENGTH = 0.1  # s; a table has no offsets, and nobody asks for them
+
+
+def read_labels(
+    path: str | os.PathLike[str], score: Score, *, tolerance: float = TOLERANCE
+) -> Score:
+    """Return the score with the fingers and hands that a file gives its notes.
+
+    A label belongs to the note of its pitch with the nearest onset; each label and each note has
+    one partner at most. A label that names the hand alone leaves the finger as it is, unless that
+    is one of the other hand. Notes without a label keep what they had.
+
+    Args:
+        path: A file of a format that :func:`~sb3_piano.music.formats.read_score` knows, in which
+            notes have fingers or hands, or a ``.csv`` table as above.
+        score: The score that gets the labels.
+        tolerance: How far a label's onset may lie from its note's, in s, at least 0.
+
+    Raises:
+        ScoreError: If the tolerance is out of range, the file cannot be read or has no labels, or
+            fewer than half of its labels find a note.
+    """
+    path = Path(path)
+    if not (math.isfinite(tolerance) and tolerance >= 0):
+        raise ScoreError(f"A tolerance of {tolerance} s is out of range: expected 0 or more.")
+    source = _read_table(path) if path.suffix.lower() == ".csv" else read_score(path)
+    labelled = [note for note in source.notes if note.hand is not None]
+    if not labelled:
+        raise ScoreError(
+            f"None of the {len(source.notes)} notes of {str(path)!r} has a finger or a hand: "
+            "expected a file with labels."
+        )
+    labels = Score(notes=labelled, title=str(path))
+    pairs = pair_notes(labels.notes, score.notes, tolerance)
+    _check_enough(pairs, labels, score, tolerance)
+    notes = list(score.notes)
+    for label, index in pairs.items():
+        notes[index] = _labelled(notes[index], labels.notes[label])
+    return Score(notes=notes, pedals=score.pedals, title=score.title, bars=score.bars)
+
+
+def _check_enough(pairs: Mapping[int, int], labels: Score, score: Score, tolerance: float) -> None:
+    if 2 * len(pairs) >= len(labels.notes):
+        return
+    first = next(index for index in range(len(labels.notes)) if index not in pairs)
+    raise ScoreError(
+        f"Only {len(pairs)} of {len(labels.notes)} labels of {labels.title!r} find a note of "
+        f"{score.title!r} within {tolerance:g} s; the first that does not is that of "
+        f"{describe(first, labels)}. Expected labels of the same piece at the same tempo."
+    )
+
+
+def _labelled(note: Note, label: Note) -> Note:
+    if label.finger == UNKNOWN_FINGER and label.hand == note.hand:
+        return note
+    return dataclasses.replace(note, finger=label.finger, hand=label.hand)
+
+
+def _read_table(path: Path) -> Score:
+    rows = csv.DictReader(io.StringIO(_read_text(path), newline=""), skipinitialspace=True)
+    try:
+        rows.fieldnames = _checked_columns(rows.fieldnames or (), path)
+        notes = [_read_row(f"Line {rows.line_num} of {str(path)!r}", row) for row in rows]
+    except csv.Error as error:
+        raise ScoreError(
+            f"Line {rows.line_num} of {str(path)!r} is no row of a table: {error}. Expected CSV."
+        ) from error
+    if not notes:
+        raise ScoreError(f"Table {str(path)!r} has no labels: expected lines below its first one.")
+    return Score(notes=notes, title=path.stem)
+
+
+def _checked_columns(names: Iterable[str], path: Path) -> list[str]:
+    columns = [name.strip().lower() for name in names]
+    missing = [name for name in _COLUMNS if name not in columns]
+    if missing:
+        raise ScoreError(
+            f"Table {str(path)!r} has no column {missing[0]!r}: expected a first line that names "
+            f"{_EXPECTED_COLUMNS}."
+        )
+    return columns
+
+
+def _read_text(path: Path) -> str:
+    if not os.path.isfile(path):
+        raise ScoreError(f"There is no table {str(path)!r}: expected an existing file.")
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScoreError(
+            f"Cannot read {str(path)!r} as a table: {error}; expected CSV in UTF-8."
+        ) from error
+
+
+def _read_row(where: str, row: Mapping[str | None, str | list[str] | None]) -> Note:
+    texts = {
+        name: value.strip() if isinstance(value, str) else ""
+        for name, value in row.items()
+        if name is not None
+    }
+    onset = _read_onset(texts["onset"], where)
+    hand = texts.get("hand", "").lower()
+    if hand and hand not in HANDS:
+        raise _bad_field("hand", hand, where, "right, left or nothing")
+    return located_note(
+        where,
+        onset=onset,
+        offset=onset + _LABEL_LENGTH,
+        pitch=_read_pitch(texts["pitch"], where),
+        finger=_read_finger(texts["finger"], hand, where),
+        hand=next((side for side in HANDS if side == hand), None),
+    )
+
+
+def _read_onset(text: str, where: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise _bad_field("onset", text, where, "seconds, such as 1.25") from error
+
+
+def _read_pitch(text: str, where: str) -> int:
+    if text.isdecimal():
+        return int(text)
+    try:
+        return pitch_number(text)
+    except ScoreError as error:
+        expected = "a MIDI number such as 60, or a name such as C4, F#5 or Bb3"
+        raise _bad_field("pitch", text, where, expected) from error
+
+
+def _read_finger(text: str, hand: str, where: str) -> int:
+    if text in ("", "-1"):
+        return UNKNOWN_FINGER
+    first, end = (1, FINGERS_PER_HAND + 1) if hand else (0, NUM_FINGERS)
+    if not text.isdecimal() or not first <= int(text) < end:
+        raise _bad_field(
+            "finger",
+            text,
+            where,
+            "1 (thumb) to 5 (little)" if hand else "0-4 (right) or 5-9 (left), or a column 'hand'",
+        )
+    number = int(text)
+    return next((finger_of(side, number) for side in HANDS if side == hand), number)
+
+
+def _bad_field(name: str, text: str, where: str, expected: str) -> ScoreError:
+    return ScoreError(f"{where}: {name} {text!r} is not valid: expected {expected}.")

@@ -1,0 +1,279 @@
+"""Hands for a score: which hand plays a note when the file does not say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_piano.music.fingering.slices import OVERLAP, TOGETHER
+from sb3_piano.music.hands import HANDS, Hand
+from sb3_piano.music.note import Note
+from sb3_piano.music.score import Score
+
+Numbers = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplitWeights:
+    """What it costs to give notes to a hand. Widths and ways are in semitones.
+
+    Attributes:
+        width: Per semitone between the lowest and the highest key a hand strikes together.
+        comfortable: Width from which a semitone costs `wide` more.
+        wide: Per semitone beyond comfortable.
+        held: Per semitone that held keys add to the comfortable width.
+        held_most: What the keys that a hand holds cost it at most: it can let go of them.
+        finger: For each key beyond five that a hand has to strike together, or holds.
+        entry: For a hand that strikes for the first time.
+        way: Per semitone that the middle of a hand moves.
+        reach: Way from which a semitone costs `far` more.
+        far: Per semitone of way beyond reach.
+        crossing: For a right hand that strikes below the left one's last keys or the reverse.
+        crossing_size: The same, per semitone.
+        register: Per semitone of a key of the right hand below `centre`, or of the left above.
+        centre: The middle of the keyboard as hands see it, MIDI pitch.
+        memory: Time after which a hand's last place matters 1/e as much for crossing, in s.
+        pace: Time since a hand last struck at which ways cost what is said here, in s.
+    """
+
+    width: float = 0.1
+    comfortable: float = 12.0
+    wide: float = 1.0
+    held: float = 0.3
+    held_most: float = 3.0
+    finger: float = 5.0
+    entry: float = 0.5
+    way: float = 0.06
+    reach: float = 9.0
+    far: float = 0.15
+    crossing: float = 1.0
+    crossing_size: float = 0.2
+    register: float = 0.03
+    centre: float = 60.0
+    memory: float = 1.0
+    pace: float = 0.25
+
+
+DEFAULT_SPLIT = SplitWeights()
+
+_BEAM = 32
+"""Ways to share the piece between the hands that are followed at a time."""
+
+_SLOWEST, _FASTEST = 0.3, 2.0
+"""Between these the time there is weighs the ways."""
+
+_FINGERS = 5
+
+_RIGHT, _LEFT = 0, 1
+
+
+def assign_hands(score: Score, weights: SplitWeights = DEFAULT_SPLIT) -> Score:
+    """Return the score with a hand for each note.
+
+    Hands that are known stay. The others are found by a beam search over the keys struck at a
+    time: of these the left hand takes the lower ones, so that hands never cross within a chord,
+    and it costs something for a hand to stretch, to travel, or to strike beyond the other hand.
+
+    Args:
+        score: The score; notes keep everything else.
+        weights: What it costs to give notes to a hand.
+    """
+    if all(note.hand is not None for note in score.notes):
+        return score
+    hands = _Split(score.notes, weights).hands()
+    notes = [replace(note, hand=hand) for note, hand in zip(score.notes, hands, strict=True)]
+    return Score(notes=notes, pedals=score.pedals, title=score.title, bars=score.bars)
+
+
+@dataclass(slots=True)
+class _Beam:
+    """Ways to share the piece up to some time; each array's first axis is the ways.
+
+    Attributes:
+        cost: (ways,), what each has cost so far.
+        place: (ways, 2), the middle of what each hand struck last, MIDI pitch.
+        edge: (ways, 2), the key that was nearest to the other hand.
+        struck: (ways, 2), when that was, in s.
+        left_holds: (ways, sounding), which sounding notes are the left hand's.
+    """
+
+    cost: Numbers
+    place: Numbers
+    edge: Numbers
+    struck: Numbers
+    left_holds: Flags
+
+
+class _Split:
+    def __init__(self, notes: tuple[Note, ...], weights: SplitWeights) -> None:
+        self.notes = notes
+        self.weights = weights
+
+    def hands(self) -> list[Hand]:
+        """Return the hand of each note."""
+        beam = _first_beam()
+        sounding: list[int] = []
+        trail: list[tuple[list[int], Flags, NDArray[np.intp], NDArray[np.intp]]] = []
+        for group in _groups(self.notes):
+            onset = self.notes[group[0]].onset
+            stays = [self.notes[index].offset > onset + OVERLAP for index in sounding]
+            sounding = [index for index, stay in zip(sounding, stays, strict=True) if stay]
+            beam.left_holds = beam.left_holds[:, np.array(stays, dtype=bool)]
+            options = self._options(group)
+            beam, way, option = self._advance(beam, sounding, group, options)
+            trail.append((group, options, way, option))
+            sounding = sounding + group
+        return self._follow(trail, int(beam.cost.argmin()))
+
+    def _follow(
+        self,
+        trail: list[tuple[list[int], Flags, NDArray[np.intp], NDArray[np.intp]]],
+        way: int,
+    ) -> list[Hand]:
+        hands: list[Hand] = ["right"] * len(self.notes)
+        for group, options, ways, chosen in reversed(trail):
+            for index, left in zip(group, options[chosen[way]], strict=True):
+                hands[index] = HANDS[_LEFT if left else _RIGHT]
+            way = int(ways[way])
+        return hands
+
+    def _options(self, group: list[int]) -> Flags:
+        """Return which notes of a group the left hand could take: (options, notes)."""
+        hands = np.array([self.notes[index].hand or "" for index in group])
+        lowest = np.arange(len(group))[None, :] < np.arange(len(group) + 1)[:, None]
+        return np.unique(np.where(hands == "", lowest, hands == "left"), axis=0)
+
+    def _advance(
+        self, beam: _Beam, sounding: list[int], group: list[int], options: Flags
+    ) -> tuple[_Beam, NDArray[np.intp], NDArray[np.intp]]:
+        """Go on by what is struck at a time, and keep the best ways."""
+        onset = self.notes[group[0]].onset
+        keys = np.array([self.notes[index].pitch for index in group], dtype=float)
+        held = np.array([self.notes[index].pitch for index in sounding], dtype=float)
+        cost = np.repeat(beam.cost[:, None], len(options), axis=1)
+        middles, edges, plays = np.zeros((3, 2, len(options)))
+        for hand, sign in ((_RIGHT, 1.0), (_LEFT, -1.0)):
+            # Seen from the right hand: the left hand's keys are turned upside down.
+            takes = options if hand == _LEFT else ~options
+            holds = beam.left_holds if hand == _LEFT else ~beam.left_holds
+            plays[hand] = takes.any(1)
+            low, high = np.where(plays[hand] > 0, _extent(sign * keys, takes), 0.0)
+            middles[hand], edges[hand] = sign * (low + high) / 2, sign * low
+            part = (
+                self._grip(low, high, takes.sum(1), sign * held, holds)
+                + self._way(beam, hand, middles[hand], onset)
+                + self._crossing(beam, 1 - hand, sign, low, onset)
+                + self._register(sign, keys, takes)
+            )
+            cost += np.where(plays[hand] > 0, part, 0.0)
+        return _next_beam(beam, cost, options, middles, edges, plays > 0, onset)
+
+    def _grip(
+        self,
+        low: Numbers,
+        high: Numbers,
+        count: NDArray[np.int_],
+        held: Numbers,
+        holds: Flags,
+    ) -> Numbers:
+        """Cost of striking and holding keys together: (ways, options)."""
+        weights = self.weights
+        width = high - low
+        strikes = weights.width * width + weights.wide * np.maximum(width - weights.comfortable, 0)
+        strikes += weights.finger * np.maximum(count - _FINGERS, 0)
+        if not held.size:
+            return strikes[None, :]
+        held_low, held_high = _extent(held, holds)
+        # Infinite where a hand holds nothing, which is left out below.
+        whole = np.maximum(high, held_high[:, None]) - np.minimum(low, held_low[:, None])
+        added = np.maximum(whole, weights.comfortable) - np.maximum(width, weights.comfortable)
+        fingers = np.maximum(count + holds.sum(1)[:, None] - _FINGERS, 0)
+        cost = weights.held * added + weights.held * fingers
+        holding = np.asarray(holds.any(1))[:, None]
+        cost = np.where(holding, np.minimum(cost, weights.held_most), 0.0)
+        return np.asarray(strikes + cost)
+
+    def _way(self, beam: _Beam, hand: int, middle: Numbers, onset: float) -> Numbers:
+        weights = self.weights
+        way = np.abs(middle - beam.place[:, hand, None])
+        cost = weights.way * way + weights.far * np.maximum(way - weights.reach, 0)
+        time = np.maximum(onset - beam.struck[:, hand, None], TOGETHER)
+        speed = np.clip(np.sqrt(weights.pace / time), _SLOWEST, _FASTEST)
+        return np.where(np.isfinite(time), speed * cost, weights.entry)
+
+    def _crossing(
+        self, beam: _Beam, other: int, sign: float, low: Numbers, onset: float
+    ) -> Numbers:
+        weights = self.weights
+        depth = sign * beam.edge[:, other, None] - low
+        time = onset - beam.struck[:, other, None]
+        fresh = np.exp(-time / weights.memory)
+        return np.where(depth >= 0, fresh * (weights.crossing + weights.crossing_size * depth), 0.0)
+
+    def _register(self, sign: float, keys: Numbers, takes: Flags) -> Numbers:
+        wrong = np.maximum(sign * (self.weights.centre - keys), 0)
+        return np.asarray(self.weights.register * (takes * wrong).sum(1))[None, :]
+
+
+def _first_beam() -> _Beam:
+    return _Beam(
+        cost=np.zeros(1),
+        place=np.zeros((1, 2)),
+        edge=np.zeros((1, 2)),
+        struck=np.full((1, 2), -np.inf),
+        left_holds=np.zeros((1, 0), dtype=bool),
+    )
+
+
+def _next_beam(
+    beam: _Beam,
+    cost: Numbers,
+    options: Flags,
+    middles: Numbers,
+    edges: Numbers,
+    plays: Flags,
+    onset: float,
+) -> tuple[_Beam, NDArray[np.intp], NDArray[np.intp]]:
+    order = cost.argsort(axis=None, kind="stable")[: 2 * _BEAM]
+    way, option = np.unravel_index(order, cost.shape)
+    played = plays.T[option]
+    place = np.where(played, middles.T[option], beam.place[way])
+    left_holds = np.concatenate([beam.left_holds[way], options[option]], axis=1)
+    # What will cost the same from here on need not be followed twice.
+    rows = np.column_stack([place, left_holds])
+    kept = np.sort(np.unique(rows, axis=0, return_index=True)[1])[:_BEAM]
+    way, option = way[kept], option[kept]
+    return (
+        _Beam(
+            cost=cost[way, option],
+            place=place[kept],
+            edge=np.where(played[kept], edges.T[option], beam.edge[way]),
+            struck=np.where(played[kept], onset, beam.struck[way]),
+            left_holds=left_holds[kept],
+        ),
+        way,
+        option,
+    )
+
+
+def _groups(notes: tuple[Note, ...]) -> Iterator[list[int]]:
+    """Yield the indices of the notes struck together, from low to high."""
+    group: list[int] = []
+    for index, note in enumerate(notes):
+        if group and note.onset > notes[group[0]].onset + TOGETHER:
+            yield sorted(group, key=lambda at: (notes[at].pitch, at))
+            group = []
+        group.append(index)
+    if group:
+        yield sorted(group, key=lambda at: (notes[at].pitch, at))
+
+
+def _extent(keys: Numbers, chosen: Flags) -> tuple[Numbers, Numbers]:
+    """Return the lowest and the highest chosen key of each row; infinity and less if none is."""
+    low = np.where(chosen, keys, np.inf).min(1, initial=np.inf)
+    high = np.where(chosen, keys, -np.inf).max(1, initial=-np.inf)
+    return low, high

@@ -1,0 +1,102 @@
+"""Which hand plays a track of a MIDI file, as far as the file tells."""
+
+from __future__ import annotations
+
+import re
+import statistics
+from collections import Counter
+from collections.abc import Sequence
+
+import pretty_midi
+
+from sb3_piano.music.hands import HANDS, Hand
+
+_PHRASES: dict[Hand, tuple[str, ...]] = {
+    "right": (
+        *("right hand", "righthand", "rh", "rechte hand", "main droite"),
+        *("mano destra", "mano derecha"),
+    ),
+    "left": (
+        *("left hand", "lefthand", "lh", "linke hand", "main gauche"),
+        *("mano sinistra", "mano izquierda"),
+    ),
+}
+"""What names a hand wherever it stands in the name of a track."""
+
+_BARE: dict[Hand, tuple[str, ...]] = {
+    "right": (
+        *("right", "upper", "upper staff", "treble", "treble clef", "treble staff"),
+        *("rechts", "droite", "md"),
+    ),
+    "left": (
+        *("left", "lower", "lower staff", "bass clef", "bass staff"),
+        *("links", "gauche", "mg", "ms"),
+    ),
+}
+"""What names a hand only where nothing but a piano is named with it: not "Guitar left"."""
+
+_PIANO_WORDS = {
+    *("piano", "pianoforte", "pno", "pf", "klavier", "clavier", "keyboard", "keys"),
+    *("grand", "acoustic", "solo", "track", "part"),
+}
+
+_PIANOS = range(8)
+"""The programs of General MIDI that are pianos, the harpsichord and the clavinet among them."""
+
+_LEAST_DISTANCE = 7
+"""Semitones between the middles of two tracks that make them the two hands: a fifth."""
+
+_MOST_STRUCK_AT_ONCE = 5
+
+
+def hands_of_tracks(tracks: Sequence[pretty_midi.Instrument]) -> list[Hand | None]:
+    """Return the hand of each track, None where the file does not tell.
+
+    The names decide, see :func:`hand_of_name`. Where no name tells anything, two tracks of one
+    piano are the two hands if the medians of their pitches are at least a fifth apart and neither
+    strikes more than five keys at a time: the higher one is the right hand.
+
+    Args:
+        tracks: Those that have notes, without drums.
+    """
+    hands = [hand_of_name(track.name) for track in tracks]
+    if not any(hands) and _are_of_one_piano(tracks) and not any(map(_is_too_full, tracks)):
+        first, second = (statistics.median(note.pitch for note in track.notes) for track in tracks)
+        if abs(first - second) >= _LEAST_DISTANCE:
+            return list(HANDS) if first > second else list(reversed(HANDS))
+    return hands
+
+
+def hand_of_name(name: str) -> Hand | None:
+    """Return the hand that the name of a track tells: ``"Piano RH"``, ``"main gauche"``.
+
+    Case, digits, punctuation and the word piano do not matter. A name that tells both hands or
+    another instrument as well ("Guitar left") tells neither.
+    """
+    words = _words(name)
+    text = f" {' '.join(words)} "
+    bare = " ".join(word for word in words if word not in _PIANO_WORDS)
+    told: list[Hand] = [
+        hand
+        for hand in HANDS
+        if bare in _BARE[hand] or any(f" {phrase} " in text for phrase in _PHRASES[hand])
+    ]
+    return told[0] if len(told) == 1 else None
+
+
+def _words(name: str) -> list[str]:
+    apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).casefold()
+    letters = re.sub(r"[\W\d_]+", " ", apart)
+    # Initials are one word: R.H. and m. d.
+    return re.sub(r"\b([rlm]) ([hdgs])\b", r"\1\2", letters).split()
+
+
+def _are_of_one_piano(tracks: Sequence[pretty_midi.Instrument]) -> bool:
+    programs = {track.program for track in tracks}
+    return len(tracks) == 2 and len(programs) == 1 and programs <= set(_PIANOS)
+
+
+def _is_too_full(track: pretty_midi.Instrument) -> bool:
+    """Return whether a track strikes more keys at a time than a hand does."""
+    struck = Counter(note.start for note in track.notes)
+    return max(struck.values()) > _MOST_STRUCK_AT_ONCE

@@ -1,0 +1,155 @@
+"""The file of an imported piece: the exact score, and what is known about it.
+
+A NumPy archive (.npz) without pickled objects. Its array ``header`` holds UTF-8 JSON; the times
+are the score's own 64-bit floats, so that a score read back is equal bit by bit. The archive's
+checksums tell damage.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.files import write_bytes
+from sb3_piano.music.hands import HANDS
+from sb3_piano.music.note import Note, Pedal
+from sb3_piano.music.score import Score
+
+SUFFIX = ".npz"
+
+_FORMAT = 1
+"""Rises when files are written that this code could not read."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PieceInfo:
+    """What is known about an imported piece without reading its notes.
+
+    Attributes:
+        name: Its name in the library, which is the title of its score as well.
+        title: What people call it.
+        collection: What it belongs to, ``"imported"`` unless it came with others.
+        source: Where its notes come from, in one line.
+        fingering: Who chose the fingers, in a word or two.
+        path: The file that it was imported from; empty if it came from elsewhere.
+        sha256: Checksum of that file's content, in hexadecimal digits.
+        setting: The value of ``fingering`` with which it was imported.
+        n_notes: How many notes it has.
+        duration: Until its last note is let go, in s.
+        features: Its features of difficulty by name, or None if they are not known.
+    """
+
+    name: str
+    title: str
+    collection: str
+    source: str
+    fingering: str
+    path: str = ""
+    sha256: str = ""
+    setting: str = ""
+    n_notes: int = 0
+    duration: float = 0.0
+    features: Mapping[str, Any] | None = None
+
+
+def write_piece(path: Path, score: Score, info: PieceInfo) -> None:
+    """Write a piece's file; it is wholly there or not at all."""
+    header = json.dumps({"format": _FORMAT, **asdict(info)}).encode()
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, header=np.frombuffer(header, dtype=np.uint8), **_to_arrays(score))
+    write_bytes(path, buffer.getvalue())
+
+
+def read_info(path: Path) -> PieceInfo:
+    """Read what is known about a piece.
+
+    Raises:
+        ScoreError: If the file is missing, damaged, or written by a newer version.
+    """
+    return _read(path)[0]
+
+
+def read_piece(path: Path) -> Score:
+    """Read a piece's score.
+
+    Raises:
+        ScoreError: If the file is missing, damaged, or written by a newer version.
+    """
+    info, arrays = _read(path, with_notes=True)
+    try:
+        return _from_arrays(arrays, info.name)
+    except Exception as error:
+        raise _damaged(path, error) from error
+
+
+def _read(path: Path, *, with_notes: bool = False) -> tuple[PieceInfo, dict[str, NDArray[Any]]]:
+    if not os.path.isfile(path):
+        raise ScoreError(f"There is no imported piece {str(path)!r}: expected an existing file.")
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            header = json.loads(archive["header"].tobytes())
+            version = header.pop("format")
+            if version == _FORMAT:
+                info = PieceInfo(**header)
+                return info, dict(archive) if with_notes else {}
+    except Exception as error:
+        # A damaged archive surfaces as whatever zipfile, zlib, NumPy or json stumble over.
+        raise _damaged(path, error) from error
+    raise ScoreError(
+        f"Imported piece {str(path)!r} is of format {version!r}, which this version of sb3-piano "
+        f"does not know: expected {_FORMAT}. Install a newer one, or remove the piece and import "
+        "it again."
+    )
+
+
+def _damaged(path: Path, error: Exception) -> ScoreError:
+    return ScoreError(
+        f"Imported piece {str(path)!r} is damaged ({str(error) or type(error).__name__}): remove "
+        f"it with 'sb3-piano pieces remove {path.stem}' and import it again."
+    )
+
+
+def _to_arrays(score: Score) -> dict[str, Any]:
+    notes = score.notes
+    hands = [-1 if note.hand is None else HANDS.index(note.hand) for note in notes]
+    pedals = [(pedal.onset, pedal.offset) for pedal in score.pedals]
+    return {
+        "onset": np.array([note.onset for note in notes], dtype=np.float64),
+        "offset": np.array([note.offset for note in notes], dtype=np.float64),
+        "pitch": np.array([note.pitch for note in notes], dtype=np.uint8),
+        "velocity": np.array([note.velocity for note in notes], dtype=np.uint8),
+        "finger": np.array([note.finger for note in notes], dtype=np.int8),
+        "hand": np.array(hands, dtype=np.int8),
+        "pedals": np.array(pedals, dtype=np.float64).reshape(-1, 2),
+        "bars": np.array(score.bars, dtype=np.float64),
+    }
+
+
+def _from_arrays(arrays: Mapping[str, NDArray[Any]], name: str) -> Score:
+    fields = ("onset", "offset", "pitch", "velocity", "finger", "hand")
+    columns = [arrays[field].tolist() for field in fields]
+    return Score(
+        notes=[
+            Note(
+                onset=onset,
+                offset=offset,
+                pitch=pitch,
+                velocity=velocity,
+                finger=finger,
+                hand=None if hand < 0 else HANDS[hand],
+            )
+            for onset, offset, pitch, velocity, finger, hand in zip(*columns, strict=True)
+        ],
+        pedals=[Pedal(onset=down, offset=up) for down, up in arrays["pedals"].tolist()],
+        title=name,
+        bars=arrays["bars"].tolist(),
+    )

@@ -1,0 +1,167 @@
+"""The two snippets by Rousseau that come with RoboPianist, from the user's own copy of it.
+
+Rousseau permits them for RoboPianist's benchmark, which is why they do not come with this package.
+RoboPianist's fingers for them are a list in the code of its library; it is read as data, without
+running anything.
+"""
+
+from __future__ import annotations
+
+import ast
+import zipfile
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import pretty_midi
+
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.music.constants import UNKNOWN_FINGER
+from sb3_piano.music.formats import read_midi
+from sb3_piano.music.library.found import Found
+from sb3_piano.music.score import Score
+
+_FOLDER = "music/data/rousseau"
+_LIBRARY = "music/library.py"
+
+
+class _Snippet(NamedTuple):
+    file: str
+    name: str
+    title: str
+    function: str
+    """The function of the library that lists the fingers..."""
+    by_pitch: bool
+    """...those of simultaneous notes from the lowest up, or else in the order of the file."""
+
+
+_SNIPPETS = (
+    _Snippet(
+        "twinkle-twinkle-trimmed.mid",
+        "debug-TwinkleTwinkleRousseau",
+        "Rousseau: Twinkle Twinkle",
+        "twinkle_twinkle_rousseau",
+        by_pitch=False,
+    ),
+    _Snippet(
+        "nocturne-trimmed.mid",
+        "debug-NocturneRousseau",
+        "Rousseau: Nocturne",
+        "nocturne_rousseau",
+        by_pitch=True,
+    ),
+)
+
+
+def find_robopianist(folder: Path) -> Path | None:
+    """Return the folder of RoboPianist's package at or in a folder, if any."""
+    for package in (folder, folder / "robopianist"):
+        if (package / _FOLDER).is_dir():
+            return package
+    return None
+
+
+def unpack_wheel(wheel: Path, folder: Path) -> Path:
+    """Unpack what is needed of a wheel of RoboPianist; return the folder of the package.
+
+    Raises:
+        ScoreError: If it is not a wheel of RoboPianist.
+    """
+    try:
+        with zipfile.ZipFile(wheel) as archive:
+            for name in archive.namelist():
+                if name.startswith((f"robopianist/{_FOLDER}/", f"robopianist/{_LIBRARY}")):
+                    archive.extract(name, folder)
+    except (OSError, zipfile.BadZipFile) as error:
+        raise ScoreError(f"Cannot read '{wheel}' as a wheel: {error}.") from error
+    package = find_robopianist(folder)
+    if package is None:
+        raise ScoreError(
+            f"'{wheel}' has no folder robopianist/{_FOLDER}: expected a wheel of robopianist, as "
+            "from 'pip download --no-deps robopianist'."
+        )
+    return package
+
+
+def find_snippets(package: Path, origin: Path) -> list[Found]:
+    """Return the snippets in a folder of RoboPianist's package.
+
+    Args:
+        package: The folder.
+        origin: What the user named, for the pieces' sources.
+
+    Raises:
+        ScoreError: If it has none.
+    """
+    found = [
+        Found(
+            path=package / _FOLDER / snippet.file,
+            title=snippet.title,
+            source=f"RoboPianist, {snippet.file} in {origin.name}",
+            names=((snippet.name, "debug"),),
+            labelled_by="RoboPianist",
+            read=partial(
+                read_snippet,
+                fingers=_read_fingers(package / _LIBRARY, snippet.function),
+                by_pitch=snippet.by_pitch,
+            ),
+        )
+        for snippet in _SNIPPETS
+        if (package / _FOLDER / snippet.file).is_file()
+    ]
+    if not found:
+        files = ", ".join(snippet.file for snippet in _SNIPPETS)
+        raise ScoreError(f"'{package / _FOLDER}' is empty: expected {files}.")
+    return found
+
+
+def read_snippet(path: Path, *, fingers: tuple[int, ...], by_pitch: bool) -> Score:
+    """Read a snippet, and give its notes fingers, if there are any.
+
+    They are listed in the order of onsets, those of simultaneous notes from the lowest up if
+    `by_pitch`, else in the order of the file.
+
+    Raises:
+        ScoreError: If the file cannot be read, or there are not as many fingers as notes.
+    """
+    score = read_midi(path)
+    if not fingers:
+        return score
+    tracks = pretty_midi.PrettyMIDI(str(path)).instruments
+    in_order = sorted(
+        (note for track in tracks for note in track.notes),
+        key=lambda note: (note.start, note.pitch if by_pitch else 0),
+    )
+    if len(fingers) != len(in_order):
+        raise ScoreError(
+            f"'{path}' has {len(in_order)} notes, but RoboPianist has {len(fingers)} fingers for "
+            "it: expected as many."
+        )
+    finger_at = {
+        (note.start, note.pitch): finger for note, finger in zip(in_order, fingers, strict=True)
+    }
+    notes = [replace(note, finger=finger_at[note.onset, note.pitch]) for note in score.notes]
+    return Score(notes=notes, pedals=score.pedals, title=score.title, bars=score.bars)
+
+
+def _read_fingers(library: Path, function: str) -> tuple[int, ...]:
+    """Return the fingers that a function of RoboPianist's library lists; none if it does not."""
+    try:
+        tree = ast.parse(library.read_bytes())
+    except (OSError, SyntaxError, ValueError):
+        return ()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef) and node.name == function:
+            return _listed_integers(node)
+    return ()
+
+
+def _listed_integers(function: ast.FunctionDef) -> tuple[int, ...]:
+    for node in ast.walk(function):
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.List):
+            values = [item.value for item in node.value.elts if isinstance(item, ast.Constant)]
+            fingers = tuple(value for value in values if isinstance(value, int))
+            if fingers and all(finger > UNKNOWN_FINGER for finger in fingers):
+                return fingers
+    return ()

@@ -1,0 +1,109 @@
+"""What there is to import at a path: one file, a folder, or a data set that is known."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.music.formats import READERS
+from sb3_piano.music.formats.files import ACCEPTED_FILES
+from sb3_piano.music.library.found import Found
+from sb3_piano.music.library.maestro import read_titles
+from sb3_piano.music.library.pig_folder import find_pig_folder, find_pig_pieces
+from sb3_piano.music.library.robopianist_files import (
+    find_robopianist,
+    find_snippets,
+    unpack_wheel,
+)
+
+_WHEEL = ".whl"
+
+_HEAD = 4096
+"""How much of a file is looked at to see what it is, in bytes."""
+
+
+@dataclass(frozen=True)
+class Unusable:
+    """A file that is not imported, and why."""
+
+    path: Path
+    reason: str
+
+
+@contextlib.contextmanager
+def search(path: Path) -> Iterator[tuple[list[Found], list[Unusable]]]:
+    """Find the pieces at a path; those in a wheel are there as long as the context is.
+
+    A folder is searched with all folders in it, but for hidden ones. Text and XML files count as
+    music if they look like it: folders have readmes, too.
+
+    Raises:
+        ScoreError: If there is no such path, or nothing that can be imported.
+    """
+    if not path.exists():
+        raise ScoreError(f"There is no '{path}': expected {ACCEPTED_FILES}, or a folder.")
+    if path.suffix == _WHEEL:
+        with tempfile.TemporaryDirectory() as folder:
+            yield find_snippets(unpack_wheel(path, Path(folder)), path), []
+    elif path.is_dir():
+        yield _search_folder(path)
+    elif path.suffix.lower() in READERS:
+        yield [Found(path=path, source=path.name)], []
+    else:
+        raise ScoreError(
+            f"Cannot tell the format of '{path}': expected {ACCEPTED_FILES}, a folder, or a wheel "
+            "of robopianist."
+        )
+
+
+def _search_folder(folder: Path) -> tuple[list[Found], list[Unusable]]:
+    pig = find_pig_folder(folder)
+    if pig is not None:
+        return find_pig_pieces(pig), []
+    package = find_robopianist(folder)
+    if package is not None:
+        return find_snippets(package, folder), []
+    unusable = []
+    titles: dict[Path, str] = {}
+    try:
+        titles = read_titles(folder)
+    except ScoreError as error:
+        unusable.append(Unusable(folder, str(error)))
+    found = [
+        Found(path=path, title=titles.get(path), source=str(path.relative_to(folder)))
+        for path in _music_files(folder)
+    ]
+    if not found:
+        raise ScoreError(f"'{folder}' has no music in it: expected {ACCEPTED_FILES}.")
+    return found, unusable
+
+
+def _music_files(folder: Path) -> Iterator[Path]:
+    for place, folders, files in os.walk(folder):
+        # In place, so that walk() does not enter the others. macOS packs "._" copies of all files.
+        folders[:] = sorted(name for name in folders if not name.startswith((".", "__MACOSX")))
+        for name in sorted(files):
+            path = Path(place, name)
+            if not name.startswith(".") and path.suffix.lower() in READERS and _may_be(path):
+                yield path
+
+
+def _may_be(path: Path) -> bool:
+    """Return whether a file of a suffix that others use as well looks like music."""
+    suffix = path.suffix.lower()
+    if suffix not in (".txt", ".xml"):
+        return True
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except OSError:
+        return False
+    if suffix == ".xml":
+        return b"score-partwise" in head or b"score-timewise" in head
+    lines = [line.split() for line in head.splitlines() if not line.lstrip().startswith(b"//")]
+    return any(len(fields) in (7, 8) and fields[0].isdigit() for fields in lines[:1])

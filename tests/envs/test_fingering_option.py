@@ -1,0 +1,117 @@
+"""Which fingers a score gets, and what may be chosen about a generated study, as options."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from sb3_piano.envs import PianoEnv, PianoEnvConfig, PianoVectorEnv
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import BUILT_IN, Note, Score, load_score, write_midi
+from sb3_piano.music.fingering import finger_score
+
+PLAIN = Score(
+    notes=[Note(onset=0.5 * i, offset=0.5 * i + 0.4, pitch=60 + i) for i in range(5)],
+    title="plain",
+    bars=(0.0, 2.0),
+)
+
+
+def fingers(env):
+    return [note.finger for note in env.unwrapped.score.notes]
+
+
+def test_by_default_a_score_keeps_the_labels_that_it_has():
+    env = PianoEnv(PLAIN)
+    env.reset(seed=0)
+    assert fingers(env) == [-1] * 5
+    assert env.score is PLAIN
+
+
+def test_ergonomic_labels_are_those_of_the_search_and_reach_roll_and_reward():
+    env = PianoEnv(PLAIN, fingering="ergonomic", observation="fingers")
+    env.reset(seed=0)
+    assert env.score == finger_score(PLAIN)
+    assert env.score.bars == PLAIN.bars
+    assert set(env.roll.finger[env.roll.active]) == set(fingers(env))
+    assert -1 not in fingers(env)
+    *_, info = env.step(env.action_space.sample())
+    assert 0 < info["reward_terms"]["fingering"] < 1
+
+
+def test_a_score_named_at_reset_gets_fingers_too_and_so_does_a_changed_one():
+    env = PianoEnv("TwinkleTwinkleLittleStar", fingering="ergonomic")
+    env.reset(options={"score": PLAIN})
+    assert env.score == finger_score(PLAIN)
+    higher = PLAIN.transpose(1)
+    env.reset(options={"transform": lambda score, random: higher})
+    assert env.score == finger_score(higher)
+
+
+def test_optimal_transport_takes_the_labels_away():
+    env = PianoEnv("TwinkleTwinkleLittleStar", fingering="optimal-transport")
+    env.reset(seed=0)
+    assert fingers(env) == [-1] * 14
+    plain = PianoEnv(env.score)
+    plain.reset(seed=0)
+    action = env.action_space.sample()
+    assert env.step(action)[4] == plain.step(action)[4]
+
+
+def test_labels_of_a_file_are_put_on_the_environments_own_score(tmp_path):
+    labels = Score(
+        notes=[Note(onset=n.onset, offset=n.offset, pitch=n.pitch, finger=1) for n in PLAIN.notes]
+    )
+    write_midi(labels, tmp_path / "labels.mid")
+    env = PianoEnv(PLAIN, fingering=str(tmp_path / "labels.mid"))
+    env.reset(seed=0)
+    assert fingers(env) == [1] * 5
+    env.reset(options={"score": "CMajorScaleOneHand"})
+    assert env.score == load_score("CMajorScaleOneHand")
+
+
+def test_a_state_is_put_back_with_its_fingers():
+    env = PianoEnv(PLAIN, fingering="ergonomic")
+    env.reset(seed=0)
+    for _ in range(3):
+        env.step(np.zeros(env.action_space.shape))
+    state = env.get_state()
+    expected = env.step(np.zeros(env.action_space.shape))
+    env.reset(options={"score": "CMajorScaleOneHand"})
+    env.set_state(state)
+    again = env.step(np.zeros(env.action_space.shape))
+    np.testing.assert_array_equal(again[0], expected[0])
+    assert again[1:] == expected[1:]
+
+
+@pytest.mark.parametrize("fingering", ["ergonomics", "labels.mid", 3])
+def test_another_way_of_fingering_is_refused(fingering):
+    with pytest.raises(ConfigError, match=f"ingering .*{fingering!r}.*"):
+        PianoEnv(PLAIN, fingering=fingering)
+
+
+def test_options_of_a_study_are_options_of_its_environment():
+    whole = gym.make("RoboPianist-scale-DMajor-v0").unwrapped.default_score
+    env = gym.make("RoboPianist-scale-DMajor-v0", tempo=160, hands="left", repeats=2)
+    score = env.unwrapped.default_score
+    assert score == BUILT_IN["scale-DMajor"].score(tempo=160, hands="left", repeats=2)
+    assert len(score.notes) == len(whole.notes)
+    assert {note.hand for note in score.notes} == {"left"}
+
+
+def test_the_environments_of_a_vector_have_them_too():
+    envs = PianoVectorEnv(2, "scale-DMajor", hands="right")
+    assert {note.hand for note in envs.envs[1].default_score.notes} == {"right"}
+    made = gym.make_vec("RoboPianist-scale-DMajor-v0", num_envs=2, hands="right")
+    assert made.envs[0].default_score == envs.envs[0].default_score
+
+
+def test_a_piece_without_options_refuses_them_as_any_unknown_option():
+    with pytest.raises(ConfigError, match="Unknown option 'tempo' of the piano environment"):
+        PianoEnv("TwinkleTwinkleLittleStar", tempo=100)
+
+
+def test_no_option_of_a_study_hides_one_of_the_environment():
+    ours = set(PianoEnvConfig.__dataclass_fields__)
+    assert all(not ours & set(piece.options) for piece in BUILT_IN.values())

@@ -1,0 +1,175 @@
+"""How far fingerings agree: hand-worked cases, and the recombination tried out in full."""
+
+from __future__ import annotations
+
+import itertools
+import random
+
+import pytest
+
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.music import Note, Score
+from sb3_piano.music.fingering.agreement import agreement, match_rates
+
+
+def score(fingers, *, pitches=None, hands=None, title="piece", shift=0.0):
+    """A note every half second with the given fingers (and pitches, from C4 upwards)."""
+    pitches = pitches or range(60, 60 + len(fingers))
+    hands = hands or [None] * len(fingers)
+    return Score(
+        notes=[
+            Note(onset=0.5 * i + shift, offset=0.5 * i + 0.4, pitch=p, finger=f, hand=hand)
+            for i, (f, p, hand) in enumerate(zip(fingers, pitches, hands, strict=True))
+        ],
+        title=title,
+    )
+
+
+def test_the_share_of_labelled_notes_with_the_same_finger_is_told_for_each_hand():
+    labelled = score([0, 1, 2, 5, 6, -1])
+    found = agreement(labelled, score([0, 1, 3, 5, 1, 4]))
+    assert (found.notes, found.same_finger, found.same_hand) == ((3, 2), (2, 1), (3, 1))
+    assert (found.right, found.left) == (pytest.approx(2 / 3), 0.5)
+    assert (found.both, found.hands) == (3 / 5, 4 / 5)
+
+
+def test_a_hand_without_labels_has_no_share():
+    found = agreement(score([0, 1]), score([0, 2]))
+    assert (found.right, found.left, found.both) == (0.5, None, 0.5)
+
+
+def test_a_note_that_has_only_a_hand_agrees_with_the_hand_but_with_no_finger():
+    labelled = score([0, 5])
+    found = agreement(labelled, score([-1, -1], hands=["right", None]))
+    assert (found.both, found.hands) == (0.0, 0.5)
+
+
+def test_notes_of_a_chord_are_told_apart_by_their_pitch_and_doubled_ones_are_paired_once():
+    notes = [Note(onset=0, offset=1, pitch=p, finger=f) for p, f in ((60, 0), (64, 2), (64, 3))]
+    swapped = [Note(onset=0, offset=1, pitch=p, finger=f) for p, f in ((64, 2), (64, 3), (60, 1))]
+    found = agreement(Score(notes=notes), Score(notes=swapped))
+    assert found.same_finger == (2, 0)
+
+
+def test_onsets_may_differ_by_the_rounding_of_a_file_but_not_by_more():
+    labelled = score([0, 1])
+    assert agreement(labelled, score([0, 1], shift=0.0009)).both == 1.0
+    with pytest.raises(
+        ScoreError,
+        match=r"2 of 2 notes of 'piece' are not in 'late', first note 0 \(C4 at 0 s\): expected",
+    ):
+        agreement(labelled, score([0, 1], shift=0.0011, title="late"))
+
+
+def test_there_must_be_a_label_to_agree_with():
+    with pytest.raises(ScoreError, match="Score 'piece' has no finger labels"):
+        agreement(score([-1, -1]), score([0, 1]))
+
+
+def test_match_rates_of_a_case_worked_by_hand():
+    # Annotators A and B against the estimate E, right hand, X where E is wrong:
+    #   E  0 1 2 0 1 2
+    #   A  0 1 2 0 2 3   4 of 6
+    #   B  1 2 2 0 1 2   4 of 6
+    # Any annotator: all 6. From A to B after the third note, where both have 2, costs 1: 6 - 1.
+    estimate = score([0, 1, 2, 0, 1, 2])
+    rates = match_rates([score([0, 1, 2, 0, 2, 3]), score([1, 2, 2, 0, 1, 2])], estimate)
+    assert rates.notes == 6
+    assert rates.general == rates.highest == pytest.approx(4 / 6)
+    assert rates.soft == 1.0
+    assert rates.recombination == pytest.approx(5 / 6)
+
+
+def test_an_annotator_cannot_be_left_after_a_note_on_which_the_two_differ():
+    # Never the same finger: one annotator must be followed throughout, and 4 of 6 are right.
+    estimate = score([0, 1, 2, 0, 1, 2])
+    truths = [score([0, 1, 2, 0, 0, 0]), score([1, 2, 3, 1, 1, 2])]
+    rates = match_rates(truths, estimate)
+    assert rates.soft == 1.0
+    assert rates.highest == rates.recombination == pytest.approx(4 / 6)
+
+
+def test_the_best_annotator_is_chosen_for_each_hand():
+    estimate = score([0, 5, 0, 5])
+    rates = match_rates([score([0, 6, 0, 6]), score([1, 5, 1, 5])], estimate)
+    assert (rates.general, rates.highest, rates.recombination) == (0.5, 1.0, 1.0)
+
+
+def test_with_one_annotator_all_rates_are_the_simple_one():
+    rates = match_rates([score([0, 1, 7, 5])], score([0, 2, 7, 9]))
+    expected = (0.5,) * 4
+    assert (rates.general, rates.highest, rates.soft, rates.recombination) == expected
+
+
+def test_notes_that_an_annotator_left_without_a_finger_do_not_count():
+    rates = match_rates([score([0, -1, 2]), score([0, 1, 3])], score([0, 1, 3]))
+    assert (rates.notes, rates.general, rates.highest, rates.soft) == (2, 0.75, 1.0, 1.0)
+
+
+def test_a_note_without_a_finger_matches_none_of_them():
+    rates = match_rates([score([0, 1])], score([0, -1]))
+    assert (rates.notes, rates.soft, rates.recombination) == (2, 0.5, 0.5)
+
+
+def value_of(path, truths, estimate):
+    """Right fingers less changes of annotator; nothing at all if one of them is forbidden."""
+    value = 0
+    for place, k in enumerate(path):
+        value += truths[k][place] == estimate[place]
+        before = path[place - 1] if place else k
+        if before != k:
+            value -= 1
+            if truths[k][place - 1] != truths[before][place - 1]:
+                return 0
+    return value
+
+
+def slow_recombination(truths, estimate):
+    """Try every way to follow annotators, each hand by itself."""
+    total = 0
+    for hand in ("right", "left"):
+        notes = [i for i, note in enumerate(estimate.notes) if note.hand == hand]
+        given = [[truth.notes[i].finger for i in notes] for truth in truths]
+        fingers = [estimate.notes[i].finger for i in notes]
+        paths = itertools.product(range(len(truths)), repeat=len(notes))
+        total += max(value_of(path, given, fingers) for path in paths)
+    return total / len(estimate.notes)
+
+
+def annotator(estimate, draw, same):
+    """Fingers that are those of the estimate for a while, then one of two others for a while."""
+    fingers = []
+    for note in estimate.notes:
+        same = same if draw.random() < 0.8 else not same
+        others = [note.finger // 5 * 5 + (note.finger + shift) % 5 for shift in (1, 2)]
+        fingers.append(note.finger if same else draw.choice(others))
+    return score(fingers)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_recombination_is_the_best_of_all_and_rates_are_in_their_order(seed):
+    draw = random.Random(seed)
+    hands = draw.choice([(0, 1), (0, 1), (0, 1, 5, 6)])
+    length, n_annotators = draw.choice([(draw.randint(1, 4), 1), (7, 3), (11, 2), (11, 2)])
+    estimate = score([draw.choice(hands) for _ in range(length)])
+    truths = [annotator(estimate, draw, k % 2 == 0) for k in range(n_annotators)]
+    rates = match_rates(truths, estimate)
+    assert rates.recombination == pytest.approx(slow_recombination(truths, estimate))
+    simple = [agreement(truth, estimate).both for truth in truths]
+    assert rates.general == pytest.approx(sum(simple) / len(truths))
+    assert max(simple) <= rates.highest + 1e-12
+    assert rates.highest <= rates.recombination <= rates.soft
+
+
+def test_annotations_of_other_notes_are_refused():
+    with pytest.raises(ScoreError, match=r"1 of 3 notes of 'piece' are not in 'short'"):
+        match_rates([score([0, 1], title="short")], score([0, 1, 2]))
+    with pytest.raises(ScoreError, match=r"1 of 3 notes of 'long' are not in 'piece'"):
+        match_rates([score([0, 1, 2], title="long")], score([0, 1]))
+
+
+def test_there_must_be_annotations_with_a_labelled_note_in_common():
+    with pytest.raises(ScoreError, match="There are no annotations of 'piece'"):
+        match_rates([], score([0]))
+    with pytest.raises(ScoreError, match="no labelled note in common"):
+        match_rates([score([0, -1]), score([-1, 1])], score([0, 1]))

@@ -1,0 +1,353 @@
+"""Difficulty: features worked by hand and counted on a grid, motion from arrays, and the rank."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+import random
+import statistics
+
+import mujoco
+import numpy as np
+import pytest
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Note, Score, major_scale
+from sb3_piano.music.difficulty import (
+    Features,
+    MotionFeatures,
+    MotionRecording,
+    features,
+    mean_motion,
+    motion_features,
+    rank,
+    read_motion,
+    write_motion,
+)
+from sb3_piano.simulation.scene import compile_scene
+
+
+def note(onset, offset, pitch, hand="right"):
+    return Note(onset=onset, offset=offset, pitch=pitch, hand=hand)
+
+
+def test_features_of_a_piece_worked_by_hand():
+    piece = Score(
+        notes=[
+            note(1.0, 3.0, 60),
+            note(1.0, 2.0, 64),
+            note(2.0, 3.0, 67),
+            note(1.0, 1.5, 36, "left"),
+            note(4.0, 5.0, 41, "left"),
+        ]
+    )
+    # From 1 s to 5 s keys are down for 2 + 1 + 1 + 0.5 + 1 = 5.5 s. The right hand's centre goes
+    # from 62 to 67, the left one's from 36 to 41; 10 semitones for two hands in 4 s.
+    assert features(piece) == Features(
+        notes=5,
+        duration=4.0,
+        average_polyphony=5.5 / 4,
+        maximum_polyphony=3,
+        onset_density=5 / 4,
+        hand_span=7,
+        hand_motion=10 / 2 / 4,
+        pitch_range=(36, 67),
+    )
+
+
+def test_a_scale_has_one_note_a_hand_although_its_times_are_rounded():
+    tenths = [note(0.1 * i, 0.1 * (i + 1), 60 + i) for i in range(20)]
+    late = [note(0.1 * i, 0.1 * (i + 1) + 0.0009, 60 + i) for i in range(20)]
+    for notes in (tenths, late):
+        found = features(Score(notes=notes))
+        assert (found.maximum_polyphony, found.hand_span) == (1, 0)
+        assert found.average_polyphony == pytest.approx(1.0, abs=0.01)
+    overlapping = [note(0.1 * i, 0.1 * (i + 1) + 0.0011, 60 + i) for i in range(20)]
+    assert features(Score(notes=overlapping)).maximum_polyphony == 2
+
+
+def test_a_key_struck_again_while_it_is_down_is_one_key():
+    found = features(Score(notes=[note(0, 2, 60), note(1, 3, 60), note(1.5, 1.6, 60)]))
+    assert (found.average_polyphony, found.maximum_polyphony, found.notes) == (1.0, 1, 3)
+
+
+def test_a_chord_shorter_than_the_rounding_is_still_a_chord():
+    found = features(Score(notes=[note(0, 0.0005, 60), note(0, 0.0005, 67), note(1, 2, 60)]))
+    assert (found.maximum_polyphony, found.hand_span) == (2, 7)
+
+
+def test_a_rolled_chord_is_one_place_of_the_hand():
+    rolled = [note(0, 1, 60), note(0.02, 1, 64), note(0.03, 1, 67), note(1, 2, 72)]
+    assert features(Score(notes=rolled)).hand_motion == pytest.approx((72 - 63.5) / 2 / 2)
+    broken = [note(0, 1, 60), note(0.02, 1, 64), note(0.031, 1, 67), note(1, 2, 72)]
+    assert features(Score(notes=broken)).hand_motion == pytest.approx((67 - 62 + 5) / 2 / 2)
+
+
+def test_hands_that_are_unknown_are_assigned():
+    scale = major_scale(right=72, left=48)
+    bare = Score(notes=[dataclasses.replace(n, finger=-1, hand=None) for n in scale.notes])
+    assert all(n.hand is None for n in bare.notes)
+    assert features(bare) == features(scale)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_polyphony_is_that_counted_on_a_fine_grid(seed):
+    draw = random.Random(seed)
+    notes = []
+    for _ in range(60):
+        onset = draw.randrange(400)  # hundredths
+        length = draw.randrange(2, 120)
+        hand = draw.choice(("right", "left"))
+        notes.append(note(onset / 100, (onset + length) / 100, draw.randrange(40, 80), hand))
+    piece = Score(notes=notes)
+    found = features(piece)
+    first = round(100 * min(n.onset for n in notes))
+    last = round(100 * max(n.offset for n in notes))
+    down = np.zeros((last - first, 2, 128), dtype=bool)
+    for n in notes:
+        span = slice(round(100 * n.onset) - first, round(100 * n.offset) - first)
+        down[span, int(n.hand == "left"), n.pitch] = True
+    keys = down.any(axis=1)
+    assert found.duration == pytest.approx((last - first) / 100)
+    assert found.average_polyphony == pytest.approx(keys.sum(axis=1).mean())
+    assert found.maximum_polyphony == keys.sum(axis=1).max()
+    spans = [np.ptp(np.nonzero(row)[0]) for step in down for row in step if row.any()]
+    assert found.hand_span == max(spans)
+
+
+def test_features_do_not_change_when_the_piece_begins_later():
+    piece = Score(notes=[note(0.5, 1.5, 60), note(1.0, 2.0, 72)])
+    later = Score(notes=[note(5.5, 6.5, 60), note(6.0, 7.0, 72)])
+    assert features(later) == features(piece)
+
+
+# Motion.
+
+
+def test_motion_features_of_arrays_worked_by_hand():
+    actions = np.array([[1.0, 0.0], [-1.0, 0.0]], dtype=np.float32)  # variances 1 and 0
+    joints = np.array([[0.0, 0.0], [1.0, -1.0], [1.0, 1.0]])  # moves of 1, 1, 0, 2
+    fingertips = np.zeros((3, 10, 3))
+    fingertips[1:, 0] = (0.3, 0.4, 0.0)  # one of ten moves 0.5 m in one of two steps
+    found = motion_features(actions, joints, fingertips)
+    assert found.action_variance == pytest.approx(0.5)
+    assert found.hand_motion == pytest.approx(1.0)
+    assert found.fingertip_motion == pytest.approx(0.5 / 20)
+
+
+@pytest.mark.parametrize(
+    ("shapes", "message"),
+    [
+        (((3,), (4, 5), (4, 10, 3)), r"Actions of shape \(3,\) are no performance"),
+        (((0, 2), (1, 5), (1, 10, 3)), r"Actions of shape \(0, 2\)"),
+        (((3, 2), (3, 5), (4, 10, 3)), r"Joint positions have shape \(3, 5\): expected \(4, m\)"),
+        (((3, 2), (4, 0), (4, 10, 3)), r"Joint positions have shape \(4, 0\)"),
+        (((3, 2), (4, 5), (4, 9, 3)), r"Fingertips have shape \(4, 9, 3\): expected \(4, 10, 3\)"),
+    ],
+)
+def test_arrays_that_do_not_fit_together_are_refused(shapes, message):
+    with pytest.raises(ConfigError, match=message):
+        motion_features(*(np.zeros(shape) for shape in shapes))
+
+
+def test_values_that_are_no_numbers_are_refused():
+    joints = np.zeros((2, 5))
+    joints[1, 2] = np.nan
+    with pytest.raises(ConfigError, match="Joints have a value that is not finite"):
+        motion_features(np.zeros((1, 2)), joints, np.zeros((2, 10, 3)))
+
+
+def test_several_performances_count_by_their_mean():
+    first = MotionFeatures(action_variance=1.0, hand_motion=2.0, fingertip_motion=3.0)
+    second = MotionFeatures(action_variance=3.0, hand_motion=2.0, fingertip_motion=0.0)
+    assert mean_motion([first, second]) == MotionFeatures(
+        action_variance=2.0, hand_motion=2.0, fingertip_motion=1.5
+    )
+
+
+@pytest.fixture
+def recording():
+    draw = np.random.default_rng(0)
+    return MotionRecording(
+        title="Für Elise",
+        actions=draw.normal(size=(4, 2)).astype(np.float32),
+        qpos=draw.normal(size=(5, 7)),
+        hand_qpos=np.array([4, 1]),
+        fingertips=draw.normal(size=(5, 10, 3)),
+    )
+
+
+def test_a_recording_comes_back_from_its_file_and_counts_the_hands_joints_only(recording, tmp_path):
+    write_motion(recording, tmp_path / "performance.npz")
+    found = read_motion(tmp_path / "performance.npz")
+    assert found.title == "Für Elise"
+    for name in ("actions", "qpos", "hand_qpos", "fingertips"):
+        assert np.array_equal(getattr(found, name), getattr(recording, name)), name
+        assert getattr(found, name).dtype == getattr(recording, name).dtype, name
+    joints = recording.qpos[:, [4, 1]]
+    assert found.features() == motion_features(recording.actions, joints, recording.fingertips)
+    assert [path.name for path in tmp_path.iterdir()] == ["performance.npz"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"hand_qpos": np.array([7])}, "are not all in joint positions of shape"),
+        ({"hand_qpos": np.array([-1])}, "expected indices of its columns"),
+        ({"hand_qpos": np.array([0.5])}, "expected indices of its columns"),
+        ({"qpos": np.zeros((4, 7))}, r"Joint positions have shape \(4, 2\)"),
+        ({"title": np.array(["a", "b"])}, "its title is no text"),
+        ({"actions": np.array([["x", "y"]] * 4)}, "is no recording of a performance"),
+    ],
+)
+def test_a_file_that_is_no_recording_is_refused(recording, tmp_path, changes, message):
+    arrays = {name: getattr(recording, name) for name in recording.__dataclass_fields__}
+    np.savez(tmp_path / "bad.npz", **{**arrays, **changes})
+    with pytest.raises(ConfigError, match=f"(?s)bad.npz' is no recording.*{message}|{message}"):
+        read_motion(tmp_path / "bad.npz")
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 broken", b"\x93NUMPY"])
+def test_a_damaged_file_is_refused(tmp_path, content):
+    (tmp_path / "bad.npz").write_bytes(content)
+    with pytest.raises(ConfigError, match="bad.npz' is no recording of a performance"):
+        read_motion(tmp_path / "bad.npz")
+
+
+def test_an_array_that_is_missing_is_named_and_objects_are_not_loaded(tmp_path):
+    np.savez(tmp_path / "bad.npz", title="x")
+    with pytest.raises(ConfigError, match="actions"):
+        read_motion(tmp_path / "bad.npz")
+    np.savez(tmp_path / "bad.npz", title=np.array({}, dtype=object))
+    with pytest.raises(ConfigError, match="is no recording"):
+        read_motion(tmp_path / "bad.npz")
+    with pytest.raises(ConfigError, match=r"There is no recording '.*none.npz'"):
+        read_motion(tmp_path / "none.npz")
+
+
+def test_a_recording_that_cannot_be_written_says_so(recording, tmp_path):
+    with pytest.raises(ConfigError, match=r"Cannot write '.*missing.a.npz': No such file"):
+        write_motion(recording, tmp_path / "missing" / "a.npz")
+
+
+def test_good_playing_of_robopianist_is_measured_from_its_recording(performance, tmp_path):
+    scene = compile_scene(reduced_action_space=False)
+    data = mujoco.MjData(scene.model)
+    fingertips = []
+    for row in performance["qpos"]:
+        data.qpos[:] = row
+        mujoco.mj_kinematics(scene.model, data)
+        fingertips.append(scene.fingertip_position(data))
+    hands = np.concatenate(scene.joint_qpos)
+    qpos, actions = performance["qpos"], performance["action"]
+    write_motion(
+        MotionRecording(
+            title=performance.piece,
+            actions=actions,
+            qpos=qpos,
+            hand_qpos=hands,
+            fingertips=np.array(fingertips),
+        ),
+        tmp_path / "performance.npz",
+    )
+    found = read_motion(tmp_path / "performance.npz").features()
+    joint_ways = [
+        abs(float(row[joint]) - float(before[joint]))
+        for before, row in itertools.pairwise(qpos)
+        for joint in hands
+    ]
+    tip_ways = [
+        math.dist(there, here)
+        for before, after in itertools.pairwise(fingertips)
+        for there, here in zip(before, after, strict=True)
+    ]
+    variances = [statistics.pvariance(column) for column in actions.astype(float).T.tolist()]
+    assert found.hand_motion == pytest.approx(statistics.fmean(joint_ways))
+    assert found.fingertip_motion == pytest.approx(statistics.fmean(tip_ways))
+    assert found.action_variance == pytest.approx(statistics.fmean(variances), rel=1e-5)
+    assert 0.0005 < found.fingertip_motion < 0.02  # some millimetres in 50 ms
+
+
+# The rank.
+
+
+def piece(average=1.0, most=1, density=1.0, moved=1.0):
+    return Features(
+        notes=1,
+        duration=1.0,
+        average_polyphony=average,
+        maximum_polyphony=most,
+        onset_density=density,
+        hand_span=0,
+        hand_motion=moved,
+        pitch_range=(60, 60),
+    )
+
+
+def motion(variance=0.0, hand=0.0, fingertip=0.0):
+    return MotionFeatures(action_variance=variance, hand_motion=hand, fingertip_motion=fingertip)
+
+
+@pytest.mark.parametrize(
+    ("name", "weight"), [("average", 0.25), ("most", 0.15), ("density", 0.2), ("moved", 0.1)]
+)
+def test_each_term_of_the_score_has_its_weight(name, weight):
+    # Of two values the z-scores are -1 and 1.
+    found = rank({"easy": piece(**{name: 2}), "hard": piece(**{name: 7})})
+    assert found["hard"].score == pytest.approx(weight)
+    assert found["easy"].score == pytest.approx(-weight)
+
+
+@pytest.mark.parametrize("name", ["variance", "hand", "fingertip"])
+def test_each_term_of_a_performance_has_its_weight(name):
+    played = {"a": motion(**{name: 1.0}), "b": motion(**{name: 3.0})}
+    found = rank({"a": piece(), "b": piece()}, played)
+    assert found["b"].score == pytest.approx(0.1)
+
+
+def test_recorded_motion_takes_the_place_of_that_of_the_score():
+    pieces = {"a": piece(moved=1.0), "b": piece(moved=9.0)}
+    found = rank(pieces, {"a": motion(hand=2.0), "b": motion(hand=1.0), "unknown": motion()})
+    assert [found["a"].score, found["b"].score] == pytest.approx([0.1, -0.1])
+
+
+def test_the_formula_of_three_pieces_worked_by_hand():
+    pieces = {"a": piece(1.0, 1, 2.0), "b": piece(2.0, 1, 4.0), "c": piece(3.0, 4, 6.0)}
+    # z of 1, 2, 3 (and 2, 4, 6) is -1.2247, 0, 1.2247; of 1, 1, 4 it is -0.7071, -0.7071, 1.4142.
+    found = rank(pieces)
+    assert found["a"].score == pytest.approx(-0.45 * 1.5**0.5 - 0.15 * 0.5**0.5)
+    assert found["b"].score == pytest.approx(-0.15 * 0.5**0.5)
+    assert found["c"].score == pytest.approx(0.45 * 1.5**0.5 + 0.15 * 2**0.5)
+    assert [(d.rank, d.percentile) for d in found.values()] == [
+        (1, pytest.approx(100 / 3)), (2, pytest.approx(200 / 3)), (3, 100.0),
+    ]  # fmt: skip
+
+
+def test_pieces_come_easiest_first_and_equal_ones_share_their_place():
+    pieces = {"d": piece(3.0), "c": piece(2.0), "b": piece(2.0), "a": piece(5.0)}
+    found = rank(pieces)
+    assert list(found) == ["b", "c", "d", "a"]
+    assert [d.rank for d in found.values()] == [1, 1, 3, 4]
+    assert [d.percentile for d in found.values()] == [37.5, 37.5, 75.0, 100.0]
+
+
+def test_a_feature_that_is_the_same_for_all_counts_nothing_even_if_it_is_rounded():
+    pieces = {"a": piece(density=0.1 + 0.2), "b": piece(density=0.3), "c": piece(density=0.3)}
+    found = rank(pieces)
+    assert [d.score for d in found.values()] == [0.0, 0.0, 0.0]
+    assert [d.percentile for d in found.values()] == pytest.approx([200 / 3] * 3)
+
+
+def test_one_piece_and_none_can_be_ranked():
+    assert rank({}) == {}
+    only = rank({"a": piece()})["a"]
+    assert (only.score, only.rank, only.percentile) == (0.0, 1, 100.0)
+
+
+def test_recordings_of_some_pieces_only_are_refused():
+    pieces = {"a": piece(), "b": piece(), "c": piece()}
+    with pytest.raises(
+        ConfigError, match="2 of 3 pieces have no recorded performance, first 'a': expected one of"
+    ):
+        rank(pieces, {"b": motion()})

@@ -1,0 +1,160 @@
+"""The costs of fingers on keys, against the rules as published and worked by hand."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music.fingering.cost import IS_BLACK, MAX_INTERVAL, CostTables, key_positions
+from sb3_piano.music.fingering.weights import (
+    MEDIUM_REACHES,
+    PARNCUTT_REACHES,
+    PARNCUTT_WEIGHTS,
+    FingeringWeights,
+)
+
+PARNCUTT = CostTables(PARNCUTT_WEIGHTS)
+DEFAULT = CostTables(FingeringWeights())
+
+
+def points(table, first, second, fingers):
+    """The cost of two pitches with two fingers, numbered as pianists do."""
+    at = (first % 12, second - first + MAX_INTERVAL, fingers[0] - 1, fingers[1] - 1)
+    return pytest.approx(float(table[at]), rel=1e-5, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "fingers", "expected", "why"),
+    [
+        (60, 64, (1, 3), 0, "relaxed"),
+        (60, 70, (2, 5), 4 + 8, "two semitones beyond comfortable, four beyond relaxed"),
+        (60, 62, (1, 5), 5, "five semitones less than relaxed, with the thumb"),
+        (60, 62, (2, 5), 6, "three semitones less than relaxed, without the thumb"),
+        (60, 67, (1, 2), 2, "two semitones more than relaxed, with the thumb"),
+        (67, 60, (2, 1), 2, "the same downwards"),
+        (64, 65, (3, 1), 4 + 1, "four semitones less than relaxed, passing on one level"),
+        (66, 67, (4, 1), 6, "six semitones less than relaxed, the thumb on white under black"),
+        (65, 66, (3, 1), 4 + 3, "four semitones less than relaxed, the thumb passing to black"),
+        (65, 64, (1, 3), 4 + 1, "the finger passing over the thumb"),
+        (60, 66, (2, 3), 2 * 3 + 2 * 4 + 1000, "three semitones beyond comfortable, one at all"),
+    ],
+)
+def test_two_keys_in_succession_cost_the_published_points(first, second, fingers, expected, why):
+    assert points(PARNCUTT.moves, first, second, fingers) == expected, why
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "fingers", "expected", "why"),
+    [
+        (60, 62, (3, 4), 1, "three to four"),
+        (62, 60, (4, 3), 0, "not four to three"),
+        (60, 61, (3, 4), 1 + 1, "three to four, and four on black"),
+        (61, 60, (4, 3), 1, "four on black, on the way down"),
+        (61, 62, (3, 4), 1, "three on black is no matter"),
+        (60, 61, (2, 1), 2, "thumb on black after a white key"),
+        (61, 60, (1, 2), 2, "thumb on black before a white key"),
+        (61, 63, (1, 2), 0, "thumb on black among black keys"),
+        (60, 66, (1, 5), 2, "little finger on black after a white key"),
+        (66, 60, (5, 1), 2, "little finger on black before a white key"),
+        (61, 70, (1, 5), 0, "little finger on black among black keys"),
+    ],
+)
+def test_the_colours_of_two_keys_cost_the_published_points(first, second, fingers, expected, why):
+    assert points(PARNCUTT.colours, first, second, fingers) == expected, why
+
+
+def test_weak_fingers_and_the_thumb_on_black_cost_the_published_points():
+    assert PARNCUTT.single.tolist() == [[0, 0, 0, 1, 1], [1, 0, 0, 1, 1]]
+
+
+@pytest.mark.parametrize(
+    ("first", "third", "fingers", "half", "full"),
+    [
+        (60, 64, (1, 3), 0, 0),
+        # A semitone beyond what is comfortable for 1-3, and not beyond what is practical.
+        (60, 71, (1, 3), 1 + 1, 1 + 1),
+        # Three semitones beyond comfortable, and one beyond practical.
+        (60, 73, (1, 3), 1 + 3, 2 + 3),
+        # Four semitones less than comfortable for 2-3, which have no practical way to pass.
+        (64, 67, (3, 2), 1 + 4, 2 + 4),
+        (60, 60, (2, 2), 0, 0),
+    ],
+)
+def test_a_change_of_position_counts_once_or_twice_and_with_its_size(
+    first, third, fingers, half, full
+):
+    assert points(PARNCUTT.shifts, first, third, fingers) == half
+    assert points(PARNCUTT.full_shifts, first, third, fingers) == full
+
+
+def test_only_the_three_outer_fingers_one_after_the_other_cost_a_point():
+    found = {tuple(fingers) for fingers in np.argwhere(PARNCUTT.triples == 1.0)}
+    assert found == set(itertools.permutations((2, 3, 4)))
+    assert PARNCUTT.triples.sum() == 6
+
+
+def test_comfortable_reaches_are_two_semitones_short_of_practical_ones():
+    for reaches in (PARNCUTT_REACHES, MEDIUM_REACHES):
+        assert len(reaches) == 10
+        for (one, _), reach in reaches.items():
+            assert list(reach) == sorted(reach)
+            assert reach.max_practical - reach.max_comfortable == 2
+            assert reach.min_comfortable - reach.min_practical == (2 if one == 1 else 0)
+
+
+@pytest.mark.parametrize("physical", [0.0, 0.4, 1.0])
+def test_the_keyboard_is_its_own_mirror_image_about_d_and_about_a_flat(physical):
+    places = key_positions(physical)
+    for d in (2, 8):
+        distance = [places[(d + step) % 12] + 12 * ((d + step) // 12) for step in range(-6, 7)]
+        assert np.array(distance) + distance[::-1] == pytest.approx(2 * places[d])
+    assert [IS_BLACK[(2 + step) % 12] for step in range(7)] == [
+        IS_BLACK[2 - step] for step in range(7)
+    ]
+
+
+def test_keys_lie_from_left_to_right_and_white_ones_a_seventh_of_an_octave_apart():
+    places = key_positions(1.0)
+    assert (np.diff(places) > 0).all()
+    assert np.diff(places[~IS_BLACK]) == pytest.approx(12 / 7)
+    assert key_positions(0.0) == pytest.approx(np.arange(12) + 0.5)
+
+
+def test_all_costs_are_finite_and_none_is_below_zero():
+    for name in ("single", "moves", "chord_moves", "colours", "grips", "shifts", "triples"):
+        table = getattr(DEFAULT, name)
+        assert np.isfinite(table).all(), name
+        assert (table >= 0).all(), name
+
+
+def test_what_is_held_together_is_out_of_reach_beyond_the_practical():
+    def far(first, second, one, other):
+        return bool(DEFAULT.far[first % 12, second - first + MAX_INTERVAL, one - 1, other - 1])
+
+    assert not far(60, 72, 1, 5)
+    assert far(60, 79, 1, 5)
+    assert far(60, 72, 2, 3)
+    assert far(62, 60, 2, 3)
+    assert not far(60, 62, 2, 1)
+    assert far(60, 62, 2, 2)
+
+
+@pytest.mark.parametrize("name", ["stretch", "chord", "rest"])
+@pytest.mark.parametrize("value", [-1.0, float("nan"), float("inf")])
+def test_a_weight_that_is_no_number_from_zero_is_refused(name, value):
+    with pytest.raises(ConfigError, match=f"Weight {name} is {value}: expected a number"):
+        FingeringWeights(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["leap", "pace", "rest"])
+def test_a_weight_that_is_divided_by_is_refused_if_it_is_zero(name):
+    with pytest.raises(ConfigError, match=f"Weight {name} is 0.0: expected a number above 0"):
+        FingeringWeights(**{name: 0.0})
+
+
+def test_a_share_above_one_is_refused():
+    with pytest.raises(ConfigError, match=r"Weight physical is 1.5: expected a share, at most 1"):
+        FingeringWeights(physical=1.5)

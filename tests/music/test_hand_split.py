@@ -1,0 +1,197 @@
+"""Hands for notes that do not say which hand plays them."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sb3_piano.music import BUILT_IN, Note, Pedal, Score
+from sb3_piano.music.fingering import assign_hands
+from sb3_piano.music.fingering.split import SplitWeights
+
+
+def score(*notes):
+    """A score of (onset, pitch, length, hand)."""
+    return Score(
+        notes=[
+            Note(onset=onset, offset=onset + length, pitch=pitch, hand=hand)
+            for onset, pitch, length, hand in notes
+        ]
+    )
+
+
+def hands(*notes):
+    """The hand found for each of (onset, pitch, length), R or L, sorted as in a score."""
+    found = assign_hands(score(*((*note, None) for note in notes)))
+    return "".join("R" if note.hand == "right" else "L" for note in found.notes)
+
+
+def without_hands(labelled):
+    return Score(notes=[replace(note, finger=-1, hand=None) for note in labelled.notes])
+
+
+def share_recovered(name):
+    labelled = BUILT_IN[name].score()
+    found = assign_hands(without_hands(labelled))
+    # Notes of equal onset and pitch are the same to whoever sees no hands.
+    truth = sorted((n.onset, n.pitch, n.hand) for n in labelled.notes)
+    answer = sorted((n.onset, n.pitch, n.hand) for n in found.notes)
+    return sum(a == b for a, b in zip(truth, answer, strict=True)) / len(truth)
+
+
+def test_two_voices_far_apart_have_a_hand_each():
+    notes = [(0.5 * i, pitch, 0.5) for i in range(6) for pitch in (48 + i, 76 - i)]
+    assert hands(*notes) == "LR" * 6
+
+
+def test_a_wide_chord_is_shared_at_its_widest_gap():
+    assert hands(*((0.0, pitch, 1.0) for pitch in (40, 52, 67, 71, 76))) == "LLRRR"
+
+
+def test_ten_keys_at_once_are_five_a_hand():
+    keys = (36, 38, 40, 41, 43, 72, 74, 76, 77, 79)
+    assert hands(*((0.0, pitch, 1.0) for pitch in keys)) == "LLLLLRRRRR"
+
+
+def test_a_line_high_up_is_the_right_hands_and_one_low_down_the_left_hands():
+    assert hands(*((0.3 * i, 72 + i, 0.3) for i in range(8))) == "R" * 8
+    assert hands(*((0.3 * i, 50 - i, 0.3) for i in range(8))) == "L" * 8
+
+
+def test_a_hand_that_holds_far_away_leaves_a_key_to_the_other():
+    # Around middle C: which hand is free decides.
+    right_busy = [(0.0, 79, 4.0), (0.0, 72, 4.0), (0.0, 45, 0.5), (1.0, 58, 0.5), (2.0, 60, 0.5)]
+    left_busy = [(0.0, 40, 4.0), (0.0, 47, 4.0), (0.0, 76, 0.5), (1.0, 63, 0.5), (2.0, 60, 0.5)]
+    assert hands(*right_busy)[-2:] == "LL"
+    assert hands(*left_busy)[-2:] == "RR"
+
+
+def test_a_hand_takes_at_most_five_keys_at_a_time_if_the_other_can_help():
+    assert hands(*((0.0, pitch, 1.0) for pitch in range(60, 67))).count("L") >= 2
+
+
+def test_hands_that_are_known_stay_even_crossed():
+    crossed = score((0.0, 72, 0.5, "left"), (0.0, 60, 0.5, "right"), (0.5, 74, 0.5, None))
+    found = assign_hands(crossed)
+    assert [note.hand for note in found.notes[:2]] == ["right", "left"]
+
+
+@pytest.mark.parametrize(("hand", "pitch"), [("left", 62), ("right", 58)])
+def test_a_known_hand_draws_its_neighbours_with_it(hand, pitch):
+    line = [(0.2 * i, pitch, 0.2, hand if i == 2 else None) for i in range(5)]
+    assert {note.hand for note in assign_hands(score(*line)).notes} == {hand}
+
+
+def last_hand(*notes, **weights):
+    """The hand found for the last note, with all weights 0 but some."""
+    zero = dict.fromkeys((entry.name for entry in fields(SplitWeights)), 0.0)
+    chosen = SplitWeights(**{**zero, "memory": 1.0, "pace": 0.25, **weights})
+    return assign_hands(score(*notes), chosen).notes[-1].hand
+
+
+@pytest.mark.parametrize(("last", "hand"), [(66, "right"), (55, "left")])
+def test_a_hand_keeps_to_its_side_of_the_other_hands_last_keys(last, hand):
+    notes = [(0.0, 64, 0.2, "right"), (0.0, 78, 0.2, "right"), (0.0, 43, 0.2, "left")]
+    notes += [(0.0, 57, 0.2, "left"), (0.3, last, 0.2, None)]
+    assert last_hand(*notes, crossing_size=1.0) == hand
+
+
+@pytest.mark.parametrize(("held", "hand"), [((50, 80), "left"), ((40, 70), "right")])
+def test_the_hand_whose_held_keys_are_nearer_takes_a_key(held, hand):
+    notes = [(0.0, held[0], 4.0, "left"), (0.0, held[1], 4.0, "right"), (1.0, 60, 0.2, None)]
+    assert last_hand(*notes, held=0.3, held_most=9.0, comfortable=5.0) == hand
+
+
+@pytest.mark.parametrize("hand", ["left", "right"])
+def test_a_line_stays_in_its_hand_as_long_as_the_other_has_not_come_in(hand):
+    notes = [(0.0, 60, 0.2, hand), (0.2, 62, 0.2, None)]
+    assert last_hand(*notes, entry=0.5, way=0.06) == hand
+
+
+@pytest.mark.parametrize(("right", "left", "hand"), [(1.9, 0.0, "left"), (0.0, 1.9, "right")])
+def test_a_hand_that_has_had_more_time_travels_for_less(right, left, hand):
+    notes = [(left, 48, 0.1, "left"), (right, 72, 0.1, "right"), (2.0, 60, 0.2, None)]
+    assert last_hand(*notes, way=0.1) == hand
+
+
+def test_everything_but_the_hand_stays():
+    piece = Score(
+        notes=[Note(onset=0.0, offset=1.0, pitch=60, velocity=33), *score((1, 80, 1, None)).notes],
+        pedals=[Pedal(onset=0.0, offset=1.0)],
+        title="piece",
+        bars=[0.0, 1.0],
+    )
+    found = assign_hands(piece)
+    assert Score(notes=[replace(n, hand=None) for n in found.notes], pedals=found.pedals) == Score(
+        notes=piece.notes, pedals=piece.pedals
+    )
+    assert (found.title, found.bars) == (piece.title, piece.bars)
+
+
+def test_a_score_whose_hands_are_all_known_is_returned_as_it_is():
+    known = score((0.0, 60, 1.0, "left"))
+    assert assign_hands(known) is known
+
+
+@pytest.mark.parametrize("name", ["scale-CMajor", "scale-FSharpHarmonicMinor", "arpeggio-EMinor"])
+def test_scales_and_arpeggios_find_their_hands_again(name):
+    assert share_recovered(name) == 1.0
+
+
+@pytest.mark.parametrize("number", [1, 8, 13, 17])
+def test_hanon_an_octave_apart_finds_its_hands_again(number):
+    assert share_recovered(f"hanon-{number:02d}") > 0.97
+
+
+@pytest.mark.parametrize(
+    ("name", "least"), [("BachMinuetG", 0.97), ("OdeToJoy", 0.97), ("MapleLeafRag", 0.95)]
+)
+def test_music_finds_most_of_its_hands_again(name, least):
+    assert share_recovered(f"repertoire-{name}") > least
+
+
+SCORES = st.lists(
+    st.tuples(
+        st.sampled_from((0.0, 0.02, 0.1, 0.5)),
+        st.integers(30, 90),
+        st.sampled_from((0.1, 0.5, 2.0)),
+        st.sampled_from((None, None, "right", "left")),
+    ),
+    min_size=1,
+    max_size=25,
+)
+
+
+def built(drawn):
+    onset, notes = 0.0, []
+    for wait, pitch, length, hand in drawn:
+        onset += wait
+        notes.append((onset, pitch, length, hand))
+    return score(*notes)
+
+
+@settings(max_examples=60, deadline=None)
+@given(SCORES)
+def test_every_note_has_a_hand_and_known_ones_keep_theirs(drawn):
+    piece = built(drawn)
+    found = assign_hands(piece)
+    assert all(note.hand is not None for note in found.notes)
+    known = sorted((n.onset, n.pitch, n.hand) for n in piece.notes if n.hand)
+    answer = [(n.onset, n.pitch, n.hand) for n in found.notes]
+    for entry in known:
+        answer.remove(entry)
+    assert assign_hands(piece) == found
+
+
+@settings(max_examples=60, deadline=None)
+@given(SCORES)
+def test_hands_never_cross_within_a_chord(drawn):
+    found = assign_hands(without_hands(built(drawn)))
+    for onset in {note.onset for note in found.notes}:
+        chord = [note for note in found.notes if note.onset == onset]
+        left = [note.pitch for note in chord if note.hand == "left"]
+        right = [note.pitch for note in chord if note.hand == "right"]
+        assert max(left, default=0) <= min(right, default=127)

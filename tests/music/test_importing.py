@@ -1,0 +1,449 @@
+import json
+import os
+import resource
+import signal
+import time
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.music import Note, Score, load_score, read_midi, write_midi
+from sb3_piano.music.fingering import apply_fingering, finger_score
+from sb3_piano.music.library import DATA_VARIABLE, Library, import_path
+from sb3_piano.music.library.found import Found
+from sb3_piano.music.library.task import Task
+from sb3_piano.music.library.workers import do_tasks
+
+PIG_LINES = "//Version: PianoFingering_v170101\n0\t0.0\t1.0\tC4\t80\t80\t0\t1\n"
+
+
+@pytest.fixture(autouse=True)
+def data(tmp_path, monkeypatch):
+    """A data folder of the test's own."""
+    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "data"))
+
+
+@pytest.fixture
+def library(tmp_path):
+    return Library(tmp_path / "library")
+
+
+@pytest.fixture
+def music(tmp_path):
+    folder = tmp_path / "music"
+    folder.mkdir()
+    return folder
+
+
+def tune(first=60, finger=-1, n_notes=3):
+    return Score(
+        notes=[
+            Note(onset=i * 0.5, offset=i * 0.5 + 0.4, pitch=first + 2 * i, finger=finger)
+            for i in range(n_notes)
+        ]
+    )
+
+
+def save(path, first=60, **fields):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_midi(tune(first, **fields), path)
+    return path
+
+
+def fingers(score):
+    return [note.finger for note in score.notes]
+
+
+def reasons(report):
+    return {unusable.path.name: unusable.reason for unusable in report.unusable}
+
+
+class TestOneFile:
+    def test_it_becomes_a_piece_of_its_name(self, music, library):
+        path = save(music / "My Etude.mid")
+        report = import_path(path, library)
+        assert (report.imported, report.present, report.unusable) == (("My-Etude",), (), ())
+        piece = library.pieces()["My-Etude"]
+        assert (piece.title, piece.source, piece.collection) == (
+            "My Etude",
+            "My Etude.mid",
+            "imported",
+        )
+        assert piece.score().notes == finger_score(read_midi(path)).notes
+        info = library.info("My-Etude")
+        assert info.path == str(path)
+        assert len(info.sha256) == 64
+        assert info.features is not None
+
+    def test_by_default_it_goes_to_the_users_library(self, music):
+        import_path(save(music / "etude.mid"))
+        assert load_score("etude").title == "etude"
+
+    @pytest.mark.parametrize(
+        ("given", "setting", "chosen", "expected"),
+        [
+            (-1, None, "ergonomic", [0, 1, 2]),
+            (-1, "ergonomic", "ergonomic", [0, 1, 2]),
+            (4, "ergonomic", "its file", [4, 4, 4]),
+            (-1, "keep", "none", [-1, -1, -1]),
+            (4, "keep", "its file", [4, 4, 4]),
+            (4, "optimal-transport", "optimal transport", [-1, -1, -1]),
+        ],
+    )
+    def test_its_fingers_are_chosen_as_asked_for(
+        self, music, library, given, setting, chosen, expected
+    ):
+        import_path(save(music / "etude.mid", finger=given), library, fingering=setting)
+        score = library.score("etude")
+        if chosen == "ergonomic":
+            assert all(finger >= 0 for finger in fingers(score))
+        else:
+            assert fingers(score) == expected
+        assert library.info("etude").fingering == chosen
+
+    def test_labels_that_are_partly_there_are_kept_and_completed(self, music, library):
+        (music / "etude.txt").write_text(PIG_LINES + "1\t1.0\t2.0\tE4\t80\t80\t0\t0\n")
+        import_path(music / "etude.txt", library)
+        first, second = library.score("etude").notes
+        assert first.finger == 0
+        assert 0 < second.finger < 5
+        assert library.info("etude").fingering == "its file, ergonomic"
+
+    def test_labels_may_come_from_another_file(self, music, library):
+        path = save(music / "etude.mid")
+        (music / "labels.txt").write_text(PIG_LINES)
+        import_path(path, library, fingering=music / "labels.txt")
+        assert fingers(library.score("etude"))[0] == 0
+        assert library.info("etude").fingering == "file labels.txt"
+        assert import_path(path, library, fingering=music / "labels.txt").present == ("etude",)
+        (music / "labels.txt").write_text(PIG_LINES.replace("\t1\n", "\t2\n"))
+        assert import_path(path, library, fingering=music / "labels.txt").imported == ("etude",)
+        assert fingers(library.score("etude"))[0] == 1
+
+    def test_it_may_be_given_a_name(self, music, library):
+        path = save(music / "etude.mid")
+        assert import_path(path, library, name="mine").imported == ("mine",)
+        assert import_path(path, library, name="mine").present == ("mine",)
+        with pytest.raises(ConfigError, match="cannot be named 'debug-CMajorScaleOneHand'"):
+            import_path(path, library, name="debug-CMajorScaleOneHand")
+
+    @pytest.mark.parametrize("name", ["debug-CMajorScaleOneHand", "etude-12-WaltzOp64No1"])
+    def test_the_name_of_a_built_in_piece_and_of_the_pig_datas_is_changed(
+        self, music, library, name
+    ):
+        report = import_path(save(music / f"{name}.mid"), library)
+        assert report.imported == (f"music-{name}",)
+
+    def test_one_that_cannot_be_read_is_listed_and_leaves_nothing(self, music, library):
+        (music / "bad.mid").write_bytes(b"MThd")
+        report = import_path(music / "bad.mid", library)
+        assert (report.imported, list(library.names())) == ((), [])
+        assert "Cannot read" in reasons(report)["bad.mid"]
+
+    def test_what_was_left_out_is_noted(self, music, library):
+        (music / "odd.txt").write_text(PIG_LINES + "1\t1.0\t1.0\tC4\t80\t80\t0\t1\n")
+        report = import_path(music / "odd.txt", library)
+        assert report.imported == ("odd",)
+        assert "1 note without length" in report.notes[0].reason
+
+
+class TestFolder:
+    def test_all_files_in_all_its_folders_are_imported_but_hidden_ones(self, music, library):
+        save(music / "a.mid", 60)
+        save(music / "deep" / "er" / "b.MIDI", 61)
+        save(music / ".hidden.mid", 62)
+        save(music / "__MACOSX" / "c.mid", 63)
+        save(music / ".git" / "d.mid", 64)
+        (music / "e.txt").write_text(PIG_LINES)
+        report = import_path(music, library, jobs=1)
+        assert report.imported == ("a", "b", "e")
+        assert library.info("b").source == "deep/er/b.MIDI"
+
+    def test_text_and_xml_that_are_no_music_are_passed_over(self, music, library):
+        save(music / "a.mid")
+        (music / "README.txt").write_text("MIDI files from 2018, recorded by pianists")
+        (music / "empty.txt").write_text("")
+        (music / "pom.xml").write_text("<project></project>")
+        report = import_path(music, library, jobs=1)
+        assert (report.imported, report.unusable) == (("a",), ())
+
+    def test_bad_files_are_listed_and_spoil_no_other(self, music, library):
+        save(music / "a.mid", 60)
+        (music / "b.mid").write_bytes(save(music / "c.mid", 61).read_bytes()[:40])
+        (music / "d.mid").symlink_to(music / "nowhere.mid")
+        (music / "e.xml").write_text("<score-partwise>")
+        save(music / "f.mid", 62)
+        report = import_path(music, library, jobs=1)
+        assert report.imported == ("a", "c", "f")
+        assert sorted(reasons(report)) == ["b.mid", "d.mid", "e.xml"]
+        assert list(library.names()) == ["a", "c", "f"]
+
+    def test_files_of_one_name_get_that_of_their_folder_too(self, music, library):
+        for number, folder in enumerate(("Bach", "Chopin", "x/Chopin")):
+            save(music / folder / "etude.mid", 60 + number)
+        report = import_path(music, library, jobs=1)
+        assert report.imported == ("Chopin-etude", "Chopin-etude-2", "etude")
+        assert {library.info(name).path.split("music/")[1] for name in report.imported} == {
+            "Bach/etude.mid",
+            "Chopin/etude.mid",
+            "x/Chopin/etude.mid",
+        }
+        assert len(import_path(music, library, jobs=1).present) == 3
+
+    def test_a_file_that_is_there_twice_is_imported_once(self, music, library):
+        save(music / "a.mid")
+        (music / "copy.mid").write_bytes((music / "a.mid").read_bytes())
+        for imported, present in ((("a",), ()), ((), ("a",))):
+            report = import_path(music, library, jobs=1)
+            assert (report.imported, report.present) == (imported, present)
+
+    @pytest.mark.parametrize("form", ["csv", "json of columns", "json of rows"])
+    def test_maestro_tells_composer_and_title(self, music, library, form):
+        save(music / "2018" / "MIDI-Unprocessed_wav--1.midi")
+        row = {
+            "canonical_composer": "Frédéric Chopin",
+            "canonical_title": "Étude, Op. 10",
+            "midi_filename": "2018/MIDI-Unprocessed_wav--1.midi",
+        }
+        if form == "csv":
+            lines = [",".join(row), ",".join(f'"{value}"' for value in row.values())]
+            (music / "maestro-v3.0.0.csv").write_text("\n".join(lines), encoding="utf-8")
+        else:
+            columns = {column: {"0": value} for column, value in row.items()}
+            content = [row] if form == "json of rows" else columns
+            (music / "maestro-v3.0.0.json").write_text(json.dumps(content))
+        report = import_path(music, library, jobs=1)
+        assert report.imported == ("MIDI-Unprocessed_wav-1",)
+        title = library.pieces()["MIDI-Unprocessed_wav-1"].title
+        assert title == "Frédéric Chopin: Étude, Op. 10"
+
+    def test_a_damaged_table_of_maestros_is_listed(self, music, library):
+        save(music / "a.midi")
+        (music / "maestro-v3.0.0.json").write_text('{"midi_filename": 3}')
+        report = import_path(music, library, jobs=1)
+        assert report.imported == ("a",)
+        assert "MAESTRO's table" in report.unusable[0].reason
+
+    def test_two_processes_import_what_one_does(self, music, tmp_path):
+        for number in range(5):
+            save(music / f"{number}.mid", 60 + number)
+        (music / "bad.mid").write_bytes(b"MThd")
+        one, two = Library(tmp_path / "one"), Library(tmp_path / "two")
+        steps = []
+        reports = [
+            import_path(music, one, jobs=1),
+            import_path(music, two, jobs=2, progress=lambda *step: steps.append(step)),
+        ]
+        assert reports[0] == reports[1]
+        assert steps == [(n, 6) for n in range(1, 7)]
+        for name in one.names():
+            assert one.path(name).read_bytes() == two.path(name).read_bytes()
+
+
+class TestAgain:
+    def test_what_is_there_is_not_imported_again(self, music, library):
+        save(music / "a.mid")
+        import_path(music, library)
+        before = library.path("a").stat().st_mtime_ns
+        report = import_path(music, library)
+        assert (report.imported, report.present) == ((), ("a",))
+        assert library.path("a").stat().st_mtime_ns == before
+
+    def test_another_fingering_replaces_the_piece(self, music, library):
+        save(music / "a.mid")
+        import_path(music, library, fingering="keep")
+        assert not library.score("a").has_fingering
+        assert import_path(music, library).imported == ("a",)
+        assert library.score("a").has_fingering
+
+    def test_a_file_that_was_changed_replaces_its_piece(self, music, library):
+        save(music / "a.mid", 60)
+        import_path(music, library)
+        save(music / "a.mid", 70)
+        assert import_path(music, library).imported == ("a",)
+        assert library.score("a").notes[0].pitch == 70
+
+    def test_two_files_do_not_replace_one_piece(self, music, library):
+        save(music / "a.mid", 60)
+        import_path(music, library, fingering="keep")
+        (music / "a.mid").rename(music / "b.mid")
+        save(music / "a.mid", 70)
+        assert import_path(music, library, jobs=1).imported == ("a", "b")
+        assert [library.score(name).notes[0].pitch for name in "ab"] == [70, 60]
+
+    def test_another_file_of_that_name_does_not(self, music, library, tmp_path):
+        import_path(save(music / "a.mid", 60), library)
+        other = save(tmp_path / "other" / "a.mid", 70)
+        assert import_path(other, library).imported == ("other-a",)
+        assert library.score("a").notes[0].pitch == 60
+
+    def test_a_damaged_piece_is_not_written_over(self, music, library):
+        library.folder.mkdir()
+        library.path("a").write_bytes(b"damaged")
+        assert import_path(save(music / "a.mid"), library).imported == ("music-a",)
+        assert library.path("a").read_bytes() == b"damaged"
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_ctrl_c_keeps_what_is_done_and_the_next_import_goes_on(music, library, jobs, ctrl_c):
+    for number in range(8):
+        save(music / f"{number}.mid", 60 + number)
+
+    def interrupt(n_done, n_all):
+        if n_done == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    report = import_path(music, library, jobs=jobs, progress=interrupt)
+    assert report.interrupted
+    # What was begun when Ctrl-C came is finished: at most two tasks for each of two processes.
+    assert 2 <= len(report.imported) <= 6
+    assert list(library.names()) == list(report.imported)
+    rest = import_path(music, library, jobs=jobs)
+    assert rest.present == report.imported
+    assert sorted(rest.imported + rest.present) == [str(number) for number in range(8)]
+    assert not rest.interrupted
+
+
+def read_or_die(path):
+    """Read a file, unless it is the deadly one: then the process is killed."""
+    if path.stem == "deadly":
+        os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(0.02)
+    return read_midi(path)
+
+
+def test_a_piece_that_kills_its_process_is_listed_and_all_others_are_imported(music, library):
+    names = ["a", "b", "c", "deadly", "d", "e", "f", "g", "h"]
+    tasks = [
+        Task(
+            found=Found(path=save(music / f"{name}.mid"), source="", read=read_or_die),
+            names=((name, "imported"),),
+            folder=library.folder,
+            fingering="keep",
+            setting="keep",
+            sha256="",
+        )
+        for name in names
+    ]
+    told = []
+    do_tasks(tasks, 2, lambda task, outcome: told.append((task.names[0][0], outcome.error)))
+    assert sorted(name for name, _ in told) == sorted(names)
+    assert [(name, "was killed" in error) for name, error in told if error] == [("deadly", True)]
+    assert list(library.names()) == sorted(set(names) - {"deadly"})
+    assert not list(library.folder.glob("*.partial"))
+
+
+def read_and_fail(path):
+    raise RuntimeError(f"{path.stem} met an error of the reader's")
+
+
+def test_an_error_that_no_reader_should_raise_is_listed_all_the_same(music, library):
+    path = save(music / "a.mid")
+    task = Task(
+        found=Found(path=path, source="", read=read_and_fail),
+        names=(("a", "imported"),),
+        folder=library.folder,
+        fingering="keep",
+        setting="keep",
+        sha256="",
+    )
+    told = []
+    do_tasks([task], 1, lambda task, outcome: told.append(outcome.error))
+    assert told == ["RuntimeError: a met an error of the reader's"]
+
+
+def test_a_piece_that_does_not_fit_on_the_disk_leaves_nothing(music, library):
+    path = save(music / "a.mid")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (500, limits[1]))
+    try:
+        report = import_path(path, library)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert "OSError" in reasons(report)["a.mid"]
+    assert [file.name for file in library.folder.iterdir()] == [".lock"]
+
+
+@pytest.mark.filterwarnings("ignore::sb3_piano.exceptions.ScoreWarning")
+@settings(max_examples=40, deadline=None)
+@given(changes=st.lists(st.tuples(st.integers(0, 10_000), st.integers(0, 255)), min_size=1))
+def test_a_corrupted_file_becomes_a_sound_piece_or_none(changes, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fuzz")
+    content = bytearray(save(folder / "good.mid").read_bytes())
+    for position, value in changes:
+        content[position % len(content)] = value
+    path, library = folder / "bad.mid", Library(folder / "library")
+    path.write_bytes(content)
+    report = import_path(path, library, fingering="keep")
+    assert list(library.names()) == list(report.imported)
+    if report.imported:
+        assert library.score("bad").notes == read_midi(path).notes
+    else:
+        assert reasons(report)["bad.mid"]
+    assert sorted(file.suffix for file in library.folder.iterdir() if file.suffix != "") in (
+        [".npz"] * len(report.imported),
+    )
+
+
+class TestRefusals:
+    def test_a_missing_path(self, tmp_path, library):
+        with pytest.raises(ScoreError, match="There is no '.*nowhere': expected a .mid"):
+            import_path(tmp_path / "nowhere", library)
+
+    def test_an_unknown_suffix(self, tmp_path, library):
+        (tmp_path / "a.wav").touch()
+        with pytest.raises(ScoreError, match="Cannot tell the format of '.*a.wav'.*a folder"):
+            import_path(tmp_path / "a.wav", library)
+
+    def test_a_folder_without_music(self, music, library):
+        with pytest.raises(ScoreError, match="music' has no music in it: expected a .mid"):
+            import_path(music, library)
+
+    def test_a_library_that_cannot_be_written_to(self, music, tmp_path):
+        (tmp_path / "file").touch()
+        with pytest.raises(ConfigError, match="Cannot keep pieces in .*SB3_PIANO_DATA may name"):
+            import_path(save(music / "a.mid"), Library(tmp_path / "file" / "pieces"))
+
+    def test_a_name_or_a_file_with_labels_for_several_pieces(self, music, library):
+        save(music / "a.mid", 60)
+        save(music / "b.mid", 61)
+        with pytest.raises(ConfigError, match="Name 'x' cannot be given to more than one"):
+            import_path(music, library, name="x")
+        with pytest.raises(ConfigError, match="cannot be used for more than one"):
+            import_path(music, library, fingering=music / "a.mid")
+
+    @pytest.mark.parametrize("jobs", [0, -1, 1.5, True])
+    def test_a_number_of_processes_out_of_range(self, music, library, jobs):
+        with pytest.raises(ConfigError, match="jobs is .*expected a whole number from 1 on"):
+            import_path(save(music / "a.mid"), library, jobs=jobs)
+
+    def test_a_fingering_that_is_unknown(self, music, library):
+        with pytest.raises(ConfigError, match="Did you mean 'ergonomic'.*'optimal-transport' or"):
+            import_path(save(music / "a.mid"), library, fingering="ergonomics")
+        assert list(library.names()) == []
+
+
+class TestApplyFingering:
+    def test_keep_changes_nothing(self):
+        score = tune()
+        assert apply_fingering(score, "keep") is score
+
+    def test_ergonomic_gives_each_note_a_finger(self):
+        assert -1 not in fingers(apply_fingering(tune(), "ergonomic"))
+
+    def test_ergonomic_leaves_labels_as_they_are(self):
+        score = tune(finger=7)
+        assert apply_fingering(score, "ergonomic") is score
+
+    def test_optimal_transport_takes_fingers_and_hands_away_and_nothing_else(self):
+        score = tune(finger=7)
+        free = apply_fingering(score, "optimal-transport")
+        assert {(note.finger, note.hand) for note in free.notes} == {(-1, None)}
+        assert [(n.onset, n.pitch) for n in free.notes] == [(n.onset, n.pitch) for n in score.notes]
+
+    @pytest.mark.parametrize("fingering", ["best", "nowhere.txt", 3, None])
+    def test_anything_else_is_refused(self, fingering):
+        with pytest.raises(ConfigError, match="is not valid.* or the path of a file with labels"):
+            apply_fingering(tune(), fingering)

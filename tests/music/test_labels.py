@@ -1,0 +1,202 @@
+"""Finger labels from a file find their notes."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.music import Note, Pedal, Score, write_midi
+from sb3_piano.music.fingering.labels import read_labels
+
+PLAIN = Score(
+    notes=[Note(onset=0.5 * i, offset=0.5 * i + 0.4, pitch=60 + i, velocity=90) for i in range(4)],
+    pedals=[Pedal(onset=0.2, offset=0.9)],
+    title="plain",
+    bars=[0.0, 1.0],
+)
+
+
+@pytest.fixture
+def table(tmp_path):
+    """Return a function that writes a CSV file and returns its path."""
+
+    def write(*lines, name="labels.csv"):
+        path = tmp_path / name
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return path
+
+    return write
+
+
+def fingers(score):
+    return [note.finger for note in score.notes]
+
+
+def test_a_table_gives_fingers_as_ours_or_by_hand(table):
+    ours = table("onset,pitch,finger", "0,60,0", "0.5,61,1", "1.0,62,5", "1.5,63,9")
+    by_hand = table(
+        "finger, Pitch, Onset, hand, certainty",
+        "1,C4,0.0,right,0.9",
+        "2,Db4,0.5,Right,0.8",
+        "1,D4,1.0,left,0.7",
+        "5,D#4,1.5,left,0.6",
+        name="by_hand.csv",
+    )
+    for path in (ours, by_hand):
+        found = read_labels(path, PLAIN)
+        assert fingers(found) == [0, 1, 5, 9]
+        bare = [dataclasses.replace(n, finger=-1, hand=None) for n in found.notes]
+        assert Score(notes=bare, pedals=found.pedals, title="plain") == PLAIN
+        assert found.bars == PLAIN.bars
+
+
+def test_a_table_of_a_spreadsheet_with_its_mark_and_accents_is_read(table):
+    path = table("onset,pitch,finger,who", "0,60,3,Elise", "1.0,62,4,Élise")
+    path.write_text("\ufeff" + path.read_text(encoding="utf-8"), encoding="utf-8")
+    assert fingers(read_labels(path, PLAIN)) == [3, -1, 4, -1]
+
+
+def test_the_nearest_onset_within_the_tolerance_is_taken_and_each_note_once(table):
+    repeated = Score(
+        notes=[Note(onset=t, offset=t + 0.05, pitch=60) for t in (0.0, 0.1, 0.2, 5.0)],
+        title="repeated",
+    )
+    # 0.16 is nearest to 0.2, which 0.19 is nearer to; 0.1 is then the next best.
+    path = table("onset,pitch,finger", "0.01,60,0", "0.16,60,1", "0.19,60,2", "4.94,60,3")
+    assert fingers(read_labels(path, repeated)) == [0, -1, 2, -1]
+    assert fingers(read_labels(path, repeated, tolerance=0.06)) == [0, 1, 2, 3]
+    assert fingers(read_labels(path, repeated, tolerance=0.059)) == [0, -1, 2, -1]
+
+
+def test_labels_of_the_same_pitch_only_are_taken(table):
+    path = table("onset,pitch,finger", "0,60,0", "0,61,4", "0.5,61,1")
+    assert fingers(read_labels(path, PLAIN)) == [0, 1, -1, -1]
+
+
+def test_notes_without_a_label_keep_what_they_had(table):
+    notes = [
+        dataclasses.replace(PLAIN.notes[0], finger=3),
+        dataclasses.replace(PLAIN.notes[1], finger=2),
+        dataclasses.replace(PLAIN.notes[2], hand="left"),
+    ]
+    path = table("onset,pitch,finger", "0.5,61,1", "1.0,62,")
+    found = read_labels(path, Score(notes=notes))
+    assert fingers(found) == [3, 1, -1]
+    assert found.notes[2].hand == "left"
+
+
+def test_a_label_with_a_hand_alone_leaves_a_finger_of_that_hand(table):
+    notes = [
+        dataclasses.replace(n, finger=f) for n, f in zip(PLAIN.notes, (2, 2, -1), strict=False)
+    ]
+    path = table("onset,pitch,hand,finger", "0,60,right,", "0.5,61,left,", "1.0,62,left,")
+    found = read_labels(path, Score(notes=notes))
+    assert [(n.finger, n.hand) for n in found.notes] == [
+        (2, "right"), (-1, "left"), (-1, "left"),
+    ]  # fmt: skip
+
+
+def test_labels_come_from_midi_and_pig_files_too(tmp_path):
+    labelled = Score(
+        notes=[dataclasses.replace(n, finger=f) for n, f in zip(PLAIN.notes, range(4), strict=True)]
+    )
+    write_midi(labelled, tmp_path / "labels.mid")
+    lines = [
+        f"{i}\t{n.onset + 0.02}\t{n.offset}\t{('C4', 'C#4', 'D4', 'D#4')[i]}\t64\t80\t1\t-{i + 1}"
+        for i, n in enumerate(PLAIN.notes)
+    ]
+    (tmp_path / "labels.txt").write_text("//Version\n" + "\n".join(lines))
+    assert fingers(read_labels(tmp_path / "labels.mid", PLAIN)) == [0, 1, 2, 3]
+    assert fingers(read_labels(tmp_path / "labels.txt", PLAIN)) == [5, 6, 7, 8]
+
+
+def test_fewer_than_half_of_the_labels_finding_a_note_is_an_error(table):
+    half = table("onset,pitch,finger", "0,60,0", "9,60,0")
+    assert fingers(read_labels(half, PLAIN)) == [0, -1, -1, -1]
+    less = table("onset,pitch,finger", "0,60,0", "9.25,60,0", "10,61,0")
+    with pytest.raises(ScoreError) as error:
+        read_labels(less, PLAIN)
+    assert str(error.value) == (
+        f"Only 1 of 3 labels of '{less}' find a note of 'plain' within 0.05 s; the first that does "
+        "not is that of note 1 (C4 at 9.25 s). Expected labels of the same piece at the same tempo."
+    )
+
+
+def test_a_file_without_labels_is_refused(tmp_path, table):
+    write_midi(PLAIN, tmp_path / "plain.mid")
+    with pytest.raises(ScoreError, match=r"None of the 4 notes of '.*plain.mid' has a finger"):
+        read_labels(tmp_path / "plain.mid", PLAIN)
+    with pytest.raises(ScoreError, match="None of the 1 notes"):
+        read_labels(table("onset,pitch,finger", "0,60,-1"), PLAIN)
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (["onset,pitch", "0,60"], "has no column 'finger': expected a first line that names"),
+        ([""], "has no column 'onset'"),
+        (["onset,pitch,finger"], "has no labels: expected lines below its first one"),
+        (["onset,pitch,finger", "0,60,0", "x,60,0"], "Line 3 of .*: onset 'x' is not valid"),
+        (["onset,pitch,finger", "-1,60,0"], "Line 2 of .*: onset -1.0 is no time"),
+        (["onset,pitch,finger", "0,H4,0"], "pitch 'H4' is not valid: expected a MIDI number"),
+        (["onset,pitch,finger", "0,12,0"], "Line 2 of .*: pitch 12 is out of range"),
+        (["onset,pitch,finger", "0,60,10"], r"finger '10' is not valid: expected 0-4 \(right\)"),
+        (["onset,pitch,finger", "0,60"], "None of the 1 notes"),
+        (["onset,pitch,finger", "0"], "pitch '' is not valid"),
+        (
+            ["onset,pitch,hand,finger", "0,60,right,0"],
+            r"finger '0' is not .*: expected 1 \(thumb\)",
+        ),
+        (["onset,pitch,hand,finger", "0,60,left,6"], "finger '6' is not valid"),
+        (["onset,pitch,hand,finger", "0,60,r,1"], "hand 'r' is not valid: expected right, left"),
+    ],
+)
+def test_a_damaged_table_is_refused_with_its_line(table, lines, message):
+    with pytest.raises(ScoreError, match=message):
+        read_labels(table(*lines), PLAIN)
+
+
+def test_a_file_that_is_not_there_or_no_text_is_refused(tmp_path):
+    with pytest.raises(ScoreError, match=r"There is no table '.*missing.csv'"):
+        read_labels(tmp_path / "missing.csv", PLAIN)
+    (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ScoreError, match="Cannot read .* as a table"):
+        read_labels(tmp_path / "binary.csv", PLAIN)
+    with pytest.raises(ScoreError, match="Cannot tell the format of 'labels.pdf'"):
+        read_labels("labels.pdf", PLAIN)
+
+
+@pytest.mark.parametrize("first", ["onset,pitch,finger", "onset,pitch,hand,finger,onset"])
+@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    rows=st.lists(
+        st.lists(st.one_of(st.floats(), st.integers(-2, 120), st.text(max_size=3)), max_size=5),
+        max_size=3,
+    )
+)
+def test_no_table_fails_with_anything_but_our_error(tmp_path, first, rows):
+    path = tmp_path / "any.csv"
+    text = "\n".join([first, *(",".join(map(str, row)) for row in rows)])
+    path.write_text(text, encoding="utf-8", errors="surrogatepass")
+    with contextlib.suppress(ScoreError):
+        assert len(read_labels(path, PLAIN).notes) == 4
+
+
+@pytest.mark.parametrize("line", ["onset" + 200_000 * "x", "onset,pitch,finger\n" + 200_000 * "0"])
+def test_a_field_too_long_for_a_table_is_told(tmp_path, line):
+    path = tmp_path / "long.csv"
+    path.write_text(line)
+    with pytest.raises(ScoreError, match=r"Line \d of '.*long.csv' is no row of a table"):
+        read_labels(path, PLAIN)
+
+
+@pytest.mark.parametrize("tolerance", [-0.01, float("nan"), float("inf")])
+def test_a_tolerance_must_be_a_time(table, tolerance):
+    path = table("onset,pitch,finger", "0,60,0")
+    with pytest.raises(ScoreError, match="A tolerance of .* s is out of range: expected 0 or more"):
+        read_labels(path, PLAIN, tolerance=tolerance)

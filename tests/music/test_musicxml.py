@@ -1,0 +1,501 @@
+"""Reading MusicXML that is written here by hand; a quarter note lasts 0.5 s."""
+
+import sys
+import warnings
+import zipfile
+
+import pytest
+
+from sb3_piano.exceptions import ScoreError, ScoreWarning
+from sb3_piano.music import Pedal
+from sb3_piano.music.formats import read_musicxml
+from sb3_piano.music.formats.musicxml.container import MOST_BYTES
+
+DIVISIONS = 4
+"""A sixteenth note is 1 long, a quarter note 4."""
+
+
+def note(name, duration, *inside, staff=1, voice=1, chord=False, attributes="", kind=""):
+    """A note such as C4 or F5, with further elements inside."""
+    length = "" if "grace" in kind else f"<duration>{duration}</duration>"
+    return (
+        f"<note {attributes}>{kind}{'<chord/>' if chord else ''}"
+        f"<pitch><step>{name[0]}</step>{'<alter>1</alter>' if '#' in name else ''}"
+        f"<octave>{name[-1]}</octave></pitch>{length}<voice>{voice}</voice><staff>{staff}</staff>"
+        f"{''.join(inside)}</note>"
+    )
+
+
+def fingering(*texts, **attributes):
+    words = "".join(f' {key}="{value}"' for key, value in attributes.items())
+    elements = "".join(f"<fingering{words}>{text}</fingering>" for text in texts)
+    return f"<notations><technical>{elements}</technical></notations>"
+
+
+def backup(duration):
+    return f"<backup><duration>{duration}</duration></backup>"
+
+
+def direction(kind, sound=""):
+    return f"<direction><direction-type>{kind}</direction-type>{sound}</direction>"
+
+
+def pedal(kind):
+    return direction(f'<pedal type="{kind}"/>')
+
+
+def tempo(value):
+    return f'<sound tempo="{value}"/>'
+
+
+def metronome(unit, value, dots=0):
+    dotted = "<beat-unit-dot/>" * dots
+    return direction(
+        f"<metronome><beat-unit>{unit}</beat-unit>{dotted}<per-minute>{value}</per-minute>"
+        "</metronome>"
+    )
+
+
+def part(*measures, staves=1, clef="G", transpose="", first=1):
+    attributes = (
+        f"<attributes><divisions>{DIVISIONS}</divisions><time><beats>4</beats>"
+        f"<beat-type>4</beat-type></time><staves>{staves}</staves>"
+        f"<clef><sign>{clef}</sign><line>2</line></clef>{transpose}</attributes>"
+    )
+    return "".join(
+        f'<measure number="{number}">{attributes if number == first else ""}{music}</measure>'
+        for number, music in enumerate(measures, start=first)
+    )
+
+
+def document(**parts):
+    names = "".join(
+        f'<score-part id="{name}"><part-name>{name.replace("_", " ")}</part-name></score-part>'
+        for name in parts
+    )
+    music = "".join(f'<part id="{name}">{measures}</part>' for name, measures in parts.items())
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?><!DOCTYPE score-partwise PUBLIC '
+        '"-//Recordare//DTD MusicXML 3.1 Partwise//EN" "http://www.musicxml.org/dtds/partwise.dtd">'
+        f"<score-partwise><part-list>{names}</part-list>{music}</score-partwise>"
+    )
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Read measures of one part, or several parts by name."""
+
+    def read(*measures, parts=None, **options):
+        path = tmp_path / "piece.musicxml"
+        path.write_text(document(**(parts or {"P1": part(*measures, **options)})), "utf-8")
+        return read_musicxml(path)
+
+    return read
+
+
+def played(score):
+    return [(note.pitch, note.onset, note.offset) for note in score.notes]
+
+
+def labels(score):
+    return [(note.pitch, note.hand, note.finger) for note in score.notes]
+
+
+class TestTime:
+    def test_a_quarter_lasts_half_a_second_until_there_is_a_tempo(self, read):
+        score = read(note("C4", 4) + tempo(60) + note("D4", 4) + tempo(240) + note("E4", 8))
+        assert played(score) == [(60, 0, 0.5), (62, 0.5, 1.5), (64, 1.5, 2.0)]
+
+    @pytest.mark.parametrize(
+        ("mark", "length"),
+        [
+            (metronome("quarter", 60), 1.0),
+            (metronome("half", 60), 0.5),
+            (metronome("quarter", 40, dots=1), 1.0),
+            (metronome("eighth", "c. 120"), 1.0),
+            (metronome("quarter", "lively"), 0.5),
+            (direction("<words>Adagio</words>"), 0.5),
+        ],
+    )
+    def test_a_metronome_mark_counts_without_a_sound(self, mark, length, read):
+        assert read(mark + note("C4", 4)).duration == pytest.approx(length)
+
+    def test_what_sounds_is_preferred_to_what_is_printed(self, read):
+        mark = metronome("quarter", 60).replace("</direction>", tempo(90) + "</direction>")
+        assert read(mark + note("C4", 4)).duration == pytest.approx(60 / 90)
+
+    def test_a_tempo_of_the_second_part_counts_for_both(self, read):
+        parts = {"A": part(note("C5", 8)), "B": part(note("C3", 4) + tempo(60) + note("C3", 4))}
+        assert played(read(parts=parts))[1] == (72, 0, 1.5)
+
+    def test_voices_go_back_and_forth(self, read):
+        music = note("C5", 8) + backup(4) + note("E4", 4, voice=2)
+        music += "<forward><duration>4</duration></forward>" + note("F4", 4, voice=2)
+        expected = [(72, 0, 1.0), (64, 0.5, 1.0), (65, 1.5, 2.0)]
+        assert played(read(music)) == expected
+
+    def test_a_change_of_divisions_changes_no_length(self, read):
+        halved = "<attributes><divisions>2</divisions></attributes>"
+        assert played(read(note("C4", 16), halved + note("D4", 8))) == [(60, 0, 2), (62, 2, 4)]
+
+    def test_tied_notes_are_one(self, read):
+        start, stop = '<tie type="start"/>', '<tie type="stop"/>'
+        music = [note("C4", 16, start), note("C4", 16, stop, start), note("C4", 8, stop)]
+        music[2] += note("C4", 8)
+        assert played(read(*music)) == [(60, 0, 5), (60, 5, 6)]
+
+    def test_two_tied_notes_of_one_pitch_keep_to_their_voices(self, read):
+        start, stop = '<tie type="start"/>', '<tie type="stop"/>'
+        first = note("C4", 16, start) + backup(8) + note("C4", 8, start, voice=2)
+        second = note("C4", 4, stop, voice=2) + backup(4) + note("C4", 8, stop)
+        assert played(read(first, second)) == [(60, 0, 3), (60, 1, 2.5)]
+
+    def test_a_tie_that_ends_nowhere_ends_its_note(self, read):
+        music = note("C4", 4, '<tie type="start"/>') + note("D4", 4, '<tie type="stop"/>')
+        assert played(read(music)) == [(60, 0, 0.5), (62, 0.5, 1)]
+
+    def test_a_staccato_dot_halves_a_note(self, read):
+        dot = "<notations><articulations><staccato/></articulations></notations>"
+        assert played(read(note("C4", 4, dot) + note("D4", 4))) == [(60, 0, 0.25), (62, 0.5, 1)]
+
+    def test_a_fermata_changes_nothing(self, read):
+        music = note("C4", 4, "<notations><fermata/></notations>") + note("D4", 4)
+        assert played(read(music))[1] == (62, 0.5, 1)
+
+
+def pitches(score):
+    return [note.pitch - 60 for note in score.notes]
+
+
+class TestRepeats:
+    BACK = '<barline><repeat direction="backward"/></barline>'
+    FORTH = '<barline location="left"><repeat direction="forward"/></barline>'
+
+    def test_are_played(self, read):
+        music = [note("C4", 16), self.FORTH + note("D4", 16) + self.BACK, note("E4", 16)]
+        score = read(*music)
+        assert pitches(score) == [0, 2, 2, 4]
+        assert score.bars == (0, 2, 4, 6)
+
+    def test_endings_are_played_in_turn(self, read):
+        def ending(number, kind, place):
+            return (
+                f'<barline location="{place}"><ending number="{number}" type="{kind}"/></barline>'
+            )
+
+        first = ending(1, "start", "left") + note("D4", 16) + ending(1, "stop", "right")
+        first = first.replace('"stop"/>', '"stop"/><repeat direction="backward"/>')
+        second = ending(2, "start", "left") + note("E4", 16) + ending(2, "stop", "right")
+        assert pitches(read(note("C4", 16), first, second)) == [0, 2, 0, 4]
+
+    def test_da_capo_goes_to_the_fine_without_repeats(self, read):
+        fine = direction("<words>Fine</words>", '<sound fine="yes"/>')
+        da_capo = direction("<words>D.C. al Fine</words>", '<sound dacapo="yes"/>')
+        music = [note("C4", 16) + fine + self.BACK, note("D4", 16) + da_capo]
+        assert pitches(read(*music)) == [0, 0, 2, 0]
+
+    def test_labels_and_velocities_are_those_of_the_first_time(self, read):
+        music = note("C4", 16, fingering(3), attributes='dynamics="50"') + self.BACK
+        score = read(music)
+        assert labels(score) == [(60, "right", 2)] * 2
+        assert [note.velocity for note in score.notes] == [45, 45]
+
+
+class TestGraceNotes:
+    def grace(self, name, **options):
+        return note(name, 0, kind="<grace/>", **options)
+
+    def test_are_played_before_the_beat(self, read):
+        music = note("C4", 4) + self.grace("D4") + self.grace("E4") + note("F4", 4)
+        assert played(read(music)) == [
+            (60, 0, 0.5),
+            (62, pytest.approx(0.3), pytest.approx(0.4)),
+            (64, pytest.approx(0.4), 0.5),
+            (65, 0.5, 1.0),
+        ]
+
+    def test_take_at_most_half_of_the_time_since_the_last_note(self, read):
+        music = note("C4", 1) + self.grace("D4") + self.grace("E4") + note("F4", 4)
+        assert played(read(music))[1:3] == [(62, 0.0625, 0.09375), (64, 0.09375, 0.125)]
+
+    def test_of_one_chord_are_played_together(self, read):
+        music = note("C4", 4) + self.grace("D4") + self.grace("G4", chord=True) + note("F4", 4)
+        assert [event[1:] for event in played(read(music))[1:3]] == [(0.4, 0.5)] * 2
+
+    def test_of_a_run_may_be_chords(self, read):
+        music = note("C4", 4) + self.grace("D4") + self.grace("G4", chord=True)
+        music += self.grace("E4") + self.grace("A4", chord=True) + note("F4", 4)
+        spans = [event[1:] for event in played(read(music))[1:5]]
+        early, late = (pytest.approx(0.3), pytest.approx(0.4)), (pytest.approx(0.4), 0.5)
+        assert spans == [early, early, late, late]
+
+    def test_at_the_start_let_everything_wait(self, read):
+        music = pedal("start") + self.grace("D4") + note("C4", 8) + pedal("stop")
+        score = read(music, note("C4", 16))
+        assert played(score) == [(62, 0, 0.1), (60, 0.1, 1.1), (60, 1.1, 3.1)]
+        assert score.bars == (0.1, 1.1)
+        assert score.pedals == (Pedal(onset=0.1, offset=1.1),)
+
+    def test_of_another_voice_are_another_run(self, read):
+        music = note("C5", 4) + self.grace("D5") + note("C5", 4) + backup(8)
+        music += note("C4", 4, voice=2) + self.grace("D4", voice=2) + note("C4", 4, voice=2)
+        graces = [event[1:] for event in played(read(music)) if event[0] in (62, 74)]
+        assert graces == [(0.4, 0.5)] * 2
+
+
+class TestFingering:
+    def test_each_note_of_a_chord_has_its_own(self, read):
+        music = note("C4", 4, fingering(1)) + note("E4", 4, fingering(3), chord=True)
+        music += note("G4", 4, chord=True) + note("C5", 4, fingering(5), chord=True)
+        assert [finger for _, _, finger in labels(read(music))] == [0, 2, -1, 4]
+
+    @pytest.mark.parametrize(
+        ("text", "finger"),
+        [
+            ("1", 0),
+            (" 5 ", 4),
+            ("4-1", 3),
+            ("4_1", 3),
+            ("4\u20131", 3),
+            ("6", -1),
+            ("p", -1),
+            ("", -1),
+        ],
+    )
+    def test_of_a_change_the_first_counts(self, text, finger, read):
+        assert read(note("C4", 4, fingering(text))).notes[0].finger == finger
+
+    @pytest.mark.parametrize("mark", ["substitution", "alternate"])
+    def test_substitutes_and_alternatives_are_not_played(self, mark, read):
+        both = fingering(4) + fingering(1, **{mark: "yes"})
+        assert read(note("C4", 4, both)).notes[0].finger == 3
+
+    def test_the_lower_staff_is_the_left_hand(self, read):
+        music = note("C4", 4, fingering(2)) + backup(4) + note("C3", 4, fingering(2), staff=2)
+        assert labels(read(music, staves=2)) == [(48, "left", 6), (60, "right", 1)]
+
+    @pytest.mark.parametrize(("staff", "fingers"), [(1, [0, 2, 4]), (2, [9, 7, 5])])
+    def test_those_of_a_chord_at_one_note_are_shared_out(self, staff, fingers, read):
+        music = note("E4", 4, fingering(5, 1, 3), staff=staff)
+        music += note("C4", 4, staff=staff, chord=True) + note("G4", 4, staff=staff, chord=True)
+        score = read(music, staves=2)
+        assert [note.finger for note in score.notes] == fingers
+
+
+class TestHands:
+    def test_two_staves_are_the_two_hands_without_fingerings(self, read):
+        music = note("C4", 4) + backup(4) + note("C3", 4, staff=2)
+        assert labels(read(music, staves=2)) == [(48, "left", -1), (60, "right", -1)]
+
+    def test_a_second_staff_without_notes_counts(self, read):
+        assert labels(read(note("C4", 4), staves=2)) == [(60, "right", -1)]
+
+    def test_two_parts_are_the_two_hands(self, read):
+        parts = {"A": part(note("C4", 4)), "B": part(note("C3", 4))}
+        assert labels(read(parts=parts)) == [(48, "left", -1), (60, "right", -1)]
+
+    def test_two_parts_with_the_lower_above_are_nobodys(self, read):
+        parts = {"A": part(note("C3", 4)), "B": part(note("C4", 4))}
+        assert labels(read(parts=parts)) == [(48, None, -1), (60, None, -1)]
+
+    def test_two_parts_with_names_are_the_hands_they_name(self, read):
+        parts = {"LH": part(note("C4", 4)), "RH": part(note("C3", 4))}
+        assert labels(read(parts=parts)) == [(48, "right", -1), (60, "left", -1)]
+
+    @pytest.mark.parametrize(
+        ("name", "clef", "extra", "label"),
+        [
+            ("Piano", "G", "", (None, -1)),
+            ("Piano", "G", fingering(2), ("right", 1)),
+            ("Piano", "F", fingering(2), ("left", 6)),
+            ("Right_Hand", "F", fingering(2), ("right", 1)),
+            ("Left_Hand", "G", "", ("left", -1)),
+        ],
+    )
+    def test_a_lone_staff_is_a_hand_by_name_or_fingering(self, name, clef, extra, label, read):
+        score = read(parts={name: part(note("C4", 4, extra), clef=clef)})
+        assert labels(score) == [(60, *label)]
+
+    def test_three_staves_are_nobodys(self, read):
+        music = note("C4", 4, fingering(1)) + backup(4) + note("C3", 4, staff=3)
+        assert labels(read(music, staves=3)) == [(48, None, -1), (60, None, -1)]
+
+
+class TestPedal:
+    def test_is_down_from_start_to_stop(self, read):
+        music = note("C4", 4) + pedal("start") + note("D4", 4), note("E4", 8) + pedal("stop")
+        assert read(*music).pedals == (Pedal(onset=0.5, offset=2.0),)
+
+    @pytest.mark.parametrize("change", [pedal("change"), pedal("stop") + pedal("start")])
+    def test_is_up_for_a_moment_where_it_is_changed(self, change, read):
+        music = pedal("start") + note("C4", 8) + change + note("D4", 8) + pedal("stop")
+        assert read(music).pedals == (Pedal(onset=0, offset=1), Pedal(onset=1.1, offset=2))
+
+    def test_a_stop_without_a_start_is_nothing(self, read):
+        assert read(note("C4", 8) + pedal("stop") + note("D4", 4)).pedals == ()
+
+
+class TestPitchAndVelocity:
+    @pytest.mark.parametrize(
+        ("transpose", "pitch"),
+        [
+            ("<transpose><diatonic>-1</diatonic><chromatic>-2</chromatic></transpose>", 58),
+            (
+                "<transpose><chromatic>2</chromatic><octave-change>-1</octave-change></transpose>",
+                50,
+            ),
+            ("<transpose><chromatic>0</chromatic><octave-change>1</octave-change></transpose>", 72),
+        ],
+    )
+    def test_a_transposing_part_is_read_as_it_sounds(self, transpose, pitch, read):
+        assert pitches(read(note("C4", 4), transpose=transpose)) == [pitch - 60]
+
+    def test_microtones_are_rounded(self, read):
+        music = note("C#4", 4).replace("<alter>1<", "<alter>0.9<")
+        assert pitches(read(music)) == [1]
+
+    def test_velocity_is_a_percentage_of_90_or_80(self, read):
+        music = note("C4", 4, attributes='dynamics="100"') + note("D4", 4)
+        music += note("E4", 4, attributes='dynamics="900"') + note(
+            "F4", 4, attributes='dynamics="0"'
+        )
+        assert [note.velocity for note in read(music).notes] == [90, 80, 127, 1]
+
+
+class TestBars:
+    def test_are_the_measures(self, read):
+        assert read(note("C4", 16), note("D4", 12), note("E4", 16)).bars == (0, 2, 3.5)
+
+    def test_do_not_begin_with_an_upbeat(self, read):
+        assert read(note("C4", 4), note("D4", 16), first=0).bars == (0.5,)
+
+    def test_end_with_the_notes(self, read):
+        rest = "<note><rest/><duration>16</duration></note>"
+        assert read(note("C4", 16), rest, rest).bars == (0,)
+
+
+class TestLeftOut:
+    def test_cue_notes_and_notes_without_a_pitch_are_silent(self, read):
+        cue = note("D4", 4, kind="<cue/>")
+        drum = "<note><unpitched/><duration>4</duration></note>"
+        assert played(read(note("C4", 4) + cue + drum + note("E4", 4)))[1] == (64, 1.5, 2.0)
+
+    def test_notes_that_no_piano_can_play_are_named_in_a_warning(self, read):
+        music = note("C4", 4) + note("C9", 4) + note("D4", 0)
+        message = (
+            r"piece\.musicxml' left out 1 note without length \(D4 at 1 s\) and 1 note off the "
+            r"keyboard \(C9 at 0\.5 s\)"
+        )
+        with pytest.warns(ScoreWarning, match=message) as warned:
+            assert pitches(read(music)) == [0]
+        assert [warning.filename for warning in warned] == [__file__]
+
+    def test_a_file_of_which_nothing_remains_is_refused(self, read):
+        with pytest.raises(ScoreError, match=r"has no notes to play, only 1 note off the keyboard"):
+            read(note("C9", 4))
+
+    def test_a_file_of_rests_is_refused(self, read):
+        with pytest.raises(ScoreError, match=r"piece\.musicxml' has no notes with a pitch"):
+            read("<note><rest/><duration>16</duration></note>")
+
+
+class TestParts:
+    def test_of_a_singer_with_a_piano_the_piano_is_read(self, read):
+        piano = note("C4", 4) + backup(4) + note("C3", 4, staff=2)
+        parts = {"Voice": part(tempo(60) + note("A4", 4)), "P": part(piano, staves=2)}
+        message = r"piece\.musicxml' left out 'Voice': only the piano is read"
+        with pytest.warns(ScoreWarning, match=message):
+            score = read(parts=parts)
+        assert played(score) == [(48, 0, 1), (60, 0, 1)]
+
+    def test_of_many_those_of_a_keyboard_are_read(self, read):
+        parts = {
+            name: part(note(pitch, 4))
+            for name, pitch in [("Flute", "C6"), ("Piano_RH", "C5"), ("Pno._LH", "C4"), ("B", "C3")]
+        }
+        with pytest.warns(ScoreWarning, match="left out 'Flute', 'B'"):
+            assert labels(read(parts=parts)) == [(60, "left", -1), (72, "right", -1)]
+
+    def test_more_than_two_are_refused_by_name(self, read):
+        parts = {name: part(note("C4", 4)) for name in ("Soprano", "Alto", "Bass")}
+        message = r"has 3 parts \('Soprano', 'Alto', 'Bass'\): expected one or two"
+        with pytest.raises(ScoreError, match=message):
+            read(parts=parts)
+
+    def test_two_pianos_are_refused(self, read):
+        music = note("C4", 4) + backup(4) + note("C3", 4, staff=2)
+        parts = {"Piano_1": part(music, staves=2), "Piano_2": part(music, staves=2)}
+        with pytest.raises(ScoreError, match=r"has 2 parts \('Piano 1', 'Piano 2'\)"):
+            read(parts=parts)
+
+    def test_parts_without_notes_do_not_count(self, read):
+        rest = "<note><rest/><duration>16</duration></note>"
+        parts = {"A": part(note("C4", 4)), "B": part(rest), "C": part(note("C3", 4))}
+        assert labels(read(parts=parts)) == [(48, "left", -1), (60, "right", -1)]
+
+
+CONTAINER = '<container><rootfiles><rootfile full-path="music/a.xml"/></rootfiles></container>'
+
+
+def packed(path, **files):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            archive.writestr(name.replace("__", "/"), content)
+    return path
+
+
+class TestFiles:
+    @pytest.mark.parametrize("name", ["piece.mxl", "piece.xml"])
+    def test_a_compressed_file_is_read_whatever_it_is_called(self, name, tmp_path):
+        files = {
+            "META-INF/container.xml": CONTAINER,
+            "music/a.xml": document(A=part(note("C4", 4))),
+        }
+        score = read_musicxml(packed(tmp_path / name, **files))
+        assert (score.title, played(score)) == ("piece", [(60, 0, 0.5)])
+
+    def test_partitura_says_nothing_about_what_it_leaves_out(self, read):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            read(direction("<words>dolce</words>") + "<harmony/>" + note("C4", 4))
+
+    @pytest.mark.parametrize(
+        ("content", "reason"),
+        [
+            (b"", "Document is empty|no element found|Empty"),
+            (b"not XML at all", "Start tag expected"),
+            (b"<svg/>", r"its root is <svg>, not <score-partwise>"),
+            (b"<score-timewise/>", r"its root is <score-timewise>"),
+            (b"PK\x03\x04", "zip"),
+            (document(A=part(note("C4", "1.5"))).encode(), "a duration is 1.5 divisions"),
+        ],
+    )
+    def test_what_is_no_partwise_musicxml_is_refused_with_the_reason(
+        self, content, reason, tmp_path
+    ):
+        (tmp_path / "a.xml").write_bytes(content)
+        with pytest.raises(ScoreError, match=rf"Cannot read '.*a\.xml' as MusicXML \(.*({reason})"):
+            read_musicxml(tmp_path / "a.xml")
+
+    def test_a_container_without_its_file_is_refused(self, tmp_path):
+        path = packed(tmp_path / "a.mxl", **{"META-INF/container.xml": CONTAINER})
+        with pytest.raises(ScoreError, match=r"There is no item named 'music/a\.xml'"):
+            read_musicxml(path)
+
+    def test_a_file_that_unpacks_to_too_much_is_refused(self, tmp_path):
+        bomb = b" " * (MOST_BYTES + 1)
+        files = {"META-INF/container.xml": CONTAINER, "music/a.xml": bomb}
+        path = packed(tmp_path / "a.mxl", **files)
+        assert path.stat().st_size < 100_000
+        with pytest.raises(ScoreError, match="it holds more than 67108864 bytes"):
+            read_musicxml(path)
+
+    @pytest.mark.parametrize("name", ["", "none.musicxml"])
+    def test_a_folder_or_missing_file_is_refused(self, name, tmp_path):
+        with pytest.raises(ScoreError, match=rf"There is no MusicXML file '.*{name}'"):
+            read_musicxml(tmp_path / name)
+
+    def test_without_partitura_the_error_says_what_to_install(self, read, monkeypatch):
+        monkeypatch.setitem(sys.modules, "partitura", None)
+        with pytest.raises(ScoreError, match=r"pip install 'sb3-piano\[musicxml\]'"):
+            read(note("C4", 4))

@@ -1,0 +1,262 @@
+import itertools
+import warnings
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lxml import etree
+from partitura.io.importmusicxml import validate_musicxml
+
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.music import BUILT_IN, MAX_PITCH, MIN_PITCH, Note, Pedal, Score, load_score
+from sb3_piano.music.formats import read_musicxml, write_musicxml
+
+HALF_A_TICK = 60 / 120 / 12000 / 2 + 1e-9
+A_128TH = 0.5 / 32 + 1e-9
+
+
+def note(onset, offset, pitch=60, **fields):
+    return Note(onset=onset, offset=offset, pitch=pitch, **fields)
+
+
+def round_trip(score, folder, **options):
+    path = folder / "piece.musicxml"
+    write_musicxml(score, path, **options)
+    return read_musicxml(path)
+
+
+LABELS = [(finger, None) for finger in range(10)] + [(-1, "right"), (-1, "left")]
+
+
+@st.composite
+def scores(draw):
+    """Scores that know all hands; notes of one label on one key do not overlap."""
+    gaps = st.floats(0.001, 2.0) | st.sampled_from([0.25, 0.5, 1.0])
+    notes = []
+    voices = st.tuples(st.integers(MIN_PITCH, MAX_PITCH), st.sampled_from(LABELS))
+    for pitch, (finger, hand) in draw(st.lists(voices, min_size=1, max_size=6, unique=True)):
+        time = 0.0
+        for _ in range(draw(st.integers(1, 4))):
+            time += draw(st.just(0.0) | gaps)
+            onset, time = time, time + draw(gaps)
+            velocity = draw(st.integers(1, 127))
+            notes.append(note(onset, time, pitch, velocity=velocity, finger=finger, hand=hand))
+    pedals, time = [], 0.0
+    for _ in range(draw(st.integers(0, 3))):
+        onset = time + draw(gaps)
+        time = onset + draw(gaps)
+        pedals.append(Pedal(onset=onset, offset=time))
+    bars = list(itertools.accumulate(draw(st.lists(gaps, max_size=6))))
+    return Score(notes=notes, pedals=pedals, title="piece", bars=bars)
+
+
+def canonical(score):
+    """Notes in an order that a shift of a tick cannot change, within their voices."""
+    return sorted(score.notes, key=lambda note: (note.pitch, note.finger, note.hand, note.onset))
+
+
+def times(events):
+    return [time for event in events for time in (event.onset, event.offset)]
+
+
+class TestRoundTrip:
+    @settings(max_examples=40, deadline=None)
+    @given(score=scores())
+    def test_keeps_all_but_half_a_tick_and_then_all(self, score, tmp_path_factory):
+        back = round_trip(score, tmp_path_factory.getbasetemp())
+        for ours, theirs in zip(canonical(score), canonical(back), strict=True):
+            assert (ours.pitch, ours.velocity, ours.finger, ours.hand) == (
+                theirs.pitch,
+                theirs.velocity,
+                theirs.finger,
+                theirs.hand,
+            )
+        ours, theirs = canonical(score), canonical(back)
+        assert times(theirs) == pytest.approx(times(ours), abs=HALF_A_TICK)
+        assert times(back.pedals) == pytest.approx(times(score.pedals), abs=HALF_A_TICK)
+        if score.bars:
+            lines = [0.0, *score.bars]
+            assert all(min(abs(bar - line) for line in lines) <= A_128TH for bar in back.bars)
+            inside = [line for line in score.bars if A_128TH < line < score.duration - A_128TH]
+            assert all(min(abs(bar - line) for bar in back.bars) <= A_128TH for line in inside)
+        again = round_trip(back, tmp_path_factory.getbasetemp())
+        assert again == back
+        assert again.bars == back.bars
+
+    @pytest.mark.parametrize("name", ["TwinkleTwinkleLittleStar", "hanon-01", "scale-EbMajor"])
+    def test_times_on_the_grid_come_back_exactly(self, name, tmp_path):
+        score = load_score(name)
+        back = round_trip(score, tmp_path)
+        assert (back.notes, back.pedals) == (score.notes, score.pedals)
+        assert back.bars == score.bars
+
+    def test_built_in_repertoire_comes_back(self, tmp_path):
+        names = [name for name in BUILT_IN if name.startswith("repertoire")]
+        assert len(names) >= 10
+        for name in names[:4]:
+            score = load_score(name)
+            back = round_trip(score, tmp_path)
+            assert times(back.notes) == pytest.approx(times(score.notes), abs=HALF_A_TICK)
+            assert [n.finger for n in back.notes] == [n.finger for n in score.notes]
+            assert back.bars == pytest.approx(score.bars, abs=A_128TH)
+
+    @pytest.mark.parametrize("tempo", [50, 120, 133.3])
+    def test_a_tempo_changes_the_note_values_and_no_time(self, tempo, tmp_path):
+        score = Score(notes=[note(0, 0.6, finger=0), note(0.6, 1.5, 64, finger=1)], bars=[0])
+        back = round_trip(score, tmp_path, tempo=tempo)
+        assert times(back.notes) == pytest.approx(times(score.notes), abs=60 / tempo / 24000)
+        types = etree.parse(tmp_path / "piece.musicxml").xpath("//note[pitch]/type/text()")
+        assert (types == ["eighth", "eighth"]) == (tempo == 50)
+
+    def test_a_compressed_file_has_the_same_in_fewer_bytes(self, tmp_path):
+        score = load_score("TwinkleTwinkleLittleStar")
+        for suffix in ("mxl", "xml", "MXL"):
+            write_musicxml(score, tmp_path / f"a.{suffix}")
+            assert read_musicxml(tmp_path / f"a.{suffix}").notes == score.notes
+        packed, plain = (tmp_path / "a.mxl").read_bytes(), (tmp_path / "a.xml").read_bytes()
+        assert packed[:2] == b"PK"
+        assert len(packed) < len(plain) / 5
+        assert (tmp_path / "a.MXL").read_bytes() == packed
+
+    def test_an_unknown_hand_is_chosen_by_the_pitch(self, tmp_path):
+        back = round_trip(Score(notes=[note(0, 1, 59), note(0, 1, 60)]), tmp_path)
+        assert [n.hand for n in back.notes] == ["left", "right"]
+
+    def test_notes_on_one_key_at_one_time_stay_two(self, tmp_path):
+        notes = [note(0, 1, finger=0), note(0, 1, finger=1), note(0, 3, finger=2)]
+        notes += [note(1.5, 3.5, finger=2), note(0, 2, hand="left")]
+        score = Score(notes=notes, title="piece", bars=[0, 1, 2])
+        assert round_trip(score, tmp_path) == score
+
+    def test_the_pedal_may_outlast_the_notes_and_the_bars(self, tmp_path):
+        pedals = [Pedal(onset=0, offset=2), Pedal(onset=2.5, offset=9.25)]
+        score = Score(notes=[note(0, 1, finger=0)], pedals=pedals, title="piece", bars=[0, 2, 4])
+        assert round_trip(score, tmp_path) == score
+
+    def test_presses_closer_than_a_tick_are_one(self, tmp_path):
+        pedals = [Pedal(onset=0, offset=1), Pedal(onset=1.00000001, offset=2)]
+        score = Score(notes=[note(0, 2, finger=0)], pedals=pedals)
+        assert round_trip(score, tmp_path).pedals == (Pedal(onset=0, offset=2),)
+
+
+class TestBars:
+    def test_a_first_line_after_the_start_is_behind_an_upbeat(self, tmp_path):
+        score = Score(notes=[note(0, 5, finger=0)], bars=[0.5, 2.5, 4.5])
+        assert round_trip(score, tmp_path).bars == (0.5, 2.5, 4.5)
+        first = etree.parse(tmp_path / "piece.musicxml").find(".//measure")
+        assert (first.get("number"), first.get("implicit")) == ("0", "yes")
+        assert first.findtext("attributes/time/beats") == "4"
+
+    def test_without_any_they_are_of_four_quarters(self, tmp_path):
+        assert round_trip(Score(notes=[note(0, 5)]), tmp_path).bars == (0, 2, 4)
+
+    @pytest.mark.parametrize(
+        ("length", "meter"), [(2, "4/4"), (1.5, "3/4"), (0.75, "3/8"), (0.9375, "15/32")]
+    )
+    def test_of_equal_length_have_one_meter(self, length, meter, tmp_path):
+        bars = [i * length for i in range(20) if i * length < 5]
+        assert round_trip(Score(notes=[note(0, 5)], bars=bars), tmp_path).bars == tuple(bars)
+        (time,) = etree.parse(tmp_path / "piece.musicxml").findall(".//time")
+        assert f"{time.findtext('beats')}/{time.findtext('beat-type')}" == meter
+
+    def test_of_any_length_are_moved_to_a_128th(self, tmp_path):
+        bars = [0, 0.123, 1.7171, 1.7172, 4.9]
+        back = round_trip(Score(notes=[note(0, 6)], bars=bars), tmp_path)
+        assert back.bars == pytest.approx([0, 0.123, 1.7171, 4.9], abs=A_128TH)
+        assert all((line * 64).is_integer() for line in back.bars)
+
+
+AWKWARD = Score(
+    notes=[
+        note(0.0, 3.1, 60, finger=0, velocity=33),
+        note(0.0, 3.1, 64, finger=2),
+        note(0.1, 0.7, 67, finger=4),
+        note(0.3333, 5.0, 40, finger=9),
+        note(0.5, 1.0, 44, hand="left"),
+        note(2.0, 2.25, 61),
+        note(6.5, 7.0, 70, finger=1),
+    ],
+    pedals=[Pedal(onset=0.5, offset=4.0), Pedal(onset=4.5, offset=9)],
+    title="Awkward & <odd> \x00piece",
+    bars=[0.5, 2.0, 4.0, 6.123],
+)
+
+
+def test_rests_fill_the_first_voice_of_each_staff_and_hide_in_the_others(tmp_path):
+    notes = [note(0, 2), note(0.5, 1, 64), note(2.5, 3, 67)]
+    write_musicxml(Score(notes=notes, bars=[0, 2]), tmp_path / "a.musicxml")
+    measures = etree.parse(tmp_path / "a.musicxml").findall(".//measure")
+    rests = [
+        [
+            (one.findtext("voice"), int(one.findtext("duration")) / 12000, one.get("print-object"))
+            for one in measure.iterfind("note[rest]")
+        ]
+        for measure in measures
+    ]
+    assert rests == [
+        [("2", 1, "no"), ("5", 4, None)],
+        [("1", 1, None), ("1", 2, None), ("5", 4, None)],
+    ]
+
+
+class TestOtherReaders:
+    @pytest.mark.parametrize("score", [AWKWARD, load_score("TwinkleTwinkleLittleStar")])
+    def test_the_file_follows_the_schema(self, score, tmp_path):
+        write_musicxml(score, tmp_path / "a.musicxml")
+        validate_musicxml(str(tmp_path / "a.musicxml"), debug=True)
+
+    @pytest.mark.parametrize("suffix", ["musicxml", "mxl"])
+    def test_music21_finds_the_same_notes(self, suffix, tmp_path):
+        music21 = pytest.importorskip("music21")
+        write_musicxml(AWKWARD, tmp_path / f"a.{suffix}")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            theirs = music21.converter.parse(tmp_path / f"a.{suffix}")
+        found = sorted(
+            (0.5 * float(event.getOffsetInHierarchy(theirs)), one.pitch.midi)
+            for event in theirs.recurse().notes
+            for one in (event.notes if event.isChord else [event])
+            if one.tie is None or one.tie.type == "start"
+        )
+        expected = [(n.onset, n.pitch) for n in AWKWARD.notes]
+        assert [pitch for _, pitch in found] == [pitch for _, pitch in expected]
+        assert [time for time, _ in found] == pytest.approx([t for t, _ in expected], abs=1e-4)
+        assert theirs.metadata.title == "Awkward & <odd> piece"
+        fingers = theirs.recurse().notes.first().articulations
+        assert [finger.fingerNumber for finger in fingers] == [1, 3]
+        (tempo, *_) = theirs.recurse().getElementsByClass(music21.tempo.MetronomeMark)
+        assert tempo.number == 120
+
+    def test_what_music21_writes_is_read(self, tmp_path):
+        music21 = pytest.importorskip("music21")
+        right, left = music21.stream.PartStaff(), music21.stream.PartStaff()
+        right.append(music21.tempo.MetronomeMark(number=90))
+        chord = music21.chord.Chord(["C5", "E5", "G5"], quarterLength=1.5)
+        chord.articulations = [music21.articulations.Fingering(n) for n in (1, 3, 5)]
+        single = music21.note.Note("D#5", quarterLength=6)
+        single.articulations = [music21.articulations.Fingering(2)]
+        right.append([chord, single])
+        low = music21.note.Note("A2", quarterLength=7.5)
+        low.articulations = [music21.articulations.Fingering(5)]
+        left.append(low)
+        group = music21.layout.StaffGroup([right, left], symbol="brace")
+        music21.stream.Score([right, left, group]).write("musicxml", tmp_path / "a.musicxml")
+        score = read_musicxml(tmp_path / "a.musicxml")
+        assert score.notes == (
+            note(0, 5.0, 45, finger=9),
+            note(0, 1.0, 72, finger=0),
+            note(0, 1.0, 76, finger=2),
+            note(0, 1.0, 79, finger=4),
+            note(1.0, 5.0, 75, finger=1),
+        )
+
+
+class TestErrors:
+    @pytest.mark.parametrize("tempo", [0, -1, float("nan"), float("inf")])
+    def test_a_tempo_that_is_none_is_refused(self, tempo, tmp_path):
+        with pytest.raises(ScoreError, match=f"Tempo {tempo} is out of range: expected a finite"):
+            round_trip(AWKWARD, tmp_path, tempo=tempo)
+
+    def test_a_missing_folder_is_refused(self, tmp_path):
+        with pytest.raises(ScoreError, match=r"Cannot write '.*none/a\.mxl': No such file"):
+            write_musicxml(AWKWARD, tmp_path / "none" / "a.mxl")

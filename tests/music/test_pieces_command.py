@@ -1,0 +1,281 @@
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from sb3_piano.cli import main
+from sb3_piano.music import BUILT_IN, Note, Score, load_score, read_midi, read_pig, write_midi
+from sb3_piano.music.difficulty import features
+from sb3_piano.music.library import DATA_VARIABLE, user_library
+
+TWINKLE = "debug-TwinkleTwinkleLittleStar"
+
+
+@pytest.fixture(autouse=True)
+def data(tmp_path, monkeypatch):
+    """A data folder of the test's own."""
+    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "data"))
+    return tmp_path / "data"
+
+
+@pytest.fixture
+def run(capsys):
+    """Run a command in this process; return its status and what it printed."""
+
+    def run(*arguments):
+        capsys.readouterr()
+        status = main(["pieces", *map(str, arguments)])
+        return status, *capsys.readouterr()
+
+    return run
+
+
+def save(path, first=60, n_notes=4):
+    notes = [(i * 0.5, i * 0.5 + 0.4, first + 2 * (i % 9)) for i in range(n_notes)]
+    score = Score(notes=[Note(onset=a, offset=b, pitch=pitch) for a, b, pitch in notes])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_midi(score, path)
+    return path
+
+
+@pytest.fixture
+def music(tmp_path):
+    folder = tmp_path / "music"
+    save(folder / "a.mid", 60)
+    save(folder / "b.mid", 62)
+    (folder / "bad.mid").write_bytes(b"MThd")
+    return folder
+
+
+def wait_for(folder, pattern):
+    end = time.monotonic() + 60
+    while time.monotonic() < end and not list(folder.glob(pattern)):
+        time.sleep(0.005)
+
+
+def rows_of(table):
+    """Return the cells of the rows that a table shows, without its heading."""
+    lines = [line for line in table.splitlines() if line.startswith("│")]
+    return [[cell.strip() for cell in line.strip("│").split("│")] for line in lines]
+
+
+class TestImport:
+    def test_it_tells_what_is_new_and_what_is_not(self, run, music, data):
+        status, out, err = run("import", music, "--jobs", "1")
+        assert status == 0
+        assert "Imported: a, b\n" in out
+        assert f"Library: {data / 'pieces'}" in out
+        assert f"Not imported: {music / 'bad.mid'}: Cannot read" in err
+        status, out, err = run("import", music, "--jobs", "1", "--no-progress")
+        assert status == 0
+        assert "There already: a, b\n" in out
+        assert "Imported:" not in out
+
+    def test_its_options_arrive(self, run, music):
+        run("import", music / "a.mid", "--name", "mine", "--fingering", "keep")
+        assert not load_score("mine").has_fingering
+        assert user_library().info("mine").setting == "keep"
+
+    def test_the_status_is_2_if_nothing_could_be_imported(self, run, music):
+        status, out, err = run("import", music / "bad.mid")
+        assert (status, "Imported" in out) == (2, False)
+        assert "bad.mid: Cannot read" in err
+
+    @pytest.mark.parametrize(
+        ("arguments", "message"),
+        [
+            (("nowhere",), "There is no 'nowhere'"),
+            (("{music}", "--name", "x"), "Name 'x' cannot be given to more than one piece"),
+            (("{music}/a.mid", "--fingering", "x"), "Fingering 'x' is not valid"),
+        ],
+    )
+    def test_a_mistake_is_told(self, run, music, arguments, message):
+        status, _, err = run("import", *(text.format(music=music) for text in arguments))
+        assert (status, message in err) == (2, True)
+
+    def test_many_names_are_counted(self, run, tmp_path):
+        for number in range(12):
+            save(tmp_path / "many" / f"p{number:02d}.mid", 40 + number)
+        _, out, _ = run("import", tmp_path / "many", "--jobs", "1")
+        assert "p08, p09 and 2 more\n" in out
+
+    @pytest.mark.parametrize(
+        ("jobs", "moment"), [(1, "a piece is there"), (2, "a piece is there"), (2, "it has begun")]
+    )
+    def test_ctrl_c_ends_it_with_status_130_and_it_goes_on_later(
+        self, run, tmp_path, data, ctrl_c, jobs, moment
+    ):
+        """It reaches all processes, as from a terminal; none complains."""
+        for number in range(24):
+            save(tmp_path / "many" / f"p{number:02d}.mid", 30 + number, n_notes=100)
+        command = [sys.executable, "-m", "sb3_piano.cli", "pieces", "import", tmp_path / "many"]
+        with subprocess.Popen(
+            [*map(str, command), "--jobs", str(jobs)],
+            start_new_session=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=dict(os.environ),
+        ) as process:
+            wait_for(data / "pieces", "*.npz" if moment == "a piece is there" else ".lock")
+            time.sleep(0.1)
+            os.killpg(process.pid, signal.SIGINT)
+            err = process.communicate()[1]
+        assert process.returncode == 130
+        assert "interrupted" in err
+        assert "Traceback" not in err
+        assert len(user_library()) < 24
+        assert len(user_library()) > 0 or moment == "it has begun"
+        run("import", tmp_path / "many", "--jobs", "1")
+        assert len(user_library()) == 24
+        assert not list((data / "pieces").glob("*.partial"))
+
+
+class TestList:
+    def test_each_piece_has_a_row(self, run, music):
+        run("import", music, "--jobs", "1")
+        status, out, err = run("list")
+        assert (status, err) == (0, "")
+        assert [row[0] for row in rows_of(out)] == [*BUILT_IN, "a", "b"]
+        found = features(load_score("a"))
+        row = next(row for row in rows_of(out) if row[0] == "a")
+        assert row[1:6] == [
+            f"{found.duration:.1f}",
+            "4",
+            f"{found.average_polyphony:.2f}  1",
+            f"{found.onset_density:.2f}",
+            "ergonomic",
+        ]
+        assert 0 <= float(row[6]) <= 100
+
+    def test_a_collection_is_shown_alone_ranked_among_all(self, run, music):
+        run("import", music, "--jobs", "1")
+        everything = {row[0]: row for row in rows_of(run("list")[1])}
+        shown = rows_of(run("list", "--collection", "debug")[1])
+        assert shown == [row for name, row in everything.items() if name.startswith("debug-")]
+        status, _, err = run("list", "--collection", "debugs")
+        assert (status, "No piece is of the collection 'debugs'. Did you mean 'debug'" in err) == (
+            2,
+            True,
+        )
+
+    def test_it_is_written_as_csv_and_json(self, run, music, tmp_path):
+        run("import", music / "a.mid")
+        run("list", "--csv", tmp_path / "t.csv", "--json", tmp_path / "t.json")
+        listed = json.loads((tmp_path / "t.json").read_text())["pieces"]
+        with (tmp_path / "t.csv").open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        assert [row["name"] for row in rows] == [row["name"] for row in listed]
+        assert {key: str(value) for key, value in listed[-1].items()} == rows[-1]
+        assert listed[-1]["name"] == "a"
+        assert listed[-1]["notes"] == 4
+        assert listed[-1]["title"] == "a"
+
+    def test_a_damaged_piece_is_named_and_all_others_are_listed(self, run, music, data):
+        run("import", music / "a.mid")
+        (data / "pieces" / "broken.npz").write_bytes(b"broken")
+        status, out, err = run("list", "--collection", "imported")
+        assert status == 0
+        assert [row[0] for row in rows_of(out)] == ["a", "broken"]
+        assert rows_of(out)[1][1:5] == ["-", "-", "- -", "-"]
+        assert "broken.npz' is damaged" in err
+
+
+class TestShow:
+    def test_a_built_in_piece(self, run):
+        status, out, _ = run("show", TWINKLE)
+        assert status == 0
+        for text in (
+            BUILT_IN[TWINKLE].title,
+            f"Id:         RoboPianist-{TWINKLE}-v0\n",
+            f"Source:     {BUILT_IN[TWINKLE].source}",
+            f"Fingering:  {BUILT_IN[TWINKLE].fingering}",
+        ):
+            assert text in out
+        assert ["onset density", "1.75"] in rows_of(out)
+        assert ["1", "0.00", "C4/1"] in rows_of(out)
+
+    def test_as_many_bars_as_asked_for(self, run):
+        for n_bars in (1, 3):
+            out = run("show", TWINKLE, "--bars", n_bars)[1]
+            notes = [row for row in rows_of(out) if len(row) == 3]
+            end = load_score(TWINKLE).bars[n_bars]
+            assert len(notes) == sum(note.onset < end for note in load_score(TWINKLE).notes)
+            assert notes[-1][0] == str(n_bars)
+
+    def test_an_imported_piece_says_where_it_is_from(self, run, music, data):
+        run("import", music / "a.mid")
+        _, out, _ = run("show", "a")
+        assert 'Id:         RoboPianist-v0 with score="a"\n' in out
+        assert f"Kept in:    {data / 'pieces' / 'a.npz'}" in out
+        assert f"From:       {music / 'a.mid'}" in out
+        assert f"SHA-256:    {user_library().info('a').sha256}" in out
+
+    def test_hands_have_a_column_each_and_unknown_ones_too(self, run):
+        notes = [
+            Note(onset=0, offset=1, pitch=60, finger=1),
+            Note(onset=0, offset=1, pitch=64, hand="right"),
+            Note(onset=0, offset=1, pitch=40, finger=5),
+            Note(onset=1, offset=2, pitch=90),
+        ]
+        user_library().add(Score(notes=notes), "x", source="nowhere", fingering="none")
+        rows = rows_of(run("show", "x")[1])
+        assert ["-", "0.00", "C4/2 E4", "E2/1", ""] in rows
+        assert rows[-1][0:2] == ["-", "1.00"]
+        assert rows[-1][4].endswith("6")
+
+    @pytest.mark.parametrize("name", ["nothing", "etude-12-WaltzOp64No1"])
+    def test_a_piece_that_is_not_there_is_refused(self, run, name):
+        status, _, err = run("show", name)
+        assert (status, f"iece '{name}'" in err) == (2, True)
+
+
+class TestRemove:
+    def test_imported_pieces_are_removed(self, run, music):
+        run("import", music, "--jobs", "1")
+        status, out, _ = run("remove", "a", "b", "a")
+        assert (status, out) == (0, "Removed: a\nRemoved: b\n")
+        assert len(user_library()) == 0
+
+    @pytest.mark.parametrize(
+        ("name", "message"),
+        [
+            (TWINKLE, "comes with the package"),
+            ("aa", "No imported piece is named 'aa'"),
+            ("etude-12-WaltzOp64No1", "No imported piece is named"),
+        ],
+    )
+    def test_others_are_refused_before_any_is_removed(self, run, music, name, message):
+        run("import", music, "--jobs", "1")
+        status, out, err = run("remove", "a", name)
+        assert (status, out, message in err) == (2, "", True)
+        assert "a" in user_library()
+
+
+class TestExport:
+    def test_the_suffix_tells_the_format(self, run, tmp_path):
+        for name, read in (("x.mid", read_midi), ("x.txt", read_pig)):
+            status, out, _ = run("export", TWINKLE, tmp_path / name)
+            assert (status, out) == (0, f"Exported: {tmp_path / name}\n")
+            fingers = [(note.pitch, note.finger) for note in read(tmp_path / name).notes]
+            assert fingers == [(note.pitch, note.finger) for note in load_score(TWINKLE).notes]
+
+    def test_a_mistake_is_told(self, run, tmp_path):
+        for file, message in (
+            (tmp_path / "x.wav", "Cannot tell the format"),
+            (tmp_path / "none" / "x.mid", "expected a file in a folder that exists"),
+        ):
+            status, _, err = run("export", TWINKLE, file)
+            assert (status, message in err) == (2, True)
+
+
+def test_the_other_commands_are_there(run, capsys):
+    for command in ("rank", "fingering"):
+        with pytest.raises(SystemExit):
+            main(["pieces", command, "--help"])
+        assert f"pieces {command}" in capsys.readouterr().out

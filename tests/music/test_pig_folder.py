@@ -1,0 +1,291 @@
+"""The PIG data set and RoboPianist's snippets, as folders in their layout with notes of our own."""
+
+import csv
+import zipfile
+
+import gymnasium
+import pytest
+
+from sb3_piano.exceptions import ScoreError, UnknownPieceError
+from sb3_piano.music import Note, PianoRoll, Score, load_score, read_midi, write_midi
+from sb3_piano.music.formats import write_pig
+from sb3_piano.music.library import DATA_VARIABLE, PIG_PIECES, import_path, user_library
+from sb3_piano.music.library.pig_folder import robopianist_name
+
+VERSION = "//Version: PianoFingering_v170101"
+ETUDES = [
+    "FrenchSuiteNo1Allemande",
+    "FrenchSuiteNo5Sarabande",
+    "PianoSonataD8451StMov",
+    "PartitaNo26",
+    "WaltzOp64No1",
+    "BagatelleOp3No4",
+    "KreislerianaOp16No8",
+    "FrenchSuiteNo5Gavotte",
+    "PianoSonataNo232NdMov",
+    "GolliwoggsCakewalk",
+    "PianoSonataNo21StMov",
+    "PianoSonataK279InCMajor1StMov",
+]
+
+
+@pytest.fixture(autouse=True)
+def data(tmp_path, monkeypatch):
+    """A data folder of the test's own."""
+    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "data"))
+
+
+def tune(first, finger=0):
+    notes = [(i, i + 0.9, first + i) for i in range(3)]
+    return Score(
+        notes=[Note(onset=a, offset=b, pitch=pitch, finger=finger) for a, b, pitch in notes]
+    )
+
+
+@pytest.fixture
+def pig(tmp_path):
+    """Three pieces, the second of which has two annotators."""
+    folder = tmp_path / "PianoFingeringDataset_v1.2"
+    files = folder / "FingeringFiles"
+    files.mkdir(parents=True)
+    write_list(folder, "French Suite No. 1, Allemande", "Golliwogg's Cakewalk", "For Elise")
+    write_pig(tune(60, finger=0), files / "001-1_fingering.txt")
+    write_pig(tune(62, finger=2), files / "002-2_fingering.txt")
+    write_pig(tune(62, finger=1), files / "002-1_fingering.txt")
+    write_pig(tune(64, finger=9), files / "003-1_fingering.txt")
+    return folder
+
+
+def write_list(folder, *titles):
+    with (folder / "List.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["Id", "Composer", "Piece", "#Bars", "#Notes", "#Fingering", "Fingering 1"])
+        for number, title in enumerate(titles, start=1):
+            writer.writerow([f"{number:03d}", "Somebody", title, 2, 3, 1, "AA"])
+
+
+def test_pieces_get_robopianists_names_and_the_etudes_two_of_them(pig):
+    report = import_path(pig, jobs=1)
+    assert (report.unusable, report.notes) == ((), ())
+    assert report.imported == (
+        "etude-12-FrenchSuiteNo1Allemande",
+        "etude-12-GolliwoggsCakewalk",
+        "repertoire-150-ForElise",
+        "repertoire-150-FrenchSuiteNo1Allemande",
+        "repertoire-150-GolliwoggsCakewalk",
+    )
+    piece = user_library().pieces()["etude-12-GolliwoggsCakewalk"]
+    assert piece.collection == "etude-12"
+    assert piece.title == "Somebody: Golliwogg's Cakewalk"
+    assert (piece.source, piece.fingering) == ("the PIG data set, 002-1_fingering.txt", "PIG")
+    assert load_score("etude-12-GolliwoggsCakewalk").title == "etude-12-GolliwoggsCakewalk"
+
+
+def test_the_first_annotation_is_taken_and_kept_as_it_is(pig):
+    import_path(pig, jobs=1)
+    for name in ("repertoire-150-GolliwoggsCakewalk", "etude-12-GolliwoggsCakewalk"):
+        assert load_score(name).notes == tune(62, finger=1).notes
+    assert {note.finger for note in load_score("repertoire-150-ForElise").notes} == {9}
+
+
+def test_a_note_without_finger_stays_without_as_in_robopianist(pig):
+    write_pig(tune(64, finger=-1), pig / "FingeringFiles" / "003-1_fingering.txt")
+    import_path(pig, jobs=1)
+    assert not load_score("repertoire-150-ForElise").has_fingering
+    import_path(pig, jobs=1, fingering="ergonomic")
+    assert load_score("repertoire-150-ForElise").has_fingering
+
+
+def test_the_folder_is_found_from_the_one_around_it_and_the_one_inside(pig):
+    assert len(import_path(pig.parent, jobs=1).imported) == 5
+    assert len(import_path(pig / "FingeringFiles", jobs=1).present) == 5
+
+
+def test_it_is_imported_once(pig):
+    import_path(pig, jobs=1)
+    report = import_path(pig, jobs=1)
+    assert (report.imported, len(report.present)) == ((), 5)
+    user_library().remove("etude-12-GolliwoggsCakewalk")
+    assert import_path(pig, jobs=1).imported == ("etude-12-GolliwoggsCakewalk",)
+
+
+def test_a_damaged_file_is_listed_and_the_others_are_imported(pig):
+    path = pig / "FingeringFiles" / "001-1_fingering.txt"
+    path.write_text(f"{VERSION}\n0\t0\t1\tH4\t64\t80\t0\t1\n1\t2\t2\tC4\t64\t80\t0\t1\n")
+    report = import_path(pig, jobs=1)
+    assert len(report.imported) == 3
+    assert f"Line 2 of '{path}': pitch 'H4' is not valid" in report.unusable[0].reason
+
+
+def test_a_note_without_length_lasts_one_step_as_in_robopianist(pig):
+    """The data set has 27 such notes, in six pieces."""
+    lines = ("0\t0.0\t1.0\tC4\t64\t80\t0\t1", "1\t0.5\t0.500\tE4\t64\t80\t0\t3")
+    path = pig / "FingeringFiles" / "001-1_fingering.txt"
+    path.write_text("\n".join((VERSION, *lines, "")))
+    assert import_path(pig, jobs=1).notes == ()
+    roll = PianoRoll.from_score(load_score("etude-12-FrenchSuiteNo1Allemande"), 0.05)
+    assert roll.active[:, 64 - 21].nonzero()[0].tolist() == [10]
+    assert roll.finger[10, 64 - 21] == 2
+
+
+def test_a_note_of_negative_length_is_not_made_up_for(pig):
+    path = pig / "FingeringFiles" / "001-1_fingering.txt"
+    path.write_text(f"{VERSION}\n0\t1.0\t0.5\tC4\t64\t80\t0\t1\n")
+    report = import_path(pig, jobs=1)
+    assert [unusable.path for unusable in report.unusable] == [path]
+
+
+@pytest.mark.parametrize(
+    ("title", "name"),
+    [
+        ("French Suite No. 1, Allemande", "FrenchSuiteNo1Allemande"),
+        ("French suite no 5 sarabande", "FrenchSuiteNo5Sarabande"),
+        ("Piano Sonata D. 845, 1st mov.", "PianoSonataD8451StMov"),
+        ("Partita No. 2-6", "PartitaNo26"),
+        ("Golliwogg's Cakewalk", "GolliwoggsCakewalk"),
+        ("Piano Sonata K 279 in C major 1st mov", "PianoSonataK279InCMajor1StMov"),
+        ("Jeux d'eau", "JeuxDeau"),
+        ("Well_Tempered Clavier Book II", "WellTemperedClavierBookIi"),
+        ("Op. 37a (June)", "Op37AJune"),
+    ],
+)
+def test_a_title_becomes_robopianists_name(title, name):
+    assert robopianist_name(title) == name
+
+
+class TestRefusals:
+    def test_no_fingering_files(self, pig):
+        for file in (pig / "FingeringFiles").iterdir():
+            file.unlink()
+        with pytest.raises(ScoreError, match="has no fingering files: expected names such as 001"):
+            import_path(pig)
+
+    def test_no_list(self, pig):
+        (pig / "List.csv").unlink()
+        with pytest.raises(ScoreError, match=r"Cannot read '.*List\.csv', the list of the PIG"):
+            import_path(pig)
+
+    def test_a_list_without_titles(self, pig):
+        (pig / "List.csv").write_text("Id,Composer\n001,Bach\n")
+        with pytest.raises(ScoreError, match=r"List\.csv' does not name each piece"):
+            import_path(pig)
+
+    def test_a_list_that_is_too_short(self, pig):
+        write_list(pig, "One", "Two")
+        with pytest.raises(ScoreError, match="has 2 pieces, but .* of pieces 1 to 3"):
+            import_path(pig)
+
+
+class TestBeforeTheImport:
+    def test_the_etudes_are_known_under_both_names(self):
+        for etude in ETUDES:
+            assert PIG_PIECES[f"etude-12-{etude}"].collection == "etude-12"
+            assert PIG_PIECES[f"repertoire-150-{etude}"].collection == "repertoire-150"
+
+    def test_a_piece_says_how_to_get_it(self):
+        for name, piece in PIG_PIECES.items():
+            message = (
+                f"Piece '{name}' is of the PIG data set, which is not imported.*register at "
+                "https://.*/PianoFingeringDataset/, unzip .*'sb3-piano pieces import Piano"
+            )
+            with pytest.raises(UnknownPieceError, match=message):
+                piece.score()
+
+    def test_its_environment_says_so_too(self):
+        with pytest.raises(UnknownPieceError, match="which is not imported yet"):
+            gymnasium.make("RoboPianist-etude-12-WaltzOp64No1-v0")
+
+    def test_the_very_piece_plays_once_it_is_imported(self, pig):
+        piece = PIG_PIECES["etude-12-GolliwoggsCakewalk"]
+        import_path(pig, jobs=1)
+        assert piece.score().notes == tune(62, finger=1).notes
+
+
+@pytest.mark.parametrize("name", ["etude-12-FrenchSuiteNo1Allemande", "repertoire-150-ForElise"])
+def test_the_ids_make_reset_and_step_after_the_import(pig, name):
+    import_path(pig, jobs=1)
+    env = gymnasium.make(f"RoboPianist-{name}-v0")
+    env.reset(seed=0)
+    _, reward, *_ = env.step(env.action_space.sample())
+    assert reward == reward
+    assert env.unwrapped.score.title == name
+    env.close()
+
+
+class TestSnippets:
+    """Of RoboPianist's package only the layout is as it is; the notes and fingers are ours."""
+
+    TWINKLE = "debug-TwinkleTwinkleRousseau"
+    NOCTURNE = "debug-NocturneRousseau"
+
+    @pytest.fixture
+    def package(self, tmp_path):
+        package = tmp_path / "checkout" / "robopianist"
+        midi = package / "music" / "data" / "rousseau"
+        midi.mkdir(parents=True)
+        chord = [(0, 2, 60), (0, 1, 72), (2, 3, 65)]
+        score = Score(notes=[Note(onset=a, offset=b, pitch=pitch) for a, b, pitch in chord])
+        write_midi(score, midi / "twinkle-twinkle-trimmed.mid")
+        write_midi(score, midi / "nocturne-trimmed.mid")
+        (package / "music" / "library.py").write_text(
+            "import nothing_that_exists\n"
+            "def twinkle_twinkle_rousseau():\n"
+            "    NAMES = ['C']\n"
+            "    FINGERING = [4, 6, 3]  # let go in this order\n"
+            "def nocturne_rousseau():\n"
+            "    FINGERING = [7, 8, 9]\n"
+        )
+        return package
+
+    def fingers(self, name):
+        return {note.pitch: note.finger for note in load_score(name).notes}
+
+    def test_they_have_robopianists_names_and_fingers(self, package):
+        report = import_path(package.parent, jobs=1)
+        assert report.imported == (self.NOCTURNE, self.TWINKLE)
+        assert self.fingers(self.TWINKLE) == {72: 4, 60: 6, 65: 3}
+        assert self.fingers(self.NOCTURNE) == {60: 7, 72: 8, 65: 9}
+        piece = user_library().pieces()[self.NOCTURNE]
+        assert (piece.collection, piece.fingering) == ("debug", "RoboPianist")
+        assert piece.source == "RoboPianist, nocturne-trimmed.mid in checkout"
+
+    def test_they_are_found_in_the_package_and_in_a_wheel(self, package, tmp_path):
+        wheel = tmp_path / "robopianist-1.0.10-py3-none-any.whl"
+        with zipfile.ZipFile(wheel, "w") as archive:
+            for path in package.rglob("*.*"):
+                archive.write(path, path.relative_to(package.parent))
+        assert len(import_path(wheel, jobs=1).imported) == 2
+        assert len(import_path(package, jobs=1).present) == 2
+
+    def test_without_robopianists_list_they_get_fingers_of_ours(self, package):
+        (package / "music" / "library.py").write_text("def nocturne_rousseau(:\n")
+        import_path(package, jobs=1)
+        assert -1 not in self.fingers(self.NOCTURNE).values()
+        assert user_library().info(self.NOCTURNE).fingering == "ergonomic"
+
+    def test_a_list_of_another_length_is_refused(self, package):
+        (package / "music" / "library.py").write_text(
+            "def nocturne_rousseau():\n    FINGERING = [1, 2]\n"
+        )
+        report = import_path(package, jobs=1)
+        assert report.imported == (self.TWINKLE,)
+        assert "has 3 notes, but RoboPianist has 2 fingers" in report.unusable[0].reason
+
+    def test_one_of_them_is_enough_and_none_is_refused(self, package):
+        midi = package / "music" / "data" / "rousseau"
+        assert len(read_midi(midi / "nocturne-trimmed.mid").notes) == 3
+        (midi / "nocturne-trimmed.mid").unlink()
+        assert import_path(package, jobs=1).imported == (self.TWINKLE,)
+        (midi / "twinkle-twinkle-trimmed.mid").unlink()
+        with pytest.raises(ScoreError, match="is empty: expected twinkle-twinkle-trimmed.mid"):
+            import_path(package)
+
+    def test_another_wheel_is_refused(self, tmp_path):
+        wheel = tmp_path / "other-1-py3-none-any.whl"
+        with zipfile.ZipFile(wheel, "w") as archive:
+            archive.writestr("other/__init__.py", "")
+        with pytest.raises(ScoreError, match="expected a wheel of robopianist"):
+            import_path(wheel)
+        wheel.write_bytes(b"no archive")
+        with pytest.raises(ScoreError, match="Cannot read '.*' as a wheel"):
+            import_path(wheel)

@@ -1,0 +1,305 @@
+"""``sb3-piano pieces rank`` and ``pieces fingering``: what stands in their tables and files."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sb3_piano.cli import main
+from sb3_piano.music import BUILT_IN, Score, find_piece, read_pig
+from sb3_piano.music.difficulty import MotionRecording, features, rank, write_motion
+from sb3_piano.music.fingering import (
+    agreement,
+    finger_score,
+    judge,
+    judge_annotated,
+    pig_files,
+    without_fingers,
+)
+from sb3_piano.music.library import DATA_VARIABLE
+
+FAMILIAR = [
+    "debug-CMajorScaleOneHand",
+    "debug-CMajorScaleTwoHands",
+    "debug-CMajorChordProgressionTwoHands",
+]
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "160")
+    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "library"))
+
+
+@pytest.fixture
+def call(capsys):
+    """Return a function that runs a command and returns exit code, output and errors."""
+
+    def run(*command):
+        capsys.readouterr()
+        code = main(["pieces", *map(str, command)])
+        return code, *capsys.readouterr()
+
+    return run
+
+
+def rows_of(out):
+    """The cells of all table rows, without the frame."""
+    lines = [line for line in out.splitlines() if line.startswith("│")]
+    return [[cell.strip() for cell in line.strip("│").split("│")] for line in lines]
+
+
+def read_csv(path):
+    with open(path, encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def recording(title, size):
+    """A performance of two steps in which everything moves by `size`."""
+    steps = np.arange(3.0)[:, None]
+    return MotionRecording(
+        title=title,
+        actions=np.array([[size], [-size]], dtype=np.float32),
+        qpos=np.hstack([0 * steps, size * steps]),
+        hand_qpos=np.array([1]),
+        fingertips=np.repeat(size * steps[:, :, None], 10, axis=1) * [1.0, 0.0, 0.0],
+    )
+
+
+# rank
+
+
+def test_pieces_come_easiest_first_with_their_features(call):
+    code, out, err = call("rank", *FAMILIAR)
+    assert (code, err) == (0, "")
+    rows = rows_of(out)
+    assert [row[1] for row in rows] == FAMILIAR
+    assert [row[0] for row in rows] == ["1", "2", "3"]
+    assert [row[2] for row in rows] == ["33.3", "66.7", "100.0"]
+    # 15 notes of 0.5 s, one after the other
+    assert rows[0][4:10] == ["15", "7.5", "1.00", "1", "2.00", "0"]
+    # four chords of 1 s: a triad and a bass; the triad spans a fifth
+    assert rows[2][4:10] == ["16", "4.0", "4.00", "4", "4.00", "7"]
+    assert "Difficulty by the score alone" in out
+
+
+def test_all_pieces_are_ranked_unless_some_are_named(call):
+    code, out, err = call("rank")
+    assert (code, err) == (0, "")
+    ranked = [row[1] for row in rows_of(out)]
+    assert set(BUILT_IN) <= set(ranked)
+    expected = rank({name: features(find_piece(name).score()) for name in ranked})
+    assert ranked == list(expected)
+
+
+def test_a_collection_is_ranked_by_itself(call):
+    code, out, _ = call("rank", "--collection", "debug")
+    assert code == 0
+    names = {name for name, piece in BUILT_IN.items() if piece.collection == "debug"}
+    assert {row[1] for row in rows_of(out)} == names
+    code, _, err = call("rank", "--collection", "debugs")
+    assert code == 2
+    assert "is of the collection 'debugs'. Did you mean 'debug'? Expected one of" in err
+    code, _, err = call("rank", "CMajorScales")
+    assert code == 2
+    assert "Unknown piece 'CMajorScales'" in err
+
+
+def test_numbers_go_to_a_table_file_in_full(call, tmp_path):
+    code, out, _ = call("rank", *FAMILIAR, "--csv", "rank.csv")
+    assert code == 0
+    assert "Pieces: rank.csv\n" in out
+    found = {name: features(find_piece(name).score()) for name in FAMILIAR}
+    places = rank(found)
+    rows = read_csv(tmp_path / "rank.csv")
+    assert [row["piece"] for row in rows] == list(places)
+    for row in rows:
+        place, piece = places[row["piece"]], found[row["piece"]]
+        assert int(row["rank"]) == place.rank
+        assert float(row["score"]) == place.score
+        assert float(row["percentile"]) == place.percentile
+        assert float(row["hand_motion"]) == piece.hand_motion
+        assert (int(row["lowest_pitch"]), int(row["highest_pitch"])) == piece.pitch_range
+    assert call("rank", "--csv", "missing/rank.csv")[0] == 2
+
+
+def test_recorded_performances_add_their_terms_and_pieces_without_one_are_left_out(call, tmp_path):
+    folder = tmp_path / "runs" / "a" / "evaluation"
+    folder.mkdir(parents=True)
+    # The easy piece by its short title, and played twice; the mean is what counts.
+    write_motion(recording("CMajorScaleOneHand", 4.0), folder / "performance_1.npz")
+    write_motion(recording("CMajorScaleOneHand", 6.0), folder / "performance_2.npz")
+    write_motion(recording(FAMILIAR[1], 1.0), tmp_path / "two_hands.npz")
+    write_motion(recording("a piece of one's own", 1.0), folder / "performance_3.npz")
+    code, out, err = call(
+        "rank", *FAMILIAR, "--motion", "runs", "two_hands.npz", "--csv", "rank.csv"
+    )
+    assert (code, err) == (0, "")
+    rows = {row[1]: row for row in rows_of(out)}
+    assert set(rows) == set(FAMILIAR[:2])
+    # variance: 26 is the mean of 16 and 36; a joint moves by 5, and a fingertip by 5000 mm
+    assert rows[FAMILIAR[0]][-3:] == ["26.0000", "5.0000", "5000.00"]
+    assert rows[FAMILIAR[1]][-3:] == ["1.0000", "1.0000", "1000.00"]
+    # Two hands outweigh one by 0.25 + 0.15 + 0.20, less three recorded terms of 0.10.
+    assert [rows[name][3] for name in FAMILIAR[:2]] == ["-0.30", "+0.30"]
+    assert "Difficulty by the score and recorded performances" in out
+    assert "1 of 3 pieces have no recorded performance.\n" in out
+    row = next(row for row in read_csv("rank.csv") if row["piece"] == FAMILIAR[0])
+    assert float(row["recorded_fingertip_motion"]) == 5.0
+
+
+def test_a_damaged_recording_is_told_and_the_others_are_used(call, tmp_path):
+    write_motion(recording("CMajorScaleOneHand", 1.0), tmp_path / "good.npz")
+    (tmp_path / "bad.npz").write_bytes(b"PK")
+    code, out, err = call("rank", *FAMILIAR, "--motion", "good.npz", "bad.npz")
+    assert code == 2
+    assert [row[1] for row in rows_of(out)] == FAMILIAR[:1]
+    assert "error: 'bad.npz' is no recording of a performance" in err
+    (tmp_path / "empty").mkdir()
+    code, _, err = call("rank", "--motion", "empty")
+    assert code == 2
+    assert "--motion 'empty' has no recorded performance" in err
+
+
+# fingering
+
+
+def test_our_fingering_stands_beside_the_labels(call, tmp_path):
+    code, out, err = call("fingering", *FAMILIAR[1:], "--csv", "fingering.csv")
+    assert (code, err) == (0, "")
+    rows = rows_of(out)
+    found = {name: judge(find_piece(name).score()) for name in FAMILIAR[1:]}
+    for row, (name, judged) in zip(rows, found.items(), strict=False):
+        shares = (judged.right, judged.left, judged.both, judged.hands)
+        assert row == [name, str(sum(judged.notes)), *(f"{100 * s:.1f} %" for s in shares)]
+    both = [judged.both for judged in found.values()]
+    assert rows[2][0] == "mean of 2 pieces"
+    assert rows[2][4] == f"{100 * sum(both) / 2:.1f} %"
+    same = sum(sum(judged.same_finger) for judged in found.values())
+    assert rows[3][:2] == ["all notes", "46"]
+    assert rows[3][4] == f"{100 * same / 46:.1f} %"
+    written = read_csv(tmp_path / "fingering.csv")
+    assert [float(row["both"]) for row in written] == both
+
+
+def test_what_is_judged_is_our_fingering_for_the_labels_hands_and_our_hands():
+    labelled = find_piece("debug-CMajorScaleTwoHands").score()
+    assert judge(labelled).hands == 1.0
+    # The hands of labels that lie crossed all along are not found, but their fingers are compared.
+    crossed = Score(
+        notes=[dataclasses.replace(n, finger=(n.finger + 5) % 10) for n in labelled.notes]
+    )
+    assert judge(crossed).hands == 0.0
+    known = finger_score(without_fingers(crossed, keep_hands=True))
+    assert judge(crossed).both == agreement(crossed, known).both
+    assert judge(known).both == 1.0
+    ours = finger_score(without_fingers(labelled, keep_hands=True))
+    assert judge(ours).both == 1.0
+    bare = without_fingers(labelled, keep_hands=False)
+    assert {(note.finger, note.hand) for note in bare.notes} == {(-1, None)}
+    kept = without_fingers(labelled, keep_hands=True)
+    assert [note.hand for note in kept.notes] == [note.hand for note in labelled.notes]
+    assert not kept.has_fingering
+
+
+@pytest.fixture
+def unlabelled():
+    """A piece without labels."""
+    name = FAMILIAR[0]
+    bare = without_fingers(find_piece(name).score(), keep_hands=True)
+    return dataclasses.replace(find_piece(name), name="test-bare", build=lambda: bare)
+
+
+def test_the_labelled_pieces_of_the_package_are_compared_unless_some_are_named(
+    call, monkeypatch, unlabelled
+):
+    package = {name: find_piece(name) for name in FAMILIAR} | {unlabelled.name: unlabelled}
+    monkeypatch.setattr("sb3_piano.music.BUILT_IN", package)
+    code, out, err = call("fingering", "--no-progress")
+    assert (code, err) == (0, "")
+    assert [row[0] for row in rows_of(out)[:-2]] == FAMILIAR
+
+
+def test_a_named_piece_without_labels_is_told(call, monkeypatch, unlabelled):
+    monkeypatch.setattr("sb3_piano.music.find_piece", {"bare": unlabelled}.__getitem__)
+    code, out, err = call("fingering", "bare")
+    assert (code, out) == (2, "")
+    assert "Piece 'test-bare' was not compared: Score 'CMajorScaleOneHand' has no finger" in err
+
+
+def pig_line(number, onset, pitch, finger):
+    channel = 0 if finger > 0 else 1
+    return f"{number}\t{onset}\t{onset + 0.2}\t{pitch}\t64\t80\t{channel}\t{finger}"
+
+
+def write_pig_file(path, fingers):
+    pitches = ("C4", "D4", "E4", "C3", "D3")
+    lines = [
+        pig_line(i, 0.25 * i, pitch, finger)
+        for i, (pitch, finger) in enumerate(zip(pitches, fingers, strict=True))
+    ]
+    path.write_text("//Version: PianoFingering_v170101\n" + "\n".join(lines) + "\n")
+
+
+@pytest.fixture
+def pig_folder(tmp_path):
+    folder = tmp_path / "PIG" / "FingeringFiles"
+    folder.mkdir(parents=True)
+    write_pig_file(folder / "001-1_fingering.txt", (1, 2, 3, -5, -4))
+    write_pig_file(folder / "001-2_fingering.txt", (1, 2, 4, -3, -2))
+    write_pig_file(folder / "010-1_fingering.txt", (5, 5, 5, -1, -1))
+    (folder / "README.txt").write_text("no fingering")
+    return folder
+
+
+def test_the_files_of_pig_are_grouped_by_their_piece(pig_folder):
+    names = {number: [p.name for p in paths] for number, paths in pig_files(pig_folder).items()}
+    assert names == {
+        "001": ["001-1_fingering.txt", "001-2_fingering.txt"],
+        "010": ["010-1_fingering.txt"],
+    }
+
+
+def test_a_folder_of_pig_gets_the_four_match_rates(call, pig_folder, tmp_path):
+    code, out, err = call("fingering", tmp_path / "PIG", "--csv", "rates.csv")
+    assert (code, err) == (0, "")
+    rows = rows_of(out)
+    rates = [
+        judge_annotated([read_pig(path) for path in paths])
+        for paths in pig_files(pig_folder).values()
+    ]
+    assert rates[0].general <= rates[0].recombination
+    for row, start, found in zip(rows, (["001", "2"], ["010", "1"]), rates, strict=False):
+        shares = (found.general, found.highest, found.soft, found.recombination)
+        assert row == [*start, "5", *(f"{100 * share:.1f} %" for share in shares)]
+    mean = sum(found.soft for found in rates) / 2
+    assert rows[2][:3] == ["mean of 2", "", "10"]
+    assert rows[2][5] == f"{100 * mean:.1f} %"
+    assert [row["annotators"] for row in read_csv("rates.csv")] == ["2", "1"]
+    assert [float(row["soft"]) for row in read_csv("rates.csv")] == [r.soft for r in rates]
+
+
+def test_bad_files_of_pig_are_told_and_the_others_are_compared(call, pig_folder):
+    (pig_folder / "001-2_fingering.txt").write_text("0\tx\n")
+    write_pig_file(pig_folder / "020-1_fingering.txt", (1, 2, 3, -5, -4))
+    other = (pig_folder / "020-1_fingering.txt").read_text().replace("C4", "C5")
+    (pig_folder / "020-2_fingering.txt").write_text(other)
+    code, out, err = call("fingering", pig_folder)
+    assert code == 2
+    assert [row[:2] for row in rows_of(out)[:-1]] == [["001", "1"], ["010", "1"]]
+    assert "001-2_fingering.txt' has 2 fields" in err
+    assert "Piece 020 was not compared: 1 of 5 notes of '020-1_fingering' are not in" in err
+
+
+def test_a_folder_without_fingering_files_or_beside_names_is_refused(call, tmp_path):
+    (tmp_path / "empty").mkdir()
+    code, _, err = call("fingering", "empty")
+    assert code == 2
+    assert "Folder 'empty' has no fingering files: expected the PIG data set" in err
+    code, _, err = call("fingering", "empty", FAMILIAR[0])
+    assert code == 2
+    assert "Folder 'empty' is given with other pieces" in err

@@ -10,6 +10,9 @@ from sb3_piano.exceptions import ConfigError
 
 EXIT_OK, EXIT_ERROR, EXIT_INTERRUPTED = 0, 2, 130
 
+_FILE_WIDTH = 160
+"""Room for a table in a file, in characters."""
+
 # See sb3_piano.training.statistics.bootstrap_interval, where the figures come from.
 _FEW_VALUES = 10
 
@@ -62,6 +65,16 @@ def check_output_file(option: str, file: Path | None) -> None:
     """
     if file is not None and (file.is_dir() or not file.parent.is_dir()):
         raise ConfigError(f"{option} is '{file}': expected a file in a folder that exists.")
+
+
+def print_table(table: Any) -> None:
+    """Print a table of rich's, with all the room it needs where no terminal limits it."""
+    from rich.console import Console
+
+    console = Console()
+    if not console.is_terminal:
+        console.width = max(console.width, _FILE_WIDTH)  # rich takes a file for 80 columns wide
+    console.print(table)
 
 
 def print_narrowness(n_values: int) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from sb3_piano.cli.common import EXIT_ERROR, EXIT_OK, check_output_file
+from sb3_piano.cli.common import EXIT_ERROR, EXIT_OK, check_output_file, print_table
 from sb3_piano.exceptions import ConfigError, SB3PianoError
 
 if TYPE_CHECKING:
@@ -123,7 +123,6 @@ def _tracked(items: Iterable[_Found], arguments: argparse.Namespace) -> Iterable
 def _show_pieces(found: Mapping[str, Agreement]) -> None:
     if not found:
         return
-    from rich.console import Console
     from rich.table import Table
 
     table = Table(caption="Shares of labelled notes. Fingers: ours for the labels' hands.")
@@ -138,13 +137,12 @@ def _show_pieces(found: Mapping[str, Agreement]) -> None:
     whole = _summed(list(found.values()))
     shares = [getattr(whole, share) for share in _AGREEMENT]
     table.add_row("all notes", str(sum(whole.notes)), *map(_share, shares))
-    Console().print(table)
+    print_table(table)
 
 
 def _show_folder(found: Mapping[str, tuple[int, MatchRates]]) -> None:
     if not found:
         return
-    from rich.console import Console
     from rich.table import Table
 
     table = Table(caption="Match rates of Nakamura, Saito and Yoshii 2020.")
@@ -157,7 +155,7 @@ def _show_folder(found: Mapping[str, tuple[int, MatchRates]]) -> None:
     means = [_mean([getattr(rates, name) for _, rates in found.values()]) for name in _RATES]
     notes = sum(rates.notes for _, rates in found.values())
     table.add_row(f"mean of {len(found)}", "", str(notes), *map(_share, means))
-    Console().print(table)
+    print_table(table)
 
 
 def _piece_row(name: str, agreement: Agreement) -> dict[str, object]:

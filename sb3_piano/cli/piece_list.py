@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sb3_piano.cli.common import EXIT_OK, check_output_file
+from sb3_piano.cli.common import EXIT_OK, check_output_file, print_table
 from sb3_piano.exceptions import ConfigError, SB3PianoError, near_names
 
 if TYPE_CHECKING:
@@ -22,9 +22,6 @@ _FEATURES = ("duration", "notes", "average_polyphony", "maximum_polyphony", "ons
 
 COLUMNS = (*_ABOUT, *_FEATURES, "difficulty_percentile")
 """The columns of the CSV file, and the keys of the JSON file."""
-
-_WIDTH = 160
-"""Room for the table where no terminal limits it, in characters."""
 
 
 def add_parser(commands: Any) -> None:
@@ -87,7 +84,6 @@ def _chosen(rows: Sequence[Row], collection: str | None) -> Sequence[Row]:
 
 
 def _show(rows: Sequence[Row]) -> None:
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
@@ -109,10 +105,7 @@ def _show(rows: Sequence[Row]) -> None:
             _cell("{:.0f}", row["difficulty_percentile"]),
         )
         table.add_row(*map(Text, cells))
-    console = Console()
-    if not console.is_terminal:
-        console.width = max(console.width, _WIDTH)  # rich takes a file for 80 columns wide
-    console.print(table)
+    print_table(table)
     print(
         f"{len(rows)} pieces; keys: pressed at once, mean and most; %: percentile rank of the "
         "difficulty among all, 100 the hardest"

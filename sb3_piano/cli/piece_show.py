@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from sb3_piano.cli.common import EXIT_OK, whole_number
+from sb3_piano.cli.common import EXIT_OK, print_table, whole_number
 from sb3_piano.exceptions import ScoreError
 
 if TYPE_CHECKING:
@@ -79,7 +79,6 @@ def _feature_rows(piece: Piece) -> Iterator[tuple[str, str]]:
 
 
 def _print_table(heading: str, rows: Iterator[tuple[str, str]] | Sequence[tuple[str, str]]) -> None:
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
@@ -88,7 +87,7 @@ def _print_table(heading: str, rows: Iterator[tuple[str, str]] | Sequence[tuple[
         table = Table(heading, "")
         for row in listed:
             table.add_row(*map(Text, row))
-        Console().print(table)
+        print_table(table)
 
 
 def _beginning(score: Score, n_bars: int) -> list[list[Note]]:
@@ -101,7 +100,6 @@ def _beginning(score: Score, n_bars: int) -> list[list[Note]]:
 
 
 def _print_notes(score: Score, moments: Sequence[Sequence[Note]]) -> None:
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
@@ -116,7 +114,7 @@ def _print_notes(score: Score, moments: Sequence[Sequence[Note]]) -> None:
         bar = bisect.bisect_right(score.bars, onset)
         hands = [" ".join(_spelled(note) for note in notes if note.hand == hand) for hand in shown]
         table.add_row(*map(Text, (str(bar) if score.bars else "-", f"{onset:.2f}", *hands)))
-    Console().print(table)
+    print_table(table)
     print("Notes: pitch/finger, 1 thumb to 5 little")
 
 

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sb3_piano.cli.common import EXIT_ERROR, EXIT_OK, check_output_file
+from sb3_piano.cli.common import EXIT_ERROR, EXIT_OK, check_output_file, print_table
 from sb3_piano.exceptions import ConfigError, SB3PianoError
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _SCORE_COLUMNS = (
     ("notes", "notes", "{:d}"),
     ("duration", "s", "{:.1f}"),
-    ("average_polyphony", "keys, mean", "{:.2f}"),
+    ("average_polyphony", "keys", "{:.2f}"),
     ("maximum_polyphony", "most", "{:d}"),
     ("onset_density", "notes/s", "{:.2f}"),
     ("hand_span", "span", "{:d}"),
@@ -152,25 +152,25 @@ def _show(
     found: Mapping[str, Features],
     motion: Mapping[str, MotionFeatures] | None,
 ) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     table = Table()
     table.add_column("", justify="right")
-    table.add_column("piece")
+    table.add_column("piece", overflow="fold", min_width=18)
     columns = [*_SCORE_COLUMNS, *(_MOTION_COLUMNS if motion is not None else ())]
-    for heading in ("%", "score", *(heading for _, heading, _ in columns)):
+    for heading in ("%", *(heading for _, heading, _ in columns)):
         table.add_column(heading, justify="right")
     for name, place in places.items():
         cells = _cells(found[name], _SCORE_COLUMNS)
         if motion is not None:
             cells += _cells(motion[name], _MOTION_COLUMNS)
-        table.add_row(
-            str(place.rank), name, f"{place.percentile:.1f}", f"{place.score:+.2f}", *cells
-        )
-    Console().print(table)
+        table.add_row(str(place.rank), name, f"{place.percentile:.1f}", *cells)
+    print_table(table)
     terms = "the score and recorded performances" if motion is not None else "the score alone"
-    print(f"Difficulty by {terms}, the easiest first; % is the percentile rank.")
+    print(
+        f"Difficulty by {terms}, the easiest first; %: percentile rank; keys: pressed at once, "
+        "mean and most; span: semitones of a hand; moves/s: semitones that the hands travel"
+    )
 
 
 def _cells(values: Features | MotionFeatures, columns: Sequence[tuple[str, str, str]]) -> list[str]:

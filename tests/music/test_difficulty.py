@@ -25,6 +25,7 @@ from sb3_piano.music.difficulty import (
     read_motion,
     write_motion,
 )
+from sb3_piano.music.repertoire import REPERTOIRE
 from sb3_piano.simulation.scene import compile_scene
 
 
@@ -351,3 +352,10 @@ def test_recordings_of_some_pieces_only_are_refused():
         ConfigError, match="2 of 3 pieces have no recorded performance, first 'a': expected one of"
     ):
         rank(pieces, {"b": motion()})
+
+
+def test_the_papers_curriculum_gets_harder():
+    curriculum = ["TwinkleTwinkle", "Reverie", "ClairDeLune", "MapleLeafRag"]
+    found = {name: features(piece.score()) for name, piece in REPERTOIRE.items()}
+    ranked = [name.removeprefix("repertoire-") for name in rank(found)]
+    assert [name for name in ranked if name in curriculum] == curriculum

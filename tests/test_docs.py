@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -12,12 +13,16 @@ import pytest
 import yaml
 
 from sb3_piano.cli import main
-from sb3_piano.envs import ENV_IDS
+from sb3_piano.envs import ENV_IDS, GENERAL_ID
+from sb3_piano.music import load_score, repertoire, write_midi
+from sb3_piano.music.library import user_library
+from sb3_piano.music.repertoire import REPERTOIRE, read_header
 from sb3_piano.training import load_config
 from sb3_piano.training.builders import build_callbacks
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "repertoire.md").read_text(encoding="utf-8")
 BLOCKS = {
     f"{page.name} {number}": block
     for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
@@ -42,9 +47,51 @@ def test_a_python_block_runs(block, tmp_path):
     run(["-c", BLOCKS[block]], tmp_path)
 
 
+def named_ids():
+    """Return a pattern for each id in the README, where ``<Key>`` and ``<Name>`` are anything.
+
+    An id may lack its beginning, as the second one of a row does.
+    """
+    spans = re.findall(r"`(?:RoboPianist)?(-[\w<>-]+-v0)`", README)
+    patterns = [re.sub(r"<\w+>", r"\\w+", span) for span in spans]
+    first, last = "-hanon-01-v0", "-hanon-20-v0"
+    assert {first, last} <= set(patterns)
+    return [*patterns, r"-hanon-\d\d-v0"]
+
+
 def test_the_readme_has_python_blocks_and_names_every_environment():
     assert {"README.md 0", "README.md 1"} <= set(BLOCKS)
-    assert all(f"`{env_id}`" in README for env_id in ENV_IDS)
+    patterns = [re.compile("RoboPianist" + pattern) for pattern in named_ids()]
+    named = {e for e in ENV_IDS if any(pattern.fullmatch(e) for pattern in patterns)}
+    assert set(ENV_IDS) - named == {GENERAL_ID}
+    assert f"`{GENERAL_ID}`" in README
+
+
+@pytest.mark.parametrize("name", REPERTOIRE)
+def test_the_page_of_the_repertoire_tells_what_a_piece_s_file_says(name):
+    file = Path(repertoire.__file__).parent / f"{name.removeprefix('repertoire-')}.notes"
+    header = read_header(file)
+    entry = f"**`{name}`**: {header.composer}, *{header.title}*. {header.source}"
+    if header.simplified:
+        entry += f" Simplified: {header.simplified}"
+    assert entry in " ".join(PAGE.split())
+
+
+def test_the_page_of_the_repertoire_has_commands_that_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SB3_PIANO_DATA", str(tmp_path / "data"))
+    Path("my_music").mkdir()
+    write_midi(load_score("OdeToJoy"), "my_piece.mid")
+    write_midi(load_score("TwinkleTwinkle"), "my_music/twinkle.mid")
+    blocks = re.findall(r"^```bash\n(.*?)^```", PAGE, re.M | re.S)
+    commands = [shlex.split(line, comments=True) for line in "".join(blocks).splitlines()]
+    assert len(commands) > 8
+    for program, *arguments in commands:
+        assert program == "sb3-piano"
+        assert main(arguments) == 0, arguments
+    assert "Imported" in capsys.readouterr().out
+    assert Path("fur_elise.mid").is_file()
+    assert user_library().names() == ("my_piece", "twinkle")
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sb3_piano.cli.common import EXIT_ERROR, EXIT_INTERRUPTED, EXIT_OK, whole_number
 
 if TYPE_CHECKING:
-    from sb3_piano.music.library import ImportReport
+    from sb3_piano.music.library import ImportReport, Unusable
 
 _MOST_NAMED = 10
 
@@ -72,15 +72,21 @@ def _import(arguments: argparse.Namespace) -> int:
 
 def _tell(report: ImportReport) -> None:
     for note in report.notes:
-        print(f"Note: {note.path}: {note.reason}")
+        print(f"Note: {_told(note)}")
     for unusable in report.unusable:
-        print(f"Not imported: {unusable.path}: {unusable.reason}", file=sys.stderr)
+        print(f"Not imported: {_told(unusable)}", file=sys.stderr)
     if report.imported:
         print(f"Imported: {_names(report.imported)}")
     if report.present:
         print(f"There already: {_names(report.present)}")
     if report.unusable:
         print(f"Not imported: {len(report.unusable)}, as listed")
+
+
+def _told(file: Unusable) -> str:
+    """Return what is odd about a file, with its name once."""
+    named = str(file.path) in file.reason
+    return file.reason if named else f"{file.path}: {file.reason}"
 
 
 def _names(names: Sequence[str]) -> str:

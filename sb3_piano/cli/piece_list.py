@@ -106,9 +106,10 @@ def _show(rows: Sequence[Row]) -> None:
         )
         table.add_row(*map(Text, cells))
     print_table(table)
+    count = "1 piece" if len(rows) == 1 else f"{len(rows)} pieces"
     print(
-        f"{len(rows)} pieces; keys: pressed at once, mean and most; %: percentile rank of the "
-        "difficulty among all, 100 the hardest"
+        f"{count}; keys: pressed at once, mean and most; %: percentile rank of the difficulty "
+        "among all, 100 the hardest"
     )
 
 

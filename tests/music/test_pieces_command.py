@@ -70,7 +70,7 @@ class TestImport:
         assert status == 0
         assert "Imported: a, b\n" in out
         assert f"Library: {data / 'pieces'}" in out
-        assert f"Not imported: {music / 'bad.mid'}: Cannot read" in err
+        assert f"Not imported: Cannot read '{music / 'bad.mid'}' as a MIDI file" in err
         status, out, err = run("import", music, "--jobs", "1", "--no-progress")
         assert status == 0
         assert "There already: a, b\n" in out
@@ -84,7 +84,7 @@ class TestImport:
     def test_the_status_is_2_if_nothing_could_be_imported(self, run, music):
         status, out, err = run("import", music / "bad.mid")
         assert (status, "Imported" in out) == (2, False)
-        assert "bad.mid: Cannot read" in err
+        assert err.count("bad.mid") == 1
 
     @pytest.mark.parametrize(
         ("arguments", "message"),

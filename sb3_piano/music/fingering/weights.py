@@ -166,7 +166,8 @@ _POSITIVE = ("leap", "pace", "rest")
 """What is divided by."""
 
 DEFAULT_WEIGHTS = FingeringWeights()
-"""Tuned on the generated studies (benchmarks/tune_fingering_weights.py)."""
+"""Tuned on the generated studies, in several runs of what benchmarks/tune_fingering_weights.py
+does, and rounded."""
 
 PARNCUTT_WEIGHTS = FingeringWeights(
     reaches=PARNCUTT_REACHES,

@@ -21,7 +21,9 @@ def main(source: str | None = None) -> None:
     score = load_score(source or path)
     print(f"{score}: keys {score.pitch_range}, finger labels: {score.has_fingering}")
 
-    env = gym.make("RoboPianist-v0", score=score.transpose(-5).stretch(1.5))
+    # Notes without a label get the finger that is the least effort.
+    score = score.transpose(-5).stretch(1.5)
+    env = gym.make("RoboPianist-v0", score=score, fingering="ergonomic")
     env.reset(seed=0)
     rng = np.random.default_rng(0)
     action = env.unwrapped.rest_action

@@ -23,7 +23,7 @@ class ScoreWarning(UserWarning):
 
 
 class UnknownPieceError(SB3PianoError, ValueError):
-    """A piece name is neither a built-in study nor a file."""
+    """There is no piece of this name, or it is still to be imported."""
 
 
 class ConfigError(SB3PianoError, ValueError):

@@ -42,7 +42,7 @@ def add_parser(commands: Any) -> None:
         action="append",
         default=[],
         metavar="PIECE",
-        help="a MIDI or PIG file or a piece's name, to be played in place of each run's own piece; "
+        help="a file, such as MIDI, or a piece's name, to be played in place of each run's own piece; "
         "may be given several times",
     )
     add("--physics", metavar="NAME", help="reference or fast; default: what it was trained on")

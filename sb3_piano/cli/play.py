@@ -20,7 +20,7 @@ def add_parser(commands: Any) -> None:
     """Add the command and its arguments."""
     play = commands.add_parser("play", help="watch and hear a trained model, or a piece")
     add = play.add_argument
-    add("what", metavar="RUN|PIECE", help="a run's folder; or a MIDI or PIG file, or a study")
+    add("what", metavar="RUN|PIECE", help="a run's folder; or a file, such as MIDI, or a piece")
     add("--out", metavar="DIR", help="default: RUN/play, or play/<title> for a piece")
     add("--score", metavar="PIECE", help="let the run's model play another piece")
     add("--seed", type=int, metavar="N", help="seed of the run's environment; default: 0")

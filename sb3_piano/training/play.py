@@ -83,7 +83,7 @@ def play_score(
         ConfigError: If a setting is out of range.
         RunError: If the folder cannot be written.
         ScoreError: If the score cannot be read, or a file cannot be written.
-        UnknownPieceError: If ``score`` is neither a study nor a file.
+        UnknownPieceError: If ``score`` is neither a piece's name nor a file.
     """
     piece = load_score(score)
     folder = default_folder(None, piece) if out is None else Path(out)

@@ -28,15 +28,15 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
 
     Args:
         env: A piano environment, wrapped or not.
-        pieces: One or more of what an environment takes as its score: scores, paths of MIDI or PIG
-            files, names of studies. Files are read at once.
+        pieces: One or more of what an environment takes as its score: scores, paths of files,
+            names of pieces. Files are read at once.
         weights: How likely each piece is, in proportion to the others; 0 or more, not all 0. Left
             out, all are equally likely.
 
     Raises:
         ConfigError: If ``pieces`` or ``weights`` is no such list, or ``env`` is no piano.
         ScoreError: If a piece cannot be read, or wrappers inside cannot change it.
-        UnknownPieceError: If a name is no study's.
+        UnknownPieceError: If there is no piece of some name.
     """
 
     def __init__(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -151,6 +152,32 @@ def test_hanon_an_octave_apart_finds_its_hands_again(number):
 )
 def test_music_finds_most_of_its_hands_again(name, least):
     assert share_recovered(f"repertoire-{name}") > least
+
+
+def crossed(found):
+    """How many notes of the right hand sound while the left hand holds their key or a higher one.
+
+    Notes that only overlap a little, as in legato, do not count.
+    """
+    onset, offset, pitch = (
+        np.array([getattr(note, name) for note in found.notes])
+        for name in ("onset", "offset", "pitch")
+    )
+    right = np.array([note.hand == "right" for note in found.notes])
+    together = (onset[:, None] < offset - 0.05) & (onset < offset[:, None] - 0.05)
+    below = together & (pitch[:, None] <= pitch) & right[:, None] & ~right
+    return int(below.any(axis=1).sum())
+
+
+def test_hands_cross_where_they_are_made_to():
+    assert crossed(score((0, 60, 1, "right"), (0, 62, 1, "left"), (2, 50, 1, "right"))) == 1
+
+
+def test_hands_found_for_the_built_in_pieces_do_not_cross():
+    pieces = [piece.score() for piece in BUILT_IN.values()]
+    assert sum(map(crossed, pieces)) == 0  # there is no need to
+    found = sum(crossed(assign_hands(without_hands(piece))) for piece in pieces)
+    assert found <= 1  # of 12,726 notes
 
 
 SCORES = st.lists(

@@ -42,8 +42,8 @@ def add_parser(commands: Any) -> None:
         action="append",
         default=[],
         metavar="PIECE",
-        help="a file, such as MIDI, or a piece's name, to be played in place of each run's own piece; "
-        "may be given several times",
+        help="a file, such as MIDI, or a piece's name, to be played in place of each run's own "
+        "piece; may be given several times",
     )
     add("--physics", metavar="NAME", help="reference or fast; default: what it was trained on")
     add("--best", metavar="METRIC", help="play the best model by f1 or onset_f1, not the last one")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +31,28 @@ def whole_number(text: str) -> int:
     return int(number)
 
 
-def what_is_played(
-    env_id: str | None, midi: str | None, instead: str = ""
-) -> tuple[str, dict[str, Any]]:
+def add_piece_arguments(add: Callable[..., Any]) -> None:
+    """Add the arguments that say what is played: ``--env``, ``--midi`` and ``--fingering``."""
+    add("--env", metavar="ID", help="environment id; 'sb3-piano envs' lists ours")
+    add(
+        "--midi",
+        "--score",
+        metavar="FILE",
+        help="play a file, such as MIDI, or a piece by its name",
+    )
+    add(
+        "--fingering",
+        metavar="HOW",
+        help="keep (default): labels as they are; ergonomic: find fingers for notes without; "
+        "optimal-transport: no labels; or a file of labels",
+    )
+
+
+def what_is_played(arguments: argparse.Namespace, instead: str = "") -> tuple[str, dict[str, Any]]:
     """Return the environment that ``--env`` and ``--midi`` stand for, and settings to go with it.
 
     Args:
-        env_id: The value of ``--env``, if it is given.
-        midi: The value of ``--midi``, if it is given.
+        arguments: With those of :func:`add_piece_arguments`.
         instead: What else the command takes, for the error if neither is.
 
     Raises:
@@ -45,16 +60,18 @@ def what_is_played(
     """
     from sb3_piano.envs import GENERAL_ID
 
+    env_id, midi, fingering = arguments.env, arguments.midi, arguments.fingering
+    options = {} if fingering is None else {"fingering": fingering}
     if midi is None:
         if env_id is None:
             raise ConfigError(f"Nothing to play: expected --env ID{instead or ' or --midi FILE'}.")
-        return env_id, {}
+        return env_id, {"env_kwargs": options} if options else {}
     if env_id not in (None, GENERAL_ID):
         raise ConfigError(
             f"--midi cannot be given with --env {env_id}: only {GENERAL_ID} plays any piece. "
             "Expected --midi alone."
         )
-    return GENERAL_ID, {"env_kwargs": {"score": midi}}
+    return GENERAL_ID, {"env_kwargs": {"score": midi, **options}}
 
 
 def check_output_file(option: str, file: Path | None) -> None:

@@ -27,8 +27,9 @@ def _presets(arguments: argparse.Namespace) -> int:
 
 def _envs(arguments: argparse.Namespace) -> int:
     from sb3_piano.envs import ENV_IDS
+    from sb3_piano.envs.registration import imported_ids
 
     del arguments  # every command gets them
-    for env_id in ENV_IDS:
+    for env_id in (*ENV_IDS, *imported_ids()):
         print(env_id)
     return EXIT_OK

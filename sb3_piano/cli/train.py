@@ -6,7 +6,13 @@ import argparse
 import shlex
 from typing import TYPE_CHECKING, Any
 
-from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, what_is_played, whole_number
+from sb3_piano.cli.common import (
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    add_piece_arguments,
+    what_is_played,
+    whole_number,
+)
 from sb3_piano.cli.evaluate import evaluate_run
 from sb3_piano.cli.play import play_run
 from sb3_piano.exceptions import ConfigError
@@ -15,7 +21,7 @@ if TYPE_CHECKING:
     from sb3_piano.training import RunConfig, TrainResult
 
 _VEC_ENV_HELP = "dummy (one process), threads or subproc (one process for each)"
-_NEW_RUN_ONLY = ("midi", "config", "seed", "n_envs", "vec_env", "run", "runs_dir")
+_NEW_RUN_ONLY = ("midi", "fingering", "config", "seed", "n_envs", "vec_env", "run", "runs_dir")
 
 
 def add_parser(commands: Any) -> None:
@@ -23,13 +29,7 @@ def add_parser(commands: Any) -> None:
     train = commands.add_parser("train", help="train a model, or go on training one")
     add = train.add_argument
     add("--algo", metavar="NAME", help="td3 (default), sac, tqc, ddpg, ppo, a2c, crossq or trpo")
-    add("--env", metavar="ID", help="environment id; 'sb3-piano envs' lists ours")
-    add(
-        "--midi",
-        "--score",
-        metavar="FILE",
-        help="play a file, such as MIDI, or a piece by its name",
-    )
+    add_piece_arguments(add)
     add("--config", metavar="FILE.yml", help="hyperparameters; default: the algorithm's preset")
     add("--steps", type=whole_number, metavar="N", help="environment steps in all, such as 1e6")
     add("--seed", type=int, metavar="N", help="default: drawn, and noted in the run's folder")
@@ -87,9 +87,7 @@ def _refuse_new_run_options(arguments: argparse.Namespace) -> None:
 def _config(arguments: argparse.Namespace) -> RunConfig:
     from sb3_piano.training import load_config
 
-    env_id, overrides = what_is_played(
-        arguments.env, arguments.midi, ", --midi FILE or --resume RUN"
-    )
+    env_id, overrides = what_is_played(arguments, ", --midi FILE or --resume RUN")
     overrides |= {
         name: value
         for name, value in {

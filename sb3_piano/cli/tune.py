@@ -11,6 +11,7 @@ from sb3_piano.cli.common import (
     EXIT_ERROR,
     EXIT_INTERRUPTED,
     EXIT_OK,
+    add_piece_arguments,
     what_is_played,
     whole_number,
 )
@@ -31,13 +32,7 @@ def add_parser(commands: Any) -> None:
     )
     add = tune.add_argument
     add("--algo", default="td3", metavar="NAME", help="td3 (default), sac, tqc, ...")
-    add("--env", metavar="ID", help="environment id; 'sb3-piano envs' lists ours")
-    add(
-        "--midi",
-        "--score",
-        metavar="FILE",
-        help="play a file, such as MIDI, or a piece by its name",
-    )
+    add_piece_arguments(add)
     add("--config", metavar="FILE.yml", help="settings to depart from; default: the preset")
     _add_trial_arguments(tune.add_argument_group("trials"))
     _add_search_arguments(tune.add_argument_group("search"))
@@ -132,7 +127,7 @@ def _config(arguments: argparse.Namespace) -> StudyConfig:
     from sb3_piano.training import load_entry
     from sb3_piano.tuning import StudyConfig, load_space
 
-    env_id, overrides = what_is_played(arguments.env, arguments.midi)
+    env_id, overrides = what_is_played(arguments)
     overrides["n_timesteps"] = arguments.steps
     return StudyConfig(
         algo=arguments.algo,

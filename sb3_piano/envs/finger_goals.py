@@ -85,6 +85,6 @@ def _check_labels(roll: PianoRoll) -> None:
         step, key = unlabelled[0]
         raise ScoreError(
             f"The note of pitch {key + MIN_PITCH} at control step {step} has no finger label: "
-            "the observation 'fingers' expects one for every note. Label the score, or choose the "
-            "observation 'roll' or 'window'."
+            "the observation 'fingers' expects one for every note. Let fingers be found with "
+            "fingering='ergonomic', or choose the observation 'roll' or 'window'."
         )

@@ -39,13 +39,8 @@ PIG_IDS: Mapping[str, str] = MappingProxyType(
 
 def register_envs() -> None:
     """Register all ids with gymnasium, those of imported benchmark pieces too; safe to repeat."""
-    ids = {
-        GENERAL_ID: "debug-TwinkleTwinkleLittleStar",
-        **PIECE_IDS,
-        **PIG_IDS,
-        **{f"RoboPianist-{name}-v0": name for name in _imported_benchmark()},
-    }
-    for env_id, piece in ids.items():
+    general = {GENERAL_ID: "debug-TwinkleTwinkleLittleStar"}
+    for env_id, piece in {**general, **PIECE_IDS, **PIG_IDS, **imported_ids()}.items():
         if env_id not in gym.registry:
             gym.register(
                 id=env_id,
@@ -55,9 +50,10 @@ def register_envs() -> None:
             )
 
 
-def _imported_benchmark() -> list[str]:
-    """Return the names of imported pieces that RoboPianist has ids for, without reading them."""
+def imported_ids() -> dict[str, str]:
+    """Return the ids of imported pieces that RoboPianist has ids for, with the pieces' names."""
     try:
-        return [name for name in user_library().names() if name.startswith(_BENCHMARKS)]
+        names = user_library().names()  # without reading their files
     except OSError:
-        return []  # a folder that cannot be read: finding a piece in it says so
+        return {}  # a folder that cannot be read: finding a piece in it says so
+    return {f"RoboPianist-{name}-v0": name for name in names if name.startswith(_BENCHMARKS)}

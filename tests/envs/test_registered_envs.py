@@ -12,9 +12,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
-from sb3_piano.envs import DEBUG_IDS, ENV_IDS, GENERAL_ID, PIG_IDS
+from sb3_piano.envs import DEBUG_IDS, ENV_IDS, GENERAL_ID, PIG_IDS, register_envs
 from sb3_piano.exceptions import UnknownPieceError
-from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.music import Note, Score, load_score, write_midi
+from sb3_piano.music.library import Library
 
 # Pieces of every kind, short enough to be played to their ends.
 SAMPLE = (
@@ -74,6 +75,20 @@ def test_an_id_of_the_pig_data_set_says_how_to_get_the_data(tmp_path, monkeypatc
     for env_id in PIG_IDS:
         with pytest.raises(UnknownPieceError, match="register at https://.*pieces import PianoF"):
             gym.make(env_id)
+
+
+def test_an_imported_piece_of_the_benchmark_gets_its_id_though_nobody_knew_its_name(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setenv("SB3_PIANO_DATA", str(tmp_path))
+    env_id = "RoboPianist-repertoire-150-Unheard-v0"
+    score = load_score("CMajorScaleOneHand")
+    Library().add(score, "repertoire-150-Unheard", source="a test", fingering="ours")
+    register_envs()
+    try:
+        assert gym.make(env_id).unwrapped.default_score.notes == score.notes
+    finally:
+        del gym.registry[env_id]
 
 
 @pytest.mark.parametrize("env_id", SAMPLE)

@@ -14,6 +14,8 @@ import sb3_piano
 from sb3_piano.cli import main
 from sb3_piano.envs import ENV_IDS
 from sb3_piano.hyperparams import PRESETS
+from sb3_piano.music import Note, Score, load_score, write_midi
+from sb3_piano.music.library import Library
 
 SETTINGS = {
     "n_timesteps": 60,
@@ -78,6 +80,27 @@ def test_a_piece_can_be_named(capsys):
     arguments = ["--midi", "CMajorScaleOneHand", "--config", "small.yml", "--steps", "3"]
     assert main(["train", *arguments, "--no-progress", "--run", "here"]) == 0
     assert "Model:       here/model.zip" in capsys.readouterr().out
+
+
+def test_fingers_are_found_for_a_file_without_labels(tmp_path, capsys):
+    notes = [Note(onset=0.5 * i, offset=0.5 * i + 0.4, pitch=60 + 2 * i) for i in range(3)]
+    write_midi(Score(notes=notes), tmp_path / "plain.mid")
+    arguments = ["--midi", "plain.mid", "--fingering", "ergonomic", "--config", "small.yml"]
+    assert main(["train", *arguments, "--steps", "3", "--no-progress", "--run", "run"]) == 0
+    config = yaml.safe_load((tmp_path / "run" / "config.yml").read_text())
+    assert config["env_kwargs"] == {"score": "score.mid", "fingering": "ergonomic"}
+    resume = ["train", "--resume", "run", "--fingering", "keep"]
+    assert main(resume) == 2
+    assert "--fingering cannot be given with --resume" in capsys.readouterr().err
+
+
+def test_imported_benchmark_pieces_are_listed_among_the_environments(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("SB3_PIANO_DATA", str(tmp_path / "data"))
+    score = load_score("CMajorScaleOneHand")
+    for name in ("mine", "etude-12-PartitaNo26"):
+        Library().add(score, name, source="a test", fingering="ours")
+    assert main(["envs"]) == 0
+    assert capsys.readouterr().out.split() == [*ENV_IDS, "RoboPianist-etude-12-PartitaNo26-v0"]
 
 
 def test_options_reach_the_run(tmp_path, capsys):

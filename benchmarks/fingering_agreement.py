@@ -7,6 +7,12 @@ and none sees a label. Beside ours stand pianoplayer (``pip install pianoplayer`
 of a chord get the fingers in their order, and a hand at rest over five white keys moves only as far
 as the next chord asks. Prints tables in Markdown: agreement, and the time for long pieces. With
 pianoplayer all this takes about half an hour (``--methods`` and ``--pieces`` leave some out).
+
+``--files`` takes labelled scores from elsewhere in place of the built-in pieces. The corpus of
+music21 has four with some fingers of the edition, Clara Schumann's polonaises op. 1::
+
+    folder=$(python -c "import music21; print(music21.__path__[0])")/corpus/schumann_clara
+    python benchmarks/fingering_agreement.py --files $folder/polonaise_op1n*.mxl
 """
 
 from __future__ import annotations
@@ -18,15 +24,19 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from rich.console import Console
 from rich.progress import track
 
-from sb3_piano.music import BUILT_IN, MAX_PITCH, MIN_PITCH, Note, Score
+from sb3_piano.music import BUILT_IN, MAX_PITCH, MIN_PITCH, Note, Score, read_score
 from sb3_piano.music.fingering import Agreement, agreement, finger_score, without_fingers
 from sb3_piano.music.hands import FINGERS_PER_HAND, HANDS, Hand, finger_of
 
 Method = Callable[[Score], Score]
+
+MUSIC = ("repertoire", "file")
+"""What is no study."""
 
 PLAYER_NOTES = 1000
 """Notes of the long piece that pianoplayer gets; its time grows with their number."""
@@ -161,13 +171,18 @@ def compare(
     return found, seconds
 
 
+def collection_of(name: str) -> str:
+    """Return the collection of a piece, ``"file"`` for one of a file."""
+    return BUILT_IN[name].collection if name in BUILT_IN else "file"
+
+
 def long_piece(pieces: Mapping[str, Score], n_notes: int) -> Score:
     """Return pieces one after the other, again and again, until there are enough notes.
 
     Studies, which repeat themselves, are left out if there is anything else; and each time round is
     in another key, so that little of what was worked out before can be used again.
     """
-    music = [score for name, score in pieces.items() if BUILT_IN[name].collection == "repertoire"]
+    music = [score for name, score in pieces.items() if collection_of(name) in MUSIC]
     notes: list[Note] = []
     start = 0.0
     for number, score in enumerate(itertools.cycle(music or list(pieces.values()))):
@@ -190,14 +205,13 @@ def rows_of_groups(
     """Yield a row for each repertoire piece, and for each collection and all the means."""
     groups: dict[str, list[str]] = {}
     for title in pieces:
-        collection = BUILT_IN[title].collection
-        if collection == "repertoire":
+        if collection_of(title) in MUSIC:
             groups[title] = [title]
     for title in pieces:
-        groups.setdefault(f"all of {BUILT_IN[title].collection}", []).append(title)
+        groups.setdefault(f"all of {collection_of(title)}", []).append(title)
     groups["all pieces"] = list(pieces)
     for group, titles in groups.items():
-        notes = sum(len(pieces[title].notes) for title in titles)
+        notes = sum(note.finger >= 0 for title in titles for note in pieces[title].notes)
         cells = []
         for agreements in found.values():
             mean = sum(agreements[title].both for title in titles) / len(titles)
@@ -238,13 +252,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--notes", type=int, default=10_000, help="of the long piece")
     parser.add_argument("--pieces", nargs="+", metavar="NAME", help="default: all that have labels")
+    parser.add_argument("--files", nargs="+", type=Path, metavar="FILE", help="labelled scores")
     parser.add_argument("--methods", nargs="+", choices=list(METHODS), default=list(METHODS))
     arguments = parser.parse_args()
     methods = {name: METHODS[name] for name in arguments.methods}
     if "pianoplayer" in methods and importlib.util.find_spec("pianoplayer") is None:
         del methods["pianoplayer"]
         print("pianoplayer is left out: pip install pianoplayer", file=sys.stderr)
-    pieces = labelled_pieces()
+    if arguments.files:
+        pieces = {path.stem: read_score(path) for path in arguments.files}
+    else:
+        pieces = labelled_pieces()
     if arguments.pieces:
         pieces = {name: pieces[name] for name in arguments.pieces}
     found, seconds = compare(methods, pieces)

@@ -59,6 +59,21 @@ def test_optimal_transport_takes_the_labels_away():
     assert env.step(action)[4] == plain.step(action)[4]
 
 
+def test_optimal_transport_takes_them_away_from_a_score_named_at_reset_too():
+    env = PianoEnv(PLAIN, fingering="optimal-transport")
+    env.reset(options={"score": "CMajorScaleOneHand"})
+    assert fingers(env) == [-1] * 15
+    assert PianoEnv(env.score).reset(seed=0)  # it is a score as any other
+
+
+def test_equal_scores_keep_bars_of_their_own():
+    other = Score(notes=PLAIN.notes, title=PLAIN.title, bars=(0.0, 1.0))
+    env = PianoEnv("CMajorScaleOneHand", fingering="ergonomic")
+    for score in (PLAIN, other):
+        env.reset(options={"score": score})
+        assert env.score.bars == score.bars
+
+
 def test_labels_of_a_file_are_put_on_the_environments_own_score(tmp_path):
     labels = Score(
         notes=[Note(onset=n.onset, offset=n.offset, pitch=n.pitch, finger=1) for n in PLAIN.notes]

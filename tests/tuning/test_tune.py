@@ -184,10 +184,11 @@ def test_a_study_is_the_same_from_its_mapping():
     assert type(config).from_mapping(config.to_mapping()) == config
 
 
-def test_a_score_file_counts_by_its_content(tmp_path):
+@pytest.mark.parametrize("option", ["score", "fingering"])
+def test_a_file_counts_by_its_content(option, tmp_path):
     copy = tmp_path / "elsewhere.mid"
     copy.write_bytes(MIDI_FILE.read_bytes())
-    here, there = (small(entry={"env_kwargs": {"score": str(f)}}) for f in (MIDI_FILE, copy))
+    here, there = (small(entry={"env_kwargs": {option: str(f)}}) for f in (MIDI_FILE, copy))
     assert here.identity() == there.identity()
     copy.write_bytes(b"other")
     assert here.identity() != there.identity()

@@ -6,7 +6,8 @@ Each method gets the notes of each hand as the labels give them, so that only fi
 and none sees a label. Beside ours stand pianoplayer (``pip install pianoplayer``) and a rule: keys
 of a chord get the fingers in their order, and a hand at rest over five white keys moves only as far
 as the next chord asks. Prints tables in Markdown: agreement, and the time for long pieces. With
-pianoplayer all this takes about half an hour (``--methods`` and ``--pieces`` leave some out).
+pianoplayer all this takes about a quarter of an hour (``--methods`` and ``--pieces`` leave out
+some).
 
 ``--files`` takes labelled scores from elsewhere in place of the built-in pieces. The corpus of
 music21 has four with some fingers of the edition, Clara Schumann's polonaises op. 1::

@@ -9,6 +9,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.catalogue import find_piece
 from sb3_piano.music.formats import READERS, read_score
 from sb3_piano.music.formats.files import ACCEPTED_FILES
+from sb3_piano.music.library import PIECE_SUFFIX, read_piece
 from sb3_piano.music.score import Score
 
 
@@ -16,8 +17,9 @@ def load_score(source: Score | str | os.PathLike[str]) -> Score:
     """Return the score that `source` stands for.
 
     Args:
-        source: A score, which is returned as it is; the name of a piece; or the path of a file.
-            Text counts as a path if it ends in a known suffix or has a separator.
+        source: A score, which is returned as it is; the name of a piece; or the path of a file,
+            which may also be one of the user's library. Text counts as a path if it ends in a known
+            suffix or has a separator.
 
     Raises:
         UnknownPieceError: If the text is neither the name of a piece nor a path.
@@ -33,10 +35,12 @@ def load_score(source: Score | str | os.PathLike[str]) -> Score:
         )
     if isinstance(source, str) and not is_path(source):
         return find_piece(source).score()
-    return read_score(source)
+    path = Path(source)
+    return read_piece(path) if path.suffix == PIECE_SUFFIX else read_score(path)
 
 
 def is_path(text: str) -> bool:
     """Return whether a text is meant as a path: it ends in a known suffix or has a separator."""
     separators = [separator for separator in (os.sep, os.altsep) if separator is not None]
-    return Path(text).suffix.lower() in READERS or any(mark in text for mark in separators)
+    suffix = Path(text).suffix.lower()
+    return suffix in (*READERS, PIECE_SUFFIX) or any(mark in text for mark in separators)

@@ -14,6 +14,7 @@ import yaml
 
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import write_text
+from sb3_piano.music.library import user_library
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.provenance import provenance
 from sb3_piano.training.yaml_config import read_yaml_mapping
@@ -31,8 +32,8 @@ class RunFolder:
     ======================== =====================================================================
     ``config.yml``           the :class:`RunConfig`, with all defaults and the seed filled in
     ``run.yml``              command line, versions of packages, seed, time, the score file's origin
-    ``score.<suffix>``       the score file that is played, if the run was given one; likewise
-                             ``fingering.<suffix>``, a file of finger labels
+    ``score.<suffix>``       the score that is played, if the run was given a file or an imported
+                             piece; likewise ``fingering.<suffix>``, a file of finger labels
     ``model.zip``            the newest saved model; ``vecnormalize.pkl`` beside it, if it has any
     ``checkpoint/``          what resuming needs, see :class:`~sb3_piano.callbacks.Checkpoint`
     ``monitor/``             one ``<n>.monitor.csv`` per environment. After a crash it also has the
@@ -158,10 +159,11 @@ class RunFolder:
 
     def _write(self, config: RunConfig) -> None:
         notes = provenance(config.seed)
-        for option, file in _files(config).items():
-            if Path(file).suffix and Path(file).is_file():
-                notes[f"{option}_file"] = file
-                copy = self.path / f"{option}{Path(file).suffix}"
+        for option, text in _files(config).items():
+            file = _file_meant(option, text)
+            if file is not None:
+                notes[f"{option}_file"] = str(file)
+                copy = self.path / f"{option}{file.suffix}"
                 shutil.copyfile(file, copy)
                 config = _with_options(config, {option: str(copy)})
         write_text(self.provenance_file, yaml.safe_dump(notes, sort_keys=False))
@@ -172,6 +174,16 @@ def _files(config: RunConfig) -> dict[str, str]:
     """Return the environment's options that may name files."""
     options = config.env_kwargs
     return {name: options[name] for name in FILE_OPTIONS if isinstance(options.get(name), str)}
+
+
+def _file_meant(option: str, text: str) -> Path | None:
+    """Return the file that an option names, as a path or as a piece of the user's library."""
+    if Path(text).suffix and Path(text).is_file():
+        return Path(text)
+    library = user_library()
+    if option == "score" and text in library:
+        return library.path(text)
+    return None
 
 
 def _with_options(config: RunConfig, options: Mapping[str, str]) -> RunConfig:

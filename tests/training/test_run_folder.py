@@ -8,6 +8,8 @@ import pytest
 import yaml
 
 from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.music import load_score
+from sb3_piano.music.library import Library
 from sb3_piano.training import RunFolder
 
 
@@ -80,6 +82,21 @@ def test_a_file_of_finger_labels_is_copied_beside_the_score(small_config, tmp_pa
         "score": "score.mid",
         "fingering": "fingering.csv",
     }
+
+
+def test_an_imported_piece_is_copied_so_that_the_run_does_not_need_the_library(
+    small_config, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("SB3_PIANO_DATA", str(tmp_path / "data"))
+    score = load_score("CMajorScaleOneHand")
+    Library().add(score, "mine", source="a test", fingering="ours")
+    config = small_config(env_id="RoboPianist-v0", env_kwargs={"score": "mine"})
+    folder = RunFolder.create(config, tmp_path / "run")
+    Library().remove("mine")
+    copy = folder.read_config().env_kwargs["score"]
+    assert copy == str(tmp_path / "run" / "score.npz")
+    assert load_score(copy).notes == score.notes
+    assert load_score(copy).title == "mine"
 
 
 def test_the_name_of_a_piece_stays_a_name(small_config, tmp_path, monkeypatch):

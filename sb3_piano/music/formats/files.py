@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
@@ -32,7 +33,8 @@ WRITERS: Mapping[str, Callable[[Score, Path], None]] = MappingProxyType(
         ".mid": write_midi,
         ".midi": write_midi,
         ".txt": write_pig,
-        **dict.fromkeys(_MUSICXML, write_musicxml),
+        # Whoever writes a file without further words wants to read it in a notation program.
+        **dict.fromkeys(_MUSICXML, partial(write_musicxml, tempo=None)),
     }
 )
 """How a file is written, by its suffix in lower case."""

@@ -19,11 +19,14 @@ from sb3_piano.music.formats.musicxml.document import partitura_document
 from sb3_piano.music.formats.musicxml.finish import finished
 from sb3_piano.music.formats.musicxml.measures import Grid, measures_of
 from sb3_piano.music.formats.musicxml.read import require_partitura
+from sb3_piano.music.formats.musicxml.tempo import DEFAULT_TEMPO, likely_tempo
 from sb3_piano.music.formats.output import write_score_file
 from sb3_piano.music.score import Score
 
 
-def write_musicxml(score: Score, path: str | os.PathLike[str], *, tempo: float = 120.0) -> None:
+def write_musicxml(
+    score: Score, path: str | os.PathLike[str], *, tempo: float | None = DEFAULT_TEMPO
+) -> None:
     """Write a score as a MusicXML file, whole or not at all; compressed if it ends in ``.mxl``.
 
     Pitches, fingers, hands and velocities come back as they were, times to half a tick: a tick is
@@ -38,12 +41,14 @@ def write_musicxml(score: Score, path: str | os.PathLike[str], *, tempo: float =
     Args:
         score: What is written.
         path: The file.
-        tempo: Quarter notes per minute that the notes are counted in, finite and above 0.
+        tempo: Quarter notes per minute that the notes are counted in, finite and above 0; None for
+            the one in which the score is most legible (:func:`likely_tempo`).
 
     Raises:
         ScoreError: If partitura is not installed, `tempo` is out of range, or the file cannot be
             written.
     """
+    tempo = likely_tempo(score) if tempo is None else tempo
     if not (math.isfinite(tempo) and tempo > 0):
         raise ScoreError(f"Tempo {tempo} is out of range: expected a finite number above 0.")
     require_partitura()

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, near_names
 
 EXIT_OK, EXIT_ERROR, EXIT_INTERRUPTED = 0, 2, 130
 
@@ -82,6 +82,24 @@ def check_output_file(option: str, file: Path | None) -> None:
     """
     if file is not None and (file.is_dir() or not file.parent.is_dir()):
         raise ConfigError(f"{option} is '{file}': expected a file in a folder that exists.")
+
+
+def check_collection(collection: str, known: Iterable[str]) -> None:
+    """Refuse a collection that no piece is of.
+
+    Args:
+        collection: The value of ``--collection``.
+        known: The collections of the pieces there are.
+
+    Raises:
+        ConfigError: If there is none of that name.
+    """
+    names = sorted(set(known))
+    if collection not in names:
+        raise ConfigError(
+            f"No piece is of the collection {collection!r}.{near_names(collection, names)} "
+            f"Expected one of {', '.join(names)}."
+        )
 
 
 def print_table(table: Any) -> None:

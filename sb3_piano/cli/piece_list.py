@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sb3_piano.cli.common import EXIT_OK, check_output_file, print_table
-from sb3_piano.exceptions import ConfigError, SB3PianoError, near_names
+from sb3_piano.cli.common import EXIT_OK, check_collection, check_output_file, print_table
+from sb3_piano.exceptions import SB3PianoError
 
 if TYPE_CHECKING:
     from sb3_piano.music import Piece
@@ -73,14 +73,8 @@ def _chosen(rows: Sequence[Row], collection: str | None) -> Sequence[Row]:
     """Return the rows of a collection; their percentiles are those among all pieces."""
     if collection is None:
         return rows
-    chosen = [row for row in rows if row["collection"] == collection]
-    if not chosen:
-        known = sorted({row["collection"] for row in rows})
-        raise ConfigError(
-            f"No piece is of the collection {collection!r}.{near_names(collection, known)} "
-            f"Expected one of {', '.join(known)}."
-        )
-    return chosen
+    check_collection(collection, (row["collection"] for row in rows))
+    return [row for row in rows if row["collection"] == collection]
 
 
 def _show(rows: Sequence[Row]) -> None:

@@ -10,7 +10,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sb3_piano.cli.common import EXIT_ERROR, EXIT_OK, check_output_file, print_table
+from sb3_piano.cli.common import (
+    EXIT_ERROR,
+    EXIT_OK,
+    check_collection,
+    check_output_file,
+    print_table,
+)
 from sb3_piano.exceptions import ConfigError, SB3PianoError
 
 if TYPE_CHECKING:
@@ -76,17 +82,11 @@ def _rank(arguments: argparse.Namespace) -> int:
 
 
 def _chosen(names: Sequence[str], collection: str | None) -> dict[str, Piece]:
-    from sb3_piano.exceptions import near_names
     from sb3_piano.music import find_piece, pieces
 
     chosen = [find_piece(name) for name in names] if names else list(pieces().values())
     if collection is not None:
-        known = sorted({piece.collection for piece in chosen})
-        if collection not in known:
-            raise ConfigError(
-                f"None of {len(chosen)} pieces is of the collection {collection!r}."
-                f"{near_names(collection, known)} Expected one of {', '.join(known)}."
-            )
+        check_collection(collection, (piece.collection for piece in chosen))
         chosen = [piece for piece in chosen if piece.collection == collection]
     return {piece.name: piece for piece in chosen}
 

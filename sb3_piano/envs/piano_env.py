@@ -114,6 +114,8 @@ class PianoEnv(gym.Env[Any, Any]):
             )
         own, options = own_score(score, options)
         self.config = PianoEnvConfig.from_options(options)
+        # Here with labels from a file, too, which only this score is known to belong to; other
+        # scores get their fingers as goals.
         self._default_score = apply_fingering(own, self.config.fingering)
         self.render_mode = render_mode
         render_fps = round(1 / self.config.control_timestep)

@@ -162,10 +162,10 @@ def test_a_damaged_table_is_refused_with_its_line(table, lines, message):
 
 
 def test_a_file_that_is_not_there_or_no_text_is_refused(tmp_path):
-    with pytest.raises(ScoreError, match=r"There is no table '.*missing.csv'"):
+    with pytest.raises(ScoreError, match=r"There is no table of labels '.*missing.csv'"):
         read_labels(tmp_path / "missing.csv", PLAIN)
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ScoreError, match="Cannot read .* as a table"):
+    with pytest.raises(ScoreError, match="Cannot read .* as a table of labels"):
         read_labels(tmp_path / "binary.csv", PLAIN)
     with pytest.raises(ScoreError, match="Cannot tell the format of 'labels.pdf'"):
         read_labels("labels.pdf", PLAIN)

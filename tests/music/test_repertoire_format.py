@@ -382,7 +382,7 @@ def test_bad_bars_are_refused_with_their_place(path, bars, message):
 
 @pytest.mark.parametrize("read", [read_header, read_notes])
 def test_what_is_no_text_file_is_refused(tmp_path, read):
-    with pytest.raises(ScoreError, match=r"Cannot read '.*none.notes' as a file of the repertoire"):
+    with pytest.raises(ScoreError, match=r"There is no file of music as text '.*none.notes'"):
         read(tmp_path / "none.notes")
     damaged = tmp_path / "Try.notes"
     damaged.write_bytes(b"title: \xff\xfe")

@@ -32,6 +32,7 @@ from sb3_piano.music.hands import FINGERS_PER_HAND, HANDS, finger_of
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_number
 from sb3_piano.music.score import Score
+from sb3_piano.music.text_file import read_text
 
 TOLERANCE = 0.05
 """How far a label's onset may lie from its note's, in s, unless one says otherwise; as in the
@@ -98,7 +99,9 @@ def _labelled(note: Note, label: Note) -> Note:
 
 
 def _read_table(path: Path) -> Score:
-    rows = csv.DictReader(io.StringIO(_read_text(path), newline=""), skipinitialspace=True)
+    rows = csv.DictReader(
+        io.StringIO(read_text(path, "table of labels"), newline=""), skipinitialspace=True
+    )
     try:
         rows.fieldnames = _checked_columns(rows.fieldnames or (), path)
         notes = [_read_row(f"Line {rows.line_num} of {str(path)!r}", row) for row in rows]
@@ -120,17 +123,6 @@ def _checked_columns(names: Iterable[str], path: Path) -> list[str]:
             f"{_EXPECTED_COLUMNS}."
         )
     return columns
-
-
-def _read_text(path: Path) -> str:
-    if not os.path.isfile(path):
-        raise ScoreError(f"There is no table {str(path)!r}: expected an existing file.")
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScoreError(
-            f"Cannot read {str(path)!r} as a table: {error}; expected CSV in UTF-8."
-        ) from error
 
 
 def _read_row(where: str, row: Mapping[str | None, str | list[str] | None]) -> Note:

@@ -51,7 +51,7 @@ _TRACK_NAMES: dict[_Label, str] = {
         (UNKNOWN_FINGER, hand),
     )
 }
-_TRACK_NAMES[UNKNOWN_FINGER, None] = "unlabelled"
+_TRACK_NAMES[UNKNOWN_FINGER, None] = _UNLABELLED
 _LABELS = {name: label for label, name in _TRACK_NAMES.items()}
 _ORDER = list(_LABELS)
 _FURTHER_TRACK = re.compile(r"(\S+) \d+")

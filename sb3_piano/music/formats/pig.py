@@ -22,6 +22,7 @@ from sb3_piano.music.hands import HANDS, finger_number, finger_of, hand_of_finge
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_name, pitch_number
 from sb3_piano.music.score import Score
+from sb3_piano.music.text_file import read_text
 
 _FIELDS = "id, onset, offset, pitch, onset velocity, offset velocity, channel, finger"
 _FINGER = re.compile(r"(-?)([0-5])(_(-?[0-5])?)*")
@@ -50,7 +51,7 @@ def read_pig(path: str | os.PathLike[str]) -> Score:
     path, left_out = Path(path), LeftOut()
     lines = [
         _read_line(f"Line {number} of {str(path)!r}", line.split(), left_out)
-        for number, line in enumerate(_read_text(path).splitlines(), start=1)
+        for number, line in enumerate(read_text(path, "fingering file").splitlines(), start=1)
         if line.strip() and not line.lstrip().startswith("//")
     ]
     notes = [note for note in lines if note is not None]
@@ -126,17 +127,6 @@ def _check_same_notes(score: Score, path: Path, first: Score, first_path: Path) 
 
 def _described(note: Note) -> str:
     return f"{pitch_name(note.pitch)} at {note.onset:g} s"
-
-
-def _read_text(path: Path) -> str:
-    if not os.path.isfile(path):
-        raise ScoreError(f"There is no fingering file {str(path)!r}: expected an existing file.")
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScoreError(
-            f"Cannot read {str(path)!r} as a fingering file: {error}; expected UTF-8 text."
-        ) from error
 
 
 def _read_line(where: str, fields: list[str], left_out: LeftOut) -> Note | None:

@@ -44,6 +44,7 @@ from sb3_piano.music.note import Note, Pedal, located_note
 from sb3_piano.music.repertoire.bars import BAR_WORD, Bar, Event, Voice, parse_bars
 from sb3_piano.music.repertoire.header import Header, parse_header
 from sb3_piano.music.score import Score
+from sb3_piano.music.text_file import read_text
 
 _COMMENT = re.compile(r"(^|\s)#.*")
 _SECONDS_PER_WHOLE = 240
@@ -60,7 +61,7 @@ def read_header(path: str | os.PathLike[str]) -> Header:
         ScoreError: If there is no such file, or its header is malformed.
     """
     path = Path(path)
-    return _header(_lines(_read_text(path)), path)
+    return _header(_lines(read_text(path, "file of music as text")), path)
 
 
 def read_notes(path: str | os.PathLike[str], title: str | None = None) -> Score:
@@ -78,7 +79,7 @@ def read_notes(path: str | os.PathLike[str], title: str | None = None) -> Score:
         ScoreError: If there is no such file, or something in it is malformed.
     """
     path = Path(path)
-    lines = list(_lines(_read_text(path)))
+    lines = list(_lines(read_text(path, "file of music as text")))
     header = _header(lines, path)
     first = next((number for number, line in enumerate(lines) if _begins_bar(line)), len(lines))
     playing = _Playing(header=header, file=path.name, tempo=header.tempo)
@@ -175,15 +176,6 @@ class _Playing:
                 velocity=self.header.velocity[hand],
                 finger=finger,
             )
-
-
-def _read_text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScoreError(
-            f"Cannot read {str(path)!r} as a file of the repertoire: {error}; expected UTF-8 text."
-        ) from error
 
 
 def _header(lines: Iterable[str], path: Path) -> Header:

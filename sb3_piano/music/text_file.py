@@ -1,0 +1,28 @@
+"""Reading text from files that a user names."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from sb3_piano.exceptions import ScoreError
+
+
+def read_text(path: Path, kind: str) -> str:
+    """Return the text of a file in UTF-8, without a byte order mark.
+
+    Args:
+        path: The file.
+        kind: What it should be, for messages: ``"fingering file"``.
+
+    Raises:
+        ScoreError: If there is no such file, or it cannot be read as text.
+    """
+    if not os.path.isfile(path):  # which also answers for a name that no file can have
+        raise ScoreError(f"There is no {kind} {str(path)!r}: expected an existing file.")
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScoreError(
+            f"Cannot read {str(path)!r} as a {kind}: {error}; expected UTF-8 text."
+        ) from error

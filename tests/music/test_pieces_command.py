@@ -111,8 +111,11 @@ class TestImport:
         self, run, tmp_path, data, ctrl_c, jobs, moment
     ):
         """It reaches all processes, as from a terminal; none complains."""
+        # The first piece is quick, all others together take seconds: Ctrl-C comes in between, also
+        # where this process has to wait for its turn.
         for number in range(24):
-            save(tmp_path / "many" / f"p{number:02d}.mid", 30 + number, n_notes=100)
+            n_notes = 600 if number else 4
+            save(tmp_path / "many" / f"p{number:02d}.mid", 30 + number, n_notes=n_notes)
         command = [sys.executable, "-m", "sb3_piano.cli", "pieces", "import", tmp_path / "many"]
         with subprocess.Popen(
             [*map(str, command), "--jobs", str(jobs)],
@@ -123,7 +126,8 @@ class TestImport:
             env=dict(os.environ),
         ) as process:
             wait_for(data / "pieces", "*.npz" if moment == "a piece is there" else ".lock")
-            time.sleep(0.1)
+            if moment == "it has begun":
+                time.sleep(0.1)
             os.killpg(process.pid, signal.SIGINT)
             err = process.communicate()[1]
         assert process.returncode == 130

@@ -3,12 +3,13 @@
 from sb3_piano.simulation.gl import find_gl_backend
 from sb3_piano.simulation.keyboard import KEY_COLORS, KEY_IS_BLACK, pedal_threshold
 from sb3_piano.simulation.physics import PHYSICS_PROFILES, PhysicsProfile, Solver, physics_profile
-from sb3_piano.simulation.scene import PianoScene, compile_scene
+from sb3_piano.simulation.scene import SIDES, PianoScene, compile_scene
 
 __all__ = [
     "KEY_COLORS",
     "KEY_IS_BLACK",
     "PHYSICS_PROFILES",
+    "SIDES",
     "PhysicsProfile",
     "PianoScene",
     "Solver",

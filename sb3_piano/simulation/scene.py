@@ -65,6 +65,9 @@ class PianoScene:
     """For the right and the left hand: addresses in ``qpos``, wrist to thumb, sliders last."""
     joint_names: tuple[tuple[str, ...], tuple[str, ...]]
     """For the right and the left hand: joint names in the order of ``joint_qpos``."""
+    actuator_of_joint: FloatArray
+    """(nu, m) which actuator moves by how much with which joint, both hands' joints in the order of
+    ``joint_qpos``: where the actuators are is this times where the joints are."""
     forearm_of_geom: npt.NDArray[np.int8]
     """(ngeom,) 1 for a shape of the right forearm, 2 for one of the left, else 0."""
     slider_qpos: IntArray
@@ -247,6 +250,7 @@ def _index_scene(model: mujoco.MjModel, first: int, last: int) -> PianoScene:
             model.jnt_qposadr[hand_joints[1]].astype(np.intp),
         ),
         joint_names=(_joint_names(model, hand_joints[0]), _joint_names(model, hand_joints[1])),
+        actuator_of_joint=_actuator_of_joint(model, np.concatenate(hand_joints)),
         forearm_of_geom=_forearm_of_geom(model),
         slider_qpos=model.jnt_qposadr[[joints[-2] for joints in hand_joints]].astype(np.intp),
     )
@@ -294,6 +298,17 @@ def _hand_joints(model: mujoco.MjModel, side: str) -> IntArray:
 
 def _joint_names(model: mujoco.MjModel, joints: IntArray) -> tuple[str, ...]:
     return tuple(model.joint(int(j)).name for j in joints)
+
+
+def _actuator_of_joint(model: mujoco.MjModel, joints: IntArray) -> FloatArray:
+    """Return the constant Jacobian of the actuators' lengths: all drive joints or fixed tendons."""
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    moment = np.zeros((model.nu, model.nv))
+    mujoco.mju_sparse2dense(
+        moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
+    return moment[:, model.jnt_dofadr[joints]]
 
 
 def _forearm_of_geom(model: mujoco.MjModel) -> npt.NDArray[np.int8]:

@@ -1,0 +1,192 @@
+"""Where a hand's fingertips have to be, state by state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.music.hands import FINGERS_PER_HAND
+from sb3_piano.planning.key_places import KeyPlaces, press_x
+from sb3_piano.planning.leaps import TimedPress, hand_place
+from sb3_piano.planning.settings import PlanSettings
+from sb3_piano.simulation import KEY_IS_BLACK
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+# What may replace what: a finger that lets go a key has the right of way over its next approach.
+_HOVER, _LIFT, _READY, _RELEASE, _HOLD = range(1, 6)
+
+# How much each of them counts, as shares of the weights along x, y and z.
+_READY_SHARE = 0.8
+_LIFT_SHARE = 0.6
+_LEAST_HOVER_SHARE = 0.1
+_RELEASE_SHARE = np.array([0.1, 1.0, 0.8])
+_LEAP_RELEASE_SHARE = np.array([0.1, 0.5, 0.8])
+
+# Notes of the other colour so few states away make a passage mixed.
+_MIXED_STATES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class KeyFrames:
+    """Targets of five fingertips over s states; state 0 is the start."""
+
+    target: FloatArray
+    """(s, 5, 3) places, m."""
+    weight: FloatArray
+    """(s, 5, 3) how much they count, per m; 0 where a finger has nothing to do."""
+    on_black: BoolArray
+    """(s, 5) which fingers are about to press a black key, or do."""
+    to_black: BoolArray
+    """(s, 5) which fingers are on their way to one, or from it."""
+
+    def between(self, start: int, stop: int) -> KeyFrames:
+        """Return those of some states."""
+        part = slice(start, stop)
+        return KeyFrames(
+            self.target[part], self.weight[part], self.on_black[part], self.to_black[part]
+        )
+
+
+def key_frames(
+    timed: Sequence[TimedPress],
+    sign: int,
+    n_states: int,
+    radius: FloatArray,
+    keys: KeyPlaces,
+    settings: PlanSettings,
+) -> KeyFrames:
+    """Return what a hand's presses ask of its fingertips.
+
+    Args:
+        timed: The presses, in order of time.
+        sign: 1 for the right hand, -1 for the left one.
+        n_states: How many states there are.
+        radius: (5,) radius of the fingertips, m.
+        keys: The keyboard.
+        settings: The plan's constants.
+    """
+    sheet = _Sheet(n_states)
+    held = _held_places(timed, sign, n_states, keys)
+    mixed = _mixed(timed)
+    last = [0] * FINGERS_PER_HAND  # until when each finger holds its note before
+    for index, one in enumerate(timed):
+        finger = one.press.finger
+        place = hand_place(one.press, sign, keys)
+        x = press_x(one.press.key, finger, mixed[index], settings)
+        goal = _Goal(one, x, float(radius[finger]), keys, settings)
+        start = max(last[finger] + 2, one.first - settings.hover_states)
+        free = {
+            state: _is_free(held[state], finger, place, settings.reach)
+            for state in range(max(start, 0), min(one.first - 1, n_states))
+        }
+        goal.draw(sheet, start, free)
+        last[finger] = max(last[finger], one.last)
+    return KeyFrames(sheet.target, sheet.weight, sheet.on_black, sheet.to_black)
+
+
+class _Sheet:
+    """The targets while they are written."""
+
+    def __init__(self, n_states: int):
+        self.n_states = n_states
+        self.target = np.zeros((n_states, FINGERS_PER_HAND, 3))
+        self.weight = np.zeros((n_states, FINGERS_PER_HAND, 3))
+        self.on_black = np.zeros((n_states, FINGERS_PER_HAND), dtype=bool)
+        self.to_black = np.zeros((n_states, FINGERS_PER_HAND), dtype=bool)
+        self._rank = np.zeros((n_states, FINGERS_PER_HAND), dtype=int)
+
+    def put(
+        self, state: int, finger: int, rank: int, target: FloatArray, weight: FloatArray
+    ) -> None:
+        """Write a target, unless something more important is there."""
+        if 0 < state < self.n_states and rank >= self._rank[state, finger]:
+            self.target[state, finger] = target
+            self.weight[state, finger] = weight
+            self._rank[state, finger] = rank
+
+
+@dataclass(frozen=True)
+class _Goal:
+    """One press, and how a finger comes to it and leaves it."""
+
+    one: TimedPress
+    x: float
+    radius: float
+    keys: KeyPlaces
+    settings: PlanSettings
+
+    def draw(self, sheet: _Sheet, start: int, free: dict[int, bool]) -> None:
+        """Write the targets.
+
+        Args:
+            sheet: Where to.
+            start: The first state in which the finger may move towards the key.
+            free: By state before the key is struck, whether the hand is near enough to.
+        """
+        one, settings, finger = self.one, self.settings, self.one.press.finger
+        black = bool(KEY_IS_BLACK[one.press.key])
+        full = np.array(
+            [
+                settings.weight_x_black if black else settings.weight_x,
+                settings.weight_y,
+                settings.weight_z,
+            ]
+        )
+        strike = one.first - 1  # the state before the key is down
+        for state in range(max(start, 0), strike - 1):
+            near = 1 - (strike - state) / settings.hover_states
+            share = max(_LEAST_HOVER_SHARE, near**3)
+            if free.get(state, False):
+                sheet.put(state, finger, _HOVER, self._at(0.0, settings.hover), full * share)
+        if free.get(strike - 1, False):
+            place = self._at(settings.lift_depth)
+            sheet.put(strike - 1, finger, _LIFT, place, full * _LIFT_SHARE)
+        sheet.put(strike, finger, _READY, self._at(settings.ready_depth), full * _READY_SHARE)
+        for state in range(one.first, one.last + 1):
+            sheet.put(state, finger, _HOLD, self._at(settings.hold_depth), full)
+        depth = settings.leap_release_depth if one.leaps else settings.release_depth
+        share_of = _LEAP_RELEASE_SHARE if one.leaps else _RELEASE_SHARE
+        sheet.put(one.last + 1, finger, _RELEASE, self._at(depth), full * share_of)
+        if black:
+            sheet.to_black[max(one.first - settings.hover_states, 0) : one.last + 2, finger] = True
+            sheet.on_black[max(strike, 0) : one.last + 1, finger] = True
+
+    def _at(self, depth: float, above: float = 0.0) -> FloatArray:
+        """Return where the fingertip is when the key is at a depth."""
+        key = self.one.press.key
+        height = self.keys.height(key, self.x, depth) + self.radius + above
+        return np.array([self.x, self.keys.y[key], height])
+
+
+def _held_places(
+    timed: Sequence[TimedPress], sign: int, n_states: int, keys: KeyPlaces
+) -> list[list[tuple[int, float]]]:
+    """Return for each state which fingers hold keys, and where that wants the hand to be."""
+    held: list[list[tuple[int, float]]] = [[] for _ in range(n_states)]
+    for one in timed:
+        place = hand_place(one.press, sign, keys)
+        for state in range(one.first, min(one.last + 1, n_states)):
+            held[state].append((one.press.finger, place))
+    return held
+
+
+def _is_free(held: list[tuple[int, float]], finger: int, place: float, reach: float) -> bool:
+    """Return whether no other finger holds the hand too far away from a place."""
+    return all(abs(place - there) <= reach for other, there in held if other != finger)
+
+
+def _mixed(timed: Sequence[TimedPress]) -> list[bool]:
+    """Return for each press whether its hand plays keys of the other colour about then."""
+    first = np.array([one.press.first for one in timed], dtype=int)
+    last = np.array([one.press.last for one in timed], dtype=int)
+    black = np.array([bool(KEY_IS_BLACK[one.press.key]) for one in timed], dtype=bool)
+    result = []
+    for index in range(len(timed)):
+        near = (first <= last[index] + _MIXED_STATES) & (last >= first[index] - _MIXED_STATES)
+        result.append(bool((near & (black != black[index])).any()))
+    return result

@@ -1,0 +1,100 @@
+"""Time for the hand to get from one note to the next."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sb3_piano.planning.key_places import KeyPlaces
+from sb3_piano.planning.presses import Press
+from sb3_piano.planning.settings import PlanSettings
+
+MIDDLE_FINGER = 2
+
+
+@dataclass
+class TimedPress:
+    """A press as it is planned: shortened where the hand has to leap."""
+
+    press: Press
+    """What the score asks for."""
+    first: int
+    """First state in which the key is to be down."""
+    last: int
+    """Last one."""
+    leaps: bool = False
+    """Whether the hand leaves for another place after it."""
+
+
+def hand_place(press: Press, sign: int, keys: KeyPlaces) -> float:
+    """Return where the middle finger would be if the fingers lay on neighbouring white keys, m.
+
+    Args:
+        press: What one finger plays.
+        sign: 1 for the right hand, -1 for the left one.
+        keys: The keyboard.
+    """
+    return float(keys.y[press.key] - sign * (press.finger - MIDDLE_FINGER) * keys.spacing)
+
+
+def time_presses(
+    presses: Sequence[Press], sign: int, keys: KeyPlaces, settings: PlanSettings
+) -> list[TimedPress]:
+    """Return the presses of a hand, shortened around its leaps.
+
+    A finger that is pressed down stands in the gap between the neighbouring keys: it has to come
+    up before it can move sideways, and the next one has to arrive before it can go down. Half of
+    the time for that is taken from the beginning of the later note, the rest from the end of the
+    earlier one.
+
+    Args:
+        presses: What the hand plays, in order of time.
+        sign: 1 for the right hand, -1 for the left one.
+        keys: The keyboard.
+        settings: The plan's constants.
+    """
+    timed = [TimedPress(press, press.first, press.last) for press in presses]
+    places = [hand_place(press, sign, keys) for press in presses]
+    for later, earlier in _neighbours(presses, settings.leap_rest):
+        before, after = timed[earlier], timed[later]
+        distance = abs(places[earlier] - places[later])
+        same = _same_strike(before.press, after.press)
+        if distance <= settings.leap_distance or same:
+            continue
+        before.leaps = True
+        rest = after.press.first - before.press.last - 1
+        cost = settings.leap_frames + sum(distance > more for more in settings.leap_more) - rest
+        if cost <= 0:
+            continue
+        late = (cost + 1) // 2
+        after.first = max(after.first, min(after.press.first + late, after.press.last))
+        early = before.press.last - (cost - late)
+        before.last = min(before.last, max(early, before.press.first))
+    for one in timed:  # a very short note keeps one state
+        one.first, one.last = min(one.first, one.last), max(one.first, one.last)
+    return timed
+
+
+def _same_strike(before: Press, after: Press) -> bool:
+    return before.finger == after.finger and before.key == after.key
+
+
+def _neighbours(presses: Sequence[Press], longest_rest: int) -> list[tuple[int, int]]:
+    """Return pairs (later, earlier) of notes between whose sounding the hand strikes no other."""
+    onsets = sorted({press.first for press in presses})
+    pairs = []
+    recent: list[int] = []
+    for later, press in enumerate(presses):
+        recent = [i for i in recent if press.first - presses[i].last - 1 <= longest_rest]
+        for earlier in recent:
+            before = presses[earlier]
+            if before.last < press.first and not _any_between(onsets, before.last, press.first):
+                pairs.append((later, earlier))
+        recent.append(later)
+    return pairs
+
+
+def _any_between(onsets: list[int], low: int, high: int) -> bool:
+    """Return whether a note begins after ``low`` and before ``high``."""
+    return bisect.bisect_right(onsets, low) < bisect.bisect_left(onsets, high)

@@ -1,0 +1,125 @@
+"""One hand's way through a stretch of a piece: a sparse nonlinear least-squares problem.
+
+The unknowns are the positions of the hand's actuators in all states. Each state's residuals depend
+on that state alone, and smoothness ties a state to the two before it: the normal equations are
+banded, and LAPACK's banded Cholesky factorisation (through SciPy) solves them in time and memory
+that grow with the length of the stretch. General sparse solvers order and analyse what is known
+here; differential inverse kinematics (such as mink) solves one posture after the other and cannot
+begin to move before it must; Crocoddyl's shooting methods were not needed, as the hands' dynamics
+are nearly linear (:mod:`sb3_piano.planning.dynamics`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
+
+from sb3_piano.planning.hand_cost import HandCost
+from sb3_piano.planning.posture import Posture
+from sb3_piano.planning.settings import PlanSettings
+from sb3_piano.planning.smoothness import Smoothness
+
+FloatArray = npt.NDArray[np.float64]
+
+_LONGEST_STEP = 0.4  # rad, or m
+_FIRST_DAMPING = 1e-2
+_LEAST_DAMPING, _MOST_DAMPING = 1e-7, 1e4
+
+
+class HandProblem:
+    """Levenberg-Marquardt with a damping of its own for every state.
+
+    A step that is too long in one bar need not be shortened in all the others.
+
+    Args:
+        cost: What is wrong with the states.
+        smoothness: What it costs to get from one to the next.
+        posture: The hand at rest, to which fingers return.
+        settings: The plan's constants.
+        start: (s, n) actuator positions to start from.
+    """
+
+    def __init__(
+        self,
+        cost: HandCost,
+        smoothness: Smoothness,
+        posture: Posture,
+        settings: PlanSettings,
+        start: FloatArray,
+    ):
+        self.cost = cost
+        self.positions = start
+        """(s, n) the best positions so far."""
+        self._smoothness = smoothness
+        self._rest = posture.rest
+        self._pull = posture.pull(settings) ** 2
+        self._damping = np.full(len(start), _FIRST_DAMPING)
+        self._normal: tuple[FloatArray, FloatArray] | None = None
+        self._evaluate()
+
+    def rebound(self, bound: FloatArray) -> None:
+        """Move the line that the arm must not cross, (s,) m."""
+        self.cost.bound = bound
+        self._normal = None
+        self._evaluate()
+
+    def improve(self, iterations: int) -> None:
+        """Improve the positions.
+
+        Args:
+            iterations: How many steps are tried.
+        """
+        low, high = self.cost.kinematics.low, self.cost.kinematics.high
+        for _ in range(iterations):
+            step = self._step()
+            if step is None:
+                self._damping *= 10
+                continue
+            candidate = np.clip(self.positions + step, low, high)
+            by_state = self._by_state(candidate)
+            total = float(by_state.sum()) + self._smoothness.cost(candidate)
+            worse = by_state > self._state_cost * 1.0001 + 1e-9
+            # Neighbours are tied to each other: they share a failure.
+            worse = np.convolve(worse, np.ones(5), "same") > 0
+            if total < self._total:
+                factor = np.where(worse, 2.0, 1 / 3)
+                self.positions, self._normal = candidate, None
+                self._state_cost, self._total = by_state, total
+            else:
+                factor = np.where(worse, 6.0, 1.0)
+            self._damping = np.clip(self._damping * factor, _LEAST_DAMPING, _MOST_DAMPING)
+
+    def _step(self) -> FloatArray | None:
+        if self._normal is None:
+            self._normal = self._normal_equations()
+        band, gradient = self._normal
+        size = self.positions.shape[1]
+        damped = band.copy()
+        damped[0] += np.repeat(self._damping, size)
+        try:
+            factor = cholesky_banded(damped, lower=True, overwrite_ab=True, check_finite=False)
+        except LinAlgError:
+            return None
+        step = cho_solve_banded((factor, True), -gradient.ravel(), check_finite=False)
+        return np.clip(step.reshape(self.positions.shape), -_LONGEST_STEP, _LONGEST_STEP)
+
+    def _normal_equations(self) -> tuple[FloatArray, FloatArray]:
+        blocks, gradient = self.cost.quadratic(self.positions)
+        size = self.positions.shape[1]
+        diagonal = np.arange(size)
+        blocks[:, diagonal, diagonal] += self._pull
+        band = self._smoothness.band.copy()
+        for row, column in zip(*np.tril_indices(size), strict=True):
+            band[row - column, column::size] += blocks[:, row, column]
+        gradient += self._pull * (self.positions - self._rest)
+        gradient += self._smoothness.gradient(self.positions)
+        return band, gradient
+
+    def _by_state(self, positions: FloatArray) -> FloatArray:
+        pulled = (self._pull * (positions - self._rest) ** 2).sum(axis=1)
+        return np.asarray((self.cost.values(positions) ** 2).sum(axis=1) + pulled)
+
+    def _evaluate(self) -> None:
+        self._state_cost = self._by_state(self.positions)
+        self._total = float(self._state_cost.sum()) + self._smoothness.cost(self.positions)

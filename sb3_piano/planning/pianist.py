@@ -1,0 +1,118 @@
+"""The planned pianist: knows the score and the hands, and plays without any training."""
+
+from __future__ import annotations
+
+import warnings
+from collections import OrderedDict
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from stable_baselines3.common.vec_env import VecEnv
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.music import PianoRoll
+from sb3_piano.music.constants import UNKNOWN_FINGER
+from sb3_piano.music.fingering import finger_score
+from sb3_piano.planning.plan import plan
+from sb3_piano.planning.policy import PianoPolicy
+from sb3_piano.planning.problems import summary
+from sb3_piano.planning.settings import PlanSettings
+from sb3_piano.planning.tracker import Tracker
+from sb3_piano.simulation import SIDES
+
+_PLANS_KEPT = 8
+
+
+class PlannedPianist(PianoPolicy):
+    """Plans each piece before its first note, and follows the plan.
+
+    It plays whatever its environments play, also where wrappers choose the piece; plans are kept.
+    ``evaluate_policy(PlannedPianist(env), env)`` judges it like a trained model.
+
+    Args:
+        env: The environment, wrapped or not, or several of them in this process as a vector
+            environment of Stable-Baselines3.
+        settings: The plan's constants.
+
+    Raises:
+        ConfigError: If it is no piano, or out of reach in another process.
+    """
+
+    def __init__(
+        self, env: gym.Env[Any, Any] | VecEnv, settings: PlanSettings | None = None
+    ) -> None:
+        super().__init__(env)
+        self.settings = settings or PlanSettings()
+        self._trackers = Trackers(self.settings)
+
+    def _act(self, slot: int, step: int, observation: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        piano = self._pianos[slot]
+        tracker = self._trackers.of(piano)
+        return action_of(
+            piano, tracker.controls(step, self._positions(slot, observation)), tracker, step
+        )
+
+    def _positions(self, slot: int, observation: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+        """Return where the actuators are, (n,) rad or m, from the joints that are observed."""
+        piano, layout = self._pianos[slot], self._layout
+        if layout is None:  # a wrapper shows something else
+            return np.asarray(piano.data.actuator_length)
+        joints = np.concatenate([observation[layout[f"{side}_joints"].slice] for side in SIDES])
+        return piano.scene.actuator_of_joint @ joints
+
+
+class Trackers:
+    """Plans of the pieces that were played last, made when they are first played.
+
+    Args:
+        settings: The plans' constants.
+    """
+
+    def __init__(self, settings: PlanSettings | None = None):
+        self.settings = settings or PlanSettings()
+        self._kept: OrderedDict[tuple[int, int], tuple[PianoRoll, Any, Tracker]] = OrderedDict()
+
+    def of(self, piano: PianoEnv) -> Tracker:
+        """Return the tracker of what an environment plays in this episode.
+
+        Warns if the piece has notes that cannot be played as written.
+        """
+        roll, scene = piano.roll, piano.scene
+        key = (id(roll), id(scene))
+        if key not in self._kept:
+            made = plan(_with_fingers(piano), scene, self.settings)
+            if made.problems:
+                warnings.warn(summary(made.problems), stacklevel=2)
+            # The roll and the scene are kept, too, so that nothing else gets their ids.
+            tracker = Tracker(made, scene, self.settings.feedback)
+            self._kept[key] = (roll, scene, tracker)
+            while len(self._kept) > _PLANS_KEPT:
+                self._kept.popitem(last=False)
+        self._kept.move_to_end(key)
+        return self._kept[key][2]
+
+
+def action_of(
+    piano: PianoEnv, controls: npt.NDArray[np.float64], tracker: Tracker, step: int
+) -> npt.NDArray[np.float32]:
+    """Return commands, and the pedal of the score, as an action of the environment."""
+    scene, sustain = piano.scene, tracker.plan.roll.sustain
+    middle = (scene.ctrl_high + scene.ctrl_low) / 2
+    hands = (controls - middle) / ((scene.ctrl_high - scene.ctrl_low) / 2)
+    down = bool(sustain[min(step, len(sustain) - 1)])
+    return np.append(hands, 1.0 if down else -1.0).astype(np.float32)
+
+
+def _with_fingers(piano: PianoEnv) -> PianoRoll:
+    """Return what an environment plays as a roll in which every note has a finger."""
+    roll = piano.roll
+    if not (roll.active & (roll.finger == UNKNOWN_FINGER)).any():
+        return roll
+    score, config = finger_score(piano.score), piano.config
+    return PianoRoll.from_score(
+        score.trim_silence() if config.trim_silence else score,
+        config.control_timestep,
+        initial_buffer_time=config.initial_buffer_time,
+    )

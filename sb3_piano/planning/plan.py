@@ -1,0 +1,157 @@
+"""From a score to a motion of two hands that plays it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.music import MIN_PITCH, PianoRoll, Score
+from sb3_piano.music.fingering import finger_score
+from sb3_piano.music.pitch import pitch_name
+from sb3_piano.planning.arms import bounds_of, dividing_line, wanted_places
+from sb3_piano.planning.hand_plan import HandPlanner
+from sb3_piano.planning.key_places import KeyPlaces
+from sb3_piano.planning.problems import Problem
+from sb3_piano.planning.settings import PlanSettings
+from sb3_piano.simulation import PianoScene
+
+FloatArray = npt.NDArray[np.float64]
+
+_DEFAULT_TIMESTEP = 0.05
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Plan:
+    """How two hands play a piece over T control steps; n are the scene's actuators."""
+
+    roll: PianoRoll
+    """The piece, all notes with fingers."""
+    positions: FloatArray
+    """(T + 1, n) where the actuators should be before the first control step and after each one,
+    rad, or m for the sliders."""
+    commands: FloatArray
+    """(T, n) what they are told for that, if all goes as planned."""
+    gains: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
+    """For the right and the left hand: (T, n / 2, n / 2), by how much less commands are per unit of
+    positions that are ahead of the plan."""
+    fingertips: FloatArray
+    """(T + 1, 10, 3) where the fingertips then are: centres of their round ends, m."""
+    problems: tuple[Problem, ...]
+    """What cannot be played as written, in order of time."""
+
+    def __len__(self) -> int:
+        return len(self.commands)
+
+
+def plan(
+    piece: Score | PianoRoll,
+    scene: PianoScene,
+    settings: PlanSettings | None = None,
+    *,
+    control_timestep: float = _DEFAULT_TIMESTEP,
+) -> Plan:
+    """Plan how to play a piece, from the first note to the last one.
+
+    The hands start with all joints at 0, as the environment's do. Time and memory grow with the
+    length of the piece; beyond :attr:`PlanSettings.window` it is planned in stretches, each of
+    which sees the beginning of the next one.
+
+    Notes that cannot be played as written are planned as well as can be, and listed in
+    ``problems``.
+
+    Args:
+        piece: A score, whose notes without fingers get some; or a roll with fingers.
+        scene: The piano and the hands.
+        settings: The plan's constants.
+        control_timestep: Length of a control step, s; a whole number of physics steps. A roll
+            brings its own.
+
+    Raises:
+        ScoreError: If a roll has a note without a finger, or no fingers can be found for a score.
+    """
+    settings = settings or PlanSettings()
+    if isinstance(piece, Score):
+        piece = PianoRoll.from_score(finger_score(piece), control_timestep)
+    _check_fingers(piece)
+    return _Planner(piece, scene, settings).plan()
+
+
+class _Planner:
+    """Plans the stretches of a piece one after the other."""
+
+    def __init__(self, roll: PianoRoll, scene: PianoScene, settings: PlanSettings):
+        self._roll, self._settings = roll, settings
+        n_substeps = round(roll.control_timestep / scene.model.opt.timestep)
+        keys = KeyPlaces.of(scene)
+        self._hands = tuple(
+            HandPlanner(roll, scene, hand, keys, settings, n_substeps) for hand in (0, 1)
+        )
+        wanted = [
+            wanted_places(hand.frames, hand.kinematics.sign, hand.posture, keys)
+            for hand in self._hands
+        ]
+        self._wanted = [place for place, _ in wanted]
+        self._line = dividing_line(self._wanted, [busy for _, busy in wanted], settings)
+
+    def plan(self) -> Plan:
+        for start, stop, keep in self._stretches():
+            self._plan_stretch(start, stop, keep)
+        right, left = self._hands
+        problems = [problem for hand in self._hands for problem in hand.problems()]
+        return Plan(
+            roll=self._roll,
+            positions=np.concatenate([right.positions, left.positions], axis=1),
+            commands=np.concatenate([right.commands, left.commands], axis=1),
+            gains=(right.gains, left.gains),
+            fingertips=np.concatenate([right.fingertips(), left.fingertips()], axis=1),
+            problems=tuple(sorted(problems, key=lambda problem: problem.time)),
+        )
+
+    def _stretches(self) -> Iterator[tuple[int, int, int]]:
+        """Yield the first state of each stretch, the one after its last, and after those kept."""
+        timestep, last = self._roll.control_timestep, len(self._roll) + 1
+        window = max(round(self._settings.window / timestep), 1)
+        overlap = max(round(self._settings.overlap / timestep), 1)
+        start = 1
+        while start < last:
+            keep = start + window
+            if keep + overlap >= last:  # what little would remain is done at once
+                keep = last
+            yield start, min(keep + overlap, last), keep
+            start = keep
+
+    def _plan_stretch(self, start: int, stop: int, keep: int) -> None:
+        settings = self._settings
+        line = self._line[start:stop]
+        problems = []
+        for hand, bound, wanted in zip(
+            self._hands, bounds_of(line, settings), self._wanted, strict=True
+        ):
+            problems.append(hand.begin(start, stop, bound, wanted[start:stop]))
+        for turn in range(int(settings.rounds)):
+            if turn > 0:
+                # Who is pressed harder against the line gets more room.
+                right, left = (problem.cost.trespass(problem.positions) for problem in problems)
+                line = line - (right - left)
+                for problem, bound in zip(problems, bounds_of(line, settings), strict=True):
+                    problem.rebound(bound)
+            for problem in problems:
+                problem.improve(int(settings.iterations))
+        for hand, problem in zip(self._hands, problems, strict=True):
+            hand.finish(problem, start, keep)
+
+
+def _check_fingers(roll: PianoRoll) -> None:
+    unlabelled = np.argwhere(roll.active & (roll.finger < 0))
+    if len(unlabelled):
+        step, key = unlabelled[0]
+        raise ScoreError(
+            f"{len(unlabelled)} steps of notes have no finger, the first is "
+            f"{pitch_name(MIN_PITCH + int(key))} at control step {step}: expected a finger for "
+            "every note. Plan the score itself, or give it fingers with "
+            "sb3_piano.music.fingering.finger_score."
+        )

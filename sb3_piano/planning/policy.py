@@ -1,0 +1,127 @@
+"""Players that know the score and the simulator, behind the ``predict`` of a trained model."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
+
+from sb3_piano.envs import ObservationLayout, ObservationSpace, PianoEnv
+from sb3_piano.exceptions import ConfigError
+
+Steps = npt.NDArray[np.intp]
+
+
+class PianoPolicy(ABC):
+    """Acts in piano environments like a model of Stable-Baselines3, without any network.
+
+    Where the hands are comes from the observation, where in the piece it is from ``state``, what
+    is played from the environment it was made for.
+
+    Args:
+        env: The environment, wrapped or not, or several of them in this process as a vector
+            environment of Stable-Baselines3.
+
+    Raises:
+        ConfigError: If it is no piano, or out of reach in another process.
+    """
+
+    num_timesteps = 0
+    """Environment steps that it was trained for: none."""
+
+    def __init__(self, env: gym.Env[Any, Any] | VecEnv) -> None:
+        self._pianos = pianos_of(env)
+        self._normalizer = env if isinstance(env, VecNormalize) else None
+        self._space = env.observation_space
+        self._layout = _layout_of(env)
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: npt.NDArray[np.bool_] | None = None,
+        deterministic: bool = False,
+    ) -> tuple[npt.NDArray[np.float32], Any]:
+        """Return what to play next.
+
+        Args:
+            observation: One observation, or a row for each environment.
+            state: What the last call returned: the control steps that are over, (n,). Left out, it
+                is looked up in the environments that this player was made for.
+            episode_start: (n,) bool, which episodes have just begun.
+            deterministic: Ignored.
+
+        Returns:
+            The action or a row for each environment, float32; and the state for the next call.
+
+        Raises:
+            ConfigError: If there are not as many observations as environments.
+        """
+        del deterministic
+        single = np.ndim(observation) == len(self._space.shape or ())
+        rows = np.asarray(observation)[None] if single else np.asarray(observation)
+        if len(rows) != len(self._pianos):
+            raise ConfigError(
+                f"There are {len(rows)} observations: expected {len(self._pianos)}, one for each "
+                "environment that this player was made for."
+            )
+        if self._normalizer is not None:
+            rows = np.asarray(self._normalizer.unnormalize_obs(rows))
+        steps = self._steps(state, episode_start)
+        actions = np.stack(
+            [self._act(slot, int(steps[slot]), row) for slot, row in enumerate(rows)]
+        ).astype(np.float32)
+        return (actions[0] if single else actions), steps + 1
+
+    @abstractmethod
+    def _act(self, slot: int, step: int, observation: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return the action of one environment.
+
+        Args:
+            slot: Which of ``self._pianos``.
+            step: Control steps of the episode that are over.
+            observation: What is observed, not normalised.
+        """
+
+    def _steps(self, state: Any, episode_start: npt.NDArray[np.bool_] | None) -> Steps:
+        if state is None:
+            steps = np.array([piano.steps_played for piano in self._pianos], dtype=np.intp)
+        else:
+            steps = np.array(state, dtype=np.intp)
+        if episode_start is not None:
+            steps[np.asarray(episode_start, dtype=bool)] = 0
+        return steps
+
+
+def pianos_of(env: gym.Env[Any, Any] | VecEnv) -> list[PianoEnv]:
+    """Return the piano environments inside all wrappers.
+
+    Raises:
+        ConfigError: If they are no pianos, or out of reach in another process.
+    """
+    if isinstance(env, VecEnv):
+        inner = env.unwrapped
+        if not isinstance(inner, DummyVecEnv):
+            raise ConfigError(
+                f"The environments of a {type(inner).__name__} are in other processes: expected "
+                "DummyVecEnv or sb3_piano.vec_env.ThreadVecEnv."
+            )
+        inside: list[Any] = [single.unwrapped for single in inner.envs]
+    else:
+        inside = [env.unwrapped]
+    for piano in inside:
+        if not isinstance(piano, PianoEnv):
+            raise ConfigError(f"A {type(piano).__name__} cannot be played: expected a piano.")
+    return inside
+
+
+def _layout_of(env: gym.Env[Any, Any] | VecEnv) -> ObservationLayout | None:
+    """Return which numbers of an observation stand where; None if a wrapper hides that."""
+    space = env.observation_space
+    if isinstance(env, VecNormalize):
+        space = env.venv.observation_space
+    return space.layout if isinstance(space, ObservationSpace) else None

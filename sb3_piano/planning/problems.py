@@ -1,0 +1,124 @@
+"""What of a piece the hands cannot do, note by note."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.music import MIN_PITCH
+from sb3_piano.music.constants import FINGER_NAMES
+from sb3_piano.music.hands import FINGERS_PER_HAND
+from sb3_piano.music.pitch import pitch_name
+from sb3_piano.planning.key_frames import KeyFrames
+from sb3_piano.planning.leaps import TimedPress
+
+FloatArray = npt.NDArray[np.float64]
+
+# From how far off on a note counts as out of reach: a white key is 23.5 mm wide, a fingertip 13 mm.
+_TOLERANCE = 0.006
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A note that cannot be played as it is written."""
+
+    pitch: int
+    """MIDI pitch."""
+    time: float
+    """When it is due, s from the start of the episode."""
+    finger: int
+    """The finger that has it, 0 to 9."""
+    reason: str
+    """What is wrong."""
+    error: float = 0.0
+    """How far the fingertip stays away from its place on the key, m."""
+
+    def __str__(self) -> str:
+        return (
+            f"{pitch_name(self.pitch)} (pitch {self.pitch}) at {self.time:.2f} s, "
+            f"{FINGER_NAMES[self.finger]}: {self.reason}"
+        )
+
+
+def unreached(
+    timed: Sequence[TimedPress],
+    hand: int,
+    frames: KeyFrames,
+    fingertips: FloatArray,
+    control_timestep: float,
+) -> list[Problem]:
+    """Return the notes whose keys the planned fingertips do not reach.
+
+    Args:
+        timed: The hand's presses.
+        hand: 0 for the right hand, 1 for the left one.
+        frames: What was asked, of s states.
+        fingertips: (s, 5, 3) where the fingertips are planned to be, m.
+        control_timestep: Length of a control step, s.
+    """
+    problems = []
+    for one in timed:
+        press = one.press
+        states = slice(one.first, one.last + 1)
+        off = fingertips[states, press.finger, 1:] - frames.target[states, press.finger, 1:]
+        error = float(np.abs(off).max(initial=0.0))
+        if error > _TOLERANCE:
+            problems.append(
+                Problem(
+                    pitch=MIN_PITCH + press.key,
+                    time=(press.first - 1) * control_timestep,
+                    finger=hand * FINGERS_PER_HAND + press.finger,
+                    reason=f"out of reach by {1000 * error:.0f} mm",
+                    error=error,
+                )
+            )
+    return problems
+
+
+def doubled(timed: Sequence[TimedPress], hand: int, control_timestep: float) -> list[Problem]:
+    """Return the notes whose finger has to hold another key at the same time."""
+    problems = []
+    until = [(0, -1)] * FINGERS_PER_HAND  # last state and key of each finger's note before
+    for one in timed:
+        press = one.press
+        last, key = until[press.finger]
+        if press.first <= last and press.key != key:
+            problems.append(
+                Problem(
+                    pitch=MIN_PITCH + press.key,
+                    time=(press.first - 1) * control_timestep,
+                    finger=hand * FINGERS_PER_HAND + press.finger,
+                    reason=f"the finger still holds {pitch_name(MIN_PITCH + key)}",
+                )
+            )
+        until[press.finger] = max((last, key), (press.last, press.key))
+    return problems
+
+
+def unmovable(
+    timed: Sequence[TimedPress], hand: int, moving: slice, control_timestep: float
+) -> list[Problem]:
+    """Return the notes whose keys are rigid in the scene."""
+    return [
+        Problem(
+            pitch=MIN_PITCH + one.press.key,
+            time=(one.press.first - 1) * control_timestep,
+            finger=hand * FINGERS_PER_HAND + one.press.finger,
+            reason="its key is rigid in this scene",
+        )
+        for one in timed
+        if not moving.start <= one.press.key < moving.stop
+    ]
+
+
+def summary(problems: Sequence[Problem], shown: int = 5) -> str:
+    """Return the problems in words, the first ones by name."""
+    kinds = Counter(problem.reason.split(" by ")[0] for problem in problems)
+    listed = "; ".join(str(problem) for problem in problems[:shown])
+    more = f"; and {len(problems) - shown} more" if len(problems) > shown else ""
+    counted = ", ".join(f"{count} x {kind}" for kind, count in kinds.items())
+    return f"{len(problems)} notes cannot be played as written ({counted}): {listed}{more}."

@@ -1,0 +1,155 @@
+"""The constants of a plan.
+
+All of them were found on generated studies (scales, arpeggios, Hanon, the debug pieces); the pieces
+of the repertoire had no say.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from numbers import Real
+
+from sb3_piano.exceptions import ConfigError
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanSettings:
+    """What a plan goes by.
+
+    Positions are the world's: x points from the keys' hinges to the player, y to the right, z up.
+    A depth is a share of a key's travel: 0 is its top at rest, 1 fully down, less than 0 above.
+
+    Raises:
+        ConfigError: If a value is no finite number, or one that must be above 0 is not.
+    """
+
+    # Where keys are pressed.
+    white_x: float = 0.042
+    """Where fingers press white keys, m."""
+    white_x_thumb: float = 0.052
+    """Where thumbs do, m."""
+    mixed_x: float = 0.026
+    """Where fingers press white keys while their hand plays black ones, too, m."""
+    mixed_x_thumb: float = 0.040
+    """Where thumbs do, m."""
+    black_x: float = -0.002
+    """Where fingers press black keys, m."""
+    black_x_thumb: float = 0.002
+    """Where thumbs do, m."""
+
+    # How a key is approached, held and left.
+    hover: float = 0.010
+    """Height over a key of a finger that will soon play it, m."""
+    hover_states: int = 8
+    """For how many control steps."""
+    lift_depth: float = -0.5
+    """Depth two states before a key is down."""
+    ready_depth: float = 0.6
+    """Depth in the state before: well on its way, but not yet sounding."""
+    hold_depth: float = 1.05
+    """Depth while it is down."""
+    release_depth: float = 0.2
+    """Depth in the state after."""
+    leap_release_depth: float = -1.2
+    """Depth in the state after, if the hand then moves elsewhere."""
+
+    # How much these places count, per m; a rad of posture counts some 0.01.
+    weight_x: float = 4.0
+    """Along the key."""
+    weight_x_black: float = 20.0
+    """Along a black key, from which a finger slips off."""
+    weight_y: float = 10.0
+    """Across the keys."""
+    weight_z: float = 10.0
+    """Up and down."""
+
+    # Leaps.
+    leap_distance: float = 0.020
+    """From how far on the hand's way between two notes costs time, m."""
+    leap_frames: int = 2
+    """How many control steps of sound a leap costs, less the rest between the notes."""
+    leap_more: tuple[float, ...] = (0.05, 0.08, 0.15)
+    """Distances from which on it costs one more, m."""
+    leap_rest: int = 12
+    """After how many steps of rest there is time enough for any leap."""
+    reach: float = 0.06
+    """How far off a key a hand may be while a finger already moves towards it, m."""
+
+    # Keeping out of the way.
+    idle_height: float = 0.047
+    """Least height of fingertips that play nothing, m; a black key's top is at 0.035."""
+    weight_idle: float = 5.0
+    """What falling short of it counts, per m."""
+    idle_x: float = 0.030
+    """How near to the black keys such fingertips may come while they are below ..."""
+    idle_x_height: float = 0.052
+    """... this height, m."""
+    wall_x: float = 0.0235
+    """The same for fingertips that play: nearer than this, m, ..."""
+    wall_height: float = 0.037
+    """... they are above this height (and their radius), m."""
+    weight_wall: float = 5.0
+    """What coming nearer counts, per m."""
+    spacing: float = 0.016
+    """Least distance across the keys of neighbouring fingertips, m."""
+    thumb_spacing: float = 0.012
+    """The same of thumb and index finger: no thumb passes under."""
+    weight_spacing: float = 3.0
+    """What falling short of these counts, per m."""
+    arms_apart: float = 0.16
+    """Least distance of the two forearms, m; they touch at 0.15."""
+    idle_arm_apart: float = 0.05
+    """How much farther an arm keeps away that plays nothing, m."""
+    weight_arms: float = 40.0
+    """What coming nearer counts, per m."""
+
+    # Posture and smoothness.
+    posture: float = 0.01
+    """What a finger's distance from the resting posture counts, per rad."""
+    jerk_finger: float = 0.01
+    """What a change of a finger's velocity counts, per rad and squared control step."""
+    jerk_wrist: float = 0.02
+    """The same of the wrist's two joints."""
+    jerk_along: float = 0.12
+    """The same of the slider along the keyboard, per m and squared control step."""
+    jerk_up: float = 0.2
+    """The same of the slider that lifts the hand."""
+    velocity: float = 0.002
+    """What a velocity counts, per rad or m and control step."""
+
+    # Control.
+    press_force: float = 2.4
+    """Force on a key that is held, as a multiple of what its spring takes."""
+    press_force_thumb: float = 3.2
+    """The same for thumbs."""
+    effort: float = 1e-4
+    """What a finger's command counts that differs from the planned position, per squared rad."""
+    effort_arm: float = 1e-2
+    """The same of the sliders, per squared m."""
+    feedback: float = 0.5
+    """Share of the optimal feedback that is used: contacts are not in the linear model."""
+
+    # The search.
+    rounds: int = 8
+    """How often the two hands agree anew on who is where."""
+    iterations: int = 8
+    """Iterations of the least squares in each of these rounds."""
+    dynamic_iterations: int = 6
+    """Iterations that then take the hands' inertia into account."""
+    window: float = 30.0
+    """Length of the stretches in which a long piece is planned, s."""
+    overlap: float = 3.0
+    """How far each of them looks beyond its end, s."""
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if field.name == "leap_more":
+                continue
+            if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+                raise ConfigError(f"{field.name} is {value!r}: expected a finite number.")
+        for name in ("rounds", "iterations", "window", "overlap", "weight_y", "weight_z"):
+            if getattr(self, name) <= 0:
+                raise ConfigError(f"{name} is {getattr(self, name)!r}: expected more than 0.")

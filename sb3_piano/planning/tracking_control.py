@@ -1,0 +1,157 @@
+"""Commands that take a hand along its plan, inertia and pressed keys included.
+
+The hand's way was planned as if it had no inertia. Here the same costs are minimised over its
+commands, with the linear dynamics as what binds the states: a linear-quadratic problem for each
+Gauss-Newton model of the costs, solved by a backward Riccati pass (iterative LQR; Li and Todorov
+2004). What comes out is a motion that the hand can make, the commands for it, which know what is
+to come, and the feedback that is optimal around it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.planning.dynamics import HandDynamics
+from sb3_piano.planning.hand_cost import HandCost
+from sb3_piano.planning.settings import PlanSettings
+
+FloatArray = npt.NDArray[np.float64]
+
+# Small weights that keep the problem well posed: what deviation from the first plan, velocities and
+# commands outside the control range count. The sliders' are those of metres, not of rad.
+_FAITH, _FAITH_ARM = 0.01, 1.0
+_SPEED, _SPEED_ARM = 1e-4, 1e-2
+_OUTSIDE = 0.1
+_STEPS = (1.0, 0.5, 0.25, 0.1)
+
+
+@dataclass(frozen=True, eq=False)
+class HandControl:
+    """A hand's motion over t control steps."""
+
+    states: FloatArray
+    """(t, 2 n) positions and velocities after each control step."""
+    commands: FloatArray
+    """(t, n) what the actuators are told."""
+    gains: FloatArray
+    """(t, n, n) by how much a command changes with positions before the step that differ."""
+
+
+class TrackingControl:
+    """The linear-quadratic problem of one hand over a stretch.
+
+    Args:
+        cost: What is wrong with its states.
+        dynamics: How it moves.
+        plan: (t, n) positions that were planned without inertia.
+        forces: (t, n) generalised forces of keys that are held.
+        start: (2 n,) positions and velocities before the stretch.
+        settings: The plan's constants.
+    """
+
+    def __init__(
+        self,
+        cost: HandCost,
+        dynamics: HandDynamics,
+        plan: FloatArray,
+        forces: FloatArray,
+        start: FloatArray,
+        settings: PlanSettings,
+    ):
+        self._cost, self._dynamics, self._plan, self._start = cost, dynamics, plan, start
+        self._drift = (forces + dynamics.weight) @ dynamics.force.T  # (t, 2 n)
+        size = plan.shape[1]
+        arm = np.array([name.startswith("forearm") for name in cost.kinematics.names])
+        self._faith = np.where(arm, _FAITH_ARM, _FAITH)
+        self._speed = np.where(arm, _SPEED_ARM, _SPEED)
+        self._effort = np.where(arm, settings.effort_arm, settings.effort)
+        self._size = size
+        self._iterations = settings.dynamic_iterations
+
+    def solve(self) -> HandControl:
+        """Return the best motion that was found."""
+        commands = self._plan.copy()
+        states = self._roll_out(commands)
+        total = self._total(states, commands)
+        for _ in range(max(self._iterations, 1)):
+            gains, shifts = self._backward(states, commands)
+            more_states, more_commands = self._forward(gains, shifts)
+            for share in _STEPS:
+                trial_states = states + share * more_states
+                trial_commands = commands + share * more_commands
+                trial = self._total(trial_states, trial_commands)
+                if trial < total:
+                    states, commands, total = trial_states, trial_commands, trial
+                    break
+            else:
+                break
+        low, high = self._cost.kinematics.low, self._cost.kinematics.high
+        return HandControl(states, np.clip(commands, low, high), -gains[:, :, : self._size])
+
+    def _roll_out(self, commands: FloatArray) -> FloatArray:
+        transition, control = self._dynamics.transition, self._dynamics.control
+        states = np.empty((len(commands), 2 * self._size))
+        state = self._start
+        for step, command in enumerate(commands):
+            state = transition @ state + control @ command + self._drift[step]
+            states[step] = state
+        return states
+
+    def _total(self, states: FloatArray, commands: FloatArray) -> float:
+        positions, velocities = states[:, : self._size], states[:, self._size :]
+        return float(
+            (self._cost.values(positions) ** 2).sum()
+            + (self._faith * (positions - self._plan) ** 2).sum()
+            + (self._speed * velocities**2).sum()
+            + (self._effort * (commands - self._plan) ** 2).sum()
+            + _OUTSIDE * (self._outside(commands) ** 2).sum()
+        )
+
+    def _outside(self, commands: FloatArray) -> FloatArray:
+        low, high = self._cost.kinematics.low, self._cost.kinematics.high
+        return np.asarray(commands - np.clip(commands, low, high))
+
+    def _backward(self, states: FloatArray, commands: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return by how much each command changes with its state, (t, n, 2 n), and alone."""
+        size, count = self._size, len(states)
+        transition, control = self._dynamics.transition, self._dynamics.control
+        blocks, slopes = self._cost.quadratic(states[:, :size])
+        slopes += self._faith * (states[:, :size] - self._plan)
+        outside = self._outside(commands)
+        pull = self._effort * (commands - self._plan) + _OUTSIDE * outside
+        hardness = self._effort + _OUTSIDE * (outside != 0)
+        here = np.arange(size)
+        gains, shifts = np.empty((count, size, 2 * size)), np.empty((count, size))
+        value = np.zeros((2 * size, 2 * size))
+        slope = np.zeros(2 * size)
+        for step in range(count - 1, -1, -1):
+            value[:size, :size] += blocks[step]
+            value[here, here] += self._faith
+            value[here + size, here + size] += self._speed
+            slope[:size] += slopes[step]
+            slope[size:] += self._speed * states[step, size:]
+            pushed = value @ control
+            curvature = control.T @ pushed
+            curvature[here, here] += hardness[step]
+            across = pushed.T @ transition
+            alone = control.T @ slope + pull[step]
+            solved = np.linalg.solve(curvature, np.column_stack([across, alone]))
+            gains[step], shifts[step] = -solved[:, :-1], -solved[:, -1]
+            slope = transition.T @ slope + across.T @ shifts[step]
+            value = transition.T @ value @ transition + across.T @ gains[step]
+            value = (value + value.T) / 2
+        return gains, shifts
+
+    def _forward(self, gains: FloatArray, shifts: FloatArray) -> tuple[FloatArray, FloatArray]:
+        transition, control = self._dynamics.transition, self._dynamics.control
+        more_states = np.empty((len(gains), 2 * self._size))
+        more_commands = np.empty_like(shifts)
+        state = np.zeros(2 * self._size)
+        for step in range(len(gains)):
+            more_commands[step] = shifts[step] + gains[step] @ state
+            state = transition @ state + control @ more_commands[step]
+            more_states[step] = state
+        return more_states, more_commands

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +43,26 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.arrays["action"])
+
+
+@pytest.fixture
+def tell(record_property) -> Callable[[str], None]:
+    """Return a function for figures that are printed when all tests are done.
+
+    The output of tests that run in processes of their own (`pytest -n 2`) is not to be seen.
+    """
+    return lambda text: record_property("figures", text)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Print what tests told."""
+    reports = terminalreporter.getreports("passed") + terminalreporter.getreports("failed")
+    told = [
+        text for report in reports for name, text in report.user_properties if name == "figures"
+    ]
+    if told:
+        terminalreporter.section("figures")
+        terminalreporter.write_line("\n".join(told))
 
 
 @pytest.fixture

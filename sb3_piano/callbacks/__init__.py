@@ -1,6 +1,7 @@
 """Stable-Baselines3 callbacks: music in log and evaluation, progress, checkpoints, videos."""
 
 from sb3_piano.callbacks.checkpoint import Checkpoint, ResumableCheckpoint
+from sb3_piano.callbacks.demonstrations import DemonstrationsCallback
 from sb3_piano.callbacks.episode_metrics import EpisodeMetricsCallback
 from sb3_piano.callbacks.f1 import F1Callback, OnsetF1Callback
 from sb3_piano.callbacks.metric_eval import MetricEvalCallback
@@ -11,6 +12,7 @@ from sb3_piano.callbacks.reward_terms import RewardTermsCallback
 
 __all__ = [
     "Checkpoint",
+    "DemonstrationsCallback",
     "EpisodeMetricsCallback",
     "F1Callback",
     "MetricEvalCallback",

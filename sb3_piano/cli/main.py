@@ -8,12 +8,24 @@ import sys
 from collections.abc import Sequence
 
 import sb3_piano
-from sb3_piano.cli import bench, compare, evaluate, listing, pieces, play, report, train, tune
+from sb3_piano.cli import (
+    bench,
+    clone,
+    compare,
+    evaluate,
+    listing,
+    pieces,
+    play,
+    record,
+    report,
+    train,
+    tune,
+)
 from sb3_piano.cli.common import EXIT_ERROR, EXIT_INTERRUPTED
 from sb3_piano.exceptions import SB3PianoError
 
 # torch and the simulator are imported by the commands that need them, so that --help is instant.
-_COMMANDS = (train, tune, evaluate, compare, play, report, pieces, bench, listing)
+_COMMANDS = (train, tune, evaluate, compare, play, report, record, clone, pieces, bench, listing)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

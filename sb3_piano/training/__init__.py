@@ -1,6 +1,7 @@
 """Training runs: YAML to environments, model and files; resuming and evaluating them."""
 
 from sb3_piano.training.algorithms import ALGORITHMS
+from sb3_piano.training.cloning import CloneResult, clone
 from sb3_piano.training.compare import MAIN_METRICS, Comparison, compare
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.evaluate import Evaluation, evaluate
@@ -18,6 +19,7 @@ from sb3_piano.viewing import Picture, Played
 __all__ = [
     "ALGORITHMS",
     "MAIN_METRICS",
+    "CloneResult",
     "Comparison",
     "Evaluation",
     "Evaluations",
@@ -28,6 +30,7 @@ __all__ = [
     "RunFolder",
     "SavedPlayer",
     "TrainResult",
+    "clone",
     "compare",
     "entry_config",
     "evaluate",

@@ -24,7 +24,7 @@ def replay(recording, **options):
     return info["f1"], total
 
 
-def test_recorded_playing_keeps_its_f1_and_its_return_on_the_fast_physics(performances, capsys):
+def test_recorded_playing_keeps_its_f1_and_its_return_on_the_fast_physics(performances, tell):
     lines, f1_changes = [], []
     for recording in performances:
         recorded_f1, recorded_return = float(recording["f1"]), recording["reward"].sum()
@@ -37,9 +37,8 @@ def test_recorded_playing_keeps_its_f1_and_its_return_on_the_fast_physics(perfor
         )
         assert abs(f1_changes[-1]) < F1_EACH
         assert abs(return_change) < RETURN_SHARE
-    with capsys.disabled():
-        heading = f"{'piece':<32}{'F1':>7}{'fast':>7}{'':>8}{'return':>8}{'fast':>8}"
-        print("", heading, *lines, sep="\n")
+    heading = f"{'piece':<32}{'F1':>7}{'fast':>7}{'':>8}{'return':>8}{'fast':>8}"
+    tell("\n".join([heading, *lines]))
     assert len(f1_changes) == 3
     assert np.mean(np.abs(f1_changes)) < F1_MEAN
 
@@ -59,7 +58,7 @@ def random_terms(physics, seeds):
     return np.array(rows)
 
 
-def test_random_actions_earn_reward_terms_of_one_distribution_on_both_physics(capsys):
+def test_random_actions_earn_reward_terms_of_one_distribution_on_both_physics(tell):
     """The profiles differ by less than two samples of 6 episodes of one profile may."""
     seeds = range(6)
     reference, fast = random_terms("reference", seeds), random_terms("fast", seeds)
@@ -70,8 +69,7 @@ def test_random_actions_earn_reward_terms_of_one_distribution_on_both_physics(ca
         ks_2samp(ours, theirs, method="asymp").statistic
         for ours, theirs in zip(fast.round(2).T, reference.round(2).T, strict=True)
     ]
-    with capsys.disabled():
-        print(f"\nreward terms: shift of the mean over spread {shift.round(3)}, KS {apart}")
+    tell(f"reward terms: shift of the mean over spread {shift.round(3)}, KS {apart}")
     assert not np.array_equal(fast, reference)
     assert np.abs(shift).max() < 0.15
     assert max(apart) < 0.1

@@ -161,7 +161,7 @@ def test_fingers_that_press_a_rigid_key_stay_on_top_of_it(performances):
 
 @pytest.mark.parametrize("physics", ["reference", "fast"])
 def test_recorded_playing_is_the_same_music_where_only_the_keys_of_the_piece_move(
-    performances, physics, capsys
+    performances, physics, tell
 ):
     for recording in performances:
         all_move = PianoEnv(recording.piece, physics=physics, **recording.options)
@@ -178,8 +178,7 @@ def test_recorded_playing_is_the_same_music_where_only_the_keys_of_the_piece_mov
                 *_, truncated, info = env.step(action)
             assert truncated
             scores.append(info["f1"])
-        with capsys.disabled():
-            print(f"\n{recording.piece} ({physics}): F1 {scores[0]:.4f}, {scores[1]:.4f}")
+        tell(f"{recording.piece} ({physics}): F1 {scores[0]:.4f}, {scores[1]:.4f}")
         assert scores[0] > 0.9
         assert scores[1] == pytest.approx(scores[0], abs=0.005)
 

@@ -65,17 +65,16 @@ def one_step_deviations(recording):
     return np.array(qpos), np.array(energy), np.array(touched), wrong_keys, info
 
 
-def test_one_control_step_from_every_recorded_state_equals_the_recorded_next_state(rollout, capsys):
+def test_one_control_step_from_every_recorded_state_equals_the_recorded_next_state(rollout, tell):
     qpos, energy, touched, wrong_keys, info = one_step_deviations(rollout)
-    with capsys.disabled():
-        print(
-            f"\n{rollout.piece}: one-step qpos deviation, apart ({(~touched).sum()} rows): "
-            f"median {np.median(qpos[~touched]):.1e}, 90 % {np.quantile(qpos[~touched], 0.9):.1e}, "
-            f"worst {qpos[~touched].max():.1e}; touching ({touched.sum()} rows): "
-            f"median {np.median(qpos[touched]):.1e}, worst {qpos[touched].max():.1e}; "
-            f"energy: median {np.median(energy):.1e}, worst {energy.max():.1e}; "
-            f"wrong key states: {wrong_keys}"
-        )
+    tell(
+        f"{rollout.piece}: one-step qpos deviation, apart ({(~touched).sum()} rows): "
+        f"median {np.median(qpos[~touched]):.1e}, 90 % {np.quantile(qpos[~touched], 0.9):.1e}, "
+        f"worst {qpos[~touched].max():.1e}; touching ({touched.sum()} rows): "
+        f"median {np.median(qpos[touched]):.1e}, worst {qpos[touched].max():.1e}; "
+        f"energy: median {np.median(energy):.1e}, worst {energy.max():.1e}; "
+        f"wrong key states: {wrong_keys}"
+    )
     assert np.median(qpos[~touched]) < 1e-9
     assert np.quantile(qpos[~touched], 0.9) < 1e-5
     assert np.median(qpos[touched]) < 1e-4
@@ -85,7 +84,7 @@ def test_one_control_step_from_every_recorded_state_equals_the_recorded_next_sta
         assert info[metric] == pytest.approx(float(rollout[metric]), abs=1e-9)
 
 
-def test_every_observation_block_of_every_recorded_state_equals_the_recorded_one(rollout, capsys):
+def test_every_observation_block_of_every_recorded_state_equals_the_recorded_one(rollout, tell):
     env = make_env(rollout)
     worst = dict.fromkeys(BLOCKS, 0.0)
     for row in range(len(rollout) + 1):
@@ -95,8 +94,7 @@ def test_every_observation_block_of_every_recorded_state_equals_the_recorded_one
             # float32 is the observation's own resolution: compare what it can hold.
             theirs = rollout[recorded][row].astype(np.float32)
             worst[block] = max(worst[block], float(np.abs(ours - theirs).max()))
-    with capsys.disabled():
-        print(f"\n{rollout.piece}: worst observation deviations {worst}")
+    tell(f"{rollout.piece}: worst observation deviations {worst}")
     assert max(worst.values()) <= 1e-9
 
 
@@ -108,7 +106,7 @@ def test_the_key_state_equals_the_recorded_one_in_double_precision(rollout):
         np.testing.assert_allclose(ours, rollout["obs_piano_state"][row], rtol=0, atol=1e-9)
 
 
-def test_every_reward_term_of_every_recorded_state_equals_the_recorded_one(rollout, capsys):
+def test_every_reward_term_of_every_recorded_state_equals_the_recorded_one(rollout, tell):
     env = make_env(rollout)
     worst = dict.fromkeys(TERMS, 0.0)
     for row in range(len(rollout)):
@@ -118,23 +116,21 @@ def test_every_reward_term_of_every_recorded_state_equals_the_recorded_one(rollo
             ours = DEFAULT_REWARD_WEIGHTS[term] * terms[term]
             worst[term] = max(worst[term], float(abs(ours - rollout[recorded][row])))
     del worst["energy"]  # needs the forces of the step before: see the one-step test
-    with capsys.disabled():
-        print(f"\n{rollout.piece}: worst reward-term deviations {worst}")
+    tell(f"{rollout.piece}: worst reward-term deviations {worst}")
     assert max(worst.values()) <= 1e-9
 
 
-def test_recorded_playing_replayed_open_loop_earns_the_recorded_scores(performance, capsys):
+def test_recorded_playing_replayed_open_loop_earns_the_recorded_scores(performance, tell):
     env = make_env(performance)
     rewards = []
     for action in performance["action"]:
         _, reward, _, truncated, info = env.step(action)
         rewards.append(reward)
     deviation = sum(rewards) - performance["reward"].sum()
-    with capsys.disabled():
-        print(
-            f"\n{performance.piece}: open-loop replay F1 {info['f1']:.6f} (recorded "
-            f"{float(performance['f1']):.6f}), return deviates by {deviation:.1e}"
-        )
+    tell(
+        f"{performance.piece}: open-loop replay F1 {info['f1']:.6f} (recorded "
+        f"{float(performance['f1']):.6f}), return deviates by {deviation:.1e}"
+    )
     assert truncated
     np.testing.assert_array_equal(env.performance.key_active, performance["key_active"])
     for metric in ("precision", "recall", "f1"):

@@ -231,9 +231,9 @@ class TestRoll:
     def test_ten_thousand_notes_take_well_under_a_second(self):
         notes = [Note(onset=i / 20, offset=i / 20 + 1, pitch=21 + i % 88) for i in range(10_000)]
         score = Score(notes=notes)
-        start = time.perf_counter()
+        start = time.process_time()  # which other processes do not lengthen
         roll = PianoRoll.from_score(score, 0.05)
-        assert time.perf_counter() - start < 0.5
+        assert time.process_time() - start < 0.5
         assert roll.onset.sum() == 10_000
 
 

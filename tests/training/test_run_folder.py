@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
+from pathlib import Path
 
 import pytest
 import yaml
@@ -30,7 +32,8 @@ def test_the_folder_has_config_and_provenance(small_config, tmp_path):
     assert RunFolder.open(folder.path).read_config() == config
     notes = yaml.safe_load(folder.provenance_file.read_text())
     assert notes["seed"] == 1
-    assert "pytest" in notes["command"]
+    started_with = Path("/proc/self/cmdline").read_text().rstrip("\0").split("\0")
+    assert shlex.split(notes["command"]) == started_with
     assert set(notes["versions"]) == {
         "sb3_piano", "stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch",
         "python",

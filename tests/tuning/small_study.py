@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from pathlib import Path
 
 import gymnasium as gym
@@ -51,6 +52,19 @@ class KilledOnce(gym.Wrapper):
         if self._left == 0 and not self._marker.exists():
             self._marker.touch()
             os.kill(os.getpid(), signal.SIGKILL)
+        return self.env.step(action)
+
+
+class SlowUntil(gym.Wrapper):
+    """Let a step take long, as long as a file is not there: time to do something meanwhile."""
+
+    def __init__(self, env: gym.Env, marker: str):
+        super().__init__(env)
+        self._marker = Path(marker)
+
+    def step(self, action):
+        if not self._marker.exists():
+            time.sleep(0.02)
         return self.env.step(action)
 
 

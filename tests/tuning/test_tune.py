@@ -20,6 +20,8 @@ from sb3_piano.threads import usable_cores
 from sb3_piano.training import RunFolder, load_config
 from sb3_piano.tuning import Float, Search, Space, tune
 from sb3_piano.tuning.attributes import repeated
+from sb3_piano.tuning.store.storage import open_study
+from sb3_piano.tuning.study_folder import StudyFolder
 
 small = small_study.small_study
 MIDI_FILE = Path(__file__).parents[2] / "examples" / "five_fingers.mid"
@@ -118,7 +120,8 @@ def test_a_study_goes_on_where_it_was_also_with_more_trials(tmp_path):
 def test_ctrl_c_stops_the_workers_and_the_same_call_goes_on(postgresql_url, tmp_path, ctrl_c):
     """With the embedded store: tests/tuning/test_tune_command.py."""
     storage, name = postgresql_url, f"stopped-{time.time_ns()}"
-    config = small(TWO, {"n_timesteps": 1_500, "learning_starts": 1_490})
+    slow = small_study.wrapped(small_study.SlowUntil, marker=str(tmp_path / "quick"))
+    config = small(TWO, {"n_timesteps": 200, "learning_starts": 190, **slow})
     stopper = threading.Thread(target=press_ctrl_c_once_begun, args=(tmp_path / "study",))
     stopper.start()
     stopped = run(config, tmp_path, storage, n_trials=3, name=name)
@@ -127,6 +130,7 @@ def test_ctrl_c_stops_the_workers_and_the_same_call_goes_on(postgresql_url, tmp_
     assert TrialState.RUNNING not in states(stopped)
     assert TrialState.WAITING in states(stopped)
     assert (tmp_path / "study/report.html").is_file()
+    (tmp_path / "quick").touch()
     result = run(config, tmp_path, storage, n_trials=3, name=name)
     assert [trial.state for trial in result.trials] == 3 * [TrialState.COMPLETE]
     stopped_settings = {trial.params["gamma"] for trial in stopped.study.trials if trial.params}
@@ -149,7 +153,7 @@ def test_a_study_in_which_every_trial_fails_says_why(tmp_path):
 
 def test_a_study_with_another_objective_is_refused(storage, tmp_path):
     name = f"other-{time.time_ns()}"
-    run(small(TWO), tmp_path, storage, n_trials=1, workers=1, name=name)
+    open_study(small(TWO), StudyFolder(tmp_path / "study"), name=name, url=storage)
     with pytest.raises(ConfigError, match=r"'final f1'.*'best onset_f1'.*another name"):
         run(small(TWO, metric="onset_f1", objective="best"), tmp_path, storage, name=name)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import io
 import os
 import signal
 import subprocess
@@ -12,7 +14,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from small_study import ENTRY, ENV_ID
+from small_study import ENTRY, ENV_ID, SlowUntil, wrapped
 
 from sb3_piano.cli import main
 from sb3_piano.training import load_config
@@ -24,9 +26,24 @@ MIDI_FILE = Path(__file__).parents[2] / "examples" / "five_fingers.mid"
 def files(tmp_path, monkeypatch):
     """A folder to work in, with a small configuration and a small search space."""
     monkeypatch.chdir(tmp_path)
+    write_settings()
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A folder in which the command has finished a study, and what it printed."""
+    folder = tmp_path_factory.mktemp("finished")
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as out:
+        patch.chdir(folder)
+        write_settings()
+        assert main(arguments("--trials", "2", "--seed", "0")) == 0
+    return folder, out.getvalue()
+
+
+def write_settings():
     write("small.yml", {"default": ENTRY})
     write("space.yml", {"gamma": {"discount": [0.6, 0.9]}, "tau": {"float": [0.001, 0.1]}})
-    return tmp_path
 
 
 def write(name, content):
@@ -48,9 +65,9 @@ def error(capsys, *more):
     return line
 
 
-def test_a_study_tells_what_it_found_and_where_everything_is(files, capsys):
-    assert main(arguments("--trials", "2", "--seed", "0")) == 0
-    out = capsys.readouterr().out
+def test_a_study_tells_what_it_found_and_where_everything_is(finished, monkeypatch):
+    files, out = finished
+    monkeypatch.chdir(files)
     folder = f"studies/td3-{ENV_ID}"
     assert f"{folder}, 2 trials, highest final f1 " in out
     assert "(of the preset: " in out
@@ -81,10 +98,12 @@ def test_a_study_without_a_complete_trial_is_an_error(files, capsys):
     assert "Failed:     InvalidActionError" in out
 
 
-def test_ctrl_c_on_the_terminal_stops_it_and_the_same_command_goes_on(files):
-    write("small.yml", {"default": {**ENTRY, "learning_starts": 1_990}})
+def test_ctrl_c_on_the_terminal_stops_it_and_the_same_command_goes_on(files, monkeypatch):
+    slow = wrapped(SlowUntil, marker=str(files / "quick"))
+    write("small.yml", {"default": {**ENTRY, "learning_starts": 190, **slow}})
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)  # of `slow`
     command = [sys.executable, "-m", "sb3_piano.cli", *arguments("--trials", "2", "--workers", "2")]
-    command[command.index("--steps") + 1] = "2000"
+    command[command.index("--steps") + 1] = "200"
     # as a terminal does it, Ctrl-C goes to the whole group of processes
     process = subprocess.Popen(
         command, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -96,6 +115,7 @@ def test_ctrl_c_on_the_terminal_stops_it_and_the_same_command_goes_on(files):
     out, err = process.communicate()
     assert process.returncode == 130, err
     assert "Interrupted: the same command goes on." in out
+    (files / "quick").touch()
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert ", 2 trials, highest final f1 " in done.stdout
@@ -130,9 +150,8 @@ def test_an_unreachable_database_is_named_without_its_password(files, capsys):
     assert "secret" not in line
 
 
-def test_a_study_that_exists_with_another_objective_is_refused(files, capsys):
-    assert main(arguments("--trials", "1")) == 0
-    capsys.readouterr()
+def test_a_study_that_exists_with_another_objective_is_refused(finished, monkeypatch, capsys):
+    monkeypatch.chdir(finished[0])
     line = error(capsys, "--metric", "onset_f1", "--objective", "best")
     assert "maximises 'final f1', not 'best onset_f1'" in line
     assert "--name" in line

@@ -1,0 +1,241 @@
+"""``sb3-piano record``: write performances as a data set to learn from."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import re
+import shlex
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, whole_number
+from sb3_piano.exceptions import ConfigError
+
+if TYPE_CHECKING:
+    import gymnasium as gym
+
+    from sb3_piano.demonstrations import Recorded
+    from sb3_piano.demonstrations.recording import Predictor
+
+_POLICIES = ("planned", "sampling")
+_OBSERVED = {"observation": "fingers", "fingering": "ergonomic"}
+"""What an environment that is made here observes unless told otherwise: little, and by finger."""
+_NEW_ENV_ONLY = ("policy", "fingering")
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command and its arguments."""
+    record = commands.add_parser("record", help="write performances as a data set to learn from")
+    add = record.add_argument
+    add(
+        "what",
+        metavar="RUN|ENV_ID|PIECE",
+        help="a run's folder, whose model plays; or what a planned pianist plays: an environment, "
+        "a file such as MIDI, or a piece",
+    )
+    add("--policy", choices=_POLICIES, help="who plays, of no run; default: planned")
+    add("--out", metavar="ID", help="the data set's name; default: robopianist/PIECE/POLICY-v0")
+    add("--overwrite", action="store_true", help="replace a data set of this name")
+    add("--episodes", type=whole_number, default=24, metavar="N", help="default: 24")
+    add(
+        "--noise",
+        type=float,
+        nargs="+",
+        default=[0.0],
+        metavar="RAD",
+        help="standard deviations of noise on the actions, in turns, such as 0 0.03 0.06 0.1",
+    )
+    add(
+        "--start",
+        type=float,
+        default=0.0,
+        metavar="RAD",
+        help="standard deviation of the joints at the start; default: 0",
+    )
+    add("--seed", type=int, default=0, metavar="N", help="default: 0")
+    add("--fingering", metavar="HOW", help="as for train, of no run; default: ergonomic")
+    add(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="an option of the environment, such as initial_buffer_time=0.5; of no run; may be "
+        "given several times; by default it observes by finger",
+    )
+    add("--best", metavar="METRIC", help="the run's best model by f1 or onset_f1, not the last one")
+    add("--no-progress", action="store_true", help="show no progress bar")
+    record.set_defaults(command=_record)
+
+
+def _record(arguments: argparse.Namespace) -> int:
+    with_minari()
+    from sb3_piano.demonstrations import record
+
+    with _player(arguments) as (policy, env, default_id), _progress(arguments) as on_episode:
+        recorded = record(
+            policy,
+            env,
+            default_id if arguments.out is None else arguments.out,
+            episodes=arguments.episodes,
+            noise=arguments.noise,
+            seed=arguments.seed,
+            overwrite=arguments.overwrite,
+            policy_name=default_id.rpartition("/")[2].partition("-v")[0],
+            on_episode=on_episode,
+        )
+    _report(recorded)
+    if recorded.interrupted:
+        print("sb3-piano: interrupted.", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    return EXIT_OK
+
+
+def with_minari() -> None:
+    """Refuse to go on without the packages that read and write data sets.
+
+    Raises:
+        ConfigError: If they are not installed.
+    """
+    from sb3_piano.demonstrations.dataset import require_minari
+
+    try:
+        require_minari()
+    except ImportError as error:
+        raise ConfigError(str(error)) from error
+
+
+@contextlib.contextmanager
+def _player(
+    arguments: argparse.Namespace,
+) -> Iterator[tuple[Predictor, gym.Env[Any, Any], str]]:
+    """Give who plays, where, and what the data set is called by default."""
+    if Path(arguments.what).is_dir():
+        with _player_of_run(arguments) as player:
+            yield player
+        return
+    if arguments.best is not None:
+        raise ConfigError(
+            f"--best cannot be given with {arguments.what!r}: only a run has models. Expected a "
+            "run's folder, or no --best."
+        )
+    env = _new_env(arguments)
+    with contextlib.closing(env):
+        name = arguments.policy or _POLICIES[0]
+        yield _pianist(name, env), env, _default_id(_piece(env), name)
+
+
+@contextlib.contextmanager
+def _player_of_run(
+    arguments: argparse.Namespace,
+) -> Iterator[tuple[Predictor, gym.Env[Any, Any], str]]:
+    from sb3_piano.training.recording import run_to_record
+
+    for name in _NEW_ENV_ONLY:
+        if getattr(arguments, name) is not None or arguments.set:
+            option = "set" if arguments.set else name
+            raise ConfigError(
+                f"--{option} cannot be given with the run '{arguments.what}': its own model plays "
+                f"in its own environment. Expected no --{option}."
+            )
+    with run_to_record(arguments.what, best=arguments.best, start=arguments.start) as found:
+        policy, env, config = found
+        yield policy, env, _default_id(_piece(env), config.algo)
+
+
+def _new_env(arguments: argparse.Namespace) -> gym.Env[Any, Any]:
+    import gymnasium
+
+    from sb3_piano.envs import GENERAL_ID
+    from sb3_piano.music import is_path
+    from sb3_piano.training import RunConfig
+    from sb3_piano.training.recording import env_to_record
+
+    what = arguments.what
+    options = {**_OBSERVED, **_options(arguments.set)}
+    if arguments.fingering is not None:
+        options["fingering"] = arguments.fingering
+    if what in gymnasium.registry:
+        config = RunConfig(algo="sac", env_id=what, n_timesteps=1, env_kwargs=options)
+        return env_to_record(config, arguments.start)
+    if is_path(what) and not Path(what).exists():
+        raise ConfigError(
+            f"Nothing to record: there is no {what!r}. Expected the folder of a run, an "
+            "environment's id, a file such as a MIDI file, or the name of a piece (see 'sb3-piano "
+            "pieces list')."
+        )
+    score = str(Path(what).resolve()) if is_path(what) else what
+    config = RunConfig(
+        algo="sac", env_id=GENERAL_ID, n_timesteps=1, env_kwargs={"score": score, **options}
+    )
+    return env_to_record(config, arguments.start)
+
+
+def _options(settings: list[str]) -> dict[str, Any]:
+    """Return the options of the environment that were given as ``NAME=VALUE``."""
+    found = {}
+    for setting in settings:
+        name, equals, text = setting.partition("=")
+        if not (name and equals):
+            raise ConfigError(f"--set is {setting!r}: expected NAME=VALUE.")
+        try:
+            found[name] = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ConfigError(f"--set is {setting!r}: its value is no YAML ({error}).") from error
+    return found
+
+
+def _pianist(name: str, env: gym.Env[Any, Any]) -> Predictor:
+    from sb3_piano import planning
+
+    return planning.PlannedPianist(env) if name == "planned" else planning.PredictiveSampling(env)
+
+
+def _piece(env: gym.Env[Any, Any]) -> str:
+    from sb3_piano.envs import PianoEnv
+
+    if isinstance(env.unwrapped, PianoEnv):
+        return env.unwrapped.default_score.title
+    return "" if env.spec is None else env.spec.id
+
+
+def _default_id(piece: str, policy: str) -> str:
+    part = re.sub(r"[^\w-]+", "-", piece, flags=re.ASCII).strip("-") or "piece"
+    return f"robopianist/{part}/{policy}-v0"
+
+
+@contextlib.contextmanager
+def _progress(arguments: argparse.Namespace) -> Iterator[Callable[[object], object]]:
+    """Show a bar on a terminal's standard error."""
+    from rich.console import Console
+    from rich.progress import MofNCompleteColumn, Progress
+
+    console = Console(stderr=True)
+    if arguments.no_progress or not console.is_terminal:
+        yield lambda notes: None
+        return
+    columns = (*Progress.get_default_columns(), MofNCompleteColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("performances", total=arguments.episodes)
+        yield lambda notes: progress.advance(task)
+
+
+def _report(recorded: Recorded) -> None:
+    dataset = recorded.dataset
+    count = len(recorded.episodes)
+    plural = "performance" if count == 1 else "performances"
+    print(f"Recorded {count} {plural} of {dataset.total_steps} steps in all.")
+    by_noise: dict[float, list[Mapping[str, float]]] = {}
+    for episode in recorded.episodes:
+        by_noise.setdefault(episode["noise"], []).append(episode)
+    for noise, episodes in by_noise.items():
+        if all("f1" in episode for episode in episodes):
+            mean = sum(episode["f1"] for episode in episodes) / len(episodes)
+            print(f"F1 {mean:.3f} with noise of {noise:g} rad ({len(episodes)})")
+    print(f"Data set:    {dataset.id}")
+    print(f"Folder:      {dataset.storage.data_path}")
+    print(f"Learn it:    sb3-piano clone {shlex.quote(dataset.id)}")

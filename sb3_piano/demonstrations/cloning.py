@@ -1,0 +1,180 @@
+"""Behaviour cloning: a stock actor learns to do what a data set's player would have done.
+
+A few lines of torch, because the ``imitation`` package cannot be installed beside this one: its
+last release, 1.0.1, demands gymnasium 0.29 and Stable-Baselines3 2.2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import VecNormalize
+
+from sb3_piano.demonstrations.dataset import Transitions, open_dataset
+from sb3_piano.demonstrations.replay import check_spaces, scaled_actions
+from sb3_piano.exceptions import ConfigError
+
+if TYPE_CHECKING:
+    from minari import MinariDataset
+
+DEFAULT_LOG_STD = -3.5
+"""About 0.03 of half an action range: no more than the noise that a planned pianist survives."""
+
+_CONSTANT = 1e-8
+"""A variance up to which a number of the observation counts as one that never changes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cloning:
+    """How :func:`clone_behaviour` went."""
+
+    n_transitions: int
+    """Transitions that were learnt from."""
+    losses: tuple[float, ...]
+    """Mean squared error of the actions, scaled to [-1, 1], in each epoch."""
+
+
+def clone_behaviour(
+    model: BaseAlgorithm,
+    dataset: MinariDataset | str,
+    *,
+    epochs: int = 60,
+    batch_size: int = 256,
+    learning_rate: float = 1e-3,
+    log_std: float | None = DEFAULT_LOG_STD,
+    seed: int = 0,
+    on_epoch: Callable[[float], object] = lambda loss: None,
+) -> Cloning:
+    """Train the actor of an off-policy model to the actions that a data set calls right.
+
+    The loss is the squared error of the action that the model plays without exploring; the
+    learning rate falls to 0 along a half cosine. Critics are left as they are. Where the model has
+    ``VecNormalize`` with normalised observations, its statistics are set to those of the data set.
+
+    Args:
+        model: A model of SAC, TQC, TD3 or DDPG.
+        dataset: A Minari data set, or its name.
+        epochs: How often to go through all transitions, at least 1.
+        batch_size: Transitions of an update, at least 1.
+        learning_rate: Learning rate of Adam at the beginning, above 0.
+        log_std: Logarithm of the exploration's standard deviation that SAC and TQC get, before
+            the action is squashed; ``None`` leaves it. Fresh ones explore the whole range, which
+            would play nothing of what was learnt. Others, and those with gSDE, have none.
+        seed: Shuffles the transitions.
+        on_epoch: Is called with the loss of each epoch.
+
+    Raises:
+        ConfigError: If a number is out of range, the model has no actor, or the data set does not
+            fit it.
+        ImportError: If Minari is not installed.
+    """
+    _check(epochs=epochs, batch_size=batch_size, learning_rate=learning_rate)
+    actor = getattr(model.policy, "actor", None)
+    if not isinstance(actor, torch.nn.Module):
+        raise ConfigError(
+            f"A {type(model).__name__} has no actor to be cloned into: expected SAC, TQC, TD3 or "
+            "DDPG."
+        )
+    found = open_dataset(dataset)
+    check_spaces(found, model.observation_space, model.action_space)
+    transitions = Transitions.of(found)
+    targets = scaled_actions(transitions.expert_actions, model.action_space)
+    if log_std is not None:
+        _fix_exploration(actor, log_std)
+    fit = _Fit(
+        model=model,
+        observations=_tensor(model, _inputs(model, transitions.observations)),
+        targets=_tensor(model, targets),
+    )
+    losses = []
+    model.policy.set_training_mode(True)
+    try:
+        for loss in fit.epochs(actor, epochs, batch_size, learning_rate, seed):
+            losses.append(loss)
+            on_epoch(loss)
+    finally:
+        model.policy.set_training_mode(False)
+    target = getattr(model.policy, "actor_target", None)
+    if isinstance(target, torch.nn.Module):
+        target.load_state_dict(actor.state_dict())
+    return Cloning(n_transitions=len(transitions), losses=tuple(losses))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Fit:
+    """What is fitted to what."""
+
+    model: BaseAlgorithm
+    observations: torch.Tensor
+    targets: torch.Tensor
+
+    def epochs(
+        self, actor: torch.nn.Module, epochs: int, batch_size: int, learning_rate: float, seed: int
+    ) -> Iterator[float]:
+        """Train, and yield the mean loss of each epoch."""
+        count = len(self.targets)
+        optimizer = torch.optim.Adam(actor.parameters(), learning_rate)
+        updates = epochs * math.ceil(count / batch_size)
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, updates)
+        random = torch.Generator().manual_seed(seed)
+        for _ in range(epochs):
+            total = 0.0
+            for rows in torch.randperm(count, generator=random).split(batch_size):
+                loss = self._loss(rows)
+                optimizer.zero_grad()
+                loss.backward()
+                optimizer.step()
+                schedule.step()
+                total += loss.item() * len(rows)
+            yield total / count
+
+    def _loss(self, rows: torch.Tensor) -> torch.Tensor:
+        # SB3's hook of all its policies: the action before it is scaled to the action space.
+        played = self.model.policy._predict(self.observations[rows], deterministic=True)
+        return torch.nn.functional.mse_loss(played, self.targets[rows])
+
+
+def _check(*, epochs: int, batch_size: int, learning_rate: float) -> None:
+    for name, value in (("epochs", epochs), ("batch_size", batch_size)):
+        if value < 1:
+            raise ConfigError(f"{name} is {value}: expected 1 or more.")
+    if not (math.isfinite(learning_rate) and learning_rate > 0):
+        raise ConfigError(f"learning_rate is {learning_rate}: expected a finite number above 0.")
+
+
+def _tensor(model: BaseAlgorithm, array: npt.NDArray[Any]) -> torch.Tensor:
+    return torch.as_tensor(np.ascontiguousarray(array, dtype=np.float32), device=model.device)
+
+
+def _inputs(model: BaseAlgorithm, observations: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the observations as the model will get them."""
+    normalizer = model.get_vec_normalize_env()
+    if normalizer is None or not normalizer.norm_obs:
+        return observations
+    _set_statistics(normalizer, observations)
+    return np.asarray(normalizer.normalize_obs(observations))
+
+
+def _set_statistics(normalizer: VecNormalize, observations: npt.NDArray[Any]) -> None:
+    statistics = normalizer.obs_rms
+    assert not isinstance(statistics, dict), "observations are plain arrays"
+    statistics.mean = observations.mean(axis=0, dtype=np.float64)
+    variance = observations.var(axis=0, dtype=np.float64)
+    # What never changed in the data set must not count a thousandfold when it does.
+    statistics.var = np.where(variance < _CONSTANT, 1.0, variance)
+    statistics.count = float(len(observations))
+
+
+def _fix_exploration(actor: torch.nn.Module, log_std: float) -> None:
+    layer = getattr(actor, "log_std", None)
+    if isinstance(layer, torch.nn.Linear):
+        with torch.no_grad():
+            layer.weight.zero_()
+            layer.bias.fill_(log_std)

@@ -1,0 +1,147 @@
+"""Minari data sets that are there: where they are, and their transitions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.exceptions import ConfigError
+
+if TYPE_CHECKING:
+    from minari import EpisodeData, MinariDataset
+
+EXPERT_ACTION = "expert_action"
+"""Name in a data set's ``infos`` of what the policy would have done. Row ``i`` goes with row ``i``
+of the observations; the last one, in which nothing is played any more, is NaN if it can be."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Transitions:
+    """All transitions of a data set, in their order."""
+
+    observations: npt.NDArray[Any]
+    """(N, ...)"""
+    next_observations: npt.NDArray[Any]
+    """(N, ...)"""
+    actions: npt.NDArray[Any]
+    """(N, ...) what was played."""
+    expert_actions: npt.NDArray[Any]
+    """(N, ...) what the policy would have done; of a data set without that, what was played."""
+    rewards: npt.NDArray[np.float64]
+    """(N,)"""
+    terminations: npt.NDArray[np.bool_]
+    """(N,)"""
+    truncations: npt.NDArray[np.bool_]
+    """(N,)"""
+
+    def __len__(self) -> int:
+        return len(self.rewards)
+
+    @classmethod
+    def of(cls, dataset: MinariDataset | str) -> Transitions:
+        """Return the transitions of a data set, given or by its name.
+
+        Raises:
+            ConfigError: If there is none, it is empty, or its observations or actions are no plain
+                arrays.
+        """
+        dataset = open_dataset(dataset)
+        for space in (dataset.observation_space, dataset.action_space):
+            if not isinstance(space, gym.spaces.Box):
+                raise ConfigError(
+                    f"Data set {dataset.id!r} has the space {space}: expected a Box, of "
+                    "observations and of actions."
+                )
+        episodes = list(dataset.iterate_episodes())
+        if not episodes:
+            raise ConfigError(f"Data set {dataset.id!r} is empty: expected at least one episode.")
+        return cls(
+            observations=np.concatenate([e.observations[:-1] for e in episodes]),
+            next_observations=np.concatenate([e.observations[1:] for e in episodes]),
+            actions=np.concatenate([e.actions for e in episodes]),
+            expert_actions=np.concatenate([_expert_actions(e) for e in episodes]),
+            rewards=np.concatenate([e.rewards for e in episodes]),
+            terminations=np.concatenate([e.terminations for e in episodes]),
+            truncations=np.concatenate([e.truncations for e in episodes]),
+        )
+
+
+def open_dataset(dataset: MinariDataset | str) -> MinariDataset:
+    """Return a data set of this machine.
+
+    Args:
+        dataset: The data set, or its name.
+
+    Raises:
+        ConfigError: If there is none of that name, or it cannot be read.
+        ImportError: If Minari is not installed.
+    """
+    if not isinstance(dataset, str):
+        return dataset
+    require_minari()
+    import minari
+
+    place = dataset_folder(dataset)
+    if not place.is_dir():
+        known = ", ".join(minari.list_local_datasets()) or "none"
+        raise ConfigError(
+            f"There is no data set {dataset!r} in '{dataset_root()}': expected one of those there "
+            f"({known}); 'sb3-piano record' writes one."
+        )
+    try:
+        return minari.load_dataset(dataset)
+    except (OSError, ValueError, KeyError, AssertionError) as error:
+        raise ConfigError(
+            f"Data set {dataset!r} in '{place}' cannot be read ({error}): expected what Minari "
+            "wrote."
+        ) from error
+
+
+def dataset_root() -> Path:
+    """Return the folder with all data sets: MINARI_DATASETS_PATH, or Minari's default."""
+    from minari.storage import get_dataset_path
+
+    return get_dataset_path()
+
+
+def dataset_folder(dataset_id: str) -> Path:
+    """Return where a data set is, or would be.
+
+    Raises:
+        ConfigError: If it is no valid name.
+    """
+    from minari.dataset.minari_dataset import DATASET_ID_RE
+
+    match = DATASET_ID_RE.fullmatch(dataset_id)
+    if match is None or match["version"] is None:
+        raise ConfigError(
+            f"Data set name {dataset_id!r} is not valid: expected letters, digits, - and _ in "
+            "parts divided by /, and a version at the end, such as robopianist/twinkle/planned-v0."
+        )
+    return dataset_root() / dataset_id
+
+
+def require_minari() -> None:
+    """Raise an error that says what to install unless Minari is.
+
+    Raises:
+        ImportError: If Minari, or the library for its files, cannot be imported.
+    """
+    try:
+        import h5py  # noqa: F401
+        import minari  # noqa: F401
+    except ImportError as error:
+        raise ImportError(
+            "Data sets need the packages minari and h5py, which are not both installed: "
+            "pip install 'sb3-piano[demonstrations]'"
+        ) from error
+
+
+def _expert_actions(episode: EpisodeData) -> npt.NDArray[Any]:
+    labels = (episode.infos or {}).get(EXPERT_ACTION)
+    return episode.actions if labels is None else np.asarray(labels)[:-1]

@@ -1,0 +1,219 @@
+"""Performances of a policy, recorded as a data set to learn from."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import numpy.typing as npt
+from gymnasium.envs.registration import EnvSpec
+
+import sb3_piano
+from sb3_piano.demonstrations.noise import DEFAULT_MEMORY, ActuatorNoise
+from sb3_piano.demonstrations.perturbed_start import PerturbedStart
+from sb3_piano.demonstrations.writer import DatasetWriter, Episode
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.metrics import EPISODE_METRICS
+
+if TYPE_CHECKING:
+    from minari import MinariDataset
+
+Env = gym.Env[Any, Any]
+
+
+class Predictor(Protocol):
+    """What plays: a model of Stable-Baselines3, a planned pianist, or anything with its method."""
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: npt.NDArray[np.bool_] | None = None,
+        deterministic: bool = False,
+    ) -> tuple[Any, Any]:
+        """Return what to play next, and the state for the next call."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """What :func:`record` wrote."""
+
+    dataset: MinariDataset
+    """The data set."""
+    episodes: tuple[Mapping[str, float], ...]
+    """What is noted about each episode: ``noise``, ``return`` and, of pianos, the music metrics."""
+    interrupted: bool = False
+    """Whether Ctrl-C ended it before all episodes were played."""
+
+
+def record(
+    policy: Predictor,
+    env: Env,
+    dataset_id: str,
+    *,
+    episodes: int = 1,
+    noise: Sequence[float] = (0.0,),
+    noise_memory: float = DEFAULT_MEMORY,
+    seed: int = 0,
+    overwrite: bool = False,
+    policy_name: str | None = None,
+    on_episode: Callable[[Mapping[str, float]], object] = lambda notes: None,
+) -> Recorded:
+    """Let a policy play, without exploring, and write a Minari data set.
+
+    The policy's actions are played with noise, and both are stored: ``actions`` has what was
+    played, so that the transitions are true, and ``infos["expert_action"]`` what the policy would
+    have done in each state, which is what a learner should imitate. A
+    :class:`~sb3_piano.demonstrations.PerturbedStart` around the environment adds other beginnings;
+    the environment that the data set recovers for evaluation is then the one without.
+
+    Each episode begins from a seed of its own, noted with it: the same actions from the same seed
+    give the same observations and rewards. The data set has Minari's name for the environment, so
+    that a score in it has to be there as a name or a file.
+
+    Ctrl-C ends it with the episodes that are finished; before the first one it is a
+    ``KeyboardInterrupt`` as everywhere, and nothing is written.
+
+    Args:
+        policy: What plays.
+        env: A single environment, for which the policy was made.
+        dataset_id: What the data set is called, such as ``robopianist/twinkle/planned-v0``. It is
+            kept where Minari keeps all, in the folder that MINARI_DATASETS_PATH names.
+        episodes: How many episodes to play, at least 1.
+        noise: Standard deviations of the noise, rad (see
+            :class:`~sb3_piano.demonstrations.ActuatorNoise`); the episodes take turns.
+        noise_memory: How long the noise remembers, s.
+        seed: All seeds and the noise come from it; at least 0.
+        overwrite: Whether a data set of this name is replaced.
+        policy_name: What the policy is called in the data set; by default its class.
+        on_episode: Is called with what is noted about each episode when it is over.
+
+    Raises:
+        ConfigError: If a number is out of range, the name is not valid or taken, or there is no
+            noise for such an environment.
+        ImportError: If Minari is not installed.
+    """
+    if episodes < 1:
+        raise ConfigError(f"episodes is {episodes}: expected 1 or more.")
+    if seed < 0:
+        raise ConfigError(f"seed is {seed}: expected 0 or more.")
+    if not noise:
+        raise ConfigError("There is no noise given: expected at least one number, such as 0.")
+    noises = [_noise(env, std, noise_memory) for std in noise]
+    seeds = np.random.SeedSequence(seed).generate_state(episodes).tolist()
+    notes: list[Mapping[str, float]] = []
+    env_spec = _remade(env)
+    with DatasetWriter(dataset_id, env, env_spec, overwrite=overwrite) as writer:
+        try:
+            for number, episode_seed in enumerate(seeds):
+                turn = number % len(noise)
+                episode = _play(policy, env, episode_seed, noises[turn], noise[turn])
+                writer.add(episode)
+                notes.append(episode.notes)
+                on_episode(episode.notes)
+        except KeyboardInterrupt:
+            if not notes:
+                raise
+        dataset = writer.finish(
+            {
+                "algorithm_name": policy_name or type(policy).__name__,
+                "description": f"Performances with noise of {', '.join(map(str, noise))} rad.",
+                "requirements": [f"sb3-piano>={sb3_piano.__version__}"],
+                "sb3_piano": {
+                    "version": sb3_piano.__version__,
+                    "mujoco": mujoco.__version__,
+                    "seed": seed,
+                    "noise": [float(std) for std in noise],
+                    "noise_memory": noise_memory,
+                },
+                **_evaluation_env(env_spec),
+            }
+        )
+    return Recorded(dataset=dataset, episodes=tuple(notes), interrupted=len(notes) < episodes)
+
+
+def _remade(env: Env) -> EnvSpec | None:
+    """Return how the environment can be made again, if it can."""
+    if env.spec is None:
+        return None
+    try:
+        json.dumps([env.spec.kwargs, [w.kwargs for w in env.spec.additional_wrappers]])
+    except TypeError as error:
+        warnings.warn(
+            f"The data set will not tell how to make its environment again: {error}. Expected "
+            "arguments in JSON's types, such as a score's name or file.",
+            stacklevel=3,
+        )
+        return None
+    return env.spec
+
+
+def _evaluation_env(spec: EnvSpec | None) -> dict[str, str]:
+    """Return Minari's note of the environment without what disturbs it."""
+    if spec is None:
+        return {}
+    kept = tuple(
+        wrapper
+        for wrapper in spec.additional_wrappers
+        if wrapper.name != PerturbedStart.class_name()
+    )
+    return {"eval_env_spec": dataclasses.replace(spec, additional_wrappers=kept).to_json()}
+
+
+def _noise(env: Env, std: float, memory: float) -> ActuatorNoise | None:
+    return None if std == 0 else ActuatorNoise(env, std, memory)
+
+
+def _play(
+    policy: Predictor, env: Env, seed: int, noise: ActuatorNoise | None, std: float
+) -> Episode:
+    """Play one episode."""
+    steps = list(_steps(policy, env, seed, noise))
+    observations, actions, labels, rewards, ends, infos = zip(*steps[:-1], strict=True)
+    space = env.action_space
+    notes = {"noise": float(std), "return": float(sum(rewards))}
+    notes |= {name: float(infos[-1][name]) for name in EPISODE_METRICS if name in infos[-1]}
+    return Episode(
+        seed=seed,
+        observations=np.array([*observations, steps[-1][0]]),
+        actions=np.array(actions, dtype=space.dtype),
+        expert_actions=np.array(labels, dtype=space.dtype),
+        rewards=np.array(rewards, dtype=np.float64),
+        terminated=ends[-1],
+        notes=notes,
+    )
+
+
+def _steps(
+    policy: Predictor, env: Env, seed: int, noise: ActuatorNoise | None
+) -> Iterator[tuple[Any, ...]]:
+    """Yield observation, action, label, reward, termination and info of each step.
+
+    The last one has the last observation alone.
+    """
+    random = np.random.default_rng(seed)
+    if noise is not None:
+        noise.restart()
+    observation, _ = env.reset(seed=seed)
+    state, start, over = None, np.ones(1, dtype=bool), False
+    while not over:
+        label, state = policy.predict(observation, state, start, deterministic=True)
+        action = label if noise is None else _disturbed(env, label, noise.sample(random))
+        before = np.array(observation)
+        observation, reward, terminated, truncated, info = env.step(action)
+        over, start = terminated or truncated, np.zeros(1, dtype=bool)
+        yield before, action, label, float(reward), terminated, info
+    yield np.array(observation), None, None, 0.0, False, {}
+
+
+def _disturbed(env: Env, action: Any, offset: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
+    space = env.action_space
+    assert isinstance(space, gym.spaces.Box), "actions of a piano"
+    return np.clip(action + offset, space.low, space.high).astype(space.dtype)

@@ -1,0 +1,158 @@
+"""Noise on actions, and hands that begin out of place."""
+
+from __future__ import annotations
+
+import math
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+from linear_players import pendulum
+
+from sb3_piano.demonstrations import ActuatorNoise, PerturbedStart
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.wrappers import KeyRange
+
+FOREARMS = [f"{side}_shadow_hand/forearm_{axis}" for side in ("rh", "lh") for axis in ("tx", "ty")]
+
+
+def moved_targets(env, offsets):
+    """Return by how much offsets of the action move the actuators' targets, rad or m."""
+    piano = env.unwrapped
+    rest = np.zeros(env.action_space.shape)
+    found = []
+    for offset in offsets:
+        controls = [piano._actions.controls(action)[0] for action in (rest, rest + offset)]
+        found.append(controls[1] - controls[0])
+    return np.array(found)
+
+
+def is_forearm(env):
+    model = env.unwrapped.model
+    joints = [model.joint(model.actuator_trnid[i, 0]).name for i in range(model.nu)]
+    return np.array(
+        [
+            model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT.value and name in FOREARMS
+            for i, name in enumerate(joints)
+        ]
+    )
+
+
+@pytest.mark.parametrize("reduced", [True, False])
+def test_noise_has_its_deviation_in_radians_and_a_twentieth_in_metres(piano, reduced):
+    env = piano(reduced_action_space=reduced)
+    noise, random = ActuatorNoise(env, 0.05), np.random.default_rng(0)
+    offsets = np.array([noise.sample(random) for _ in range(20000)])
+    assert (offsets[:, -1] == 0).all()  # the pedal
+    std = moved_targets(env, offsets[::4]).std(axis=0)
+    forearm = is_forearm(env)
+    assert forearm.sum() == 4
+    np.testing.assert_allclose(std[~forearm], 0.05, rtol=0.06)
+    np.testing.assert_allclose(std[forearm], 0.0025, rtol=0.06)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.2])
+def test_noise_forgets_in_time(piano, memory):
+    noise, random = ActuatorNoise(piano(), 0.05, memory), np.random.default_rng(0)
+    offsets = np.array([noise.sample(random) for _ in range(20000)])[:, :-1]
+    offsets /= offsets.std(axis=0)
+    for lag in (1, 4):
+        kept = (offsets[lag:] * offsets[:-lag]).mean()
+        expected = 0.0 if memory == 0 else math.exp(-0.05 * lag / memory)
+        assert kept == pytest.approx(expected, abs=0.02)
+
+
+def test_noise_is_as_strong_in_the_first_step_and_begins_anew(piano):
+    noise, random = ActuatorNoise(piano(), 0.05), np.random.default_rng(0)
+    firsts, laters = [], []
+    for _ in range(2000):
+        noise.restart()
+        firsts.append(noise.sample(random))
+        laters.append([noise.sample(random) for _ in range(3)][-1])
+    firsts, laters = np.array(firsts)[:, :-1], np.array(laters)[:, :-1]
+    np.testing.assert_allclose(firsts.std(axis=0) / laters.std(axis=0), 1, rtol=0.12)
+    correlation = (laters[:-1] * firsts[1:]).mean() / (firsts.std() * laters.std())
+    assert correlation == pytest.approx(0, abs=0.02)
+
+
+class FewerActions(gym.ActionWrapper):
+    """Leaves out the pedal."""
+
+    def __init__(self, env):
+        super().__init__(env)
+        self.action_space = gym.spaces.Box(-1, 1, (env.action_space.shape[0] - 1,))
+
+    def action(self, action):
+        return np.append(action, -1)
+
+
+def test_noise_that_cannot_be_added_is_refused(piano):
+    with pytest.raises(ConfigError, match="noise is -0.1: expected a finite number"):
+        ActuatorNoise(piano(), -0.1)
+    with pytest.raises(ConfigError, match="noise_memory is nan"):
+        ActuatorNoise(piano(), 0.1, math.nan)
+    with pytest.raises(ConfigError, match=r"shape \(38,\): expected .* \(39,\)"):
+        ActuatorNoise(FewerActions(piano()), 0.1)
+
+
+def start(env, seed):
+    observation, _ = env.reset(seed=seed)
+    return observation, env.unwrapped.data.qpos.copy()
+
+
+def test_a_perturbed_start_moves_the_hands_by_the_deviation_and_no_key(piano):
+    env = PerturbedStart(piano(), 0.02)
+    scene = env.unwrapped.scene
+    where = np.concatenate(scene.joint_qpos)
+    moves = np.array([start(env, seed)[1][where] for seed in range(150)])
+    low, high = np.concatenate(scene.joint_range).T
+    free = (low < -0.1) & (high > 0.1)  # where no limit cuts off
+    names = np.concatenate(scene.joint_names)
+    forearm = np.isin(names, FOREARMS)
+    assert free.sum() > 15
+    np.testing.assert_allclose(moves[:, free & ~forearm].std(axis=0), 0.02, rtol=0.25)
+    np.testing.assert_allclose(moves[:, free & forearm].std(axis=0), 0.001, rtol=0.25)
+    assert (start(env, 0)[1][scene.key_qpos] == 0).all()
+
+
+def test_a_perturbed_start_keeps_to_the_joints_limits(piano):
+    env = PerturbedStart(piano(), 10.0)
+    scene = env.unwrapped.scene
+    qpos = start(env, 0)[1][np.concatenate(scene.joint_qpos)]
+    low, high = np.concatenate(scene.joint_range).T
+    assert ((low <= qpos) & (qpos <= high)).all()
+    assert ((qpos == low) | (qpos == high)).sum() > 30
+
+
+def test_the_first_observation_is_of_the_perturbed_state(piano):
+    env = PerturbedStart(piano(), 0.05)
+    observation, qpos = start(env, 3)
+    layout = env.unwrapped.observation_layout
+    scene = env.unwrapped.scene
+    for side, name in enumerate(("right_joints", "left_joints")):
+        block = layout[name]
+        np.testing.assert_allclose(
+            observation[block.slice], qpos[scene.joint_qpos[side]], rtol=1e-6
+        )
+    np.testing.assert_array_equal(observation, start(env, 3)[0])
+    assert not np.array_equal(observation, start(env, 4)[0])
+
+
+def test_the_perturbed_start_comes_after_all_else_that_is_drawn(piano):
+    plain = piano(randomize_hand_positions=True)
+    moved = PerturbedStart(piano(randomize_hand_positions=True), 0.01)
+    where = plain.unwrapped.scene.slider_qpos
+    for seed in range(3):
+        offset = start(moved, seed)[1][where] - start(plain, seed)[1][where]
+        assert (np.abs(offset) < 5 * 0.01 / 20).all()
+        assert (offset != 0).all()
+
+
+def test_a_start_that_cannot_be_perturbed_is_refused(piano):
+    with pytest.raises(ConfigError, match="PendulumEnv cannot be perturbed"):
+        PerturbedStart(pendulum(), 0.1)
+    with pytest.raises(ConfigError, match="std is -1"):
+        PerturbedStart(piano(), -1)
+    with pytest.raises(ConfigError, match="right around the environment"):
+        PerturbedStart(KeyRange(piano(observation="roll"), 24), 0.1)

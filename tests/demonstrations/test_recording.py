@@ -1,0 +1,294 @@
+"""Recorded performances: what is in the data set is what the environment did."""
+
+from __future__ import annotations
+
+import json
+import signal
+
+import gymnasium as gym
+import minari
+import numpy as np
+import pytest
+from linear_players import Ending, Linear, pendulum
+from minari.namespace import list_local_namespaces
+
+from sb3_piano.demonstrations import EXPERT_ACTION, PerturbedStart, open_dataset, record
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.metrics import EPISODE_METRICS
+from sb3_piano.music import load_score
+
+NAME = "robopianist/two-notes/linear-v0"
+
+
+def notes_of(dataset):
+    return list(dataset.storage.get_episode_metadata(dataset.episode_indices))
+
+
+def replay(env, seed, actions):
+    """Return what an environment does under some actions: observations, rewards, last info."""
+    observations, rewards, info = [env.reset(seed=seed)[0]], [], {}
+    for action in actions:
+        observation, reward, terminated, truncated, info = env.step(action)
+        observations.append(observation)
+        rewards.append(reward)
+    return np.array(observations), rewards, (terminated, truncated), info
+
+
+def all_arrays(dataset):
+    return [
+        array
+        for episode in dataset
+        for array in (episode.observations, episode.actions, episode.infos[EXPERT_ACTION])
+    ]
+
+
+def test_the_recorded_actions_from_the_recorded_seed_give_the_same_again(piano):
+    env = PerturbedStart(piano(), 0.05)
+    record(Linear(env), env, NAME, episodes=3, noise=[0.0, 0.1])
+    dataset = minari.load_dataset(NAME)
+    again = dataset.recover_environment()
+    assert len(dataset) == 3
+    for episode, notes in zip(dataset, notes_of(dataset), strict=True):
+        observations, rewards, ends, info = replay(again, notes["seed"], episode.actions)
+        np.testing.assert_array_equal(observations, episode.observations)
+        np.testing.assert_array_equal(rewards, episode.rewards)
+        assert ends == (False, True)
+        assert list(episode.truncations) == [False] * 12 + [True]
+        assert not episode.terminations.any()
+        assert {name: notes[name] for name in EPISODE_METRICS} == pytest.approx(
+            {name: info[name] for name in EPISODE_METRICS}, nan_ok=True
+        )
+        assert notes["return"] == pytest.approx(sum(rewards))
+
+
+def test_the_label_is_what_the_policy_would_do_in_the_disturbed_state(piano):
+    env = piano()
+    policy = Linear(env)
+    dataset = record(policy, env, NAME, episodes=2, noise=[0.1]).dataset
+    for episode in dataset:
+        labels = episode.infos[EXPERT_ACTION]
+        np.testing.assert_array_equal(labels[:-1], policy.act(episode.observations[:-1]))
+        assert np.isnan(labels[-1]).all()
+        moved = np.abs(episode.actions - labels[:-1]).mean(axis=0)
+        assert (moved[:-1] > 0).all()
+        assert moved[-1] == 0  # the pedal
+        assert np.abs(episode.actions).max() <= 1
+
+
+def test_without_noise_the_labels_are_what_was_played(piano):
+    env = piano()
+    [episode] = record(Linear(env), env, NAME).dataset
+    np.testing.assert_array_equal(episode.actions, episode.infos[EXPERT_ACTION][:-1])
+
+
+def test_noises_take_turns_and_are_noted(piano):
+    env = piano()
+    told = []
+    recorded = record(Linear(env), env, NAME, episodes=5, noise=[0.0, 0.2], on_episode=told.append)
+    assert [notes["noise"] for notes in notes_of(recorded.dataset)] == [0, 0.2, 0, 0.2, 0]
+    assert tuple(told) == recorded.episodes
+    assert not recorded.interrupted
+
+
+def test_equal_seeds_record_the_same_and_others_something_else(piano):
+    env = PerturbedStart(piano(), 0.05)
+    first, same, other = (
+        all_arrays(record(Linear(env), env, f"t-v{i}", episodes=2, noise=[0.1], seed=s).dataset)
+        for i, s in enumerate((4, 4, 5))
+    )
+    for array, again, different in zip(first, same, other, strict=True):
+        np.testing.assert_array_equal(array, again)
+        assert not np.array_equal(array, different)
+
+
+def test_neighbouring_seeds_share_no_episode():
+    env = pendulum()
+    seeds = {
+        notes["seed"]
+        for seed in range(3)
+        for notes in notes_of(record(Linear(env), env, f"t-v{seed}", episodes=4, seed=seed).dataset)
+    }
+    assert len(seeds) == 12
+
+
+def test_the_environment_for_evaluation_is_undisturbed_and_otherwise_the_same(piano, piece):
+    env = PerturbedStart(piano(initial_buffer_time=0.1), 0.05)
+    dataset = record(Linear(env), env, NAME).dataset
+    clean = dataset.recover_environment(eval_env=True)
+    assert isinstance(clean.unwrapped, PianoEnv)
+    assert clean.unwrapped.config == env.unwrapped.config
+    assert "PerturbedStart" not in str(clean)
+    np.testing.assert_array_equal(clean.reset(seed=1)[0], clean.reset(seed=2)[0])
+    disturbed = dataset.recover_environment()
+    assert not np.array_equal(disturbed.reset(seed=1)[0], disturbed.reset(seed=2)[0])
+
+
+def test_the_data_set_says_where_it_is_from(piano):
+    env = piano()
+    dataset = record(Linear(env), env, NAME, noise=[0.0, 0.1], seed=3, policy_name="line").dataset
+    found = dataset.storage.metadata
+    assert found["algorithm_name"] == "line"
+    assert found["sb3_piano"]["version"] in found["requirements"][0]
+    assert found["sb3_piano"]["noise"] == [0.0, 0.1]
+    assert found["sb3_piano"]["seed"] == 3
+    assert list(minari.list_local_datasets()) == [NAME]
+    assert set(list_local_namespaces()) == {"robopianist", "robopianist/two-notes"}
+    assert minari.list_local_datasets(prefix="robopianist/two-notes").keys() == {NAME}
+
+
+def test_an_episode_that_ends_by_itself_is_not_truncated():
+    env = Ending(pendulum(), 7)
+    [episode] = record(Linear(env), env, NAME).dataset
+    assert list(episode.terminations) == [False] * 6 + [True]
+    assert not episode.truncations.any()
+
+
+class OneArray(gym.ObservationWrapper):
+    """Gives the same array again and again, with other numbers in it."""
+
+    def observation(self, observation):
+        self._array = getattr(self, "_array", observation)
+        self._array[:] = observation
+        return self._array
+
+
+def test_an_environment_may_use_its_array_again():
+    env, same = pendulum(), OneArray(pendulum())
+    [expected] = record(Linear(env), env, "t-v0").dataset
+    [episode] = record(Linear(same), same, "t-v1").dataset
+    np.testing.assert_array_equal(episode.observations, expected.observations)
+
+
+def test_a_score_without_a_name_cannot_be_made_again(piece):
+    env = gym.make("RoboPianist-v0", score=load_score(piece), physics="fast")
+    with pytest.warns(UserWarning, match="Score is not JSON serializable"):
+        dataset = record(Linear(env), env, NAME).dataset
+    assert dataset.env_spec is None
+    assert len(dataset[0]) == 13
+
+
+def test_an_environment_that_was_not_registered_is_recorded_all_the_same(piece):
+    env = PianoEnv(piece, physics="fast")
+    assert len(record(Linear(env), env, NAME).dataset[0]) == 13
+
+
+def test_a_name_that_is_taken_is_refused_unless_it_may_be_overwritten(datasets):
+    env = pendulum()
+    record(Linear(env), env, NAME, episodes=2)
+    with pytest.raises(ConfigError, match=f"'{NAME}' already, in .*: expected a new name"):
+        record(Linear(env), env, NAME)
+    assert len(minari.load_dataset(NAME)) == 2
+    record(Linear(env), env, NAME, episodes=3, overwrite=True)
+    assert len(minari.load_dataset(NAME)) == 3
+    assert [path.name for path in datasets.iterdir()] == ["robopianist"]
+
+
+class Breaking(Linear):
+    """Plays well for some steps, and then something happens."""
+
+    def __init__(self, env, steps, happens):
+        super().__init__(env)
+        self._left, self._happens = steps, happens
+
+    def predict(self, *args, **kwargs):
+        if self._left == 0:
+            self._happens()
+        self._left -= 1
+        return super().predict(*args, **kwargs)
+
+
+def fail():
+    raise ZeroDivisionError("a string broke")
+
+
+def press_ctrl_c():
+    signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_recording_that_fails_leaves_everything_as_it_was(datasets, overwrite):
+    env = pendulum()
+    if overwrite:
+        record(Linear(env), env, NAME, episodes=2)
+    before = sorted(datasets.rglob("*"))
+    with pytest.raises(ZeroDivisionError, match="a string broke"):
+        record(Breaking(env, 30, fail), env, NAME, episodes=2, overwrite=overwrite)
+    assert sorted(datasets.rglob("*")) == before
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_ctrl_c_keeps_the_episodes_that_are_finished():
+    env = pendulum()
+    recorded = record(Breaking(env, 50, press_ctrl_c), env, NAME, episodes=9)
+    assert recorded.interrupted
+    assert len(recorded.episodes) == len(minari.load_dataset(NAME)) == 2
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_ctrl_c_before_the_first_episode_is_over_writes_nothing(datasets):
+    env = pendulum()
+    with pytest.raises(KeyboardInterrupt):
+        record(Breaking(env, 5, press_ctrl_c), env, NAME)
+    assert list(datasets.iterdir()) == []
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_ctrl_c_while_an_episode_is_written_waits_for_its_end(monkeypatch):
+    from minari.dataset._storages.hdf5_storage import HDF5Storage
+
+    write, written = HDF5Storage.update_episodes, []
+
+    def pressed_meanwhile(self, episodes):
+        written.append(1)
+        if len(written) == 2:
+            press_ctrl_c()
+        write(self, episodes)
+
+    monkeypatch.setattr(HDF5Storage, "update_episodes", pressed_meanwhile)
+    env = pendulum()
+    recorded = record(Linear(env), env, NAME, episodes=5)
+    assert recorded.interrupted
+    assert [len(episode) for episode in minari.load_dataset(NAME)] == [20, 20]
+    assert len(notes_of(recorded.dataset)[1]) == len(notes_of(recorded.dataset)[0])
+
+
+@pytest.mark.parametrize("name", ["no version-v0", "planned", "../up-v0", "a//b-v", "", "/a-v0"])
+def test_names_that_minari_cannot_keep_are_refused(name, datasets):
+    env = pendulum()
+    with pytest.raises(ConfigError, match="is not valid: expected letters"):
+        record(Linear(env), env, name)
+    with pytest.raises(ConfigError, match="is not valid: expected letters"):
+        open_dataset(name)
+    assert not datasets.exists() or list(datasets.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"episodes": 0}, "episodes is 0: expected 1 or more"),
+        ({"seed": -1}, "seed is -1: expected 0 or more"),
+        ({"noise": []}, "no noise given"),
+        ({"noise": [0.0, 0.1]}, "0.1 rad cannot be added in a PendulumEnv"),
+    ],
+)
+def test_what_is_out_of_range_is_refused(options, message, datasets):
+    env = pendulum()
+    with pytest.raises(ConfigError, match=message):
+        record(Linear(env), env, NAME, **options)
+    assert not datasets.exists()
+
+
+def test_a_data_set_that_is_not_there_is_named_beside_those_that_are(datasets, pendulum_data):
+    pendulum_data()
+    with pytest.raises(ConfigError, match=r"no data set 'other-v0' in .*\(test/pendulum-v0\)"):
+        open_dataset("other-v0")
+
+
+def test_a_damaged_data_set_is_refused(datasets, pendulum_data):
+    pendulum_data()
+    path = datasets / "test" / "pendulum-v0" / "data" / "metadata.json"
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps({**content, "minari_version": "0.0.1"}))
+    with pytest.raises(ConfigError, match=r"'test/pendulum-v0' in .* cannot be read"):
+        open_dataset("test/pendulum-v0")

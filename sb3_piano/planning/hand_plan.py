@@ -11,7 +11,7 @@ from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.planning.key_frames import key_frames
 from sb3_piano.planning.key_places import THUMB, KeyPlaces
 from sb3_piano.planning.kinematics import HandKinematics
-from sb3_piano.planning.leaps import time_presses
+from sb3_piano.planning.leaps import TimedPress, time_presses
 from sb3_piano.planning.least_squares import HandProblem
 from sb3_piano.planning.posture import resting_posture
 from sb3_piano.planning.presses import presses_of_hand
@@ -51,14 +51,12 @@ class HandPlanner:
         self.kinematics = HandKinematics(scene, hand)
         self.posture = resting_posture(self.kinematics, keys, settings)
         sign = self.kinematics.sign
-        self._timed = time_presses(presses_of_hand(roll, hand), sign, keys, settings)
         n_states, size = len(roll) + 1, self.kinematics.size
-        self.frames = key_frames(
-            self._timed, sign, n_states, self.kinematics.radius, keys, settings
-        )
+        self.take(time_presses(presses_of_hand(roll, hand), sign, keys, settings))
         self._dynamics = HandDynamics.of(scene, self.kinematics, self.posture.rest, n_substeps)
         self._start = np.zeros(2 * size)
-        self._planned = np.zeros((n_states, size))  # before inertia was thought of
+        self.planned = np.zeros((n_states, size))
+        """(T + 1, n) where they would be if they had no inertia."""
         self.positions = np.zeros((n_states, size))
         """(T + 1, n) where the hand's actuators should be."""
         self.commands = np.zeros((n_states - 1, size))
@@ -66,24 +64,49 @@ class HandPlanner:
         self.gains = np.zeros((n_states - 1, size, size), dtype=np.float32)
         """(T, n, n) feedback."""
 
-    def begin(self, start: int, stop: int, bound: FloatArray, wanted: FloatArray) -> HandProblem:
+    def take(self, timed: list[TimedPress]) -> None:
+        """Take over when and how keys are pressed."""
+        kinematics = self.kinematics
+        self.timed = timed
+        """The presses as they are planned."""
+        self.frames = key_frames(
+            timed,
+            kinematics.sign,
+            len(self._roll) + 1,
+            kinematics.radius,
+            self._keys,
+            self._settings,
+        )
+        """What they ask of the fingertips."""
+
+    def begin(
+        self, start: int, stop: int, bound: FloatArray, wanted: FloatArray | None
+    ) -> HandProblem:
         """Return the problem of a stretch.
 
         Args:
             start: Its first state, 1 or more.
             stop: The state after its last.
             bound: Beyond which the arm must be, m.
-            wanted: Where the hand would be if it were alone, m.
+            wanted: Where the hand would be if it were alone, m; ``None`` to start from the last
+                plan.
         """
+        if start == 1:
+            self._start = np.zeros_like(self._start)
         kinematics = self.kinematics
         cost = HandCost(kinematics, self.frames.between(start, stop), self._settings, bound)
-        before = self._planned[[max(start - 2, 0), start - 1]]
+        before = self.planned[[max(start - 2, 0), start - 1]]
         smoothness = Smoothness(kinematics, self._settings, before, stop - start)
-        guess = np.tile(self.posture.rest, (stop - start, 1))
-        sign = kinematics.sign
-        place = sign * np.maximum(sign * wanted, sign * bound)
-        guess[:, kinematics.index("forearm_tx")] = kinematics.slider_for_arm(place)
+        guess = self.planned[start:stop].copy() if wanted is None else self._guess(wanted, bound)
         return HandProblem(cost, smoothness, self.posture, self._settings, guess)
+
+    def _guess(self, wanted: FloatArray, bound: FloatArray) -> FloatArray:
+        """Return the resting posture wherever the hand has to be, (s, n)."""
+        kinematics = self.kinematics
+        guess = np.tile(self.posture.rest, (len(wanted), 1))
+        place = kinematics.sign * np.maximum(kinematics.sign * wanted, kinematics.sign * bound)
+        guess[:, kinematics.index("forearm_tx")] = kinematics.slider_for_arm(place)
+        return guess
 
     def finish(self, problem: HandProblem, start: int, keep: int) -> None:
         """Take over the first states of a stretch, now with the hand's inertia.
@@ -103,7 +126,7 @@ class HandPlanner:
             self._settings,
         ).solve()
         count = keep - start
-        self._planned[start:keep] = planned[:count]
+        self.planned[start:keep] = planned[:count]
         self.positions[start:keep] = control.states[:count, : self.kinematics.size]
         self.commands[start - 1 : keep - 1] = control.commands[:count]
         self.gains[start - 1 : keep - 1] = control.gains[:count]
@@ -116,11 +139,11 @@ class HandPlanner:
     def problems(self) -> list[Problem]:
         """Return what the hand cannot do."""
         hand, timestep = self.kinematics.hand, self._roll.control_timestep
-        tips = self.kinematics.fingertips(self._planned)
-        found = doubled(self._timed, hand, timestep)
+        tips = self.kinematics.fingertips(self.planned)
+        found = doubled(self.timed, hand, timestep)
         known = {(problem.pitch, problem.time) for problem in found}
-        found += unmovable(self._timed, hand, self._scene.moving_keys, timestep)
-        reach = unreached(self._timed, hand, self.frames, tips, timestep)
+        found += unmovable(self.timed, hand, self._scene.moving_keys, timestep)
+        reach = unreached(self.timed, hand, self.frames, tips, timestep)
         return found + [one for one in reach if (one.pitch, one.time) not in known]
 
     def _key_forces(self, positions: FloatArray, start: int) -> FloatArray:
@@ -128,7 +151,7 @@ class HandPlanner:
         settings, keys = self._settings, self._keys
         tips, jacobian = self.kinematics.fingertips_and_jacobian(positions)
         forces = np.zeros_like(positions)
-        for one in self._timed:
+        for one in self.timed:
             key, finger = one.press.key, one.press.finger
             first, stop = max(one.first - start, 0), min(one.last + 1 - start, len(positions))
             if first >= stop:
@@ -136,6 +159,6 @@ class HandPlanner:
             firmness = settings.press_force_thumb if finger == THUMB else settings.press_force
             torque = keys.holding_torque[key]
             lever = tips[first:stop, finger, 0] - keys.hinge[key]
-            force = firmness * torque / lever
+            force = one.touch.firmness * firmness * torque / lever
             forces[first:stop] += force[:, None] * jacobian[first:stop, finger, _UP]
         return forces

@@ -41,6 +41,7 @@ class KeyFrames:
     """(s, 5, 3) how much they count, per m; 0 where a finger has nothing to do."""
     on_black: BoolArray
     """(s, 5) which fingers are about to press a black key, or do."""
+
     to_black: BoolArray
     """(s, 5) which fingers are on their way to one, or from it."""
 
@@ -77,7 +78,7 @@ def key_frames(
     for index, one in enumerate(timed):
         finger = one.press.finger
         place = hand_place(one.press, sign, keys)
-        x = press_x(one.press.key, finger, mixed[index], settings)
+        x = press_x(one.press.key, finger, mixed[index], settings) + one.touch.along
         goal = _Goal(one, x, float(radius[finger]), keys, settings)
         start = max(last[finger] + 2, one.first - settings.hover_states)
         free = {
@@ -146,10 +147,14 @@ class _Goal:
         if free.get(strike - 1, False):
             place = self._at(settings.lift_depth)
             sheet.put(strike - 1, finger, _LIFT, place, full * _LIFT_SHARE)
-        sheet.put(strike, finger, _READY, self._at(settings.ready_depth), full * _READY_SHARE)
+        ready = settings.leap_ready_depth if one.leapt else settings.ready_depth
+        ready += one.touch.ready
+        sheet.put(strike, finger, _READY, self._at(ready), full * _READY_SHARE)
         for state in range(one.first, one.last + 1):
             sheet.put(state, finger, _HOLD, self._at(settings.hold_depth), full)
         depth = settings.leap_release_depth if one.leaps else settings.release_depth
+        if one.repeated:
+            depth = settings.repeat_depth
         share_of = _LEAP_RELEASE_SHARE if one.leaps else _RELEASE_SHARE
         sheet.put(one.last + 1, finger, _RELEASE, self._at(depth), full * share_of)
         if black:
@@ -160,7 +165,7 @@ class _Goal:
         """Return where the fingertip is when the key is at a depth."""
         key = self.one.press.key
         height = self.keys.height(key, self.x, depth) + self.radius + above
-        return np.array([self.x, self.keys.y[key], height])
+        return np.array([self.x, self.keys.y[key] + self.one.touch.across, height])
 
 
 def _held_places(

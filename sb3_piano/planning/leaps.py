@@ -13,6 +13,20 @@ from sb3_piano.planning.settings import PlanSettings
 MIDDLE_FINGER = 2
 
 
+@dataclass(frozen=True)
+class Touch:
+    """How a press differs from what the settings say; rehearsals find it."""
+
+    ready: float = 0.0
+    """Added to the depth in the state before the key is down."""
+    firmness: float = 1.0
+    """Times the force on the key."""
+    along: float = 0.0
+    """Farther from the hinge by so much, m."""
+    across: float = 0.0
+    """Farther to the right by so much, m."""
+
+
 @dataclass
 class TimedPress:
     """A press as it is planned: shortened where the hand has to leap."""
@@ -25,6 +39,12 @@ class TimedPress:
     """Last one."""
     leaps: bool = False
     """Whether the hand leaves for another place after it."""
+    leapt: bool = False
+    """Whether it came from another place."""
+    repeated: bool = False
+    """Whether the same finger strikes the same key again right after it."""
+    touch: Touch = Touch()
+    """What is special about it."""
 
 
 def hand_place(press: Press, sign: int, keys: KeyPlaces) -> float:
@@ -60,9 +80,11 @@ def time_presses(
         before, after = timed[earlier], timed[later]
         distance = abs(places[earlier] - places[later])
         same = _same_strike(before.press, after.press)
+        if same and after.press.first - before.press.last <= 2:
+            before.repeated = True
         if distance <= settings.leap_distance or same:
             continue
-        before.leaps = True
+        before.leaps = after.leapt = True
         rest = after.press.first - before.press.last - 1
         cost = settings.leap_frames + sum(distance > more for more in settings.leap_more) - rest
         if cost <= 0:

@@ -24,7 +24,8 @@ FloatArray = npt.NDArray[np.float64]
 
 _LONGEST_STEP = 0.4  # rad, or m
 _FIRST_DAMPING = 1e-2
-_LEAST_DAMPING, _MOST_DAMPING = 1e-7, 1e4
+_LEAST_DAMPING, _MOST_DAMPING = 1e-7, 30.0
+_SHARES = (1.0, 0.5, 0.25)  # of a step that are tried
 
 
 class HandProblem:
@@ -70,25 +71,33 @@ class HandProblem:
         Args:
             iterations: How many steps are tried.
         """
-        low, high = self.cost.kinematics.low, self.cost.kinematics.high
         for _ in range(iterations):
             step = self._step()
             if step is None:
                 self._damping *= 10
                 continue
-            candidate = np.clip(self.positions + step, low, high)
-            by_state = self._by_state(candidate)
-            total = float(by_state.sum()) + self._smoothness.cost(candidate)
-            worse = by_state > self._state_cost * 1.0001 + 1e-9
-            # Neighbours are tied to each other: they share a failure.
-            worse = np.convolve(worse, np.ones(5), "same") > 0
-            if total < self._total:
-                factor = np.where(worse, 2.0, 1 / 3)
-                self.positions, self._normal = candidate, None
-                self._state_cost, self._total = by_state, total
-            else:
-                factor = np.where(worse, 6.0, 1.0)
+            better = False
+            for share in _SHARES:
+                better, worse = self._try(share * step)
+                if better:
+                    break
+            # Where it became worse steps must be shorter; neighbours are tied and share a failure.
+            near = np.convolve(worse, np.ones(5), "same") > 0
+            factor = np.where(near, 2.0, 1 / 3) if better else np.where(near, 12.0, 2.0)
             self._damping = np.clip(self._damping * factor, _LEAST_DAMPING, _MOST_DAMPING)
+
+    def _try(self, step: FloatArray) -> tuple[bool, npt.NDArray[np.bool_]]:
+        """Take a step if it is one for the better; also return which states became worse."""
+        kinematics = self.cost.kinematics
+        candidate = np.clip(self.positions + step, kinematics.low, kinematics.high)
+        by_state = self._by_state(candidate)
+        total = float(by_state.sum()) + self._smoothness.cost(candidate)
+        worse = by_state > self._state_cost * 1.0001 + 1e-9
+        better = total < self._total
+        if better:
+            self.positions, self._normal = candidate, None
+            self._state_cost, self._total = by_state, total
+        return better, worse
 
     def _step(self) -> FloatArray | None:
         if self._normal is None:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.fingering import finger_score
@@ -77,14 +78,14 @@ class Trackers:
     def of(self, piano: PianoEnv) -> Tracker:
         """Return the tracker of what an environment plays in this episode.
 
-        Warns if the piece has notes that cannot be played as written.
+        A :class:`PlanWarning` tells of notes that cannot be played as written.
         """
         roll, scene = piano.roll, piano.scene
         key = (id(roll), id(scene))
         if key not in self._kept:
             made = plan(_with_fingers(piano), scene, self.settings)
             if made.problems:
-                warnings.warn(summary(made.problems), stacklevel=2)
+                warnings.warn(summary(made.problems), PlanWarning, stacklevel=2)
             # The roll and the scene are kept, too, so that nothing else gets their ids.
             tracker = Tracker(made, scene, self.settings.feedback)
             self._kept[key] = (roll, scene, tracker)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,10 +11,9 @@ from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import MIN_PITCH, PianoRoll, Score
 from sb3_piano.music.fingering import finger_score
 from sb3_piano.music.pitch import pitch_name
-from sb3_piano.planning.arms import bounds_of, dividing_line, wanted_places
-from sb3_piano.planning.hand_plan import HandPlanner
-from sb3_piano.planning.key_places import KeyPlaces
+from sb3_piano.planning.piece_planner import PiecePlanner
 from sb3_piano.planning.problems import Problem
+from sb3_piano.planning.rehearsal import rehearse
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.simulation import PianoScene
 
@@ -77,72 +75,24 @@ def plan(
     if isinstance(piece, Score):
         piece = PianoRoll.from_score(finger_score(piece), control_timestep)
     _check_fingers(piece)
-    return _Planner(piece, scene, settings).plan()
+    planner = PiecePlanner(piece, scene, settings)
+    planner.plan()
+    if settings.rehearsals > 0:
+        rehearse(planner, piece, scene, settings)
+    return _collect(planner, piece)
 
 
-class _Planner:
-    """Plans the stretches of a piece one after the other."""
-
-    def __init__(self, roll: PianoRoll, scene: PianoScene, settings: PlanSettings):
-        self._roll, self._settings = roll, settings
-        n_substeps = round(roll.control_timestep / scene.model.opt.timestep)
-        keys = KeyPlaces.of(scene)
-        self._hands = tuple(
-            HandPlanner(roll, scene, hand, keys, settings, n_substeps) for hand in (0, 1)
-        )
-        wanted = [
-            wanted_places(hand.frames, hand.kinematics.sign, hand.posture, keys)
-            for hand in self._hands
-        ]
-        self._wanted = [place for place, _ in wanted]
-        self._line = dividing_line(self._wanted, [busy for _, busy in wanted], settings)
-
-    def plan(self) -> Plan:
-        for start, stop, keep in self._stretches():
-            self._plan_stretch(start, stop, keep)
-        right, left = self._hands
-        problems = [problem for hand in self._hands for problem in hand.problems()]
-        return Plan(
-            roll=self._roll,
-            positions=np.concatenate([right.positions, left.positions], axis=1),
-            commands=np.concatenate([right.commands, left.commands], axis=1),
-            gains=(right.gains, left.gains),
-            fingertips=np.concatenate([right.fingertips(), left.fingertips()], axis=1),
-            problems=tuple(sorted(problems, key=lambda problem: problem.time)),
-        )
-
-    def _stretches(self) -> Iterator[tuple[int, int, int]]:
-        """Yield the first state of each stretch, the one after its last, and after those kept."""
-        timestep, last = self._roll.control_timestep, len(self._roll) + 1
-        window = max(round(self._settings.window / timestep), 1)
-        overlap = max(round(self._settings.overlap / timestep), 1)
-        start = 1
-        while start < last:
-            keep = start + window
-            if keep + overlap >= last:  # what little would remain is done at once
-                keep = last
-            yield start, min(keep + overlap, last), keep
-            start = keep
-
-    def _plan_stretch(self, start: int, stop: int, keep: int) -> None:
-        settings = self._settings
-        line = self._line[start:stop]
-        problems = []
-        for hand, bound, wanted in zip(
-            self._hands, bounds_of(line, settings), self._wanted, strict=True
-        ):
-            problems.append(hand.begin(start, stop, bound, wanted[start:stop]))
-        for turn in range(int(settings.rounds)):
-            if turn > 0:
-                # Who is pressed harder against the line gets more room.
-                right, left = (problem.cost.trespass(problem.positions) for problem in problems)
-                line = line - (right - left)
-                for problem, bound in zip(problems, bounds_of(line, settings), strict=True):
-                    problem.rebound(bound)
-            for problem in problems:
-                problem.improve(int(settings.iterations))
-        for hand, problem in zip(self._hands, problems, strict=True):
-            hand.finish(problem, start, keep)
+def _collect(planner: PiecePlanner, roll: PianoRoll) -> Plan:
+    right, left = planner.hands
+    problems = [problem for hand in planner.hands for problem in hand.problems()]
+    return Plan(
+        roll=roll,
+        positions=np.concatenate([right.positions, left.positions], axis=1),
+        commands=np.concatenate([right.commands, left.commands], axis=1),
+        gains=(right.gains, left.gains),
+        fingertips=np.concatenate([right.fingertips(), left.fingertips()], axis=1),
+        problems=tuple(sorted(problems, key=lambda problem: problem.time)),
+    )
 
 
 def _check_fingers(roll: PianoRoll) -> None:

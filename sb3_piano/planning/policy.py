@@ -8,6 +8,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
+import torch
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
 from sb3_piano.envs import ObservationLayout, ObservationSpace, PianoEnv
@@ -20,7 +22,8 @@ class PianoPolicy(ABC):
     """Acts in piano environments like a model of Stable-Baselines3, without any network.
 
     Where the hands are comes from the observation, where in the piece it is from ``state``, what
-    is played from the environment it was made for.
+    is played from the environment it was made for. It has what ``evaluate_policy`` and callbacks
+    that evaluate or film ask of a model, so that ``callback.init_callback(policy)`` works.
 
     Args:
         env: The environment, wrapped or not, or several of them in this process as a vector
@@ -32,9 +35,14 @@ class PianoPolicy(ABC):
 
     num_timesteps = 0
     """Environment steps that it was trained for: none."""
+    device = torch.device("cpu")
+    """Where its networks would be."""
 
     def __init__(self, env: gym.Env[Any, Any] | VecEnv) -> None:
+        self._env = env
         self._pianos = pianos_of(env)
+        self.logger = Logger(folder=None, output_formats=[])
+        """Where callbacks log."""
         self._normalizer = env if isinstance(env, VecNormalize) else None
         self._space = env.observation_space
         self._layout = _layout_of(env)
@@ -76,6 +84,23 @@ class PianoPolicy(ABC):
             [self._act(slot, int(steps[slot]), row) for slot, row in enumerate(rows)]
         ).astype(np.float32)
         return (actions[0] if single else actions), steps + 1
+
+    def get_env(self) -> VecEnv:
+        """Return the environments that it was made for, a single one as a vector of one."""
+        env = self._env
+        return env if isinstance(env, VecEnv) else DummyVecEnv([lambda: env])
+
+    def get_vec_normalize_env(self) -> VecNormalize | None:
+        """Return what normalises its observations, if anything does."""
+        return self._normalizer
+
+    def set_logger(self, logger: Logger) -> None:
+        """Let callbacks log elsewhere; until then they log nowhere."""
+        self.logger = logger
+
+    def set_random_seed(self, seed: int) -> None:
+        """Begin anew with what is drawn at random, if anything is."""
+        del seed
 
     @abstractmethod
     def _act(self, slot: int, step: int, observation: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -19,7 +19,7 @@ FloatArray = npt.NDArray[np.float64]
 # Curled fingers, a thumb held out: where the search for the posture begins, rad.
 _CURLED = {"J3": 1.0, "J0": 1.0, "WRJ1": -0.08, "THJ4": 0.8}
 _HEIGHT = 0.0187  # of the fingertips' centres over the keys' tops, m
-_TRIALS = 8
+_TRIALS = 2
 
 # How firmly posture is held, in multiples of a finger's: the arm goes where it must.
 _FIRMNESS = {"WRJ1": 2.0, "WRJ2": 2.0, "forearm_tx": 0.01, "forearm_ty": 2.0}

@@ -48,6 +48,10 @@ class PlanSettings:
     """Depth two states before a key is down."""
     ready_depth: float = 0.6
     """Depth in the state before: well on its way, but not yet sounding."""
+    leap_ready_depth: float = -0.2
+    """The same after a leap, when there is less time."""
+    repeat_depth: float = 0.45
+    """Depth of a key between two strikes of it by the same finger, if there is no more time."""
     hold_depth: float = 1.05
     """Depth while it is down."""
     release_depth: float = 0.2
@@ -70,7 +74,7 @@ class PlanSettings:
     """From how far on the hand's way between two notes costs time, m."""
     leap_frames: int = 2
     """How many control steps of sound a leap costs, less the rest between the notes."""
-    leap_more: tuple[float, ...] = (0.05, 0.08, 0.15)
+    leap_more: tuple[float, ...] = (0.09, 0.15)
     """Distances from which on it costs one more, m."""
     leap_rest: int = 12
     """After how many steps of rest there is time enough for any leap."""
@@ -138,6 +142,9 @@ class PlanSettings:
     """Iterations of the least squares in each of these rounds."""
     dynamic_iterations: int = 6
     """Iterations that then take the hands' inertia into account."""
+    rehearsals: int = 0
+    """How often the plan is played in a simulation of its own, and what went wrong tried otherwise
+    (:mod:`sb3_piano.planning.rehearsal`)."""
     window: float = 30.0
     """Length of the stretches in which a long piece is planned, s."""
     overlap: float = 3.0

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.planning.tracker import Tracker
 from sb3_piano.simulation import PianoScene
-
-if TYPE_CHECKING:
-    from sb3_piano.planning.tracker import Tracker
 
 FloatArray = npt.NDArray[np.float64]
 

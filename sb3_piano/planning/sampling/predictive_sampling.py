@@ -12,6 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, EnvStateError, near_names
 from sb3_piano.music import PianoRoll
+from sb3_piano.planning.pianist import Trackers
 from sb3_piano.planning.policy import PianoPolicy
 from sb3_piano.planning.sampling.candidates import Candidates
 from sb3_piano.planning.sampling.nominal import Nominal, Rest, Tracked
@@ -24,6 +25,7 @@ from sb3_piano.planning.sampling.settings import (
     check_count,
 )
 from sb3_piano.planning.sampling.simulations import Simulations
+from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.simulation import PianoScene
 
 FloatArray = npt.NDArray[np.float64]
@@ -43,6 +45,7 @@ class PredictiveSampling(PianoPolicy):
     ``nominal="plan"`` changes what the tracker of a plan does, and its joint feedback acts within
     the simulations, too. ``nominal="none"`` is the algorithm without any plan, the model-predictive
     baseline of RoboPianist: it starts from hands at rest and knows what is due within the horizon.
+    It needs more samples and a longer horizon, such as 32 and 12.
 
     Nothing is learnt. The environment is asked for its state and left as it is, its random
     generator included. Equal seeds give equal actions, whatever the number of threads.
@@ -69,6 +72,7 @@ class PredictiveSampling(PianoPolicy):
         seed: int = 0,
         noise: SamplingNoise | None = None,
         cost: SamplingCost | None = None,
+        plan_settings: PlanSettings | None = None,
     ) -> None:
         """Take the environments to act in.
 
@@ -88,6 +92,7 @@ class PredictiveSampling(PianoPolicy):
                 ``NOISE_FROM_ZERO``.
             cost: How they are rated; by default ``SamplingCost()`` with a plan, else
                 ``COST_FROM_ZERO``.
+            plan_settings: The plan's constants.
 
         Raises:
             ConfigError: If an argument is out of range, or the environment is out of reach.
@@ -110,11 +115,16 @@ class PredictiveSampling(PianoPolicy):
             self._noise = noise
         if cost is not None:
             self._cost = cost
-        seeds = np.random.SeedSequence(check_count("seed", seed, 0)).spawn(len(self._pianos))
-        self._random = [np.random.default_rng(own) for own in seeds]
+        self._trackers = Trackers(plan_settings)
+        self.set_random_seed(seed)
         self._episodes: list[_Episode | None] = [None] * len(self._pianos)
         # Made here, so that what does not fit is told at once.
         self._simulations = [self._make_simulations(piano) for piano in self._pianos]
+
+    def set_random_seed(self, seed: int) -> None:
+        """Draw candidates from here on as a new player with this seed would."""
+        seeds = np.random.SeedSequence(check_count("seed", seed, 0)).spawn(len(self._pianos))
+        self._random = [np.random.default_rng(own) for own in seeds]
 
     def _act(
         self, slot: int, step: int, observation: npt.NDArray[Any]
@@ -162,7 +172,7 @@ class PredictiveSampling(PianoPolicy):
         piano = self._pianos[slot]
         if not self._planned:
             return Rest(piano.scene)
-        return Tracked(Tracker(plan(piano.roll, piano.scene), piano.scene))
+        return Tracked(self._trackers.of(piano))
 
 
 class _Episode:

@@ -108,7 +108,7 @@ def _check_number(name: str, value: object, valid: bool, expected: str) -> None:
         raise ConfigError(f"{name} is {value!r}: expected a number, {expected}.")
 
 
-NOISE_FROM_ZERO = SamplingNoise(knots=3, finger=0.2, wrist=0.1, forearm=0.02, decay=1.0)
+NOISE_FROM_ZERO = SamplingNoise(knots=3, finger=0.3, wrist=0.15, forearm=0.04, decay=1.0)
 """Noise for sampling without a plan."""
 
 COST_FROM_ZERO = SamplingCost(wrong=1.0)

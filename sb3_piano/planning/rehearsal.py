@@ -1,0 +1,199 @@
+"""Rehearsals: the plan is played in the simulator, and what goes wrong is tried otherwise.
+
+Collisions, friction and the keys' own dynamics are in no plan. A rehearsal changes the touch or the
+timing of some notes that went wrong, a few control steps apart from each other, plans again from
+where it was, plays the piece, and keeps each change after which its own surroundings sound better.
+It is a random search, but one in which all parts of a piece are searched at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.envs.advance import advance
+from sb3_piano.metrics.frames import count_frames
+from sb3_piano.music import PianoRoll
+from sb3_piano.planning.leaps import TimedPress
+from sb3_piano.planning.piece_planner import PiecePlanner
+from sb3_piano.planning.settings import PlanSettings
+from sb3_piano.simulation import PianoScene
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+Timed = list[list[TimedPress]]
+
+# What is heard so many control steps before and after a note belongs to it.
+_MARGIN = 3
+_SEED = 0
+# After so many rehearsals what was kept of them is played on its own.
+_TRIALS_IN_A_ROW = 4
+
+
+def rehearse(
+    planner: PiecePlanner, roll: PianoRoll, scene: PianoScene, settings: PlanSettings
+) -> None:
+    """Improve a plan by playing it.
+
+    The planner has the best plan in the end. The same plan and settings give the same result.
+
+    Args:
+        planner: Has planned the piece.
+        roll: The piece.
+        scene: Where it is played.
+        settings: The plan's constants; :attr:`PlanSettings.rehearsals` of them are held.
+    """
+    rng = np.random.default_rng(_SEED)
+    stage = _Stage(planner, roll, scene, settings)
+    timed: Timed = [list(hand.timed) for hand in planner.hands]
+    errors = stage.errors()
+    best_total, best = errors.sum(), _Memory(planner)
+    count = int(settings.rehearsals)
+    for number in range(1, count + 1):
+        changed, trials = _vary(timed, errors, rng)
+        if not trials:
+            break
+        before = [hand.planned.copy() for hand in planner.hands]
+        planner.replan(changed)
+        heard = stage.errors()
+        keep = np.ones(len(errors), dtype=bool)
+        for hand, index, start, stop in trials:
+            if heard[start:stop].sum() < errors[start:stop].sum() - 1e-9:
+                timed[hand][index] = changed[hand][index]
+            else:
+                keep[start:stop] = False
+        errors = np.where(keep, heard, errors)
+        for hand_planner, old in zip(planner.hands, before, strict=True):
+            states = np.flatnonzero(~keep) + 1
+            hand_planner.planned[states] = old[states]
+        if number % _TRIALS_IN_A_ROW == 0 or number == count:
+            # All that was kept, and nothing else.
+            planner.replan(timed)
+            errors = stage.errors()
+            if errors.sum() < best_total:
+                best_total, best = errors.sum(), _Memory(planner)
+    best.recall(planner)
+
+
+class _Memory:
+    """A plan, to return to."""
+
+    def __init__(self, planner: PiecePlanner):
+        self._kept = [
+            (list(hand.timed), hand.planned, hand.positions, hand.commands, hand.gains)
+            for hand in planner.hands
+        ]
+        for hand in planner.hands:  # the next plan gets arrays of its own
+            hand.planned, hand.positions = hand.planned.copy(), hand.positions.copy()
+            hand.commands, hand.gains = hand.commands.copy(), hand.gains.copy()
+
+    def recall(self, planner: PiecePlanner) -> None:
+        for hand, (timed, planned, positions, commands, gains) in zip(
+            planner.hands, self._kept, strict=True
+        ):
+            hand.take(timed)
+            hand.planned, hand.positions = planned, positions
+            hand.commands, hand.gains = commands, gains
+
+
+class _Stage:
+    """Where rehearsals are held: a simulation of its own."""
+
+    def __init__(
+        self, planner: PiecePlanner, roll: PianoRoll, scene: PianoScene, settings: PlanSettings
+    ):
+        self._planner, self._roll, self._scene = planner, roll, scene
+        self._feedback = settings.feedback
+        self._n_substeps = round(roll.control_timestep / scene.model.opt.timestep)
+
+    def errors(self) -> FloatArray:
+        """Play, and return what each control step lacks to an F1 of 1, (T,)."""
+        counts = count_frames(self._roll.active, self._play())
+        sounds = counts.played + counts.due
+        return np.where(sounds > 0, 1 - 2 * counts.hit / np.maximum(sounds, 1), 0.0)
+
+    def _play(self) -> BoolArray:
+        """Return which keys sound after each control step, (T, 88)."""
+        scene, hands = self._scene, self._planner.hands
+        data = mujoco.MjData(scene.model)
+        mujoco.mj_step1(scene.model, data)
+        angles = np.zeros((self._n_substeps, len(scene.key_max_angle)))
+        controls = np.zeros(scene.model.nu)
+        sounding = np.zeros_like(self._roll.active)
+        for step in range(len(sounding)):
+            for hand in hands:
+                actuators = hand.kinematics.actuators
+                ahead = data.actuator_length[actuators] - hand.positions[step]
+                correction = self._feedback * (hand.gains[step] @ ahead)
+                controls[actuators] = hand.commands[step] - correction
+            np.clip(controls, scene.ctrl_low, scene.ctrl_high, out=controls)
+            if not advance(scene, data, controls, angles):
+                break  # the physics became unstable: nothing more is heard
+            sounding[step] = scene.key_angle(data) >= scene.key_sounding_angle
+        return sounding
+
+
+def _vary(
+    timed: Timed, errors: FloatArray, rng: np.random.Generator
+) -> tuple[Timed, list[tuple[int, int, int, int]]]:
+    """Change some of the presses around which something went wrong.
+
+    Returns:
+        All presses; and for each one that was changed the hand, its index, and the first control
+        step that belongs to it and the one after the last.
+    """
+    changed: Timed = [list(presses) for presses in timed]
+    candidates = [
+        (hand, index) for hand, presses in enumerate(timed) for index in range(len(presses))
+    ]
+    taken = np.zeros(len(errors), dtype=bool)
+    trials = []
+    for which in rng.permutation(len(candidates)).tolist():
+        hand, index = candidates[which]
+        press = timed[hand][index].press
+        # The control step that leads to state s is s - 1.
+        start = max(press.first - 1 - _MARGIN, 0)
+        stop = min(press.last + _MARGIN, len(errors))
+        if errors[start:stop].sum() <= 0 or taken[start:stop].any():
+            continue
+        taken[start:stop] = True
+        changed[hand][index] = _varied(timed[hand][index], rng)
+        trials.append((hand, index, start, stop))
+    return changed, trials
+
+
+def _varied(one: TimedPress, rng: np.random.Generator) -> TimedPress:
+    """Return a press that is done otherwise."""
+    ways = _ways(one)
+    return ways[int(rng.integers(len(ways)))](rng)
+
+
+def _ways(one: TimedPress) -> Sequence[Callable[[np.random.Generator], TimedPress]]:
+    press, touch = one.press, one.touch
+
+    def touched(**changes: float) -> TimedPress:
+        return replace(one, touch=replace(touch, **changes))
+
+    ways: list[Callable[[np.random.Generator], TimedPress]] = [
+        lambda rng: touched(ready=float(np.clip(touch.ready + rng.normal(0, 0.2), -1.0, 0.6))),
+        lambda rng: touched(firmness=float(touch.firmness * np.exp(rng.normal(0, 0.4)))),
+        lambda rng: touched(along=float(np.clip(touch.along + rng.normal(0, 0.004), -0.02, 0.02))),
+        lambda rng: touched(
+            across=float(np.clip(touch.across + rng.normal(0, 0.0025), -0.006, 0.006))
+        ),
+    ]
+    if one.first > press.first:
+        ways += [lambda rng: replace(one, first=one.first - 1)] * 2
+    if one.last < press.last:
+        ways += [lambda rng: replace(one, last=one.last + 1)] * 2
+    if one.first < one.last:
+        ways += [
+            lambda rng: replace(one, first=one.first + 1),
+            lambda rng: replace(one, last=one.last - 1),
+        ]
+    return ways

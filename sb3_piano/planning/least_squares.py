@@ -25,6 +25,7 @@ FloatArray = npt.NDArray[np.float64]
 _LONGEST_STEP = 0.4  # rad, or m
 _FIRST_DAMPING = 1e-2
 _LEAST_DAMPING, _MOST_DAMPING = 1e-7, 30.0
+_FIXING = 1e12  # damping of states that stay as they are
 _SHARES = (1.0, 0.5, 0.25)  # of a step that are tried
 
 
@@ -57,6 +58,7 @@ class HandProblem:
         self._pull = posture.pull(settings) ** 2
         self._damping = np.full(len(start), _FIRST_DAMPING)
         self._normal: tuple[FloatArray, FloatArray] | None = None
+        self._fixed: npt.NDArray[np.bool_] | None = None
         self._evaluate()
 
     def rebound(self, bound: FloatArray) -> None:
@@ -65,12 +67,14 @@ class HandProblem:
         self._normal = None
         self._evaluate()
 
-    def improve(self, iterations: int) -> None:
+    def improve(self, iterations: int, free: npt.NDArray[np.bool_] | None = None) -> None:
         """Improve the positions.
 
         Args:
             iterations: How many steps are tried.
+            free: (s,) bool, the states that may change; by default all.
         """
+        self._fixed = None if free is None else ~free
         for _ in range(iterations):
             step = self._step()
             if step is None:
@@ -82,7 +86,7 @@ class HandProblem:
                 if better:
                     break
             # Where it became worse steps must be shorter; neighbours are tied and share a failure.
-            near = np.convolve(worse, np.ones(5), "same") > 0
+            near = np.convolve(worse, np.ones(5))[2:-2] > 0
             factor = np.where(near, 2.0, 1 / 3) if better else np.where(near, 12.0, 2.0)
             self._damping = np.clip(self._damping * factor, _LEAST_DAMPING, _MOST_DAMPING)
 
@@ -105,13 +109,19 @@ class HandProblem:
         band, gradient = self._normal
         size = self.positions.shape[1]
         damped = band.copy()
-        damped[0] += np.repeat(self._damping, size)
+        damping = self._damping
+        if self._fixed is not None:
+            damping = np.where(self._fixed, _FIXING, damping)
+        damped[0] += np.repeat(damping, size)
         try:
             factor = cholesky_banded(damped, lower=True, overwrite_ab=True, check_finite=False)
         except LinAlgError:
             return None
         step = cho_solve_banded((factor, True), -gradient.ravel(), check_finite=False)
-        return np.clip(step.reshape(self.positions.shape), -_LONGEST_STEP, _LONGEST_STEP)
+        step = np.clip(step.reshape(self.positions.shape), -_LONGEST_STEP, _LONGEST_STEP)
+        if self._fixed is not None:
+            step[self._fixed] = 0.0
+        return step
 
     def _normal_equations(self) -> tuple[FloatArray, FloatArray]:
         blocks, gradient = self.cost.quadratic(self.positions)

@@ -67,11 +67,12 @@ class PiecePlanner:
             for hand, problem in zip(self.hands, problems, strict=True):
                 hand.finish(problem, start, keep)
 
-    def replan(self, timed: Sequence[list[TimedPress]]) -> None:
-        """Change when and how keys are pressed, and adapt the last plan to that.
+    def replan(self, timed: Sequence[list[TimedPress]], free: npt.NDArray[np.bool_]) -> None:
+        """Change when and how some keys are pressed, and adapt the last plan to that.
 
         Args:
             timed: The presses of the right and the left hand.
+            free: (T + 1,) bool, the states in which the hands may move otherwise than before.
         """
         for hand, presses in zip(self.hands, timed, strict=True):
             hand.take(presses)
@@ -79,7 +80,8 @@ class PiecePlanner:
             bounds = bounds_of(self._line[start:stop], self._settings)
             for hand, bound in zip(self.hands, bounds, strict=True):
                 problem = hand.begin(start, stop, bound, None)
-                problem.improve(int(self._settings.iterations))
+                if free[start:stop].any():
+                    problem.improve(int(self._settings.iterations), free[start:stop])
                 hand.finish(problem, start, keep)
 
     def _stretches(self) -> Iterator[tuple[int, int, int]]:

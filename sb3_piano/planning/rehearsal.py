@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -30,6 +31,8 @@ Timed = list[list[TimedPress]]
 
 # What is heard so many control steps before and after a note belongs to it.
 _MARGIN = 3
+# From so many states earlier on the hands may move otherwise.
+_LEAD = 3
 _SEED = 0
 # After so many rehearsals what was kept of them is played on its own.
 _TRIALS_IN_A_ROW = 4
@@ -59,25 +62,42 @@ def rehearse(
         if not trials:
             break
         before = [hand.planned.copy() for hand in planner.hands]
-        planner.replan(changed)
+        planner.replan(changed, _around(trials, len(errors)))
         heard = stage.errors()
-        keep = np.ones(len(errors), dtype=bool)
-        for hand, index, start, stop in trials:
-            if heard[start:stop].sum() < errors[start:stop].sum() - 1e-9:
-                timed[hand][index] = changed[hand][index]
+        refused = []
+        for trial in trials:
+            if heard[trial.steps].sum() < errors[trial.steps].sum() - 1e-9:
+                timed[trial.hand][trial.index] = changed[trial.hand][trial.index]
             else:
-                keep[start:stop] = False
-        errors = np.where(keep, heard, errors)
-        for hand_planner, old in zip(planner.hands, before, strict=True):
-            states = np.flatnonzero(~keep) + 1
-            hand_planner.planned[states] = old[states]
+                refused.append(trial)
+        old = _around(refused, len(errors))
+        errors = np.where(old[1:], errors, heard)
+        for hand_planner, planned in zip(planner.hands, before, strict=True):
+            hand_planner.planned[old] = planned[old]
         if number % _TRIALS_IN_A_ROW == 0 or number == count:
             # All that was kept, and nothing else.
-            planner.replan(timed)
+            planner.replan(timed, _around([], len(errors)))
             errors = stage.errors()
             if errors.sum() < best_total:
                 best_total, best = errors.sum(), _Memory(planner)
     best.recall(planner)
+
+
+class _Trial(NamedTuple):
+    """A press that is done otherwise."""
+
+    hand: int
+    index: int
+    steps: slice
+    """The control steps that belong to it."""
+
+
+def _around(trials: Sequence[_Trial], n_steps: int) -> BoolArray:
+    """Return which states may differ because of some trials, (T + 1,) bool."""
+    states = np.zeros(n_steps + 1, dtype=bool)
+    for trial in trials:
+        states[max(trial.steps.start - _LEAD, 1) : trial.steps.stop + 1] = True
+    return states
 
 
 class _Memory:
@@ -138,14 +158,11 @@ class _Stage:
         return sounding
 
 
-def _vary(
-    timed: Timed, errors: FloatArray, rng: np.random.Generator
-) -> tuple[Timed, list[tuple[int, int, int, int]]]:
+def _vary(timed: Timed, errors: FloatArray, rng: np.random.Generator) -> tuple[Timed, list[_Trial]]:
     """Change some of the presses around which something went wrong.
 
     Returns:
-        All presses; and for each one that was changed the hand, its index, and the first control
-        step that belongs to it and the one after the last.
+        All presses, and those that were changed.
     """
     changed: Timed = [list(presses) for presses in timed]
     candidates = [
@@ -159,11 +176,12 @@ def _vary(
         # The control step that leads to state s is s - 1.
         start = max(press.first - 1 - _MARGIN, 0)
         stop = min(press.last + _MARGIN, len(errors))
-        if errors[start:stop].sum() <= 0 or taken[start:stop].any():
+        lead = max(start - _LEAD - 1, 0)
+        if errors[start:stop].sum() <= 0 or taken[lead:stop].any():
             continue
-        taken[start:stop] = True
+        taken[lead:stop] = True
         changed[hand][index] = _varied(timed[hand][index], rng)
-        trials.append((hand, index, start, stop))
+        trials.append(_Trial(hand, index, slice(start, stop)))
     return changed, trials
 
 

@@ -74,7 +74,7 @@ class PlanSettings:
     """From how far on the hand's way between two notes costs time, m."""
     leap_frames: int = 2
     """How many control steps of sound a leap costs, less the rest between the notes."""
-    leap_more: tuple[float, ...] = (0.09, 0.15)
+    leap_more: tuple[float, ...] = (0.09, 0.12, 0.2, 0.25)
     """Distances from which on it costs one more, m."""
     leap_rest: int = 12
     """After how many steps of rest there is time enough for any leap."""
@@ -124,9 +124,9 @@ class PlanSettings:
     """What a velocity counts, per rad or m and control step."""
 
     # Control.
-    press_force: float = 2.4
+    press_force: float = 3.0
     """Force on a key that is held, as a multiple of what its spring takes."""
-    press_force_thumb: float = 3.2
+    press_force_thumb: float = 4.0
     """The same for thumbs."""
     effort: float = 1e-4
     """What a finger's command counts that differs from the planned position, per squared rad."""

@@ -22,6 +22,10 @@ class ScoreWarning(UserWarning):
     """A file was read as a score, but something in it was left out; the message says what."""
 
 
+class PlanWarning(UserWarning):
+    """A piece has notes that cannot be played as they are written; the message says which."""
+
+
 class UnknownPieceError(SB3PianoError, ValueError):
     """There is no piece of this name, or it is still to be imported."""
 

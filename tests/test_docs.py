@@ -13,8 +13,9 @@ import pytest
 import yaml
 
 from sb3_piano.cli import main
+from sb3_piano.cli.main import _parser
 from sb3_piano.envs import ENV_IDS, GENERAL_ID
-from sb3_piano.music import load_score, repertoire, write_midi
+from sb3_piano.music import Note, Score, load_score, repertoire, write_midi
 from sb3_piano.music.library import user_library
 from sb3_piano.music.repertoire import REPERTOIRE, read_header
 from sb3_piano.training import load_config
@@ -92,6 +93,23 @@ def test_the_page_of_the_repertoire_has_commands_that_run(tmp_path, monkeypatch,
     assert "Imported" in capsys.readouterr().out
     assert Path("fur_elise.mid").is_file()
     assert user_library().names() == ("my_piece", "twinkle")
+
+
+def test_the_page_of_the_planned_pianist_has_commands_that_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_midi(Score(notes=[Note(onset=0.0, offset=0.5, pitch=76)]), "my_piece.mid")
+    page = (ROOT / "docs" / "planned_pianist.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```bash\n(.*?)^```", page, re.M | re.S)
+    commands = [shlex.split(line, comments=True) for line in "".join(blocks).splitlines()]
+    assert len(commands) > 8
+    for program, *arguments in commands:
+        assert program == "sb3-piano"
+        _parser().parse_args(arguments)
+    # The others take long, and have tests of their own.
+    play, plan = (next(c[1:] for c in commands if c[1] == name) for name in ("play", "plan"))
+    assert main([*play, "--no-video"]) == main(plan) == 0
+    assert "F1 0." in capsys.readouterr().out
+    assert Path("runs/planned/my_piece/config.yml").is_file()
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)

@@ -74,6 +74,26 @@ def what_is_played(arguments: argparse.Namespace, instead: str = "") -> tuple[st
     return GENERAL_ID, {"env_kwargs": {"score": midi, **options}}
 
 
+def env_options(settings: Iterable[str]) -> dict[str, Any]:
+    """Return the options of an environment that ``--set`` was given as ``NAME=VALUE``.
+
+    Raises:
+        ConfigError: If one has another form, or a value that is no YAML.
+    """
+    import yaml
+
+    found = {}
+    for setting in settings:
+        name, equals, text = setting.partition("=")
+        if not (name and equals):
+            raise ConfigError(f"--set is {setting!r}: expected NAME=VALUE.")
+        try:
+            found[name] = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ConfigError(f"--set is {setting!r}: its value is no YAML ({error}).") from error
+    return found
+
+
 def check_output_file(option: str, file: Path | None) -> None:
     """Refuse a file that cannot be written, before anything is done.
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import sb3_piano
 from sb3_piano.cli import (
@@ -15,6 +18,7 @@ from sb3_piano.cli import (
     evaluate,
     listing,
     pieces,
+    plan,
     play,
     record,
     report,
@@ -22,10 +26,23 @@ from sb3_piano.cli import (
     tune,
 )
 from sb3_piano.cli.common import EXIT_ERROR, EXIT_INTERRUPTED
-from sb3_piano.exceptions import SB3PianoError
+from sb3_piano.exceptions import PlanWarning, SB3PianoError
 
 # torch and the simulator are imported by the commands that need them, so that --help is instant.
-_COMMANDS = (train, tune, evaluate, compare, play, report, record, clone, pieces, bench, listing)
+_COMMANDS = (
+    train,
+    plan,
+    tune,
+    evaluate,
+    compare,
+    play,
+    report,
+    record,
+    clone,
+    pieces,
+    bench,
+    listing,
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -39,7 +56,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = _parser().parse_args(argv)
     try:
-        status = int(arguments.command(arguments))
+        with _plan_warnings_told():
+            status = int(arguments.command(arguments))
         sys.stdout.flush()  # so that what goes wrong with it is told below
         return status
     except SB3PianoError as error:
@@ -51,6 +69,27 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # nobody reads on, as in "sb3-piano evaluate RUN | head"
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for Python's last flush
         return EXIT_ERROR
+
+
+@contextlib.contextmanager
+def _plan_warnings_told() -> Iterator[None]:
+    """Tell what cannot be played as written in plain words, and of each piece once."""
+    told: set[str] = set()
+    with warnings.catch_warnings():
+        others = warnings.showwarning
+
+        def show(
+            message: Warning | str, category: type[Warning], *place: Any, **options: Any
+        ) -> None:
+            if not issubclass(category, PlanWarning):
+                others(message, category, *place, **options)
+            elif str(message) not in told:
+                told.add(str(message))
+                print(f"sb3-piano: warning: {message}", file=sys.stderr)
+
+        warnings.showwarning = show
+        warnings.simplefilter("always", PlanWarning)
+        yield
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -1,4 +1,4 @@
-"""``sb3-piano play``: watch and hear a trained model, or a piece as it should be played."""
+"""``sb3-piano play``: watch and hear a trained model, a planned pianist, or a piece itself."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sb3_piano.cli.common import EXIT_ERROR, EXIT_OK
+from sb3_piano.cli.planned_take import check_planned, planned_take
+from sb3_piano.cli.planner_arguments import add_planner_arguments
 from sb3_piano.exceptions import ConfigError, RenderingError
 
 if TYPE_CHECKING:
@@ -21,6 +23,8 @@ def add_parser(commands: Any) -> None:
     play = commands.add_parser("play", help="watch and hear a trained model, or a piece")
     add = play.add_argument
     add("what", metavar="RUN|PIECE", help="a run's folder; or a file, such as MIDI, or a piece")
+    add("--planned", action="store_true", help="let planned hands play the piece, untrained")
+    add_planner_arguments(add)
     add("--out", metavar="DIR", help="default: RUN/play, or play/<title> for a piece")
     add("--score", metavar="PIECE", help="let the run's model play another piece")
     add("--seed", type=int, metavar="N", help="seed of the run's environment; default: 0")
@@ -87,6 +91,10 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     from sb3_piano.training.play import default_folder, take_of_run, take_of_score
 
     what, score = arguments.what, None
+    check_planned(arguments)
+    if arguments.planned:
+        _check_piece(arguments, "score", "best")
+        return planned_take(arguments)
     if Path(what).is_dir():
         score = None if arguments.score is None else load_score(arguments.score)
         seed = 0 if arguments.seed is None else arguments.seed
@@ -95,14 +103,14 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
         )
         folder = default_folder(what, score)
     else:
-        _check_piece(arguments)
+        _check_piece(arguments, "score", "seed", "best")
         score = load_score(what)
         take = take_of_score(score, physics=arguments.physics or "reference")
         folder = default_folder(None, score)
     return take, folder if arguments.out is None else Path(arguments.out)
 
 
-def _check_piece(arguments: argparse.Namespace) -> None:
+def _check_piece(arguments: argparse.Namespace, *of_runs: str) -> None:
     from sb3_piano.music import is_path
 
     what = arguments.what
@@ -111,10 +119,10 @@ def _check_piece(arguments: argparse.Namespace) -> None:
             f"Nothing to play: there is no {what!r}. Expected the folder of a run, a file such as "
             "a MIDI file, or the name of a piece (see 'sb3-piano pieces list')."
         )
-    for name in ("score", "seed", "best"):
+    for name in of_runs:
         if getattr(arguments, name) is not None:
             raise ConfigError(
-                f"--{name} cannot be given with a piece: {what!r} plays itself. Expected a run's "
+                f"--{name} cannot be given with a piece, which {what!r} is. Expected a run's "
                 f"folder, or no --{name}."
             )
 

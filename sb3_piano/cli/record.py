@@ -11,9 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
-from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, whole_number
+from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, env_options, whole_number
 from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
@@ -148,51 +146,25 @@ def _player_of_run(
 
 
 def _new_env(arguments: argparse.Namespace) -> gym.Env[Any, Any]:
-    import gymnasium
-
-    from sb3_piano.envs import GENERAL_ID
     from sb3_piano.music import is_path
     from sb3_piano.training import RunConfig
+    from sb3_piano.training.planned import where_played
     from sb3_piano.training.recording import env_to_record
 
-    what = arguments.what
-    options = {**_OBSERVED, **_options(arguments.set)}
+    env_id, options = where_played(arguments.what)
+    if "score" in options and is_path(options["score"]):
+        options["score"] = str(Path(options["score"]).resolve())  # the data set lies elsewhere
+    options |= {**_OBSERVED, **env_options(arguments.set)}
     if arguments.fingering is not None:
         options["fingering"] = arguments.fingering
-    if what in gymnasium.registry:
-        config = RunConfig(algo="sac", env_id=what, n_timesteps=1, env_kwargs=options)
-        return env_to_record(config, arguments.start)
-    if is_path(what) and not Path(what).exists():
-        raise ConfigError(
-            f"Nothing to record: there is no {what!r}. Expected the folder of a run, an "
-            "environment's id, a file such as a MIDI file, or the name of a piece (see 'sb3-piano "
-            "pieces list')."
-        )
-    score = str(Path(what).resolve()) if is_path(what) else what
-    config = RunConfig(
-        algo="sac", env_id=GENERAL_ID, n_timesteps=1, env_kwargs={"score": score, **options}
-    )
+    config = RunConfig(algo=_POLICIES[0], env_id=env_id, n_timesteps=1, env_kwargs=options)
     return env_to_record(config, arguments.start)
 
 
-def _options(settings: list[str]) -> dict[str, Any]:
-    """Return the options of the environment that were given as ``NAME=VALUE``."""
-    found = {}
-    for setting in settings:
-        name, equals, text = setting.partition("=")
-        if not (name and equals):
-            raise ConfigError(f"--set is {setting!r}: expected NAME=VALUE.")
-        try:
-            found[name] = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise ConfigError(f"--set is {setting!r}: its value is no YAML ({error}).") from error
-    return found
-
-
 def _pianist(name: str, env: gym.Env[Any, Any]) -> Predictor:
-    from sb3_piano import planning
+    from sb3_piano.training.algorithms import planner_class
 
-    return planning.PlannedPianist(env) if name == "planned" else planning.PredictiveSampling(env)
+    return planner_class(name)(env)
 
 
 def _piece(env: gym.Env[Any, Any]) -> str:

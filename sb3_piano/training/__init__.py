@@ -1,6 +1,6 @@
 """Training runs: YAML to environments, model and files; resuming and evaluating them."""
 
-from sb3_piano.training.algorithms import ALGORITHMS
+from sb3_piano.training.algorithms import ALGORITHMS, PLANNERS
 from sb3_piano.training.cloning import CloneResult, clone
 from sb3_piano.training.compare import MAIN_METRICS, Comparison, compare
 from sb3_piano.training.config import RunConfig
@@ -19,6 +19,7 @@ from sb3_piano.viewing import Picture, Played
 __all__ = [
     "ALGORITHMS",
     "MAIN_METRICS",
+    "PLANNERS",
     "CloneResult",
     "Comparison",
     "Evaluation",

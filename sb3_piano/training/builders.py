@@ -23,9 +23,12 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv,
 
 from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.planning import PianoPolicy
+from sb3_piano.training.algorithms import planner_class
 from sb3_piano.training.coerce import (
     accepts_schedule,
     check_arguments,
+    dataclass_made,
     linear_start,
     parameters_of,
 )
@@ -126,6 +129,23 @@ def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
     if buffer is not None:
         buffer_rows(buffer)
     return model
+
+
+def build_planner(config: RunConfig, env: gym.Env[Any, Any] | VecEnv) -> PianoPolicy:
+    """Return what plays without training, in the environments that it is for.
+
+    Raises:
+        ConfigError: If it refuses its arguments or the environment.
+    """
+    made = planner_class(config.algo)
+    parameters = parameters_of(made)
+    arguments = {
+        name: dataclass_made(value, parameters[name].annotation)
+        for name, value in check_arguments(config.algorithm_kwargs, made).items()
+    }
+    if "seed" in parameters:
+        arguments["seed"] = config.seed or 0
+    return made(env, **arguments)
 
 
 def build_callbacks(config: RunConfig) -> list[BaseCallback]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections.abc
+import dataclasses
 import inspect
 import math
 import re
@@ -70,7 +71,8 @@ def coerce(value: Any, annotation: Any, key: str) -> Any:
 
     Numbers may be text (PyYAML reads ``1e-3`` and ``1.0e6`` so), whole floats become integers where
     integers are wanted, lists become tuples; where a schedule may stand, ``lin_0.001`` may. Classes
-    stay import paths, written in full. Annotations that plain values cannot satisfy accept all.
+    stay import paths, written in full, and the fields of a dataclass a mapping. Annotations that
+    plain values cannot satisfy accept all.
 
     Raises:
         ConfigError: If the value does not fit, naming key, value and expected type.
@@ -110,10 +112,20 @@ def coerce_mapping(value: Any, key: str) -> dict[str, Any]:
     return dict(parsed)
 
 
+def dataclass_made(value: Any, annotation: Any) -> Any:
+    """Return the dataclass of a parameter for a mapping of its fields, anything else as it is."""
+    made = [option for option in _options(annotation) if _is_dataclass(option)]
+    return made[0](**value) if made and isinstance(value, Mapping) else value
+
+
 def _options(annotation: Any) -> tuple[Any, ...]:
     if typing.get_origin(annotation) in (typing.Union, types.UnionType):
         return typing.get_args(annotation)
     return (annotation,)
+
+
+def _is_dataclass(option: Any) -> bool:
+    return isinstance(option, type) and dataclasses.is_dataclass(option)
 
 
 def _is_callable(option: Any) -> bool:
@@ -130,6 +142,8 @@ def _describe(option: Any) -> str | None:
         return simple[option]
     if _is_callable(option):
         return "lin_<number>"
+    if _is_dataclass(option):
+        return "a mapping"
     origins = {type: "an import path", dict: "a mapping", list: "a list", tuple: "a list"}
     return origins.get(typing.get_origin(option) or option)
 
@@ -151,6 +165,8 @@ def _fit(value: Any, option: Any, key: str) -> Any:
         return _fit_number(value, option)
     if _is_callable(option):
         return _UNFIT if linear_start(value) is None else value
+    if _is_dataclass(option):
+        return check_arguments(value, option) if isinstance(value, Mapping) else _UNFIT
     if origin is type:
         return _fit_class(value, typing.get_args(option), key)
     if origin is dict:

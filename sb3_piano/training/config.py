@@ -14,7 +14,8 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.training.algorithms import algorithm_class
+from sb3_piano.planning import PianoPolicy
+from sb3_piano.training.algorithms import PLANNERS, algorithm_class, planner_class
 from sb3_piano.training.coerce import check_arguments, coerce, coerce_mapping
 from sb3_piano.training.env_ids import registered_id
 from sb3_piano.training.import_names import import_name
@@ -24,6 +25,8 @@ from sb3_piano.training.plugins import Plugin, parse_plugins, plugins_to_plain
 NOISE_TYPES = ("normal", "ornstein-uhlenbeck")
 VEC_ENVS = ("dummy", "threads", "subproc")
 _PLUGIN_FIELDS = ("env_wrapper", "vec_env_wrapper", "callback")
+
+_Class = type[BaseAlgorithm] | type[PianoPolicy]
 
 # Parameters of an algorithm's constructor that a run sets itself.
 _RESERVED = ("policy", "env", "seed", "tensorboard_log", "action_noise")
@@ -38,7 +41,8 @@ class RunConfig:
     """
 
     algo: str
-    """Name of the algorithm, one of :data:`~sb3_piano.training.ALGORITHMS`."""
+    """Name of the algorithm, one of :data:`~sb3_piano.training.ALGORITHMS` or, to play without
+    training, of :data:`~sb3_piano.training.PLANNERS`."""
     env_id: str
     """Id of the environment; ``module:Id`` imports the module that registers it."""
     n_timesteps: int
@@ -74,7 +78,8 @@ class RunConfig:
     """Arguments of the algorithm's constructor."""
 
     def __post_init__(self) -> None:
-        algorithm = algorithm_class(self.algo)
+        planner = self.algo in PLANNERS
+        algorithm = planner_class(self.algo) if planner else algorithm_class(self.algo)
         module, env_id = registered_id(self.env_id, self.env_module)
         self._set(env_module=module, env_id=env_id)
         for name, minimum in (("n_timesteps", 1), ("n_envs", 1), ("seed", 0)):
@@ -92,7 +97,11 @@ class RunConfig:
 
     @property
     def algorithm(self) -> type[BaseAlgorithm]:
-        """The algorithm's class."""
+        """The class of the algorithm.
+
+        Raises:
+            ConfigError: If it is none that is trained.
+        """
         return algorithm_class(self.algo)
 
     def to_mapping(self) -> dict[str, Any]:
@@ -123,7 +132,7 @@ class RunConfig:
                 f"{near_names(str(value), valid)}"
             )
 
-    def _check_noise(self, algorithm: type[BaseAlgorithm]) -> None:
+    def _check_noise(self, algorithm: _Class) -> None:
         self._set(noise_std=_at_least(0.0, self.noise_std, "noise_std"))
         if (self.noise_type is None) != (self.noise_std is None):
             raise ConfigError(
@@ -186,13 +195,13 @@ def _checked_monitor(value: Any) -> dict[str, Any]:
     )
 
 
-def _checked_algorithm(
-    value: Mapping[str, Any], algorithm: type[BaseAlgorithm], policy: str
-) -> dict[str, Any]:
+def _checked_algorithm(value: Mapping[str, Any], algorithm: _Class, policy: str) -> dict[str, Any]:
     own = [f.name for f in dataclasses.fields(RunConfig) if f.name != "algorithm_kwargs"]
     arguments = check_arguments(
         _plain_arguments(value, "algorithm_kwargs"), algorithm, reserved=_RESERVED, also_known=own
     )
+    if issubclass(algorithm, PianoPolicy):
+        return arguments
     policy_kwargs = arguments.get("policy_kwargs")
     policy_class = _policy_class(policy, algorithm)
     if policy_kwargs is not None:

@@ -8,10 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import RunError
+from sb3_piano.planning import PianoPolicy
+from sb3_piano.training.algorithms import PLANNERS
+from sb3_piano.training.builders import build_planner
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.run_folder import RunFolder
 
@@ -49,6 +53,24 @@ def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> B
         ) from error
 
 
+def load_player(config: RunConfig, path: Path, venv: VecEnv) -> BaseAlgorithm | PianoPolicy:
+    """Return what plays in a run, without what only training needs.
+
+    Args:
+        config: The run's settings.
+        path: As :func:`model_files` gives it.
+        venv: The environments to play in.
+
+    Raises:
+        RunError: If a saved model cannot be loaded.
+    """
+    if config.algo in PLANNERS:
+        return build_planner(config, venv)
+    # A replay buffer would be as large as in training.
+    off_policy = issubclass(config.algorithm, OffPolicyAlgorithm)
+    return load_model(config, path, venv, **({"buffer_size": 1} if off_policy else {}))
+
+
 def model_files(
     run: RunFolder, config: RunConfig, best: str | None = None
 ) -> tuple[Path, Path | None]:
@@ -60,11 +82,14 @@ def model_files(
         best: The metric by which the model is the best; by default it is the newest one.
 
     Returns:
-        The model's zip file, and that of ``VecNormalize`` if the run normalises.
+        The model's zip file, and that of ``VecNormalize`` if the run normalises. What plays without
+        training is all in the run's config.
 
     Raises:
         RunError: If one of them is nowhere.
     """
+    if best is None and config.algo in PLANNERS:
+        return run.config_file, None
     return _newest_files(run, config) if best is None else _best_files(run, config, best)
 
 

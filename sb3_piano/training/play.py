@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from sb3_piano.envs import PianoEnv, PianoEnvConfig
+from sb3_piano.envs import PianoEnv, PianoEnvConfig, Recording
 from sb3_piano.exceptions import RunError
 from sb3_piano.metrics import presses_of
 from sb3_piano.music import PianoRoll, Score, load_score
 from sb3_piano.performance import Performance
-from sb3_piano.simulation import compile_scene
+from sb3_piano.simulation import PianoScene, compile_scene
 from sb3_piano.training.playing import SavedPlayer
 from sb3_piano.viewing import DEFAULT_PICTURE, Picture, Played, Progress, Take, write_take
 
@@ -108,10 +108,15 @@ def take_of_run(
                 "piano. Expected a run of a piano environment."
             )
         (recording,) = player.play()
+    return take_of_recording(env.scene, recording)
+
+
+def take_of_recording(scene: PianoScene, recording: Recording) -> Take:
+    """Return a piano's episode as it is shown."""
     performance, motion = recording.performance, recording.motion
     assert performance is not None, "a piano's episode has a performance"
     assert motion is not None, "a piano's episode has a motion"
-    return Take.of(env.scene, performance, motion.qpos)
+    return Take.of(scene, performance, motion.qpos)
 
 
 def take_of_score(score: Score, *, physics: str = "reference") -> Take:

@@ -1,4 +1,4 @@
-"""A run's saved model, ready to play."""
+"""A run's saved model, or what plays in it without training, ready to play."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ import gymnasium as gym
 import numpy as np
 import yaml
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
 from sb3_piano.envs import EpisodeRecorder, PianoEnv, Recording
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
 from sb3_piano.music import Score, load_score
+from sb3_piano.planning import PianoPolicy
 from sb3_piano.training.builders import build_vec_env
 from sb3_piano.training.config import RunConfig
-from sb3_piano.training.loading import load_model, model_files
+from sb3_piano.training.loading import load_player, model_files
 from sb3_piano.training.run_folder import RunFolder
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
@@ -43,7 +43,7 @@ class SavedPlayer:
         config: The run's settings as they are played: one environment, the given physics.
         piece: The name of what is played, of several pieces joined by "or"; the environment's id
             if it is no piano.
-        model: The saved model.
+        model: The saved model, or what plays without training.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class SavedPlayer:
         run: RunFolder,
         config: RunConfig,
         piece: str,
-        model: BaseAlgorithm,
+        model: BaseAlgorithm | PianoPolicy,
         venv: VecEnv,
         recorder: EpisodeRecorder,
     ):
@@ -107,7 +107,7 @@ class SavedPlayer:
                 venv.training = False
             if chosen is not None:
                 _check_playable(run, config, recorders[0], venv, chosen)
-            model = _load(config, model_file, venv)
+            model = load_player(config, model_file, venv)
         except BaseException:
             venv.close()
             raise
@@ -179,13 +179,17 @@ class SavedPlayer:
         seed = self.config.seed if seed is None else seed
         _check_least("seed", seed or 0, 0)
         self._recorder.resting = resting
+        if isinstance(self.model, PianoPolicy):
+            self.model.set_random_seed(seed or 0)
         self._venv.seed(seed)
         return self._endless(self._venv.reset())
 
     def _endless(self, observation: Any) -> Iterator[Recording]:
-        state, starts = None, np.ones(1, dtype=bool)
+        action, state, starts = None, None, np.ones(1, dtype=bool)
         while True:
-            action, state = self.model.predict(observation, state, starts, deterministic=True)
+            # While the hands rest, nobody hears what is asked; to search for it would take long.
+            if action is None or not self._recorder.resting:
+                action, state = self.model.predict(observation, state, starts, deterministic=True)
             observation, _, starts, _ = self._venv.step(action)
             if self._recorder.finished:
                 yield self._recorder.finished.pop()
@@ -257,9 +261,3 @@ def _own_piece(run: RunFolder, config: RunConfig, venv: VecEnv) -> str:
         return Path(notes["score_file"]).stem
     except (OSError, KeyError, TypeError, yaml.YAMLError):  # no file was copied
         return titles[0] or config.env_id
-
-
-def _load(config: RunConfig, path: Path, venv: VecEnv) -> BaseAlgorithm:
-    # The replay buffer is not needed, and would be as large as in training.
-    off_policy = issubclass(config.algorithm, OffPolicyAlgorithm)
-    return load_model(config, path, venv, **({"buffer_size": 1} if off_policy else {}))

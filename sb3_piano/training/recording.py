@@ -11,15 +11,16 @@ from typing import Any
 import gymnasium as gym
 import numpy.typing as npt
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from sb3_piano.demonstrations import PerturbedStart
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.training.builders import build_vec_env
+from sb3_piano.planning import PianoPolicy
+from sb3_piano.training.algorithms import PLANNERS
+from sb3_piano.training.builders import build_planner, build_vec_env
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.env_ids import registered_id
-from sb3_piano.training.loading import load_model, model_files
+from sb3_piano.training.loading import load_player, model_files
 from sb3_piano.training.run_folder import RunFolder
 
 
@@ -29,7 +30,7 @@ class RunPlayer:
     It has the ``predict`` of a model, for observations as the environment gives them.
     """
 
-    def __init__(self, model: BaseAlgorithm, venv: VecEnv) -> None:
+    def __init__(self, model: BaseAlgorithm | PianoPolicy, venv: VecEnv) -> None:
         self._model = model
         self._normalizer = venv if isinstance(venv, VecNormalize) else None
 
@@ -49,7 +50,7 @@ class RunPlayer:
 @contextlib.contextmanager
 def run_to_record(
     folder: str | os.PathLike[str], *, best: str | None = None, start: float = 0.0
-) -> Iterator[tuple[RunPlayer, gym.Env[Any, Any], RunConfig]]:
+) -> Iterator[tuple[RunPlayer | PianoPolicy, gym.Env[Any, Any], RunConfig]]:
     """Give a run's player, an environment with the run's wrappers, and its settings.
 
     They are for :func:`~sb3_piano.demonstrations.record`, as long as the block lasts.
@@ -76,13 +77,14 @@ def run_to_record(
         )
     model_file, statistics = model_files(run, config, best)
     with contextlib.ExitStack() as stack:
-        venv = build_vec_env(config, statistics)
-        stack.callback(venv.close)
-        off_policy = issubclass(config.algorithm, OffPolicyAlgorithm)
-        model = load_model(config, model_file, venv, **({"buffer_size": 1} if off_policy else {}))
         env = env_to_record(config, start)
         stack.callback(env.close)
-        yield RunPlayer(model, venv), env, config
+        if config.algo in PLANNERS:  # which play only in the environment that they are made for
+            yield build_planner(config, env), env, config
+            return
+        venv = build_vec_env(config, statistics)
+        stack.callback(venv.close)
+        yield RunPlayer(load_player(config, model_file, venv), venv), env, config
 
 
 def env_to_record(config: RunConfig, start: float = 0.0) -> gym.Env[Any, Any]:

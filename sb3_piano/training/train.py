@@ -22,6 +22,7 @@ from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY, checked_every
 from sb3_piano.callbacks.replay_segments import end_last_episode
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.training.algorithms import algorithm_class
 from sb3_piano.training.builders import build_callbacks, build_model, build_vec_env
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.env_ids import registered_id
@@ -107,6 +108,7 @@ def resume(
     checkpoint_every = checked_every(checkpoint_every)
     run = RunFolder.open(folder)
     config = run.read_config()
+    algorithm_class(config.algo)  # what is not trained is told before anything is done
     _check_expected(run, config, algo, env_id)
     if steps is not None:
         config = dataclasses.replace(config, n_timesteps=steps)

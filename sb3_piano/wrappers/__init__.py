@@ -11,6 +11,7 @@ from sb3_piano.wrappers.octave_shift import OctaveShift
 from sb3_piano.wrappers.pitch_shift import PitchShift
 from sb3_piano.wrappers.previous_action_reward import PreviousActionReward
 from sb3_piano.wrappers.random_piece import RandomPiece
+from sb3_piano.wrappers.residual_action import ResidualAction
 from sb3_piano.wrappers.reward_tiering import RewardTiering
 from sb3_piano.wrappers.reward_weights import RewardWeights
 from sb3_piano.wrappers.reward_wrapper import RewardTermsWrapper
@@ -29,6 +30,7 @@ __all__ = [
     "PitchShift",
     "PreviousActionReward",
     "RandomPiece",
+    "ResidualAction",
     "RewardTermsWrapper",
     "RewardTiering",
     "RewardWeights",

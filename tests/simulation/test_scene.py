@@ -109,3 +109,20 @@ def test_the_boxes_of_pressed_keys_lie_where_pressed_keys_are():
     np.testing.assert_allclose(
         np.linalg.norm(center - hinge, axis=1), np.linalg.norm(at_rest - hinge, axis=1), rtol=1e-9
     )
+
+
+@pytest.mark.parametrize("reduced", [True, False])
+def test_actuators_are_where_the_joints_that_they_drive_are(reduced):
+    scene = compile_scene(reduced_action_space=reduced)
+    data = mujoco.MjData(scene.model)
+    data.qpos[:] = np.random.default_rng(0).uniform(-1, 1, scene.model.nq)
+    mujoco.mj_forward(scene.model, data)
+    joints = data.qpos[np.concatenate(scene.joint_qpos)]
+    np.testing.assert_allclose(scene.actuator_of_joint @ joints, data.actuator_length, atol=1e-12)
+    # One actuator bends two joints of a finger: it has moved by the sum of both.
+    names = [name for names in scene.joint_names for name in names]
+    for finger in ("rh_shadow_hand/rh_FF", "lh_shadow_hand/lh_LF"):
+        hand = finger.split("/")[1][:2]
+        row = scene.model.actuator(f"{hand}_shadow_hand/{hand}_A_{finger[-2:]}J0").id
+        driven = [names[j] for j in np.flatnonzero(scene.actuator_of_joint[row])]
+        assert sorted(driven) == [f"{finger}J1", f"{finger}J2"]

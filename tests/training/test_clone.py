@@ -150,7 +150,7 @@ def test_a_planned_pianist_is_recorded_playing_a_file(midi_file, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["nothing.mid"], "Nothing to record: there is no 'nothing.mid'"),
+        (["nothing.mid"], "There is no 'nothing.mid': expected"),
         (["CMajorScaleOneHand", "--set", "physics"], "--set is 'physics': expected NAME=VALUE"),
         (["CMajorScaleOneHand", "--set", "a=["], "its value is no YAML"),
         (["CMajorScaleOneHand", "--set", "fysics=fast"], "Did you mean 'physics'"),

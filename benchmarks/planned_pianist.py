@@ -1,0 +1,226 @@
+"""What plays without training, on every built-in piece: the table of docs/planned_pianist.md.
+
+    python benchmarks/planned_pianist.py --out planned.csv
+    python benchmarks/planned_pianist.py --pieces debug FurElise --columns planned --out few.csv
+
+Each piece is played once by each column: ``planned`` follows the plan, ``sampling-8`` and
+``sampling-32`` search around it, ``zero`` searches without any plan. All joints, half a second
+before the first note, the reference physics. One process for each job, one thread in each.
+
+A row is appended to the CSV file as soon as it is measured, and what is in the file is not measured
+again: stop it and call it again to go on; after a change to the planner begin a new file. Then, and
+with ``--pieces none`` at once, it prints tables in Markdown. Their seconds are those of planning
+and playing together, as the processor counts them, so that other work on the machine does not; the
+file has those of the clock, too. The constants of the plan were found on the studies; ``*`` marks
+the pieces that had no part in that.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import multiprocessing
+import os
+import time
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import MofNCompleteColumn, Progress
+
+from sb3_piano.exceptions import PlanWarning
+from sb3_piano.music import BUILT_IN
+from sb3_piano.training.planned import planner_config, take_of_planner
+from sb3_piano.training.recording import env_to_record
+
+COLUMNS: Mapping[str, tuple[str, dict[str, Any]]] = {
+    "planned": ("planned", {}),
+    "sampling-8": ("sampling", {"samples": 8, "n_threads": 1}),
+    "sampling-32": ("sampling", {"samples": 32, "n_threads": 1}),
+    "zero": (
+        "sampling",
+        {"nominal": "none", "samples": 16, "horizon": 12, "physics": "fast", "n_threads": 1},
+    ),
+}
+"""Who plays, by name: an algorithm and its arguments."""
+
+UNSEEN = ("repertoire",)
+"""Collections none of whose pieces was used to find a constant."""
+
+METRICS = ("precision", "recall", "f1", "onset_f1", "noop_f1")
+FIELDS = ("piece", "column", *METRICS, "planning", "playing", "cpu", "music", "problem")
+
+Row = Mapping[str, str]
+Key = tuple[str, str]
+
+
+def measure(piece: str, column: str) -> dict[str, object]:
+    """Return the row of a piece and a column."""
+    algo, arguments = COLUMNS[column]
+    config = planner_config(piece, algo, **arguments)
+    env_to_record(config).close()  # compiles the scene, once in a process
+    start = time.process_time()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", PlanWarning)
+        played = take_of_planner(config)
+    told = [str(warning.message) for warning in caught if warning.category is PlanWarning]
+    return {
+        "piece": piece,
+        "column": column,
+        **{name: f"{played.metrics[name]:.4f}" for name in METRICS},
+        "planning": f"{played.planning:.2f}",
+        "playing": f"{played.playing:.2f}",
+        "cpu": f"{time.process_time() - start:.2f}",
+        "music": f"{played.take.performance.roll.duration:.2f}",
+        "problem": " ".join(dict.fromkeys(told)),
+    }
+
+
+# The file.
+
+
+def read_rows(path: Path) -> dict[Key, Row]:
+    """Return the rows of a file that was written before, if there is one."""
+    if not path.is_file():
+        return {}
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if None not in row.values()]
+    return {(row["piece"], row["column"]): row for row in rows}
+
+
+def append_row(path: Path, row: Mapping[str, object]) -> None:
+    """Add a row, the first one below the headings."""
+    is_new = not path.is_file()
+    is_cut_off = not is_new and not path.read_bytes().endswith(b"\n")
+    with path.open("a", newline="", encoding="utf-8") as file:
+        if is_cut_off:
+            file.write("\n")
+        writer = csv.DictWriter(file, FIELDS)
+        if is_new:
+            writer.writeheader()
+        writer.writerow(row)
+
+
+def complete(path: Path, wanted: Iterable[Key], jobs: int) -> None:
+    """Measure what is wanted and not in the file yet."""
+    known = read_rows(path)
+    missing = [key for key in wanted if key not in known]
+    if not missing:
+        return
+    # numpy reads this when a process starts; one thread each, so that times can be compared.
+    os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    fresh = multiprocessing.get_context("spawn")
+    columns = (*Progress.get_default_columns(), MofNCompleteColumn())
+    with (
+        Progress(*columns, console=Console(stderr=True)) as progress,
+        ProcessPoolExecutor(jobs, mp_context=fresh) as pool,
+    ):
+        task = progress.add_task("Playing", total=len(missing))
+        futures = {pool.submit(measure, *key): key for key in missing}
+        try:
+            for future in as_completed(futures):
+                append_row(path, future.result())
+                progress.advance(task)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+# Printing.
+
+
+def marked(piece: str) -> str:
+    """Return a piece's name, with a star if no constant was found on it."""
+    return f"{piece}*" if BUILT_IN[piece].collection in UNSEEN else piece
+
+
+def cells(rows: Sequence[Row]) -> str:
+    """Return the means of some rows as one cell."""
+
+    def mean(name: str) -> float:
+        return sum(float(row[name]) for row in rows) / len(rows)
+
+    if not rows:
+        return ""
+    return (
+        f"{mean('precision'):.3f} / {mean('recall'):.3f} / **{mean('f1'):.3f}** / "
+        f"{mean('onset_f1'):.3f} / {mean('cpu'):.1f}"
+    )
+
+
+def groups_of(pieces: Sequence[str]) -> dict[str, list[str]]:
+    """Return the pieces of each collection, of all that are unseen, and all of them."""
+    groups: dict[str, list[str]] = {}
+    for piece in pieces:
+        collection = BUILT_IN[piece].collection
+        star = "*" if collection in UNSEEN else ""
+        groups.setdefault(f"all of {collection}{star}", []).append(piece)
+    groups["all pieces"] = list(pieces)
+    return groups
+
+
+def print_table(rows: Mapping[Key, Row], columns: Sequence[str]) -> None:
+    """Print the means of each group, then each piece."""
+    pieces = [piece for piece in BUILT_IN if any((piece, column) in rows for column in columns)]
+    if not pieces:
+        print("Nothing is measured yet.")
+        return
+    print("Precision / recall / **F1** / onset F1 / seconds to plan and play.\n")
+    print_part("group", groups_of(pieces), rows, columns)
+    print()
+    print_part("piece", {marked(piece): [piece] for piece in pieces}, rows, columns)
+
+
+def print_part(
+    heading: str, groups: Mapping[str, list[str]], rows: Mapping[Key, Row], columns: Sequence[str]
+) -> None:
+    """Print a row for each group: music's length, F1 of playing nothing, and the columns."""
+    print(f"| {heading} | pieces | music, s | nothing | {' | '.join(columns)} |")
+    print(f"| --- | ---: | ---: | ---: |{' --- |' * len(columns)}")
+    for name, pieces in groups.items():
+        of = {c: [rows[p, c] for p in pieces if (p, c) in rows] for c in columns}
+        one_each = {row["piece"]: row for found in of.values() for row in found}.values()
+        music, nothing = (
+            sum(float(row[field]) for row in one_each) / len(one_each)
+            for field in ("music", "noop_f1")
+        )
+        # A mean over fewer pieces than the others' would compare different things.
+        shown = [cells(of[c]) if len(of[c]) == len(pieces) else "-" for c in columns]
+        print(f"| {name} | {len(pieces)} | {music:.1f} | {nothing:.3f} | {' | '.join(shown)} |")
+
+
+def chosen(names: Sequence[str]) -> list[str]:
+    """Return the pieces that names stand for: of pieces, collections, "all" or "none"."""
+    found: dict[str, None] = {}
+    for name in names:
+        matches = [
+            full
+            for full, piece in BUILT_IN.items()
+            if name in ("all", full, piece.collection, full.removeprefix(f"{piece.collection}-"))
+        ]
+        if not matches and name != "none":
+            raise SystemExit(f"No built-in piece or collection is called {name!r}.")
+        found.update(dict.fromkeys(matches))
+    return list(found)
+
+
+def main() -> None:
+    """Read the command line, measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    add = parser.add_argument
+    add("--pieces", nargs="+", default=["all"], metavar="NAME", help="pieces or collections")
+    add("--columns", nargs="+", choices=list(COLUMNS), default=list(COLUMNS))
+    add("--jobs", type=int, default=2, metavar="N", help="processes; default: 2")
+    add("--out", type=Path, default=Path("planned_pianist.csv"), metavar="FILE.csv")
+    arguments = parser.parse_args()
+    # Column by column, so that the cheap ones are whole early.
+    wanted = [(piece, column) for column in arguments.columns for piece in chosen(arguments.pieces)]
+    complete(arguments.out, wanted, arguments.jobs)
+    print_table(read_rows(arguments.out), arguments.columns)
+
+
+if __name__ == "__main__":
+    main()

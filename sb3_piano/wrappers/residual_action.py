@@ -1,0 +1,202 @@
+"""What an agent adds to the playing of the planned pianist."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, SupportsFloat
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.envs import ObservationBlock, ObservationLayout
+from sb3_piano.exceptions import ConfigError, InvalidActionError, near_names
+from sb3_piano.music import PianoRoll
+from sb3_piano.planning import PlanSettings, Tracker, Trackers
+from sb3_piano.planning.pianist import action_of
+from sb3_piano.simulation import PianoScene
+from sb3_piano.wrappers.arguments import finite_number, whole_number
+from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
+from sb3_piano.wrappers.piano import layout_of, piano_of
+
+FloatArray = npt.NDArray[np.float64]
+
+# What moves a fingertip about as far as a rad of a finger's joint does, which is some 6 cm.
+_WRIST = 1 / 3  # rad
+_SLIDER = 0.06  # m
+
+# Units and bounds of the plan that is shown: a finger that strikes turns its joint by about one
+# unit in a control step.
+_SHOWN_UNIT = 0.2  # rad of a finger's joint
+_SHOWN_MOST = 5.0
+
+
+class ResidualAction(LayoutWrapper, gym.utils.RecordConstructorArgs):
+    """Let the planned pianist play, and the agent correct it.
+
+    What is played is the action of :class:`~sb3_piano.planning.PlannedPianist` plus ``scale`` times
+    the agent's, cut at the ends of the control ranges. Actions of 0 play as the planned pianist
+    does. There is one number for each actuator and none for the pedal, which the plan alone moves:
+    it knows the score.
+
+    A piece is planned at the ``reset`` that begins it, which takes a second or more.
+
+    Appends the block ``plan``: where the actuators should be after each of the next control steps,
+    less where they are now.
+
+    Wrappers inside of this one get what is played, those outside what the agent does: a
+    ``PreviousActionReward`` inside shows the sum, one outside the correction alone.
+
+    Source: residual policies (Silver et al. 2018, "Residual Policy Learning"; Johannink et al.
+    2019, "Residual Reinforcement Learning for Robot Control").
+
+    Args:
+        env: A piano environment, wrapped or not. The plans are best in the full action space and
+            with half a second of ``initial_buffer_time``, in which the hands take their place.
+        scale: By how much an action of 1 moves the command of a finger's joint, rad, above 0. A
+            wrist's joint is moved by a third of it, a slider by 6 cm for each rad: all move a
+            fingertip about as far.
+        lookahead: How many control steps of the plan are shown, 1 or more.
+        settings: Constants of the plan, by the names of the fields of
+            :class:`~sb3_piano.planning.PlanSettings`, in place of its own.
+
+    Raises:
+        ConfigError: If an argument has the wrong type or is out of range, ``env`` is no piano, or
+            another wrapper inside has changed the actions.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        scale: float = 0.1,
+        *,
+        lookahead: int = 2,
+        settings: Mapping[str, Any] | None = None,
+    ) -> None:
+        gym.utils.RecordConstructorArgs.__init__(
+            self, scale=scale, lookahead=lookahead, settings=settings
+        )
+        layout = layout_of(env, "ResidualAction")
+        self._piano = piano_of(env, "ResidualAction")
+        _check_actions(env)
+        self._scale = finite_number("scale", scale)
+        if self._scale <= 0:
+            raise ConfigError(f"scale is {scale!r}: expected more than 0.")
+        self._lookahead = whole_number("lookahead", lookahead, 1)
+        self._trackers = Trackers(_settings(settings))
+        self._planned: tuple[PianoRoll, PianoScene, Tracker] | None = None
+        scene = self._piano.scene
+        self._units = _units(scene)
+        half_range = (scene.ctrl_high - scene.ctrl_low) / 2
+        self._reach = (self._scale * self._units / half_range).astype(np.float32)
+        shape = (self._lookahead, len(self._units))
+        super().__init__(env, ObservationLayout([*layout.values(), _block(shape)]))
+        self.action_space = gym.spaces.Box(-1.0, 1.0, shape[1:], dtype=np.float32)
+        self._inside = slice(0, layout.size)
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Play a control step of the plan, corrected.
+
+        Raises:
+            InvalidActionError: If the action has the wrong shape or is not finite.
+        """
+        correction = np.asarray(action, dtype=np.float32)
+        if correction.shape != self._reach.shape:
+            raise InvalidActionError(
+                f"The action has shape {correction.shape}: expected {self._reach.shape}, one "
+                "number for each actuator and none for the pedal."
+            )
+        played = self._planned_action()
+        played[:-1] += self._reach * np.minimum(np.maximum(correction, -1.0), 1.0)
+        observation, reward, terminated, truncated, info = self.env.step(
+            np.minimum(np.maximum(played, -1.0), 1.0)
+        )
+        return self.observation(observation), reward, terminated, truncated, info
+
+    def observation(self, observation: Any) -> npt.NDArray[np.float32]:
+        """Return an observation followed by the plan; after its end it stays where it is."""
+        positions = self._tracker().plan.positions
+        following = self._piano.steps_played + 1 + np.arange(self._lookahead)
+        ahead = positions[np.minimum(following, len(positions) - 1)] - self._positions()
+        ahead /= _SHOWN_UNIT * self._units
+        shown = np.empty(self.observation_layout.size, dtype=np.float32)
+        shown[self._inside] = observation
+        shown[self._inside.stop :] = np.clip(ahead, -_SHOWN_MOST, _SHOWN_MOST).reshape(-1)
+        return shown
+
+    def __getstate__(self) -> dict[str, Any]:
+        # They know pieces by their identity, which does not outlive copying and pickling.
+        return {**self.__dict__, "_trackers": Trackers(self._trackers.settings)}
+
+    def _planned_action(self) -> npt.NDArray[np.float32]:
+        step, tracker = self._piano.steps_played, self._tracker()
+        return action_of(self._piano, tracker.controls(step, self._positions()), tracker, step)
+
+    def _tracker(self) -> Tracker:
+        """Return the tracker of what the bare environment plays now."""
+        roll, scene = self._piano.roll, self._piano.scene
+        if self._planned is None or self._planned[0] is not roll or self._planned[1] is not scene:
+            self._planned = roll, scene, self._trackers.of(self._piano)
+        return self._planned[2]
+
+    def _positions(self) -> FloatArray:
+        """Return where the actuators are, (n,) rad or m, as exactly as an observation tells it."""
+        scene = self._piano.scene
+        joints = self._piano.data.qpos[np.concatenate(scene.joint_qpos)]
+        return np.asarray(scene.actuator_of_joint @ joints.astype(np.float32))
+
+
+def _check_actions(env: gym.Env[Any, Any]) -> None:
+    """Refuse an environment whose actions are not those of the piano itself."""
+    layer = env
+    while isinstance(layer, gym.Wrapper):
+        if isinstance(layer, ResidualAction):
+            raise ConfigError(
+                "ResidualAction is there already: expected one at most. Two of them would play the "
+                "plan twice."
+            )
+        layer = layer.env
+    if env.action_space != layer.action_space:
+        raise ConfigError(
+            f"ResidualAction cannot add to actions of {env.action_space}: expected those of the "
+            f"piano itself, {layer.action_space}. Put wrappers that change them further out."
+        )
+
+
+def _settings(given: Any) -> PlanSettings:
+    if given is None:
+        return PlanSettings()
+    if not isinstance(given, Mapping):
+        raise ConfigError(f"settings is {given!r}: expected a mapping of names to numbers.")
+    known = [field.name for field in dataclasses.fields(PlanSettings)]
+    for name in given:
+        if name not in known:
+            raise ConfigError(
+                f"settings has the unknown name {name!r}.{near_names(str(name), known)} Expected "
+                f"one of {', '.join(known)}."
+            )
+    # YAML has lists only.
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in given.items()}
+    return PlanSettings(**values)
+
+
+def _units(scene: PianoScene) -> FloatArray:
+    """Return what moves a fingertip about as far as a rad of a finger's joint, (n,) rad or m."""
+    names = [scene.model.actuator(index).name for index in range(scene.model.nu)]
+    wrist = ["_WRJ" in name for name in names]
+    slider = ["forearm_t" in name for name in names]
+    return np.select([wrist, slider], [_WRIST, _SLIDER], 1.0)
+
+
+def _block(shape: tuple[int, int]) -> ObservationBlock:
+    return ObservationBlock(
+        name="plan",
+        shape=shape,
+        unit=f"{_SHOWN_UNIT} rad, {_SHOWN_UNIT * _WRIST:.3f} rad (wrists), "
+        f"{_SHOWN_UNIT * _SLIDER:.3f} m (sliders)",
+        meaning="for each of the next control steps, where the planned pianist wants the actuators "
+        f"after it, less where they are now, cut at {_SHOWN_MOST:g}",
+        low=-_SHOWN_MOST,
+        high=_SHOWN_MOST,
+    )

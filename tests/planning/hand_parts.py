@@ -1,0 +1,131 @@
+"""What the tests of the planning core share: scenes, hands, keys, and presses to choose from."""
+
+from __future__ import annotations
+
+import functools
+
+import mujoco
+import numpy as np
+from hypothesis import strategies as st
+
+from sb3_piano.music.constants import NUM_KEYS
+from sb3_piano.planning import PlanSettings
+from sb3_piano.planning.key_places import KeyPlaces
+from sb3_piano.planning.kinematics import HandKinematics
+from sb3_piano.planning.posture import resting_posture
+from sb3_piano.planning.presses import Press
+from sb3_piano.simulation import SIDES, compile_scene
+
+SETTINGS = PlanSettings()
+
+
+@functools.cache
+def scene_of(*, full=True, **options):
+    """Return a scene, by default with the full action space."""
+    return compile_scene(reduced_action_space=not full, **options)
+
+
+@functools.cache
+def keys_of(scene):
+    return KeyPlaces.of(scene)
+
+
+@functools.cache
+def hand_of(scene, hand):
+    return HandKinematics(scene, hand)
+
+
+def posture_of(scene, hand):
+    """Return a hand at rest; physics has no say in it, so that few are enough."""
+    return _posture(scene.model.nu == scene_of().model.nu, hand)
+
+
+@functools.cache
+def _posture(full, hand):
+    scene = scene_of(full=full)
+    return resting_posture(hand_of(scene, hand), keys_of(scene), SETTINGS)
+
+
+def random_positions(kinematics, count, seed=0):
+    """Return positions all over the control ranges, (count, n)."""
+    random = np.random.default_rng(seed)
+    return random.uniform(kinematics.low, kinematics.high, (count, kinematics.size))
+
+
+def joints_by_name(scene, hand):
+    """Return how a hand's joints move with its actuators, found by their names.
+
+    Returns:
+        (nv, n): by how much each degree of freedom of the model moves with each actuator. J0 is
+        the sum of J1 and J2, which here bend alike.
+    """
+    model = scene.model
+    prefix = f"{SIDES[hand][0]}h_shadow_hand/"
+    half = model.nu // 2
+    result = np.zeros((model.nv, half))
+    for column in range(half):
+        name = model.actuator(hand * half + column).name
+        assert name.startswith(prefix)
+        joint = name.replace("_A_", "_")
+        if joint.endswith("J0"):
+            for end in ("J1", "J2"):
+                result[model.joint(joint[:-2] + end).dofadr[0], column] = 0.5
+        else:
+            result[model.joint(joint).dofadr[0], column] = 1.0
+    return result
+
+
+def data_at(scene, *positions):
+    """Return MuJoCo's data with the joints of the right (and the left) hand where they are."""
+    data = mujoco.MjData(scene.model)
+    for hand, one in enumerate(positions):
+        data.qpos += joints_by_name(scene, hand) @ one  # hinges and sliders only: nq is nv
+    mujoco.mj_forward(scene.model, data)
+    return data
+
+
+@functools.cache
+def turned_boxes(scene, share):
+    """Return all keys' boxes at a share of their travel, found by turning them in MuJoCo.
+
+    Returns:
+        (88, 3) centres, (88, 3, 3) axes as columns, (88, 3) half lengths.
+    """
+    data = mujoco.MjData(scene.model)
+    data.qpos[scene.key_qpos] = (share * scene.key_max_angle)[scene.moving_keys]
+    mujoco.mj_kinematics(scene.model, data)
+    return (
+        data.geom_xpos[scene.key_geom],
+        data.geom_xmat[scene.key_geom].reshape(-1, 3, 3),
+        scene.model.geom_size[scene.key_geom],
+    )
+
+
+def over_the_top(scene, point, key, share):
+    """Return how far a point lies over the top of a key at a share of its travel, straight up."""
+    centre, axes, half = (part[key] for part in turned_boxes(scene, share))
+    top, normal = centre + axes[:, 2] * half[2], axes[:, 2]
+    return float((point - top) @ normal / normal[2])
+
+
+def sounding_share(scene, key):
+    """Return from which share of its travel on a key sounds."""
+    return float(scene.key_sounding_angle[key] / scene.key_max_angle[key])
+
+
+@st.composite
+def hand_presses(draw, longest=12, most=10, rests=4):
+    """Draw what a hand plays, in order of time: chords and lines, each finger on one key a time."""
+    free_from = [1] * 5  # the first state in which each finger and ...
+    silent_from: dict[int, int] = {}  # ... each key may be struck
+    presses = []
+    for _ in range(draw(st.integers(1, most))):
+        finger = draw(st.integers(0, 4))
+        key = draw(st.integers(0, NUM_KEYS - 1))
+        earliest = max(free_from[finger], silent_from.get(key, 1))
+        first = earliest + draw(st.integers(0, rests))
+        last = first + draw(st.integers(0, longest))
+        presses.append(Press(key, finger, first, last))
+        free_from[finger] = last + 1
+        silent_from[key] = last + 2
+    return sorted(presses, key=lambda press: (press.first, press.key))

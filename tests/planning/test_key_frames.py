@@ -1,0 +1,193 @@
+"""Key frames: fingertips at the keys' surfaces, found by turning the keys in MuJoCo."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hand_parts import (
+    SETTINGS,
+    hand_of,
+    hand_presses,
+    keys_of,
+    over_the_top,
+    scene_of,
+    sounding_share,
+    turned_boxes,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sb3_piano.planning.key_frames import key_frames
+from sb3_piano.planning.leaps import TimedPress, time_presses
+from sb3_piano.planning.presses import Press
+from sb3_piano.simulation import KEY_IS_BLACK
+
+SCENE = scene_of()
+KEYS = keys_of(SCENE)
+RADIUS = hand_of(SCENE, 0).radius
+WHITE = [key for key in range(88) if not KEY_IS_BLACK[key]]
+BLACK = [key for key in range(88) if KEY_IS_BLACK[key]]
+C4 = 39
+
+
+def frames_of(timed, n_states=40, sign=1):
+    return key_frames(timed, sign, n_states, RADIUS, KEYS, SETTINGS)
+
+
+def held(key, finger, first=20, last=24, leaps=False):
+    return TimedPress(Press(key, finger, first, last), first, last, leaps)
+
+
+def lowest_point(frames, state, finger):
+    return frames.target[state, finger] - [0, 0, RADIUS[finger]]
+
+
+KEYS_AND_FINGERS = [(key, finger) for key in (0, 1, C4, C4 + 1, 87) for finger in (0, 1, 4)]
+
+
+@pytest.mark.parametrize(("key", "finger"), KEYS_AND_FINGERS)
+@pytest.mark.parametrize("leaps", [True, False])
+def test_a_key_is_let_down_far_enough_to_sound_in_all_its_states_and_no_other(key, finger, leaps):
+    frames = frames_of([held(key, finger, leaps=leaps)])
+    for state in range(40):
+        if not frames.weight[state, finger].any():
+            continue
+        point = lowest_point(frames, state, finger)
+        sounds = over_the_top(SCENE, point, key, sounding_share(SCENE, key)) < 0
+        assert sounds == (20 <= state <= 24)
+    assert frames.weight[18:26, finger].all()
+
+
+@pytest.mark.parametrize(("key", "finger"), KEYS_AND_FINGERS)
+def test_fingertips_touch_keys_at_the_depths_of_the_settings(key, finger):
+    frames = frames_of([held(key, finger, leaps=False)])
+    depths = {
+        19: SETTINGS.ready_depth,
+        20: SETTINGS.hold_depth,
+        24: SETTINGS.hold_depth,
+        25: SETTINGS.release_depth,
+    }
+    for state, depth in depths.items():
+        point = lowest_point(frames, state, finger)
+        assert over_the_top(SCENE, point, key, depth) == pytest.approx(0, abs=1e-4)
+
+
+@pytest.mark.parametrize(("key", "finger"), KEYS_AND_FINGERS)
+def test_targets_are_on_the_free_part_of_the_right_key(key, finger):
+    frames = frames_of([held(key, finger)])
+    centre, _, half = turned_boxes(SCENE, 0.0)
+    asked = frames.weight[:, finger].any(axis=1)
+    target = frames.target[asked, finger]
+    np.testing.assert_allclose(target[:, 1], centre[key, 1], atol=1e-9)
+    assert (target[:, 0] < centre[key, 0] + half[key, 0]).all()
+    front_of_black = (centre + half)[BLACK, 0].max()
+    behind = target[:, 0] < front_of_black
+    assert behind.all() if key in BLACK else not behind.any()
+
+
+def test_a_hand_that_plays_black_keys_too_plays_white_ones_nearer_to_them():
+    alone = frames_of([held(C4, 2)])
+    mixed = frames_of([held(C4, 2), held(C4 + 3, 4)])
+    assert mixed.target[20, 2, 0] < alone.target[20, 2, 0]
+    front_of_black = (turned_boxes(SCENE, 0.0)[0] + turned_boxes(SCENE, 0.0)[2])[BLACK, 0].max()
+    assert mixed.target[20, 2, 0] > front_of_black
+    apart = frames_of([held(C4, 2, 5, 6), held(C4 + 3, 4, 30, 32)])
+    assert apart.target[5, 2, 0] == alone.target[20, 2, 0]
+
+
+@pytest.mark.parametrize("key", [C4, C4 + 1])
+def test_a_finger_comes_from_above_with_growing_weight(key):
+    frames = frames_of([held(key, 2)])
+    hovering = range(20 - SETTINGS.hover_states, 19)
+    heights = [over_the_top(SCENE, lowest_point(frames, s, 2), key, 0.0) for s in hovering]
+    assert min(heights) > 0
+    weights = frames.weight[list(hovering), 2, 1]
+    assert (np.diff(weights) >= 0).all()
+    assert (weights > 0).all()
+    assert weights[-1] < frames.weight[20, 2, 1]
+    assert not frames.weight[: hovering[0], 2].any()
+
+
+def test_nothing_is_asked_of_other_fingers_after_the_note_and_at_the_start():
+    frames = frames_of([held(C4, 2, 3, 5)])
+    assert not frames.weight[:, [0, 1, 3, 4]].any()
+    assert not frames.weight[7:].any()
+    assert not frames.weight[0].any()
+
+
+def test_a_finger_that_then_leaps_is_lifted_off_the_key():
+    height = {}
+    for leaps in (True, False):
+        frames = frames_of([held(C4, 2, leaps=leaps)])
+        height[leaps] = over_the_top(SCENE, lowest_point(frames, 25, 2), C4, 0.0)
+    assert height[True] > height[False]
+    assert height[True] > 0
+
+
+@settings(max_examples=60, deadline=None)
+@given(hand_presses(rests=2), st.sampled_from([1, -1]), st.booleans())
+def test_a_key_that_is_held_is_never_left_for_another_one(presses, sign, leaping):
+    if leaping:
+        timed = time_presses(presses, sign, KEYS, SETTINGS)
+    else:
+        timed = [TimedPress(press, press.first, press.last) for press in presses]
+    n_states = max(one.last for one in timed) + 3
+    frames = frames_of(timed, n_states, sign)
+    for one in timed:
+        key, finger = one.press.key, one.press.finger
+        for state in range(one.first, one.last + 1):
+            assert frames.target[state, finger, 1] == KEYS.y[key]
+            assert (frames.weight[state, finger] > 0).all()
+            point = lowest_point(frames, state, finger)
+            assert over_the_top(SCENE, point, key, sounding_share(SCENE, key)) < 0
+
+
+@settings(max_examples=60, deadline=None)
+@given(hand_presses(rests=2))
+def test_a_target_belongs_to_a_press_of_its_finger_and_time(presses):
+    timed = [TimedPress(press, press.first, press.last) for press in presses]
+    frames = frames_of(timed, max(one.last for one in timed) + 15)
+    for state, finger in np.argwhere(frames.weight.any(axis=2)).tolist():
+        mine = [one.press for one in timed if one.press.finger == finger]
+        near = [p for p in mine if p.first - SETTINGS.hover_states <= state <= p.last + 1]
+        assert frames.target[state, finger, 1] in [KEYS.y[press.key] for press in near]
+
+
+def test_a_finger_lets_a_key_go_before_it_moves_to_the_next_one():
+    frames = frames_of([held(C4, 2, 10, 14), held(C4 + 2, 2, 16, 20)])
+    assert frames.target[15, 2, 1] == KEYS.y[C4]
+    assert frames.target[16, 2, 1] == KEYS.y[C4 + 2]
+
+
+def test_a_finger_moves_early_only_if_no_other_one_holds_the_hand_far_away():
+    near = frames_of([held(WHITE[23], 0, 5, 19), held(WHITE[27], 4, 20, 24)])
+    far = frames_of([held(WHITE[23], 0, 5, 19), held(WHITE[45], 4, 20, 24)])
+    distance = KEYS.y[WHITE[45]] - KEYS.y[WHITE[23]] - 4 * KEYS.spacing
+    assert distance > SETTINGS.reach
+    assert near.weight[16, 4].any()
+    assert not far.weight[:19, 4].any()
+    assert far.weight[19:25, 4].all()
+
+
+def test_who_is_at_a_black_key_is_told():
+    frames = frames_of([held(C4 + 1, 2), held(C4 + 5, 4)])
+    assert frames.on_black[20:25, 2].all()
+    assert not frames.on_black[[10, 30], 2].any()
+    assert not frames.on_black[:, [0, 1, 3, 4]].any(), "F is a white key"
+
+
+def test_part_of_the_states_is_the_same_part_of_everything():
+    whole = frames_of([held(C4 + 1, 2), held(C4, 1, 8, 12)])
+    part = whole.between(7, 23)
+    for field in dataclasses.fields(whole):
+        expected = getattr(whole, field.name)[7:23]
+        np.testing.assert_array_equal(getattr(part, field.name), expected)
+        assert expected.any()
+
+
+def test_presses_beyond_the_states_are_cut_off():
+    frames = frames_of([held(C4, 2, 35, 60)], n_states=40)
+    assert frames.target.shape == (40, 5, 3)
+    assert frames.weight[35:, 2].all()

@@ -1,0 +1,142 @@
+"""Where the fingertips are: against MuJoCo itself, one posture at a time."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from hand_parts import data_at, hand_of, joints_by_name, random_positions, scene_of
+
+BOTH_HANDS = pytest.mark.parametrize("hand", [0, 1])
+SCENES = pytest.mark.parametrize(
+    "options",
+    [
+        {"full": True},
+        {"full": False},
+        {"full": True, "physics": "fast"},
+        {"full": False, "gravity_compensation": False, "moving_keys": (30, 40)},
+    ],
+    ids=lambda options: "-".join(map(str, options.values())),
+)
+
+
+def fingertips_by_hand(scene, data, hand):
+    """Return the centres of the round ends that are farther from the last joints, (5, 3) m."""
+    tips = []
+    for geom in scene.fingertip_geom[5 * hand : 5 * hand + 5]:
+        assert scene.model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE
+        along = data.geom_xmat[geom].reshape(3, 3)[:, 2] * scene.model.geom_size[geom, 1]
+        joint = data.xpos[scene.model.geom_bodyid[geom]]
+        ends = [data.geom_xpos[geom] + along, data.geom_xpos[geom] - along]
+        tips.append(max(ends, key=lambda end: np.linalg.norm(end - joint)))
+    return np.array(tips)
+
+
+@SCENES
+@BOTH_HANDS
+def test_fingertips_are_where_mujoco_has_them(options, hand):
+    scene = scene_of(**options)
+    kinematics = hand_of(scene, hand)
+    positions = random_positions(kinematics, 8)
+    tips = kinematics.fingertips(positions)
+    assert tips.shape == (8, 5, 3)
+    for one, found in zip(positions, tips, strict=True):
+        both = (one,) if hand == 0 else (np.zeros_like(one), one)
+        expected = fingertips_by_hand(scene, data_at(scene, *both), hand)
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@SCENES
+@BOTH_HANDS
+def test_fingertips_move_as_mujocos_jacobians_say(options, hand):
+    scene = scene_of(**options)
+    kinematics = hand_of(scene, hand)
+    positions = random_positions(kinematics, 4, seed=1)
+    tips, jacobian = kinematics.fingertips_and_jacobian(positions)
+    np.testing.assert_array_equal(tips, kinematics.fingertips(positions))
+    by_actuator = joints_by_name(scene, hand)
+    bodies = scene.model.geom_bodyid[scene.fingertip_geom[5 * hand : 5 * hand + 5]]
+    for s, one in enumerate(positions):
+        data = data_at(scene, *((one,) if hand == 0 else (np.zeros_like(one), one)))
+        for finger, body in enumerate(bodies):
+            by_dof = np.zeros((3, scene.model.nv))
+            mujoco.mj_jac(scene.model, data, by_dof, None, tips[s, finger], body)
+            np.testing.assert_allclose(jacobian[s, finger], by_dof @ by_actuator, atol=1e-12)
+
+
+@SCENES
+def test_actuators_are_where_the_joints_put_them(options):
+    scene = scene_of(**options)
+    right, left = (random_positions(hand_of(scene, hand), 1, seed=2)[0] for hand in (0, 1))
+    data = data_at(scene, right, left)
+    np.testing.assert_allclose(data.actuator_length[hand_of(scene, 0).actuators], right, atol=1e-12)
+    np.testing.assert_allclose(data.actuator_length[hand_of(scene, 1).actuators], left, atol=1e-12)
+    for hand, positions in enumerate((right, left)):
+        kinematics = hand_of(scene, hand)
+        joints = data.qpos[scene.model.jnt_qposadr[kinematics.joint_ids]]
+        np.testing.assert_allclose(kinematics.joint_of_actuator @ positions, joints, atol=1e-12)
+
+
+@BOTH_HANDS
+def test_what_a_fingertip_touches_below_is_its_radius_away(hand):
+    scene = scene_of()
+    kinematics = hand_of(scene, hand)
+    model = scene.model
+    floor = model.geom("floor").id
+    random = np.random.default_rng(3)
+    positions = np.zeros(kinematics.size)
+    bent = [i for i, name in enumerate(kinematics.names) if name.endswith(("J0", "J3"))]
+    positions[bent] = random.uniform(0.6, 1.0, len(bent))
+    positions = np.clip(positions, kinematics.low, kinematics.high)
+    tips = kinematics.fingertips(positions[None])[0]
+    data = data_at(scene, *((positions,) if hand == 0 else (np.zeros_like(positions), positions)))
+    for finger, geom in enumerate(scene.fingertip_geom[5 * hand : 5 * hand + 5]):
+        assert data.geom_xpos[geom, 2] > tips[finger, 2], "it points down"
+        height = mujoco.mj_geomDistance(model, data, floor, int(geom), 1.0, None)
+        assert height == pytest.approx(tips[finger, 2] - kinematics.radius[finger], abs=1e-9)
+
+
+@SCENES
+@BOTH_HANDS
+def test_the_forearm_is_where_mujoco_has_it(options, hand):
+    scene = scene_of(**options)
+    kinematics = hand_of(scene, hand)
+    positions = random_positions(kinematics, 5, seed=4)
+    forearm = int(np.flatnonzero(scene.forearm_of_geom == hand + 1)[0])
+    body = scene.model.geom_bodyid[forearm]
+    for one, place in zip(positions, kinematics.arm(positions), strict=True):
+        data = data_at(scene, *((one,) if hand == 0 else (np.zeros_like(one), one)))
+        assert place == pytest.approx(data.xpos[body, 1], abs=1e-12)
+
+
+@BOTH_HANDS
+def test_the_slider_takes_the_forearm_where_it_shall_be_as_far_as_it_can(hand):
+    kinematics = hand_of(scene_of(), hand)
+    along = kinematics.index("forearm_tx")
+    ends = np.zeros((2, kinematics.size))
+    ends[:, along] = kinematics.low[along], kinematics.high[along]
+    nearest, farthest = np.sort(kinematics.arm(ends))
+    wanted = np.array([nearest - 1, nearest, (nearest + farthest) / 2, farthest, farthest + 1])
+    positions = np.zeros((5, kinematics.size))
+    positions[:, along] = kinematics.slider_for_arm(wanted)
+    reached = np.clip(wanted, nearest, farthest)
+    np.testing.assert_allclose(kinematics.arm(positions), reached, atol=1e-12)
+
+
+@BOTH_HANDS
+def test_fingers_count_from_the_thumb_in_the_direction_of_the_sign(hand):
+    kinematics = hand_of(scene_of(), hand)
+    y = kinematics.fingertips(np.zeros((1, kinematics.size)))[0, :, 1]
+    assert (np.diff(y) * kinematics.sign > 0).all()
+    assert kinematics.sign == (1, -1)[hand]
+
+
+def test_names_are_those_of_the_actuators_without_their_hand():
+    scene = scene_of()
+    for hand, prefix in enumerate(("rh", "lh")):
+        kinematics = hand_of(scene, hand)
+        assert "THJ4" in kinematics.names
+        for actuator, name in zip(kinematics.actuators, kinematics.names, strict=True):
+            full = scene.model.actuator(int(actuator)).name
+            middle = "" if name.startswith("forearm") else f"{prefix}_A_"
+            assert full == f"{prefix}_shadow_hand/{middle}{name}"

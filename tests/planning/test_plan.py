@@ -1,0 +1,221 @@
+"""Plans: what has to be true of every one of them, in all kinds of scenes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hand_parts import data_at, hand_of, keys_of, scene_of
+from short_pieces import (
+    BUFFER,
+    QUICK,
+    TIMESTEP,
+    both_hands,
+    five_fingers,
+    key_of,
+    planned,
+    pressed_tips,
+    roll_of,
+    without_fingers,
+)
+
+from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.music import Note, PianoRoll, Score
+from sb3_piano.planning import PlanSettings, plan
+
+PIECE = five_fingers()
+NEARLY = 0.001  # m; the travel of a key is ten times that, and keys that are held push back
+SCENES = pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"full": False},
+        {"physics": "fast"},
+        {"full": False, "gravity_compensation": False},
+        {"full": False, "moving_keys": (key_of(70), key_of(80))},
+    ],
+    ids=str,
+)
+
+
+@SCENES
+def test_a_plan_has_a_row_for_each_state_and_starts_with_all_joints_at_0(options):
+    made, nu = planned(PIECE, **options), scene_of(**options).model.nu
+    steps = len(made.roll)
+    assert len(made) == steps
+    assert made.positions.shape == (steps + 1, nu)
+    assert made.commands.shape == (steps, nu)
+    assert [gain.shape for gain in made.gains] == [(steps, nu // 2, nu // 2)] * 2
+    assert made.fingertips.shape == (steps + 1, 10, 3)
+    assert not made.positions[0].any()
+    for array in (made.positions, made.commands, *made.gains):
+        assert np.isfinite(array).all()
+
+
+@SCENES
+def test_commands_are_within_the_control_ranges(options):
+    made, scene = planned(PIECE, **options), scene_of(**options)
+    assert (made.commands >= scene.ctrl_low).all()
+    assert (made.commands <= scene.ctrl_high).all()
+
+
+@SCENES
+def test_fingertips_are_where_the_positions_put_them(options):
+    made, scene = planned(PIECE, **options), scene_of(**options)
+    half = scene.model.nu // 2
+    for hand in (0, 1):
+        tips = hand_of(scene, hand).fingertips(made.positions[:, hand * half :][:, :half])
+        np.testing.assert_allclose(made.fingertips[:, 5 * hand : 5 * hand + 5], tips, atol=1e-12)
+
+
+@SCENES
+def test_fingers_press_their_keys_until_they_nearly_sound(options):
+    made, scene = planned(PIECE, **options), scene_of(**options)
+    across, above = pressed_tips(made, scene).T
+    assert len(across) == len(PIECE.notes)
+    assert across.max() < 0.006, "half a white key and half a fingertip are more"
+    assert above.max() < NEARLY
+    assert made.problems == ()
+
+
+@SCENES
+def test_a_hand_without_notes_stays_put_above_the_keys(options):
+    made = planned(PIECE, **options)
+    left = made.fingertips[:, 5:]
+    settled = round(BUFFER / TIMESTEP)
+    assert np.abs(left[settled:] - left[-1]).max() < 0.003
+    scene = scene_of(**options)
+    arm = hand_of(scene, 1).arm(made.positions[:, scene.model.nu // 2 :])
+    assert np.abs(arm - arm[0]).max() < 0.02
+    assert left[..., 2].min() > keys_of(scene).top[0]
+
+
+@SCENES
+def test_fingers_that_do_not_play_keep_off_the_keys(options):
+    made, scene = planned(PIECE, **options), scene_of(**options)
+    radius = hand_of(scene, 0).radius
+    for step in range(len(made.roll)):
+        playing = set(made.roll.finger[max(step - 2, 0) : step + 3].max(axis=1).tolist())
+        for finger in set(range(5)) - playing:
+            lowest = made.fingertips[step + 1, finger, 2] - radius[finger]
+            assert lowest > keys_of(scene).top[0] - 0.003, (step, finger)
+
+
+def test_both_hands_play_at_once():
+    score = both_hands()
+    made = planned(score, full=False)
+    across, above = pressed_tips(made, scene_of(full=False)).T
+    assert len(across) == len(score.notes) == 10
+    assert across.max() < 0.006
+    assert above.max() < NEARLY
+
+
+def test_the_same_piece_gives_the_same_plan():
+    first, again = planned(PIECE, full=False), plan(roll_of(PIECE), scene_of(full=False), QUICK)
+    np.testing.assert_array_equal(first.positions, again.positions)
+    np.testing.assert_array_equal(first.commands, again.commands)
+    for one, other in zip(first.gains, again.gains, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_score_is_planned_as_its_roll_and_gets_the_fingers_it_lacks():
+    score = without_fingers(five_fingers(order=(0, 1)))
+    made = plan(score, scene_of(full=False), QUICK)
+    assert made.roll.control_timestep == 0.05
+    np.testing.assert_array_equal(made.roll.active, PianoRoll.from_score(score, 0.05).active)
+    assert (made.roll.finger[made.roll.active] >= 0).all()
+    of_roll = plan(made.roll, scene_of(full=False), QUICK)
+    np.testing.assert_array_equal(made.commands, of_roll.commands)
+
+
+def test_another_control_step_may_be_chosen():
+    score = five_fingers(order=(0, 2), length=0.4)
+    made = plan(score, scene_of(full=False), QUICK, control_timestep=0.1)
+    assert made.roll.control_timestep == 0.1
+    assert len(made) == 9
+    assert len(made.positions) == 10
+
+
+def test_a_roll_with_notes_without_fingers_is_refused_by_name():
+    score = without_fingers(five_fingers(order=(0, 1)))
+    with pytest.raises(ScoreError, match=r"no finger.*C5.*finger_score"):
+        plan(roll_of(score), scene_of(full=False))
+
+
+LONG = five_fingers(order=(0, 1, 2, 3, 4, 2, 0, 3), length=0.2)
+STRETCHES = dataclasses.replace(QUICK, window=0.8, overlap=0.4)  # 16 control steps each
+
+
+def test_a_piece_planned_in_several_stretches_is_played_nearly_as_well():
+    scene = scene_of(full=False)
+    whole = pressed_tips(planned(LONG, full=False), scene)
+    parts = pressed_tips(planned(LONG, STRETCHES, full=False), scene)
+    assert np.abs(parts - whole).max() < 0.003
+    assert parts[:, 1].max() < NEARLY
+
+
+def test_a_stretch_takes_up_the_motion_of_the_one_before():
+    made = planned(LONG, STRETCHES, full=False)
+    whole = planned(LONG, full=False)
+    change = np.abs(np.diff(made.fingertips, n=2, axis=0)).max(axis=(1, 2))
+    usual = np.abs(np.diff(whole.fingertips, n=2, axis=0)).max(axis=(1, 2))
+    assert len(made) == 43
+    for seam in (16, 32):
+        assert change[seam - 3 : seam + 3].max() < 1.5 * usual[8:].max()
+
+
+def test_an_arm_without_notes_makes_room_for_one_that_plays_on_its_side():
+    score = five_fingers(shift=-24)
+    made, scene = planned(score, full=False), scene_of(full=False)
+    half = scene.model.nu // 2
+    for positions in made.positions:
+        data = data_at(scene, positions[:half], positions[half:])
+        assert not scene.forearms_touch(data)
+    right, left = (
+        hand_of(scene, hand).arm(made.positions[:, hand * half :][:, :half]) for hand in (0, 1)
+    )
+    assert left[-1] < left[0] - 0.05
+    assert (right - left).min() > 0.9 * QUICK.arms_apart
+    assert pressed_tips(made, scene)[:, 1].max() < NEARLY
+
+
+@pytest.mark.parametrize("steps", [1, 2, 5])
+def test_a_piece_may_be_as_short_as_a_control_step(steps):
+    active = np.zeros((steps, 88), dtype=bool)
+    active[-1, 51] = True
+    roll = PianoRoll(
+        control_timestep=0.05,
+        active=active,
+        finger=np.where(active, 0, -1),
+        onset=active,
+        sustain=np.zeros(steps, dtype=bool),
+    )
+    made = plan(roll, scene_of(full=False), QUICK)
+    assert made.positions.shape == (steps + 1, 38)
+    assert np.isfinite(made.commands).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"hover": math.nan}, "hover is nan"),
+        ({"spacing": "wide"}, "spacing is 'wide'"),
+        ({"feedback": True}, "feedback is True"),
+        ({"rounds": 0}, "rounds is 0: expected more than 0"),
+        ({"window": -1.0}, "window is -1.0: expected more than 0"),
+    ],
+)
+def test_impossible_settings_are_refused_by_name(options, told):
+    with pytest.raises(ConfigError, match=told):
+        PlanSettings(**options)
+
+
+def test_notes_of_a_piece_may_share_a_key_between_hands():
+    notes = [
+        Note(onset=0.0, offset=0.3, pitch=62, finger=0),
+        Note(onset=0.9, offset=1.2, pitch=62, finger=5),
+    ]
+    made = planned(Score(notes=notes), full=False)
+    assert pressed_tips(made, scene_of(full=False))[:, 1].max() < NEARLY

@@ -1,0 +1,170 @@
+"""What hands cannot do is told by the name of the note, and the rest is planned nevertheless."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from hand_parts import scene_of
+from short_pieces import BUFFER, QUICK, key_of, piano, planned, pressed_tips
+
+from sb3_piano.music import Note, Score
+from sb3_piano.planning import PlannedPianist, Problem, Trackers, plan
+from sb3_piano.planning.leaps import TimedPress
+from sb3_piano.planning.presses import Press
+from sb3_piano.planning.problems import doubled, summary, unmovable
+
+
+def score_of(*notes):
+    """Return the score of (pitch, finger) or (pitch, finger, onset, offset)."""
+    return Score(
+        notes=[
+            Note(pitch=pitch, finger=finger, onset=(times or (0.0,))[0], offset=(*times, 0, 0.4)[1])
+            if times
+            else Note(pitch=pitch, finger=finger, onset=0.0, offset=0.4)
+            for pitch, finger, *times in notes
+        ]
+    )
+
+
+def problems_of(*notes, **options):
+    return planned(score_of(*notes), full=False, **options).problems
+
+
+def test_a_piece_that_can_be_played_has_no_problems():
+    assert problems_of((72, 0), (76, 2), (79, 4)) == ()
+
+
+def test_a_chord_that_no_hand_can_span_is_told_note_by_note_and_how_far_it_is_off():
+    found = problems_of((60, 0), (84, 4))
+    assert {problem.pitch for problem in found} == {60, 84}
+    for problem in found:
+        assert problem.time == pytest.approx(BUFFER)
+        assert problem.error > 0.01
+        assert f"{1000 * problem.error:.0f} mm" in str(problem)
+    told = " ".join(str(problem) for problem in found)
+    assert "C4 (pitch 60) at 0.50 s, right thumb: out of reach by" in told
+    assert "C6 (pitch 84) at 0.50 s, right little: out of reach by" in told
+
+
+def test_the_farther_a_chord_is_spread_the_farther_it_is_out_of_reach():
+    errors = [max(p.error for p in problems_of((60, 0), (high, 4))) for high in (81, 84, 96)]
+    assert errors == sorted(errors)
+
+
+def test_a_note_that_the_arm_cannot_reach_at_all_is_told():
+    found = problems_of((108, 9))
+    assert [problem.pitch for problem in found] == [108]
+    assert "C8 (pitch 108)" in str(found[0])
+    assert "left little" in str(found[0])
+
+
+def test_what_can_be_played_beside_a_problem_is_planned():
+    far = (96, 4, 0.0, 0.4)
+    notes = [(60, 0, 0.0, 0.4), far, (62, 1, 1.2, 1.6)]
+    made = planned(score_of(*notes), full=False)
+    assert {problem.pitch for problem in made.problems} == {60, 96}
+    assert pressed_tips(made, scene_of(full=False))[-1, 1] < 0.001
+
+
+def test_one_finger_on_two_keys_at_once_is_told():
+    found = problems_of((72, 2), (76, 2))
+    assert any(
+        str(problem) == "E5 (pitch 76) at 0.50 s, right middle: the finger still holds C5"
+        for problem in found
+    )
+
+
+def test_one_finger_on_a_key_while_it_holds_another_is_told():
+    timed = [
+        TimedPress(press, press.first, press.last)
+        for press in (Press(51, 2, 1, 20), Press(53, 1, 5, 9), Press(55, 2, 20, 25))
+    ]
+    assert [(p.pitch, p.time, p.finger) for p in doubled(timed, 1, 0.1)] == [
+        (76, pytest.approx(1.9), 7)
+    ]
+    assert doubled(timed[:2], 1, 0.1) == []
+    # One after the other on one key is no problem, nor is the same key.
+    again = [TimedPress(press, 1, 2) for press in (Press(51, 2, 1, 9), Press(51, 2, 9, 12))]
+    assert doubled(again, 0, 0.1) == []
+
+
+def test_notes_on_rigid_keys_are_told():
+    rigid = {"moving_keys": (key_of(70), key_of(75))}
+    found = problems_of((72, 0), (74, 1), (76, 2), **rigid)
+    reasons = {problem.pitch: problem.reason for problem in found if "rigid" in problem.reason}
+    assert list(reasons) == [76]
+    timed = [TimedPress(Press(key, 0, 1, 2), 1, 2) for key in (48, 49, 54, 55)]
+    assert [p.pitch for p in unmovable(timed, 0, slice(49, 55), 0.05)] == [69, 76]
+
+
+SIX = Score(
+    notes=[
+        Note(pitch=pitch, hand="right", onset=0.0, offset=0.4) for pitch in (72, 74, 76, 77, 79, 81)
+    ]
+)
+
+
+def told_of(score):
+    """Return what is said about a score, as an error or as problems."""
+    try:
+        made = plan(score, scene_of(full=False), QUICK)
+    except Exception as error:
+        return str(error)
+    return " ".join(map(str, made.problems))
+
+
+def test_of_more_than_five_notes_in_a_hand_one_without_a_finger_is_named():
+    assert "F5" in told_of(SIX)
+
+
+@pytest.mark.xfail(
+    strict=True, reason="a score that was fingered as far as can be is told to be fingered first"
+)
+def test_more_than_five_notes_in_a_hand_are_a_problem_and_five_are_played():
+    made = plan(SIX, scene_of(full=False), QUICK)
+    assert "F5" in " ".join(map(str, made.problems))
+
+
+def test_a_pianist_warns_of_the_problems_of_a_piece_once():
+    env = piano(score_of((60, 0), (96, 4)), reduced_action_space=True)
+    player = PlannedPianist(env, QUICK)
+    observation, _ = env.reset()
+    with pytest.warns(UserWarning, match=r"2 notes cannot be played.*C4 .*C7 ") as caught:
+        player.predict(observation)
+    assert len(caught) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        player.predict(observation)  # a second time it says nothing
+
+
+def test_a_summary_counts_kinds_and_shows_the_first():
+    problems = [
+        Problem(pitch=60 + i, time=float(i), finger=0, reason=f"out of reach by {i} mm")
+        for i in range(6)
+    ]
+    problems.append(Problem(pitch=50, time=9.0, finger=5, reason="its key is rigid"))
+    text = summary(problems, shown=2)
+    assert text.startswith("7 notes cannot be played as written")
+    assert "6 x out of reach" in text
+    assert "1 x its key is rigid" in text
+    assert "C4 (pitch 60) at 0.00 s" in text
+    assert "C#4 (pitch 61) at 1.00 s" in text
+    assert "pitch 62" not in text
+    assert "and 5 more" in text
+    assert "more" not in summary(problems[:2], shown=2)
+
+
+def test_problems_are_in_order_of_time():
+    notes = [(36, 9, 0.0, 0.3), (84, 2, 0.0, 0.3), (21, 4, 0.6, 0.9), (108, 5, 0.6, 0.9)]
+    times = [problem.time for problem in problems_of(*notes)]
+    assert times == sorted(times)
+    assert np.unique(times).size > 0
+
+
+def test_trackers_of_pieces_without_problems_are_silent(recwarn):
+    env = piano(score_of((72, 0)), reduced_action_space=True)
+    env.reset()
+    assert len(Trackers(QUICK).of(env).plan.problems) == 0
+    assert not [w for w in recwarn if "cannot be played" in str(w.message)]

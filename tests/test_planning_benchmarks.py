@@ -1,0 +1,100 @@
+"""The benchmarks of the planned pianist go on where they stopped, and compare like with like."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+from sb3_piano.music import load_score
+
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, BENCHMARKS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def table():
+    return load("planned_pianist")
+
+
+@pytest.fixture(scope="module")
+def long():
+    return load("planning_time")
+
+
+def row(table, piece, column, **values):
+    zeros = dict.fromkeys(table.FIELDS, "0.5")
+    return {**zeros, "piece": piece, "column": column, "problem": "", **values}
+
+
+def test_what_is_in_the_file_is_not_measured_again(table, tmp_path, monkeypatch):
+    path = tmp_path / "rows.csv"
+    table.append_row(path, row(table, "scale-CMajor", "planned", problem='two, "three"\n'))
+    table.append_row(path, row(table, "hanon-01", "zero"))
+    with path.open("a") as file:
+        file.write("hanon-02,zero,0.1")  # cut off in the middle
+    table.append_row(path, row(table, "hanon-03", "zero"))
+    known = table.read_rows(path)
+    assert [piece for piece, _ in known] == ["scale-CMajor", "hanon-01", "hanon-03"]
+    assert known["scale-CMajor", "planned"]["problem"] == 'two, "three"\n'
+    monkeypatch.setattr(table, "ProcessPoolExecutor", None)  # nothing is started
+    table.complete(path, known, jobs=1)
+    with pytest.raises(TypeError):
+        table.complete(path, [("hanon-02", "zero")], jobs=1)
+
+
+def test_names_stand_for_pieces_and_collections(table):
+    assert table.chosen(["FurElise", "hanon-01", "FurElise"]) == [
+        "repertoire-FurElise",
+        "hanon-01",
+    ]
+    assert len(table.chosen(["debug"])) == 6
+    assert len(table.chosen(["all"])) == 99
+    assert table.chosen(["none"]) == []
+    with pytest.raises(SystemExit, match="'Furelise'"):
+        table.chosen(["Furelise"])
+
+
+def test_means_are_over_pieces_that_all_columns_have(table, capsys):
+    rows = [
+        row(table, "repertoire-FurElise", "planned", f1="0.4", cpu="2"),
+        row(table, "repertoire-OdeToJoy", "planned", f1="0.8", cpu="4"),
+        row(table, "repertoire-FurElise", "zero", f1="0.1"),
+    ]
+    table.print_table({(r["piece"], r["column"]): r for r in rows}, ["planned", "zero"])
+    lines = capsys.readouterr().out.splitlines()
+    group = next(line for line in lines if line.startswith("| all of repertoire* "))
+    assert "**0.600**" in group
+    assert "/ 3.0 |" in group
+    assert group.endswith("| - |")
+    piece = next(line for line in lines if line.startswith("| repertoire-FurElise* "))
+    assert "**0.400**" in piece
+    assert "**0.100**" in piece
+
+
+def test_a_long_piece_is_the_piece_in_other_keys_again_and_again(long):
+    score = load_score("TwinkleTwinkleLittleStar")
+    made = long.long_score("TwinkleTwinkleLittleStar", 40.0)
+    assert 40 - score.duration < made.duration <= 40
+    rounds = (40 + long.REST) / (score.duration + long.REST)
+    assert len(made.notes) == pytest.approx(len(score.notes) * rounds, rel=0.2)
+    period = score.duration + long.REST
+    first = [[n.pitch for n in made.notes if n.onset // period == k] for k in range(3)]
+    steps = [{b - a for a, b in zip(first[0], other, strict=True)} for other in first[1:]]
+    assert all(len(step) == 1 for step in steps)  # transposed as a whole
+    assert {0} not in steps
+    assert [n.pitch for n in score.notes] == first[0]
+
+
+def test_growth_is_told_per_doubling(long):
+    one, four = {"minutes": 1.0, "seconds": 3.0}, {"minutes": 4.0, "seconds": 27.0}
+    assert long.per_doubling(one, four, "seconds") == "3.00"
+    assert long.per_doubling(one, {"minutes": 2.0, "seconds": 6.0}, "seconds") == "2.00"
+    assert long.per_doubling({"minutes": 1.0, "seconds": 0.0}, four, "seconds") == "-"

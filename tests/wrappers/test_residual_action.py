@@ -1,0 +1,332 @@
+"""What the agent adds to the planned pianist, what it sees of the plan, and what is refused."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import yaml
+from side_by_side import block
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, InvalidActionError
+from sb3_piano.music import Note, Pedal, Score
+from sb3_piano.planning import PlannedPianist, PlanSettings, plan
+from sb3_piano.training import SavedPlayer, evaluate, play_run, train
+from sb3_piano.training.config import RunConfig
+from sb3_piano.wrappers import PitchShift, PreviousActionReward, ResidualAction
+
+# A second and a half with half a second to get there: the right hand steps up a third, the left
+# one holds a key; the pedal is down in the middle.
+PIECE = Score(
+    notes=[
+        Note(onset=0.0, offset=0.3, pitch=60, finger=0),
+        Note(onset=0.3, offset=0.6, pitch=64, finger=2),
+        Note(onset=0.2, offset=0.7, pitch=48, finger=5),
+    ],
+    pedals=[Pedal(onset=0.25, offset=0.5)],
+    title="two hands",
+)
+OTHER = Score(notes=[Note(onset=0.0, offset=0.2, pitch=67, finger=1)], title="other")
+OPTIONS = {"physics": "fast", "reduced_action_space": False, "initial_buffer_time": 0.5}
+
+# What is told of the planning here is not the planner's best.
+QUICK = {"rounds": 2, "iterations": 4, "dynamic_iterations": 3}
+SETTINGS = PlanSettings(**QUICK)
+
+
+def piano(**changes):
+    return PianoEnv(PIECE, **{**OPTIONS, **changes})
+
+
+@pytest.fixture(scope="module")
+def planned_once():
+    env = ResidualAction(piano(), 0.1, settings=QUICK)
+    env.reset()  # plans
+    return env
+
+
+@pytest.fixture
+def env(planned_once):
+    """An environment that has its plan already."""
+    return copy.deepcopy(planned_once)
+
+
+def still(env):
+    return np.zeros(env.action_space.shape, dtype=np.float32)
+
+
+def commands(env):
+    return env.unwrapped.data.ctrl.copy()
+
+
+def play(env, policy, options=None):
+    """Return the state after each control step of an episode, its metrics and its observations."""
+    observation, info = env.reset(seed=0, options=options)
+    states, observations, over = [], [observation], False
+    while not over:
+        observation, _, terminated, truncated, info = env.step(policy(observation))
+        states.append(env.unwrapped.data.qpos.copy())
+        observations.append(observation)
+        over = terminated or truncated
+    return np.array(states), info, np.array(observations)
+
+
+# What is played.
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"reduced_action_space": True, "observation": "fingers"}], ids=["full", "less"]
+)
+def test_actions_of_zero_play_bit_by_bit_what_the_planned_pianist_plays(options):
+    theirs, env = piano(**options), ResidualAction(piano(**options), settings=QUICK)
+    pianist = PlannedPianist(theirs, SETTINGS)
+    expected, info, _ = play(theirs, lambda seen: pianist.predict(seen)[0])
+    states, own_info, _ = play(env, lambda _: still(env))
+    np.testing.assert_array_equal(states, expected)
+    assert own_info["f1"] == info["f1"] > 0.7
+    assert env.unwrapped.performance.sustain.any()
+
+
+@pytest.mark.parametrize("action", [0.5, -0.25])
+def test_an_action_moves_commands_by_its_share_of_the_scale(env, action):
+    env.reset()
+    env.step(still(env))
+    twin = copy.deepcopy(env)
+    env.step(still(env))
+    twin.step(still(twin) + action)
+    moved = commands(twin) - commands(env)
+    names = [env.unwrapped.model.actuator(i).name.split("/")[1] for i in range(44)]
+    per_unit = {"WRJ": 0.1 / 3, "arm": 0.1 * 0.06}
+    expected = [
+        next((value for part, value in per_unit.items() if part in name), 0.1) for name in names
+    ]
+    low, high = env.unwrapped.scene.ctrl_low, env.unwrapped.scene.ctrl_high
+    inside = (commands(twin) > low + 1e-6) & (commands(twin) < high - 1e-6)
+    assert inside.sum() > 30
+    np.testing.assert_allclose(moved[inside], action * np.array(expected)[inside], atol=1e-6)
+    assert sorted(set(expected)) == [0.1 * 0.06, 0.1 / 3, 0.1]
+
+
+def test_what_is_played_stays_within_the_control_ranges(env):
+    large = ResidualAction(piano(), 100.0, settings=QUICK)
+    large.reset()
+    scene = large.unwrapped.scene
+    large.step(still(large) + 1)
+    np.testing.assert_allclose(commands(large), scene.ctrl_high, atol=1e-6)
+    large.step(still(large) - 1)
+    np.testing.assert_allclose(commands(large), scene.ctrl_low, atol=1e-6)
+
+
+def test_actions_beyond_one_count_as_one(env):
+    env.reset()
+    twin = copy.deepcopy(env)
+    env.step(still(env) + 1)
+    twin.step(still(twin) + 7)
+    np.testing.assert_array_equal(commands(twin), commands(env))
+
+
+def test_the_pedal_is_the_plan_s_whatever_the_agent_does(env):
+    random = np.random.default_rng(0)
+    _, info, _ = play(env, lambda _: random.uniform(-1, 1, 44).astype(np.float32))
+    performance = env.unwrapped.performance
+    np.testing.assert_array_equal(performance.sustain, env.unwrapped.roll.sustain)
+    assert performance.sustain.any()
+    assert not performance.sustain.all()
+    assert info["return_sustain"] == len(performance.sustain)
+
+
+# What is seen.
+
+
+def test_the_plan_is_shown_as_the_way_to_its_next_positions():
+    env = ResidualAction(piano(), lookahead=3, settings=QUICK)
+    positions = plan(env.unwrapped.roll, env.unwrapped.scene, SETTINGS).positions
+    unit = 0.2 * np.tile([*[1 / 3] * 2, *[1] * 18, *[0.06] * 2], 2)
+    random, step = np.random.default_rng(1), 0
+    observation, _ = env.reset()
+    while True:
+        measured = env.unwrapped.data.actuator_length
+        for row, shown in enumerate(block(env, observation, "plan")):
+            planned = positions[min(step + 1 + row, len(positions) - 1)]
+            expected = np.clip((planned - measured) / unit, -5, 5)
+            np.testing.assert_allclose(shown, expected, atol=1e-4)
+        if step == len(env.unwrapped.roll):
+            break
+        observation, *_ = env.step(random.uniform(-1, 1, 44).astype(np.float32))
+        assert env.observation_space.contains(observation)
+        step += 1
+
+
+def test_the_block_is_named_described_and_follows_what_was_observed(env):
+    inner = env.env.observation_space.layout
+    layout = env.observation_space.layout
+    assert list(layout) == [*inner, "plan"]
+    assert layout["plan"].shape == (2, 44)
+    assert layout["plan"].meaning
+    assert np.isfinite([layout["plan"].low, layout["plan"].high]).all()
+    observation, _ = env.reset()
+    np.testing.assert_array_equal(observation[: inner.size], env.env.reset()[0])
+
+
+# Pieces.
+
+
+def test_a_wrapper_further_out_chooses_the_piece_that_is_planned():
+    shifted = PitchShift(ResidualAction(piano(), settings=QUICK), 2)
+    _, info, _ = play(shifted, lambda _: still(shifted))
+    assert shifted.unwrapped.roll.active[:, 62 - 21].any()
+    assert info["f1"] > 0.7
+
+
+def test_another_piece_is_planned_at_its_reset_and_the_first_one_is_not_forgotten(env):
+    before, _, _ = play(env, lambda _: still(env))
+    _, info, _ = play(env, lambda _: still(env), options={"score": OTHER})
+    assert info["f1"] > 0.7
+    again, _, _ = play(env, lambda _: still(env))
+    np.testing.assert_array_equal(again, before)
+
+
+def test_a_state_put_back_into_the_bare_environment_is_followed(env):
+    env.reset()
+    for _ in range(5):
+        env.step(still(env))
+    state = env.unwrapped.get_state()
+    env.step(still(env))
+    expected = commands(env)
+    env.reset(options={"score": OTHER})
+    env.unwrapped.set_state(state)
+    env.step(still(env))
+    np.testing.assert_array_equal(commands(env), expected)
+
+
+@pytest.mark.parametrize(
+    "clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["deep", "pickle"]
+)
+def test_a_copy_has_the_plan_with_it(env, clone, monkeypatch):
+    env.reset()
+    env.step(still(env))
+    twin = clone(env)
+    # Whoever plans now fails.
+    monkeypatch.setattr("sb3_piano.planning.pianist.plan", None)
+    for each in (env, twin):
+        each.step(still(each) + 0.3)
+    np.testing.assert_array_equal(twin.unwrapped.data.qpos, env.unwrapped.data.qpos)
+
+
+# With other wrappers.
+
+
+def test_inside_the_previous_action_is_what_was_played_outside_the_correction(env):
+    played = ResidualAction(PreviousActionReward(piano()), settings=QUICK)
+    corrected = PreviousActionReward(env)
+    pedal_too, own = block_of_previous(played), block_of_previous(corrected)
+    assert (len(pedal_too), len(own)) == (45, 44)
+    np.testing.assert_array_equal(own, np.full(44, 0.5, dtype=np.float32))
+    scene = played.unwrapped.scene
+    middle, half = (scene.ctrl_high + scene.ctrl_low) / 2, (scene.ctrl_high - scene.ctrl_low) / 2
+    np.testing.assert_allclose(middle + half * pedal_too[:44], commands(played), atol=1e-6)
+    assert pedal_too[44] == -1
+
+
+def block_of_previous(env):
+    env.reset()
+    observation, *_ = env.step(still(env) + 0.5)
+    return block(env, observation, "previous_action")
+
+
+def test_vec_normalize_takes_it(planned_once):
+    venv = VecNormalize(DummyVecEnv([lambda: copy.deepcopy(planned_once)]))
+    observations = [venv.reset()]
+    for _ in range(30):
+        observations.append(venv.step(np.zeros((1, 44), dtype=np.float32))[0])
+    assert np.isfinite(observations).all()
+    assert np.abs(observations).max() <= 10
+
+
+# What is refused.
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"scale": 0}, "scale is 0: expected more than 0"),
+        ({"scale": -0.1}, "scale is -0.1: expected more than 0"),
+        ({"scale": "0.1"}, "scale is '0.1': expected a finite number"),
+        ({"lookahead": 0}, "lookahead is 0: expected a whole number, 1 or more"),
+        ({"settings": 3}, "settings is 3: expected a mapping"),
+        ({"settings": {"feedbak": 1}}, "unknown name 'feedbak'. Did you mean 'feedback'"),
+        ({"settings": {"feedback": "much"}}, "feedback is 'much': expected a finite number"),
+    ],
+)
+def test_wrong_arguments_are_refused(arguments, message):
+    with pytest.raises(ConfigError, match=message):
+        ResidualAction(piano(), **arguments)
+
+
+def test_settings_from_yaml_are_those_of_the_plan():
+    settings = yaml.safe_load("{leap_more: [0.05, 0.1], feedback: 0.0}")
+    env = ResidualAction(piano(), settings=settings)
+    assert env._trackers.settings == PlanSettings(leap_more=(0.05, 0.1), feedback=0.0)
+
+
+def test_a_second_one_is_refused(env):
+    with pytest.raises(ConfigError, match="ResidualAction is there already"):
+        ResidualAction(PreviousActionReward(env))
+
+
+def test_actions_that_are_not_the_piano_s_are_refused():
+    rescaled = gym.wrappers.RescaleAction(piano(), 0.0, 1.0)
+    with pytest.raises(ConfigError, match="cannot add to actions of Box.0.0, 1.0"):
+        ResidualAction(rescaled)
+
+
+@pytest.mark.parametrize("shape", [(45,), (1, 44), ()])
+def test_an_action_of_another_shape_is_refused(env, shape):
+    env.reset()
+    with pytest.raises(InvalidActionError, match=r"expected \(44,\), one number for each actuator"):
+        env.step(np.zeros(shape, dtype=np.float32))
+
+
+def test_an_action_that_is_not_finite_is_refused(env):
+    env.reset()
+    action = still(env)
+    action[3] = np.nan
+    with pytest.raises(InvalidActionError, match="Element 3 of the action is nan"):
+        env.step(action)
+
+
+# Runs.
+
+
+def test_a_run_is_trained_evaluated_and_played_with_it(tmp_path):
+    config = RunConfig(
+        algo="sac",
+        env_id="RoboPianist-debug-CMajorChordProgressionTwoHands-v0",
+        n_timesteps=120,
+        seed=0,
+        env_kwargs=OPTIONS,
+        env_wrapper=[
+            {"sb3_piano.wrappers.Excerpt": {"start": 0.0, "length": 0.5}},
+            {"sb3_piano.wrappers.ResidualAction": {"scale": 1e-6, "settings": QUICK}},
+        ],
+        callback=[{"sb3_piano.callbacks.F1Callback": {"eval_freq": 60}}],
+        algorithm_kwargs={
+            "policy_kwargs": {"net_arch": [8]},
+            "learning_starts": 100,
+            "batch_size": 8,
+            "buffer_size": 200,
+        },
+    )
+    run = train(config, tmp_path / "run", progress_bar=False).folder
+    with SavedPlayer.open(run.path, best="f1") as player:
+        (recording,) = player.play()
+        assert player.model.action_space.shape == (44,)
+    # So small a correction changes nothing: it is the planned pianist who is heard.
+    (episode,) = evaluate(run.path).episodes
+    assert episode["f1"] == recording.performance.metrics()["f1"] > 0.7
+    assert play_run(run.path, picture=None).wav.is_file()

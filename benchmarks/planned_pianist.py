@@ -3,9 +3,11 @@
     python benchmarks/planned_pianist.py --out planned.csv
     python benchmarks/planned_pianist.py --pieces debug FurElise --columns planned --out few.csv
 
-Each piece is played once by each column: ``planned`` follows the plan, ``sampling-8`` and
-``sampling-32`` search around it, ``zero`` searches without any plan. All joints, half a second
-before the first note, the reference physics. One process for each job, one thread in each.
+Each piece is played once by each column: ``planned`` follows the plan, ``rehearsed`` one that was
+rehearsed 32 times before; ``sampling-8`` and ``sampling-32`` search around the plan,
+``rehearsed-8`` and ``rehearsed-32`` around the rehearsed one; ``zero`` searches without any plan.
+All joints, half a second before the first note, the reference physics (of candidates from zero, the
+fast one). One process for each job, one thread in each.
 
 A row is appended to the CSV file as soon as it is measured, and what is in the file is not measured
 again: stop it and call it again to go on; after a change to the planner begin a new file. Then, and
@@ -36,10 +38,14 @@ from sb3_piano.music import BUILT_IN
 from sb3_piano.training.planned import planner_config, take_of_planner
 from sb3_piano.training.recording import env_to_record
 
+_REHEARSED = {"rehearsals": 32}
 COLUMNS: Mapping[str, tuple[str, dict[str, Any]]] = {
     "planned": ("planned", {}),
+    "rehearsed": ("planned", {"settings": _REHEARSED}),
     "sampling-8": ("sampling", {"samples": 8, "n_threads": 1}),
     "sampling-32": ("sampling", {"samples": 32, "n_threads": 1}),
+    "rehearsed-8": ("sampling", {"samples": 8, "n_threads": 1, "plan_settings": _REHEARSED}),
+    "rehearsed-32": ("sampling", {"samples": 32, "n_threads": 1, "plan_settings": _REHEARSED}),
     "zero": (
         "sampling",
         {"nominal": "none", "samples": 16, "horizon": 12, "physics": "fast", "n_threads": 1},

@@ -12,7 +12,7 @@ from sb3_piano.exceptions import ConfigError
 if TYPE_CHECKING:
     from sb3_piano.training import RunConfig
 
-PLANNER_OPTIONS = ("sampling", "nominal", "horizon", "reduced")
+PLANNER_OPTIONS = ("rehearsals", "sampling", "nominal", "horizon", "reduced")
 """The arguments' names."""
 
 _OF_SAMPLING = ("nominal", "horizon")
@@ -20,6 +20,12 @@ _OF_SAMPLING = ("nominal", "horizon")
 
 def add_planner_arguments(add: Callable[..., Any]) -> None:
     """Add the arguments."""
+    add(
+        "--rehearsals",
+        type=whole_number,
+        metavar="N",
+        help="play the plan N times in a simulation first, and try otherwise what goes wrong",
+    )
     add(
         "--sampling",
         type=whole_number,
@@ -65,9 +71,21 @@ def planner_settings(
                     f"--{name} cannot be given without --sampling: a plan is followed as it is. "
                     "Expected --sampling N, too."
                 )
-        return planner_config(what, seed=seed, env_kwargs=options)
+        practice = _practice(arguments, "settings")
+        return planner_config(what, seed=seed, env_kwargs=options, **practice)
+    if arguments.rehearsals is not None and arguments.nominal == "none":
+        raise ConfigError(
+            "--rehearsals cannot be given with --nominal none: there is no plan to rehearse. "
+            "Expected one of them."
+        )
     given = {name: getattr(arguments, name) for name in _OF_SAMPLING}
     given = {name: value for name, value in given.items() if value is not None}
-    return planner_config(
-        what, "sampling", seed=seed, env_kwargs=options, samples=arguments.sampling, **given
-    )
+    given |= {"samples": arguments.sampling, **_practice(arguments, "plan_settings")}
+    return planner_config(what, "sampling", seed=seed, env_kwargs=options, **given)
+
+
+def _practice(arguments: argparse.Namespace, name: str) -> dict[str, Any]:
+    """Return the constants of the plan that differ from the default ones, under a name."""
+    if arguments.rehearsals is None:
+        return {}
+    return {name: {"rehearsals": arguments.rehearsals}}

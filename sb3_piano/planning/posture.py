@@ -76,10 +76,16 @@ def _solve(kinematics: HandKinematics, target: FloatArray, start: FloatArray) ->
         off = kinematics.fingertips(positions[None])[0] - target
         return np.concatenate([10 * off.ravel(), 0.01 * (positions - start)])
 
+    def slopes(positions: FloatArray) -> FloatArray:
+        _, jacobian = kinematics.fingertips_and_jacobian(positions[None])
+        return np.concatenate(
+            [10 * jacobian[0].reshape(target.size, -1), 0.01 * np.eye(len(start))]
+        )
+
     solutions = []
     for trial in range(_TRIALS):
         noise = 0.2 * rng.standard_normal(len(start)) if trial else 0.0
         guess = np.clip(start + noise, low + 1e-6, high - 1e-6)
-        solutions.append(least_squares(residuals, guess, bounds=(low, high)))
+        solutions.append(least_squares(residuals, guess, jac=slopes, bounds=(low, high)))
     best = min(solutions, key=lambda solution: float(solution.cost))
     return np.asarray(best.x)

@@ -121,4 +121,5 @@ def summary(problems: Sequence[Problem], shown: int = 5) -> str:
     listed = "; ".join(str(problem) for problem in problems[:shown])
     more = f"; and {len(problems) - shown} more" if len(problems) > shown else ""
     counted = ", ".join(f"{count} x {kind}" for kind, count in kinds.items())
-    return f"{len(problems)} notes cannot be played as written ({counted}): {listed}{more}."
+    notes = "1 note" if len(problems) == 1 else f"{len(problems)} notes"
+    return f"{notes} cannot be played as written ({counted}): {listed}{more}."

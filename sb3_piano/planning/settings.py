@@ -160,3 +160,5 @@ class PlanSettings:
         for name in ("rounds", "iterations", "window", "overlap", "weight_y", "weight_z"):
             if getattr(self, name) <= 0:
                 raise ConfigError(f"{name} is {getattr(self, name)!r}: expected more than 0.")
+        if self.rehearsals < 0:
+            raise ConfigError(f"rehearsals is {self.rehearsals!r}: expected 0 or more.")

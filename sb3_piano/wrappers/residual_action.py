@@ -85,7 +85,7 @@ class ResidualAction(LayoutWrapper, gym.utils.RecordConstructorArgs):
             raise ConfigError(f"scale is {scale!r}: expected more than 0.")
         self._lookahead = whole_number("lookahead", lookahead, 1)
         self._trackers = Trackers(_settings(settings))
-        self._planned: tuple[PianoRoll, PianoScene, Tracker] | None = None
+        self._planned: tuple[PianoRoll, Tracker] | None = None
         scene = self._piano.scene
         self._units = _units(scene)
         half_range = (scene.ctrl_high - scene.ctrl_low) / 2
@@ -135,10 +135,9 @@ class ResidualAction(LayoutWrapper, gym.utils.RecordConstructorArgs):
 
     def _tracker(self) -> Tracker:
         """Return the tracker of what the bare environment plays now."""
-        roll, scene = self._piano.roll, self._piano.scene
-        if self._planned is None or self._planned[0] is not roll or self._planned[1] is not scene:
-            self._planned = roll, scene, self._trackers.of(self._piano)
-        return self._planned[2]
+        if self._planned is None or self._planned[0] is not self._piano.roll:
+            self._planned = self._piano.roll, self._trackers.of(self._piano)
+        return self._planned[1]
 
     def _positions(self) -> FloatArray:
         """Return where the actuators are, (n,) rad or m, as exactly as an observation tells it."""

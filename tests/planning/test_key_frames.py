@@ -161,6 +161,13 @@ def test_a_finger_lets_a_key_go_before_it_moves_to_the_next_one():
     assert frames.target[16, 2, 1] == KEYS.y[C4 + 2]
 
 
+def test_a_finger_does_not_hover_over_the_next_key_before_it_has_played_the_one_at_hand():
+    frames = frames_of([held(C4, 2, 10, 11), held(C4 + 2, 2, 14, 20)])
+    before = frames.weight[:10, 2].any(axis=1)
+    assert before.any()
+    np.testing.assert_array_equal(frames.target[:10, 2, 1][before], KEYS.y[C4])
+
+
 def test_a_finger_moves_early_only_if_no_other_one_holds_the_hand_far_away():
     near = frames_of([held(WHITE[23], 0, 5, 19), held(WHITE[27], 4, 20, 24)])
     far = frames_of([held(WHITE[23], 0, 5, 19), held(WHITE[45], 4, 20, 24)])

@@ -112,14 +112,21 @@ def test_an_action_moves_commands_by_its_share_of_the_scale(env, action):
     assert sorted(set(expected)) == [0.1 * 0.06, 0.1 / 3, 0.1]
 
 
-def test_what_is_played_stays_within_the_control_ranges(env):
-    large = ResidualAction(piano(), 100.0, settings=QUICK)
-    large.reset()
-    scene = large.unwrapped.scene
-    large.step(still(large) + 1)
-    np.testing.assert_allclose(commands(large), scene.ctrl_high, atol=1e-6)
-    large.step(still(large) - 1)
-    np.testing.assert_allclose(commands(large), scene.ctrl_low, atol=1e-6)
+def test_what_is_played_stays_within_the_control_ranges():
+    # Only clipped actions, as wrappers inside may see them, are of the action space.
+    inside = gym.wrappers.TransformAction(piano(), checked_action, None)
+    env = ResidualAction(inside, 100.0, settings=QUICK)
+    env.reset()
+    scene = env.unwrapped.scene
+    env.step(still(env) + 1)
+    np.testing.assert_allclose(commands(env), scene.ctrl_high, atol=1e-6)
+    env.step(still(env) - 1)
+    np.testing.assert_allclose(commands(env), scene.ctrl_low, atol=1e-6)
+
+
+def checked_action(action):
+    assert np.abs(action).max() <= 1
+    return action
 
 
 def test_actions_beyond_one_count_as_one(env):
@@ -216,6 +223,13 @@ def test_a_copy_has_the_plan_with_it(env, clone, monkeypatch):
     for each in (env, twin):
         each.step(still(each) + 0.3)
     np.testing.assert_array_equal(twin.unwrapped.data.qpos, env.unwrapped.data.qpos)
+
+
+def test_a_copy_takes_the_plan_of_the_present_piece_only(env):
+    size = len(pickle.dumps(env))
+    env.reset(options={"score": OTHER})
+    env.reset()
+    assert len(pickle.dumps(env)) < 1.1 * size
 
 
 # With other wrappers.

@@ -35,7 +35,7 @@ def wanted_places(
         (s,) places of the middle finger, m; (s,) whether the hand is busy.
     """
     weight = frames.weight[..., 1]  # (s, 5)
-    asked = weight.any(axis=1)
+    asked: BoolArray = np.asarray(weight.any(axis=1))
     if not asked.any():
         return np.full(len(asked), posture.middle), asked
     fingers = np.arange(frames.target.shape[1]) - MIDDLE_FINGER

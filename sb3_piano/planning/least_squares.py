@@ -59,6 +59,8 @@ class HandProblem:
         self._damping = np.full(len(start), _FIRST_DAMPING)
         self._normal: tuple[FloatArray, FloatArray] | None = None
         self._fixed: npt.NDArray[np.bool_] | None = None
+        self._state_cost: FloatArray
+        self._total: float
         self._evaluate()
 
     def rebound(self, bound: FloatArray) -> None:

@@ -20,7 +20,7 @@ from sb3_piano.planning.plan import plan
 from sb3_piano.planning.policy import PianoPolicy
 from sb3_piano.planning.problems import summary
 from sb3_piano.planning.settings import PlanSettings
-from sb3_piano.planning.tracker import Tracker
+from sb3_piano.planning.tracker import Tracker, hands_of_action, observed_positions
 from sb3_piano.simulation import SIDES
 
 _PLANS_KEPT = 8
@@ -61,7 +61,7 @@ class PlannedPianist(PianoPolicy):
         if layout is None:  # a wrapper shows something else
             return np.asarray(piano.data.actuator_length)
         joints = np.concatenate([observation[layout[f"{side}_joints"].slice] for side in SIDES])
-        return piano.scene.actuator_of_joint @ joints
+        return observed_positions(piano.scene, joints)
 
 
 class Trackers:
@@ -99,11 +99,10 @@ def action_of(
     piano: PianoEnv, controls: npt.NDArray[np.float64], tracker: Tracker, step: int
 ) -> npt.NDArray[np.float32]:
     """Return commands, and the pedal of the score, as an action of the environment."""
-    scene, sustain = piano.scene, tracker.plan.roll.sustain
-    middle = (scene.ctrl_high + scene.ctrl_low) / 2
-    hands = (controls - middle) / ((scene.ctrl_high - scene.ctrl_low) / 2)
+    sustain = tracker.plan.roll.sustain
     down = bool(sustain[min(step, len(sustain) - 1)])
-    return np.append(hands, 1.0 if down else -1.0).astype(np.float32)
+    hands = hands_of_action(piano.scene, controls)
+    return np.append(hands, np.float32(1.0 if down else -1.0))
 
 
 def _with_fingers(piano: PianoEnv) -> PianoRoll:

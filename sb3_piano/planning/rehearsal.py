@@ -16,12 +16,14 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.envs.actions import ActionMap
 from sb3_piano.envs.advance import advance
 from sb3_piano.metrics.frames import count_frames
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning.leaps import TimedPress
 from sb3_piano.planning.piece_planner import PiecePlanner
 from sb3_piano.planning.settings import PlanSettings
+from sb3_piano.planning.tracker import corrected, hands_of_action, observed_positions
 from sb3_piano.simulation import PianoScene
 
 FloatArray = npt.NDArray[np.float64]
@@ -67,7 +69,7 @@ def rehearse(
         refused = []
         for trial in trials:
             if heard[trial.steps].sum() < errors[trial.steps].sum() - 1e-9:
-                timed[trial.hand][trial.index] = changed[trial.hand][trial.index]
+                timed[trial.hand][trial.number] = changed[trial.hand][trial.number]
             else:
                 refused.append(trial)
         old = _around(refused, len(errors))
@@ -87,7 +89,7 @@ class _Trial(NamedTuple):
     """A press that is done otherwise."""
 
     hand: int
-    index: int
+    number: int
     steps: slice
     """The control steps that belong to it."""
 
@@ -139,19 +141,25 @@ class _Stage:
 
     def _play(self) -> BoolArray:
         """Return which keys sound after each control step, (T, 88)."""
-        scene, hands = self._scene, self._planner.hands
+        scene, (right, left) = self._scene, self._planner.hands
+        # To the last bit what a pianist in the environment does: many passages are chaotic.
+        positions = np.concatenate([right.positions, left.positions], axis=1)
+        commands = np.concatenate([right.commands, left.commands], axis=1)
+        actions, joints = ActionMap(scene), np.concatenate(scene.joint_qpos)
         data = mujoco.MjData(scene.model)
         mujoco.mj_step1(scene.model, data)
         angles = np.zeros((self._n_substeps, len(scene.key_max_angle)))
-        controls = np.zeros(scene.model.nu)
         sounding = np.zeros_like(self._roll.active)
         for step in range(len(sounding)):
-            for hand in hands:
-                actuators = hand.kinematics.actuators
-                ahead = data.actuator_length[actuators] - hand.positions[step]
-                correction = self._feedback * (hand.gains[step] @ ahead)
-                controls[actuators] = hand.commands[step] - correction
-            np.clip(controls, scene.ctrl_low, scene.ctrl_high, out=controls)
+            observed = observed_positions(scene, data.qpos[joints].astype(np.float32))
+            told = corrected(
+                commands[step],
+                observed - positions[step],
+                (right.gains[step], left.gains[step]),
+                self._feedback,
+            )
+            told = np.clip(told, scene.ctrl_low, scene.ctrl_high)
+            controls, _ = actions.controls(np.append(hands_of_action(scene, told), 0.0))
             if not advance(scene, data, controls, angles):
                 break  # the physics became unstable: nothing more is heard
             sounding[step] = scene.key_angle(data) >= scene.key_sounding_angle

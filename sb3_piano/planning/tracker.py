@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.planning.plan import Plan
 from sb3_piano.simulation import PianoScene
+
+if TYPE_CHECKING:
+    from sb3_piano.planning.plan import Plan
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -41,11 +45,48 @@ class Tracker:
             Commands of the same shape, within the control ranges.
         """
         step = min(step, len(self) - 1)
-        ahead = np.asarray(positions, dtype=float) - self.plan.positions[step]
-        half = ahead.shape[-1] // 2
-        right, left = self.plan.gains
-        correction = np.concatenate(
-            [ahead[..., :half] @ right[step].T, ahead[..., half:] @ left[step].T], axis=-1
+        plan, (right, left) = self.plan, self.plan.gains
+        commands = corrected(
+            plan.commands[step],
+            np.asarray(positions, dtype=float) - plan.positions[step],
+            (right[step], left[step]),
+            self._feedback,
         )
-        commands = self.feed_forward[step] - self._feedback * correction
         return np.clip(commands, self._low, self._high)
+
+
+def corrected(
+    commands: FloatArray,
+    ahead: FloatArray,
+    gains: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]],
+    feedback: float,
+) -> FloatArray:
+    """Return commands, corrected by how far the actuators are ahead of the plan.
+
+    Args:
+        commands: (n,) what the plan says.
+        ahead: (n,) or (N, n) positions less those of the plan, rad or m.
+        gains: Of the right and the left hand, (n / 2, n / 2) each.
+        feedback: Share of them that is used.
+    """
+    half = ahead.shape[-1] // 2
+    right, left = gains
+    change = np.concatenate([ahead[..., :half] @ right.T, ahead[..., half:] @ left.T], axis=-1)
+    return np.asarray(commands - feedback * change)
+
+
+def hands_of_action(scene: PianoScene, commands: FloatArray) -> npt.NDArray[np.float32]:
+    """Return commands as the part of an action that moves the hands, (n,) in [-1, 1]."""
+    middle = (scene.ctrl_high + scene.ctrl_low) / 2
+    hands = (commands - middle) / ((scene.ctrl_high - scene.ctrl_low) / 2)
+    return np.asarray(hands, dtype=np.float32)
+
+
+def observed_positions(scene: PianoScene, joints: npt.NDArray[np.float32]) -> FloatArray:
+    """Return where the actuators are, (n,) rad or m.
+
+    Args:
+        scene: The scene.
+        joints: Both hands' joint positions as they are observed, in single precision.
+    """
+    return np.asarray(scene.actuator_of_joint @ joints)

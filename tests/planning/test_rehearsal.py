@@ -89,7 +89,7 @@ def test_what_is_heard_at_a_rehearsal_is_what_the_environment_hears(scene):
     planner = PiecePlanner(env.roll, scene, settings)
     planner.plan()
     errors = _Stage(planner, env.roll, scene, settings).errors()
-    assert 1 - errors.mean() == pytest.approx(f1_of(settings), abs=0.01)
+    assert 1 - errors.mean() == pytest.approx(f1_of(settings), abs=1e-12)
 
 
 def test_a_number_of_rehearsals_below_0_is_refused():

@@ -229,7 +229,7 @@ def test_a_copy_takes_the_plan_of_the_present_piece_only(env):
     size = len(pickle.dumps(env))
     env.reset(options={"score": OTHER})
     env.reset()
-    assert len(pickle.dumps(env)) < 1.1 * size
+    assert len(pickle.dumps(env)) < size + 20_000  # another plan has some 100,000 bytes
 
 
 # With other wrappers.

@@ -54,7 +54,10 @@ COLUMNS: Mapping[str, tuple[str, dict[str, Any]]] = {
 """Who plays, by name: an algorithm and its arguments."""
 
 UNSEEN = ("repertoire",)
-"""Collections none of whose pieces was used to find a constant."""
+"""Collections whose pieces were not used to find constants, apart from those in ``SEEN``."""
+
+SEEN = ("repertoire-ChopinNocturneOp9No2", "repertoire-MapleLeafRag")
+"""Pieces that were looked at when it was decided how much time leaps get."""
 
 METRICS = ("precision", "recall", "f1", "onset_f1", "noop_f1")
 FIELDS = ("piece", "column", *METRICS, "planning", "playing", "cpu", "music", "problem")
@@ -140,7 +143,12 @@ def complete(path: Path, wanted: Iterable[Key], jobs: int) -> None:
 
 def marked(piece: str) -> str:
     """Return a piece's name, with a star if no constant was found on it."""
-    return f"{piece}*" if BUILT_IN[piece].collection in UNSEEN else piece
+    return f"{piece}*" if is_unseen(piece) else piece
+
+
+def is_unseen(piece: str) -> bool:
+    """Return whether a piece had no part in finding constants."""
+    return BUILT_IN[piece].collection in UNSEEN and piece not in SEEN
 
 
 def cells(rows: Sequence[Row]) -> str:
@@ -161,9 +169,10 @@ def groups_of(pieces: Sequence[str]) -> dict[str, list[str]]:
     """Return the pieces of each collection, of all that are unseen, and all of them."""
     groups: dict[str, list[str]] = {}
     for piece in pieces:
-        collection = BUILT_IN[piece].collection
-        star = "*" if collection in UNSEEN else ""
-        groups.setdefault(f"all of {collection}{star}", []).append(piece)
+        groups.setdefault(f"all of {BUILT_IN[piece].collection}", []).append(piece)
+    unseen = [piece for piece in pieces if is_unseen(piece)]
+    if unseen:
+        groups["all unseen*"] = unseen
     groups["all pieces"] = list(pieces)
     return groups
 

@@ -235,7 +235,7 @@ def test_a_planned_run_has_no_best_model():
 
 def test_notes_that_cannot_be_played_are_told_once_and_in_words(capsys, recwarn):
     assert main(["plan", "wide.mid", "--set", "physics=fast", "--out", "run"]) == 0
-    told = "sb3-piano: warning: 1 notes cannot be played as written"
+    told = "sb3-piano: warning: 1 note cannot be played as written"
     assert capsys.readouterr().err.count(told) == 1
     shutil.copytree("run", "again")
     assert main(["evaluate", "run", "again"]) == 0

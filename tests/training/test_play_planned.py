@@ -66,7 +66,7 @@ def test_what_cannot_be_played_is_told_in_words(capsys):
     command = ["play", "wide.mid", "--planned", "--no-video", "--physics", "fast"]
     assert main([*command, "--out", "here", "--no-progress"]) == 0
     out, error = capsys.readouterr()
-    assert error.startswith("sb3-piano: warning: 1 notes cannot be played as written")
+    assert error.startswith("sb3-piano: warning: 1 note cannot be played as written")
     assert error.count("C6 (pitch 84) at 0.50 s, right index: the finger still holds E5") == 1
     assert "Sound: here/performance.wav" in out
 

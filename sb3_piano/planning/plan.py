@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music import MIN_PITCH, PianoRoll, Score
+from sb3_piano.music import PianoRoll, Score
+from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.fingering import finger_score
-from sb3_piano.music.pitch import pitch_name
 from sb3_piano.planning.piece_planner import PiecePlanner
-from sb3_piano.planning.problems import Problem
+from sb3_piano.planning.problems import Problem, fingerless
 from sb3_piano.planning.rehearsal import rehearse
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.simulation import PianoScene
@@ -69,7 +69,7 @@ def plan(
             brings its own.
 
     Raises:
-        ScoreError: If a roll has a note without a finger, or no fingers can be found for a score.
+        ScoreError: If no note of a roll has a finger, or no fingers can be found for a score.
     """
     settings = settings or PlanSettings()
     if isinstance(piece, Score):
@@ -85,6 +85,7 @@ def plan(
 def _collect(planner: PiecePlanner, roll: PianoRoll) -> Plan:
     right, left = planner.hands
     problems = [problem for hand in planner.hands for problem in hand.problems()]
+    problems += fingerless(roll)
     return Plan(
         roll=roll,
         positions=np.concatenate([right.positions, left.positions], axis=1),
@@ -96,12 +97,8 @@ def _collect(planner: PiecePlanner, roll: PianoRoll) -> Plan:
 
 
 def _check_fingers(roll: PianoRoll) -> None:
-    unlabelled = np.argwhere(roll.active & (roll.finger < 0))
-    if len(unlabelled):
-        step, key = unlabelled[0]
+    if roll.active.any() and (roll.finger[roll.active] == UNKNOWN_FINGER).all():
         raise ScoreError(
-            f"{len(unlabelled)} steps of notes have no finger, the first is "
-            f"{pitch_name(MIN_PITCH + int(key))} at control step {step}: expected a finger for "
-            "every note. Plan the score itself, or give it fingers with "
-            "sb3_piano.music.fingering.finger_score."
+            "No note of the roll has a finger: expected fingers to plan with. Plan the score "
+            "itself, or give it fingers with sb3_piano.music.fingering.finger_score."
         )

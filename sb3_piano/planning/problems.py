@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.music import MIN_PITCH
-from sb3_piano.music.constants import FINGER_NAMES
+from sb3_piano.music import MIN_PITCH, PianoRoll
+from sb3_piano.music.constants import FINGER_NAMES, UNKNOWN_FINGER
 from sb3_piano.music.hands import FINGERS_PER_HAND
 from sb3_piano.music.pitch import pitch_name
 from sb3_piano.planning.key_frames import KeyFrames
@@ -31,17 +31,16 @@ class Problem:
     time: float
     """When it is due, s from the start of the episode."""
     finger: int
-    """The finger that has it, 0 to 9."""
+    """The finger that has it, 0 to 9; -1 for none."""
     reason: str
     """What is wrong."""
     error: float = 0.0
     """How far the fingertip stays away from its place on the key, m."""
 
     def __str__(self) -> str:
-        return (
-            f"{pitch_name(self.pitch)} (pitch {self.pitch}) at {self.time:.2f} s, "
-            f"{FINGER_NAMES[self.finger]}: {self.reason}"
-        )
+        who = "" if self.finger == UNKNOWN_FINGER else f", {FINGER_NAMES[self.finger]}"
+        note = f"{pitch_name(self.pitch)} (pitch {self.pitch}) at {self.time:.2f} s"
+        return f"{note}{who}: {self.reason}"
 
 
 def unreached(
@@ -97,6 +96,19 @@ def doubled(timed: Sequence[TimedPress], hand: int, control_timestep: float) -> 
             )
         until[press.finger] = max((last, key), (press.last, press.key))
     return problems
+
+
+def fingerless(roll: PianoRoll) -> list[Problem]:
+    """Return the notes that have no finger: more sound at once than a hand can hold."""
+    return [
+        Problem(
+            pitch=MIN_PITCH + int(key),
+            time=int(step) * roll.control_timestep,
+            finger=UNKNOWN_FINGER,
+            reason="no finger is left for it",
+        )
+        for step, key in np.argwhere(roll.onset & (roll.finger == UNKNOWN_FINGER))
+    ]
 
 
 def unmovable(

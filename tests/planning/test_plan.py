@@ -140,7 +140,7 @@ def test_another_control_step_may_be_chosen():
 
 def test_a_roll_with_notes_without_fingers_is_refused_by_name():
     score = without_fingers(five_fingers(order=(0, 1)))
-    with pytest.raises(ScoreError, match=r"no finger.*C5.*finger_score"):
+    with pytest.raises(ScoreError, match=r"No note of the roll has a finger.*finger_score"):
         plan(roll_of(score), scene_of(full=False))
 
 

@@ -119,9 +119,6 @@ def test_of_more_than_five_notes_in_a_hand_one_without_a_finger_is_named():
     assert "F5" in told_of(SIX)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="a score that was fingered as far as can be is told to be fingered first"
-)
 def test_more_than_five_notes_in_a_hand_are_a_problem_and_five_are_played():
     made = plan(SIX, scene_of(full=False), QUICK)
     assert "F5" in " ".join(map(str, made.problems))

@@ -263,7 +263,7 @@ def _joint_blocks(scene: PianoScene) -> list[ObservationBlock]:
             shape=(len(limits),),
             unit="rad, m for the last two",
             meaning=f"{side} hand's joint positions, wrist to thumb, then the sliders along the "
-            "keyboard and upwards",
+            "keyboard and towards the hinges of the keys",
             low=limits[:, 0] - _JOINT_OVERSHOOT,
             high=limits[:, 1] + _JOINT_OVERSHOOT,
         )

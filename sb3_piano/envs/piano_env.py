@@ -41,8 +41,8 @@ class PianoEnv(gym.Env[Any, Any]):
 
     A ``Box(-1, 1, (39,), float32)``, or ``(45,)`` with ``reduced_action_space=False``: the target
     positions of the right hand's actuators (wrist, thumb, index to little finger, then the sliders
-    along the keyboard and upwards), those of the left hand, and the sustain pedal last. -1 and 1
-    are the ends of each actuator's control range; the pedal is down from 0 on. Values outside are
+    along the keyboard and towards its hinges), the left hand's, and the sustain pedal last. -1 and
+    1 are the ends of each actuator's control range; the pedal is down from 0 on. Values outside are
     clipped.
 
     ## Observation space

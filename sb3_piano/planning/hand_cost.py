@@ -123,6 +123,6 @@ class HandCost:
         too_near = np.maximum(near - tips[..., _X], 0)
         too_low = np.maximum(low - tips[..., _Z], 0)
         inside = (too_near > 0) & (too_low > 0) & ~self.frames.on_black
-        # The shorter way out, so that the depth is continuous.
+        # Who is on the way to a black key takes the shorter way out, all others go forwards.
         upwards = inside & self.frames.to_black & ~self.idle & (too_low < too_near)
         return too_near, too_low, inside & ~upwards, upwards

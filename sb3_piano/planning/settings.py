@@ -1,7 +1,7 @@
 """The constants of a plan.
 
-All of them were found on generated studies (scales, arpeggios, Hanon, the debug pieces); the pieces
-of the repertoire had no say.
+All of them were found on generated studies (scales, arpeggios, Hanon, the debug pieces), but for
+``leap_more``, for which the Nocturne and the Maple Leaf Rag of the repertoire were looked at, too.
 """
 
 from __future__ import annotations
@@ -118,8 +118,8 @@ class PlanSettings:
     """The same of the wrist's two joints."""
     jerk_along: float = 0.12
     """The same of the slider along the keyboard, per m and squared control step."""
-    jerk_up: float = 0.2
-    """The same of the slider that lifts the hand."""
+    jerk_inwards: float = 0.2
+    """The same of the slider towards the keys' hinges."""
     velocity: float = 0.002
     """What a velocity counts, per rad or m and control step."""
 

@@ -70,6 +70,6 @@ def _by_joint(kinematics: HandKinematics, settings: PlanSettings) -> FloatArray:
         "WRJ1": settings.jerk_wrist,
         "WRJ2": settings.jerk_wrist,
         "forearm_tx": settings.jerk_along,
-        "forearm_ty": settings.jerk_up,
+        "forearm_ty": settings.jerk_inwards,
     }
     return np.array([special.get(name, settings.jerk_finger) for name in kinematics.names])

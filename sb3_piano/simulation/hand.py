@@ -1,4 +1,4 @@
-"""One Shadow Dexterous Hand on two sliders (along the keyboard, and up and down)."""
+"""One Shadow Dexterous Hand on two sliders (along the keyboard, and towards the keys' hinges)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sb3_piano.simulation.dm_mjcf import mjcf
 from sb3_piano.simulation.tables import load_table
 
 FOREARM_JOINTS = ("forearm_tx", "forearm_ty")
-"""The sliders that carry a hand: along the keyboard (m), and upwards (m)."""
+"""The sliders that carry a hand: along the keyboard, and towards the keys' hinges, m."""
 
 _SKIN_COLOR = (0.62, 0.64, 0.68, 1.0)
 _FINGERS = ("th", "ff", "mf", "rf", "lf")

@@ -113,7 +113,7 @@ def test_it_comes_to_where_no_small_change_helps(hand):
 def dense_solution(parts):
     """Return where only posture and smoothness lead, one linear problem for each actuator."""
     jerk = {"WRJ1": SETTINGS.jerk_wrist, "WRJ2": SETTINGS.jerk_wrist}
-    jerk |= {"forearm_tx": SETTINGS.jerk_along, "forearm_ty": SETTINGS.jerk_up}
+    jerk |= {"forearm_tx": SETTINGS.jerk_along, "forearm_ty": SETTINGS.jerk_inwards}
     whole = np.eye(N_STATES + 2)
     pull = parts.posture.pull(SETTINGS)
     columns = []

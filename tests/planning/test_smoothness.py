@@ -16,7 +16,7 @@ def jerk_of(name):
     if name == "forearm_tx":
         return SETTINGS.jerk_along
     if name == "forearm_ty":
-        return SETTINGS.jerk_up
+        return SETTINGS.jerk_inwards
     return SETTINGS.jerk_wrist if name.startswith("WRJ") else SETTINGS.jerk_finger
 
 

@@ -26,6 +26,7 @@ from sb3_piano.planning.sampling.settings import (
 )
 from sb3_piano.planning.sampling.simulations import Simulations
 from sb3_piano.planning.settings import PlanSettings
+from sb3_piano.planning.tracker import hands_of_action
 from sb3_piano.simulation import PianoScene
 
 FloatArray = npt.NDArray[np.float64]
@@ -203,6 +204,4 @@ def _check_step(piano: PianoEnv, step: int) -> None:
 
 def _action(scene: PianoScene, controls: FloatArray, *, pedal_down: bool) -> FloatArray:
     """Return the action that tells the actuators this, (nu + 1,)."""
-    middle = (scene.ctrl_high + scene.ctrl_low) / 2
-    half_range = (scene.ctrl_high - scene.ctrl_low) / 2
-    return np.append((controls - middle) / half_range, 1.0 if pedal_down else -1.0)
+    return np.append(hands_of_action(scene, controls), 1.0 if pedal_down else -1.0)

@@ -58,6 +58,30 @@ def hand_place(press: Press, sign: int, keys: KeyPlaces) -> float:
     return float(keys.y[press.key] - sign * (press.finger - MIDDLE_FINGER) * keys.spacing)
 
 
+def is_leap(distance: float, same_finger: bool, settings: PlanSettings) -> bool:
+    """Return whether the hand has to come up between two notes on different keys.
+
+    Args:
+        distance: How far apart it is for them, m.
+        same_finger: Whether one finger plays both.
+        settings: The plan's constants.
+    """
+    return same_finger or distance > settings.leap_distance
+
+
+def lost_to_leap(distance: float, rest: int, settings: PlanSettings) -> tuple[int, int]:
+    """Return by how many control steps the later note begins late, and the earlier one ends early.
+
+    Args:
+        distance: How far the hand has to go, m.
+        rest: Control steps between the two notes.
+        settings: The plan's constants.
+    """
+    steps = settings.leap_frames + sum(distance > more for more in settings.leap_more) - rest
+    late = max(steps + 1, 0) // 2
+    return late, max(steps, 0) - late
+
+
 def time_presses(
     presses: Sequence[Press], sign: int, keys: KeyPlaces, settings: PlanSettings
 ) -> list[TimedPress]:
@@ -79,27 +103,22 @@ def time_presses(
     for later, earlier in _neighbours(presses, settings.leap_rest):
         before, after = timed[earlier], timed[later]
         distance = abs(places[earlier] - places[later])
-        same = _same_strike(before.press, after.press)
-        if same and after.press.first - before.press.last <= 2:
-            before.repeated = True
-        if distance <= settings.leap_distance or same:
+        rest = after.press.first - before.press.last - 1
+        same_finger = before.press.finger == after.press.finger
+        if same_finger and before.press.key == after.press.key:
+            before.repeated = rest <= 1
+            continue
+        if not is_leap(distance, same_finger, settings):
             continue
         before.leaps = after.leapt = True
-        rest = after.press.first - before.press.last - 1
-        cost = settings.leap_frames + sum(distance > more for more in settings.leap_more) - rest
-        if cost <= 0:
+        late, early = lost_to_leap(distance, rest, settings)
+        if late == 0:
             continue
-        late = (cost + 1) // 2
         after.first = max(after.first, min(after.press.first + late, after.press.last))
-        early = before.press.last - (cost - late)
-        before.last = min(before.last, max(early, before.press.first))
+        before.last = min(before.last, max(before.press.last - early, before.press.first))
     for one in timed:  # a very short note keeps one state
         one.first, one.last = min(one.first, one.last), max(one.first, one.last)
     return timed
-
-
-def _same_strike(before: Press, after: Press) -> bool:
-    return before.finger == after.finger and before.key == after.key
 
 
 def _neighbours(presses: Sequence[Press], longest_rest: int) -> list[tuple[int, int]]:

@@ -11,6 +11,8 @@ from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.fingering import finger_score
+from sb3_piano.planning.fingers import fit_fingers
+from sb3_piano.planning.key_places import KeyPlaces
 from sb3_piano.planning.piece_planner import PiecePlanner
 from sb3_piano.planning.problems import Problem, fingerless
 from sb3_piano.planning.rehearsal import rehearse
@@ -27,7 +29,7 @@ class Plan:
     """How two hands play a piece over T control steps; n are the scene's actuators."""
 
     roll: PianoRoll
-    """The piece, all notes with fingers."""
+    """The piece, with the fingers that play it."""
     positions: FloatArray
     """(T + 1, n) where the actuators should be before the first control step and after each one,
     rad, or m for the sliders."""
@@ -75,6 +77,7 @@ def plan(
     if isinstance(piece, Score):
         piece = PianoRoll.from_score(finger_score(piece), control_timestep)
     _check_fingers(piece)
+    piece = fit_fingers(piece, KeyPlaces.of(scene), settings)
     planner = PiecePlanner(piece, scene, settings)
     planner.plan()
     if settings.rehearsals > 0:

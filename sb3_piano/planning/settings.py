@@ -81,6 +81,13 @@ class PlanSettings:
     reach: float = 0.06
     """How far off a key a hand may be while a finger already moves towards it, m."""
 
+    # Fingers.
+    change_finger: float = 0.5
+    """What a finger counts that is not the written one, in control steps of sound; with a large
+    number only those are changed that would have to hold two keys."""
+    thumb_on_black: float = 1.0
+    """What a thumb on a black key counts, in the same."""
+
     # Keeping out of the way.
     idle_height: float = 0.047
     """Least height of fingertips that play nothing, m; a black key's top is at 0.035."""
@@ -140,7 +147,7 @@ class PlanSettings:
     """How often the two hands agree anew on who is where."""
     iterations: int = 8
     """Iterations of the least squares in each of these rounds."""
-    dynamic_iterations: int = 6
+    dynamic_iterations: int = 8
     """Iterations that then take the hands' inertia into account."""
     rehearsals: int = 0
     """How often the plan is played in a simulation of its own, and what went wrong tried otherwise

@@ -24,7 +24,7 @@ FloatArray = npt.NDArray[np.float64]
 # commands outside the control range count. The sliders' are those of metres, not of rad.
 _FAITH, _FAITH_ARM = 0.01, 1.0
 _SPEED, _SPEED_ARM = 1e-4, 1e-2
-_OUTSIDE = 0.1
+_OUTSIDE, _OUTSIDE_ARM = 0.1, 10.0
 _STEPS = (1.0, 0.5, 0.25, 0.1)
 
 
@@ -68,6 +68,7 @@ class TrackingControl:
         self._faith = np.where(arm, _FAITH_ARM, _FAITH)
         self._speed = np.where(arm, _SPEED_ARM, _SPEED)
         self._effort = np.where(arm, settings.effort_arm, settings.effort)
+        self._hard = np.where(arm, _OUTSIDE_ARM, _OUTSIDE)
         self._size = size
         self._iterations = settings.dynamic_iterations
 
@@ -107,7 +108,8 @@ class TrackingControl:
             + (self._faith * (positions - self._plan) ** 2).sum()
             + (self._speed * velocities**2).sum()
             + (self._effort * (commands - self._plan) ** 2).sum()
-            + _OUTSIDE * (self._outside(commands) ** 2).sum()
+            + (self._hard * self._outside(commands) ** 2).sum()
+            + (self._hard * self._outside(positions) ** 2).sum()
         )
 
     def _outside(self, commands: FloatArray) -> FloatArray:
@@ -120,16 +122,19 @@ class TrackingControl:
         transition, control = self._dynamics.transition, self._dynamics.control
         blocks, slopes = self._cost.quadratic(states[:, :size])
         slopes += self._faith * (states[:, :size] - self._plan)
+        beyond = self._outside(states[:, :size])
+        slopes += self._hard * beyond
+        held = self._faith + self._hard * (beyond != 0)
         outside = self._outside(commands)
-        pull = self._effort * (commands - self._plan) + _OUTSIDE * outside
-        hardness = self._effort + _OUTSIDE * (outside != 0)
+        pull = self._effort * (commands - self._plan) + self._hard * outside
+        hardness = self._effort + self._hard * (outside != 0)
         here = np.arange(size)
         gains, shifts = np.empty((count, size, 2 * size)), np.empty((count, size))
         value = np.zeros((2 * size, 2 * size))
         slope = np.zeros(2 * size)
         for step in range(count - 1, -1, -1):
             value[:size, :size] += blocks[step]
-            value[here, here] += self._faith
+            value[here, here] += held[step]
             value[here + size, here + size] += self._speed
             slope[:size] += slopes[step]
             slope[size:] += self._speed * states[step, size:]

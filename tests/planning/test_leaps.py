@@ -52,6 +52,15 @@ def test_a_step_of_neighbouring_fingers_on_neighbouring_keys_is_free():
     assert not any(one.leaps for one in timed)
 
 
+def test_a_finger_comes_up_before_it_takes_the_key_next_to_its_own():
+    black = next(key for key in range(WHITE[MIDDLE], 88) if KEY_IS_BLACK[key])
+    near = [Press(black - 1, 2, 1, 10), Press(black, 2, 11, 20)]
+    assert abs(hand_place(near[0], 1, KEYS) - hand_place(near[1], 1, KEYS)) < SETTINGS.leap_distance
+    assert gap(near) == SETTINGS.leap_frames
+    other_finger = [near[0], Press(black, 3, 11, 20)]
+    assert gap(other_finger) == 0
+
+
 def test_the_left_hands_fingers_count_the_other_way():
     presses = [Press(WHITE[MIDDLE - i], i, 1 + 5 * i, 5 + 5 * i) for i in range(5)]
     assert not any(one.leaps for one in time_presses(presses, -1, KEYS, SETTINGS))

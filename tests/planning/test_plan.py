@@ -160,7 +160,7 @@ def test_stretches_join_into_the_motion_of_the_whole():
     """Each goes on from where the one before ended, and pushes its keys as hard."""
     parts, whole = planned(LONG, STRETCHES, full=False), planned(LONG, full=False)
     assert len(whole) > 2.5 * STRETCHES.window / TIMESTEP
-    assert np.abs(parts.fingertips - whole.fingertips).max() < 0.004
+    assert np.abs(parts.fingertips - whole.fingertips).max() < 0.006
     told_otherwise = np.abs(parts.commands - whole.commands).max(axis=1)
     assert np.median(told_otherwise[round(STRETCHES.window / TIMESTEP) :]) < 0.05
 
@@ -218,3 +218,21 @@ def test_notes_of_a_piece_may_share_a_key_between_hands():
     ]
     made = planned(Score(notes=notes), full=False)
     assert pressed_tips(made, scene_of(full=False))[:, 1].max() < NEARLY
+
+
+def test_an_arm_is_not_planned_beyond_the_end_of_its_rail():
+    """Black keys lie far in: an octave of them wants more of the slider than there is."""
+    octave = Score(
+        notes=[
+            Note(onset=0.4 * i, offset=0.4 * i + 0.3, pitch=pitch, finger=finger)
+            for i in range(4)
+            for pitch, finger in ((68, 0), (80, 4))
+        ]
+    )
+    scene = scene_of()
+    made = planned(octave)
+    inwards = hand_of(scene, 0).index("forearm_ty")
+    low, high = scene.ctrl_low[inwards], scene.ctrl_high[inwards]
+    assert made.positions[:, inwards].max() > high - 0.02, "it is needed"
+    assert made.positions[:, inwards].max() < high + 0.001
+    assert made.positions[:, inwards].min() > low - 0.001

@@ -68,10 +68,12 @@ def test_what_can_be_played_beside_a_problem_is_planned():
     assert pressed_tips(made, scene_of(full=False))[-1, 1] < 0.001
 
 
-def test_one_finger_on_two_keys_at_once_is_told():
-    found = problems_of((72, 2), (76, 2))
+def test_one_finger_on_two_keys_at_once_is_told_if_no_other_is_left():
+    assert problems_of((72, 2), (76, 2)) == (), "another finger takes one of them"
+    chord = [(pitch, finger, 0.0, 0.4) for finger, pitch in enumerate((72, 74, 76, 77, 79))]
+    found = problems_of(*chord, (81, 4, 0.2, 0.4))
     assert any(
-        str(problem) == "E5 (pitch 76) at 0.50 s, right middle: the finger still holds C5"
+        str(problem) == "A5 (pitch 81) at 0.70 s, right little: the finger still holds G5"
         for problem in found
     )
 

@@ -9,6 +9,8 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, PianoRoll, Score
 from sb3_piano.planning import PlannedPianist, PlanSettings, plan
+from sb3_piano.planning.fingers import fit_fingers
+from sb3_piano.planning.key_places import KeyPlaces
 from sb3_piano.planning.piece_planner import PiecePlanner
 from sb3_piano.planning.rehearsal import rehearse
 from sb3_piano.simulation import compile_scene
@@ -86,9 +88,10 @@ def test_what_is_heard_at_a_rehearsal_is_what_the_environment_hears(scene):
     env = PianoEnv(SCORE, reduced_action_space=False, initial_buffer_time=0.5)
     env.reset(seed=0)
     settings = PLAIN
-    planner = PiecePlanner(env.roll, scene, settings)
+    roll = fit_fingers(env.roll, KeyPlaces.of(scene), settings)
+    planner = PiecePlanner(roll, scene, settings)
     planner.plan()
-    errors = _Stage(planner, env.roll, scene, settings).errors()
+    errors = _Stage(planner, roll, scene, settings).errors()
     assert 1 - errors.mean() == pytest.approx(f1_of(settings), abs=1e-12)
 
 

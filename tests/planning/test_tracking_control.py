@@ -206,7 +206,6 @@ def test_commands_stay_in_the_control_ranges():
     assert (found.commands <= KINEMATICS.high).all()
 
 
-@pytest.mark.xfail(strict=True, reason="commands are clipped after the motion was planned")
 def test_the_motion_is_the_one_to_which_commands_within_the_control_ranges_lead():
     control, found, _, _ = solved(dataclasses.replace(SETTINGS, dynamic_iterations=20))
     motion = control._roll_out(found.commands)[:, :SIZE]

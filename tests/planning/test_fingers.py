@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from short_pieces import both_hands, five_fingers, planned, roll_of
 
 from sb3_piano.music import Note, Score
+from sb3_piano.planning import fingers
 from sb3_piano.planning.fingers import _Costs, choose, fit_fingers
 from sb3_piano.planning.presses import Press
 from sb3_piano.simulation import KEY_IS_BLACK
@@ -35,16 +36,16 @@ def sound_together(one, two):
 @settings(max_examples=60, deadline=None)
 @given(hand_presses(), st.sampled_from([1, -1]))
 def test_no_finger_holds_two_keys_while_the_hand_has_enough_fingers(presses, sign):
-    fingers = choose(presses, sign, KEYS, SETTINGS)
-    assert len(fingers) == len(presses)
-    assert set(fingers) <= set(range(5))
+    chosen = choose(presses, sign, KEYS, SETTINGS)
+    assert len(chosen) == len(presses)
+    assert set(chosen) <= set(range(5))
     most = max(
         sum(other.first <= press.first <= other.last for other in presses) for press in presses
     )
     for i, one in enumerate(presses):
         for j, two in enumerate(presses[:i]):
             if most <= 5 and sound_together(one, two):
-                assert fingers[i] != fingers[j]
+                assert chosen[i] != chosen[j]
 
 
 def all_ways(costs, onsets, number=0, way=()):
@@ -58,7 +59,7 @@ def all_ways(costs, onsets, number=0, way=()):
             yield cost + rest
 
 
-def cost_of(costs, onsets, fingers):
+def cost_of(costs, onsets, given_fingers):
     """Return the cost of given fingers."""
     total, way = 0.0, ()
     for onset in onsets:
@@ -66,7 +67,7 @@ def cost_of(costs, onsets, fingers):
         after, cost = next(
             (after, cost)
             for after, cost in costs.ways_on(way, onset, struck)
-            if all(fingers[i] == finger for i, finger in after)
+            if all(given_fingers[i] == finger for i, finger in after)
         )
         total, way = total + cost, after
     return total
@@ -80,6 +81,56 @@ def test_no_other_fingers_cost_less(presses, sign):
     onsets = sorted({press.first for press in presses})
     chosen = cost_of(costs, onsets, choose(presses, sign, KEYS, SETTINGS))
     assert chosen == pytest.approx(min(all_ways(costs, onsets)))
+
+
+def steps_lost(distance):
+    """Return what a leap without a rest loses, and its way."""
+    more = sum(distance > more for more in SETTINGS.leap_more)
+    return SETTINGS.leap_frames + more, fingers._WAY * distance
+
+
+def line(*notes, rest=0):
+    """Return presses of ten steps, one after the other."""
+    return [
+        chord(note, first=1 + i * (10 + rest), last=10 + i * (10 + rest))[0]
+        for i, note in enumerate(notes)
+    ]
+
+
+WIDTH = KEYS.spacing
+WRITTEN = {
+    "as it is written": (line((0, 1)), [1], 0.0),
+    "another finger": (line((0, 1)), [2], SETTINGS.change_finger),
+    "the next finger on the next key": (line((0, 1), (1, 2)), [1, 2], 0.0),
+    "a leap": (line((0, 1), (3, 1)), [1, 1], sum(steps_lost(3 * WIDTH))),
+    "a far leap": (line((0, 1), (6, 1)), [1, 1], sum(steps_lost(6 * WIDTH))),
+    "a leap in a rest": (line((0, 1), (3, 1), rest=2), [1, 1], fingers._WAY * 3 * WIDTH),
+    "a leap after a long rest": (line((0, 1), (3, 1), rest=13), [1, 1], 0.0),
+    "the same key again": (line((0, 1), (0, 1)), [1, 1], 0.5),
+    "the same key after a rest": (line((0, 1), (0, 1), rest=1), [1, 1], 0.0),
+    "a finger that passes": (line((0, 2), (1, 1)), [2, 1], 2.0 + sum(steps_lost(2 * WIDTH))),
+    "a thumb that passes": (line((0, 1), (1, 0)), [1, 0], sum(steps_lost(2 * WIDTH))),
+    "a chord": (chord((0, 0), (2, 1), (4, 4)), [0, 1, 4], 0.0),
+    "a little too wide": (
+        chord((0, 1), (3, 2), last=12),
+        [1, 2],
+        12 * (3 * WIDTH - 0.060) / 0.010,
+    ),
+    "far too wide": (chord((0, 1), (9, 2), last=12), [1, 2], 12 * 1.5),
+    "a leap to a chord": (
+        [*line((0, 1)), *chord((3, 1), (4, 2), first=11)],
+        [1, 1, 2],
+        # Both begin late, but the note before ends early but once.
+        3 + 2 * steps_lost(3 * WIDTH)[1],
+    ),
+}
+
+
+@pytest.mark.parametrize(("presses", "given_fingers", "expected"), WRITTEN.values(), ids=WRITTEN)
+def test_what_fingers_cost(presses, given_fingers, expected):
+    costs = _Costs(presses, [float(KEYS.y[press.key]) for press in presses], KEYS, SETTINGS)
+    onsets = sorted({press.first for press in presses})
+    assert cost_of(costs, onsets, given_fingers) == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize("hand", [0, 1])
@@ -118,8 +169,8 @@ def test_no_finger_but_the_thumb_passes_another_one():
 def test_fewer_leaps_are_worth_a_change():
     """Six white keys upwards, thumb and index finger in turn: five leaps; other ways have one."""
     steps = [chord((i, i % 2), first=1 + 5 * i, last=5 + 5 * i)[0] for i in range(6)]
-    fingers = choose(steps, 1, KEYS, SETTINGS)
-    turns = sum(after <= before for before, after in pairwise(fingers))
+    chosen = choose(steps, 1, KEYS, SETTINGS)
+    turns = sum(after <= before for before, after in pairwise(chosen))
     assert turns == 1
 
 
@@ -146,6 +197,8 @@ def test_each_note_stays_with_its_hand_and_only_labels_change():
     np.testing.assert_array_equal(fitted.finger // 5, roll.finger // 5)
     np.testing.assert_array_equal(fitted.active, roll.active)
     np.testing.assert_array_equal(fitted.onset_time, roll.onset_time)
+    for key in np.flatnonzero(roll.active.any(axis=0)):
+        assert len(set(fitted.finger[roll.active[:, key], key])) == 1, "a note has one finger"
 
 
 def test_the_plan_tells_with_which_fingers_it_plays():

@@ -61,6 +61,15 @@ def test_a_finger_comes_up_before_it_takes_the_key_next_to_its_own():
     assert gap(other_finger) == 0
 
 
+@pytest.mark.parametrize(("rest", "repeated"), [(0, True), (1, True), (2, False)])
+def test_a_finger_that_strikes_its_key_again_at_once_does_not_leave_it(rest, repeated):
+    first, _ = time_presses(
+        [Press(WHITE[MIDDLE], 2, 1, 10), Press(WHITE[MIDDLE], 2, 11 + rest, 20)], 1, KEYS, SETTINGS
+    )
+    assert first.repeated is repeated
+    assert not first.leaps
+
+
 def test_the_left_hands_fingers_count_the_other_way():
     presses = [Press(WHITE[MIDDLE - i], i, 1 + 5 * i, 5 + 5 * i) for i in range(5)]
     assert not any(one.leaps for one in time_presses(presses, -1, KEYS, SETTINGS))

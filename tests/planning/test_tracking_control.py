@@ -71,8 +71,11 @@ def wide_ranges(monkeypatch):
     monkeypatch.setattr(KINEMATICS, "high", np.full(SIZE, 1e3))
 
 
-def dense_commands(cost, plan, forces, start):
-    """Return the commands, (t, n), that minimise the cost as one linear least-squares problem."""
+def dense_commands(cost, plan, forces, start, beyond=0.0):
+    """Return the commands, (t, n), that minimise the cost as one linear least-squares problem.
+
+    All positions and commands cost ``beyond`` times their squared distance from rest, too.
+    """
     count = len(plan)
     a, b, e = DYNAMICS.transition, DYNAMICS.control, DYNAMICS.force
     # All states as a constant and a matrix of all commands.
@@ -86,6 +89,7 @@ def dense_commands(cost, plan, forces, start):
     faith = np.sqrt(np.where(arm, tracking_control._FAITH_ARM, tracking_control._FAITH))
     speed = np.sqrt(np.where(arm, tracking_control._SPEED_ARM, tracking_control._SPEED))
     effort = np.sqrt(np.where(arm, SETTINGS.effort_arm, SETTINGS.effort))
+    hard = np.sqrt(np.broadcast_to(beyond, SIZE))
     rows, goals = [], []
     for t in range(count):
         place, velocity = slice(0, SIZE), slice(SIZE, None)
@@ -96,12 +100,16 @@ def dense_commands(cost, plan, forces, start):
             faith[:, None] * matrix[t, place],
             speed[:, None] * matrix[t, velocity],
             own,
+            hard[:, None] * matrix[t, place],
+            np.divide(hard, effort)[:, None] * own,
         ]
         goals += [
             cost.goal[t] - cost.matrix[t] @ constant[t, place],
             faith * (plan[t] - constant[t, place]),
             -speed * constant[t, velocity],
             effort * plan[t],
+            hard * (REST - constant[t, place]),
+            hard * REST,
         ]
     solved = np.linalg.lstsq(np.concatenate(rows), np.concatenate(goals), rcond=None)[0]
     return solved.reshape(count, SIZE)
@@ -114,6 +122,18 @@ def test_for_a_quadratic_cost_it_is_the_dense_solution(monkeypatch):
     expected = dense_commands(cost, plan, forces, at_rest(0.02))
     assert np.abs(expected - plan).max() > 0.01, "there is something to be found"
     np.testing.assert_allclose(found.commands, expected, atol=1e-6)
+
+
+def test_what_is_beyond_its_range_counts_by_the_square_of_how_far(monkeypatch):
+    """With ranges of a single point everything is beyond, and the problem quadratic again."""
+    monkeypatch.setattr(KINEMATICS, "low", REST)
+    monkeypatch.setattr(KINEMATICS, "high", REST)
+    cost, plan, forces, start = LinearCost(), some_plan(), some_forces(), at_rest(0.02)
+    control = TrackingControl(cost, DYNAMICS, plan, forces, start, SETTINGS)
+    arm = np.array([name.startswith("forearm") for name in KINEMATICS.names])
+    beyond = np.where(arm, tracking_control._OUTSIDE_ARM, tracking_control._OUTSIDE)
+    expected = control._roll_out(dense_commands(cost, plan, forces, start, beyond))
+    np.testing.assert_allclose(control.solve().states, expected, atol=1e-5)
 
 
 def test_the_states_are_those_to_which_the_commands_lead(monkeypatch):

@@ -1,4 +1,4 @@
-"""Predictive sampling: it rates what would really happen, and disturbs nothing."""
+"""Predictive sampling plays what it found, and disturbs nothing."""
 
 from __future__ import annotations
 
@@ -7,243 +7,28 @@ import dataclasses
 
 import numpy as np
 import pytest
+from sampling_parts import (
+    HELD,
+    TUNE,
+    UNLABELLED,
+    WEAK,
+    make_env,
+    make_player,
+    make_search,
+    play,
+    play_episode,
+)
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, EnvStateError
-from sb3_piano.music import Note, Pedal, Score
-from sb3_piano.planning import PlannedPianist, PlanSettings, Trackers
+from sb3_piano.music import Score
+from sb3_piano.planning import PlannedPianist, Trackers
 from sb3_piano.planning.sampling import (
-    NOISE_FROM_ZERO,
-    PredictiveSampling,
     SamplingCost,
     SamplingNoise,
 )
-from sb3_piano.planning.sampling.candidates import Candidates
-from sb3_piano.planning.sampling.nominal import Rest, Tracked
-from sb3_piano.planning.sampling.search import Search
-from sb3_piano.planning.sampling.simulations import Simulations
-
-# Keys near where the hands begin.
-TUNE = Score(
-    notes=[
-        Note(onset=0.0, offset=0.2, pitch=76, finger=1),
-        Note(onset=0.0, offset=0.2, pitch=48, finger=7),
-        Note(onset=0.25, offset=0.45, pitch=77, finger=2),
-    ],
-    pedals=[Pedal(onset=0.1, offset=0.3)],
-)
-UNLABELLED = Score(notes=[Note(onset=n.onset, offset=n.offset, pitch=n.pitch) for n in TUNE.notes])
-HELD = [
-    Note(onset=0.0, offset=0.9, pitch=76, finger=1),
-    Note(onset=0.0, offset=0.9, pitch=48, finger=7),
-]
-
-
-def make_env(score=TUNE, **options):
-    env = PianoEnv(score, **{"physics": "fast", **options})
-    env.reset(seed=0)
-    return env
-
-
-def make_player(env, **options):
-    return PredictiveSampling(
-        env, **{"nominal": "none", "samples": 8, "horizon": 3, "n_threads": 1, **options}
-    )
-
-
-def play(env, player, n_steps):
-    """Return the actions of some steps."""
-    observation, actions = np.zeros(env.observation_space.shape), []
-    for _ in range(n_steps):
-        actions.append(player.predict(observation)[0])
-        observation = env.step(actions[-1])[0]
-    return np.array(actions)
-
-
-def play_episode(env, player):
-    """Return the final info of an episode."""
-    observation, _ = env.reset()
-    state, over, info = None, False, {}
-    while not over:
-        action, state = player.predict(observation, state)
-        observation, _, terminated, truncated, info = env.step(action)
-        over = terminated or truncated
-    return info
-
-
-def make_search(env, physics=None, noise=NOISE_FROM_ZERO, horizon=4, n=3, nominal=None, **cost):
-    candidates = Candidates(noise, env.scene, horizon)
-    simulations = Simulations(env, physics, n, 1)
-    nominal = Rest(env.scene) if nominal is None else nominal
-    return candidates, Search(env.roll, simulations, nominal, candidates, SamplingCost(**cost))
-
-
-# The rating, against an environment that really plays the candidate.
-
-
-class Pulled:
-    """Nominal controls that depend on where the actuators are, towards a plan of its own."""
-
-    def controls(self, step, positions):
-        return 0.5 * positions + 0.05 * np.sin(step + np.arange(positions.shape[1]))
-
-    def planned(self, step):
-        return None
-
-
-class Planned(Pulled):
-    def planned(self, step):
-        return 0.1 * np.cos(step + np.arange(38))
-
-
-def cost_by_hand(env, change, nominal, cost, deviation):
-    """Play a candidate in an environment and add up what it costs, key by key."""
-    total = 0.0
-    for ahead, delta in enumerate(change):
-        step = env.steps_played
-        if step == len(env.roll):
-            break
-        low, high = env.scene.ctrl_low, env.scene.ctrl_high
-        told = nominal.controls(step, env.data.actuator_length[None])[0] + delta
-        env.step(np.append(2 * (np.clip(told, low, high) - low) / (high - low) - 1, -1))
-        now = 0.0
-        angle, needed = env.scene.key_angle(env.data), env.scene.key_sounding_angle
-        for key in range(88):
-            way = min(angle[key] / needed[key], 1)
-            if env.roll.active[step, key]:
-                now += cost.missed * (not env.key_active[key]) + cost.reluctant * (1 - way)
-            else:
-                now += cost.wrong * env.key_active[key] + cost.brushed * way**2
-        now += cost.effort * np.mean((delta / deviation) ** 2)
-        plan = nominal.planned(step)
-        if plan is None:
-            tips = env.scene.fingertip_position(env.data)
-            for key, finger in zip(*env.roll.due(step), strict=True):
-                point = env.scene.press_point(env.data, np.array([key]))[0]
-                gap = np.linalg.norm(tips[finger] - point)
-                now += cost.distance * (1 - cost.reach / (cost.reach + gap))
-        else:
-            gaps = np.abs(env.data.actuator_length - plan) / (cost.tolerance * deviation)
-            now += cost.astray * np.mean([min(gap, 1) ** 2 for gap in gaps])
-        total += cost.discount**ahead * now
-    return total
-
-
-@pytest.mark.parametrize("nominal", [Rest, Pulled, Planned])
-@pytest.mark.parametrize(
-    ("played_in", "simulated_in"),
-    [("fast", None), ("reference", None), ("reference", "fast"), ("fast", "reference")],
-)
-def test_a_candidate_costs_what_an_environment_that_plays_it_counts(
-    played_in, simulated_in, nominal
-):
-    env = make_env(physics=played_in)
-    nominal = Rest(env.scene) if nominal is Rest else nominal()
-    candidates, search = make_search(env, simulated_in, horizon=5, nominal=nominal)
-    knots = candidates.draw(3, np.random.default_rng(1))
-    play(env, make_player(env), 3)  # the rating reaches into the notes
-    ratings = search.rate(env, knots)
-    for n, change in enumerate(candidates.over_horizon(knots)):
-        other = make_env(physics=simulated_in or played_in)
-        other.set_state(env.get_state())
-        expected = cost_by_hand(other, change, nominal, SamplingCost(), candidates.deviation)
-        assert expected > 0.5
-        assert ratings.cost[n] == pytest.approx(expected, rel=1e-6)
-
-
-def test_in_a_piece_with_labels_notes_without_draw_no_finger():
-    later = [dataclasses.replace(n, onset=n.onset + 0.5, offset=n.offset + 0.5) for n in TUNE.notes]
-    ratings = {}
-    for name, notes in {"some": UNLABELLED.notes, "all": TUNE.notes}.items():
-        env = make_env(Score(notes=[*notes, *later]))
-        for distance in (0, 1):
-            _, search = make_search(env, distance=distance)
-            knots = np.zeros((1, 3, env.model.nu))
-            ratings[name, distance] = search.rate(env, knots).cost[0]
-    assert ratings["some", 0] == ratings["some", 1] == ratings["all", 0] < ratings["all", 1]
-
-
-def test_a_rating_stops_at_the_end_of_the_piece():
-    env = make_env()
-    play(env, make_player(env), len(env.roll) - 2)
-    knots = np.zeros((1, 1, env.model.nu))
-    noise = SamplingNoise(knots=1)
-    long, short = (make_search(env, noise=noise, horizon=h)[1].rate(env, knots) for h in (9, 2))
-    np.testing.assert_array_equal(long.cost, short.cost)
-
-
-def test_giving_up_candidates_loses_none_that_would_have_won():
-    env = make_env()
-    play(env, make_player(env), 3)
-    candidates, search = make_search(env, n=12)
-    knots = candidates.draw(12, np.random.default_rng(2))
-    everything = search.rate(env, knots)
-    for n_known in (1, 5):
-        best = search.best(env, knots[:n_known], knots[n_known:])
-        winner = int(np.argmin(everything.cost))
-        assert best.cost == everything.cost[winner]
-        np.testing.assert_array_equal(best.knots, knots[winner])
-        np.testing.assert_array_equal(best.controls, everything.controls[winner])
-
-
-def test_only_candidates_beyond_the_bound_are_given_up():
-    env = make_env()
-    candidates, search = make_search(env, n=6)
-    knots = candidates.draw(6, np.random.default_rng(2))
-    free = search.rate(env, knots).cost
-    bound = float(np.median(free))
-    expected = np.where(free > bound, np.inf, free)
-    np.testing.assert_array_equal(search.rate(env, knots, bound=bound).cost, expected)
-
-
-class Counting(Simulations):
-    """Counts the control steps of all simulations."""
-
-    steps = 0
-
-    def advance(self, which, controls):
-        self.steps += len(which)
-        return super().advance(which, controls)
-
-
-def test_hopeless_candidates_are_not_simulated_to_the_end():
-    env = make_env()
-    candidates, _ = make_search(env, horizon=5)
-    simulations = Counting(env, None, 4, 1)
-    search = Search(env.roll, simulations, Rest(env.scene), candidates, SamplingCost(effort=1))
-    nothing = candidates.none()
-    hopeless = candidates.draw(4, np.random.default_rng(0)) * 100
-    search.best(env, np.stack([nothing, hopeless[0]]), hopeless[1:])
-    assert simulations.steps == 2 * 5 + 3
-
-
-class Unstable(Simulations):
-    """The first simulation begins with speeds at which physics ends."""
-
-    def begin(self, piano, n):
-        super().begin(piano, n)
-        self._datas[0].qvel[:] = 1e12
-
-
-@pytest.mark.parametrize("physics", [None, "reference"])
-def test_unstable_candidates_never_win_and_leave_no_trace(physics):
-    env = make_env()
-    candidates, _ = make_search(env)
-    knots = candidates.draw(3, np.random.default_rng(2))
-    parts = (Rest(env.scene), candidates, SamplingCost())
-    simulations = Unstable(env, physics, 3, 1)
-    cost = Search(env.roll, simulations, *parts).rate(env, knots).cost
-    assert cost[0] == np.inf
-    assert np.isfinite(cost[1:]).all()
-    simulations.__class__ = Simulations
-    again = Search(env.roll, simulations, *parts).rate(env, knots).cost
-    np.testing.assert_array_equal(again[1:], cost[1:])
-    assert np.isfinite(again[0])
-
-
-# The player.
+from sb3_piano.planning.sampling.nominal import Tracked
 
 
 def test_actions_are_those_of_the_action_space_however_wild_the_noise():
@@ -303,12 +88,6 @@ def test_a_single_candidate_without_a_plan_is_hands_at_rest():
     env = make_env()
     actions = play(env, make_player(env, samples=1), 5)
     np.testing.assert_allclose(actions[:, :-1], np.tile(env.rest_action[:-1], (5, 1)), atol=1e-6)
-
-
-# A plan that is made fast, and presses no key down.
-WEAK = PlanSettings(
-    rounds=2, iterations=4, hold_depth=0.6, press_force=0, press_force_thumb=0, feedback=0.1
-)
 
 
 def test_a_single_candidate_with_a_plan_is_the_planned_pianist():

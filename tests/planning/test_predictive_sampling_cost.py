@@ -13,6 +13,7 @@ from sb3_piano.planning.sampling.cost import (
     effort_cost,
     finger_cost,
     key_cost,
+    mistakes,
     plan_cost,
 )
 from sb3_piano.planning.sampling.settings import SamplingCost, SamplingNoise
@@ -148,3 +149,8 @@ def test_settings_at_the_ends_of_their_ranges_are_accepted():
     SamplingCost(**NOTHING, discount=1)
     SamplingNoise(share=1, knots=1, finger=0, wrist=0, forearm=0, decay=0)
     assert SamplingNoise(decay=1).decay == 1
+
+
+def test_mistakes_are_keys_that_sound_undue_or_are_silent_though_due():
+    candidates = np.concatenate([keys(), keys(k40=0.1, k44=0.2), keys(k40=0.2, k41=0.1, k7=0.09)])
+    assert mistakes(due(40, 44), candidates, SOUNDING).tolist() == [2, 0, 2]

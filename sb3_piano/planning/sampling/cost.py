@@ -37,6 +37,22 @@ def key_cost(
     )
 
 
+def mistakes(
+    due: BoolArray, angles: FloatArray, sounding_angle: FloatArray
+) -> npt.NDArray[np.intp]:
+    """Return how many keys sound that should not, or do not that should.
+
+    Args:
+        due: (88,) bool, keys that should sound.
+        angles: (m, 88) angle of each key, rad.
+        sounding_angle: (88,) angle from which on each key sounds, rad.
+
+    Returns:
+        (m,) 0 to 88.
+    """
+    return np.count_nonzero((angles >= sounding_angle) != due, axis=1)
+
+
 def plan_cost(
     cost: SamplingCost, planned: FloatArray, positions: FloatArray, deviation: FloatArray
 ) -> FloatArray:

@@ -54,7 +54,8 @@ class PredictiveSampling(PianoPolicy):
     Source: Howell et al. (2022), "Predictive Sampling: Real-time Behaviour Synthesis with MuJoCo".
     As there, a candidate is a spline over the horizon, Gaussian noise is added at its knots, and
     the unchanged best one always takes part. Departures: straight lines between knots; one round of
-    candidates a control step, for which the environment waits; noise in radians and metres, for a
+    candidates a control step, for which the environment waits, and around a plan only where a key
+    would sound wrong within the horizon otherwise; noise in radians and metres, for a
     share of the actuators; candidates are given up when they can no longer win; and a discount. The
     project page of RoboPianist tells the baseline's F1 on its etudes (0.43 on average) but neither
     horizon nor samples nor cost: those here are ours, with the keys rated as they are scored and

@@ -27,6 +27,8 @@ class Ratings(NamedTuple):
     up, or whose physics became unstable."""
     controls: FloatArray
     """(n, nu) what the actuators are told in the first control step, rad or m."""
+    mistakes: IntArray
+    """(n,) how many keys sound that should not, or do not that should, over all control steps."""
 
 
 class Choice(NamedTuple):
@@ -65,13 +67,16 @@ class Search:
         self._nominal = nominal
         self._candidates = candidates
         self._cost = cost
+        self._has_plan = nominal.planned(0) is not None
         self._any_finger = not np.count_nonzero(roll.finger >= 0)
 
     def best(self, piano: PianoEnv, known: FloatArray, new: FloatArray) -> Choice:
         """Return the candidate that costs least; of equals, the first.
 
         The known ones go first. What the best of them costs is the most that a new one may cost
-        before it is given up: no cost is negative, so that none is lost which would have won.
+        before it is given up: no cost is negative, so that none is lost which would have won. With
+        a plan the new ones are left out as long as the best known one makes no mistake: there is
+        nothing to be heard that they could do better.
 
         Args:
             piano: The environment, from whose present state on they are simulated.
@@ -79,6 +84,10 @@ class Search:
             new: (n, k, nu) the others.
         """
         first = self.rate(piano, known)
+        leader = int(np.argmin(first.cost))
+        faultless = np.isfinite(first.cost[leader]) and first.mistakes[leader] == 0
+        if self._has_plan and faultless:
+            return Choice(known[leader], first.controls[leader], float(first.cost[leader]))
         second = self.rate(piano, new, bound=float(first.cost.min()))
         cost = np.concatenate([first.cost, second.cost])
         winner = int(np.argmin(cost))
@@ -99,6 +108,7 @@ class Search:
         simulations, scene, now = self._simulations, self._simulations.scene, piano.steps_played
         changes = self._candidates.over_horizon(knots)
         cost, first = np.zeros(len(knots)), np.zeros((len(knots), scene.model.nu))
+        mistakes = np.zeros(len(knots), dtype=int)
         simulations.begin(piano, len(knots))
         left = np.arange(len(knots))
         for ahead in range(min(changes.shape[1], len(self._roll) - now)):
@@ -110,35 +120,25 @@ class Search:
             if ahead == 0:
                 first = controls
             stable = simulations.advance(left, controls)
-            cost[left] += self._cost.discount**ahead * self.step_cost(step, left, change)
+            angles = simulations.key_angles(left)
+            due, sounding_angle = self._roll.active[step], scene.key_sounding_angle
+            mistakes[left] += costs.mistakes(due, angles, sounding_angle)
+            now_cost = costs.key_cost(self._cost, due, angles, sounding_angle)
+            now_cost += costs.effort_cost(self._cost, change, self._candidates.deviation)
+            now_cost += self._hands_cost(step, left)
+            cost[left] += self._cost.discount**ahead * now_cost
             lost = ~stable | (cost[left] > bound)
             cost[left[lost]] = np.inf
             left = left[~lost]
-        return Ratings(cost, first)
+        return Ratings(cost, first, mistakes)
 
-    def step_cost(self, step: int, which: IntArray, change: FloatArray) -> FloatArray:
-        """Return what the present state of some simulations costs at the end of a control step.
-
-        Args:
-            step: The control step.
-            which: The m simulations.
-            change: (m, nu) how each departed from the nominal controls, rad or m.
-
-        Returns:
-            (m,) not discounted.
-        """
-        simulations, deviation = self._simulations, self._candidates.deviation
-        total = costs.key_cost(
-            self._cost,
-            self._roll.active[step],
-            simulations.key_angles(which),
-            simulations.scene.key_sounding_angle,
-        )
-        total += costs.effort_cost(self._cost, change, deviation)
+    def _hands_cost(self, step: int, which: IntArray) -> FloatArray:
+        """Return what it costs where the hands of m simulations are after a control step, (m,)."""
         planned = self._nominal.planned(step)
         if planned is None:
-            return total + self._finger_cost(step, which)
-        return total + costs.plan_cost(self._cost, planned, simulations.positions(which), deviation)
+            return self._finger_cost(step, which)
+        positions = self._simulations.positions(which)
+        return costs.plan_cost(self._cost, planned, positions, self._candidates.deviation)
 
     def _finger_cost(self, step: int, which: IntArray) -> FloatArray:
         keys, fingers = self._roll.due(step)

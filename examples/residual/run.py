@@ -2,7 +2,7 @@
 
     python examples/residual/run.py                             # all pieces of td3.yml, three seeds
     python examples/residual/run.py --seeds 0 --steps 10000     # less of everything
-    python examples/residual/run.py --env RoboPianist-arpeggio-EbMajor-v0
+    python examples/residual/run.py --env RoboPianist-arpeggio-BMinor-v0
 
 A run that is finished is skipped and one that was interrupted goes on. The table has the F1 of the
 plan, of the agent before its first step, of the last model, and of the best one by the evaluations

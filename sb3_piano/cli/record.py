@@ -162,9 +162,12 @@ def _new_env(arguments: argparse.Namespace) -> gym.Env[Any, Any]:
 
 
 def _pianist(name: str, env: gym.Env[Any, Any]) -> Predictor:
+    from sb3_piano.planning.settings import AS_WRITTEN
     from sb3_piano.training.algorithms import planner_class
 
-    return planner_class(name)(env)
+    # The observation tells the score's fingers: who learns from it has to see these play.
+    option = "settings" if name == "planned" else "plan_settings"
+    return planner_class(name)(env, **{option: AS_WRITTEN})
 
 
 def _piece(env: gym.Env[Any, Any]) -> str:

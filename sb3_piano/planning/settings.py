@@ -169,3 +169,7 @@ class PlanSettings:
                 raise ConfigError(f"{name} is {getattr(self, name)!r}: expected more than 0.")
         if self.rehearsals < 0:
             raise ConfigError(f"rehearsals is {self.rehearsals!r}: expected 0 or more.")
+
+
+AS_WRITTEN = PlanSettings(change_finger=1000.0)
+"""The constants, for plans in which each note is played by the finger that the score says."""

@@ -16,6 +16,9 @@ from sb3_piano.cli import main
 from sb3_piano.demonstrations import record
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.planning import PlannedPianist, PlanSettings
+from sb3_piano.planning.settings import AS_WRITTEN
 from sb3_piano.training import RunFolder, SavedPlayer, clone, evaluate, resume
 from sb3_piano.training.recording import run_to_record
 
@@ -145,6 +148,21 @@ def test_a_planned_pianist_is_recorded_playing_a_file(midi_file, capsys):
     env = dataset.recover_environment().unwrapped
     assert (env.config.observation, env.config.physics) == ("fingers", "fast")
     assert env.default_score.title == "duet"
+
+
+def test_a_planned_pianist_is_recorded_playing_with_the_fingers_of_the_score(tmp_path):
+    """On a black key it would not take the thumb otherwise."""
+    thumb = Score(notes=[Note(onset=0.0, offset=0.3, pitch=78, finger=0)])
+    write_midi(thumb, tmp_path / "thumb.mid")
+    assert main(["record", "thumb.mid", "--episodes", "1", "--noise", "0", "--no-progress"]) == 0
+    (recorded,) = minari.load_dataset("robopianist/thumb/planned-v0")
+    played = {}
+    for settings in (AS_WRITTEN, PlanSettings()):
+        env = minari.load_dataset("robopianist/thumb/planned-v0").recover_environment()
+        observation, _ = env.reset(seed=0)
+        played[settings] = PlannedPianist(env, settings).predict(observation)[0]
+    np.testing.assert_allclose(recorded.actions[0], played[AS_WRITTEN], atol=1e-6)
+    assert np.abs(played[PlanSettings()] - played[AS_WRITTEN]).max() > 0.01
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,8 @@
 """The constants of a plan.
 
 All of them were found on generated studies (scales, arpeggios, Hanon, the debug pieces), but for
-``leap_more``, for which the Nocturne and the Maple Leaf Rag of the repertoire were looked at, too.
+``leap_more``, ``change_finger`` and ``thumb_on_black``: for these the Nocturne and the Maple Leaf
+Rag of the repertoire were looked at, too, as written and transposed.
 """
 
 from __future__ import annotations

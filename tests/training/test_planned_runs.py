@@ -36,8 +36,8 @@ TUNE = Score(
 # One finger cannot hold two keys a sixth apart.
 TOO_WIDE = Score(
     notes=[
-        Note(onset=0.0, offset=0.4, pitch=76, finger=1),
-        Note(onset=0.0, offset=0.4, pitch=84, finger=1),
+        Note(onset=0.0, offset=0.4, pitch=60, finger=0),
+        Note(onset=0.0, offset=0.4, pitch=84, finger=4),
     ]
 )
 FAST = {"physics": "fast"}
@@ -235,13 +235,13 @@ def test_a_planned_run_has_no_best_model():
 
 def test_notes_that_cannot_be_played_are_told_once_and_in_words(capsys, recwarn):
     assert main(["plan", "wide.mid", "--set", "physics=fast", "--out", "run"]) == 0
-    told = "sb3-piano: warning: 1 note cannot be played as written"
+    told = "sb3-piano: warning: 2 notes cannot be played as written"
     assert capsys.readouterr().err.count(told) == 1
     shutil.copytree("run", "again")
     assert main(["evaluate", "run", "again"]) == 0
     error = capsys.readouterr().err
     assert error.count(told) == 1
-    assert "C6 (pitch 84) at 0.50 s, right index: the finger still holds E5" in error
+    assert "C6 (pitch 84) at 0.50 s, right little: out of reach by" in error
     assert not [warning for warning in recwarn if warning.category is PlanWarning]
 
 

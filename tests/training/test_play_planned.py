@@ -28,8 +28,8 @@ TUNE = Score(
 )
 TOO_WIDE = Score(
     notes=[
-        Note(onset=0.0, offset=0.2, pitch=76, finger=1),
-        Note(onset=0.0, offset=0.2, pitch=84, finger=1),
+        Note(onset=0.0, offset=0.2, pitch=60, finger=0),
+        Note(onset=0.0, offset=0.2, pitch=84, finger=4),
     ]
 )
 ZERO = ["--sampling", "2", "--nominal", "none", "--horizon", "2"]
@@ -66,8 +66,8 @@ def test_what_cannot_be_played_is_told_in_words(capsys):
     command = ["play", "wide.mid", "--planned", "--no-video", "--physics", "fast"]
     assert main([*command, "--out", "here", "--no-progress"]) == 0
     out, error = capsys.readouterr()
-    assert error.startswith("sb3-piano: warning: 1 note cannot be played as written")
-    assert error.count("C6 (pitch 84) at 0.50 s, right index: the finger still holds E5") == 1
+    assert error.startswith("sb3-piano: warning: 2 notes cannot be played as written")
+    assert error.count("C6 (pitch 84) at 0.50 s, right little: out of reach by") == 1
     assert "Sound: here/performance.wav" in out
 
 

@@ -173,4 +173,4 @@ class PlanSettings:
 
 
 AS_WRITTEN = PlanSettings(change_finger=1000.0)
-"""The constants, for plans in which each note is played by the finger that the score says."""
+"""The constants, for plans with the fingers of the score, but for those that would hold two keys."""

@@ -173,4 +173,4 @@ class PlanSettings:
 
 
 AS_WRITTEN = PlanSettings(change_finger=1000.0)
-"""The constants, for plans with the fingers of the score, but for those that would hold two keys."""
+"""The constants, for plans that change no fingers but those that would hold two keys."""

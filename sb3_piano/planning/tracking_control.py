@@ -20,8 +20,8 @@ from sb3_piano.planning.settings import PlanSettings
 
 FloatArray = npt.NDArray[np.float64]
 
-# Small weights that keep the problem well posed: what deviation from the first plan, velocities and
-# positions and commands outside the control range count. The sliders' are those of metres, not of rad.
+# Small weights that keep the problem well posed: what counts deviation from the first plan, speed,
+# and being outside the control range. The sliders' are those of metres, not of rad.
 _FAITH, _FAITH_ARM = 0.01, 1.0
 _SPEED, _SPEED_ARM = 1e-4, 1e-2
 _OUTSIDE, _OUTSIDE_ARM = 0.1, 10.0

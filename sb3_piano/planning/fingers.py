@@ -11,6 +11,7 @@ two keys while others are free.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -20,7 +21,7 @@ import numpy as np
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.hands import FINGERS_PER_HAND
 from sb3_piano.planning.key_places import THUMB, KeyPlaces
-from sb3_piano.planning.leaps import MIDDLE_FINGER, is_leap, lost_to_leap
+from sb3_piano.planning.leaps import hand_place, is_leap, lost_to_leap
 from sb3_piano.planning.presses import Press, presses_of_hand
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.simulation import KEY_IS_BLACK
@@ -84,7 +85,7 @@ def choose(
         keys: The keyboard.
         settings: The plan's constants.
     """
-    costs = _Costs(presses, [sign * float(keys.y[press.key]) for press in presses], keys, settings)
+    costs = _Costs(presses, sign, keys, settings)
     onsets: dict[int, list[int]] = {}
     for index, press in enumerate(presses):
         onsets.setdefault(press.first, []).append(index)
@@ -113,10 +114,15 @@ class _Costs:
     """What fingers cost, in control steps of sound."""
 
     presses: Sequence[Press]
-    across: Sequence[float]
-    """Where each press is, from the thumb's side to the little finger's, m."""
+    sign: int
+    """1 for the right hand, -1 for the left one."""
     keys: KeyPlaces
     settings: PlanSettings
+
+    @functools.cached_property
+    def across(self) -> list[float]:
+        """Where each press is, from the thumb's side to the little finger's, m."""
+        return [self.sign * float(self.keys.y[press.key]) for press in self.presses]
 
     def ways_on(self, way: _Way, onset: int, struck: list[int]) -> Iterator[tuple[_Way, float]]:
         """Yield the ways in which some presses can be struck, and what each adds to the cost."""
@@ -180,4 +186,4 @@ class _Costs:
         return late + _WAY * distance + _PASSED * passes, early
 
     def _hand(self, i: int, finger: int) -> float:
-        return self.across[i] - (finger - MIDDLE_FINGER) * self.keys.spacing
+        return hand_place(self.presses[i].key, finger, self.sign, self.keys)

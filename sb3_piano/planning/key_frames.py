@@ -77,7 +77,7 @@ def key_frames(
     last = [0] * FINGERS_PER_HAND  # until when each finger holds its note before
     for index, one in enumerate(timed):
         finger = one.press.finger
-        place = hand_place(one.press, sign, keys)
+        place = hand_place(one.press.key, one.press.finger, sign, keys)
         x = press_x(one.press.key, finger, mixed[index], settings) + one.touch.along
         goal = _Goal(one, x, float(radius[finger]), keys, settings)
         start = max(last[finger] + 2, one.first - settings.hover_states)
@@ -174,7 +174,7 @@ def _held_places(
     """Return for each state which fingers hold keys, and where that wants the hand to be."""
     held: list[list[tuple[int, float]]] = [[] for _ in range(n_states)]
     for one in timed:
-        place = hand_place(one.press, sign, keys)
+        place = hand_place(one.press.key, one.press.finger, sign, keys)
         for state in range(one.first, min(one.last + 1, n_states)):
             held[state].append((one.press.finger, place))
     return held

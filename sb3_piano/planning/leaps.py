@@ -47,15 +47,16 @@ class TimedPress:
     """What is special about it."""
 
 
-def hand_place(press: Press, sign: int, keys: KeyPlaces) -> float:
+def hand_place(key: int, finger: int, sign: int, keys: KeyPlaces) -> float:
     """Return where the middle finger would be if the fingers lay on neighbouring white keys, m.
 
     Args:
-        press: What one finger plays.
+        key: A key, 0 to 87, ...
+        finger: ... and the finger on it, from 0, the thumb, to 4.
         sign: 1 for the right hand, -1 for the left one.
         keys: The keyboard.
     """
-    return float(keys.y[press.key] - sign * (press.finger - MIDDLE_FINGER) * keys.spacing)
+    return float(keys.y[key] - sign * (finger - MIDDLE_FINGER) * keys.spacing)
 
 
 def is_leap(distance: float, same_finger: bool, settings: PlanSettings) -> bool:
@@ -99,7 +100,7 @@ def time_presses(
         settings: The plan's constants.
     """
     timed = [TimedPress(press, press.first, press.last) for press in presses]
-    places = [hand_place(press, sign, keys) for press in presses]
+    places = [hand_place(press.key, press.finger, sign, keys) for press in presses]
     for later, earlier in _neighbours(presses, settings.leap_rest):
         before, after = timed[earlier], timed[later]
         distance = abs(places[earlier] - places[later])

@@ -76,8 +76,7 @@ def cost_of(costs, onsets, given_fingers):
 @settings(max_examples=40, deadline=None)
 @given(hand_presses(most=5), st.sampled_from([1, -1]))
 def test_no_other_fingers_cost_less(presses, sign):
-    across = [sign * float(KEYS.y[press.key]) for press in presses]
-    costs = _Costs(presses, across, KEYS, SETTINGS)
+    costs = _Costs(presses, sign, KEYS, SETTINGS)
     onsets = sorted({press.first for press in presses})
     chosen = cost_of(costs, onsets, choose(presses, sign, KEYS, SETTINGS))
     assert chosen == pytest.approx(min(all_ways(costs, onsets)))
@@ -128,7 +127,7 @@ WRITTEN = {
 
 @pytest.mark.parametrize(("presses", "given_fingers", "expected"), WRITTEN.values(), ids=WRITTEN)
 def test_what_fingers_cost(presses, given_fingers, expected):
-    costs = _Costs(presses, [float(KEYS.y[press.key]) for press in presses], KEYS, SETTINGS)
+    costs = _Costs(presses, 1, KEYS, SETTINGS)
     onsets = sorted({press.first for press in presses})
     assert cost_of(costs, onsets, given_fingers) == pytest.approx(expected, abs=1e-6)
 
@@ -219,7 +218,7 @@ WIDEST = [(0, 1, 3), (0, 2, 4), (0, 3, 5), (0, 4, 7), (1, 2, 2), (1, 3, 3), (1, 
 def test_the_widest_grips_that_cost_nothing_are_within_reach(one, two, away):
     grip = chord((0, one), (away, two))
     assert choose(grip, 1, KEYS, AS_WRITTEN) == [one, two]
-    costs = _Costs(grip, [float(KEYS.y[press.key]) for press in grip], KEYS, AS_WRITTEN)
+    costs = _Costs(grip, 1, KEYS, AS_WRITTEN)
     assert costs._grip(0, one, 1, two) == 0
     notes = [
         Note(onset=0.0, offset=0.5, pitch=21 + press.key, finger=press.finger) for press in grip

@@ -55,7 +55,8 @@ def test_a_step_of_neighbouring_fingers_on_neighbouring_keys_is_free():
 def test_a_finger_comes_up_before_it_takes_the_key_next_to_its_own():
     black = next(key for key in range(WHITE[MIDDLE], 88) if KEY_IS_BLACK[key])
     near = [Press(black - 1, 2, 1, 10), Press(black, 2, 11, 20)]
-    assert abs(hand_place(near[0], 1, KEYS) - hand_place(near[1], 1, KEYS)) < SETTINGS.leap_distance
+    places = [hand_place(press.key, press.finger, 1, KEYS) for press in near]
+    assert abs(places[0] - places[1]) < SETTINGS.leap_distance
     assert gap(near) == SETTINGS.leap_frames
     other_finger = [near[0], Press(black, 3, 11, 20)]
     assert gap(other_finger) == 0
@@ -140,7 +141,7 @@ def test_all_keys_of_a_chord_make_room_for_a_leap():
 def test_the_place_of_a_hand_is_where_its_middle_finger_would_be():
     key = WHITE[MIDDLE]
     for sign in (1, -1):
-        places = [hand_place(Press(key, finger, 1, 1), sign, KEYS) for finger in range(5)]
+        places = [hand_place(key, finger, sign, KEYS) for finger in range(5)]
         assert places[2] == KEYS.y[key]
         # Its thumb on the key, a right hand lies to the right of it.
         assert places[0] == pytest.approx(KEYS.y[key] + sign * 2 * KEYS.spacing)

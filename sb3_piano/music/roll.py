@@ -14,6 +14,8 @@ from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
 from sb3_piano.music.grid import MAX_STEPS, Sheet, ceil_steps, floor_steps
 from sb3_piano.music.score import Score
 
+_ARRAYS = ("active", "finger", "onset", "sustain", "onset_time")
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PianoRoll:
@@ -124,6 +126,12 @@ class PianoRoll:
         """Length of all steps together, in s."""
         return len(self) * self.control_timestep
 
+    def equals(self, other: PianoRoll) -> bool:
+        """Return whether another roll says the same; ``==`` asks whether it is the same object."""
+        return self.control_timestep == other.control_timestep and all(
+            np.array_equal(getattr(self, name), getattr(other, name)) for name in _ARRAYS
+        )
+
     def labelled_fingers(self) -> NDArray[np.bool_]:
         """Return which fingers are labelled to press at each step, (T, 10) bool."""
         fingers = np.zeros((len(self), NUM_FINGERS), dtype=bool)
@@ -149,8 +157,8 @@ class PianoRoll:
         return keys, self.finger[step, keys]
 
     def _lock(self) -> None:
-        for array in (self.active, self.finger, self.onset, self.sustain, self.onset_time):
-            array.flags.writeable = False
+        for name in _ARRAYS:
+            getattr(self, name).flags.writeable = False
 
 
 def _sustain_steps(

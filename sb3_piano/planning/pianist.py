@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections import OrderedDict
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
@@ -21,7 +21,7 @@ from sb3_piano.planning.policy import PianoPolicy
 from sb3_piano.planning.problems import summary
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import Tracker, hands_of_action, observed_positions
-from sb3_piano.simulation import SIDES
+from sb3_piano.simulation import SIDES, PianoScene
 
 _PLANS_KEPT = 8
 
@@ -73,7 +73,7 @@ class Trackers:
 
     def __init__(self, settings: PlanSettings | None = None):
         self.settings = settings or PlanSettings()
-        self._kept: OrderedDict[tuple[int, int], tuple[PianoRoll, Any, Tracker]] = OrderedDict()
+        self._kept: list[_Kept] = []
 
     def of(self, piano: PianoEnv) -> Tracker:
         """Return the tracker of what an environment plays in this episode.
@@ -81,18 +81,42 @@ class Trackers:
         A :class:`PlanWarning` tells of notes that cannot be played as written.
         """
         roll, scene = piano.roll, piano.scene
-        key = (id(roll), id(scene))
-        if key not in self._kept:
-            made = plan(_with_fingers(piano), scene, self.settings)
-            if made.problems:
-                warnings.warn(summary(made.problems), PlanWarning, stacklevel=2)
-            # The roll and the scene are kept, too, so that nothing else gets their ids.
-            tracker = Tracker(made, scene, self.settings.feedback)
-            self._kept[key] = (roll, scene, tracker)
-            while len(self._kept) > _PLANS_KEPT:
-                self._kept.popitem(last=False)
-        self._kept.move_to_end(key)
-        return self._kept[key][2]
+        kept = self._find(roll, scene)
+        if kept is None:
+            kept = _Kept(roll, scene, self._make(piano))
+            self._kept = [kept, *self._kept[: _PLANS_KEPT - 1]]
+        elif kept is not self._kept[0]:
+            self._kept.remove(kept)
+            self._kept.insert(0, kept)
+        return kept.tracker
+
+    def _find(self, roll: PianoRoll, scene: PianoScene) -> _Kept | None:
+        """Return the plan of a piece: a glance tells within an episode, not in the next one."""
+        candidates = [kept for kept in self._kept if kept.scene is scene]
+        for kept in candidates:
+            if kept.roll is roll:
+                return kept
+        for kept in candidates:
+            if kept.roll.equals(roll):
+                kept.roll = roll
+                return kept
+        return None
+
+    def _make(self, piano: PianoEnv) -> Tracker:
+        made = plan(_with_fingers(piano), piano.scene, self.settings)
+        if made.problems:
+            warnings.warn(summary(made.problems), PlanWarning, stacklevel=3)
+        return Tracker(made, piano.scene, self.settings.feedback)
+
+
+@dataclass(eq=False)
+class _Kept:
+    """A plan that was made."""
+
+    roll: PianoRoll
+    """The piece, as the environment had it last."""
+    scene: PianoScene
+    tracker: Tracker
 
 
 def action_of(

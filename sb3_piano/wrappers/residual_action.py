@@ -126,7 +126,7 @@ class ResidualAction(LayoutWrapper, gym.utils.RecordConstructorArgs):
         return shown
 
     def __getstate__(self) -> dict[str, Any]:
-        # They know pieces by their identity, which does not outlive copying and pickling.
+        # They know scenes by their identity, which does not outlive copying and pickling.
         return {**self.__dict__, "_trackers": Trackers(self._trackers.settings)}
 
     def _planned_action(self) -> npt.NDArray[np.float32]:

@@ -1,4 +1,5 @@
 import copy
+import dataclasses
 import math
 import pickle
 import time
@@ -209,6 +210,19 @@ class TestRoll:
             PianoRoll(
                 control_timestep=1.0, active=rows, finger=rows, onset=rows, sustain=np.zeros(2)
             )
+
+    def test_equal_rolls_are_those_that_say_the_same(self):
+        roll = roll_of((0, 2, 1), pedals=[(0, 1)])
+        assert roll.equals(roll_of((0, 2, 1), pedals=[(0, 1)]))
+        later = {
+            name: np.roll(getattr(roll, name), 1, axis=0)
+            for name in ("active", "finger", "onset", "sustain")
+        }
+        later["onset_time"] = roll.onset_time + 0.1
+        for name, array in later.items():
+            assert not roll.equals(dataclasses.replace(roll, **{name: array})), name
+        assert not roll.equals(dataclasses.replace(roll, control_timestep=0.5))
+        assert not roll.equals(roll_of((0, 3, 1), pedals=[(0, 1)])), "another length"
 
     def test_repr_tells_size_step_and_strikes(self):
         assert repr(roll_of((0, 2), (3, 4))) == "PianoRoll(5 steps of 1 s, 2 strikes)"

@@ -246,7 +246,6 @@ def test_it_plays_each_of_the_pieces_that_are_chosen():
 
 
 @pytest.mark.filterwarnings("ignore:.*cannot be played")
-@pytest.mark.xfail(strict=True, reason="a piece that is chosen again is a new roll: planned anew")
 def test_a_piece_that_is_chosen_again_is_not_planned_again():
     env, trackers = piano(OTHER), Trackers(CARELESS)
     env.reset()

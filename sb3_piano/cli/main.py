@@ -26,7 +26,7 @@ from sb3_piano.cli import (
     tune,
 )
 from sb3_piano.cli.common import EXIT_ERROR, EXIT_INTERRUPTED
-from sb3_piano.exceptions import PlanWarning, SB3PianoError
+from sb3_piano.exceptions import PlanWarning, SB3PianoError, ScoreWarning
 
 # torch and the simulator are imported by the commands that need them, so that --help is instant.
 _COMMANDS = (
@@ -44,6 +44,8 @@ _COMMANDS = (
     listing,
 )
 
+_OURS = (PlanWarning, ScoreWarning)
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line.
@@ -56,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = _parser().parse_args(argv)
     try:
-        with _plan_warnings_told():
+        with _warnings_told():
             status = int(arguments.command(arguments))
         sys.stdout.flush()  # so that what goes wrong with it is told below
         return status
@@ -72,8 +74,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 @contextlib.contextmanager
-def _plan_warnings_told() -> Iterator[None]:
-    """Tell what cannot be played as written in plain words, and of each piece once."""
+def _warnings_told() -> Iterator[None]:
+    """Tell what was left out of a file and what cannot be played in plain words, and once."""
     told: set[str] = set()
     with warnings.catch_warnings():
         others = warnings.showwarning
@@ -81,14 +83,15 @@ def _plan_warnings_told() -> Iterator[None]:
         def show(
             message: Warning | str, category: type[Warning], *place: Any, **options: Any
         ) -> None:
-            if not issubclass(category, PlanWarning):
+            if not issubclass(category, _OURS):
                 others(message, category, *place, **options)
             elif str(message) not in told:
                 told.add(str(message))
                 print(f"sb3-piano: warning: {message}", file=sys.stderr)
 
         warnings.showwarning = show
-        warnings.simplefilter("always", PlanWarning)
+        for category in _OURS:
+            warnings.simplefilter("always", category)
         yield
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import av
 import numpy as np
+import pretty_midi
 import pytest
 
 from sb3_piano.cli import main
@@ -69,6 +70,19 @@ def test_what_cannot_be_played_is_told_in_words(capsys):
     assert error.startswith("sb3-piano: warning: 2 notes cannot be played as written")
     assert error.count("C6 (pitch 84) at 0.50 s, right little: out of reach by") == 1
     assert "Sound: here/performance.wav" in out
+
+
+def test_what_is_left_out_of_a_file_is_told_in_words(capsys):
+    music = pretty_midi.PrettyMIDI()
+    music.instruments.append(pretty_midi.Instrument(program=0))
+    for pitch in (60, 120):  # the piano ends at 108
+        music.instruments[0].notes.append(pretty_midi.Note(80, pitch, 0.0, 0.5))
+    music.write("high.mid")
+    command = ["play", "high.mid", "--planned", "--no-video", "--physics", "fast"]
+    assert main([*command, "--no-progress"]) == 0
+    error = capsys.readouterr().err
+    told = "sb3-piano: warning: Reading 'high.mid' left out 1 note off the keyboard (C9 at 0 s)."
+    assert error.strip() == told
 
 
 def test_sampling_has_a_folder_of_its_own(capsys):

@@ -5,7 +5,8 @@ hand can do neither, and each shift of it costs sound. Of all ways to finger wha
 one is taken by which the fewest control steps of sound are lost: those of notes that a grip does
 not reach, and those that leaps take from the notes around them. What is written stays, unless a
 change brings more than :attr:`PlanSettings.change_finger` a note, or a finger would have to hold
-two keys while others are free.
+two keys while others are free. What no fingers can hold is let go: see
+:mod:`sb3_piano.planning.grips`.
 """
 
 from __future__ import annotations
@@ -19,32 +20,17 @@ from itertools import combinations
 import numpy as np
 
 from sb3_piano.music import PianoRoll
+from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.hands import FINGERS_PER_HAND
+from sb3_piano.planning.grips import LetGo, let_go, out_of_reach
 from sb3_piano.planning.key_places import THUMB, KeyPlaces
 from sb3_piano.planning.leaps import hand_place, is_leap, lost_to_leap
 from sb3_piano.planning.presses import Press, presses_of_hand
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.simulation import KEY_IS_BLACK
 
-# How far apart two fingertips can press white keys, by inverse kinematics of the hand, less a
-# margin for other keys and fingers; m. Rows and columns are fingers, from thumb to little finger.
-_NEAREST = np.array(
-    [
-        [0.0, 0.000, 0.010, 0.020, 0.030],
-        [0.0, 0.000, 0.012, 0.028, 0.040],
-        [0.0, 0.000, 0.000, 0.012, 0.025],
-        [0.0, 0.000, 0.000, 0.000, 0.012],
-    ]
-)
-_FARTHEST = np.array(
-    [
-        [0.0, 0.074, 0.096, 0.140, 0.180],
-        [0.0, 0.000, 0.060, 0.098, 0.102],
-        [0.0, 0.000, 0.000, 0.070, 0.078],
-        [0.0, 0.000, 0.000, 0.000, 0.066],
-    ]
-)
 _TOLERANCE = 0.010  # so far out of reach, a note is lost; m
+_MOST_LOST = 2.0  # of two notes
 _CROSSED = 1000.0  # fingers that cross, in control steps
 _REPEATED = 0.5  # a strike of the same key by the same finger
 _WAY = 5.0  # the way of a leap, per m: the shorter one, if as much is lost
@@ -55,8 +41,18 @@ _Way = tuple[tuple[int, int], ...]
 """Which of the presses that sound, or have just sounded, have which fingers."""
 
 
-def fit_fingers(roll: PianoRoll, keys: KeyPlaces, settings: PlanSettings) -> PianoRoll:
-    """Return a roll whose fingers suit the hands.
+@dataclass(frozen=True)
+class Fitted:
+    """A piece as the hands can hold it."""
+
+    roll: PianoRoll
+    """With the fingers that play, and none from where on a note is let go."""
+    let_go: tuple[list[LetGo], list[LetGo]]
+    """What the right and the left hand let go before its end."""
+
+
+def fit_fingers(roll: PianoRoll, keys: KeyPlaces, settings: PlanSettings) -> Fitted:
+    """Find fingers that suit the hands.
 
     Args:
         roll: The piece, with fingers. Each note stays with its hand.
@@ -64,11 +60,47 @@ def fit_fingers(roll: PianoRoll, keys: KeyPlaces, settings: PlanSettings) -> Pia
         settings: The plan's constants.
     """
     label = roll.finger.copy()
+    gone = []
     for hand, sign in ((0, 1), (1, -1)):
         presses = presses_of_hand(roll, hand)
-        for press, finger in zip(presses, choose(presses, sign, keys, settings), strict=True):
-            label[press.first - 1 : press.last, press.key] = hand * FINGERS_PER_HAND + finger
-    return dataclasses.replace(roll, finger=label)
+        for press in presses:
+            label[_steps(press)] = UNKNOWN_FINGER
+        kept, fingers, let_go_of_hand = _fit_hand(presses, sign, keys, settings)
+        for press, finger in zip(kept, fingers, strict=True):
+            label[_steps(press)] = hand * FINGERS_PER_HAND + finger
+        gone.append(let_go_of_hand)
+    right, left = gone
+    return Fitted(dataclasses.replace(roll, finger=label), (right, left))
+
+
+def _steps(press: Press) -> tuple[slice, int]:
+    """Return which control steps of a roll a press is, and its key."""
+    return slice(press.first - 1, press.last), press.key
+
+
+def _fit_hand(
+    presses: list[Press], sign: int, keys: KeyPlaces, settings: PlanSettings
+) -> tuple[list[Press], list[int], list[LetGo]]:
+    """Return what a hand plays with which fingers, and what it lets go.
+
+    Fingers are chosen anew for what is left, until all of it can be held.
+    """
+    gone: dict[tuple[int, int], LetGo] = {}
+    while True:
+        fingers = choose(presses, sign, keys, settings)
+        more = let_go(presses, fingers, sign, keys)
+        if not more:
+            return presses, fingers, list(gone.values())
+        last = {(one.press.key, one.press.first): one.last for one in more}
+        for one in more:
+            note = one.press.key, one.press.first
+            written = gone[note].press if note in gone else one.press
+            gone[note] = dataclasses.replace(one, press=written)
+        shorter = (
+            dataclasses.replace(press, last=last.get((press.key, press.first), press.last))
+            for press in presses
+        )
+        presses = [press for press in shorter if press.last >= press.first]
 
 
 def choose(
@@ -164,10 +196,10 @@ class _Costs:
         if finger >= other:
             return _CROSSED
         apart = self.across[j] - self.across[i]
-        off = max(apart - _FARTHEST[finger, other], _NEAREST[finger, other] - apart, 0.0)
+        off = out_of_reach(apart, finger, other)
         one, two = self.presses[i], self.presses[j]
         together = max(min(one.last, two.last) - max(one.first, two.first) + 1, 1)
-        return float(together * min(off / _TOLERANCE, 1.5))
+        return float(together * min(off / _TOLERANCE, _MOST_LOST))
 
     def _leap(self, before: tuple[int, int], after: tuple[int, int]) -> tuple[float, float]:
         """Return how late a note begins and how early the one before ends."""

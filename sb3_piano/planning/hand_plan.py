@@ -15,7 +15,7 @@ from sb3_piano.planning.leaps import TimedPress, time_presses
 from sb3_piano.planning.least_squares import HandProblem
 from sb3_piano.planning.posture import resting_posture
 from sb3_piano.planning.presses import presses_of_hand
-from sb3_piano.planning.problems import Problem, doubled, unmovable, unreached
+from sb3_piano.planning.problems import Problem, unmovable, unreached
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.smoothness import Smoothness
 from sb3_piano.planning.tracking_control import TrackingControl
@@ -140,11 +140,8 @@ class HandPlanner:
         """Return what the hand cannot do."""
         hand, timestep = self.kinematics.hand, self._roll.control_timestep
         tips = self.kinematics.fingertips(self.planned)
-        found = doubled(self.timed, hand, timestep)
-        known = {(problem.pitch, problem.time) for problem in found}
-        found += unmovable(self.timed, hand, self._scene.moving_keys, timestep)
-        reach = unreached(self.timed, hand, self.frames, tips, timestep)
-        return found + [one for one in reach if (one.pitch, one.time) not in known]
+        found = unmovable(self.timed, hand, self._scene.moving_keys, timestep)
+        return found + unreached(self.timed, hand, self.frames, tips, timestep)
 
     def _key_forces(self, positions: FloatArray, start: int) -> FloatArray:
         """Return the forces on the actuators of keys that are held, (s, n)."""

@@ -14,7 +14,7 @@ from sb3_piano.music.fingering import finger_score
 from sb3_piano.planning.fingers import fit_fingers
 from sb3_piano.planning.key_places import KeyPlaces
 from sb3_piano.planning.piece_planner import PiecePlanner
-from sb3_piano.planning.problems import Problem, fingerless
+from sb3_piano.planning.problems import Problem, fingerless, not_held
 from sb3_piano.planning.rehearsal import rehearse
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.simulation import PianoScene
@@ -29,7 +29,7 @@ class Plan:
     """How two hands play a piece over T control steps; n are the scene's actuators."""
 
     roll: PianoRoll
-    """The piece, with the fingers that play it."""
+    """The piece, with the fingers that play it; without, where a hand lets go of a note."""
     positions: FloatArray
     """(T + 1, n) where the actuators should be before the first control step and after each one,
     rad, or m for the sliders."""
@@ -77,18 +77,22 @@ def plan(
     if isinstance(piece, Score):
         piece = PianoRoll.from_score(finger_score(piece), control_timestep)
     _check_fingers(piece)
-    piece = fit_fingers(piece, KeyPlaces.of(scene), settings)
-    planner = PiecePlanner(piece, scene, settings)
+    fitted = fit_fingers(piece, KeyPlaces.of(scene), settings)
+    planner = PiecePlanner(fitted.roll, scene, settings)
     planner.plan()
     if settings.rehearsals > 0:
-        rehearse(planner, piece, scene, settings)
-    return _collect(planner, piece)
+        rehearse(planner, fitted.roll, scene, settings)
+    problems = fingerless(piece)
+    for hand, gone in enumerate(fitted.let_go):
+        problems += not_held(gone, hand, piece.control_timestep)
+    return _collect(planner, fitted.roll, problems)
 
 
-def _collect(planner: PiecePlanner, roll: PianoRoll) -> Plan:
+def _collect(planner: PiecePlanner, roll: PianoRoll, problems: list[Problem]) -> Plan:
     right, left = planner.hands
-    problems = [problem for hand in planner.hands for problem in hand.problems()]
-    problems += fingerless(roll)
+    told = {(problem.pitch, problem.time) for problem in problems}
+    of_hands = [*right.problems(), *left.problems()]
+    problems += [one for one in of_hands if (one.pitch, one.time) not in told]
     return Plan(
         roll=roll,
         positions=np.concatenate([right.positions, left.positions], axis=1),

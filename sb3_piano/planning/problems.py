@@ -13,6 +13,7 @@ from sb3_piano.music import MIN_PITCH, PianoRoll
 from sb3_piano.music.constants import FINGER_NAMES, UNKNOWN_FINGER
 from sb3_piano.music.hands import FINGERS_PER_HAND
 from sb3_piano.music.pitch import pitch_name
+from sb3_piano.planning.grips import LetGo
 from sb3_piano.planning.key_frames import KeyFrames
 from sb3_piano.planning.leaps import TimedPress
 
@@ -78,23 +79,23 @@ def unreached(
     return problems
 
 
-def doubled(timed: Sequence[TimedPress], hand: int, control_timestep: float) -> list[Problem]:
-    """Return the notes whose finger has to hold another key at the same time."""
+def not_held(gone: Sequence[LetGo], hand: int, control_timestep: float) -> list[Problem]:
+    """Return the notes that are let go before their end, or not struck."""
     problems = []
-    until = [(0, -1)] * FINGERS_PER_HAND  # last state and key of each finger's note before
-    for one in timed:
-        press = one.press
-        last, key = until[press.finger]
-        if press.first <= last and press.key != key:
-            problems.append(
-                Problem(
-                    pitch=MIN_PITCH + press.key,
-                    time=(press.first - 1) * control_timestep,
-                    finger=hand * FINGERS_PER_HAND + press.finger,
-                    reason=f"the finger still holds {pitch_name(MIN_PITCH + key)}",
-                )
+    for one in gone:
+        press, instead = one.press, pitch_name(MIN_PITCH + one.for_key)
+        early = (press.last - one.last) * control_timestep
+        reason = f"let go early by {early:.2f} s for {instead}"
+        if one.last < press.first:
+            reason = f"left out by the hand, which plays {instead}"
+        problems.append(
+            Problem(
+                pitch=MIN_PITCH + press.key,
+                time=(press.first - 1) * control_timestep,
+                finger=hand * FINGERS_PER_HAND + press.finger,
+                reason=reason,
             )
-        until[press.finger] = max((last, key), (press.last, press.key))
+        )
     return problems
 
 

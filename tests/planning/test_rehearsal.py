@@ -88,7 +88,7 @@ def test_what_is_heard_at_a_rehearsal_is_what_the_environment_hears(scene):
     env = PianoEnv(SCORE, reduced_action_space=False, initial_buffer_time=0.5)
     env.reset(seed=0)
     settings = PLAIN
-    roll = fit_fingers(env.roll, KeyPlaces.of(scene), settings)
+    roll = fit_fingers(env.roll, KeyPlaces.of(scene), settings).roll
     planner = PiecePlanner(roll, scene, settings)
     planner.plan()
     errors = _Stage(planner, roll, scene, settings).errors()

@@ -235,13 +235,13 @@ def test_a_planned_run_has_no_best_model():
 
 def test_notes_that_cannot_be_played_are_told_once_and_in_words(capsys, recwarn):
     assert main(["plan", "wide.mid", "--set", "physics=fast", "--out", "run"]) == 0
-    told = "sb3-piano: warning: 2 notes cannot be played as written"
+    told = "sb3-piano: warning: 1 note cannot be played as written"
     assert capsys.readouterr().err.count(told) == 1
     shutil.copytree("run", "again")
     assert main(["evaluate", "run", "again"]) == 0
     error = capsys.readouterr().err
     assert error.count(told) == 1
-    assert "C6 (pitch 84) at 0.50 s, right little: out of reach by" in error
+    assert "C4 (pitch 60) at 0.50 s, right thumb: left out by the hand, which plays C6" in error
     assert not [warning for warning in recwarn if warning.category is PlanWarning]
 
 

@@ -30,7 +30,7 @@ from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.simulation import KEY_IS_BLACK
 
 _TOLERANCE = 0.010  # so far out of reach, a note is lost; m
-_MOST_LOST = 2.0  # of two notes
+_MOST_LOST = 2.0  # both notes of a grip
 _CROSSED = 1000.0  # fingers that cross, in control steps
 _REPEATED = 0.5  # a strike of the same key by the same finger
 _WAY = 5.0  # the way of a leap, per m: the shorter one, if as much is lost
@@ -91,13 +91,13 @@ def _fit_hand(
         more = let_go(presses, fingers, sign, keys)
         if not more:
             return presses, fingers, list(gone.values())
-        last = {(one.press.key, one.press.first): one.last for one in more}
         for one in more:
             note = one.press.key, one.press.first
-            written = gone[note].press if note in gone else one.press
-            gone[note] = dataclasses.replace(one, press=written)
+            gone[note] = dataclasses.replace(one, press=gone[note].press) if note in gone else one
         shorter = (
-            dataclasses.replace(press, last=last.get((press.key, press.first), press.last))
+            dataclasses.replace(press, last=gone[note].last)
+            if (note := (press.key, press.first)) in gone
+            else press
             for press in presses
         )
         presses = [press for press in shorter if press.last >= press.first]

@@ -30,9 +30,8 @@ _FARTHEST = np.array(
     ]
 )
 
-# Fingers that are asked to reach farther than this beyond it end up between the keys. Of 18 such
-# grips of two white keys, held for a second, each came out at a higher F1 with one of them alone
-# (0.79, not 0.26 to 0.77).
+# So far out of reach, m, fingers end up between the keys. Of 18 such grips of two white keys, held
+# for a second, each came out at a higher F1 with one of them alone (0.79, not 0.26 to 0.77).
 _HOPELESS = 0.018
 
 
@@ -83,10 +82,13 @@ def let_go(
         while rivals := grips.rivals(worst := grips.worst(struck), struck):
             struck.remove(worst)
             gone.append(LetGo(presses[worst], onset - 1, presses[rivals[0]].key))
+        stay = []
         for i in held:
             if rivals := grips.rivals(i, struck):
                 gone.append(LetGo(presses[i], onset - 1, presses[rivals[0]].key))
-        held = [i for i in held if not grips.rivals(i, struck)] + struck
+            else:
+                stay.append(i)
+        held = stay + struck
     return gone
 
 

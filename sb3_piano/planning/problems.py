@@ -32,7 +32,7 @@ class Problem:
     time: float
     """When it is due, s from the start of the episode."""
     finger: int
-    """The finger that has it, 0 to 9; -1 for none."""
+    """The finger that has it, 0 to 9, of a note that is let go as it is written; -1 for none."""
     reason: str
     """What is wrong."""
     error: float = 0.0

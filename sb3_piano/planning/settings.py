@@ -85,7 +85,8 @@ class PlanSettings:
     # Fingers.
     change_finger: float = 0.5
     """What a finger counts that is not the written one, in control steps of sound; with a large
-    number only those are changed that would have to hold two keys."""
+    number only those are changed that would have to hold two keys, and what they do not reach
+    together is let go."""
     thumb_on_black: float = 1.0
     """What a thumb on a black key counts, in the same."""
 
@@ -173,4 +174,5 @@ class PlanSettings:
 
 
 AS_WRITTEN = PlanSettings(change_finger=1000.0)
-"""The constants, for plans that change no fingers but those that would hold two keys."""
+"""The constants, for plans that change no fingers but those that would hold two keys. What the
+written ones do not reach together is let go."""

@@ -55,6 +55,10 @@ def test_what_is_held_makes_way_for_what_is_struck_out_of_its_reach(sign):
     assert one.for_key == WHITE[MIDDLE + sign * 10]
 
 
+def test_what_is_held_past_notes_within_its_reach_still_makes_way_later():
+    assert gone_of(notes((0, 0, 1, 40), (2, 1, 5, 9), (10, 4, 20, 30))) == {(0, 19)}
+
+
 def test_what_has_ended_before_need_not_make_way():
     assert gone_of(notes((0, 0, 1, 9), (10, 4, 10, 20))) == set()
 
@@ -78,6 +82,17 @@ def test_a_finger_lets_go_of_its_key_for_another_one():
 
 def test_fingers_that_cross_let_go_of_nothing():
     assert gone_of(notes((0, 3, 1, 20), (1, 2, 6, 20))) == set()
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_fingers_are_found_with_which_nothing_is_let_go(sign):
+    """A fifth and a ninth: not for the index finger in between, which does not spread so far."""
+    chord = notes((0, 0, 5, 20), (4, 1, 5, 20), (8, 4, 5, 20), sign=sign)
+    assert gone_of(chord, sign) == {(0, 4)}
+    kept, fingers, gone = _fit_hand(chord, sign, KEYS, SETTINGS)
+    by_key = sorted(zip(kept, fingers, strict=True), key=lambda pair: sign * pair[0].key)
+    assert [finger for _, finger in by_key] == [0, 2, 4]
+    assert gone == []
 
 
 @settings(max_examples=60, deadline=None)

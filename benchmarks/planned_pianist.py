@@ -11,10 +11,9 @@ fast one). One process for each job, one thread in each.
 
 A row is appended to the CSV file as soon as it is measured, and what is in the file is not measured
 again: stop it and call it again to go on; after a change to the planner begin a new file. Then, and
-with ``--pieces none`` at once, it prints tables in Markdown. Their seconds are those of planning
-and playing together, as the processor counts them, so that other work on the machine does not; the
-file has those of the clock, too. The constants of the plan were found on the studies; ``*`` marks
-the pieces that had no part in that.
+with ``--pieces none`` at once, it prints the means of groups of pieces in Markdown. Their seconds
+are those of planning and playing together, as the processor counts them, so that other work on the
+machine does not; the file has those of the clock, too.
 """
 
 from __future__ import annotations
@@ -141,11 +140,6 @@ def complete(path: Path, wanted: Iterable[Key], jobs: int) -> None:
 # Printing.
 
 
-def marked(piece: str) -> str:
-    """Return a piece's name, with a star if no constant was found on it."""
-    return f"{piece}*" if is_unseen(piece) else piece
-
-
 def is_unseen(piece: str) -> bool:
     """Return whether a piece had no part in finding constants."""
     return BUILT_IN[piece].collection in UNSEEN and piece not in SEEN
@@ -172,39 +166,30 @@ def groups_of(pieces: Sequence[str]) -> dict[str, list[str]]:
         groups.setdefault(f"all of {BUILT_IN[piece].collection}", []).append(piece)
     unseen = [piece for piece in pieces if is_unseen(piece)]
     if unseen:
-        groups["all unseen*"] = unseen
+        groups["all unseen"] = unseen
     groups["all pieces"] = list(pieces)
     return groups
 
 
 def print_table(rows: Mapping[Key, Row], columns: Sequence[str]) -> None:
-    """Print the means of each group, then each piece."""
+    """Print the means of each group: music's length, F1 of playing nothing, and the columns."""
     pieces = [piece for piece in BUILT_IN if any((piece, column) in rows for column in columns)]
     if not pieces:
         print("Nothing is measured yet.")
         return
     print("Precision / recall / **F1** / onset F1 / seconds to plan and play.\n")
-    print_part("group", groups_of(pieces), rows, columns)
-    print()
-    print_part("piece", {marked(piece): [piece] for piece in pieces}, rows, columns)
-
-
-def print_part(
-    heading: str, groups: Mapping[str, list[str]], rows: Mapping[Key, Row], columns: Sequence[str]
-) -> None:
-    """Print a row for each group: music's length, F1 of playing nothing, and the columns."""
-    print(f"| {heading} | pieces | music, s | nothing | {' | '.join(columns)} |")
+    print(f"| group | pieces | music, s | nothing | {' | '.join(columns)} |")
     print(f"| --- | ---: | ---: | ---: |{' --- |' * len(columns)}")
-    for name, pieces in groups.items():
-        of = {c: [rows[p, c] for p in pieces if (p, c) in rows] for c in columns}
+    for name, group in groups_of(pieces).items():
+        of = {c: [rows[p, c] for p in group if (p, c) in rows] for c in columns}
         one_each = {row["piece"]: row for found in of.values() for row in found}.values()
         music, nothing = (
             sum(float(row[field]) for row in one_each) / len(one_each)
             for field in ("music", "noop_f1")
         )
         # A mean over fewer pieces than the others' would compare different things.
-        shown = [cells(of[c]) if len(of[c]) == len(pieces) else "-" for c in columns]
-        print(f"| {name} | {len(pieces)} | {music:.1f} | {nothing:.3f} | {' | '.join(shown)} |")
+        shown = [cells(of[c]) if len(of[c]) == len(group) else "-" for c in columns]
+        print(f"| {name} | {len(group)} | {music:.1f} | {nothing:.3f} | {' | '.join(shown)} |")
 
 
 def chosen(names: Sequence[str]) -> list[str]:

@@ -74,9 +74,16 @@ def test_means_are_over_pieces_that_all_columns_have(table, capsys):
     assert "**0.600**" in group
     assert "/ 3.0 |" in group
     assert group.endswith("| - |")
-    piece = next(line for line in lines if line.startswith("| repertoire-FurElise* "))
-    assert "**0.400**" in piece
-    assert "**0.100**" in piece
+
+
+def test_the_table_of_the_page_is_that_of_the_file_beside_it(table, capsys):
+    docs = BENCHMARKS.parent / "docs"
+    rows = table.read_rows(docs / "planned_pianist.csv")
+    assert len({piece for piece, _ in rows}) == 99
+    table.print_table(rows, ["planned"])
+    *_, mean = capsys.readouterr().out.strip().splitlines()
+    f1, page = mean.split("**")[1], (docs / "planned_pianist.md").read_text(encoding="utf-8")
+    assert f"**{f1}**" in next(line for line in page.splitlines() if "| all pieces | 99" in line)
 
 
 def test_a_long_piece_is_the_piece_in_other_keys_again_and_again(long):

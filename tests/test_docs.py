@@ -1,4 +1,4 @@
-"""What the README and the examples tell their readers to run does run."""
+"""What the documentation and the examples tell their readers to run does run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sb3_piano.training import load_config
 from sb3_piano.training.builders import build_callbacks
 
 ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+IDS = (ROOT / "docs" / "environments.md").read_text(encoding="utf-8")
 PAGE = (ROOT / "docs" / "repertoire.md").read_text(encoding="utf-8")
 BLOCKS = {
     f"{page.name} {number}": block
@@ -49,23 +49,35 @@ def test_a_python_block_runs(block, tmp_path):
 
 
 def named_ids():
-    """Return a pattern for each id in the README, where ``<Key>`` and ``<Name>`` are anything.
+    """Return a pattern for each id on the page, where ``<Key>`` and ``<Name>`` are anything.
 
     An id may lack its beginning, as the second one of a row does.
     """
-    spans = re.findall(r"`(?:RoboPianist)?(-[\w<>-]+-v0)`", README)
+    spans = re.findall(r"`(?:RoboPianist)?(-[\w<>-]+-v0)`", IDS)
     patterns = [re.sub(r"<\w+>", r"\\w+", span) for span in spans]
     first, last = "-hanon-01-v0", "-hanon-20-v0"
     assert {first, last} <= set(patterns)
     return [*patterns, r"-hanon-\d\d-v0"]
 
 
-def test_the_readme_has_python_blocks_and_names_every_environment():
-    assert {"README.md 0", "README.md 1"} <= set(BLOCKS)
+def test_the_page_of_the_environments_names_every_one():
+    assert {"README.md 0", "environments.md 0"} <= set(BLOCKS)
     patterns = [re.compile("RoboPianist" + pattern) for pattern in named_ids()]
     named = {e for e in ENV_IDS if any(pattern.fullmatch(e) for pattern in patterns)}
     assert set(ENV_IDS) - named == {GENERAL_ID}
-    assert f"`{GENERAL_ID}`" in README
+    assert f"`{GENERAL_ID}`" in IDS
+
+
+def test_every_link_leads_to_a_file_and_a_heading_that_exist():
+    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")):
+        for link in re.findall(r"\]\((?!https?:)([^)\s]+)\)", page.read_text(encoding="utf-8")):
+            name, _, anchor = link.partition("#")
+            target = page.parent / name if name else page
+            assert target.exists(), f"{page.name}: {link}"
+            if anchor:
+                headings = re.findall(r"^#+ (.*)$", target.read_text(encoding="utf-8"), re.M)
+                slugs = {re.sub(r"[^\w -]", "", h.lower()).replace(" ", "-") for h in headings}
+                assert anchor in slugs, f"{page.name}: {link}"
 
 
 @pytest.mark.parametrize("name", REPERTOIRE)

@@ -6,6 +6,7 @@ import ast
 import importlib
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 
 import pytest
@@ -72,3 +73,17 @@ def test_importing_the_package_prints_nothing_and_warns_of_nothing():
     command = [sys.executable, "-W", "error", "-c", "import sb3_piano"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_an_episode_needs_no_dm_control():
+    """It is a bridge to other programs, and not to be had on every Python."""
+    program = """
+        import sys, gymnasium, sb3_piano
+        env = gymnasium.make("RoboPianist-debug-CMajorScaleTwoHands-v0")
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
+        print(*{name.split(".")[0] for name in sys.modules} & {"dm_control", "dm_env", "labmaze"})
+    """
+    command = [sys.executable, "-c", textwrap.dedent(program)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr

@@ -5,7 +5,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: install demo test lint clean
+.PHONY: install demo lint check test matrix clean
 
 install: $(INSTALLED)
 
@@ -25,9 +25,19 @@ lint: $(INSTALLED)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# In two processes; `pytest` alone, in one, is the same.
+PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal
+
+# What to run while working: all but the slow tests, in two processes.
+check: lint
+	$(PYTEST) -m "not slow"
+
+# Everything; `pytest` alone, in one process, is the same.
 test: lint
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(PYTEST)
+
+# `check` with each supported Python, installed afresh. PYTHONS chooses some: make matrix PYTHONS=python3.13
+matrix:
+	.ci/matrix $(PYTHONS)
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

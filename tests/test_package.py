@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import ast
 import importlib
+import re
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 
 import pytest
+import yaml
 
 import sb3_piano
 
 PACKAGE = Path(sb3_piano.__file__).parent
+ROOT = Path(__file__).parents[1]
 
 # The rooms, each of which imports only from those before it.
 ROOMS = [
@@ -72,3 +76,47 @@ def test_importing_the_package_prints_nothing_and_warns_of_nothing():
     command = [sys.executable, "-W", "error", "-c", "import sb3_piano"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_an_episode_needs_no_dm_control():
+    """It is a bridge to other programs, and not to be had on every Python."""
+    program = """
+        import sys, gymnasium, sb3_piano
+        env = gymnasium.make("RoboPianist-debug-CMajorScaleTwoHands-v0")
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
+        print(*{name.split(".")[0] for name in sys.modules} & {"dm_control", "dm_env", "labmaze"})
+    """
+    command = [sys.executable, "-c", textwrap.dedent(program)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr
+
+
+def test_no_module_of_posix_is_needed_to_import_play_and_train(tmp_path):
+    program = """
+        import importlib, pkgutil, signal, sys
+        for name in ("fcntl", "grp", "pwd", "resource", "termios"):
+            sys.modules[name] = None  # importing it raises ImportError
+        del signal.pthread_sigmask
+        import gymnasium, sb3_piano
+        for module in pkgutil.walk_packages(sb3_piano.__path__, "sb3_piano."):
+            importlib.import_module(module.name)
+        env_id = "RoboPianist-debug-CMajorScaleOneHand-v0"
+        env = gymnasium.make(env_id)
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
+        from sb3_piano.cli import main
+        sys.exit(main(["train", "--algo", "td3", "--env", env_id, "--steps", "3", "--no-progress"]))
+    """
+    command = [sys.executable, "-c", textwrap.dedent(program)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert list(tmp_path.glob("runs/td3/*/model.zip"))
+
+
+def test_package_citation_and_changelog_name_the_same_version():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    released = re.search(r"^## (\d\S*) \((.*)\)$", changelog, re.MULTILINE)
+    assert released.groups() == (citation["version"], str(citation["date-released"]))
+    assert citation["version"] == sb3_piano.__version__

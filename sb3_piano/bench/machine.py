@@ -38,7 +38,7 @@ class Machine:
 
 def this_machine() -> Machine:
     """Return what is known of the machine, now."""
-    now = datetime.datetime.now(datetime.timezone.utc)
+    now = datetime.datetime.now(datetime.UTC)
     return Machine(
         date=now.isoformat(sep=" ", timespec="minutes"),
         versions={

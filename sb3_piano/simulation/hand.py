@@ -7,18 +7,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from sb3_piano.simulation.dm_mjcf import mjcf
+import mujoco
+
 from sb3_piano.simulation.tables import load_table
 
 FOREARM_JOINTS = ("forearm_tx", "forearm_ty")
 """The sliders that carry a hand: along the keyboard, and towards the keys' hinges, m."""
 
 _SKIN_COLOR = (0.62, 0.64, 0.68, 1.0)
+_FOREARM_MESH = "forearm"
+# The radius of a fingertip's sphere, m; it has no use for the others, which are MuJoCo's defaults.
+_SITE_SIZE = (0.004, 0.005, 0.005)
 _FINGERS = ("th", "ff", "mf", "rf", "lf")
 
 # Bits of contype and conaffinity. By default every shape of a hand meets every other, of either
 # hand, and the keyboard, whose conaffinity is 1.
 _KEYBOARD, _OTHER_HAND = 1, 2
+_ALL_CONTACTS = {"contype": _KEYBOARD, "conaffinity": _KEYBOARD}
 _PLAYING_LINKS = ("distal", "middle")
 
 # The fingers' joints that share their actuator with the joint after them (not THJ2).
@@ -32,8 +37,8 @@ def build_hand(
     gravity_compensation: bool,
     coupled_friction_only: bool = False,
     playing_contacts_only: bool = False,
-) -> mjcf.RootElement:
-    """Return the MJCF of a hand, to be attached to a scene.
+) -> mujoco.MjSpec:
+    """Return the specification of a hand, to be attached to a scene.
 
     Its own collision shapes are what is seen; there are no mesh files.
 
@@ -49,27 +54,35 @@ def build_hand(
     """
     table = load_table("shadow_hands")
     hand = table[side]
-    root = mjcf.RootElement(model=f"{hand['prefix']}_shadow_hand")
-    root.compiler.angle = "radian"
-    root.default.joint.set_attributes(**table["joint_defaults"])
-    root.default.geom.set_attributes(
-        contype=_KEYBOARD, conaffinity=_KEYBOARD, rgba=_SKIN_COLOR, **table["geom_defaults"]
-    )
-    root.asset.add("mesh", name="forearm", vertex=_hull_vertices(table["forearm_hull_rings"]))
+    spec = mujoco.MjSpec()
+    spec.modelname = f"{hand['prefix']}_shadow_hand"
+    spec.compiler.degree = False
+    spec.add_mesh(name=_FOREARM_MESH, uservert=_hull_vertices(table["forearm_hull_rings"]))
     reduced = _ActionSpace.reduced(table["reduced_action_space"])
     space = reduced if reduced_action_space else _ActionSpace()
-    for body in hand["bodies"]:
-        masks = _playing_masks(side, body["name"]) if playing_contacts_only else {}
-        _add_body(root, body, float(gravity_compensation), space, masks)
-    if coupled_friction_only:
-        for joint in root.find_all("joint"):
-            if not joint.name.endswith(_COUPLED_JOINTS):
-                joint.frictionloss = 0.0
-    for pair in hand["contact_excludes"]:
-        root.contact.add("exclude", body1=pair[0], body2=pair[1])
+    for entry in hand["bodies"]:
+        parent = spec.body(entry["parent"]) if entry["parent"] else spec.worldbody
+        body = parent.add_body(
+            name=entry["name"],
+            pos=entry["pos"],
+            quat=entry["quat"],
+            gravcomp=float(gravity_compensation),
+            **_inertial(entry["inertial"]),
+        )
+        for joint in entry["joints"]:
+            if space.has(joint["name"]):
+                _add_joint(body, {**table["joint_defaults"], **joint}, space, coupled_friction_only)
+        masks = _playing_masks(side, body.name) if playing_contacts_only else _ALL_CONTACTS
+        for geom in entry["geoms"]:
+            _add_geom(body, {**table["geom_defaults"], **masks, **geom})
+        if "fingertip" in entry:
+            finger = body.name.split("_")[1]
+            body.add_site(name=f"{finger}_site", pos=entry["fingertip"], size=_SITE_SIZE, group=4)
+    for first, second in hand["contact_excludes"]:
+        spec.add_exclude(bodyname1=first, bodyname2=second)
     for actuator in hand["actuators"]:
-        _add_actuator(root, actuator, space)
-    return root
+        _add_actuator(spec, actuator, space)
+    return spec
 
 
 def fingertip_sites(side: str) -> list[str]:
@@ -120,46 +133,54 @@ def _playing_masks(side: str, body: str) -> dict[str, int]:
     return {"contype": keyboard | _OTHER_HAND, "conaffinity": 0}
 
 
-def _add_body(
-    root: mjcf.RootElement,
-    spec: dict[str, Any],
-    gravcomp: float,
-    space: _ActionSpace,
-    masks: dict[str, int],
+def _inertial(table: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "mass": table["mass"],
+        "ipos": table["pos"],
+        "iquat": table["quat"],
+        "inertia": table["diaginertia"],
+        "explicitinertial": True,
+    }
+
+
+def _add_joint(
+    body: mujoco.MjsBody, table: dict[str, Any], space: _ActionSpace, coupled_friction_only: bool
 ) -> None:
-    parent = root.find("body", spec["parent"]) if spec["parent"] else root.worldbody
-    body = parent.add(
-        "body", name=spec["name"], pos=spec["pos"], quat=spec["quat"], gravcomp=gravcomp
+    kind = getattr(mujoco.mjtJoint, f"mjJNT_{table['type'].upper()}")
+    joint = body.add_joint(
+        **{**table, "type": kind, "range": space.range_of(table["name"], table["range"])}
     )
-    body.add("inertial", **spec["inertial"])
-    for joint in spec["joints"]:
-        if space.has(joint["name"]):
-            limits = space.range_of(joint["name"], joint["range"])
-            body.add("joint", **{**joint, "range": limits})
-    for geom in spec["geoms"]:
-        mesh = {"mesh": "forearm"} if geom["type"] == "mesh" else {}
-        body.add("geom", **{**geom, **mesh, **masks})
-    if "fingertip" in spec:
-        finger = spec["name"].split("_")[1]
-        body.add("site", name=f"{finger}_site", pos=spec["fingertip"], size=[0.004], group=4)
+    if coupled_friction_only and not joint.name.endswith(_COUPLED_JOINTS):
+        joint.frictionloss = 0.0
 
 
-def _add_actuator(root: mjcf.RootElement, spec: dict[str, Any], space: _ActionSpace) -> None:
+def _add_geom(body: mujoco.MjsBody, table: dict[str, Any]) -> None:
+    kind = getattr(mujoco.mjtGeom, f"mjGEOM_{table['type'].upper()}")
+    geom = body.add_geom(**{**table, "type": kind, "rgba": _SKIN_COLOR})
+    if table["type"] == "mesh":
+        geom.meshname = _FOREARM_MESH
+
+
+def _add_actuator(spec: mujoco.MjSpec, table: dict[str, Any], space: _ActionSpace) -> None:
     """Add a position servo on a joint, or on the sum of two joints (a fixed tendon)."""
-    joints = spec["joints"]
+    name, joints = table["name"], table["joints"]
     if not space.has(joints[0]):
         return
-    limits = space.range_of(joints[0], spec["ctrlrange"])
-    settings = {"name": spec["name"], "kp": spec["kp"], "ctrlrange": limits}
-    if "forcerange" in spec:
-        settings["forcerange"] = spec["forcerange"]
-    if len(joints) == 1:
-        root.actuator.add("position", joint=joints[0], **settings)
-        return
-    tendon = root.tendon.add("fixed", name=spec["name"].replace("_A_", "_T_"))
-    for joint in joints:
-        tendon.add("joint", joint=joint, coef=1.0)
-    root.actuator.add("position", tendon=tendon, **settings)
+    target, kind = joints[0], mujoco.mjtTrn.mjTRN_JOINT
+    if len(joints) > 1:
+        target, kind = name.replace("_A_", "_T_"), mujoco.mjtTrn.mjTRN_TENDON
+        tendon = spec.add_tendon(name=target)
+        for joint in joints:
+            tendon.wrap_joint(joint, 1.0)
+    servo = spec.add_actuator(
+        name=name,
+        target=target,
+        trntype=kind,
+        ctrlrange=space.range_of(joints[0], table["ctrlrange"]),
+    )
+    servo.set_to_position(kp=table["kp"])
+    if "forcerange" in table:
+        servo.forcerange = table["forcerange"]
 
 
 def _hull_vertices(rings: list[dict[str, float]]) -> list[float]:

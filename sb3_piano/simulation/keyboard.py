@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from sb3_piano.music.constants import NUM_KEYS
-from sb3_piano.simulation.dm_mjcf import mjcf
 from sb3_piano.simulation.tables import load_table
 
 KEY_COLORS = {"white": (0.92, 0.92, 0.9, 1.0), "black": (0.12, 0.12, 0.13, 1.0)}
@@ -32,8 +32,8 @@ ALL_KEYS_MOVE = (0, NUM_KEYS - 1)
 
 def build_keyboard(
     *, balanced: bool = False, gravity: bool = True, moving_keys: tuple[int, int] = ALL_KEYS_MOVE
-) -> mjcf.RootElement:
-    """Return the MJCF of the keyboard, to be attached to a scene.
+) -> mujoco.MjSpec:
+    """Return the specification of the keyboard, to be attached to a scene.
 
     Key ``i`` (0 = A0, 87 = C8) has the geom ``<color>_key_<i>`` and, if it moves, the joint
     ``<color>_joint_<i>``, whose angle is 0 at rest and grows as the key goes down.
@@ -47,23 +47,38 @@ def build_keyboard(
     """
     table = load_table("keyboard")
     assert len(table["keys"]) == NUM_KEYS, "keyboard.json must describe all 88 keys"
-    root = mjcf.RootElement(model="piano")
-    root.compiler.angle = "radian"
-    root.default.geom.set_attributes(contype=0, conaffinity=1, **table["contact"])
-    root.worldbody.add(
-        "geom",
-        name="base",
-        type="box",
-        rgba=_BASE_COLOR,
-        size=table["base"]["half_size"],
-        pos=table["base"]["pos"],
+    spec = mujoco.MjSpec()
+    spec.modelname = "piano"
+    spec.compiler.degree = False
+    box = {
+        "type": mujoco.mjtGeom.mjGEOM_BOX,
+        "contype": 0,
+        "conaffinity": 1,
+        **table["contact"],
+    }
+    base = table["base"]
+    spec.worldbody.add_geom(
+        name="base", **box, rgba=_BASE_COLOR, size=base["half_size"], pos=base["pos"]
     )
     joints = {color: _joint(table, table[color], balanced, gravity) for color in KEY_COLORS}
     first, last = moving_keys
     for index, key in enumerate(table["keys"]):
-        joint = joints[key["color"]] if first <= index <= last else None
-        _add_key(root, index, key, table[key["color"]], joint)
-    return root
+        color, kind = key["color"], table[key["color"]]
+        body = spec.worldbody.add_body(
+            name=f"{color}_key_{index}", pos=[kind["body_x"], key["y"], kind["body_z"]]
+        )
+        if first <= index <= last:
+            body.add_joint(
+                name=f"{color}_joint_{index}",
+                type=mujoco.mjtJoint.mjJNT_HINGE,
+                axis=[0, 1, 0],
+                pos=[kind["hinge_x"], 0, 0],
+                **joints[color],
+            )
+        body.add_geom(
+            name=body.name, **box, rgba=KEY_COLORS[color], size=kind["half_size"], mass=kind["mass"]
+        )
+    return spec
 
 
 def sounding_angles() -> tuple[list[float], float]:
@@ -100,33 +115,3 @@ def _joint(
         "stiffness": stiffness,
         "springref": -weight_torque / stiffness if gravity else 0.0,
     }
-
-
-def _add_key(
-    root: mjcf.RootElement,
-    index: int,
-    key: dict[str, Any],
-    kind: dict[str, Any],
-    joint: dict[str, Any] | None,
-) -> None:
-    color = key["color"]
-    body = root.worldbody.add(
-        "body", name=f"{color}_key_{index}", pos=[kind["body_x"], key["y"], kind["body_z"]]
-    )
-    if joint is not None:
-        body.add(
-            "joint",
-            name=f"{color}_joint_{index}",
-            type="hinge",
-            axis=[0, 1, 0],
-            pos=[kind["hinge_x"], 0, 0],
-            **joint,
-        )
-    body.add(
-        "geom",
-        name=f"{color}_key_{index}",
-        type="box",
-        mass=kind["mass"],
-        rgba=KEY_COLORS[color],
-        size=kind["half_size"],
-    )

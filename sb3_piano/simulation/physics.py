@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+
+import mujoco
 
 from sb3_piano.exceptions import ConfigError, near_names
 
@@ -25,9 +26,14 @@ class Solver:
     impratio: float = 10.0
     """Ratio of frictional to normal constraint impedance."""
 
-    def to_mjcf(self) -> dict[str, Any]:
-        """Return the attributes of MJCF's ``option`` element."""
-        return asdict(self)
+    def apply(self, option: mujoco.MjOption) -> None:
+        """Set these options in a model, or in the specification of one."""
+        option.timestep = self.timestep
+        option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{self.integrator.upper()}")
+        option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{self.solver.upper()}")
+        option.cone = getattr(mujoco.mjtCone, f"mjCONE_{self.cone.upper()}")
+        option.iterations = self.iterations
+        option.impratio = self.impratio
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,6 @@ import numpy.typing as npt
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.simulation import hand, keyboard
-from sb3_piano.simulation.dm_mjcf import mjcf
 from sb3_piano.simulation.physics import physics_profile
 
 FloatArray = npt.NDArray[np.float64]
@@ -147,31 +146,65 @@ def compile_scene(
     Raises:
         ConfigError: If the physics profile is unknown, or there are no such keys.
     """
+    spec, parts = scene_parts(
+        reduced_action_space=reduced_action_space,
+        gravity_compensation=gravity_compensation,
+        physics=physics,
+        moving_keys=moving_keys,
+    )
+    _number_unnamed(spec, "/")
+    for part in parts:
+        prefix = f"{part.modelname}/"
+        _number_unnamed(part)
+        frame = spec.worldbody.add_body(name=prefix).add_frame()
+        spec.attach(part, prefix=prefix, frame=frame)
+    return _index_scene(spec.compile(), *moving_keys)
+
+
+def scene_parts(
+    *,
+    reduced_action_space: bool,
+    gravity_compensation: bool,
+    physics: str,
+    moving_keys: tuple[int, int],
+) -> tuple[mujoco.MjSpec, list[mujoco.MjSpec]]:
+    """Return the specifications of the scene: the world, then keyboard, right hand and left hand.
+
+    Args and errors are those of :func:`compile_scene`, which attaches the parts to the world, each
+    to a body of its own, with its name and a slash before all names.
+    """
     _check_moving_keys(*moving_keys)
-    root = mjcf.RootElement(model="scene")
     profile = physics_profile(physics)
-    root.option.set_attributes(**profile.solver.to_mjcf())
+    world = mujoco.MjSpec()
+    world.modelname = "scene"
+    profile.solver.apply(world.option)
     # Where all weights are balanced anyway, leaving gravity out changes nothing and is cheaper.
     weightless = gravity_compensation and profile.balanced_keys
     if weightless:
-        root.option.gravity = [0, 0, 0]
-    _furnish(root)
-    root.attach(
-        keyboard.build_keyboard(
-            balanced=profile.balanced_keys, gravity=not weightless, moving_keys=moving_keys
-        )
+        world.option.gravity = [0, 0, 0]
+    _furnish(world)
+    piano = keyboard.build_keyboard(
+        balanced=profile.balanced_keys, gravity=not weightless, moving_keys=moving_keys
     )
-    for side in SIDES:
-        root.attach(
-            hand.build_hand(
-                side,
-                reduced_action_space=reduced_action_space,
-                gravity_compensation=gravity_compensation and not weightless,
-                coupled_friction_only=profile.coupled_friction_only,
-                playing_contacts_only=profile.playing_contacts_only,
-            )
+    hands = [
+        hand.build_hand(
+            side,
+            reduced_action_space=reduced_action_space,
+            gravity_compensation=gravity_compensation and not weightless,
+            coupled_friction_only=profile.coupled_friction_only,
+            playing_contacts_only=profile.playing_contacts_only,
         )
-    return _index_scene(mujoco.MjModel.from_xml_string(root.to_xml_string()), *moving_keys)
+        for side in SIDES
+    ]
+    return world, [piano, *hands]
+
+
+def _number_unnamed(spec: mujoco.MjSpec, prefix: str = "") -> None:
+    """Name what has no name as dm_control does: names are a part of the compiled model."""
+    unnamed = {"geom": spec.geoms, "light": spec.lights, "contact": spec.excludes}
+    for kind, elements in unnamed.items():
+        for number, element in enumerate(e for e in elements if not e.name):
+            element.name = f"{prefix}/unnamed_{kind}_{number}"
 
 
 def _check_moving_keys(first: int, last: int) -> None:
@@ -183,41 +216,39 @@ def _check_moving_keys(first: int, last: int) -> None:
         )
 
 
-def _furnish(root: mjcf.RootElement) -> None:
+def _furnish(spec: mujoco.MjSpec) -> None:
     """Add what only matters to the eye: floor, light and cameras."""
-    root.visual.get_children("global").set_attributes(offwidth=1920, offheight=1080)
+    visual = spec.visual
+    visual.global_.offwidth, visual.global_.offheight = 1920, 1080
     # A quarter of MuJoCo's default; pictures look alike, and take half as long without a GPU.
-    root.visual.quality.shadowsize = 1024
-    root.visual.headlight.set_attributes(ambient=[0.35] * 3, diffuse=[0.4] * 3, specular=[0.1] * 3)
-    root.asset.add(
-        "texture",
+    visual.quality.shadowsize = 1024
+    light = visual.headlight
+    light.ambient, light.diffuse, light.specular = [0.35] * 3, [0.4] * 3, [0.1] * 3
+    spec.add_texture(
         name="sky",
-        type="skybox",
-        builtin="gradient",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
         width=256,
         height=256,
         rgb1=[0.86, 0.89, 0.93],
         rgb2=[0.55, 0.6, 0.68],
     )
-    world = root.worldbody
-    world.add("light", pos=[-0.4, -0.6, 1.6], dir=[0.25, 0.35, -1], diffuse=[0.5] * 3)
-    world.add(
-        "light", pos=[0.6, 0.7, 1.6], dir=[-0.3, -0.4, -1], diffuse=[0.3] * 3, castshadow=False
-    )
-    world.add(
-        "geom",
+    world = spec.worldbody
+    world.add_light(pos=[-0.4, -0.6, 1.6], dir=[0.25, 0.35, -1], diffuse=[0.5] * 3)
+    world.add_light(pos=[0.6, 0.7, 1.6], dir=[-0.3, -0.4, -1], diffuse=[0.3] * 3, castshadow=False)
+    world.add_geom(
         name="floor",
-        type="plane",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[1, 1, 0.05],
         rgba=[0.42, 0.4, 0.38, 1],
         contype=0,
         conaffinity=0,
     )
     # From behind the keyboard, where fingertips and keys are both in view; then from above.
-    world.add(
-        "camera", name="overview", pos=[-0.5, 0, 0.56], xyaxes=[0, -1, 0, 0.56, 0, 0.83], fovy=52
+    world.add_camera(
+        name="overview", pos=[-0.5, 0, 0.56], xyaxes=[0, -1, 0, 0.56, 0, 0.83], fovy=52
     )
-    world.add("camera", name="topdown", pos=[0.05, 0, 1.15], xyaxes=[0, 1, 0, -1, 0, 0], fovy=40)
+    world.add_camera(name="topdown", pos=[0.05, 0, 1.15], xyaxes=[0, 1, 0, -1, 0, 0], fovy=40)
 
 
 def _index_scene(model: mujoco.MjModel, first: int, last: int) -> PianoScene:

@@ -22,7 +22,7 @@ def provenance(seed: int | None) -> dict[str, Any]:
     """
     return {
         "command": shlex.join(sys.orig_argv),
-        "created": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
+        "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "seed": seed,
         "versions": {
             "sb3_piano": sb3_piano.__version__,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from dm_control.utils.rewards import tolerance as dm_tolerance
 
 from sb3_piano.envs import rewards
 
@@ -23,6 +22,7 @@ def states(**depth):
 
 
 def test_tolerance_equals_dm_controls():
+    dm_tolerance = pytest.importorskip("dm_control.utils.rewards").tolerance
     x = np.linspace(-2, 3, 101)
     expected = dm_tolerance(x, bounds=(0, 0.05), margin=0.5, sigmoid="gaussian")
     ours = [rewards.tolerance(distance, 0.05, 0.5) for distance in x.tolist()]

@@ -28,13 +28,15 @@ def do_tasks(tasks: Sequence[Task], jobs: int, tell: Tell) -> None:
 
     Args:
         tasks: What there is to do.
-        jobs: How many processes work; with one, or for one task, it is this one.
+        jobs: How many processes work; with one, for one task, or on a system without the
+            processes and signals of POSIX, it is this one.
         tell: Is called in this process.
 
     Raises:
         KeyboardInterrupt: After Ctrl-C.
     """
-    if jobs == 1 or len(tasks) == 1:
+    has_forks = "forkserver" in multiprocessing.get_all_start_methods()
+    if jobs == 1 or len(tasks) == 1 or not has_forks:
         for task in tasks:
             tell(task, do_task(task))
         return

@@ -3,7 +3,7 @@
 from sb3_piano.simulation.gl import find_gl_backend
 from sb3_piano.simulation.keyboard import KEY_COLORS, KEY_IS_BLACK, pedal_threshold
 from sb3_piano.simulation.physics import PHYSICS_PROFILES, PhysicsProfile, Solver, physics_profile
-from sb3_piano.simulation.scene import SIDES, PianoScene, compile_scene
+from sb3_piano.simulation.scene import SIDES, PianoScene, compile_scene, scene_parts
 
 __all__ = [
     "KEY_COLORS",
@@ -17,4 +17,5 @@ __all__ = [
     "find_gl_backend",
     "pedal_threshold",
     "physics_profile",
+    "scene_parts",
 ]

@@ -146,7 +146,7 @@ def compile_scene(
     Raises:
         ConfigError: If the physics profile is unknown, or there are no such keys.
     """
-    spec, parts = scene_parts(
+    spec, *parts = scene_parts(
         reduced_action_space=reduced_action_space,
         gravity_compensation=gravity_compensation,
         physics=physics,
@@ -163,11 +163,11 @@ def compile_scene(
 
 def scene_parts(
     *,
-    reduced_action_space: bool,
-    gravity_compensation: bool,
-    physics: str,
-    moving_keys: tuple[int, int],
-) -> tuple[mujoco.MjSpec, list[mujoco.MjSpec]]:
+    reduced_action_space: bool = True,
+    gravity_compensation: bool = True,
+    physics: str = "reference",
+    moving_keys: tuple[int, int] = keyboard.ALL_KEYS_MOVE,
+) -> list[mujoco.MjSpec]:
     """Return the specifications of the scene: the world, then keyboard, right hand and left hand.
 
     Args and errors are those of :func:`compile_scene`, which attaches the parts to the world, each
@@ -196,7 +196,7 @@ def scene_parts(
         )
         for side in SIDES
     ]
-    return world, [piano, *hands]
+    return [world, piano, *hands]
 
 
 def _number_unnamed(spec: mujoco.MjSpec, prefix: str = "") -> None:

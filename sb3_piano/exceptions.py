@@ -54,6 +54,11 @@ class RunError(SB3PianoError, RuntimeError):
     """A training run's folder cannot be created, read or continued."""
 
 
+def one_line(error: Exception) -> str:
+    """Return what an error of another library says, for a message of ours: never empty."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
 def near_names(name: str, known: Iterable[str], count: int = 3) -> str:
     """Return ``" Did you mean 'a' or 'b'?"``, or an empty string if nothing is similar.
 

@@ -8,14 +8,16 @@ import shlex
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from sb3_piano.cli.common import EXIT_OK, whole_number
+from sb3_piano.cli.common import EXIT_OK, TRUST, whole_number
 from sb3_piano.cli.evaluate import evaluate_run
 from sb3_piano.cli.record import with_minari
 
 
 def add_parser(commands: Any) -> None:
     """Add the command and its arguments."""
-    clone = commands.add_parser("clone", help="make a run whose model imitates a data set")
+    clone = commands.add_parser(
+        "clone", help="make a run whose model imitates a data set", epilog=TRUST
+    )
     add = clone.add_argument
     add("dataset", metavar="DATASET", help="name of a data set, such as 'sb3-piano record' writes")
     add("--algo", default="sac", metavar="NAME", help="sac (default), td3, tqc or ddpg")

@@ -9,6 +9,15 @@ from typing import Any
 
 from sb3_piano.exceptions import ConfigError, near_names
 
+TRUST = (
+    "Trust: the model.zip and vecnormalize.pkl of a run are Python pickles, and loading one runs "
+    "whatever code is in it; config.yml and --config import the modules that they name, and a data "
+    "set makes the environment that it names. So use those only of people whom you trust. Runs "
+    "that 'sb3-piano share' wrote have no pickles: a folder with policy.safetensors is played "
+    "without unpickling anything."
+)
+"""What the help of every command says that loads a run, settings or a data set."""
+
 EXIT_OK, EXIT_ERROR, EXIT_INTERRUPTED = 0, 2, 130
 
 _FILE_WIDTH = 160
@@ -80,7 +89,7 @@ def env_options(settings: Iterable[str]) -> dict[str, Any]:
     Raises:
         ConfigError: If one has another form, or a value that is no YAML.
     """
-    import yaml
+    from sb3_piano.training.yaml_config import parse_yaml
 
     found = {}
     for setting in settings:
@@ -88,9 +97,9 @@ def env_options(settings: Iterable[str]) -> dict[str, Any]:
         if not (name and equals):
             raise ConfigError(f"--set is {setting!r}: expected NAME=VALUE.")
         try:
-            found[name] = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise ConfigError(f"--set is {setting!r}: its value is no YAML ({error}).") from error
+            found[name] = parse_yaml(text)
+        except ConfigError as error:
+            raise ConfigError(f"--set is {setting!r}: its value {error}") from error
     return found
 
 

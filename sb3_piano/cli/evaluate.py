@@ -13,6 +13,7 @@ from sb3_piano.cli.common import (
     EXIT_ERROR,
     EXIT_INTERRUPTED,
     EXIT_OK,
+    TRUST,
     check_output_file,
     print_narrowness,
     whole_number,
@@ -30,7 +31,7 @@ _REPETITION = (
 
 def add_parser(commands: Any) -> None:
     """Add the command and its arguments."""
-    evaluate = commands.add_parser("evaluate", help="let trained models play")
+    evaluate = commands.add_parser("evaluate", help="let trained models play", epilog=TRUST)
     add = evaluate.add_argument
     add("runs", nargs="+", metavar="RUN", help="a folder that train made; several are compared")
     add("--episodes", type=whole_number, default=1, metavar="N", help="of each seed; default: 1")

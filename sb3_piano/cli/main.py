@@ -22,6 +22,7 @@ from sb3_piano.cli import (
     play,
     record,
     report,
+    share,
     train,
     tune,
 )
@@ -37,6 +38,7 @@ _COMMANDS = (
     compare,
     play,
     report,
+    share,
     record,
     clone,
     pieces,

@@ -24,7 +24,9 @@ _HANDS = ("right", "left", None)
 def add_parser(commands: Any) -> None:
     """Add the command and its arguments."""
     parser = commands.add_parser("show", help="show what is known about a piece, and its beginning")
-    parser.add_argument("name", metavar="NAME", help="as 'pieces list' shows it")
+    parser.add_argument(
+        "name", metavar="NAME|FILE", help="as 'pieces list' shows it, or a file such as MIDI"
+    )
     parser.add_argument(
         "--bars", type=whole_number, default=2, metavar="N", help="show so many bars; default: 2"
     )
@@ -32,15 +34,30 @@ def add_parser(commands: Any) -> None:
 
 
 def _show(arguments: argparse.Namespace) -> int:
-    from sb3_piano.music import find_piece
-
-    piece = find_piece(arguments.name)
+    piece = _piece(arguments.name)
     score = piece.score()
     _tell(piece)
     _print_table("feature", _feature_rows(piece))
     _print_table("option", sorted(piece.options.items()))
     _print_notes(score, _beginning(score, arguments.bars))
     return EXIT_OK
+
+
+def _piece(text: str) -> Piece:
+    """Return the piece of a name, or a file as one."""
+    from sb3_piano.music import Piece, find_piece, is_path, load_score
+
+    if not is_path(text):
+        return find_piece(text)
+    score = load_score(text)
+    return Piece(
+        name=text,
+        title=score.title,
+        collection="none",
+        source=text,
+        fingering="as in the file",
+        build=lambda: score,
+    )
 
 
 def _tell(piece: Piece) -> None:

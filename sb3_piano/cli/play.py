@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sb3_piano.cli.common import EXIT_ERROR, EXIT_OK
+from sb3_piano.cli.common import EXIT_ERROR, EXIT_OK, TRUST
 from sb3_piano.cli.planned_take import check_planned, planned_take
 from sb3_piano.cli.planner_arguments import add_planner_arguments
-from sb3_piano.exceptions import ConfigError, RenderingError
+from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
     from sb3_piano.viewing import Picture, Played, Progress, Take
@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 def add_parser(commands: Any) -> None:
     """Add the command and its arguments."""
-    play = commands.add_parser("play", help="watch and hear a trained model, or a piece")
+    play = commands.add_parser(
+        "play", help="watch and hear a trained model, or a piece", epilog=TRUST
+    )
     add = play.add_argument
     add("what", metavar="RUN|PIECE", help="a run's folder; or a file, such as MIDI, or a piece")
     add("--planned", action="store_true", help="let planned hands play the piece, untrained")
@@ -43,37 +45,32 @@ def play_run(run: str, *, progress: bool) -> int:
     from sb3_piano.training.play import default_folder, take_of_run
     from sb3_piano.viewing import DEFAULT_PICTURE
 
-    return _write(take_of_run(run), default_folder(run, None), DEFAULT_PICTURE, progress, [])
+    return _write(take_of_run(run), default_folder(run, None), DEFAULT_PICTURE, progress)
 
 
 def _play(arguments: argparse.Namespace) -> int:
-    from sb3_piano.viewing import show_take
+    from sb3_piano.viewing import check_screen, show_take
 
     picture = None if arguments.no_video else _picture(arguments)
-    take, folder = _take(arguments)
-    problems = []
     if arguments.human:
-        try:
-            show_take(take, camera=arguments.camera)
-        except RenderingError as error:
-            problems.append(str(error))
-    return _write(take, folder, picture, not arguments.no_progress, problems)
+        check_screen()  # before anything is played, which may take long
+    take, folder = _take(arguments)
+    if arguments.human:
+        show_take(take, camera=arguments.camera)
+    return _write(take, folder, picture, not arguments.no_progress)
 
 
-def _write(
-    take: Take, folder: Path, picture: Picture | None, progress: bool, problems: list[str]
-) -> int:
+def _write(take: Take, folder: Path, picture: Picture | None, progress: bool) -> int:
     from sb3_piano.training.play import FILE_NAME
     from sb3_piano.viewing import write_take
 
     with _progress_bar() if progress else contextlib.nullcontext() as tell:
         played = write_take(take, folder / FILE_NAME, picture, tell)
     _report(played)
-    if played.problem is not None:
-        problems = [*problems, f"There is no video. {played.problem}"]
-    for problem in problems:
-        print(f"sb3-piano: error: {problem}", file=sys.stderr)
-    return EXIT_ERROR if problems else EXIT_OK
+    if played.problem is None:
+        return EXIT_OK
+    print(f"sb3-piano: error: There is no video. {played.problem}", file=sys.stderr)
+    return EXIT_ERROR
 
 
 def _picture(arguments: argparse.Namespace) -> Picture:

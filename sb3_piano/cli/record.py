@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, env_options, whole_number
+from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, TRUST, env_options, whole_number
 from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
@@ -28,7 +28,9 @@ _NEW_ENV_ONLY = ("policy", "fingering")
 
 def add_parser(commands: Any) -> None:
     """Add the command and its arguments."""
-    record = commands.add_parser("record", help="write performances as a data set to learn from")
+    record = commands.add_parser(
+        "record", help="write performances as a data set to learn from", epilog=TRUST
+    )
     add = record.add_argument
     add(
         "what",

@@ -8,13 +8,15 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
-from sb3_piano.cli.common import EXIT_OK, check_output_file
+from sb3_piano.cli.common import EXIT_OK, TRUST, check_output_file
 
 
 def add_parser(commands: Any) -> None:
     """Add the command and its arguments."""
     report = commands.add_parser(
-        "report", help="write an HTML page: piano roll, fingers, reward, training"
+        "report",
+        help="write an HTML page: piano roll, fingers, reward, training",
+        epilog=TRUST,
     )
     add = report.add_argument
     add("run", metavar="RUN", help="the folder that train made")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from sb3_piano.cli.common import (
     EXIT_INTERRUPTED,
     EXIT_OK,
+    TRUST,
     add_piece_arguments,
     what_is_played,
     whole_number,
@@ -26,7 +27,7 @@ _NEW_RUN_ONLY = ("midi", "fingering", "config", "seed", "n_envs", "vec_env", "ru
 
 def add_parser(commands: Any) -> None:
     """Add the command and its arguments."""
-    train = commands.add_parser("train", help="train a model, or go on training one")
+    train = commands.add_parser("train", help="train a model, or go on training one", epilog=TRUST)
     add = train.add_argument
     add("--algo", metavar="NAME", help="td3 (default), sac, tqc, ddpg, ppo, a2c, crossq or trpo")
     add_piece_arguments(add)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
 
 if TYPE_CHECKING:
     from minari import EpisodeData, MinariDataset
@@ -47,8 +49,8 @@ class Transitions:
         """Return the transitions of a data set, given or by its name.
 
         Raises:
-            ConfigError: If there is none, it is empty, or its observations or actions are no plain
-                arrays.
+            ConfigError: If there is none, it is damaged or empty, or its observations or actions
+                are no plain arrays.
         """
         dataset = open_dataset(dataset)
         for space in (dataset.observation_space, dataset.action_space):
@@ -57,7 +59,10 @@ class Transitions:
                     f"Data set {dataset.id!r} has the space {space}: expected a Box, of "
                     "observations and of actions."
                 )
-        episodes = list(dataset.iterate_episodes())
+        with reading(dataset.id):
+            episodes = list(dataset.iterate_episodes())
+            for episode in episodes:
+                _check_rows(dataset, episode)
         if not episodes:
             raise ConfigError(f"Data set {dataset.id!r} is empty: expected at least one episode.")
         return cls(
@@ -93,13 +98,42 @@ def open_dataset(dataset: MinariDataset | str) -> MinariDataset:
             f"There is no data set {dataset!r} in '{dataset_root()}': expected one of those there "
             f"({known}); 'sb3-piano record' writes one."
         )
-    try:
+    with reading(dataset):
         return minari.load_dataset(dataset)
-    except (OSError, ValueError, KeyError, AssertionError) as error:
+
+
+@contextlib.contextmanager
+def reading(dataset_id: str) -> Iterator[None]:
+    """Name the data set in whatever Minari and HDF5 raise at a damaged one.
+
+    Raises:
+        ConfigError: In place of any error in the block that is none of this package's.
+    """
+    try:
+        yield
+    except SB3PianoError:  # the environment's own, which says enough
+        raise
+    except Exception as error:
         raise ConfigError(
-            f"Data set {dataset!r} in '{place}' cannot be read ({error}): expected what Minari "
-            "wrote."
+            f"Data set {dataset_id!r} in '{dataset_folder(dataset_id)}' cannot be read "
+            f"({one_line(error)}): expected what Minari wrote."
         ) from error
+
+
+def _check_rows(dataset: MinariDataset, episode: EpisodeData) -> None:
+    """Refuse an episode whose arrays have not the rows and the shapes of the others."""
+    steps = len(episode.rewards)
+    for name, array, shape in (
+        ("observations", episode.observations, (steps + 1, *dataset.observation_space.shape)),
+        ("actions", episode.actions, (steps, *dataset.action_space.shape)),
+        (EXPERT_ACTION, _expert_actions(episode), (steps, *dataset.action_space.shape)),
+        ("terminations", episode.terminations, (steps,)),
+        ("truncations", episode.truncations, (steps,)),
+    ):
+        if np.shape(array) != shape:
+            raise ValueError(
+                f"{name} of episode {episode.id} have the shape {np.shape(array)}, not {shape}"
+            )
 
 
 def dataset_root() -> Path:

@@ -39,7 +39,10 @@ class ActionMap:
 
     def _checked(self, action: npt.ArrayLike) -> npt.NDArray[np.float64]:
         try:
-            array = np.asarray(action, dtype=np.float64)
+            array = np.asarray(action)
+            if array.dtype.kind == "c":  # of which NumPy would drop a half with a warning
+                raise TypeError("they are complex")
+            array = array.astype(np.float64)
         except (TypeError, ValueError) as error:
             raise InvalidActionError(f"The action is not an array of numbers: {error}.") from error
         if array.shape != self.space.shape:

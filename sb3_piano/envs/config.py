@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Integral, Real
@@ -16,6 +17,12 @@ from sb3_piano.simulation import physics_profile
 
 OBSERVATIONS = ("roll", "window", "fingers")
 """How goal and state may be observed."""
+
+MAX_LOOKAHEAD = 10_000
+"""The most control steps after the current one that an observation may show."""
+
+MAX_REWARD_WEIGHT = 1e6
+"""The largest weight of a term of the reward."""
 
 FINGERING_REWARDS = ("auto", "labels", "optimal-transport", "off")
 """What the fingering term of the reward may measure."""
@@ -37,7 +44,7 @@ class PianoEnvConfig:
     or the path of a file whose labels are put on the environment's own score (not on another one
     that ``reset`` names)."""
     n_steps_lookahead: int = 10
-    """How many control steps after the current one the goal shows; 0 or more."""
+    """How many control steps after the current one the goal shows; 0 to 10,000."""
     observation: str = "roll"
     """"roll" is RoboPianist's observation; "window" is the same for the keys of the piece and three
     beside them; "fingers" has for each finger where and when it must press next."""
@@ -85,7 +92,7 @@ class PianoEnvConfig:
 
     def __post_init__(self) -> None:
         self._check_types()
-        _require(self.n_steps_lookahead >= 0, "n_steps_lookahead", self.n_steps_lookahead, ">= 0")
+        check_lookahead("n_steps_lookahead", self.n_steps_lookahead)
         _require(
             self.initial_buffer_time >= 0, "initial_buffer_time", self.initial_buffer_time, ">= 0 s"
         )
@@ -94,9 +101,10 @@ class PianoEnvConfig:
         _one_of("observation", self.observation, OBSERVATIONS)
         _one_of("fingering_reward", self.fingering_reward, FINGERING_REWARDS)
         _one_of("camera_name", self.camera_name, ("overview", "topdown"))
-        for name in self.reward_weights:
+        given = self.reward_weights
+        for name in given:
             _one_of("reward_weights", name, tuple(DEFAULT_REWARD_WEIGHTS))
-        weights = {k: _number("reward_weights", v) for k, v in self.reward_weights.items()}
+        weights = {k: reward_weight(f"reward_weights[{k!r}]", v) for k, v in given.items()}
         object.__setattr__(self, "reward_weights", {**DEFAULT_REWARD_WEIGHTS, **weights})
         self.n_substeps  # noqa: B018  raises if the timesteps do not fit
 
@@ -118,7 +126,7 @@ class PianoEnvConfig:
             value = getattr(self, option.name)
             expected = str(option.type)
             if expected == "float":
-                object.__setattr__(self, option.name, _number(option.name, value))
+                object.__setattr__(self, option.name, finite_number(option.name, value))
             elif expected == "bool" and not isinstance(value, bool):
                 raise ConfigError(f"{option.name} is {value!r}: expected true or false.")
             elif expected == "int" and (isinstance(value, bool) or not isinstance(value, Integral)):
@@ -127,10 +135,46 @@ class PianoEnvConfig:
                 raise ConfigError(f"{option.name} is {value!r}: expected a mapping of names.")
 
 
-def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
-        raise ConfigError(f"{name} is {value!r}: expected a finite number.")
-    return float(value)
+def finite_number(name: str, value: Any) -> float:
+    """Return a setting as a float.
+
+    Raises:
+        ConfigError: If it is no finite number.
+    """
+    try:
+        if not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(value):
+            return float(value)
+    except OverflowError:  # a whole number beyond all floats
+        pass
+    raise ConfigError(f"{name} is {reprlib.repr(value)}: expected a finite number.")
+
+
+def reward_weight(name: str, value: Any) -> float:
+    """Return the weight of a term of the reward as a float.
+
+    Raises:
+        ConfigError: If it is no number, or so large that returns may not be finite.
+    """
+    weight = finite_number(name, value)
+    if abs(weight) > MAX_REWARD_WEIGHT:
+        raise ConfigError(
+            f"{name} is {weight:g}: expected {-MAX_REWARD_WEIGHT:g} to {MAX_REWARD_WEIGHT:g}, as "
+            "rewards are kept and summed as 32-bit floats, which larger ones overflow."
+        )
+    return weight
+
+
+def check_lookahead(name: str, steps: int) -> None:
+    """Refuse a number of control steps to look ahead that is out of range.
+
+    Raises:
+        ConfigError: If it is.
+    """
+    if not 0 <= steps <= MAX_LOOKAHEAD:
+        raise ConfigError(
+            f"{name} is {reprlib.repr(steps)}: expected 0 to {MAX_LOOKAHEAD} control steps, as "
+            "each observation holds 89 numbers for each of them, 3.6 MB for that many."
+        )
 
 
 def _text_or_path(name: str, value: Any) -> str:

@@ -183,9 +183,10 @@ def _count_steps(score: Score, control_timestep: float, lead: int) -> int:
 
 
 def _lead_steps(initial_buffer_time: float, control_timestep: float) -> int:
-    if not (math.isfinite(initial_buffer_time) and initial_buffer_time >= 0):
+    if not 0 <= initial_buffer_time < MAX_STEPS * control_timestep:
         raise ConfigError(
-            f"Initial buffer time {initial_buffer_time} s is out of range: expected 0 or more."
+            f"Initial buffer time {initial_buffer_time} s is out of range: expected 0 or more, and "
+            f"fewer than {MAX_STEPS} control steps of {control_timestep:g} s."
         )
     return round(initial_buffer_time / control_timestep)
 

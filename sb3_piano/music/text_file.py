@@ -8,6 +8,14 @@ from pathlib import Path
 from sb3_piano.exceptions import ScoreError
 
 
+def read_whole(text: str) -> int | None:
+    """Return the number that digits stand for; ``None`` for other text, and from 10 digits on.
+
+    Python itself refuses numbers of thousands of digits, with an error that names no file.
+    """
+    return int(text) if text.isdecimal() and len(text) < 10 else None
+
+
 def read_text(path: Path, kind: str) -> str:
     """Return the text of a file in UTF-8, without a byte order mark.
 

@@ -12,6 +12,7 @@ from sb3_piano.training.plugins import Plugin
 from sb3_piano.training.report import training_curves, write_report
 from sb3_piano.training.run_folder import RunFolder
 from sb3_piano.training.session import TrainResult
+from sb3_piano.training.share import share
 from sb3_piano.training.train import resume, train
 from sb3_piano.training.yaml_config import entry_config, load_config, load_entry
 from sb3_piano.viewing import Picture, Played
@@ -41,6 +42,7 @@ __all__ = [
     "play_run",
     "play_score",
     "resume",
+    "share",
     "train",
     "training_curves",
     "write_report",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -18,16 +19,18 @@ from stable_baselines3.common.noise import (
     NormalActionNoise,
     OrnsteinUhlenbeckActionNoise,
 )
+from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
 
 from sb3_piano.buffers.rows import buffer_rows
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, RunError, one_line
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.training.algorithms import planner_class
 from sb3_piano.training.coerce import (
     accepts_schedule,
     check_arguments,
+    classes_made,
     dataclass_made,
     linear_start,
     parameters_of,
@@ -35,7 +38,14 @@ from sb3_piano.training.coerce import (
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.env_ids import registered_id
 from sb3_piano.training.episode_log import EpisodeLog
-from sb3_piano.training.import_names import import_name, is_dotted
+from sb3_piano.training.import_names import import_class
+from sb3_piano.training.weights import (
+    WEIGHTS_FILE,
+    Tensors,
+    normalization_tensors,
+    put_normalization,
+    read_weights,
+)
 from sb3_piano.vec_env import ThreadVecEnv
 
 EnvWrapper = Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]]
@@ -59,11 +69,12 @@ def build_vec_env(
 
     Args:
         config: The run's settings.
-        statistics: A saved ``VecNormalize`` to take in place of a new one.
+        statistics: The file with what ``VecNormalize`` begins with, pickled or plain arrays.
         innermost: A wrapper for the bare environment.
 
     Raises:
         ConfigError: If the environment or a wrapper refuses its arguments.
+        RunError: If the statistics cannot be loaded.
     """
     spec = gym.spec(registered_id(config.env_id, config.env_module)[1])
     env_kwargs = dict(config.env_kwargs)
@@ -118,10 +129,11 @@ def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
     noise = _action_noise(config, venv)
     if noise is not None:
         arguments["action_noise"] = noise
-    policy = import_name(config.policy) if "." in config.policy else config.policy
+    policy = import_class(config.policy, BasePolicy) if "." in config.policy else config.policy
     try:
         model = config.algorithm(policy=policy, env=venv, seed=config.seed, **arguments)
-    except (TypeError, ValueError, AssertionError) as error:  # how SB3 refuses arguments
+    # How SB3 and torch refuse arguments, or a device or the memory that they ask for.
+    except (TypeError, ValueError, AssertionError, RuntimeError, MemoryError) as error:
         raise ConfigError(
             f"{config.algorithm.__name__} cannot be made for {config.env_id!r}: {error}"
         ) from error
@@ -152,16 +164,9 @@ def build_callbacks(config: RunConfig) -> list[BaseCallback]:
     """Return the callbacks that the config names.
 
     Raises:
-        ConfigError: If one refuses its arguments or is no callback.
+        ConfigError: If one refuses its arguments.
     """
-    callbacks = [plugin() for plugin in config.callback]
-    for plugin, callback in zip(config.callback, callbacks, strict=True):
-        if not isinstance(callback, BaseCallback):
-            raise ConfigError(
-                f"callback: {plugin.path} made a {type(callback).__name__}: expected a callback "
-                "of stable_baselines3."
-            )
-    return callbacks
+    return [plugin() for plugin in config.callback]
 
 
 def algorithm_arguments(config: RunConfig) -> dict[str, Any]:
@@ -173,22 +178,8 @@ def algorithm_arguments(config: RunConfig) -> dict[str, Any]:
         if start is not None and accepts_schedule(parameters[name].annotation):
             arguments[name] = LinearSchedule(start, 0.0, 1.0)
         else:
-            arguments[name] = _with_classes(value)
+            arguments[name] = classes_made(value, name)
     return arguments
-
-
-def _with_classes(value: Any) -> Any:
-    """Return a copy in which text that is an import path has become what it names."""
-    if isinstance(value, dict):
-        return {name: _with_classes(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_with_classes(item) for item in value]
-    if isinstance(value, str) and is_dotted(value):
-        try:
-            return import_name(value)
-        except ConfigError:
-            return value  # text with dots; what has to be a class was checked with the config
-    return value
 
 
 def _action_noise(config: RunConfig, venv: VecEnv) -> ActionNoise | None:
@@ -206,12 +197,35 @@ def _action_noise(config: RunConfig, venv: VecEnv) -> ActionNoise | None:
 
 
 def _normalized(config: RunConfig, venv: VecEnv, statistics: Path | None) -> VecEnv:
-    if statistics is not None:
-        return VecNormalize.load(str(statistics), venv)
-    if config.normalize is False:
+    if statistics is None and config.normalize is False:
         return venv
-    arguments = {} if config.normalize is True else dict(config.normalize)
+    arguments = {} if isinstance(config.normalize, bool) else dict(config.normalize)
     gamma = config.algorithm_kwargs.get("gamma")
     if gamma is not None:
         arguments.setdefault("gamma", gamma)
-    return VecNormalize(venv, **arguments)
+    normalizer = VecNormalize(venv, **arguments)
+    if statistics is not None:
+        try:
+            put_normalization(_saved_statistics(config, statistics), normalizer)
+        except ValueError as error:
+            raise RunError(
+                f"Statistics '{statistics}' cannot be loaded ({error}): expected those of "
+                f"VecNormalize for {config.env_id!r}."
+            ) from error
+    return normalizer
+
+
+def _saved_statistics(config: RunConfig, path: Path) -> Tensors:
+    """Return what a file has, of plain arrays or a pickled ``VecNormalize``.
+
+    Raises:
+        RunError: If a file of plain arrays is damaged.
+        ValueError: If a pickled one is.
+    """
+    if path.name == WEIGHTS_FILE:
+        return read_weights(path, config)[0]
+    try:
+        with path.open("rb") as file:
+            return normalization_tensors(pickle.load(file))
+    except Exception as error:  # unpickling fails in any way
+        raise ValueError(one_line(error)) from error

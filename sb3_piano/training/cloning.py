@@ -19,6 +19,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.demonstrations import Cloning, clone_behaviour, open_dataset
+from sb3_piano.demonstrations.dataset import reading
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import write_text
 from sb3_piano.training.builders import build_model, build_vec_env
@@ -136,7 +137,8 @@ def _environment(dataset: MinariDataset) -> EnvSpec:
             f"Data set {dataset.id!r} does not tell its environment: expected one that 'sb3-piano "
             "record' wrote."
         )
-    env = dataset.recover_environment(eval_env=True)
+    with reading(dataset.id):
+        env = dataset.recover_environment(eval_env=True)
     env.close()
     assert env.spec is not None, "it was made from one"
     return env.spec

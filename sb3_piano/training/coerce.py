@@ -12,9 +12,22 @@ import typing
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+import torch
+from stable_baselines3.common.buffers import BaseBuffer
+
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.training.import_names import full_name, import_name
+from sb3_piano.training.import_names import (
+    checked_class,
+    full_name,
+    import_class,
+    import_name,
+    is_dotted,
+)
 from sb3_piano.training.zoo_text import parse_zoo_text
+
+MODEL_PARTS = (torch.nn.Module, torch.optim.Optimizer, BaseBuffer)
+"""What the classes that an algorithm's arguments name must be below: networks, features extractors
+and policies, optimizers, buffers."""
 
 _LINEAR = re.compile(r"lin_(?P<start>.+)")
 _UNFIT = object()
@@ -112,6 +125,28 @@ def coerce_mapping(value: Any, key: str) -> dict[str, Any]:
     return dict(parsed)
 
 
+def classes_made(value: Any, key: str) -> Any:
+    """Return a copy in which text that is an import path has become the class that it names.
+
+    Raises:
+        ConfigError: If it names something else than a class of :data:`MODEL_PARTS`.
+    """
+    if isinstance(value, dict):
+        return {name: classes_made(item, f"{key}.{name}") for name, item in value.items()}
+    if isinstance(value, list):
+        return [classes_made(item, f"{key}[{index}]") for index, item in enumerate(value)]
+    if not isinstance(value, str) or not is_dotted(value):
+        return value
+    try:
+        found = import_name(value)
+    except ConfigError:
+        return value  # text with dots; what has to be a class was checked with the config
+    try:
+        return checked_class(found, value, *MODEL_PARTS)
+    except ConfigError as error:
+        raise ConfigError(f"{key}: {error}") from error
+
+
 def dataclass_made(value: Any, annotation: Any) -> Any:
     """Return the dataclass of a parameter for a mapping of its fields, anything else as it is."""
     made = [option for option in _options(annotation) if _is_dataclass(option)]
@@ -189,20 +224,19 @@ def _number(value: Any) -> int | float | None:
         return None
     try:
         number = value if isinstance(value, int) else float(value)
-    except ValueError:
+        return number if math.isfinite(number) else None
+    except (ValueError, OverflowError):  # the latter of whole numbers beyond all floats
         return None
-    return number if math.isfinite(number) else None
 
 
 def _fit_class(value: Any, arguments: tuple[Any, ...], key: str) -> Any:
     if not isinstance(value, str):
         return _UNFIT
-    base = arguments[0] if arguments and isinstance(arguments[0], type) else object
-    found = import_name(value)
-    if not isinstance(found, type) or not issubclass(found, base):
-        raise ConfigError(
-            f"{key} is {value!r}: expected the import path of a subclass of {base.__name__}."
-        )
+    bases = tuple(a for a in arguments if isinstance(a, type)) or MODEL_PARTS
+    try:
+        import_class(value, *bases)
+    except ConfigError as error:
+        raise ConfigError(f"{key}: {error}") from error
     return full_name(value)
 
 

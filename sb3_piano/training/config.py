@@ -8,23 +8,29 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import gymnasium as gym
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.policies import BasePolicy
-from stable_baselines3.common.vec_env import VecNormalize
+from stable_baselines3.common.utils import get_device
+from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.training.algorithms import PLANNERS, algorithm_class, planner_class
 from sb3_piano.training.coerce import check_arguments, coerce, coerce_mapping
 from sb3_piano.training.env_ids import registered_id
-from sb3_piano.training.import_names import import_name
+from sb3_piano.training.import_names import import_class
 from sb3_piano.training.plain import plain, plain_mapping
 from sb3_piano.training.plugins import Plugin, parse_plugins, plugins_to_plain
 
 NOISE_TYPES = ("normal", "ornstein-uhlenbeck")
 VEC_ENVS = ("dummy", "threads", "subproc")
-_PLUGIN_FIELDS = ("env_wrapper", "vec_env_wrapper", "callback")
+# What the classes of these fields must be below.
+_PLUGIN_FIELDS = {
+    "env_wrapper": gym.Wrapper, "vec_env_wrapper": VecEnvWrapper, "callback": BaseCallback
+}  # fmt: skip
 
 _Class = type[BaseAlgorithm] | type[PianoPolicy]
 
@@ -78,6 +84,9 @@ class RunConfig:
     """Arguments of the algorithm's constructor."""
 
     def __post_init__(self) -> None:
+        for name in ("algo", "env_id", "policy"):
+            coerce(getattr(self, name), str, name)
+        coerce(self.env_module, str | None, "env_module")
         planner = self.algo in PLANNERS
         algorithm = planner_class(self.algo) if planner else algorithm_class(self.algo)
         module, env_id = registered_id(self.env_id, self.env_module)
@@ -86,8 +95,8 @@ class RunConfig:
             self._set(**{name: _at_least(minimum, getattr(self, name), name)})
         self._check_choice("vec_env", VEC_ENVS)
         self._check_noise(algorithm)
-        for name in _PLUGIN_FIELDS:
-            self._set(**{name: parse_plugins(getattr(self, name), name)})
+        for name, base in _PLUGIN_FIELDS.items():
+            self._set(**{name: parse_plugins(getattr(self, name), name, base)})
         self._set(
             env_kwargs=_plain_arguments(self.env_kwargs, "env_kwargs"),
             normalize=_checked_normalize(self.normalize),
@@ -202,6 +211,7 @@ def _checked_algorithm(value: Mapping[str, Any], algorithm: _Class, policy: str)
     )
     if issubclass(algorithm, PianoPolicy):
         return arguments
+    _check_device(arguments.get("device", "auto"))
     policy_kwargs = arguments.get("policy_kwargs")
     policy_class = _policy_class(policy, algorithm)
     if policy_kwargs is not None:
@@ -213,16 +223,25 @@ def _checked_algorithm(value: Mapping[str, Any], algorithm: _Class, policy: str)
     return arguments
 
 
-def _policy_class(policy: Any, algorithm: type[BaseAlgorithm]) -> type[BasePolicy]:
+def _check_device(device: Any) -> None:
+    try:
+        get_device(device)
+    except (RuntimeError, TypeError) as error:
+        raise ConfigError(
+            f"device is {device!r}: expected auto, cpu, cuda or another of torch's ({error})."
+        ) from error
+
+
+def _policy_class(policy: str, algorithm: type[BaseAlgorithm]) -> type[BasePolicy]:
     aliases = algorithm.policy_aliases
     if policy in aliases:
         return aliases[policy]
-    if not isinstance(policy, str) or "." not in policy:
+    if "." not in policy:
         raise ConfigError(
-            f"Unknown policy {policy!r} of {algorithm.__name__}.{near_names(str(policy), aliases)} "
+            f"Unknown policy {policy!r} of {algorithm.__name__}.{near_names(policy, aliases)} "
             f"Expected {', '.join(aliases)} or the import path of a policy."
         )
-    found = import_name(policy)
-    if not isinstance(found, type) or not issubclass(found, BasePolicy):
-        raise ConfigError(f"Policy {policy!r} is no policy: expected a subclass of BasePolicy.")
-    return found
+    try:
+        return import_class(policy, BasePolicy)
+    except ConfigError as error:
+        raise ConfigError(f"policy: {error}") from error

@@ -66,6 +66,32 @@ def import_name(name: str) -> Any:
     return found
 
 
+def import_class(name: str, *bases: type) -> type:
+    """Return the class that an import path names, if it is below one of some classes.
+
+    Whatever may be called later goes through here, so that no configuration can name a function
+    such as ``os.system`` and have it called. The module is imported all the same.
+
+    Raises:
+        ConfigError: If there is no such thing, or it is no such class.
+    """
+    return checked_class(import_name(name), name, *bases)
+
+
+def checked_class(found: Any, name: str, *bases: type) -> type:
+    """Return what a name was found to stand for, if it is a class below one of some classes.
+
+    Raises:
+        ConfigError: If it is not.
+    """
+    if not isinstance(found, type) or not issubclass(found, bases):
+        expected = " or ".join(base.__name__ for base in bases)
+        raise ConfigError(
+            f"{name!r} is no subclass of {expected}: expected the import path of one."
+        )
+    return found
+
+
 def _deepest_module(name: str, parts: list[str]) -> tuple[Any, int]:
     """Import as many leading parts as are modules; return the module and their number."""
     module = None

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import pickle
-import zipfile
+import dataclasses
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -12,23 +12,13 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.callbacks import Checkpoint
-from sb3_piano.exceptions import RunError
+from sb3_piano.exceptions import RunError, one_line
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.training.algorithms import PLANNERS
-from sb3_piano.training.builders import build_planner
+from sb3_piano.training.builders import build_model, build_planner
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.run_folder import RunFolder
-
-_REFUSALS = (
-    OSError,
-    ValueError,
-    KeyError,
-    AttributeError,
-    ImportError,
-    RuntimeError,
-    pickle.UnpicklingError,
-    zipfile.BadZipFile,
-)
+from sb3_piano.training.weights import WEIGHTS_FILE, put_policy, read_weights
 
 
 def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> BaseAlgorithm:
@@ -46,9 +36,9 @@ def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> B
     device = config.algorithm_kwargs.get("device", "auto")
     try:
         return config.algorithm.load(path, env=venv, device=device, **changes)
-    except _REFUSALS as error:
+    except Exception as error:  # unpickling fails in any way
         raise RunError(
-            f"Model '{path}' cannot be loaded ({error}): expected a model that "
+            f"Model '{path}' cannot be loaded ({one_line(error)}): expected a model that "
             f"{config.algorithm.__name__} saved for {config.env_id!r}."
         ) from error
 
@@ -68,7 +58,30 @@ def load_player(config: RunConfig, path: Path, venv: VecEnv) -> BaseAlgorithm | 
         return build_planner(config, venv)
     # A replay buffer would be as large as in training.
     off_policy = issubclass(config.algorithm, OffPolicyAlgorithm)
+    if path.name == WEIGHTS_FILE:
+        smallest = {"buffer_size": 2} if off_policy else {"n_steps": 2}
+        return _model_of_weights(config, path, venv, smallest)
     return load_model(config, path, venv, **({"buffer_size": 1} if off_policy else {}))
+
+
+def _model_of_weights(
+    config: RunConfig, path: Path, venv: VecEnv, changes: dict[str, Any]
+) -> BaseAlgorithm:
+    """Return the model that the config describes, with weights that are no pickle."""
+    tensors, num_timesteps = read_weights(path, config)
+    arguments = {**config.algorithm_kwargs, **changes}
+    with warnings.catch_warnings():  # that so few steps are no batch
+        warnings.simplefilter("ignore", UserWarning)
+        model = build_model(dataclasses.replace(config, algorithm_kwargs=arguments), venv)
+    try:
+        put_policy(tensors, model)
+    except ValueError as error:
+        raise RunError(
+            f"Weights '{path}' do not fit ({error}): expected those of the model that the run's "
+            "config describes."
+        ) from error
+    model.num_timesteps = num_timesteps
+    return model
 
 
 def model_files(
@@ -82,14 +95,23 @@ def model_files(
         best: The metric by which the model is the best; by default it is the newest one.
 
     Returns:
-        The model's zip file, and that of ``VecNormalize`` if the run normalises. What plays without
-        training is all in the run's config.
+        The model's file, and that of ``VecNormalize`` if the run normalises: a zip file and a
+        pickle, or of a shared run its weights. What plays without training is all in the run's
+        config.
 
     Raises:
         RunError: If one of them is nowhere.
     """
     if best is None and config.algo in PLANNERS:
         return run.config_file, None
+    weights = run.path / WEIGHTS_FILE
+    if weights.is_file():  # then nothing is unpickled, whatever else the folder holds
+        if best is not None:
+            raise RunError(
+                f"Run '{run.path}' was shared with one model, and has no best one by {best!r}: "
+                "expected no metric."
+            )
+        return weights, None if config.normalize is False else weights
     return _newest_files(run, config) if best is None else _best_files(run, config, best)
 
 

@@ -12,7 +12,6 @@ from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
-import yaml
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
@@ -23,6 +22,7 @@ from sb3_piano.planning import PianoPolicy
 from sb3_piano.training.builders import build_vec_env
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.loading import load_player, model_files
+from sb3_piano.training.provenance import read_provenance
 from sb3_piano.training.run_folder import RunFolder
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
@@ -256,8 +256,5 @@ def _own_piece(run: RunFolder, config: RunConfig, venv: VecEnv) -> str:
     titles = list(dict.fromkeys(score.title for score in possible_scores(env)))
     if titles != [env.unwrapped.default_score.title]:
         return " or ".join(titles)
-    try:
-        notes = yaml.safe_load(run.provenance_file.read_text(encoding="utf-8"))
-        return Path(notes["score_file"]).stem
-    except (OSError, KeyError, TypeError, yaml.YAMLError):  # no file was copied
-        return titles[0] or config.env_id
+    file = read_provenance(run.provenance_file).get("score_file")
+    return Path(file).stem if isinstance(file, str) else titles[0] or config.env_id

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.training.import_names import full_name, import_name
+from sb3_piano.training.import_names import full_name, import_class, import_name
 from sb3_piano.training.plain import plain_mapping
 
 _FORMS = "'package.module.Name', {package.module.Name: {argument: value}} or a list of these"
@@ -16,23 +16,17 @@ _FORMS = "'package.module.Name', {package.module.Name: {argument: value}} or a l
 
 @dataclass(frozen=True, kw_only=True)
 class Plugin:
-    """A class or function by its import path, with the arguments to call it with.
-
-    Raises:
-        ConfigError: If there is no such thing, or it cannot be called.
-    """
+    """A class by its import path, with the arguments to call it with."""
 
     path: str
     kwargs: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not callable(import_name(self.path)):
-            raise ConfigError(f"{self.path!r} cannot be called: expected a class or a function.")
         object.__setattr__(self, "path", full_name(self.path))
         object.__setattr__(self, "kwargs", plain_mapping(self.kwargs, self.path))
 
     def __call__(self, *args: Any) -> Any:
-        """Call what the path names.
+        """Make one of the class, which :func:`parse_plugins` has checked.
 
         Raises:
             ConfigError: If it does not take these arguments.
@@ -49,21 +43,25 @@ class Plugin:
         return function(*args, **self.kwargs)
 
 
-def parse_plugins(value: Any, key: str) -> tuple[Plugin, ...]:
+def parse_plugins(value: Any, key: str, base: type) -> tuple[Plugin, ...]:
     """Return the plugins of one key of a configuration, in their order.
 
     Args:
         value: ``None``, an import path, a mapping from one path to its arguments, or a list.
         key: The key, for error messages.
+        base: What each of the classes must be below.
 
     Raises:
-        ConfigError: If the value has another form, or a path leads nowhere.
+        ConfigError: If the value has another form, or a path leads nowhere or to something else.
     """
     if value is None:
         return ()
     entries = value if isinstance(value, (list, tuple)) else [value]
     try:
-        return tuple(_plugin(entry, key) for entry in entries)
+        plugins = tuple(_plugin(entry, key) for entry in entries)
+        for plugin in plugins:
+            import_class(plugin.path, base)
+        return plugins
     except ConfigError as error:
         raise ConfigError(f"{key}: {error}") from error
 

@@ -7,9 +7,13 @@ import importlib.metadata
 import platform
 import shlex
 import sys
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import sb3_piano
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.training.yaml_config import read_yaml_mapping
 
 _PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch")
 
@@ -30,6 +34,14 @@ def provenance(seed: int | None) -> dict[str, Any]:
             "python": platform.python_version(),
         },
     }
+
+
+def read_provenance(path: Path) -> Mapping[str, Any]:
+    """Return what a run's folder notes of its origin; nothing if that is gone or damaged."""
+    try:
+        return read_yaml_mapping(path)
+    except ConfigError:
+        return {}
 
 
 def _version(package: str) -> str | None:

@@ -8,18 +8,17 @@ import os
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.exceptions import RunError
 from sb3_piano.files import write_text
 from sb3_piano.performance import Performance
 from sb3_piano.training.playing import SavedPlayer
-from sb3_piano.training.provenance import provenance
+from sb3_piano.training.provenance import provenance, read_provenance
 from sb3_piano.training.run_folder import RunFolder
-from sb3_piano.training.yaml_config import read_yaml_mapping
 from sb3_piano.viewing.report import Curve, Report, report_html
 
 
@@ -144,7 +143,7 @@ def _origin(
 ) -> tuple[Texts, Texts]:
     """Return the facts of a report, and the commands, with their options, to do it again."""
     config, run = player.config, player.run
-    notes = _notes(run)
+    notes = read_provenance(run.provenance_file)
     now = provenance(seed)
     facts = [
         ("Piece", player.piece),
@@ -165,14 +164,6 @@ def _origin(
         again += [] if value is None else [option, value]
     training = str(notes.get("command", "unknown"))
     return facts, [("Training", training), ("This report", shlex.join(again))]
-
-
-def _notes(run: RunFolder) -> Mapping[str, Any]:
-    """Return what the run notes of its origin; nothing if that is gone or damaged."""
-    try:
-        return read_yaml_mapping(run.provenance_file)
-    except ConfigError:
-        return {}
 
 
 def _versions(versions: object) -> str:

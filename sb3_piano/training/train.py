@@ -29,6 +29,7 @@ from sb3_piano.training.env_ids import registered_id
 from sb3_piano.training.loading import load_model
 from sb3_piano.training.run_folder import RunFolder
 from sb3_piano.training.session import Session, TrainResult
+from sb3_piano.training.weights import WEIGHTS_FILE
 
 _log = logging.getLogger(__name__)
 
@@ -107,6 +108,11 @@ def resume(
     """
     checkpoint_every = checked_every(checkpoint_every)
     run = RunFolder.open(folder)
+    if (run.path / WEIGHTS_FILE).is_file():
+        raise RunError(
+            f"Run '{run.path}' was shared to be played, without what training needs to go on: "
+            "expected the run that it was made of."
+        )
     config = run.read_config()
     algorithm_class(config.algo)  # what is not trained is told before anything is done
     _check_expected(run, config, algo, env_id)

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.exceptions import ConfigError, near_names, one_line
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.training.algorithms import algorithm_class
 from sb3_piano.training.coerce import coerce_mapping
@@ -91,18 +91,29 @@ def read_yaml_mapping(path: Path) -> dict[Any, Any]:
         ConfigError: If the file cannot be read, is no YAML, or holds something else.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = parse_yaml(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise ConfigError(f"'{path}' cannot be read: {reason}. Expected a YAML file.") from error
-    except yaml.YAMLError as error:
-        reason = " ".join(str(error).split())
-        raise ConfigError(f"'{path}' is not valid YAML: {reason}.") from error
+    except ConfigError as error:
+        raise ConfigError(f"'{path}' {error}") from error
     if not isinstance(content, dict):
         raise ConfigError(
             f"'{path}' holds {type(content).__name__} at the top level: expected a mapping."
         )
     return content
+
+
+def parse_yaml(text: str) -> Any:
+    """Return what YAML stands for.
+
+    Raises:
+        ConfigError: If it is none, or has a number or date that Python refuses.
+    """
+    try:
+        return yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ConfigError(f"is not valid YAML: {one_line(error)}.") from error
 
 
 def _preset(algo: str) -> Path:

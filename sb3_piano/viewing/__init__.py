@@ -13,7 +13,7 @@ from sb3_piano.viewing.take import (
     write_take,
 )
 from sb3_piano.viewing.video import write_video
-from sb3_piano.viewing.window import SceneWindow
+from sb3_piano.viewing.window import SceneWindow, check_screen
 
 __all__ = [
     "DEFAULT_PICTURE",
@@ -27,6 +27,7 @@ __all__ = [
     "Progress",
     "SceneWindow",
     "Take",
+    "check_screen",
     "film",
     "moments",
     "show_take",

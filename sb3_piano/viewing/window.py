@@ -46,7 +46,7 @@ class SceneWindow:
             scene: What to show. Its model is not changed.
             camera: Camera of the scene from which the view starts.
         """
-        _check_screen()
+        check_screen()
         from mujoco import viewer  # here, because without a screen it may fail already
 
         self._scene = scene.copy()
@@ -130,7 +130,7 @@ class SceneWindow:
             view.azimuth = math.degrees(math.atan2(ahead[1], ahead[0]))
 
 
-def _check_screen() -> None:
+def check_screen() -> None:
     """Refuse to go on where no window can be opened; MuJoCo would wait for ever.
 
     Raises:

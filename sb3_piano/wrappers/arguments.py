@@ -2,22 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from numbers import Integral, Real
+from numbers import Integral
 from typing import Any
 
 from sb3_piano.exceptions import ConfigError
-
-
-def finite_number(name: str, value: Any) -> float:
-    """Return an argument as a float.
-
-    Raises:
-        ConfigError: If it is no finite number.
-    """
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
-        raise ConfigError(f"{name} is {value!r}: expected a finite number.")
-    return float(value)
 
 
 def whole_number(name: str, value: Any, minimum: int) -> int:

@@ -10,9 +10,9 @@ from typing import Any, Protocol
 import gymnasium as gym
 import numpy as np
 
+from sb3_piano.envs.config import finite_number
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import Score
-from sb3_piano.wrappers.arguments import finite_number
 from sb3_piano.wrappers.score_change import ScoreChange
 from sb3_piano.wrappers.score_wrapper import possible_scores
 

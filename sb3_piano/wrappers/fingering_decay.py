@@ -7,7 +7,8 @@ from typing import Any
 
 import gymnasium as gym
 
-from sb3_piano.wrappers.arguments import finite_number, whole_number
+from sb3_piano.envs.config import reward_weight
+from sb3_piano.wrappers.arguments import whole_number
 from sb3_piano.wrappers.reward_wrapper import RewardTermsWrapper
 
 
@@ -39,7 +40,7 @@ class FingeringDecay(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
         gym.utils.RecordConstructorArgs.__init__(self, n_steps=n_steps, final=final, start=start)
         super().__init__(env)
         self._n_steps = whole_number("n_steps", n_steps, 1)
-        self._final = finite_number("final", final)
+        self._final = reward_weight("final", final)
         self._start = whole_number("start", start, 0)
 
     @property

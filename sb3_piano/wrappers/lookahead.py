@@ -11,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs import ObservationBlock, ObservationLayout
+from sb3_piano.envs.config import check_lookahead, finite_number
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import NUM_FINGERS
-from sb3_piano.wrappers.arguments import finite_number, whole_number
+from sb3_piano.wrappers.arguments import whole_number
 from sb3_piano.wrappers.hide_fingering import HideFingering
 from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
 from sb3_piano.wrappers.piano import layout_of, piano_of
@@ -173,6 +174,7 @@ def _steps_ahead(
     if seconds is not None:
         steps = _whole_steps(finite_number("seconds", seconds), control_timestep)
     steps = whole_number("steps", steps, 0)
+    check_lookahead("steps", steps)
     if steps % stride != 0:
         below = steps // stride * stride
         raise ConfigError(

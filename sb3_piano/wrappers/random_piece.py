@@ -10,10 +10,10 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.envs.config import finite_number
 from sb3_piano.envs.score_choice import ScoreSource
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Score, load_score
-from sb3_piano.wrappers.arguments import finite_number
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper, possible_scores
 
 

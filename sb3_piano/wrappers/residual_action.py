@@ -11,12 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs import ObservationBlock, ObservationLayout
+from sb3_piano.envs.config import finite_number
 from sb3_piano.exceptions import ConfigError, InvalidActionError, near_names
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning import PlanSettings, Tracker, Trackers
 from sb3_piano.planning.pianist import action_of
 from sb3_piano.simulation import PianoScene
-from sb3_piano.wrappers.arguments import finite_number, whole_number
+from sb3_piano.wrappers.arguments import whole_number
 from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
 from sb3_piano.wrappers.piano import layout_of, piano_of
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import gymnasium as gym
 
+from sb3_piano.envs.config import finite_number
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.wrappers.arguments import finite_number
 from sb3_piano.wrappers.reward_wrapper import RewardTerms, RewardTermsWrapper
 
 TIERED_TERMS = ("energy", "forearm")

@@ -8,8 +8,8 @@ from typing import Any
 import gymnasium as gym
 
 from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS
+from sb3_piano.envs.config import reward_weight
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.wrappers.arguments import finite_number
 from sb3_piano.wrappers.reward_wrapper import RewardTermsWrapper
 
 
@@ -51,4 +51,4 @@ def _checked(weights: Any) -> dict[str, float]:
                 f"{near_names(str(name), DEFAULT_REWARD_WEIGHTS)} Expected one of "
                 f"{', '.join(DEFAULT_REWARD_WEIGHTS)}."
             )
-    return {name: finite_number(f"weights[{name!r}]", value) for name, value in weights.items()}
+    return {name: reward_weight(f"weights[{name!r}]", value) for name, value in weights.items()}

@@ -9,9 +9,9 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from sb3_piano.envs.config import finite_number
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Score
-from sb3_piano.wrappers.arguments import finite_number
 from sb3_piano.wrappers.score_change import FixedOrRange, ScoreChange
 from sb3_piano.wrappers.score_wrapper import possible_scores
 

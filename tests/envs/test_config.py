@@ -13,7 +13,13 @@ from sb3_piano.exceptions import ConfigError
     ("options", "message"),
     [
         ({"n_step_lookahead": 3}, "Unknown option 'n_step_lookahead'.*mean 'n_steps_lookahead'"),
-        ({"n_steps_lookahead": -1}, "n_steps_lookahead is -1: expected >= 0"),
+        ({"n_steps_lookahead": -1}, "n_steps_lookahead is -1: expected 0 to 10000"),
+        (
+            {"n_steps_lookahead": 10**9},
+            "is 1000000000: expected 0 to 10000 .*, as each observation",
+        ),
+        ({"control_timestep": 10**400}, "control_timestep is 1000.*: expected a finite number"),
+        ({"reward_weights": {"energy": 1e308}}, "is 1e.308: expected -1e.06 to 1e.06, as rewards"),
         ({"n_steps_lookahead": 1.5}, "n_steps_lookahead is 1.5: expected a whole number"),
         ({"n_steps_lookahead": True}, "n_steps_lookahead is True: expected a whole number"),
         ({"control_timestep": 0.012}, "0.012 s is not a whole number.*multiple of 0.005 s"),
@@ -25,7 +31,10 @@ from sb3_piano.exceptions import ConfigError
         ({"physics": ["fast"]}, "Unknown physics profile"),
         ({"fingering_reward": "label"}, "fingering_reward is 'label'.*mean 'labels'"),
         ({"reward_weights": {"keypress": 1}}, "reward_weights is 'keypress'.*mean 'key_press'"),
-        ({"reward_weights": {"energy": "low"}}, "reward_weights is 'low': expected a finite"),
+        (
+            {"reward_weights": {"energy": "low"}},
+            r"reward_weights\['energy'\] is 'low': expected a finite",
+        ),
         ({"reward_weights": 2.0}, "reward_weights is 2.0: expected a mapping"),
         ({"width": 4000}, "width is 4000: expected 1 to 1920"),
         ({"camera_name": "side"}, "camera_name is 'side': expected one of 'overview', 'topdown'"),

@@ -421,6 +421,8 @@ def test_stepping_after_the_end_is_refused(env):
         (np.append(np.zeros(38), np.nan), "Element 38 of the action is nan"),
         (np.append(np.inf, np.zeros(38)), "Element 0 of the action is inf"),
         ("press", "not an array of numbers"),
+        (np.zeros(39, dtype=complex), "not an array of numbers: they are complex"),
+        ([1j] * 39, "not an array of numbers: they are complex"),
     ],
 )
 def test_a_bad_action_is_refused_and_changes_nothing(env, action, message):

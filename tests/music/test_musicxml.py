@@ -487,7 +487,7 @@ class TestFiles:
         files = {"META-INF/container.xml": CONTAINER, "music/a.xml": bomb}
         path = packed(tmp_path / "a.mxl", **files)
         assert path.stat().st_size < 100_000
-        with pytest.raises(ScoreError, match="it holds more than 67108864 bytes"):
+        with pytest.raises(ScoreError, match="its music/a.xml holds more than 67108864 bytes"):
             read_musicxml(path)
 
     @pytest.mark.parametrize("name", ["", "none.musicxml"])

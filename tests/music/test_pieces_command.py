@@ -233,6 +233,19 @@ class TestShow:
         assert rows[-1][0:2] == ["-", "1.00"]
         assert rows[-1][4].endswith("6")
 
+    def test_a_file_is_shown_like_a_piece(self, run, music):
+        file = music / "a.mid"
+        status, out, err = run("show", file)
+        assert (status, err) == (0, "")
+        assert out.startswith("a\n")
+        assert f'Id:         RoboPianist-v0 with score="{file}"\n' in out
+        assert f"Source:     {file}\n" in out
+        assert ["1", "0.00", "C4"] in rows_of(out)
+
+    def test_a_file_that_is_not_there_is_named(self, run):
+        status, _, err = run("show", "no/such.mid")
+        assert (status, "'no/such.mid'" in err) == (2, True)
+
     @pytest.mark.parametrize("name", ["nothing", "etude-12-WaltzOp64No1"])
     def test_a_piece_that_is_not_there_is_refused(self, run, name):
         status, _, err = run("show", name)

@@ -107,6 +107,7 @@ def test_a_file_of_which_nothing_remains_is_refused(tmp_path):
         ({"offset": "inf"}, "offset 'inf' is not valid"),
         ({"onset": "-1"}, "onset '-1' is not valid"),
         ({"velocity": "loud"}, "onset velocity 'loud' is not valid: expected 1 to 127"),
+        ({"velocity": "1" * 5000}, r"onset velocity '1+\.\.\.1+' is not valid: expected 1 to 127"),
         ({"velocity": "128"}, "velocity 128 is out of range"),
         ({"channel": "2"}, r"channel '2' is not valid: expected 0 \(right hand\) or 1"),
         ({"more": "7"}, "has 9 fields: expected id, onset"),

@@ -1,6 +1,7 @@
 """The PIG data set and RoboPianist's snippets, as folders in their layout with notes of our own."""
 
 import csv
+import tempfile
 import zipfile
 
 import gymnasium
@@ -279,6 +280,30 @@ class TestSnippets:
         (midi / "twinkle-twinkle-trimmed.mid").unlink()
         with pytest.raises(ScoreError, match="is empty: expected twinkle-twinkle-trimmed.mid"):
             import_path(package)
+
+    def test_no_more_of_a_wheel_is_unpacked_than_it_may_have(self, package, tmp_path, monkeypatch):
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "unpacked"))
+        (tmp_path / "unpacked").mkdir()
+        wheel, bomb = tmp_path / "robopianist-1.0.10-py3-none-any.whl", bytes(20 * 2**20)
+        with zipfile.ZipFile(wheel, "w", zipfile.ZIP_DEFLATED) as archive:
+            for path in package.rglob("*.*"):
+                archive.write(path, path.relative_to(package.parent))
+            archive.writestr("robopianist/music/data/rousseau/another.mid", bomb)
+        largest = []
+
+        def importing(done, total):
+            files = (tmp_path / "unpacked").rglob("*")
+            largest.append(max(file.stat().st_size for file in files if file.is_file()))
+
+        assert len(import_path(wheel, jobs=1, progress=importing).imported) == 2
+        assert 0 < max(largest) < 2**20
+        with zipfile.ZipFile(wheel, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("robopianist/music/data/rousseau/nocturne-trimmed.mid", bomb)
+        message = (
+            "as a wheel: its robopianist/.*/nocturne-trimmed.mid holds more than 1048576 bytes"
+        )
+        with pytest.raises(ScoreError, match=message):
+            import_path(wheel, jobs=1)
 
     def test_another_wheel_is_refused(self, tmp_path):
         wheel = tmp_path / "other-1-py3-none-any.whl"

@@ -2,6 +2,7 @@ import copy
 import dataclasses
 import math
 import pickle
+import re
 import time
 
 import numpy as np
@@ -232,9 +233,11 @@ class TestRoll:
         with pytest.raises(ConfigError, match=f"Control time step {dt} s is out of range"):
             roll_of((0, 1), dt=dt)
 
-    @pytest.mark.parametrize("buffer", [-0.1, math.nan, math.inf])
+    @pytest.mark.parametrize("buffer", [-0.1, math.nan, math.inf, 1e6, 1e308])
     def test_a_senseless_buffer_time_is_refused(self, buffer):
-        with pytest.raises(ConfigError, match=f"Initial buffer time {buffer} s is out of range"):
+        with pytest.raises(
+            ConfigError, match=re.escape(f"Initial buffer time {buffer} s is out of range")
+        ):
             roll_of((0, 1), initial_buffer_time=buffer)
 
     @pytest.mark.parametrize("end", [1_000_000, 1e300])

@@ -63,7 +63,11 @@ def test_a_value_becomes_what_its_parameter_expects(value, annotation, expected)
         ([1, 2], int | tuple[int, str], r"key\[1\] is 2: expected text"),
         ({"pi": ["wide"]}, dict[str, list[int]], r"key\.pi\[0\] is 'wide': expected a whole"),
         ("torch.nn.Relu", type[torch.nn.Module], "torch.nn has no 'Relu'. Did you mean 'ReLU'"),
-        ("torch.optim.Adam", type[torch.nn.Module], "the import path of a subclass of Module"),
+        (
+            "torch.optim.Adam",
+            type[torch.nn.Module],
+            "key: 'torch.optim.Adam' is no subclass of Module",
+        ),
     ],
 )
 def test_a_value_that_does_not_fit_is_refused_with_key_value_and_type(value, annotation, message):

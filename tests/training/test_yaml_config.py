@@ -6,6 +6,7 @@ import gymnasium as gym
 import pytest
 import yaml
 
+from sb3_piano.cli import main
 from sb3_piano.envs import DEBUG_IDS
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import PRESETS
@@ -109,6 +110,15 @@ def test_a_file_that_cannot_be_used_is_named_with_the_reason(tmp_path, content, 
     path.write_text(content)
     with pytest.raises(ConfigError, match=message):
         load_config("td3", "Pendulum-v1", path)
+
+
+def test_numbers_that_python_refuses_are_told(tmp_path, capsys):
+    path = tmp_path / "long.yml"
+    path.write_text(f"default:\n  n_timesteps: {'1' * 5000}\n")
+    with pytest.raises(ConfigError, match="long.yml' is not valid YAML: Exceeds the limit"):
+        load_config("td3", "Pendulum-v1", path)
+    assert main(["record", "CMajorScaleOneHand", "--set", f"width={'1' * 5000}"]) == 2
+    assert "its value is not valid YAML: Exceeds the limit" in capsys.readouterr().err
 
 
 def test_a_missing_or_binary_file_is_named(tmp_path):

@@ -153,6 +153,7 @@ def test_it_sees_the_piece_that_keys_made_rigid_further_out_begin_anew():
         ({"steps": 10, "seconds": 0.5}, "steps is 10 and seconds is 0.5"),
         ({"steps": -1}, "steps is -1"),
         ({"steps": 2.0}, "steps is 2.0"),
+        ({"steps": 10**9}, "steps is 1000000000: expected 0 to 10000 control steps"),
         ({"steps": True}, "steps is True"),
         ({"seconds": 0.52}, r"seconds is 0.52.*0.05 s: expected 0.5 or 0.55"),
         ({"seconds": 0.5 + 1e-8}, r"expected 0.5 or 0.55"),

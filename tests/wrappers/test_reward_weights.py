@@ -89,6 +89,7 @@ def test_the_environments_own_metrics_stay():
         ({"energy": True}, r"weights\['energy'\] is True: expected a finite number"),
         ({"energy": float("nan")}, r"weights\['energy'\] is nan: expected a finite number"),
         ({"energy": None}, r"weights\['energy'\] is None: expected a finite number"),
+        ({"energy": 1e308}, r"weights\['energy'\] is 1e\+308: expected -1e\+06 to 1e\+06"),
         (["energy"], r"weights is \['energy'\]: expected a mapping"),
         (None, "weights is None: expected a mapping"),
     ],

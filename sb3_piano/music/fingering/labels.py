@@ -21,6 +21,7 @@ import dataclasses
 import io
 import math
 import os
+import reprlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -32,7 +33,7 @@ from sb3_piano.music.hands import FINGERS_PER_HAND, HANDS, finger_of
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_number
 from sb3_piano.music.score import Score
-from sb3_piano.music.text_file import read_text
+from sb3_piano.music.text_file import read_text, read_whole
 
 TOLERANCE = 0.05
 """How far a label's onset may lie from its note's, in s, unless one says otherwise; as in the
@@ -153,8 +154,9 @@ def _read_onset(text: str, where: str) -> float:
 
 
 def _read_pitch(text: str, where: str) -> int:
-    if text.isdecimal():
-        return int(text)
+    number = read_whole(text)
+    if number is not None:
+        return number
     try:
         return pitch_number(text)
     except ScoreError as error:
@@ -166,16 +168,16 @@ def _read_finger(text: str, hand: str, where: str) -> int:
     if text in ("", "-1"):
         return UNKNOWN_FINGER
     first, end = (1, FINGERS_PER_HAND + 1) if hand else (0, NUM_FINGERS)
-    if not text.isdecimal() or not first <= int(text) < end:
+    number = read_whole(text)
+    if number is None or not first <= number < end:
         raise _bad_field(
             "finger",
             text,
             where,
             "1 (thumb) to 5 (little)" if hand else "0-4 (right) or 5-9 (left), or a column 'hand'",
         )
-    number = int(text)
     return next((finger_of(side, number) for side in HANDS if side == hand), number)
 
 
 def _bad_field(name: str, text: str, where: str, expected: str) -> ScoreError:
-    return ScoreError(f"{where}: {name} {text!r} is not valid: expected {expected}.")
+    return ScoreError(f"{where}: {name} {reprlib.repr(text)} is not valid: expected {expected}.")

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import os
 import re
+import reprlib
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from sb3_piano.music.hands import HANDS, finger_number, finger_of, hand_of_finge
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_name, pitch_number
 from sb3_piano.music.score import Score
-from sb3_piano.music.text_file import read_text
+from sb3_piano.music.text_file import read_text, read_whole
 
 _FIELDS = "id, onset, offset, pitch, onset velocity, offset velocity, channel, finger"
 _FINGER = re.compile(r"(-?)([0-5])(_(-?[0-5])?)*")
@@ -171,9 +172,10 @@ def _read_pitch(text: str, where: str) -> int:
 
 
 def _read_velocity(text: str, where: str) -> int:
-    if not text.isdecimal():
+    velocity = read_whole(text)
+    if velocity is None:
         raise _bad_field("onset velocity", text, where, "1 to 127")
-    return int(text)
+    return velocity
 
 
 def _read_finger(text: str, where: str) -> int:
@@ -186,4 +188,4 @@ def _read_finger(text: str, where: str) -> int:
 
 
 def _bad_field(name: str, text: str, where: str, expected: str) -> ScoreError:
-    return ScoreError(f"{where}: {name} {text!r} is not valid: expected {expected}.")
+    return ScoreError(f"{where}: {name} {reprlib.repr(text)} is not valid: expected {expected}.")

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_piano.exceptions import ScoreError
+from sb3_piano.exceptions import ScoreError, one_line
 from sb3_piano.files import write_bytes
 from sb3_piano.music.hands import HANDS
 from sb3_piano.music.note import Note, Pedal
@@ -113,7 +113,7 @@ def _read(path: Path, *, with_notes: bool = False) -> tuple[PieceInfo, dict[str,
 
 def _damaged(path: Path, error: Exception) -> ScoreError:
     return ScoreError(
-        f"Imported piece {str(path)!r} is damaged ({str(error) or type(error).__name__}): remove "
+        f"Imported piece {str(path)!r} is damaged ({one_line(error)}): remove "
         f"it with 'sb3-piano pieces remove {path.stem}' and import it again."
     )
 

@@ -16,14 +16,18 @@ from typing import NamedTuple
 
 import pretty_midi
 
-from sb3_piano.exceptions import ScoreError
+from sb3_piano.exceptions import ScoreError, one_line
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.formats import read_midi
 from sb3_piano.music.library.found import Found
 from sb3_piano.music.score import Score
+from sb3_piano.music.zip_file import read_member
 
 _FOLDER = "music/data/rousseau"
 _LIBRARY = "music/library.py"
+
+_MOST_BYTES = 2**20
+"""A larger file is none of RoboPianist's, which are small."""
 
 
 class _Snippet(NamedTuple):
@@ -70,11 +74,13 @@ def unpack_wheel(wheel: Path, folder: Path) -> Path:
     """
     try:
         with zipfile.ZipFile(wheel) as archive:
-            for name in archive.namelist():
-                if name.startswith((f"robopianist/{_FOLDER}/", f"robopianist/{_LIBRARY}")):
-                    archive.extract(name, folder)
-    except (OSError, zipfile.BadZipFile) as error:
-        raise ScoreError(f"Cannot read '{wheel}' as a wheel: {error}.") from error
+            for file in (_LIBRARY, *(f"{_FOLDER}/{snippet.file}" for snippet in _SNIPPETS)):
+                if f"robopianist/{file}" in archive.namelist():
+                    place = folder / "robopianist" / file
+                    place.parent.mkdir(parents=True, exist_ok=True)
+                    place.write_bytes(read_member(archive, f"robopianist/{file}", _MOST_BYTES))
+    except Exception as error:  # a damaged archive surfaces as whatever zipfile and zlib raise
+        raise ScoreError(f"Cannot read '{wheel}' as a wheel: {one_line(error)}.") from error
     package = find_robopianist(folder)
     if package is None:
         raise ScoreError(

@@ -12,7 +12,7 @@ from sb3_piano.exceptions import ScoreError, near_names
 from sb3_piano.music.constants import DEFAULT_VELOCITY
 from sb3_piano.music.hands import HANDS, Hand
 
-_NUMBER = re.compile(r"\d+(?:\.\d+|/\d+)?")
+_NUMBER = re.compile(r"\d{1,9}(?:\.\d{1,9}|/\d{1,9})?")
 _Value = TypeVar("_Value")
 
 _SETTING = re.compile(r"(?P<key>[a-z]+):\s*(?P<value>.*)")

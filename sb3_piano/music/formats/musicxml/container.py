@@ -6,6 +6,8 @@ import io
 import zipfile
 from typing import Any
 
+from sb3_piano.music.zip_file import read_member
+
 MOST_BYTES = 64 * 2**20
 """A larger document is taken for damage; the longest piano works take a fifth of it."""
 
@@ -29,9 +31,9 @@ def document_in(content: bytes) -> bytes:
 
     if content[:4] == b"PK\x03\x04":
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            root = etree.fromstring(_unpacked(archive, _CONTAINER_NAME), xml_parser())
+            root = etree.fromstring(read_member(archive, _CONTAINER_NAME, MOST_BYTES), xml_parser())
             name = root.find(".//{*}rootfile").get("full-path")
-            content = _unpacked(archive, name)
+            content = read_member(archive, name, MOST_BYTES)
     if len(content) > MOST_BYTES:
         raise ValueError(f"it holds more than {MOST_BYTES} bytes")
     return content
@@ -56,8 +58,3 @@ def xml_parser() -> Any:
     return etree.XMLParser(
         resolve_entities=False, no_network=True, remove_comments=True, remove_pis=True
     )
-
-
-def _unpacked(archive: zipfile.ZipFile, name: str) -> bytes:
-    with archive.open(name) as file:
-        return file.read(MOST_BYTES + 1)

@@ -1,0 +1,61 @@
+"""Data sets whose files are damaged: one clear error, or other numbers."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from sb3_piano.demonstrations.dataset import Transitions
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.training import clone
+
+NAME = "test/pendulum-v0"
+QUICK = {"algo": "td3", "epochs": 1, "net_arch": [4], "seed": 0}
+
+
+def test_a_file_that_is_cut_off_or_changed_is_named(pendulum_data, datasets, tmp_path):
+    pendulum_data()
+    file = datasets / NAME / "data" / "main_data.hdf5"
+    content = file.read_bytes()
+    places = np.linspace(0, len(content) - 1, 60).astype(int)
+    damaged = [content[:end] for end in places]
+    damaged += [content[:at] + bytes(64) + content[at + 64 :] for at in places]
+    refused = 0
+    for variant in damaged:
+        file.write_bytes(variant)
+        line = told(lambda: Transitions.of(NAME))
+        if line is not None:
+            refused += 1
+            assert f"Data set '{NAME}' in '{datasets / NAME}' cannot be read" in line
+            assert "\n" not in line
+    assert refused >= 60
+    file.write_bytes(content[: len(content) // 2])
+    with pytest.raises(ConfigError, match="cannot be read .* expected what Minari wrote"):
+        clone(NAME, folder=tmp_path / "run", **QUICK)
+    assert not (tmp_path / "run").exists()
+
+
+def test_damaged_metadata_is_named(pendulum_data, datasets, tmp_path):
+    pendulum_data()
+    file = datasets / NAME / "data" / "metadata.json"
+    content = file.read_bytes()
+    for end in np.linspace(0, len(content) - 1, 20).astype(int):
+        file.write_bytes(content[:end])
+        with pytest.raises(ConfigError, match=f"Data set '{NAME}' in .* cannot be read"):
+            clone(NAME, folder=tmp_path / "run", **QUICK)
+    found = json.loads(content)
+    for key in sorted(found):
+        file.write_text(json.dumps({**found, key: "\x00"}))
+        line = told(lambda: clone(NAME, folder=tmp_path / f"run {key}", **QUICK))  # noqa: B023
+        assert line is None or f"Data set '{NAME}'" in line
+
+
+def told(call):
+    """Return what the error says that a call ends in, if it is one of ours."""
+    try:
+        call()
+    except ConfigError as error:
+        return str(error)
+    return None

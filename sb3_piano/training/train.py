@@ -161,11 +161,14 @@ def _owned(run: RunFolder) -> Iterator[None]:
             if refusal is None:
                 raise
             saved = Checkpoint.read(run.checkpoint_dir)
-            done = 0 if saved is None else saved.num_timesteps
+            safe = (
+                "It had saved nothing yet."
+                if saved is None
+                else f"Its last whole checkpoint, after {saved.num_timesteps} steps, is safe."
+            )
             raise RunError(
-                f"Run '{run.path}' cannot be written any more: {refusal.strerror}. Its last whole "
-                f"checkpoint, after {done} steps, is safe. When there is room to write, go on "
-                f"with: sb3-piano train --resume {shlex.quote(str(run.path))}"
+                f"Run '{run.path}' cannot be written any more: {refusal.strerror}. {safe} When "
+                f"there is room, go on with: sb3-piano train --resume {shlex.quote(str(run.path))}"
             ) from error
 
 

@@ -16,18 +16,14 @@ from sb3_piano.exceptions import SB3PianoError
 PARTIAL_SUFFIX = ".partial"
 """Suffix of a file that is being written; one that is left over may be deleted."""
 
-
-_REFUSALS = (
-    errno.EACCES,
-    errno.EDQUOT,
-    errno.EFBIG,
-    errno.EIO,
-    errno.ENOSPC,
-    errno.EROFS,
+_REFUSALS = tuple(
+    getattr(errno, name)
+    for name in ("EACCES", "EDQUOT", "EFBIG", "EIO", "ENOSPC", "EROFS")
+    if hasattr(errno, name)  # not every system has all of them
 )
 
 
-def disk_refusal(error: BaseException | None) -> OSError | None:
+def disk_refusal(error: BaseException | None) -> str | None:
     """Return what a disk said that is full or cannot be written to, if that is behind an error.
 
     Libraries hide it: torch raises a ``RuntimeError`` in its place. An error that this package
@@ -35,7 +31,8 @@ def disk_refusal(error: BaseException | None) -> OSError | None:
     """
     while error is not None and not isinstance(error, SB3PianoError):
         if isinstance(error, OSError) and error.errno in _REFUSALS:
-            return error
+            file = "" if error.filename is None else f" ('{error.filename}')"
+            return f"{error.strerror}{file}"
         error = error.__cause__ or error.__context__
     return None
 

@@ -53,10 +53,10 @@ def test_a_file_that_could_not_be_written_leaves_the_former_one(tmp_path):
 
 
 def test_the_refusal_of_a_disk_is_found_behind_the_error_of_a_library():
-    refused = OSError(errno.ENOSPC, "No space left on device")
+    refused = OSError(errno.ENOSPC, "No space left on device", "file")
     hidden = RuntimeError("file write failed")
     hidden.__context__ = refused
-    assert disk_refusal(hidden) is disk_refusal(refused) is refused
+    assert disk_refusal(hidden) == disk_refusal(refused) == "No space left on device ('file')"
     told = RunError("said already")
     told.__cause__ = refused
     for other in (told, FileNotFoundError(errno.ENOENT, "x"), BrokenPipeError(errno.EPIPE, "x")):

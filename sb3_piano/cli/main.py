@@ -76,10 +76,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         refusal = disk_refusal(error)
         if refusal is None:
             raise
-        file = "" if refusal.filename is None else f" '{refusal.filename}'"
         print(
-            f"sb3-piano: error: The disk refuses a file{file}: {refusal.strerror}. What was "
-            "finished before is safe; when there is room to write, give the same command again.",
+            f"sb3-piano: error: A file cannot be written: {refusal}. What was finished before is "
+            "safe; when there is room, give the same command again.",
             file=sys.stderr,
         )
         return EXIT_ERROR

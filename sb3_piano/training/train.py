@@ -167,7 +167,7 @@ def _owned(run: RunFolder) -> Iterator[None]:
                 else f"Its last whole checkpoint, after {saved.num_timesteps} steps, is safe."
             )
             raise RunError(
-                f"Run '{run.path}' cannot be written any more: {refusal.strerror}. {safe} When "
+                f"Run '{run.path}' cannot be written any more: {refusal}. {safe} When "
                 f"there is room, go on with: sb3-piano train --resume {shlex.quote(str(run.path))}"
             ) from error
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 from collections.abc import Callable, Mapping
@@ -10,15 +11,38 @@ from io import BufferedWriter
 from pathlib import Path
 from typing import Any
 
+from sb3_piano.exceptions import SB3PianoError
+
 PARTIAL_SUFFIX = ".partial"
 """Suffix of a file that is being written; one that is left over may be deleted."""
+
+_REFUSALS = tuple(
+    getattr(errno, name)
+    for name in ("EACCES", "EDQUOT", "EFBIG", "EIO", "ENOSPC", "EROFS")
+    if hasattr(errno, name)  # not every system has all of them
+)
+
+
+def disk_refusal(error: BaseException | None) -> str | None:
+    """Return what a disk said that is full or cannot be written to, if that is behind an error.
+
+    Libraries hide it: torch raises a ``RuntimeError`` in its place. An error that this package
+    raises on purpose says enough, whatever is behind it.
+    """
+    while error is not None and not isinstance(error, SB3PianoError):
+        if isinstance(error, OSError) and error.errno in _REFUSALS:
+            file = "" if error.filename is None else f" ('{error.filename}')"
+            return f"{error.strerror}{file}"
+        error = error.__cause__ or error.__context__
+    return None
 
 
 def write_atomically(path: Path, write: Callable[[BufferedWriter], object]) -> None:
     """Write a file so that a reader, or a killed process, never leaves or sees half of it.
 
-    The bytes go to a neighbouring file, reach the disk, and take the final name in one step. If
-    that fails the neighbouring file is deleted; only a killed process leaves it behind.
+    The bytes go to a neighbouring file, reach the disk, and take the final name in one step, which
+    reaches the disk before this returns. If that fails the neighbouring file is deleted; only a
+    killed process leaves it behind.
 
     Args:
         path: The file to create or replace; its folder must exist.
@@ -35,6 +59,17 @@ def write_atomically(path: Path, write: Callable[[BufferedWriter], object]) -> N
         with contextlib.suppress(OSError):
             partial.unlink()
         raise
+    _sync_folder(path.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Let the names of a folder's files reach the disk, where a system can do that."""
+    with contextlib.suppress(OSError):  # Windows opens no folders
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def write_bytes(path: Path, content: bytes) -> None:

@@ -28,6 +28,7 @@ from sb3_piano.cli import (
 )
 from sb3_piano.cli.common import EXIT_ERROR, EXIT_INTERRUPTED
 from sb3_piano.exceptions import PlanWarning, SB3PianoError, ScoreWarning
+from sb3_piano.files import disk_refusal
 
 # torch and the simulator are imported by the commands that need them, so that --help is instant.
 _COMMANDS = (
@@ -72,6 +73,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # nobody reads on, as in "sb3-piano evaluate RUN | head"
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for Python's last flush
+        return EXIT_ERROR
+    except Exception as error:
+        refusal = disk_refusal(error)
+        if refusal is None:
+            raise
+        print(
+            f"sb3-piano: error: A file cannot be written: {refusal}. What was finished before is "
+            "safe; when there is room, give the same command again.",
+            file=sys.stderr,
+        )
         return EXIT_ERROR
 
 

@@ -114,7 +114,7 @@ def clone(
     with contextlib.closing(build_vec_env(settings)) as venv:
         model = build_model(settings, venv)
         run = RunFolder.create(settings, folder, runs_dir)
-        with _whole_or_not_at_all(run):
+        with run.owned(), _whole_or_not_at_all(run):
             cloning = clone_behaviour(
                 model,
                 found,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from pathlib import Path
 from typing import Any, SupportsFloat
@@ -45,12 +46,16 @@ class EpisodeLog(gym.Wrapper[Any, Any, Any, Any]):
         """Step, and write a line if an episode ended."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         if self._writer is not None and "episode" in info:
-            self._writer.write_row(info["episode"])
+            # What a full disk does not take waits in the file's buffer for the next row. No reason
+            # to end an environment's process: if the disk stays full, the checkpoint says so.
+            with contextlib.suppress(OSError):
+                self._writer.write_row(info["episode"])
         return observation, reward, terminated, truncated, info
 
     def close(self) -> None:
         """Close the environment and the file."""
         super().close()
         if self._writer is not None:
-            self._writer.close()
+            with contextlib.suppress(OSError):
+                self._writer.close()
             self._writer = None

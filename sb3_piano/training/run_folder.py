@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
 import os
+import shlex
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +16,7 @@ import yaml
 
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import write_text
+from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music.library import user_library
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.provenance import provenance
@@ -43,6 +46,7 @@ class RunFolder:
     ``videos/``              what the model played now and then, if the run has a callback for it
     ``evaluation/``          what :func:`~sb3_piano.training.evaluate` wrote, and the report
     ``play/``                what :func:`~sb3_piano.training.play_run` wrote
+    ``.lock``                there while a process trains, and locked by it
     ======================== =====================================================================
     """
 
@@ -69,8 +73,14 @@ class RunFolder:
         place = Path(runs_dir, config.algo) if path is None else Path(path)
         made = None
         try:
-            made = _first_free(place, config.env_id) if path is None else _empty(place)
-            cls(made)._write(config)
+            if path is None:
+                made = _first_free(place, config.env_id)
+                cls(made)._write(config)
+            else:
+                place.mkdir(parents=True, exist_ok=True)
+                with cls(place).owned():
+                    made = _empty(place)
+                    cls(made)._write(config)
         except OSError as error:
             if made is not None:
                 shutil.rmtree(made, ignore_errors=True)  # it was empty
@@ -93,6 +103,24 @@ class RunFolder:
         if not folder.config_file.is_file():
             raise RunError(f"'{folder.path}' is no run, it has no config.yml: {_EXPECTED}.")
         return folder
+
+    @contextlib.contextmanager
+    def owned(self) -> Iterator[None]:
+        """Keep other processes from training in this folder; all may read it meanwhile.
+
+        Raises:
+            RunError: If another one does, or the folder cannot be written.
+        """
+
+        def busy(owner: str) -> RunError:
+            return RunError(
+                f"Run '{self.path}' is being trained by {owner}: expected one training in a "
+                "folder. Wait for its end or stop it; then go on with: sb3-piano train --resume "
+                f"{shlex.quote(str(self.path))}"
+            )
+
+        with hold(self.path / LOCK_SUFFIX, busy):
+            yield
 
     @property
     def config_file(self) -> Path:
@@ -204,12 +232,12 @@ def _first_free(parent: Path, env_id: str) -> Path:
 
 
 def _empty(path: Path) -> Path:
-    path.mkdir(parents=True, exist_ok=True)
+    """Return a folder in which nothing is but its lock, or refuse it."""
     if (path / "config.yml").exists():
         raise RunError(
             f"Folder '{path}' holds a run already: expected a new or empty folder. To go on with "
             f"that run: sb3-piano train --resume {path}"
         )
-    if any(path.iterdir()):
+    if any(found.name != LOCK_SUFFIX for found in path.iterdir()):
         raise RunError(f"Folder '{path}' is not empty: expected a new or empty one.")
     return path

@@ -81,6 +81,7 @@ class Session:
         self._open_logs()
         hand_over(RunContext(folder=self.folder.path, make_env=self._another_env), self.callbacks)
         with contextlib.ExitStack() as stack:
+            stack.callback(self._close_logger)
             bar = self._progress_bar(stack)
             request = stack.enter_context(stop_on_signal())
             own = [EpisodeMetricsCallback(), RewardTermsCallback(), bar, self._saver()]
@@ -151,6 +152,11 @@ class Session:
             )
             return
         self.model.tensorboard_log = str(self.folder.tensorboard_dir)
+
+    def _close_logger(self) -> None:
+        """End the thread in which TensorBoard writes."""
+        if hasattr(self.model, "_logger"):  # which the model has once it learns
+            self.model.logger.close()
 
     def _explain_missing_keyword(self, error: KeyError) -> None:
         keywords = self.config.monitor_kwargs.get("info_keywords", ())

@@ -7,6 +7,7 @@ import dataclasses
 import functools
 import logging
 import os
+import shlex
 import shutil
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -22,6 +23,7 @@ from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY, checked_every
 from sb3_piano.callbacks.replay_segments import end_last_episode
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.files import disk_refusal
 from sb3_piano.training.algorithms import algorithm_class
 from sb3_piano.training.builders import build_callbacks, build_model, build_vec_env
 from sb3_piano.training.config import RunConfig
@@ -66,14 +68,16 @@ def train(
         config = dataclasses.replace(config, seed=int(np.random.default_rng().integers(2**31)))
     with _closing(build_vec_env(config)) as venv:
         model, every_callback = build_model(config, venv), [*build_callbacks(config), *callbacks]
-        return Session(
-            config=config,
-            folder=RunFolder.create(config, folder, runs_dir),
-            model=model,
-            callbacks=every_callback,
-            checkpoint_every=checkpoint_every,
-            progress_bar=progress_bar,
-        ).run()
+        run = RunFolder.create(config, folder, runs_dir)
+        with _owned(run):
+            return Session(
+                config=config,
+                folder=run,
+                model=model,
+                callbacks=every_callback,
+                checkpoint_every=checkpoint_every,
+                progress_bar=progress_bar,
+            ).run()
 
 
 def resume(
@@ -113,11 +117,19 @@ def resume(
             f"Run '{run.path}' was shared to be played, without what training needs to go on: "
             "expected the run that it was made of."
         )
-    config = run.read_config()
-    algorithm_class(config.algo)  # what is not trained is told before anything is done
-    _check_expected(run, config, algo, env_id)
-    if steps is not None:
-        config = dataclasses.replace(config, n_timesteps=steps)
+    with _owned(run):
+        config = run.read_config()
+        algorithm_class(config.algo)  # what is not trained is told before anything is done
+        _check_expected(run, config, algo, env_id)
+        if steps is not None:
+            config = dataclasses.replace(config, n_timesteps=steps)
+        return _resumed(run, config, progress_bar, checkpoint_every)
+
+
+def _resumed(
+    run: RunFolder, config: RunConfig, progress_bar: bool, checkpoint_every: int
+) -> TrainResult:
+    """Go on with a run in a folder that this process owns."""
     saved = Checkpoint.read(run.checkpoint_dir)
     _check_labels(run, config, saved)
     done = 0 if saved is None else saved.num_timesteps
@@ -142,6 +154,28 @@ def resume(
             checkpoint_every=checkpoint_every,
             progress_bar=progress_bar,
         ).run()
+
+
+@contextlib.contextmanager
+def _owned(run: RunFolder) -> Iterator[None]:
+    """Own a run's folder; if the disk refuses a file, say what is safe and how to go on."""
+    with run.owned():
+        try:
+            yield
+        except Exception as error:
+            refusal = disk_refusal(error)
+            if refusal is None:
+                raise
+            saved = Checkpoint.read(run.checkpoint_dir)
+            safe = (
+                "It had saved nothing yet."
+                if saved is None
+                else f"Its last whole checkpoint, after {saved.num_timesteps} steps, is safe."
+            )
+            raise RunError(
+                f"Run '{run.path}' cannot be written any more: {refusal}. {safe} When "
+                f"there is room, go on with: sb3-piano train --resume {shlex.quote(str(run.path))}"
+            ) from error
 
 
 def _check_expected(

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 import os
 import platform
+import signal
 import sys
+import threading
 import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,11 +18,12 @@ import optuna
 import torch
 from optuna.trial import TrialState
 
+from sb3_piano.locks import hold
 from sb3_piano.training.interrupts import StopRequest, stop_on_signal
 from sb3_piano.tuning.attributes import WORKER, counting
 from sb3_piano.tuning.objective import Objective, TrialInterrupted
 from sb3_piano.tuning.samplers import Search, make_pruner, make_sampler
-from sb3_piano.tuning.store.locks import WorkerLock, exclusive
+from sb3_piano.tuning.store.locks import worker_lock
 from sb3_piano.tuning.store.orphans import requeue_interrupted, requeue_orphans
 from sb3_piano.tuning.store.storage import open_storage
 from sb3_piano.tuning.study_config import StudyConfig
@@ -67,18 +71,26 @@ class Job:
 def work(job: Job, number: int) -> None:
     """Run trials until the study has as many as it is to have; the target of a process.
 
-    SIGINT and SIGTERM end the trial that runs, whose settings are queued again. Should the process
-    that started this one be gone, the present trial is the last one.
+    SIGINT and SIGTERM end the trial that runs, whose settings are queued again; so does the end of
+    the process that started this one.
     """
     os.setpgrp()  # Ctrl-C on the terminal is for the process that watches over the workers
-    parent = os.getppid()
     torch.set_num_threads(min(job.threads, torch.get_num_threads()))
-    with stop_on_signal() as request, WorkerLock(job.folder) as lock:
-        _redirect_output(job.folder.workers_dir / f"{lock.name}.log")
+    with stop_on_signal() as request, worker_lock(job.folder) as name:
+        threading.Thread(target=_stop_with_parent, daemon=True).start()
+        _redirect_output(job.folder.workers_dir / f"{name}.log")
         study = job.load_study(number)
-        while not request.made and os.getppid() == parent:
-            if not run_trial(study, job, lock.name, request):
+        while not request.made:
+            if not run_trial(study, job, name, request):
                 return
+
+
+def _stop_with_parent() -> None:
+    """Ask this process to stop once the one that started it is gone, however it died."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None, "a worker is started by another process"
+    parent.join()
+    signal.raise_signal(signal.SIGTERM)
 
 
 def run_trial(study: optuna.Study, job: Job, worker: str, request: StopRequest) -> bool:
@@ -89,11 +101,11 @@ def run_trial(study: optuna.Study, job: Job, worker: str, request: StopRequest) 
     """
     claim = contextlib.ExitStack()
     with claim:
-        claim.enter_context(exclusive(job.folder.workers_dir / "claim.lock"))
+        claim.enter_context(hold(job.folder.workers_dir / "claim.lock"))
         requeue_orphans(study, job.folder)
         if not is_open(study, job.n_trials):
             return False
-        objective = Objective(job.config, job.folder, worker, on_start=claim.close)
+        objective = Objective(job.config, job.folder, worker, on_start=claim.close, request=request)
         try:
             # Models refer to themselves: without a collection their memory would pile up.
             study.optimize(objective, n_trials=1, catch=(Exception,), gc_after_trial=True)

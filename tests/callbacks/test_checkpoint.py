@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import stat
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -16,7 +18,6 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_piano.callbacks import Checkpoint, ResumableCheckpoint, restore_replay_buffer
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.files import write_bytes
 
 
 def make_model(n_envs=1, normalize=False, **kwargs):
@@ -185,6 +186,32 @@ def test_a_killed_deletion_leaves_a_checkpoint_that_can_be_restored(tmp_path, mo
     assert not (tmp_path / "model-20.zip").exists()
 
 
+def test_former_files_go_only_after_the_new_names_have_reached_the_disk(tmp_path, monkeypatch):
+    events = []
+    fsync, replace, unlink = os.fsync, os.replace, Path.unlink
+
+    def synced(descriptor):
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            events.append("synced")
+        fsync(descriptor)
+
+    def replaced(source, target):
+        events.append(target.name)
+        replace(source, target)
+
+    def unlinked(path, missing_ok=False):
+        events.append("deleted")
+        unlink(path, missing_ok)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", replaced)
+    monkeypatch.setattr(Path, "unlink", unlinked)
+    make_model().learn(40, callback=ResumableCheckpoint(tmp_path, 20))
+    files = ["model-40.zip", "replay-20-40.npz", "checkpoint.json"]
+    expected = [event for name in files for event in (name, "synced")]
+    assert events[-len(expected) - 1 :] == [*expected, "deleted"]
+
+
 def test_a_dictionary_buffer_is_refused_when_training_starts(tmp_path):
     class DictEnv(gym.Wrapper):
         def __init__(self):
@@ -232,12 +259,3 @@ def test_labels_are_written_into_the_checkpoint(tmp_path):
     make_model().learn(5, callback=ResumableCheckpoint(tmp_path, 20, labels=labels))
     assert json.loads((tmp_path / "checkpoint.json").read_text())["labels"] == labels
     assert Checkpoint.read(tmp_path).labels == labels
-
-
-def test_a_write_that_fails_leaves_the_old_file(tmp_path, monkeypatch):
-    path = tmp_path / "file"
-    write_bytes(path, b"old")
-    monkeypatch.setattr(os, "fsync", lambda descriptor: (_ for _ in ()).throw(OSError("full")))
-    with pytest.raises(OSError, match="full"):
-        write_bytes(path, b"new and longer")
-    assert path.read_bytes() == b"old"

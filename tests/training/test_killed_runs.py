@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from sb3_piano.callbacks import Checkpoint
+from sb3_piano.cli import main
 from sb3_piano.training import RunFolder, resume
 from sb3_piano.training import session as session_module
 
@@ -85,6 +86,24 @@ def test_a_run_killed_at_any_time_goes_on_from_its_last_checkpoint(start, tmp_pa
     result = resume(tmp_path / "run", target, progress_bar=False)
     assert rows == [min(saved.num_timesteps, 2000)]
     assert (result.started_at, result.num_timesteps) == (saved.num_timesteps, target)
+
+
+def test_a_second_training_is_refused_at_once_but_all_may_read(start, tmp_path, capsys):
+    process = start("--checkpoint-every", "100")
+    folder = RunFolder(tmp_path / "run")
+    wait_for(lambda: (folder.checkpoint_dir / "checkpoint.json").exists(), process)
+    wait_for(folder.model_file.exists, process)
+    assert main(["train", "--resume", str(folder.path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"Run '{folder.path}' is being trained by process {process.pid} on " in line
+    assert main(["train", "--env", "Pendulum-v1", "--run", str(folder.path)]) == 2
+    assert "is being trained by process" in capsys.readouterr().err
+    assert main(["evaluate", str(folder.path), "--episodes", "1"]) == 0
+    process.kill()
+    process.wait()
+    saved = Checkpoint.read(folder.checkpoint_dir)  # raises if a file of it is missing
+    assert resume(folder.path, saved.num_timesteps + 10, progress_bar=False).num_timesteps > 100
+    assert not (folder.path / ".lock").exists()
 
 
 @pytest.mark.parametrize("vec_env", ["threads", "subproc"])

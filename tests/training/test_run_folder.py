@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import shutil
 from pathlib import Path
@@ -122,6 +123,15 @@ def test_a_folder_that_is_not_empty_is_refused(small_config, tmp_path):
     with pytest.raises(RunError, match="is not empty: expected a new or empty one"):
         RunFolder.create(small_config(), tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_a_folder_that_another_process_is_making_a_run_in_is_refused(small_config, tmp_path):
+    with (
+        RunFolder(tmp_path / "run").owned(),
+        pytest.raises(RunError, match=f"run' is being trained by process {os.getpid()} on "),
+    ):
+        RunFolder.create(small_config(), tmp_path / "run")
+    RunFolder.create(small_config(), tmp_path / "run")
 
 
 def test_a_place_that_cannot_be_written_is_named_with_the_reason(small_config, tmp_path):

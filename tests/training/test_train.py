@@ -28,6 +28,16 @@ def test_a_training_writes_model_checkpoint_monitor_and_log(run, episodes_of):
     assert set(scalars(folder, "rollout/ep_rew_mean")) == {80, 100}
 
 
+def test_a_training_leaves_no_thread_behind(run, small_config, tmp_path):
+    before = threading.active_count()
+    for number in range(3):
+        train(small_config(n_timesteps=30), tmp_path / str(number), progress_bar=False)
+    assert threading.active_count() == before
+    with pytest.raises(RuntimeError, match="crash"):
+        run(callback=[act_at(10, "crash")])
+    assert threading.active_count() == before
+
+
 def test_equal_seeds_give_equal_models_and_others_do_not(small_config, tmp_path):
     models = []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):

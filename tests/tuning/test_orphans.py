@@ -24,7 +24,7 @@ from sb3_piano.tuning.attributes import (
     counting,
     repeated,
 )
-from sb3_piano.tuning.store.locks import WorkerLock, is_held
+from sb3_piano.tuning.store.locks import is_held, worker_lock
 from sb3_piano.tuning.store.orphans import requeue, requeue_interrupted, requeue_orphans
 from sb3_piano.tuning.store.storage import open_storage
 from sb3_piano.tuning.study_folder import StudyFolder
@@ -87,10 +87,10 @@ def state_of(study: optuna.Study, number: int) -> FrozenTrial:
 
 
 def work(store: Store, begun) -> None:
-    with WorkerLock(store.folder) as lock:
-        trial = begin(store.study(), lock.name)
+    with worker_lock(store.folder) as name:
+        trial = begin(store.study(), name)
         trial.report(0.5, 1)
-        begun.put((lock.name, trial.number))
+        begun.put((name, trial.number))
         time.sleep(60)
 
 
@@ -134,17 +134,17 @@ def test_the_next_trial_has_the_settings_of_the_one_that_was_lost(store):
 
 def test_the_trial_of_a_worker_that_lives_is_left_alone(store):
     study = store.study()
-    with WorkerLock(store.folder) as lock:
-        begin(study, lock.name)
+    with worker_lock(store.folder) as name:
+        begin(study, name)
         assert requeue_orphans(study, store.folder) == []
     assert [trial.state for trial in study.get_trials()] == [TrialState.RUNNING]
 
 
 def test_trials_that_are_over_are_left_alone(store):
     study = store.study()
-    with WorkerLock(store.folder) as lock:
-        study.tell(begin(study, lock.name), 1.0)
-        study.tell(begin(study, lock.name), state=TrialState.FAIL)
+    with worker_lock(store.folder) as name:
+        study.tell(begin(study, name), 1.0)
+        study.tell(begin(study, name), state=TrialState.FAIL)
     before = study.get_trials()
     assert requeue_orphans(study, store.folder) == []
     assert study.get_trials() == before
@@ -188,7 +188,7 @@ def test_a_lock_of_another_machine_in_a_shared_folder_says_nothing(database):
 def test_a_trial_of_nobody_is_queued_again_once_no_worker_lives(embedded):
     study = embedded.study()
     begin(study)
-    with WorkerLock(embedded.folder):
+    with worker_lock(embedded.folder):
         assert requeue_orphans(study, embedded.folder) == []
     assert requeue_orphans(study, embedded.folder) == [0]
     assert state_of(study, 0).user_attrs[FAILURE] == "its worker was gone before it began"

@@ -12,12 +12,17 @@ import sys
 import time
 from pathlib import Path
 
+import optuna
 import pytest
 import yaml
 from small_study import ENTRY, ENV_ID, SlowUntil, wrapped
 
 from sb3_piano.cli import main
 from sb3_piano.training import load_config
+from sb3_piano.tuning import StudyFolder
+from sb3_piano.tuning.attributes import FAILURE
+from sb3_piano.tuning.store.locks import any_held
+from sb3_piano.tuning.store.storage import open_storage
 
 MIDI_FILE = Path(__file__).parents[2] / "examples" / "five_fingers.mid"
 
@@ -98,23 +103,54 @@ def test_a_study_without_a_complete_trial_is_an_error(files, capsys):
     assert "Failed:     InvalidActionError" in out
 
 
-def test_ctrl_c_on_the_terminal_stops_it_and_the_same_command_goes_on(files, monkeypatch):
+@pytest.fixture
+def slow_study(files, monkeypatch):
+    """Start a study of two workers whose trials do not end before there is a file ``quick``.
+
+    The value is the command and its process, which is the leader of a group of its own.
+    """
     slow = wrapped(SlowUntil, marker=str(files / "quick"))
     write("small.yml", {"default": {**ENTRY, "learning_starts": 190, **slow}})
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)  # of `slow`
     command = [sys.executable, "-m", "sb3_piano.cli", *arguments("--trials", "2", "--workers", "2")]
     command[command.index("--steps") + 1] = "200"
-    # as a terminal does it, Ctrl-C goes to the whole group of processes
     process = subprocess.Popen(
         command, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    while not list(files.glob("studies/*/trials/*/seed_0/monitor/*.csv")):
+    while len(list(files.glob("studies/*/trials/*/seed_0/monitor/*.csv"))) < 2:
         assert process.poll() is None
         time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGINT)
+    yield command, process
+    process.kill()
+    process.communicate()
+
+
+def test_ctrl_c_on_the_terminal_stops_it_and_the_same_command_goes_on(files, slow_study):
+    command, process = slow_study
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does it
     out, err = process.communicate()
     assert process.returncode == 130, err
     assert "Interrupted: the same command goes on." in out
+    (files / "quick").touch()
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert ", 2 trials, highest final f1 " in done.stdout
+
+
+def test_the_workers_of_a_killed_study_end_and_the_same_command_goes_on(files, slow_study):
+    command, process = slow_study
+    folder = StudyFolder(next(files.glob("studies/*")))
+    assert any_held(folder)
+    process.kill()
+    process.wait()
+    deadline = time.monotonic() + 120
+    while any_held(folder):
+        assert time.monotonic() < deadline, "the workers go on"
+        time.sleep(0.1)
+    study = optuna.load_study(study_name=folder.path.name, storage=open_storage(None, folder))
+    assert [trial.user_attrs.get(FAILURE) for trial in study.trials] == (
+        2 * ["it was interrupted"] + 2 * [None]
+    )
     (files / "quick").touch()
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

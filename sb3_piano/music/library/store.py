@@ -10,8 +10,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError, near_names
+from sb3_piano.exceptions import (
+    ConfigError,
+    RunError,
+    ScoreError,
+    UnknownPieceError,
+    near_names,
+)
 from sb3_piano.files import PARTIAL_SUFFIX
+from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music.library.folder import DATA_VARIABLE, pieces_folder
 from sb3_piano.music.library.naming import check_name
 from sb3_piano.music.library.piece_file import (
@@ -157,22 +164,20 @@ class Library:
             ConfigError: If another import into this library is under way, or its folder cannot be
                 written to.
         """
-        import fcntl  # which other systems than ours lack
 
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            opened = (self.folder / ".lock").open("w")
-        except OSError as error:
-            raise ConfigError(
-                f"Cannot keep pieces in '{self.folder}': {error}. Expected a folder that can be "
-                f"written to; the environment variable {DATA_VARIABLE} may name another."
-            ) from error
-        with opened as lock:
+        def busy(owner: str) -> ConfigError:
+            return ConfigError(
+                f"Another import into '{self.folder}' is under way, by {owner}: expected one at a "
+                "time."
+            )
+
+        with contextlib.ExitStack() as stack:
             try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
+                stack.enter_context(hold(self.folder / LOCK_SUFFIX, busy))
+            except RunError as error:
                 raise ConfigError(
-                    f"Another import into '{self.folder}' is under way: expected one at a time."
+                    f"Cannot keep pieces in '{self.folder}': {error} The environment variable "
+                    f"{DATA_VARIABLE} may name another."
                 ) from error
             for partial_file in self.folder.glob(f"*{PARTIAL_SUFFIX}"):
                 partial_file.unlink(missing_ok=True)

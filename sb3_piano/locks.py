@@ -1,0 +1,74 @@
+"""Locks that a process holds for as long as it lives: the kernel frees them, however it dies."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from sb3_piano.exceptions import RunError
+
+LOCK_SUFFIX = ".lock"
+_POLL_SECONDS = 0.01
+
+
+@contextlib.contextmanager
+def hold(path: Path, busy: Callable[[str], Exception] | None = None) -> Iterator[None]:
+    """Hold the lock that a file stands for; processes that are forked meanwhile do not hold it.
+
+    The file says who has the lock, and is removed afterwards. It stays if the process dies.
+
+    Args:
+        path: The file, which is made if need be, as is its folder.
+        busy: Returns the error to raise if another has the lock, and is told who; by default that
+            one is waited for.
+
+    Raises:
+        RunError: If the file cannot be made or locked.
+    """
+    lock = FileLock(path, blocking=busy is None, poll_interval=_POLL_SECONDS)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except Timeout:
+        assert busy is not None, "there is no end to the waiting"
+        raise busy(_owner(path)) from None
+    except OSError as error:
+        raise RunError(
+            f"'{path}' cannot be locked: {error.strerror}. Expected a folder on a disk of this "
+            "machine, in which files can be made."
+        ) from error
+    try:
+        with contextlib.suppress(OSError):  # a full disk is no reason not to go on
+            path.write_text(f"process {os.getpid()} on {socket.gethostname()}")
+        yield
+    finally:
+        if lock.is_locked:  # not in a forked process
+            with contextlib.suppress(OSError):  # a system that removes no open files
+                path.unlink()  # who waits for it sees that it has no name, and makes a new one
+            lock.release()
+
+
+def is_held(path: Path) -> bool | None:
+    """Return whether a process has a lock; ``None`` if its file is not there.
+
+    Of two that look at once at a lock of a dead process, one may still take it for held.
+    """
+    if not path.exists():
+        return None
+    try:
+        with FileLock(path, blocking=False):
+            return False
+    except Timeout:
+        return True
+
+
+def _owner(path: Path) -> str:
+    try:
+        return path.read_text() or "another process"
+    except OSError:  # it has just gone, or the system shows no locked files
+        return "another process"

@@ -1,4 +1,4 @@
-"""Where a run comes from: command, versions, seed, time."""
+"""Where a run comes from: command, versions, seed, threads of torch, time."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import platform
 import shlex
 import sys
 from typing import Any
+
+import torch
 
 import sb3_piano
 
@@ -24,6 +26,7 @@ def provenance(seed: int | None) -> dict[str, Any]:
         "command": shlex.join(sys.orig_argv),
         "created": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
         "seed": seed,
+        "torch_threads": torch.get_num_threads(),
         "versions": {
             "sb3_piano": sb3_piano.__version__,
             **{package: _version(package) for package in _PACKAGES},

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import optuna
-import torch
 from optuna.trial import TrialState
 
 from sb3_piano.training.interrupts import StopRequest, stop_on_signal
@@ -42,8 +41,6 @@ class Job:
     """URL of the database; by default the study's journal."""
     search: Search = field(default_factory=Search)
     """How settings are chosen and trials ended early."""
-    threads: int = 1
-    """Threads of torch in each worker."""
 
     def load_study(self, worker: int) -> optuna.Study:
         """Return the study, which must be there.
@@ -72,7 +69,6 @@ def work(job: Job, number: int) -> None:
     """
     os.setpgrp()  # Ctrl-C on the terminal is for the process that watches over the workers
     parent = os.getppid()
-    torch.set_num_threads(min(job.threads, torch.get_num_threads()))
     with stop_on_signal() as request, WorkerLock(job.folder) as lock:
         _redirect_output(job.folder.workers_dir / f"{lock.name}.log")
         study = job.load_study(number)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
-
-import torch
 
 from sb3_piano.bench.learner import learner_contestants, training_contestants
 from sb3_piano.bench.machine import Machine, this_machine
@@ -18,6 +16,7 @@ from sb3_piano.bench.rounds import Contestant, Race, Tick
 from sb3_piano.bench.rows import Row, speed_rows
 from sb3_piano.bench.settings import BenchSettings
 from sb3_piano.bench.simulation import episode_actions, simulation_contestants
+from sb3_piano.torch_threads import torch_threads
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +49,7 @@ def run_bench(settings: BenchSettings, tick: Tick | None = None) -> Report:
     """
     bench = _Bench(settings, tick)
     interrupted = False
-    with _torch_threads(settings.threads):
+    with torch_threads(settings.num_threads):
         machine = this_machine()
         try:
             bench.run()
@@ -108,14 +107,3 @@ class _Bench:
     def _race(self, part: str, contestants: list[Contestant]) -> None:
         self._races.append(Race(part, contestants))
         self._races[-1].run(self._settings.rounds, self._tick)
-
-
-@contextlib.contextmanager
-def _torch_threads(count: int | None) -> Iterator[None]:
-    former = torch.get_num_threads()
-    if count is not None:
-        torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(former)

@@ -12,7 +12,7 @@ ENV_ID = "RoboPianist-debug-CMajorScaleTwoHands-v0"
 PARTS = ("simulation", "learner", "memory")
 """What can be measured."""
 
-_COUNTS = ("rounds", "threads", "episode_steps", "transitions", "updates", "training_steps")
+_COUNTS = ("rounds", "num_threads", "episode_steps", "transitions", "updates", "training_steps")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +29,8 @@ class BenchSettings:
     """How often everything is measured, besides one round to warm up; at least 1."""
     peer_python: str | None = None
     """An interpreter that has RoboPianist, which is then measured as well."""
-    threads: int | None = None
-    """Threads of torch, at least 1; ``None`` leaves the choice to torch."""
+    num_threads: int | None = None
+    """Threads of torch, at least 1; by default one, see :mod:`sb3_piano.torch_threads`."""
     slots: tuple[int, ...] = (1, 2, 4, 8)
     """Numbers of slots of the vector environment."""
     episode_steps: int | None = None

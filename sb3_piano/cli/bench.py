@@ -7,7 +7,13 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
-from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, check_output_file, whole_number
+from sb3_piano.cli.common import (
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    NUM_THREADS_HELP,
+    check_output_file,
+    whole_number,
+)
 
 
 def add_parser(commands: Any) -> None:
@@ -28,12 +34,7 @@ def add_parser(commands: Any) -> None:
         choices=("simulation", "learner", "memory"),
         help="measure this part; may be given several times",
     )
-    add(
-        "--threads",
-        type=whole_number,
-        metavar="N",
-        help="threads of torch; default: torch's choice",
-    )
+    add("--num-threads", type=whole_number, metavar="N", help=NUM_THREADS_HELP)
     add("--json", type=Path, metavar="FILE", help="write the result to a file as well")
     add("--no-progress", action="store_true", help="show no progress bar")
     bench.set_defaults(command=_bench)
@@ -51,7 +52,7 @@ def _bench(arguments: argparse.Namespace) -> int:
         parts=PARTS if arguments.only is None else tuple(arguments.only),
         rounds=arguments.rounds,
         peer_python=arguments.peer_python,
-        threads=arguments.threads,
+        num_threads=arguments.num_threads,
     )
     with contextlib.nullcontext() if arguments.no_progress else progress_bar() as tick:
         report = run_bench(settings, tick)

@@ -20,6 +20,8 @@ TRUST = (
 
 EXIT_OK, EXIT_ERROR, EXIT_INTERRUPTED = 0, 2, 130
 
+NUM_THREADS_HELP = "threads of torch; default: 1, or as OMP_NUM_THREADS or MKL_NUM_THREADS says"
+
 _FILE_WIDTH = 160
 """Room for a table in a file, in characters."""
 

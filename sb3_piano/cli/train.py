@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from sb3_piano.cli.common import (
     EXIT_INTERRUPTED,
     EXIT_OK,
+    NUM_THREADS_HELP,
     TRUST,
     add_piece_arguments,
     what_is_played,
@@ -22,7 +23,17 @@ if TYPE_CHECKING:
     from sb3_piano.training import RunConfig, TrainResult
 
 _VEC_ENV_HELP = "dummy (one process), threads or subproc (one process for each)"
-_NEW_RUN_ONLY = ("midi", "fingering", "config", "seed", "n_envs", "vec_env", "run", "runs_dir")
+_NEW_RUN_ONLY = (
+    "midi",
+    "fingering",
+    "config",
+    "seed",
+    "n_envs",
+    "vec_env",
+    "num_threads",
+    "run",
+    "runs_dir",
+)
 
 
 def add_parser(commands: Any) -> None:
@@ -36,6 +47,7 @@ def add_parser(commands: Any) -> None:
     add("--seed", type=int, metavar="N", help="default: drawn, and noted in the run's folder")
     add("--n-envs", type=whole_number, metavar="N", help="environments that play at the same time")
     add("--vec-env", metavar="KIND", help=_VEC_ENV_HELP)
+    add("--num-threads", type=whole_number, metavar="N", help=NUM_THREADS_HELP)
     add("--checkpoint-every", type=whole_number, metavar="N", help="default: 10000 steps")
     add("--runs-dir", metavar="DIR", help="where runs are kept; default: runs")
     add("--run", metavar="DIR", help="the run's folder, in place of one in --runs-dir")
@@ -96,6 +108,7 @@ def _config(arguments: argparse.Namespace) -> RunConfig:
             "seed": arguments.seed,
             "n_envs": arguments.n_envs,
             "vec_env": arguments.vec_env,
+            "num_threads": arguments.num_threads,
         }.items()
         if value is not None
     }

@@ -22,6 +22,7 @@ from sb3_piano.demonstrations import Cloning, clone_behaviour, open_dataset
 from sb3_piano.demonstrations.dataset import reading
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import write_text
+from sb3_piano.torch_threads import torch_threads
 from sb3_piano.training.builders import build_model, build_vec_env
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.plugins import Plugin
@@ -111,7 +112,10 @@ def clone(
     settings = _in_environment(spec, _with_networks(settings, net_arch))
     if prefill:
         settings = _with_prefill(settings, found)
-    with contextlib.closing(build_vec_env(settings)) as venv:
+    with (
+        torch_threads(settings.num_threads),
+        contextlib.closing(build_vec_env(settings)) as venv,
+    ):
         model = build_model(settings, venv)
         run = RunFolder.create(settings, folder, runs_dir)
         with run.owned(), _whole_or_not_at_all(run):

@@ -62,6 +62,9 @@ class RunConfig:
     vec_env: str = "dummy"
     """``dummy``: one plays after the other; ``threads``: in threads of this process; ``subproc``:
     each in a process of its own."""
+    num_threads: int | None = None
+    """Threads of torch, at least 1; by default as :func:`~sb3_piano.torch_threads.torch_threads`
+    chooses: one, unless ``OMP_NUM_THREADS`` or ``MKL_NUM_THREADS`` is set."""
     env_module: str | None = None
     """Module to import before the environment is made."""
     env_kwargs: Mapping[str, Any] = field(default_factory=dict)
@@ -91,7 +94,7 @@ class RunConfig:
         algorithm = planner_class(self.algo) if planner else algorithm_class(self.algo)
         module, env_id = registered_id(self.env_id, self.env_module)
         self._set(env_module=module, env_id=env_id)
-        for name, minimum in (("n_timesteps", 1), ("n_envs", 1), ("seed", 0)):
+        for name, minimum in (("n_timesteps", 1), ("n_envs", 1), ("seed", 0), ("num_threads", 1)):
             self._set(**{name: _at_least(minimum, getattr(self, name), name)})
         self._check_choice("vec_env", VEC_ENVS)
         self._check_noise(algorithm)
@@ -178,7 +181,7 @@ def _checked_fields(mapping: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _at_least(minimum: float, value: Any, name: str) -> Any:
-    if value is None and name in ("seed", "noise_std"):
+    if value is None and name in ("seed", "noise_std", "num_threads"):
         return None
     number = coerce(value, type(minimum), name)
     if number < minimum:

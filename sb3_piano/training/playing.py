@@ -19,6 +19,7 @@ from sb3_piano.envs import EpisodeRecorder, PianoEnv, Recording
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
 from sb3_piano.music import Score, load_score
 from sb3_piano.planning import PianoPolicy
+from sb3_piano.torch_threads import torch_threads
 from sb3_piano.training.builders import build_vec_env
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.loading import load_player, model_files
@@ -189,7 +190,10 @@ class SavedPlayer:
         while True:
             # While the hands rest, nobody hears what is asked; to search for it would take long.
             if action is None or not self._recorder.resting:
-                action, state = self.model.predict(observation, state, starts, deterministic=True)
+                with torch_threads():
+                    action, state = self.model.predict(
+                        observation, state, starts, deterministic=True
+                    )
             observation, _, starts, _ = self._venv.step(action)
             if self._recorder.finished:
                 yield self._recorder.finished.pop()

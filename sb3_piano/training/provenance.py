@@ -1,4 +1,4 @@
-"""Where a run comes from: command, versions, seed, time."""
+"""Where a run comes from: command, versions, seed, threads of torch, time."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import torch
 
 import sb3_piano
 from sb3_piano.exceptions import ConfigError
@@ -28,6 +30,7 @@ def provenance(seed: int | None) -> dict[str, Any]:
         "command": shlex.join(sys.orig_argv),
         "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "seed": seed,
+        "torch_threads": torch.get_num_threads(),
         "versions": {
             "sb3_piano": sb3_piano.__version__,
             **{package: _version(package) for package in _PACKAGES},

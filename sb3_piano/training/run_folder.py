@@ -34,7 +34,8 @@ class RunFolder:
 
     ======================== =====================================================================
     ``config.yml``           the :class:`RunConfig`, with all defaults and the seed filled in
-    ``run.yml``              command line, versions of packages, seed, time, the score file's origin
+    ``run.yml``              command line, versions of packages, seed, threads of torch, time, the
+                             score file's origin
     ``score.<suffix>``       the score that is played, if the run was given a file or an imported
                              piece; likewise ``fingering.<suffix>``, a file of finger labels
     ``model.zip``            the newest saved model; ``vecnormalize.pkl`` beside it, if it has any

@@ -24,6 +24,7 @@ from sb3_piano.callbacks.replay_segments import end_last_episode
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import disk_refusal
+from sb3_piano.torch_threads import torch_threads
 from sb3_piano.training.algorithms import algorithm_class
 from sb3_piano.training.builders import build_callbacks, build_model, build_vec_env
 from sb3_piano.training.config import RunConfig
@@ -66,7 +67,7 @@ def train(
     checkpoint_every = checked_every(checkpoint_every)
     if config.seed is None:
         config = dataclasses.replace(config, seed=int(np.random.default_rng().integers(2**31)))
-    with _closing(build_vec_env(config)) as venv:
+    with torch_threads(config.num_threads), _closing(build_vec_env(config)) as venv:
         model, every_callback = build_model(config, venv), [*build_callbacks(config), *callbacks]
         run = RunFolder.create(config, folder, runs_dir)
         with _owned(run):
@@ -141,7 +142,10 @@ def _resumed(
     if saved is not None and saved.vec_normalize is not None:
         statistics = run.checkpoint_dir / saved.vec_normalize
     played_on = functools.partial(_played_on, steps=done // config.n_envs)
-    with _closing(build_vec_env(config, statistics, innermost=played_on)) as venv:
+    with (
+        torch_threads(config.num_threads),
+        _closing(build_vec_env(config, statistics, innermost=played_on)) as venv,
+    ):
         model = _fresh(run, config, venv) if saved is None else _restored(run, config, saved, venv)
         callbacks = build_callbacks(config)
         run.write_config(config)

@@ -12,7 +12,6 @@ from optuna.exceptions import StorageInternalError
 from optuna.trial import FrozenTrial, TrialState
 
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.threads import usable_cores
 from sb3_piano.tuning.attributes import FAILURE, counting
 from sb3_piano.tuning.outcome.best import best_trial, preset_trial, write_best
 from sb3_piano.tuning.outcome.report import write_report
@@ -103,7 +102,6 @@ def tune(
         n_trials=n_trials,
         storage=storage,
         search=search,
-        threads=max(1, usable_cores() // workers),
     )
     label = f"{config.objective} {config.metric}"
     bar = progress_bar_of(n_trials, label) if progress_bar else contextlib.nullcontext()

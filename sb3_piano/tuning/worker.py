@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 import optuna
-import torch
 from optuna.trial import TrialState
 
 from sb3_piano.locks import hold
@@ -46,8 +45,6 @@ class Job:
     """URL of the database; by default the study's journal."""
     search: Search = field(default_factory=Search)
     """How settings are chosen and trials ended early."""
-    threads: int = 1
-    """Threads of torch in each worker."""
 
     def load_study(self, worker: int) -> optuna.Study:
         """Return the study, which must be there.
@@ -75,7 +72,6 @@ def work(job: Job, number: int) -> None:
     the process that started this one.
     """
     os.setpgrp()  # Ctrl-C on the terminal is for the process that watches over the workers
-    torch.set_num_threads(min(job.threads, torch.get_num_threads()))
     with stop_on_signal() as request, worker_lock(job.folder) as name:
         threading.Thread(target=_stop_with_parent, daemon=True).start()
         _redirect_output(job.folder.workers_dir / f"{name}.log")

@@ -43,8 +43,8 @@ def test_the_table_is_printed_and_written(tmp_path, capsys):
 
 
 def test_options_reach_the_measurement():
-    assert main(["bench", "--only", "memory", "--rounds", "3", "--threads", "2"]) == 0
-    assert asked == {"parts": ("memory",), "rounds": 3, "peer_python": None, "threads": 2}
+    assert main(["bench", "--only", "memory", "--rounds", "3", "--num-threads", "2"]) == 0
+    assert asked == {"parts": ("memory",), "rounds": 3, "peer_python": None, "num_threads": 2}
 
 
 def test_everything_is_measured_by_default(monkeypatch):
@@ -52,7 +52,7 @@ def test_everything_is_measured_by_default(monkeypatch):
     monkeypatch.setattr(sb3_piano.bench, "run_bench", lambda settings, tick: report)
     assert main(["bench"]) == 0
     parts = ("simulation", "learner", "memory")
-    assert asked == {"parts": parts, "rounds": 10, "peer_python": None, "threads": None}
+    assert asked == {"parts": parts, "rounds": 10, "peer_python": None, "num_threads": None}
 
 
 @pytest.mark.usefixtures("ctrl_c")

@@ -64,13 +64,12 @@ def test_a_part_can_be_measured_alone(part, short):
 def test_torch_has_the_threads_only_meanwhile(short):
     former, during = torch.get_num_threads(), []
     report = run_bench(
-        short(parts=("simulation",), threads=former + 1),
+        short(parts=("simulation",), num_threads=former + 1),
         lambda *_: during.append(torch.get_num_threads()),
     )
     assert set(during) == {former + 1}
     assert report.machine.torch_threads == former + 1
     assert torch.get_num_threads() == former
-    assert run_bench(short(parts=("memory",))).machine.torch_threads == former
 
 
 def test_ctrl_c_keeps_what_was_measured(short):

@@ -14,7 +14,7 @@ from sb3_piano.exceptions import ConfigError
     ("settings", "message"),
     [
         ({"rounds": 0}, "rounds is 0: expected 1 or more."),
-        ({"threads": 0}, "threads is 0: expected 1 or more."),
+        ({"num_threads": 0}, "num_threads is 0: expected 1 or more."),
         ({"episode_steps": 0}, "episode_steps is 0: expected 1 or more."),
         ({"transitions": 0}, "transitions is 0: expected 1 or more."),
         ({"updates": 0}, "updates is 0: expected 1 or more."),

@@ -69,11 +69,12 @@ class SlowUntil(gym.Wrapper):
 
 
 class ThreadsNoted(gym.Wrapper):
-    """Write into a file how many threads torch has in this process."""
+    """Write into a file how many threads torch has while the first environment is made."""
 
     def __init__(self, env: gym.Env, file: str):
         super().__init__(env)
-        Path(file).write_text(str(torch.get_num_threads()))
+        if not Path(file).exists():
+            Path(file).write_text(str(torch.get_num_threads()))
 
 
 class Broken(gym.Wrapper):

@@ -1,0 +1,109 @@
+"""One thread of torch where nobody asked for more, and the former number afterwards."""
+
+from __future__ import annotations
+
+import contextlib
+
+import pytest
+import torch
+import yaml
+from stable_baselines3.common.callbacks import BaseCallback
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.torch_threads import torch_threads
+from sb3_piano.training import RunConfig, evaluate, resume, train
+
+VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS")
+FORMER = 3
+
+
+@pytest.fixture(autouse=True)
+def _former(monkeypatch):
+    """Let the program around it have three threads, and no variable that says so."""
+    for name in VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    before = torch.get_num_threads()
+    torch.set_num_threads(FORMER)
+    yield
+    torch.set_num_threads(before)
+
+
+class Noted(BaseCallback):
+    """Notes the threads of every step."""
+
+    def __init__(self):
+        super().__init__()
+        self.seen = set()
+
+    def _on_step(self):
+        self.seen.add(torch.get_num_threads())
+        return True
+
+
+def pendulum(**changes):
+    small = {"policy_kwargs": {"net_arch": [8]}, "learning_starts": 5, "buffer_size": 50}
+    return RunConfig(
+        **{
+            "algo": "td3",
+            "env_id": "Pendulum-v1",
+            "n_timesteps": 20,
+            "env_kwargs": {"max_episode_steps": 10},
+            "algorithm_kwargs": {**small, "batch_size": 4, "device": "cpu"},
+            **changes,
+        }
+    )
+
+
+def test_without_a_wish_there_is_one_thread_meanwhile():
+    with torch_threads():
+        assert torch.get_num_threads() == 1
+    assert torch.get_num_threads() == FORMER
+
+
+@pytest.mark.parametrize("name", VARIABLES)
+def test_the_usual_variables_leave_the_number_as_it_is(monkeypatch, name):
+    monkeypatch.setenv(name, "3")
+    with torch_threads():
+        assert torch.get_num_threads() == FORMER
+
+
+def test_a_number_counts_more_than_a_variable_and_ends_with_an_error(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    with contextlib.suppress(RuntimeError), torch_threads(2):
+        assert torch.get_num_threads() == 2
+        raise RuntimeError("broken")
+    assert torch.get_num_threads() == FORMER
+
+
+@pytest.mark.parametrize(("wished", "expected"), [(None, 1), (2, 2)])
+def test_a_training_has_its_threads_and_notes_them(tmp_path, wished, expected):
+    noted = Noted()
+    config = pendulum(num_threads=wished)
+    run = train(config, tmp_path / "run", callbacks=[noted], progress_bar=False).folder
+    assert noted.seen == {expected}
+    assert yaml.safe_load(run.provenance_file.read_text())["torch_threads"] == expected
+    assert run.read_config().num_threads == wished
+    assert torch.get_num_threads() == FORMER
+
+
+def test_what_goes_on_and_what_plays_has_its_threads(tmp_path, monkeypatch):
+    run = train(pendulum(num_threads=2), tmp_path / "run", progress_bar=False).folder
+    seen = []
+    forward = torch.nn.Linear.forward
+
+    def noted(layer, inputs):
+        seen.append(torch.get_num_threads())
+        return forward(layer, inputs)
+
+    monkeypatch.setattr(torch.nn.Linear, "forward", noted)
+    evaluate(run.path)
+    assert set(seen) == {1}
+    seen.clear()
+    resume(run.path, 30, progress_bar=False)
+    assert set(seen) == {2}
+    assert torch.get_num_threads() == FORMER
+
+
+def test_a_number_of_threads_below_one_is_refused():
+    with pytest.raises(ConfigError, match="num_threads is 0: expected 1 or more"):
+        pendulum(num_threads=0)

@@ -4,6 +4,14 @@ Importing the package registers its environments, for instance
 ``gymnasium.make("RoboPianist-debug-CMajorScaleTwoHands-v0")``.
 """
 
+import contextlib
+import importlib
+
+# torch's CUDA build imports triton with the first optimiser. Both triton and Mesa, which draws
+# where there is no graphics card, bring LLVM: unless triton comes first, the process crashes.
+with contextlib.suppress(ImportError):
+    importlib.import_module("triton")
+
 from sb3_piano.envs.registration import register_envs
 
 __version__ = "0.1.0"

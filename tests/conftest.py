@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 import torch
 
+import sb3_piano  # noqa: F401  (first of all: MuJoCo must not be imported before it)
+
 # No test sees the music that whoever runs it has imported.
 _data_folder = tempfile.TemporaryDirectory(prefix="sb3-piano-tests-")
 os.environ["SB3_PIANO_DATA"] = _data_folder.name

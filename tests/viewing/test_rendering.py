@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import pickle
 import subprocess
 import sys
+import textwrap
 
 import numpy as np
 import pytest
@@ -129,3 +131,20 @@ def test_where_nothing_can_be_drawn_the_env_still_steps_and_says_what_to_install
     done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
     assert done.stdout.startswith(f"stepped\nRenderingError Cannot draw the scene: {reason}")
     assert "apt-get install libosmesa6" in done.stdout
+
+
+@needs_gl
+@pytest.mark.skipif(
+    importlib.util.find_spec("triton") is None, reason="torch's build has no triton"
+)
+def test_an_optimiser_can_be_made_after_a_picture():
+    program = """
+        import gymnasium
+        import sb3_piano
+        env = gymnasium.make("RoboPianist-v0", render_mode="rgb_array")
+        env.reset()
+        env.render()
+        import torch
+        torch.optim.Adam([torch.zeros(1, requires_grad=True)])
+    """
+    subprocess.run([sys.executable, "-c", textwrap.dedent(program)], check=True)

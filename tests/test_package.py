@@ -22,7 +22,9 @@ ROOT = Path(__file__).parents[1]
 ROOMS = [
     "exceptions",
     "files",
+    "locks",
     "threads",
+    "torch_threads",
     "music",
     "simulation",
     "metrics",

@@ -170,7 +170,7 @@ def test_a_planned_pianist_is_recorded_playing_with_the_fingers_of_the_score(tmp
     [
         (["nothing.mid"], "There is no 'nothing.mid': expected"),
         (["CMajorScaleOneHand", "--set", "physics"], "--set is 'physics': expected NAME=VALUE"),
-        (["CMajorScaleOneHand", "--set", "a=["], "its value is no YAML"),
+        (["CMajorScaleOneHand", "--set", "a=["], "its value is not valid YAML"),
         (["CMajorScaleOneHand", "--set", "fysics=fast"], "Did you mean 'physics'"),
         (["RoboPianist-v0", "--start", "-1"], "std is -1.0"),
     ],

@@ -57,7 +57,7 @@ def test_a_seed_that_was_not_given_is_drawn_and_noted(run):
     [
         ({"env_kwargs": {"gravity": 1}}, "cannot be made with env_kwargs"),
         ({"env_id": "CartPole-v1"}, "TD3 cannot be made"),
-        ({"callback": "builtins.dict"}, "expected a callback"),
+        ({"callback": "builtins.dict"}, "no subclass of BaseCallback"),
     ],
 )
 def test_nothing_is_written_if_anything_cannot_be_built(run, tmp_path, changes, message):

@@ -222,16 +222,19 @@ def test_without_arguments_of_the_environment_nothing_is_said_of_them(folder):
 
 
 def test_a_module_that_registers_the_environment_is_named_to_both(folder, tmp_path, monkeypatch):
-    (tmp_path / "registers_nothing.py").write_text("")
+    (tmp_path / "registers_anew.py").write_text(
+        "import copy, gymnasium\n"
+        f"gymnasium.registry[{ENV_ID!r}] = copy.copy(gymnasium.registry[{ENV_ID!r}])\n"
+    )
     monkeypatch.syspath_prepend(tmp_path)
-    config, study = study_config(env_id=f"registers_nothing:{ENV_ID}"), new_study()
+    config, study = study_config(env_id=f"registers_anew:{ENV_ID}"), new_study()
     complete(study, config, 0.5)
     file = write_best(study, config, folder)
     assert list(yaml.safe_load(file.read_text())) == [ENV_ID]
     ours, theirs = commands_in(file)
-    assert f"--env registers_nothing:{ENV_ID} " in ours
+    assert f"--env registers_anew:{ENV_ID} " in ours
     found = zoo_arguments(theirs)
-    assert (found.env, found.gym_packages) == (ENV_ID, "registers_nothing")
+    assert (found.env, found.gym_packages) == (ENV_ID, "registers_anew")
 
 
 def test_what_the_zoo_does_not_know_is_left_out_and_said(folder):

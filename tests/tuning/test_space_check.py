@@ -58,7 +58,7 @@ DECAY = "env_wrapper.FingeringDecay"
         ),
         (
             {"env_kwargs.n_steps_lookahead": Int(-3, 2)},
-            "'env_kwargs.n_steps_lookahead' = -3: n_steps_lookahead is -3: expected >= 0",
+            "'env_kwargs.n_steps_lookahead' = -3: n_steps_lookahead is -3: expected 0 to 10000",
         ),
         ({f"{REWARDS}.energie": Float(0, 1)}, f"'{REWARDS}.energie': reward_weights is 'energie'"),
         (

@@ -39,6 +39,7 @@ class RunFolder:
     ``score.<suffix>``       the score that is played, if the run was given a file or an imported
                              piece; likewise ``fingering.<suffix>``, a file of finger labels
     ``model.zip``            the newest saved model; ``vecnormalize.pkl`` beside it, if it has any
+    ``policy.safetensors``   in place of both, in a run that was shared to be played
     ``checkpoint/``          what resuming needs, see :class:`~sb3_piano.callbacks.Checkpoint`
     ``monitor/``             one ``<n>.monitor.csv`` per environment. After a crash it also has the
                              episodes since the last checkpoint, which are then played again

@@ -17,7 +17,8 @@ class ActionMap:
         """Take the control ranges of a scene's actuators."""
         self._middle = (scene.ctrl_high + scene.ctrl_low) / 2
         self._half_range = (scene.ctrl_high - scene.ctrl_low) / 2
-        self.space = spaces.Box(-1.0, 1.0, (len(self._middle) + 1,), dtype=np.float32)
+        self._shape = (len(self._middle) + 1,)
+        self.space = spaces.Box(-1.0, 1.0, self._shape, dtype=np.float32)
 
     @property
     def rest(self) -> npt.NDArray[np.float32]:
@@ -35,7 +36,7 @@ class ActionMap:
             InvalidActionError: If the action has the wrong shape or is not finite.
         """
         clipped = np.minimum(np.maximum(self._checked(action), -1.0), 1.0)
-        return self._middle + self._half_range * clipped[:-1], float(clipped[-1] + 1.0) / 2.0
+        return self._middle + self._half_range * clipped[:-1], (clipped.item(-1) + 1.0) / 2.0
 
     def _checked(self, action: npt.ArrayLike) -> npt.NDArray[np.float64]:
         try:
@@ -45,10 +46,8 @@ class ActionMap:
             array = array.astype(np.float64)
         except (TypeError, ValueError) as error:
             raise InvalidActionError(f"The action is not an array of numbers: {error}.") from error
-        if array.shape != self.space.shape:
-            raise InvalidActionError(
-                f"The action has shape {array.shape}: expected {self.space.shape}."
-            )
+        if array.shape != self._shape:
+            raise InvalidActionError(f"The action has shape {array.shape}: expected {self._shape}.")
         finite = np.isfinite(array)
         if np.count_nonzero(finite) < len(finite):
             bad = int(np.argmin(finite))

@@ -95,10 +95,6 @@ class RollEncoding(Encoding):
         self._window = window
         self._rows_shown = n_steps_lookahead + 1
         self.layout, _ = window.restrict(_roll_layout(scene, n_steps_lookahead))
-        self._goal, self._fingering, self._key_state, self._sustain = (
-            self.layout[name].slice for name in ("goal", "fingering", "key_state", "sustain")
-        )
-        self._joints = slice(self.layout["right_joints"].start, self.layout.size)
         self._joint_qpos = np.concatenate(scene.joint_qpos)
 
     def prepare(self, roll: PianoRoll) -> None:
@@ -114,13 +110,14 @@ class RollEncoding(Encoding):
 
     def write(self, step: int, reading: Reading) -> Float32Array:
         """Return the observation; see :meth:`Encoding.write`."""
-        observation = np.empty(self.layout.size, dtype=np.float32)
-        observation[self._goal] = self._rows[step : step + self._rows_shown].reshape(-1)
-        observation[self._fingering] = self._fingers[step]
-        observation[self._key_state] = reading.key_state[self._window.slice]
-        observation[self._sustain] = reading.pedal
-        observation[self._joints] = reading.qpos[self._joint_qpos]
-        return observation
+        blocks = (
+            self._rows[step : step + self._rows_shown].reshape(-1),
+            self._fingers[step],
+            reading.key_state[self._window.slice],
+            (reading.pedal,),
+            reading.qpos.take(self._joint_qpos),
+        )
+        return np.concatenate(blocks, dtype=np.float32, casting="same_kind")
 
 
 class FingerEncoding(Encoding):

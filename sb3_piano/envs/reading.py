@@ -32,10 +32,11 @@ class Reading(NamedTuple):
     @classmethod
     def of(cls, scene: PianoScene, data: mujoco.MjData, pedal: float) -> Reading:
         """Read a simulation."""
-        angle = scene.key_angle(data)
+        qpos = data.qpos
+        angle = scene.key_angle_at(qpos)
         return cls(
             data,
-            data.qpos,
+            qpos,
             angle / scene.key_max_angle,
             angle >= scene.key_sounding_angle,
             scene.fingertip_position(data),

@@ -18,6 +18,7 @@ from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene
 
+BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -33,14 +34,18 @@ class EpisodeRecord:
         """
         self._goal = goal
         self._scene = scene
-        self._key_active = np.zeros((len(goal), NUM_KEYS), dtype=bool)
-        self._sustain = np.zeros(len(goal), dtype=bool)
-        self._fingertips = np.zeros((len(goal), NUM_FINGERS, 3))
-        self._sounding = np.zeros(NUM_KEYS, dtype=bool)
-        self._within: dict[int, npt.NDArray[np.bool_]] = {}  # of steps in which a key changed
+        # Lists of what each step has, which grow faster than rows of an array are filled.
+        self._key_active: list[BoolArray] = []
+        self._sustain: list[bool] = []
+        self._fingertips: list[FloatArray] = []
+        self._sounding = bytes(NUM_KEYS)  # the fastest way to compare them
+        self._within: dict[int, BoolArray] = {}  # of steps in which a key changed
         self._returns = [0.0] * len(RETURN_KEYS)  # plain numbers, faster to add than an array
-        self.steps = 0
+
+    @property
+    def steps(self) -> int:
         """Control steps that are over."""
+        return len(self._sustain)
 
     def add(
         self,
@@ -57,32 +62,28 @@ class EpisodeRecord:
             pedal_down: Whether the pedal is down.
             weighted_terms: The weighted reward terms, in the order of ``RETURN_KEYS``.
         """
-        step, sounding = self.steps, reading.sounding
-        if sounding.tobytes() != self._sounding.tobytes():  # the fastest way to compare them
-            self._within[step] = key_angles >= self._scene.key_sounding_angle
-        self._sounding = sounding
-        self._key_active[step] = sounding
-        self._sustain[step] = pedal_down
-        self._fingertips[step] = reading.fingertips
+        sounding = reading.sounding.tobytes()
+        if sounding != self._sounding:
+            self._within[self.steps] = key_angles >= self._scene.key_sounding_angle
+            self._sounding = sounding
+        self._key_active.append(reading.sounding)
+        self._sustain.append(pedal_down)
+        self._fingertips.append(reading.fingertips)
         self._returns = list(map(operator.add, self._returns, weighted_terms.values()))
-        self.steps = step + 1
 
     def performance(self) -> Performance:
         """Return a copy of what was played so far."""
-        steps, roll = self.steps, self._goal.roll
-        key_active = self._key_active[:steps].copy()
+        roll, (key_active, sustain, fingertips) = self._goal.roll, self._arrays()
         strikes, releases = press_times(
-            presses_of(key_active), self._within, roll.control_timestep, steps
+            presses_of(key_active), self._within, roll.control_timestep, self.steps
         )
         return Performance(
             roll=roll,
             key_active=key_active,
-            sustain=self._sustain[:steps].copy(),
+            sustain=sustain,
             strike_time=strikes,
             release_time=releases,
-            press_finger=nearest_fingers(
-                key_active, self._fingertips[:steps], KeyBoxes(*self._scene.key_boxes)
-            ),
+            press_finger=nearest_fingers(key_active, fingertips, KeyBoxes(*self._scene.key_boxes)),
             title=self._goal.score.title,
         )
 
@@ -97,25 +98,34 @@ class EpisodeRecord:
 
     def save(self, *, physics: npt.NDArray[np.float64], finished: bool, pedal: float) -> EnvState:
         """Return a copy of the episode so far, with what the environment adds to it."""
-        steps = slice(self.steps)
+        key_active, sustain, fingertips = self._arrays()
         return EnvState(
             physics=physics,
             score=self._goal.score,
             finished=finished,
             pedal=pedal,
-            key_active=self._key_active[steps].copy(),
-            sustain=self._sustain[steps].copy(),
-            fingertips=self._fingertips[steps].copy(),
+            key_active=key_active,
+            sustain=sustain,
+            fingertips=fingertips,
             within=dict(self._within),
             returns=np.array(self._returns),
         )
 
     def restore(self, state: EnvState) -> None:
         """Take over the steps that another record saved."""
-        self.steps = state.step
-        self._key_active[: self.steps] = state.key_active
-        self._sustain[: self.steps] = state.sustain
-        self._fingertips[: self.steps] = state.fingertips
+        self._key_active = list(state.key_active.copy())
+        self._sustain = state.sustain.tolist()
+        self._fingertips = list(state.fingertips.copy())
         self._within = dict(state.within)
-        self._sounding = self._key_active[self.steps - 1] if self.steps else self._sounding
+        if self._key_active:
+            self._sounding = self._key_active[-1].tobytes()
         self._returns = state.returns.tolist()
+
+    def _arrays(self) -> tuple[BoolArray, BoolArray, FloatArray]:
+        """Return which keys sounded (t, 88), the pedal (t,) and the fingertips (t, 10, 3)."""
+        steps = self.steps
+        return (
+            np.array(self._key_active, dtype=bool).reshape(steps, NUM_KEYS),
+            np.array(self._sustain, dtype=bool),
+            np.array(self._fingertips, dtype=float).reshape(steps, NUM_FINGERS, 3),
+        )

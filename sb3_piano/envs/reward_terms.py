@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from sb3_piano.envs import rewards
 from sb3_piano.envs.goal import Goal, StepGoal
 from sb3_piano.envs.reading import Reading
@@ -22,8 +24,9 @@ def reward_terms(
         forearm: Whether forearms are rewarded for keeping apart; otherwise that term is 0.
     """
     data, now = reading.data, goal.steps[step]
+    wrong = bool(np.count_nonzero(reading.sounding > now.due))
     return {
-        "key_press": rewards.key_press(now.due, reading.key_state, reading.sounding),
+        "key_press": rewards.key_press(now.keys, reading.key_state, wrong),
         "sustain": rewards.sustain(now.sustain, pedal_down),
         "energy": rewards.energy(data.actuator_force, data.actuator_velocity),
         "fingering": _fingering(scene, goal.fingering_reward, now, reading),
@@ -39,6 +42,6 @@ def _fingering(scene: PianoScene, kind: str, now: StepGoal, reading: Reading) ->
             reading.fingertips, scene.press_point(reading.data, now.keys)
         )
     return rewards.labelled_fingering(
-        reading.fingertips[now.labelled_fingers],
+        reading.fingertips.take(now.labelled_fingers, axis=0),
         scene.press_point(reading.data, now.labelled_keys),
     )

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.intp]
 
 DEFAULT_REWARD_WEIGHTS: Mapping[str, float] = MappingProxyType(
     {"key_press": 1.0, "sustain": 1.0, "energy": 0.005, "fingering": 1.0, "forearm": 0.5}
@@ -94,24 +94,24 @@ def _distance(a: FloatArray, b: FloatArray) -> FloatArray:
 _SUSTAIN = {d: tolerance(d, _KEY_TOLERANCE, 10 * _KEY_TOLERANCE) for d in (-1, 0, 1)}
 
 
-def key_press(due: BoolArray, key_state: FloatArray, sounding: BoolArray) -> float:
+def key_press(keys: IntArray, key_state: FloatArray, wrong: bool) -> float:
     """Reward pressing the keys that are due, and no others.
 
     Half of it is the mean closeness of the due keys to being fully down (0 if none is due), the
     other half is earned whole if no key sounds that is not due.
 
     Args:
-        due: (88,) bool, keys that should be down.
+        keys: (n,) the keys that should be down.
         key_state: (88,) angle over largest angle, in [0, 1].
-        sounding: (88,) bool, keys that sound.
+        wrong: Whether a key sounds that should not be down.
 
     Returns:
         A value in [0, 1]; 0.5 for silence where nothing is due.
     """
-    reward = 0.0 if np.count_nonzero(sounding > due) else 0.5
-    depth = key_state[due]
-    if len(depth) > 0:
-        reward += 0.5 * _mean_closeness((1.0 - depth).tolist(), _KEY_TOLERANCE)
+    reward = 0.0 if wrong else 0.5
+    depths = key_state.take(keys).tolist()
+    if depths:
+        reward += 0.5 * _mean_closeness([1.0 - depth for depth in depths], _KEY_TOLERANCE)
     return reward
 
 
@@ -138,7 +138,7 @@ def energy(force: FloatArray, velocity: FloatArray) -> float:
     Returns:
         Minus the sum of ``|force| * |velocity|``, W.
     """
-    return -float(np.abs(force) @ np.abs(velocity))
+    return -float(np.abs(force).dot(np.abs(velocity)))
 
 
 def labelled_fingering(fingertips: FloatArray, press_points: FloatArray) -> float:

@@ -38,11 +38,11 @@ def presses_of(active: npt.ArrayLike) -> Presses:
     if active.ndim != 2:
         raise ValueError(f"Presses are found in a (steps, keys) array, got shape {active.shape}.")
     steps, keys = active.shape
-    # All keys one after the other in one line, each followed by a silent step, so that no run goes
-    # over from one key to the next; rises and falls then take turns.
-    line = np.zeros((keys, steps + 1), dtype=bool)
-    line[:, :steps] = active.T
-    edges = np.flatnonzero(np.diff(line.reshape(-1), prepend=False))
+    # All keys one after the other in one line, each between silent steps, so that no run goes over
+    # from one key to the next; rises and falls then take turns.
+    line = np.zeros(1 + keys * (steps + 1), dtype=bool)
+    line[1:].reshape(keys, steps + 1)[:, :steps] = active.T
+    edges = np.flatnonzero(line[1:] != line[:-1])
     key, first = np.divmod(edges[::2], steps + 1)
     end = edges[1::2] - key * (steps + 1)
     order = np.lexsort((key, first))

@@ -103,7 +103,7 @@ class PianoScene:
             angle, moving = np.zeros(NUM_KEYS), angle
             angle[self.moving_keys] = moving
         # Twice as fast as np.clip on so few numbers.
-        return np.minimum(angle, self.key_max_angle)
+        return np.minimum(angle, self.key_max_angle, out=angle)
 
     def fingertip_position(self, data: mujoco.MjData) -> FloatArray:
         """Return the world positions of the ten fingertips, (10, 3) m."""
@@ -111,7 +111,7 @@ class PianoScene:
 
     def press_point(self, data: mujoco.MjData, keys: IntArray) -> FloatArray:
         """Return where fingers should press the given keys: world positions, (n, 3) m."""
-        points = data.geom_xpos.take(self.key_geom[keys], axis=0)
+        points = data.geom_xpos.take(self.key_geom.take(keys), axis=0)
         return np.asarray(points + self.key_press_offset.take(keys, axis=0))
 
     def forearms_touch(self, data: mujoco.MjData) -> bool:
@@ -119,7 +119,7 @@ class PianoScene:
         if data.ncon == 0:
             return False
         sides = self.forearm_of_geom.take(data.contact.geom)
-        return bool(np.count_nonzero(sides[:, 0] * sides[:, 1] == 2))
+        return bool(np.count_nonzero(sides)) and [1, 2] in np.sort(sides, axis=1).tolist()
 
     def copy(self) -> PianoScene:
         """Return the same scene with a model of its own, which may then be modified."""

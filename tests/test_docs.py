@@ -48,6 +48,7 @@ def skip_without_dm_control(code: str) -> None:
         pytest.importorskip("dm_control")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", BLOCKS)
 def test_a_python_block_runs(block, tmp_path):
     skip_without_dm_control(BLOCKS[block])
@@ -96,6 +97,7 @@ def test_the_page_of_the_repertoire_tells_what_a_piece_s_file_says(name):
     assert entry in " ".join(PAGE.split())
 
 
+@pytest.mark.slow
 def test_the_page_of_the_repertoire_has_commands_that_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SB3_PIANO_DATA", str(tmp_path / "data"))
@@ -113,6 +115,7 @@ def test_the_page_of_the_repertoire_has_commands_that_run(tmp_path, monkeypatch,
     assert user_library().names() == ("my_piece", "twinkle")
 
 
+@pytest.mark.slow
 def test_the_page_of_the_planned_pianist_has_commands_that_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_midi(Score(notes=[Note(onset=0.0, offset=0.5, pitch=76)]), "my_piece.mid")
@@ -130,6 +133,7 @@ def test_the_page_of_the_planned_pianist_has_commands_that_run(tmp_path, monkeyp
     assert Path("runs/planned/my_piece/config.yml").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_runs_and_prints_a_number(example, tmp_path):
     skip_without_dm_control(example.read_text(encoding="utf-8"))

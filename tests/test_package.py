@@ -83,6 +83,7 @@ def test_importing_the_package_prints_nothing_and_warns_of_nothing():
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+@pytest.mark.slow
 def test_an_episode_needs_no_dm_control():
     """It is a bridge to other programs, and not to be had on every Python."""
     program = """

@@ -53,6 +53,7 @@ def built(tracked, tmp_path_factory) -> Path:
     return dist
 
 
+@pytest.mark.slow
 def test_the_sdist_holds_every_tracked_file(built, tracked):
     (sdist,) = built.glob("*.tar.gz")
     with tarfile.open(sdist) as archive:
@@ -67,6 +68,7 @@ def test_the_wheel_holds_the_tracked_files_of_the_package_and_nothing_else(built
     assert names == {name for name in tracked if name.startswith("sb3_piano/")}
 
 
+@pytest.mark.slow
 def test_the_installed_wheel_makes_an_env_and_loads_a_preset(built, tmp_path):
     (wheel,) = built.glob("*.whl")
     site = tmp_path / "site"

@@ -176,6 +176,7 @@ def finished(interrupted, runs, folder):
     return finish(start(runs), folder)
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_driver_with_a_checkpoint(interrupted):
     assert interrupted.status == 130, interrupted.output
     assert "the same command goes on from here" in interrupted.output

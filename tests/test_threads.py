@@ -227,6 +227,7 @@ def test_closing_ends_the_threads_and_another_job_starts_new_ones(make_team):
     assert all(thread.is_alive() for thread in second)
 
 
+@pytest.mark.slow
 def test_the_threads_of_a_forgotten_team_end():
     team = ThreadTeam(3, 3)
     _, *threads = served_by(team, 3)

@@ -135,6 +135,7 @@ def assert_equal_steps(venv, other, actions):
     return seen
 
 
+@pytest.mark.slow
 def test_whoever_only_imports_the_environments_does_not_load_torch():
     script = "import sys, sb3_piano.envs; print('torch' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
@@ -225,6 +226,7 @@ def test_an_environment_does_everything_in_one_thread(venvs):
     assert threads[0] == threads[1] != threads[2] == threads[3]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 def test_pictures_are_equal_to_dummy_vec_envs_also_when_drawn_within_a_step(venvs):
     class Filmed(gym.Wrapper):
@@ -315,6 +317,7 @@ def test_the_number_of_threads_can_be_chosen(venvs):
         ThreadVecEnv(env_fns, n_threads=0)
 
 
+@pytest.mark.slow
 def test_td3_learns_the_same_as_on_dummy_vec_env():
     weights = []
     for cls in (DummyVecEnv, ThreadVecEnv):
@@ -342,6 +345,7 @@ def test_td3_learns_the_same_as_on_dummy_vec_env():
     assert torch.equal(*weights)
 
 
+@pytest.mark.slow
 def test_rl_zoo_trains_in_threads_as_the_docstring_says(tmp_path):
     pytest.importorskip("rl_zoo3")
     (tmp_path / "spy.py").write_text(

@@ -16,6 +16,7 @@ def rows():
     return memory_rows(BenchSettings(transitions=310))  # two episodes end
 
 
+@pytest.mark.slow
 def test_the_stock_buffer_has_two_observations_an_action_and_three_numbers_a_transition(rows):
     stock = rows[0]
     assert (stock.part, stock.name, stock.unit) == ("memory", "ReplayBuffer(1000000)", "GB")

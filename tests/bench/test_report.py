@@ -39,6 +39,7 @@ def machine():
     )
 
 
+@pytest.mark.slow
 def test_all_parts_are_measured_in_their_order(short):
     told = []
     report = run_bench(short(rounds=2), lambda *lap: told.append(lap))
@@ -72,6 +73,7 @@ def test_torch_has_the_threads_only_meanwhile(short):
     assert torch.get_num_threads() == former
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_was_measured(short):
     def stop(part, done, laps):
         if part == "learner":

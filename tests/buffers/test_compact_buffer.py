@@ -54,6 +54,7 @@ def record(n_envs, env_kwargs, steps=120, normalize=False, sittings=1):
 SHORT = {"wrong_press_termination": True}  # random play lasts a few steps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", [(CompactReplayBuffer, ReplayBuffer), N_STEP])
 @pytest.mark.parametrize(
     ("n_envs", "env_kwargs", "sittings"),
@@ -73,6 +74,7 @@ def test_transitions_of_a_real_run_are_equal_while_the_ring_goes_round_several_t
     assert_equal(*pair)
 
 
+@pytest.mark.slow
 def test_real_runs_have_the_borders_that_make_a_copy_necessary():
     """What the test above rests on."""
     ends, _ = record(3, SHORT)
@@ -88,6 +90,7 @@ def test_real_runs_have_the_borders_that_make_a_copy_necessary():
     assert np.flatnonzero(~np.array(followed)).tolist() == [59]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_envs", [1, 3])
 def test_last_observations_that_vec_normalize_gives_back_rounded_are_kept_to_the_bit(n_envs):
     run, normalization = record(n_envs, SHORT, normalize=True)
@@ -100,6 +103,7 @@ def test_last_observations_that_vec_normalize_gives_back_rounded_are_kept_to_the
     assert_equal_samples(*pair)
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(
     capacity=st.integers(1, 7),
@@ -361,6 +365,7 @@ def td3(buffer_class, n_envs=2, **kwargs):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("normalize", [False, True])
 def test_td3_learns_the_same_weights_with_both_buffers(normalize):
     ours, theirs, untrained = (
@@ -372,6 +377,7 @@ def test_td3_learns_the_same_weights_with_both_buffers(normalize):
         assert (ours[name] == weights).all(), name
 
 
+@pytest.mark.slow
 def test_a_buffer_saved_by_sb3_is_loaded_equal(tmp_path):
     model = td3(CompactReplayBuffer).learn(80)
     stock = td3(ReplayBuffer).learn(80).replay_buffer

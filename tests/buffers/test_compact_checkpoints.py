@@ -40,6 +40,7 @@ def save(segments):
     return ReplayManifest.from_json(manifest.to_json())
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(
     capacity=st.integers(2, 9),

@@ -68,6 +68,7 @@ def crash_and_resume(tmp_path, monkeypatch, buffer, **changes):
     return TD3.load(result.folder.model_file).policy.state_dict()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ours", "stock", "changes"),
     [
@@ -112,6 +113,7 @@ def test_what_the_buffer_cannot_do_is_refused_before_training(tmp_path, changes,
         train(asked, tmp_path / "run", progress_bar=False)
 
 
+@pytest.mark.slow
 def test_importing_the_package_imports_neither_the_buffers_nor_torch():
     code = "import sys, sb3_piano; print({'torch', 'sb3_piano.buffers'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -145,6 +145,7 @@ def test_on_policy_algorithms_are_saved_without_a_replay_buffer(tmp_path):
     assert PPO.load(tmp_path / saved.model).num_timesteps == 48
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kill_at", range(1, 11))
 def test_a_process_killed_at_any_file_leaves_a_checkpoint_that_can_be_restored(
     tmp_path, monkeypatch, kill_at

@@ -359,6 +359,7 @@ def test_an_environment_without_the_metric_is_named(model):
         model.learn(5, F1Callback(env, eval_freq=5))
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Training and eval env are not of the same type")
 def test_an_evaluation_in_another_process_works_too(model, tmp_path):
     env = SubprocVecEnv([_monitored], start_method="spawn")

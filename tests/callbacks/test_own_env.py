@@ -68,6 +68,7 @@ def ppo():
     return PPO("MlpPolicy", vector_of(NoisyEnv), **kwargs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make_model", [td3, td3_in_threads, ppo])
 @pytest.mark.parametrize("deterministic", [True, False])
 @pytest.mark.parametrize("seed", [0, None])
@@ -200,6 +201,7 @@ def test_pictures_are_transposed_as_in_training():
     assert copied.reset().shape == (1, 3, 36, 40)
 
 
+@pytest.mark.slow
 def test_processes_have_no_environment_to_copy():
     training = vector_of(
         NoisyEnv, vec_env_cls=SubprocVecEnv, vec_env_kwargs={"start_method": "spawn"}

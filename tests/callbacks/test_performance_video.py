@@ -59,6 +59,7 @@ class Resting(gym.ActionWrapper):
         return self.unwrapped.rest_action
 
 
+@pytest.mark.slow
 @needs_gl
 @pytest.mark.parametrize("n_envs", [1, 2])
 def test_pictures_sound_and_notes_are_named_by_the_environment_steps(n_envs, tmp_path):

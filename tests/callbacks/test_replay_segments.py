@@ -75,6 +75,7 @@ def assert_same(restored, original):
         assert (ours is None and theirs is None) or bool((ours == theirs).all())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_envs", [1, 2])
 @pytest.mark.parametrize(
     "additions",

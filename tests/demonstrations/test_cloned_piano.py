@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gymnasium as gym
 import numpy as np
+import pytest
 from stable_baselines3 import TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
@@ -43,6 +44,7 @@ def play(model, venv):
     return info["f1"]
 
 
+@pytest.mark.slow
 def test_five_performances_teach_a_scale(performances):
     [good] = [p for p in performances if p.piece == PIECE and not p.options["reduced_action_space"]]
 

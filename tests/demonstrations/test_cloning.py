@@ -69,6 +69,7 @@ def parameters(module):
     return torch.nn.utils.parameters_to_vector(module.parameters()).detach().clone()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", [SAC, TD3, DDPG, TQC])
 @pytest.mark.parametrize("normalize", [False, True])
 def test_a_clone_plays_what_was_right_not_what_was_played(

@@ -46,6 +46,7 @@ def test_every_observation_passes_both_env_checkers(options):
     sb3_check_env(PianoEnv("CMajorScaleTwoHands", **options), warn=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", OPTIONS, ids=lambda o: f"{o['observation']}-{o['physics']}")
 def test_observations_stay_within_their_space_under_wild_actions(options):
     env = PianoEnv("CMajorChordProgressionTwoHands", **options)
@@ -60,6 +61,7 @@ def test_observations_stay_within_their_space_under_wild_actions(options):
 # The window.
 
 
+@pytest.mark.slow
 def test_the_window_is_the_roll_without_the_keys_beside_it():
     score = Score(
         notes=load_score("CMajorScaleOneHand").notes, pedals=[Pedal(onset=0.5, offset=3.0)]
@@ -136,6 +138,7 @@ def brute_force_goal(roll, finger, step, horizon):
     return -1, horizon, horizon
 
 
+@pytest.mark.slow
 @given(
     notes=st.lists(
         st.tuples(st.integers(0, 25), st.integers(1, 8), st.integers(40, 48), st.integers(0, 9)),

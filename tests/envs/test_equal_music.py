@@ -58,6 +58,7 @@ def random_terms(physics, seeds):
     return np.array(rows)
 
 
+@pytest.mark.slow
 def test_random_actions_earn_reward_terms_of_one_distribution_on_both_physics(tell):
     """The profiles differ by less than two samples of 6 episodes of one profile may."""
     seeds = range(6)

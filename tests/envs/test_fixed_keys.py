@@ -159,6 +159,7 @@ def test_fingers_that_press_a_rigid_key_stay_on_top_of_it(performances):
     assert lowest[1] > lowest[0] + 0.005  # a key goes down by a centimetre
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("physics", ["reference", "fast"])
 def test_recorded_playing_is_the_same_music_where_only_the_keys_of_the_piece_move(
     performances, physics, tell
@@ -249,6 +250,7 @@ def test_films_show_what_sounds_by_all_88_keys():
     np.testing.assert_array_equal(np.flatnonzero(seen[-1].sounding), MOVING)
 
 
+@pytest.mark.slow
 def test_pictures_after_fixing_keys_are_of_the_new_scene():
     options = {"render_mode": "rgb_array", "width": 64, "height": 48}
     painted, fresh = PianoEnv(TINY, **options), PianoEnv(TINY, **options)

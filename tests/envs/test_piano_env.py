@@ -331,6 +331,7 @@ def test_the_rest_action_holds_every_joint_that_can_be_at_zero():
 # State.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"reduced_action_space": False, "n_steps_lookahead": 3}])
 def test_a_restored_state_deep_in_an_episode_repeats_every_step_bitwise(options):
     env = PianoEnv("CMajorScaleTwoHands", **options)

@@ -64,6 +64,7 @@ def test_a_key_that_goes_down_with_the_last_physics_step_still_makes_a_note():
     assert (strikes, releases) == (pytest.approx([0.15]), pytest.approx([0.151]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("physics", ["reference", "fast"])
 def test_times_are_those_of_a_simulation_watched_step_by_step(performance, physics):
     env = PianoEnv(performance.piece, **performance.options, physics=physics)
@@ -101,6 +102,7 @@ def test_times_are_those_of_a_simulation_watched_step_by_step(performance, physi
     np.testing.assert_allclose(played.release_time[open_ended], env.roll.duration)
 
 
+@pytest.mark.slow
 def test_a_state_taken_while_keys_are_down_keeps_the_times_of_their_presses(performances):
     recording = performances[0]
     env = PianoEnv(recording.piece, **recording.options)
@@ -120,6 +122,7 @@ def test_a_state_taken_while_keys_are_down_keeps_the_times_of_their_presses(perf
             np.testing.assert_array_equal(getattr(again, name), getattr(whole, name))
 
 
+@pytest.mark.slow
 def test_good_playing_is_done_by_the_fingers_that_the_score_names(performance):
     env = PianoEnv(performance.piece, **performance.options)
     env.reset(seed=0)

@@ -120,6 +120,7 @@ def test_every_reward_term_of_every_recorded_state_equals_the_recorded_one(rollo
     assert max(worst.values()) <= 1e-9
 
 
+@pytest.mark.slow
 def test_recorded_playing_replayed_open_loop_earns_the_recorded_scores(performance, tell):
     env = make_env(performance)
     rewards = []

@@ -91,6 +91,7 @@ def test_an_imported_piece_of_the_benchmark_gets_its_id_though_nobody_knew_its_n
         del gym.registry[env_id]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", SAMPLE)
 def test_both_checkers_pass_without_a_warning(env_id):
     with warnings.catch_warnings():
@@ -99,6 +100,7 @@ def test_both_checkers_pass_without_a_warning(env_id):
         sb3_check_env(gym.make(env_id))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", SAMPLE)
 def test_a_random_episode_stays_in_the_observation_space_and_ends_with_the_score(env_id):
     env = gym.make(env_id)
@@ -114,6 +116,7 @@ def test_a_random_episode_stays_in_the_observation_space_and_ends_with_the_score
     assert 0 <= info["f1"] <= 1
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_bitwise_the_same_episode_in_two_processes():
     def episode_hash() -> str:
         command = [sys.executable, "-c", EPISODE_HASH, "RoboPianist-debug-CMajorScaleTwoHands-v0"]

@@ -81,6 +81,7 @@ def assert_same(actual, expected):
         np.testing.assert_equal(actual, expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", AUTORESET)
 @pytest.mark.parametrize("n_threads", [1, 2, 3])
 def test_everything_is_equal_to_gymnasiums_sync_vector_env(both, mode, n_threads):
@@ -247,6 +248,7 @@ def test_attributes_and_methods_of_the_environments_are_within_reach(make):
     assert [env.render_mode for env in envs.envs] == ["rgb_array", None]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 def test_pictures_are_those_of_the_environments(make):
     options = {"render_mode": "rgb_array", "width": 64, "height": 48, "physics": "fast"}
@@ -378,6 +380,7 @@ def test_actions_of_a_wrong_shape_and_a_missing_reset_are_named(make):
             envs.step(np.zeros(shape))
 
 
+@pytest.mark.slow
 def test_make_vec_gives_it_for_every_id_without_a_warning():
     script = (
         "import gymnasium, sb3_piano\n"

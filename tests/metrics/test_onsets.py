@@ -149,6 +149,7 @@ def test_the_matching_is_as_good_as_the_best_of_all_that_keep_the_order(target, 
     assert value(target, played, pairs) == best
 
 
+@pytest.mark.slow
 @given(random_onsets(max_size=30), random_onsets(max_size=30))
 def test_keeping_the_order_costs_no_hit_and_no_time(target, played):
     matched = match_onsets(target, played)
@@ -211,6 +212,7 @@ class TestScores:
     def test_without_a_hit_there_is_no_timing_error(self):
         assert timing_error(onsets((0.0, 1)), onsets((0.0, 2))) == (0.0, 0.0)
 
+    @pytest.mark.slow
     @given(random_onsets(max_size=15), random_onsets(max_size=15), times, st.integers(0, 5))
     def test_a_strike_that_can_hit_nothing_never_raises_precision_or_f1(
         self, target, played, time, key

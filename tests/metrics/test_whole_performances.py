@@ -295,6 +295,7 @@ def test_the_strikes_of_any_roll_are_its_presses_in_the_same_order(roll):
     )
 
 
+@pytest.mark.slow
 @given(st.data())
 def test_metrics_stay_in_their_bounds(data):
     roll = data.draw(rolls())
@@ -309,6 +310,7 @@ def test_metrics_stay_in_their_bounds(data):
     assert metrics["onset_error_std_ms"] <= 50.05
 
 
+@pytest.mark.slow
 @given(st.data())
 def test_a_press_of_a_key_that_is_never_due_never_raises_a_score(data):
     roll = data.draw(rolls())

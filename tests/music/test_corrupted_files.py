@@ -62,6 +62,7 @@ def changed(data, whole):
     return bytes(content[:end])
 
 
+@pytest.mark.slow
 @settings(max_examples=EXAMPLES, deadline=None)
 @given(data=st.data())
 def test_a_changed_file_is_read_or_refused(whole, data):
@@ -69,6 +70,7 @@ def test_a_changed_file_is_read_or_refused(whole, data):
     outcome(whole.with_name(f"changed{whole.suffix}"), content)
 
 
+@pytest.mark.slow
 @settings(max_examples=EXAMPLES // 2, deadline=None)
 @given(data=st.data())
 def test_a_changed_document_in_a_whole_container_is_read_or_refused(data, tmp_path_factory):
@@ -87,6 +89,7 @@ def test_a_changed_document_in_a_whole_container_is_read_or_refused(data, tmp_pa
 NUMBERS = ["0", "-1", "1", "7", "99999999999", "1" * 400, "0.5", "1e308", "nan", "inf", "", "x"]
 
 
+@pytest.mark.slow
 @settings(max_examples=EXAMPLES, deadline=None)
 @given(data=st.data())
 def test_a_musicxml_file_with_other_numbers_is_read_or_refused(data, tmp_path_factory):

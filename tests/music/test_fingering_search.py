@@ -135,6 +135,7 @@ def slow_cost(notes, fingers, w):
     return total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weights", [DEFAULT_WEIGHTS, PARNCUTT_WEIGHTS])
 @pytest.mark.parametrize("seed", range(4))
 def test_no_fingering_of_a_melody_costs_less_than_the_one_found(seed, weights):
@@ -155,6 +156,7 @@ def test_no_fingering_of_a_melody_costs_less_than_the_one_found(seed, weights):
     assert costs[fingers] == pytest.approx(min(costs.values()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_no_fingering_of_chords_costs_less_than_the_one_found(seed):
     rng = random.Random(seed)

@@ -173,6 +173,7 @@ def test_hands_cross_where_they_are_made_to():
     assert crossed(score((0, 60, 1, "right"), (0, 62, 1, "left"), (2, 50, 1, "right"))) == 1
 
 
+@pytest.mark.slow
 def test_hands_found_for_the_built_in_pieces_do_not_cross():
     pieces = [piece.score() for piece in BUILT_IN.values()]
     assert sum(map(crossed, pieces)) == 0  # there is no need to

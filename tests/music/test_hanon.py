@@ -253,6 +253,7 @@ def test_the_titles_and_what_is_said_about_them():
     assert load_score("hanon-07") == hanon(7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "semitones"), [("C", 0), ("Db", 1), ("Eb", 3), ("Gb", 6), ("G", -5), ("B", -1)]
 )

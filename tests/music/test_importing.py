@@ -314,6 +314,7 @@ def read_or_die(path):
     return read_midi(path)
 
 
+@pytest.mark.slow
 def test_a_piece_that_kills_its_process_is_listed_and_all_others_are_imported(music, library):
     names = ["a", "b", "c", "deadly", "d", "e", "f", "g", "h"]
     tasks = [

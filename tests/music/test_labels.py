@@ -171,6 +171,7 @@ def test_a_file_that_is_not_there_or_no_text_is_refused(tmp_path):
         read_labels("labels.pdf", PLAIN)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", ["onset,pitch,finger", "onset,pitch,hand,finger,onset"])
 @settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(

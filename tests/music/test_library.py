@@ -181,6 +181,7 @@ def test_a_folder_that_cannot_be_read_has_no_pieces_and_fails_nobody(data, libra
         library.names()
 
 
+@pytest.mark.slow
 def test_the_package_is_imported_quietly_whatever_is_in_the_folder(data):
     (data / "pieces").mkdir(parents=True)
     (data / "pieces" / "broken.npz").write_text("no archive")
@@ -271,6 +272,7 @@ class TestDamage:
             piece.score()
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(position=st.integers(0, 10_000), value=st.integers(1, 255), cut=st.booleans())
 def test_a_changed_byte_gives_the_very_score_or_our_error(position, value, cut, tmp_path_factory):

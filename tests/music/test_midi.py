@@ -87,6 +87,7 @@ def canonical(score):
 
 
 class TestRoundTrip:
+    @pytest.mark.slow
     @settings(max_examples=60, deadline=None)
     @given(score=scores())
     def test_keeps_pitch_velocity_and_label_and_times_within_a_tick(self, score, tmp_path_factory):
@@ -110,6 +111,7 @@ class TestRoundTrip:
             assert ours.onset == pytest.approx(theirs.onset, abs=1e-4)
             assert ours.offset == pytest.approx(theirs.offset, abs=1e-4)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("collection", ["repertoire", "hanon"])
     def test_built_in_pieces_come_back_within_half_a_tick_and_then_exactly(
         self, collection, tmp_path

@@ -60,6 +60,7 @@ def times(events):
 
 
 class TestRoundTrip:
+    @pytest.mark.slow
     @settings(max_examples=40, deadline=None)
     @given(score=scores())
     def test_keeps_all_but_half_a_tick_and_then_all(self, score, tmp_path_factory):
@@ -90,6 +91,7 @@ class TestRoundTrip:
         assert (back.notes, back.pedals) == (score.notes, score.pedals)
         assert back.bars == score.bars
 
+    @pytest.mark.slow
     def test_built_in_repertoire_comes_back(self, tmp_path):
         names = [name for name in BUILT_IN if name.startswith("repertoire")]
         assert len(names) >= 10
@@ -200,6 +202,7 @@ def test_rests_fill_the_first_voice_of_each_staff_and_hide_in_the_others(tmp_pat
 
 
 class TestOtherReaders:
+    @pytest.mark.slow
     @pytest.mark.parametrize("score", [AWKWARD, load_score("TwinkleTwinkleLittleStar")])
     def test_the_file_follows_the_schema(self, score, tmp_path):
         write_musicxml(score, tmp_path / "a.musicxml")

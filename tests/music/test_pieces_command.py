@@ -104,6 +104,7 @@ class TestImport:
         _, out, _ = run("import", tmp_path / "many", "--jobs", "1")
         assert "p08, p09 and 2 more\n" in out
 
+    @pytest.mark.slow
     @pytest.mark.parametrize(
         ("jobs", "moment"), [(1, "a piece is there"), (2, "a piece is there"), (2, "it has begun")]
     )
@@ -157,6 +158,7 @@ class TestList:
         ]
         assert 0 <= float(row[6]) <= 100
 
+    @pytest.mark.slow
     def test_a_collection_is_shown_alone_ranked_among_all(self, run, music):
         run("import", music, "--jobs", "1")
         everything = {row[0]: row for row in rows_of(run("list")[1])}

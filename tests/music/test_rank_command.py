@@ -87,6 +87,7 @@ def test_pieces_come_easiest_first_with_their_features(call):
     assert "Difficulty by the score alone" in out
 
 
+@pytest.mark.slow
 def test_all_pieces_are_ranked_unless_some_are_named(call):
     code, out, err = call("rank")
     assert (code, err) == (0, "")

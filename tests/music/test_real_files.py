@@ -81,6 +81,7 @@ def attempt(path):
     return result, left_out
 
 
+@pytest.mark.slow
 def test_every_midi_file_is_read():
     assert len(MIDI_FILES) >= 24
     results = {path.name: attempt(path) for path in MIDI_FILES}

@@ -300,6 +300,7 @@ MINUET_LEFT = [
 MINUET_SHARP = {20, 21, 22, 23}  # bars in D major, whose C is sharp
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("side", "tonic", "degrees"), [("right", 67, MINUET_RIGHT), ("left", 55, MINUET_LEFT)]
 )

@@ -282,6 +282,7 @@ def add_cut(rows, lengths, at, length, chord):
             row.append(f"{touches}*{last - first}{tie}")
 
 
+@pytest.mark.slow
 @given(pieces())
 @settings(max_examples=150, deadline=None)
 def test_whatever_is_written_is_played(tmp_path_factory, piece):

@@ -62,6 +62,7 @@ class TestGrid:
     def test_rounding_noise_does_not_move_a_note(self, onset, offset, expected):
         assert picture(roll_of((onset, offset), dt=0.05)) == expected
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("dt", [0.05, 0.01, 0.025, 1 / 30])
     def test_whole_steps_stay_whole_wherever_they_lie(self, dt):
         for start in range(400):

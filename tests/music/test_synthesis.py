@@ -31,6 +31,7 @@ def test_every_note_is_heard_within_five_milliseconds_of_its_onset():
     np.testing.assert_allclose(heard, times, atol=0.005)
 
 
+@pytest.mark.slow
 def test_no_key_is_late():
     for pitch in range(MIN_PITCH, MAX_PITCH + 1):
         sound = np.abs(synthesize(score(note(0.0, 0.1, pitch)))).max(axis=1)
@@ -51,6 +52,7 @@ def test_a_note_has_the_frequency_of_its_pitch(pitch):
     assert abs(1200.0 * np.log2(heard / frequency)) < 20  # cents; a semitone is 100
 
 
+@pytest.mark.slow
 def test_all_keys_of_the_piano_sound_and_no_two_alike():
     sounds = [
         synthesize(score(note(0.0, 0.1, pitch)))[:4410] for pitch in range(MIN_PITCH, MAX_PITCH + 1)

@@ -214,6 +214,7 @@ def test_the_plan_tells_with_which_fingers_it_plays():
 WIDEST = [(0, 1, 3), (0, 2, 4), (0, 3, 5), (0, 4, 7), (1, 2, 2), (1, 3, 3), (1, 4, 4), (2, 4, 3)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("one", "two", "away"), WIDEST)
 def test_the_widest_grips_that_cost_nothing_are_within_reach(one, two, away):
     grip = chord((0, one), (away, two))

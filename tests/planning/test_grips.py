@@ -95,6 +95,7 @@ def test_fingers_are_found_with_which_nothing_is_let_go(sign):
     assert gone == []
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(hand_presses(), st.sampled_from([1, -1]))
 def test_what_is_left_can_be_held_and_each_note_is_accounted_for(presses, sign):

@@ -94,6 +94,7 @@ def test_steps_are_sought_with_the_slope_and_the_curvature_of_the_whole_cost(han
         assert found == pytest.approx(expected)
 
 
+@pytest.mark.slow
 @BOTH_HANDS
 def test_it_comes_to_where_no_small_change_helps(hand):
     parts = Parts(hand, some_presses(hand)[:3])
@@ -131,6 +132,7 @@ def dense_solution(parts):
     return np.clip(np.stack(columns, axis=1), parts.kinematics.low, parts.kinematics.high)
 
 
+@pytest.mark.slow
 @BOTH_HANDS
 @pytest.mark.parametrize("full", [True, False])
 def test_without_notes_and_neighbours_it_is_the_dense_solution(hand, full):

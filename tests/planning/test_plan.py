@@ -40,6 +40,7 @@ SCENES = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.slow
 @SCENES
 def test_a_plan_has_a_row_for_each_state_and_starts_with_all_joints_at_0(options):
     made, nu = planned(PIECE, **options), scene_of(**options).model.nu
@@ -148,6 +149,7 @@ LONG = five_fingers(order=(0, 1, 2, 3, 4, 2, 0, 3), length=0.2)
 STRETCHES = dataclasses.replace(QUICK, window=0.8, overlap=0.4)  # 16 control steps each
 
 
+@pytest.mark.slow
 def test_a_piece_planned_in_several_stretches_is_played_nearly_as_well():
     scene = scene_of(full=False)
     whole = pressed_tips(planned(LONG, full=False), scene)

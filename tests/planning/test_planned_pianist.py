@@ -63,6 +63,7 @@ def test_it_plays_a_piece_well_and_resting_hands_do_not(solo):
     assert info["f1"] > play(env, Resting(env))[0]["f1"] + 0.4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [
@@ -169,6 +170,7 @@ def play_all(venv, player):
     return [np.array(one) for one in keys]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [DummyVecEnv, ThreadVecEnv])
 def test_each_of_several_environments_is_played_as_alone(solo, kind):
     _, _, _, _, alone = solo
@@ -231,6 +233,7 @@ def test_it_plays_what_a_wrapper_makes_of_a_piece():
     assert info["f1"] > WELL
 
 
+@pytest.mark.slow
 def test_it_plays_each_of_the_pieces_that_are_chosen():
     env = RandomPiece(piano(PIECE), [PIECE, OTHER])
     player = PlannedPianist(env, QUICK)

@@ -44,6 +44,7 @@ def test_equal_seeds_play_alike_and_others_do_not():
     assert np.abs(played[0] - played[2]).max() > 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("physics", [None, "reference"])
 def test_the_number_of_threads_makes_no_difference(physics):
     played = [
@@ -74,6 +75,7 @@ def test_the_environment_is_left_as_it_is(physics):
     assert env.steps_played == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("labelled", [True, False])
 def test_from_zero_it_plays_more_than_resting_hands_do(labelled):
     fingers = [note.finger if labelled else -1 for note in HELD]
@@ -90,6 +92,7 @@ def test_a_single_candidate_without_a_plan_is_hands_at_rest():
     np.testing.assert_allclose(actions[:, :-1], np.tile(env.rest_action[:-1], (5, 1)), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_single_candidate_with_a_plan_is_the_planned_pianist():
     env = make_env(initial_buffer_time=0.3)
     player = make_player(env, nominal="plan", plan_settings=WEAK, samples=1, horizon=1)
@@ -113,6 +116,7 @@ def test_a_plan_tells_where_the_actuators_are_at_the_end_of_a_step():
     assert away[0] < 0.5 * min(away[-1], away[1])
 
 
+@pytest.mark.slow
 def test_around_a_plan_that_presses_no_key_down_it_plays_nearly_all():
     env = make_env(Score(notes=HELD), initial_buffer_time=0.3)
     planned = play_episode(env, PlannedPianist(env, WEAK))["f1"]
@@ -163,6 +167,7 @@ def test_a_change_is_gone_when_the_episode_went_elsewhere():
     np.testing.assert_array_equal(player.predict(observation)[0], fresh.predict(observation)[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("physics", [None, "reference"])
 def test_keys_may_become_rigid(physics):
     env = make_env()

@@ -76,6 +76,7 @@ def cost_by_hand(env, change, nominal, cost, deviation):
     return total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nominal", [Rest, Pulled, Planned])
 @pytest.mark.parametrize(
     ("played_in", "simulated_in"),
@@ -164,6 +165,7 @@ def test_hopeless_candidates_are_not_simulated_to_the_end():
     assert simulations.steps == 2 * 5 + 3
 
 
+@pytest.mark.slow
 def test_around_a_plan_nothing_is_tried_until_something_would_sound_wrong():
     env = make_env(initial_buffer_time=0.3)
     nominal = Tracked(Trackers(WEAK).of(env))

@@ -51,6 +51,7 @@ def test_a_note_that_is_held_is_let_go_for_one_that_is_out_of_reach():
     assert "1 x let go early" in summary([problem])
 
 
+@pytest.mark.slow
 def test_a_note_with_two_problems_is_told_once():
     out_of_the_arms_reach = problems_of((108, 9, 0.0, 1.0))
     assert [problem.pitch for problem in out_of_the_arms_reach] == [108]
@@ -60,6 +61,7 @@ def test_a_note_with_two_problems_is_told_once():
     assert "let go early by 0.60 s for C4" in told[0]
 
 
+@pytest.mark.slow
 def test_a_chord_that_a_hand_nearly_spans_is_told_note_by_note_and_how_far_it_is_off():
     assert planned(score_of((60, 0), (71, 4))).problems == (), "a seventh"
     found = planned(score_of((60, 0), (74, 4))).problems

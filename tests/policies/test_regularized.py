@@ -79,6 +79,7 @@ def test_critics_drop_out_while_training_and_targets_never(algorithm, policy):
         assert torch.equal(first, second) == same
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("algorithm", "policy"), ALGORITHMS, ids=IDS)
 def test_training_changes_all_weights_of_the_critics_and_moves_the_targets(algorithm, policy):
     model = make(algorithm, policy)

@@ -64,6 +64,7 @@ def test_normalisation_takes_its_arguments_and_the_discount_of_the_algorithm(bui
     assert (venv.norm_reward, venv.gamma) == (False, 0.8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vec_env", VEC_ENVS)
 def test_episodes_are_written_to_monitor_files_once_they_have_a_place(
     build, tmp_path, vec_env, episodes_of
@@ -87,6 +88,7 @@ def test_episodes_are_written_to_monitor_files_once_they_have_a_place(
     assert [episode["r"] for episode in episodes] == pytest.approx(expected, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_each_kind_of_vector_has_its_class(build):
     kinds = [type(build(vec_env=vec_env, n_envs=2)) for vec_env in VEC_ENVS]
     assert kinds == [DummyVecEnv, ThreadVecEnv, SubprocVecEnv]

@@ -61,6 +61,7 @@ class Probe(BaseCallback):
         return True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vec_env", VEC_ENVS)
 def test_a_run_makes_a_single_environment_in_its_own_process(run, vec_env):
     n_envs = 1 if vec_env == "subproc" else 2  # processes take long to start
@@ -68,12 +69,14 @@ def test_a_run_makes_a_single_environment_in_its_own_process(run, vec_env):
     assert Probe.made.pop() == (DummyVecEnv, 1)
 
 
+@pytest.mark.slow
 def test_an_evaluation_may_break_off_an_episode_even_if_the_training_must_not(run_with):
     strict = {"allow_early_resets": False}
     folder = run_with(monitor_kwargs=strict, callback={F1: {"eval_freq": 50}}).folder
     assert set(scalars(folder, "eval/f1")) == {50, 100}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vec_env", VEC_ENVS)
 def test_evaluation_in_a_run_has_the_runs_wrappers_and_normalisation(
     run_with, vec_env, small_config, episodes_of
@@ -96,6 +99,7 @@ def test_evaluation_in_a_run_has_the_runs_wrappers_and_normalisation(
     assert [episode["l"] for episode in episodes_of(folder.monitor_dir)] == [20] * 4
 
 
+@pytest.mark.slow
 def test_a_run_is_the_same_with_and_without_evaluation(run_with, tmp_path):
     models = []
     for callback in ((), {F1: {"eval_freq": 30, "deterministic": False}}):
@@ -105,6 +109,7 @@ def test_a_run_is_the_same_with_and_without_evaluation(run_with, tmp_path):
     assert torch.equal(*models)
 
 
+@pytest.mark.slow
 def test_a_resumed_run_keeps_its_best_model(run_with):
     folder = run_with(callback={F1: {"eval_freq": 50}}).folder
     note = folder.path / "best_f1" / "best_model.json"
@@ -121,12 +126,14 @@ def test_a_stopped_training_is_saved(run_with):
     assert (result.num_timesteps, result.interrupted) == (40, False)
 
 
+@pytest.mark.slow
 def test_metrics_and_reward_terms_of_the_training_are_logged_without_being_asked_for(run_with):
     folder = run_with().folder
     assert set(scalars(folder, "music/f1")) == set(scalars(folder, "reward/energy")) == {80, 100}
     assert set(scalars(folder, "reward/energy").values()) == {-3.0}
 
 
+@pytest.mark.slow
 def test_every_callback_from_one_yaml_file_in_sb3_piano_train(midi_file, tmp_path):
     write_yaml(tmp_path / "all.yml", midi_file, tmp_path)
     command = ["train", "--config", str(tmp_path / "all.yml"), "--env", ENV_ID, "--seed", "1"]

@@ -42,6 +42,7 @@ def _in_an_empty_folder(tmp_path, monkeypatch):
     )
 
 
+@pytest.mark.slow
 def test_a_midi_file_is_trained_evaluated_and_trained_on(midi_file, tmp_path, capsys, episodes_of):
     train = ["train", "--midi", midi_file.name, "--config", "small.yml", "--seed", "3"]
     assert main([*train, "--no-progress", "--evaluate"]) == 0
@@ -201,6 +202,7 @@ def test_the_version_is_told(capsys):
     assert capsys.readouterr().out == f"sb3-piano {sb3_piano.__version__}\n"
 
 
+@pytest.mark.slow
 def test_help_does_not_wait_for_torch():
     code = (
         "import sys\nfrom sb3_piano.cli import main\n"
@@ -212,6 +214,7 @@ def test_help_does_not_wait_for_torch():
     assert output.stdout.splitlines()[-1] == "False"
 
 
+@pytest.mark.slow
 def test_output_that_nobody_reads_is_no_crash():
     reading, writing = os.pipe()
     os.close(reading)

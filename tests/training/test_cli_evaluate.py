@@ -139,6 +139,7 @@ def test_from_ten_episodes_on_an_interval_stands_for_itself(pendulum_run, call):
     )
 
 
+@pytest.mark.slow
 def test_a_repeated_episode_is_said_to_be_one(piano_run, call):
     piano_run(STILL)
     _, out, _ = call("evaluate run --seeds 0 1 2")
@@ -149,6 +150,7 @@ def test_a_repeated_episode_is_said_to_be_one(piano_run, call):
     assert "are the same" not in call("evaluate run")[1]
 
 
+@pytest.mark.slow
 def test_many_performances_are_listed_in_short(piano_run, call):
     piano_run(LOUD)
     _, out, _ = call("evaluate run --episodes 7")
@@ -156,6 +158,7 @@ def test_many_performances_are_listed_in_short(piano_run, call):
     assert "performance_5.mid\n             and 2 more\n" in out
 
 
+@pytest.mark.slow
 def test_several_runs_have_a_row_each_under_their_piece(piano_run, call, tmp_path):
     piano_run(LOUD, "runs/loud")
     piano_run(STILL, "runs/still")
@@ -185,6 +188,7 @@ def test_baselines_that_differ_are_shown_for_each_run(piano_run, call):
     ]
 
 
+@pytest.mark.slow
 def test_given_pieces_are_played_by_each_run(piano_run, call):
     piano_run(STILL)
     pieces = "--score CMajorScaleOneHand --score TwinkleTwinkleLittleStar"
@@ -207,6 +211,7 @@ def test_intervals_and_repetitions_of_several_runs_are_explained(pendulum_run, c
     assert "are the same" not in out
 
 
+@pytest.mark.slow
 def test_repetitions_are_counted_in_rows(piano_run, call):
     piano_run(STILL, "still")
     piano_run(STILL, "wandering", randomize_hand_positions=True)
@@ -214,6 +219,7 @@ def test_repetitions_are_counted_in_rows(piano_run, call):
     assert "In 1 of 2 rows all episodes are the same" in out
 
 
+@pytest.mark.slow
 def test_named_metrics_choose_rows_or_columns(piano_run, pendulum_run, call):
     piano_run(STILL, "piano")
     pendulum_run("pendulum")

@@ -135,6 +135,7 @@ def test_a_run_with_wrappers_around_its_vector_is_not_recorded(pendulum_run):
         pass
 
 
+@pytest.mark.slow
 def test_a_planned_pianist_is_recorded_playing_a_file(midi_file, capsys):
     pytest.importorskip("sb3_piano.planning.pianist")
     arguments = ["--episodes", "2", "--noise", "0", "0.05", "--set", "physics=fast"]
@@ -150,6 +151,7 @@ def test_a_planned_pianist_is_recorded_playing_a_file(midi_file, capsys):
     assert env.default_score.title == "duet"
 
 
+@pytest.mark.slow
 def test_a_planned_pianist_is_recorded_playing_with_the_fingers_of_the_score(tmp_path):
     """On a black key it would not take the thumb otherwise."""
     thumb = Score(notes=[Note(onset=0.0, offset=0.3, pitch=78, finger=0)])
@@ -188,6 +190,7 @@ def test_a_taken_name_is_told_before_anything_is_played(recorded_pendulum, pendu
     assert len(minari.load_dataset(PENDULUM)) == 1
 
 
+@pytest.mark.slow
 def test_a_clone_is_a_run_that_can_be_evaluated_and_trained_on(
     recorded_pendulum, small_yaml, capsys
 ):

@@ -187,6 +187,7 @@ def test_episodes_of_several_seeds_are_those_of_each_seed_alone(pendulum_run):
     assert "return" not in together.to_json()["no_interval"]
 
 
+@pytest.mark.slow
 def test_episodes_that_are_all_the_same_are_known_as_repetitions(piano_run, pendulum_run):
     folder = piano_run(loud_action())
     assert evaluate(folder.path, seed=[0, 1]).is_repetition
@@ -196,6 +197,7 @@ def test_episodes_that_are_all_the_same_are_known_as_repetitions(piano_run, pend
     assert not evaluate(pendulum_run("pendulum").path, episodes=2).is_repetition
 
 
+@pytest.mark.slow
 def test_another_piece_is_played_and_leaves_the_files_of_the_own_one(piano_run):
     folder = piano_run(loud_action())
     own = evaluate(folder.path)

@@ -59,6 +59,7 @@ def read_csv(path):
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_each_run_is_evaluated_as_it_would_be_alone(three_runs):
     paths = [run.path for run in three_runs]
     found = evaluate_runs(paths, 2, [0, 3])
@@ -66,6 +67,7 @@ def test_each_run_is_evaluated_as_it_would_be_alone(three_runs):
     assert [evaluation.algo for evaluation in found.evaluations] == ["td3", "sac", "ddpg"]
 
 
+@pytest.mark.slow
 def test_each_run_plays_each_given_piece_beside_its_baseline(piano_run):
     runs = [piano_run(STILL, name).path for name in ("one", "two")]
     pieces = ["TwinkleTwinkleLittleStar", "CMajorScaleOneHand"]
@@ -134,6 +136,7 @@ def test_a_run_that_fails_is_named_and_the_others_are_evaluated(three_runs, tmp_
     assert [record.exc_info[0] for record in caplog.records] == [ZeroDivisionError]
 
 
+@pytest.mark.slow
 def test_a_piece_that_one_run_cannot_play_is_named(piano_run, pendulum_run):
     runs = [pendulum_run("pendulum").path, piano_run(STILL, "piano").path]
     found = evaluate_runs(runs, scores=["CMajorScaleOneHand"])

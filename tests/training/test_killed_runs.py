@@ -16,6 +16,8 @@ from sb3_piano.cli import main
 from sb3_piano.training import RunFolder, resume
 from sb3_piano.training import session as session_module
 
+pytestmark = pytest.mark.slow
+
 DEADLINE = 180  # s; starting several processes takes long where others are at work
 
 

@@ -52,6 +52,7 @@ def test_fingertips_are_where_the_joints_put_them(piano_run, midi_file):
         assert np.allclose(env.scene.fingertip_position(data), tips, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_each_episode_has_its_file_and_stale_ones_go(piano_run):
     run = piano_run(LOUD)
     evaluation = evaluate(run.path, episodes=3, motion=True)
@@ -102,6 +103,7 @@ def test_only_a_run_s_own_piece_on_a_piano_has_motion(piano_run, pendulum_run, m
         evaluate(pendulum.path, motion=True)
 
 
+@pytest.mark.slow
 def test_the_command_writes_and_lists_the_files(piano_run, capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     piano_run(LOUD)

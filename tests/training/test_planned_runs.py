@@ -71,6 +71,7 @@ def zero_run(folder="zero", **changes):
     return plan_run(config, folder).folder
 
 
+@pytest.mark.slow
 def test_a_planned_run_is_evaluated_compared_watched_and_reported(capsys, piano_run, expected):
     assert main(["plan", "tune.mid", "--set", "physics=fast"]) == 0
     out = capsys.readouterr().out
@@ -96,6 +97,7 @@ def test_a_planned_run_is_evaluated_compared_watched_and_reported(capsys, piano_
     assert "PLANNED after 0 steps" in Path(run, "evaluation/report.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_planned_run_plays_another_piece():
     run = RunFolder.create(planner_config("tune.mid", env_kwargs=FAST), "run")
     write_midi(TUNE.transpose(-2), "lower.mid")
@@ -139,6 +141,7 @@ def test_the_constants_of_a_plan_are_settings_of_its_run():
         assert player.model.settings == PlanSettings(leap_more=(0.1, 0.2))
 
 
+@pytest.mark.slow
 def test_an_episode_comes_from_its_seed_whatever_was_played_before():
     run = zero_run()
     both = evaluate(run.path, 1, (0, 1))
@@ -233,6 +236,7 @@ def test_a_planned_run_has_no_best_model():
         evaluate(zero_run().path, best="f1")
 
 
+@pytest.mark.slow
 def test_notes_that_cannot_be_played_are_told_once_and_in_words(capsys, recwarn):
     assert main(["plan", "wide.mid", "--set", "physics=fast", "--out", "run"]) == 0
     told = "sb3-piano: warning: 1 note cannot be played as written"
@@ -245,6 +249,7 @@ def test_notes_that_cannot_be_played_are_told_once_and_in_words(capsys, recwarn)
     assert not [warning for warning in recwarn if warning.category is PlanWarning]
 
 
+@pytest.mark.slow
 def test_the_policy_of_stable_baselines_judges_it_like_a_model(pianist, expected):
     mean, deviation = evaluate_policy(pianist, pianist.get_env(), n_eval_episodes=2)
     assert mean == pytest.approx(expected["return"], abs=1e-3)

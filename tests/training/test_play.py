@@ -79,6 +79,7 @@ def video_of(path):
         return count, size, stream.average_rate, sound.T, audio.rate
 
 
+@pytest.mark.slow
 @needs_gl
 def test_a_piece_plays_itself_and_the_videos_sound_begins_its_notes_when_the_midi_file_does(
     tmp_path,
@@ -102,6 +103,7 @@ def test_a_piece_plays_itself_and_the_videos_sound_begins_its_notes_when_the_mid
     np.testing.assert_allclose(onsets_in(sound, sample_rate), onsets, atol=0.05)
 
 
+@pytest.mark.slow
 @needs_gl
 def test_what_a_runs_model_plays_is_heard_in_its_video(run_that_does, midi_file, tmp_path):
     env = EpisodeRecorder(PianoEnv(str(midi_file)))
@@ -149,6 +151,7 @@ def test_keys_go_down_when_they_are_due_while_the_hands_rest():
     assert take.performance.metrics()["onset_f1"] == 1.0
 
 
+@pytest.mark.slow
 @needs_gl
 def test_a_key_that_goes_down_by_itself_keeps_its_fingers_colour(tmp_path):
     piece = Score(notes=[Note(onset=0.0, offset=0.2, pitch=48, finger=0)])
@@ -285,6 +288,7 @@ def test_a_study_is_played_by_its_name(tmp_path, monkeypatch, capsys):
     assert len(written.notes) == len(load_score("DMajorScaleOneHand").notes)
 
 
+@pytest.mark.slow
 @needs_gl
 def test_the_command_writes_the_video_of_the_asked_size(tmp_path, capsys):
     write_midi(PIECE, tmp_path / "piece.mid")

@@ -43,6 +43,7 @@ def _elsewhere(tmp_path, monkeypatch):
     write_midi(TUNE, "tune.mid")
 
 
+@pytest.mark.slow
 @needs_gl
 def test_a_midi_file_becomes_a_video_with_sound(capsys):
     command = ["play", "--planned", "tune.mid", "--physics", "fast", "--size", "64x48"]
@@ -62,6 +63,7 @@ def test_a_midi_file_becomes_a_video_with_sound(capsys):
     assert error.strip() == ""
 
 
+@pytest.mark.slow
 def test_what_cannot_be_played_is_told_in_words(capsys):
     write_midi(TOO_WIDE, "wide.mid")
     command = ["play", "wide.mid", "--planned", "--no-video", "--physics", "fast"]
@@ -73,6 +75,7 @@ def test_what_cannot_be_played_is_told_in_words(capsys):
     assert "Sound: here/performance.wav" in out
 
 
+@pytest.mark.slow
 def test_what_is_left_out_of_a_file_is_told_in_words(capsys):
     music = pretty_midi.PrettyMIDI()
     music.instruments.append(pretty_midi.Instrument(program=0))

@@ -68,6 +68,7 @@ def test_a_run_without_a_file_names_its_piece_by_the_score(piano_run, small_conf
         assert player.piece == "CMajorScaleOneHand"
 
 
+@pytest.mark.slow
 def test_a_given_piece_is_played_whatever_wrappers_choose(piano_run):
     folder = piano_run(STILL)
     config = folder.read_config()
@@ -117,6 +118,7 @@ def test_numbers_out_of_range_are_refused(pendulum_run):
             player.episodes(seed=-2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("normalize", [False, True])
 def test_the_best_model_plays_in_place_of_the_last_one(
     small_config, tmp_path, midi_file, normalize
@@ -147,6 +149,7 @@ def test_a_run_without_a_best_model_says_so(piano_run):
         SavedPlayer.open(piano_run(STILL).path, best="f1")
 
 
+@pytest.mark.slow
 def test_every_command_that_plays_takes_the_best_model(small_config, tmp_path, midi_file, capsys):
     config = small_config(
         env_id="RoboPianist-v0",
@@ -164,6 +167,7 @@ def test_every_command_that_plays_takes_the_best_model(small_config, tmp_path, m
     assert f"sb3-piano report {run} --seed 0 --best f1" in page
 
 
+@pytest.mark.slow
 def test_a_training_may_end_with_what_the_model_plays(tmp_path, midi_file):
     run = tmp_path / "run"
     settings = "RoboPianist-v0: {n_timesteps: 5, policy: MlpPolicy, buffer_size: 10}"

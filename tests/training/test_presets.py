@@ -58,6 +58,7 @@ def test_a_file_has_a_default_and_an_entry_for_each_debug_piece(algo):
     assert list(yaml.safe_load(PRESETS[algo].read_text())) == ["default", *DEBUG_IDS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", IDS)
 @pytest.mark.parametrize("algo", PRESETS)
 def test_every_file_has_valid_settings_for_every_id(algo, env_id):
@@ -136,6 +137,7 @@ def test_ppo_has_full_batches_and_normalises():
         assert arguments["gamma"] == 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("algo", "env_id"), ENTRIES)
 def test_an_entry_trains(algo, env_id):
     config = load_config(algo, env_id, seed=1, **BRIEF[algo])
@@ -157,6 +159,7 @@ def test_an_entry_trains(algo, env_id):
         assert algo == "ppo"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("algo", "env_id"), ENTRIES)
 def test_the_stock_zoo_makes_the_same_model_of_an_entry(algo, env_id, tmp_path):
     manager = pytest.importorskip("rl_zoo3.exp_manager").ExperimentManager(

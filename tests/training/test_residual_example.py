@@ -6,6 +6,7 @@ import runpy
 import sys
 from pathlib import Path
 
+import pytest
 import yaml
 
 from sb3_piano.music import Note, Score, write_midi
@@ -27,6 +28,7 @@ def test_all_pieces_have_the_same_settings():
     assert first["n_timesteps"] <= 50_000
 
 
+@pytest.mark.slow
 def test_the_script_trains_and_its_agent_begins_with_the_plan_s_f1(tmp_path, monkeypatch, capsys):
     write_midi(PIECE, tmp_path / "piece.mid")
     settings = yaml.safe_load(SETTINGS.read_text(encoding="utf-8"))[PIECES[0]]

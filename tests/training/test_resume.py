@@ -54,6 +54,7 @@ def test_resuming_goes_on_with_steps_rows_and_updates(run, monkeypatch):
     assert second.folder.read_config().n_timesteps == 100
 
 
+@pytest.mark.slow
 def test_resuming_is_deterministic_and_starts_other_episodes_than_the_first_sitting(run, tmp_path):
     first = run(n_timesteps=60)
     models = []
@@ -98,6 +99,7 @@ def test_an_on_policy_run_can_be_resumed(ppo_config, tmp_path):
     assert (result.started_at, result.num_timesteps) == (40, 80)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vec_env", ["threads", "subproc"])
 def test_several_environments_in_threads_or_processes_of_their_own(run, vec_env):
     result = run(n_envs=2, vec_env=vec_env, n_timesteps=80, every=40)

@@ -12,6 +12,8 @@ from every_callback import LOGGED, check_what_was_written, tensorboard_names, wr
 
 from sb3_piano.hyperparams import PRESETS
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("rl_zoo3")
 
 ENV_ID = "RoboPianist-debug-CMajorScaleOneHand-v0"

@@ -44,6 +44,7 @@ def test_it_shows_what_an_evaluation_from_the_same_seed_measures(piano_run):
     }
 
 
+@pytest.mark.slow
 def test_it_says_where_run_and_report_come_from_and_how_to_make_it_again(piano_run, tmp_path):
     run = piano_run(loud_action())
     text = text_of(write_report(run.path, tmp_path / "fast.html", seed=2, physics="fast"))
@@ -68,6 +69,7 @@ def test_it_says_where_run_and_report_come_from_and_how_to_make_it_again(piano_r
         assert fact in damaged
 
 
+@pytest.mark.slow
 def test_the_log_of_a_training_is_drawn(piano_run):
     run = piano_run(loud_action())
     for leftover in run.tensorboard_dir.rglob("*"):
@@ -106,6 +108,7 @@ def test_of_a_training_that_was_taken_up_again_only_what_counts_is_kept(tmp_path
     assert curve.values == pytest.approx([0.1, 0.5, 0.6, 0.8, 0.9])
 
 
+@pytest.mark.slow
 def test_a_long_log_is_read_whole_and_a_torn_one_as_far_as_it_goes(tmp_path):
     with SummaryWriter(str(tmp_path / "tensorboard" / "run_1")) as writer:
         for step in range(12_000):
@@ -168,6 +171,7 @@ def test_an_error_is_one_line_on_stderr(arguments, message, capsys, tmp_path, mo
     assert captured.err.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("starts", [True, False])
 def test_the_report_is_opened_in_the_browser_of_the_machine(
     piano_run, tmp_path, starts, monkeypatch, capsys

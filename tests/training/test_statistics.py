@@ -108,6 +108,7 @@ def test_sizes_that_are_equal_but_for_rounding_share_their_rank():
     assert signed_rank_test([0.1, -(0.3 - 0.2), 0.4 - 0.3, 0.1, 0.2]) == exact
 
 
+@pytest.mark.slow
 @given(st.lists(st.integers(-5, 5).map(float), min_size=2, max_size=7))
 def test_neither_order_nor_unit_nor_side_changes_the_test(differences):
     test = signed_rank_test(differences)

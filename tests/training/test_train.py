@@ -38,6 +38,7 @@ def test_a_training_leaves_no_thread_behind(run, small_config, tmp_path):
     assert threading.active_count() == before
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_models_and_others_do_not(small_config, tmp_path):
     models = []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):

@@ -243,6 +243,7 @@ TemporalStretch: {factor: [1, 2]}
 """
 
 
+@pytest.mark.slow
 def test_every_wrapper_takes_its_arguments_from_yaml(piano_config):
     entries = yaml.safe_load(IN_YAML)
     kinds = {name: getattr(sb3_piano.wrappers, name) for name in sb3_piano.wrappers.__all__}
@@ -258,6 +259,7 @@ def test_every_wrapper_takes_its_arguments_from_yaml(piano_config):
 # Vectors of environments, buffers and copies.
 
 
+@pytest.mark.slow
 def test_environments_in_threads_and_processes_have_the_same_wrappers(piano_config):
     played = []
     for vec_env in VEC_ENVS:
@@ -314,6 +316,7 @@ def test_the_copy_for_an_evaluation_keeps_the_wrappers_and_touches_nothing(piano
 # Stock RL Zoo.
 
 
+@pytest.mark.slow
 def test_the_stock_zoo_trains_with_the_stack_on_the_same_transitions(tmp_path, score_file):
     env_kwargs = {"score": str(score_file), "physics": "fast"}
     file = write_yaml(tmp_path / "zoo.yml", env_kwargs=env_kwargs)
@@ -351,6 +354,7 @@ class FingeringWeights(BaseCallback):
         return True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vec_env", VEC_ENVS)
 def test_a_decay_goes_on_where_the_training_was_interrupted(piano_config, vec_env, tmp_path):
     n_envs = 1 if vec_env == "subproc" else 2  # processes take long to start

@@ -167,6 +167,7 @@ def test_the_presets_have_the_noise_or_entropy_of_their_algorithm():
         assert arguments["target_entropy"] == -0.5 * n_actions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algo", ["td3", "sac"])
 def test_the_presets_have_settings_of_their_own_for_all_debug_pieces(algo):
     entries = yaml.safe_load(PRESETS[algo].read_text())

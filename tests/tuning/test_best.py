@@ -358,6 +358,7 @@ def assert_trained_alike(algorithm, ours, zoo_run):
     return found
 
 
+@pytest.mark.slow
 def test_sac_has_the_same_first_1000_steps_in_ours_and_in_the_stock_zoo(folder, tmp_path):
     config, study = study_config(), new_study()
     complete(study, config, 0.4)
@@ -373,6 +374,7 @@ def test_sac_has_the_same_first_1000_steps_in_ours_and_in_the_stock_zoo(folder, 
     assert (trained.num_timesteps, trained._n_updates) == (1000, 225)
 
 
+@pytest.mark.slow
 def test_td3_with_noise_and_two_environments_trains_alike_too(folder, tmp_path):
     space = {
         "noise_std": {"float": [0.05, 0.2]},

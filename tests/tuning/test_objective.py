@@ -41,6 +41,7 @@ def run(config, folder, n_trials=1, pruner=None, **options):
     return study.trials
 
 
+@pytest.mark.slow
 def test_each_trial_trains_with_its_settings_in_a_run_of_its_own(tmp_path):
     space = {
         "gamma": Float(0.7, 0.9),
@@ -64,6 +65,7 @@ def test_each_trial_trains_with_its_settings_in_a_run_of_its_own(tmp_path):
         assert trial.user_attrs["folder"] == str(tmp_path / "trials" / str(trial.number))
 
 
+@pytest.mark.slow
 def test_its_value_is_what_evaluation_of_the_model_at_the_end_found(tmp_path):
     (trial,) = run(small(metric="onset_f1", eval_seed=7, eval_episodes=2), tmp_path)
     saved = json.loads((tmp_path / "trials/0/seed_0/evaluation/metrics.json").read_text())
@@ -73,6 +75,7 @@ def test_its_value_is_what_evaluation_of_the_model_at_the_end_found(tmp_path):
     assert trial.user_attrs["best_f1"] >= saved["mean"]["f1"]
 
 
+@pytest.mark.slow
 def test_the_best_model_may_count_in_place_of_the_last(tmp_path):
     config = small(objective="best", entry={"learning_rate": 0.1}, n_evaluations=4)
     (trial,) = run(config, tmp_path)
@@ -84,6 +87,7 @@ def test_the_best_model_may_count_in_place_of_the_last(tmp_path):
     assert reported == sorted(reported)
 
 
+@pytest.mark.slow
 def test_a_value_is_reported_at_each_evaluation_and_the_mean_over_seeds_so_far(tmp_path):
     (trial,) = run(small(seeds=(3, 5)), tmp_path)
     assert list(trial.intermediate_values) == [20, 40, 60, 80]
@@ -100,6 +104,7 @@ def test_a_value_is_reported_at_each_evaluation_and_the_mean_over_seeds_so_far(t
     assert trial.intermediate_values[60] <= (values[0] + within["value"]) / 2
 
 
+@pytest.mark.slow
 def test_pruning_within_a_training_ends_it_there(tmp_path):
     (trial,) = run(small(seeds=(0, 1)), tmp_path, pruner=PruneAt(60))
     assert trial.state is TrialState.PRUNED
@@ -108,6 +113,7 @@ def test_pruning_within_a_training_ends_it_there(tmp_path):
     assert trial.value == trial.intermediate_values[60]
 
 
+@pytest.mark.slow
 def test_pruning_between_seeds_spares_those_that_are_left(tmp_path):
     (trial,) = run(small(seeds=(0, 1)), tmp_path, pruner=PruneAt(40))
     assert trial.state is TrialState.PRUNED
@@ -115,17 +121,20 @@ def test_pruning_between_seeds_spares_those_that_are_left(tmp_path):
     assert not (tmp_path / "trials/0/seed_1").exists()
 
 
+@pytest.mark.slow
 def test_a_trial_that_is_through_is_not_pruned(tmp_path):
     (trial,) = run(small(), tmp_path, pruner=PruneAt(40))
     assert trial.state is TrialState.COMPLETE
 
 
+@pytest.mark.slow
 def test_with_several_environments_evaluations_are_as_many(tmp_path):
     config = small(entry={"n_envs": 4, "n_timesteps": 80})
     (trial,) = run(config, tmp_path)
     assert list(trial.intermediate_values) == [40, 80]
 
 
+@pytest.mark.slow
 def test_a_trial_ends_when_its_time_is_over(tmp_path):
     config = small(minutes=1e-4, seeds=(0, 1), entry={"n_timesteps": 100_000})
     (trial,) = run(config, tmp_path)
@@ -135,6 +144,7 @@ def test_a_trial_ends_when_its_time_is_over(tmp_path):
     assert list(trial.intermediate_values) == [100_000, 200_000]
 
 
+@pytest.mark.slow
 def test_the_entrys_own_evaluations_are_left_out_and_other_callbacks_stay(tmp_path):
     video = "stable_baselines3.common.callbacks.CheckpointCallback"
     saving = {video: {"save_freq": 10, "save_path": str(tmp_path / "saved")}}
@@ -144,6 +154,7 @@ def test_the_entrys_own_evaluations_are_left_out_and_other_callbacks_stay(tmp_pa
     assert len(list((tmp_path / "saved").iterdir())) == 4
 
 
+@pytest.mark.slow
 def test_replay_buffers_do_not_stay_on_the_disk_but_models_do(tmp_path):
     run(small(), tmp_path)
     assert not (tmp_path / "trials/0/seed_0/checkpoint").exists()
@@ -163,6 +174,7 @@ class First(optuna.samplers.BaseSampler):
         return distribution.choices[trial.number]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "choices", "reason"),
     [
@@ -183,6 +195,7 @@ def test_a_trial_that_fails_says_why_and_the_study_goes_on(name, choices, reason
     assert re.search(reason, bad.user_attrs["failure"])
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_the_trial_which_tells_so(tmp_path, ctrl_c):
     config = small(entry=small_study.wrapped(small_study.Interrupted, step=30))
     study = optuna.create_study(direction="maximize")
@@ -192,6 +205,7 @@ def test_ctrl_c_ends_the_trial_which_tells_so(tmp_path, ctrl_c):
     assert study.trials[0].user_attrs["interrupted"] is True
 
 
+@pytest.mark.slow
 def test_it_says_who_runs_it_before_anyone_else_may_start(tmp_path):
     seen = []
     study = optuna.create_study(direction="maximize")

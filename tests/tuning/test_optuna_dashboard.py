@@ -54,6 +54,7 @@ def dashboard(journal, log):
             server.terminate()
 
 
+@pytest.mark.slow
 def test_the_dashboard_shows_a_study_that_is_in_a_journal(tmp_path):
     folder = StudyFolder(tmp_path / "study")
     folder.path.mkdir()

@@ -106,6 +106,7 @@ def run_and_kill(target: Callable, *arguments) -> object:
         process.join()
 
 
+@pytest.mark.slow
 def test_the_trial_of_a_killed_worker_fails_and_its_settings_are_queued_again(store):
     study = store.study()
     name, number = run_and_kill(work, store)
@@ -120,6 +121,7 @@ def test_the_trial_of_a_killed_worker_fails_and_its_settings_are_queued_again(st
     assert is_held(store.folder, name) is None  # its lock file is gone too
 
 
+@pytest.mark.slow
 def test_the_next_trial_has_the_settings_of_the_one_that_was_lost(store):
     study = store.study()
     run_and_kill(work, store)
@@ -202,6 +204,7 @@ def until(happened: Callable[[], object]) -> None:
     raise AssertionError("it never happened")
 
 
+@pytest.mark.slow
 def test_a_trial_of_nobody_in_a_database_is_queued_again_by_its_missing_heartbeat(database):
     study = database.study()
     params = begin(study).params
@@ -229,6 +232,7 @@ def work_elsewhere(store: Store, begun) -> None:
     store.study().optimize(objective, n_trials=1)
 
 
+@pytest.mark.slow
 def test_the_trial_of_another_machine_is_retried_when_its_heartbeat_has_stopped(database):
     study = database.study()
     run_and_kill(work_elsewhere, database)
@@ -285,6 +289,7 @@ def rival(store: Store, barrier, said) -> None:
     said.put([trial.number for trial in running if requeue(study, trial)])
 
 
+@pytest.mark.slow
 def test_of_rivals_exactly_one_queues_the_settings_again(store):
     study = store.study()
     for _ in range(5):
@@ -341,6 +346,7 @@ def test_a_queued_trial_knows_its_origin_but_nothing_of_the_one_that_was_lost(st
     }
 
 
+@pytest.mark.slow
 def test_settings_that_were_not_drawn_yet_are_queued_as_far_as_they_are_fixed(store):
     study = store.study()
     study.enqueue_trial({"x": 0.25})
@@ -367,6 +373,7 @@ def test_an_interrupted_trial_is_queued_again_and_does_not_count(store):
     assert [trial.number for trial in counting(study)] == [1]
 
 
+@pytest.mark.slow
 def test_an_interruption_is_no_retry(store):
     study = store.study()
     for _ in range(5):

@@ -92,6 +92,7 @@ def test_a_sampler_and_a_pruner_run_a_study_without_a_warning(sampler, pruner, o
     assert optuna_says == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampler", ["tpe", "cmaes", "gp"])
 def test_a_sampler_learns_after_its_random_trials(sampler):
     def mean_distance(name: str) -> float:

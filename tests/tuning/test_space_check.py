@@ -29,6 +29,7 @@ REWARDS = "env_kwargs.reward_weights"
 DECAY = "env_wrapper.FingeringDecay"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
@@ -82,6 +83,7 @@ def test_unknown_settings_and_impossible_values_are_named_before_anything_is_tra
         check(parameters)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "parameters",
     [

@@ -21,6 +21,7 @@ def test_there_is_one_for_each_algorithm_of_the_presets_and_two_for_any():
     assert PRESETS.keys() | {"env", "reward"} <= SPACES.keys()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPACES)
 def test_every_setting_and_range_is_accepted_where_it_enters(name):
     algo = algorithm_of(name)

@@ -122,6 +122,7 @@ def open_together(folder, url, barrier, said) -> None:
         said.put(repr(error))
 
 
+@pytest.mark.slow
 def test_processes_that_open_a_new_study_at_once_make_one_with_one_preset(folder, url):
     said, barrier = FORK.Queue(), FORK.Barrier(4)
     processes = [

@@ -83,6 +83,7 @@ def texts_of(study, config, folder=None):
 # What it says.
 
 
+@pytest.mark.slow
 def test_the_summary_counts_trials_and_compares_with_the_preset():
     config, study = study_config(), new_study("evenings")
     complete_preset(study, config, 0.25)
@@ -109,6 +110,7 @@ def test_a_preset_that_is_the_best_is_said_to_be():
     assert "1 trial: 1 complete. The best value is 0.250, of trial 0 with the preset's" in text
 
 
+@pytest.mark.slow
 def test_the_best_settings_stand_beside_the_presets():
     space = {**SPACE, "target_entropy": {"float": [-40.0, -10.0]}}
     entry = {**ENTRY, "gamma": 0.99}  # outside of what is searched
@@ -126,6 +128,7 @@ def test_the_best_settings_stand_beside_the_presets():
     ]
 
 
+@pytest.mark.slow
 def test_the_ten_best_complete_trials_are_listed_the_best_first():
     config, study = study_config(), new_study()
     values = [0.1, 0.5, 0.3, 0.7, 0.2, 0.0, 0.9, 0.4, 0.8, 0.6, 0.7, 0.05]
@@ -155,6 +158,7 @@ def test_failed_trials_are_listed_with_their_reasons():
     assert "No trial is complete yet." in page
 
 
+@pytest.mark.slow
 def test_the_commands_name_the_files_of_the_study(tmp_path):
     config, study = study_config(), new_study()
     complete(study, config, 0.5)
@@ -172,6 +176,7 @@ def test_the_commands_name_the_files_of_the_study(tmp_path):
 # Importance.
 
 
+@pytest.mark.slow
 def test_what_alone_decides_is_the_most_important_and_of_how_many_trials_is_said():
     config, study = study_config(), new_study()
     for _ in range(40):
@@ -186,6 +191,7 @@ def test_what_alone_decides_is_the_most_important_and_of_how_many_trials_is_said
     assert re.findall("<h3>(.*?)</h3>", page) == list(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("values", [[], [0.5], [0.5, 0.5, 0.5]])
 def test_without_two_different_values_no_importance_is_made_up(values):
     config, study = study_config(), new_study()
@@ -266,6 +272,7 @@ def with_conditional(study, config):
         complete(study, config, value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fill", "space", "expected"),
     [
@@ -319,6 +326,7 @@ def test_an_infinite_value_that_was_reported_is_survived():
     assert "reports" in figures_in(report_html(study, config))
 
 
+@pytest.mark.slow
 def test_the_study_is_not_changed_and_the_same_page_comes_again():
     config = study_config()
     study = finished_study(config)
@@ -372,6 +380,7 @@ LINES = "node => node.querySelectorAll('.scatterlayer .js-line').length"
 BARS = "node => node.querySelectorAll('.barlayer .point path').length"
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_all_figures_are_drawn_with_all_their_trials(opened, tmp_path):
     config = study_config()
@@ -393,6 +402,7 @@ def test_all_figures_are_drawn_with_all_their_trials(opened, tmp_path):
         assert name in legend
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_on_a_phone_only_tables_and_the_lines_are_scrolled(opened):
     space = {**SPACE, **{f"env_kwargs.reward_weights.{name}": {"float": [0.1, 2.0]}
@@ -406,6 +416,7 @@ def test_on_a_phone_only_tables_and_the_lines_are_scrolled(opened):
     assert page.eval_on_selector("#parallel", "node => node.clientWidth") >= 9 * 100
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_names_and_reasons_like_scripts_do_nothing(opened):
     space = {**SPACE, "policy_kwargs.net_arch": {"choice": {EVIL: [16], "other": [32]}}}

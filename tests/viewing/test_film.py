@@ -35,6 +35,7 @@ def episode(**options):
     return env.unwrapped, env.finished[0], pictures
 
 
+@pytest.mark.slow
 @needs_gl
 @pytest.mark.parametrize("camera", ["overview", "topdown"])
 def test_every_picture_is_that_of_the_environments_render(camera):
@@ -87,6 +88,7 @@ def test_a_motion_that_is_not_of_the_performance_is_refused(cut):
         moments(env.scene, recording.performance, recording.motion.qpos[cut])
 
 
+@pytest.mark.slow
 @needs_gl
 def test_a_film_frees_its_drawing_context_also_if_it_is_not_watched_to_the_end(monkeypatch):
     closed = []

@@ -29,6 +29,7 @@ def count_dominated_by(channel, picture):
     return int((picture[..., channel] > 1.5 * others).sum())
 
 
+@pytest.mark.slow
 @needs_gl
 @pytest.mark.parametrize("camera", ["overview", "topdown"])
 def test_a_due_key_has_its_fingers_colour_and_a_sounding_key_is_green(camera):
@@ -56,6 +57,7 @@ def test_the_picture_is_upright_with_the_sky_above():
     env.close()
 
 
+@pytest.mark.slow
 @needs_gl
 def test_a_key_is_coloured_while_the_step_just_played_asks_for_it():
     env = PianoEnv(DUE, render_mode="rgb_array", width=640, height=480)
@@ -81,6 +83,7 @@ def test_rendering_leaves_the_model_and_the_simulation_as_they_were():
     env.close()
 
 
+@pytest.mark.slow
 @needs_gl
 def test_an_environment_that_has_drawn_can_be_copied_and_both_can_draw():
     env = PianoEnv(DUE, render_mode="rgb_array", width=64, height=64)
@@ -115,6 +118,7 @@ except Exception as error:
 WITHOUT_LIBRARIES = "import ctypes.util\nctypes.util.find_library = lambda name: None\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("prelude", "variables", "reason"),
     [

@@ -130,6 +130,7 @@ def test_an_episode_that_ended_early_shows_where():
     assert not [shape for shape in whole.layout.shapes if shape.label.text]
 
 
+@pytest.mark.slow
 def test_thousands_of_notes_are_few_traces_and_few_shapes():
     played = long_performance(3000)
     figure = piano_roll(played)

@@ -114,6 +114,7 @@ def test_a_number_without_a_value_is_a_dash():
     assert f"Energy \N{MINUS SIGN}1.25 {NONE} The cost" in Page(table).text
 
 
+@pytest.mark.slow
 def test_the_table_has_a_heading_for_each_section_that_has_numbers():
     assert [heading for heading in HEADINGS if heading in Page(report_html(report())).text] == (
         HEADINGS

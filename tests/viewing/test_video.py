@@ -51,6 +51,7 @@ def wav(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_pictures_come_back_in_their_order_size_and_rate(tmp_path):
     levels = [20, 220, 90, 160, 40, 250, 130]
     write_video(tmp_path / "v.mp4", (grey(level) for level in levels), 20.0, None, SIZE)
@@ -87,6 +88,7 @@ def test_the_notes_of_the_sound_track_begin_when_they_are_struck(tmp_path, wav):
     np.testing.assert_allclose(onsets_in(sound, rate), [0.21, 0.75, 1.3333], atol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_pictures", [20, 67, 100])
 def test_the_sound_is_cut_or_filled_up_to_the_length_of_the_pictures(tmp_path, wav, n_pictures):
     write_video(tmp_path / "v.mp4", [grey(9)] * n_pictures, 20.0, wav, SIZE)

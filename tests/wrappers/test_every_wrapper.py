@@ -149,6 +149,7 @@ def test_no_wrapper_is_left_out():
     assert set(ARGUMENTS) == kinds - bases
 
 
+@pytest.mark.slow
 def test_the_checks_of_gymnasium_and_of_sb3_pass_without_a_warning(env):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -160,6 +161,7 @@ def test_the_checks_of_gymnasium_and_of_sb3_pass_without_a_warning(env):
         sb3_check(env)
 
 
+@pytest.mark.slow
 def test_the_seed_decides_everything_in_one_environment_and_in_a_new_one(stack, env):
     first = play(env)
     env.unwrapped.total_steps = 0  # for schedules, which go on
@@ -170,6 +172,7 @@ def test_the_seed_decides_everything_in_one_environment_and_in_a_new_one(stack, 
     assert len(first[0]) > 32  # an episode has ended meanwhile
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 def test_a_copy_goes_on_like_the_original(env, clone):
     env.reset(seed=1)
@@ -185,6 +188,7 @@ def test_a_copy_goes_on_like_the_original(env, clone):
     assert_equal_playing(env, twin)
 
 
+@pytest.mark.slow
 def test_the_spec_makes_the_same_stack_again(env):
     made = gym.make(env.spec)
     assert [type(layer) for layer in layers(made)] == [type(layer) for layer in layers(env)]

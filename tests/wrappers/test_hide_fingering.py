@@ -36,6 +36,7 @@ def with_fingers(score, fingers):
 FINGERS = st.lists(st.integers(-1, 9), min_size=len(TINY.notes), max_size=len(TINY.notes))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stack", STACKS.values(), ids=STACKS)
 @settings(max_examples=6, deadline=None)
 @given(first=FINGERS, second=FINGERS, seed=st.integers(0))

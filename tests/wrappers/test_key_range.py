@@ -41,6 +41,7 @@ def assert_only_these_keys_are_seen(cut_env, cut, whole_env, whole, low, high):
         )
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(ends=st.lists(st.integers(21, 108), min_size=2, max_size=2).map(sorted), seed=st.integers(0))
 def test_the_observation_is_the_full_one_without_the_other_keys_at_every_step(ends, seed):
@@ -230,6 +231,7 @@ def test_it_passes_both_env_checkers():
         sb3_check_env(env, warn=True)
 
 
+@pytest.mark.slow
 def test_it_is_made_again_from_its_spec_and_copied_with_its_keys():
     made = gym.make("RoboPianist-v0", score=load_score("CMajorScaleOneHand"), physics="fast")
     env = HideFingering(KeyRange(made, [69, 90], simulated=True))

@@ -79,6 +79,7 @@ def play(env, policy, options=None):
 # What is played.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options", [{}, {"reduced_action_space": True, "observation": "fingers"}], ids=["full", "less"]
 )
@@ -150,6 +151,7 @@ def test_the_pedal_is_the_plan_s_whatever_the_agent_does(env):
 # What is seen.
 
 
+@pytest.mark.slow
 def test_the_plan_is_shown_as_the_way_to_its_next_positions():
     env = ResidualAction(piano(), lookahead=3, settings=QUICK)
     positions = plan(env.unwrapped.roll, env.unwrapped.scene, SETTINGS).positions
@@ -190,6 +192,7 @@ def test_a_wrapper_further_out_chooses_the_piece_that_is_planned():
     assert info["f1"] > 0.7
 
 
+@pytest.mark.slow
 def test_another_piece_is_planned_at_its_reset_and_the_first_one_is_not_forgotten(env):
     before, _, _ = play(env, lambda _: still(env))
     _, info, _ = play(env, lambda _: still(env), options={"score": OTHER})
@@ -198,6 +201,7 @@ def test_another_piece_is_planned_at_its_reset_and_the_first_one_is_not_forgotte
     np.testing.assert_array_equal(again, before)
 
 
+@pytest.mark.slow
 def test_a_state_put_back_into_the_bare_environment_is_followed(env):
     env.reset()
     for _ in range(5):
@@ -225,6 +229,7 @@ def test_a_copy_has_the_plan_with_it(env, clone, monkeypatch):
     np.testing.assert_array_equal(twin.unwrapped.data.qpos, env.unwrapped.data.qpos)
 
 
+@pytest.mark.slow
 def test_a_copy_takes_the_plan_of_the_present_piece_only(env):
     size = len(pickle.dumps(env))
     env.reset(options={"score": OTHER})
@@ -317,6 +322,7 @@ def test_an_action_that_is_not_finite_is_refused(env):
 # Runs.
 
 
+@pytest.mark.slow
 def test_a_run_is_trained_evaluated_and_played_with_it(tmp_path):
     config = RunConfig(
         algo="sac",

@@ -189,6 +189,7 @@ class TestPossibleScores:
         st.tuples(st.just(TemporalStretch), st.floats(0.5, 2)),
     )
 
+    @pytest.mark.slow
     @settings(max_examples=60, deadline=None)
     @given(
         inner=st.lists(changes, max_size=2),

@@ -86,6 +86,7 @@ def test_a_note_left_without_length_is_an_error_at_once_for_the_own_piece(factor
         TemporalStretch(piano(), 1e-320).reset(options={"score": short})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("factor", "message"),
     [

@@ -157,17 +157,18 @@ def kill_studies(
     (place / "space.yml").write_text(yaml.safe_dump({"gamma": {"discount": [0.6, 0.9]}}))
     name = f"killed-{time.time_ns()}"
     arguments = ["tune", "--env", ENV_ID, "--config", "small.yml", "--space", "space.yml"]
-    arguments += ["--steps", "60", "--evaluations", "2", "--pruner", "none", "--name", name]
+    arguments += ["--steps", "40", "--evaluations", "2", "--pruner", "none", "--name", name]
     arguments += ["--workers", "2", *(() if url is None else ("--storage", url))]
     folder = StudyFolder(place / "studies" / name)
     command = Command(place, place / "log")
     killed = dict.fromkeys(("supervisor", "worker", "all"), 0)
     finished: dict[int, FrozenTrial] = {}
     for _ in range(kills):
-        begun = _trials_begun(folder)
         if not command.runs:
             command.give(*arguments, "--trials", str(ENDLESS))
-        command.until(lambda before=begun: _trials_begun(folder) > before and _workers(folder))
+        # Settings whose worker was killed four times count as failed: some trials have to end.
+        before = _judged(folder)
+        command.until(lambda before=before: _judged(folder) > before and _workers(folder))
         time.sleep(rng.uniform(0, seconds))
         victim = rng.choice(list(killed))
         killed[victim] += 1
@@ -192,6 +193,8 @@ def kill_studies(
     lost = [trial.number for trial in trials if trial.params and trial.params not in tried]
     changed = [number for number, trial in finished.items() if trials[number] != trial]
     if lost or changed or not whole:
+        for trial in trials:
+            print(trial, file=sys.stderr)
         raise SystemExit(f"Lost trials {lost}, changed {changed}, went on: {whole}")
     kinds = ", ".join(f"{count} {victim}" for victim, count in killed.items())
     what = f"study in {'its journal' if url is None else 'PostgreSQL'}"
@@ -202,8 +205,9 @@ def _is_complete(trial: FrozenTrial) -> bool:
     return trial.state is TrialState.COMPLETE
 
 
-def _trials_begun(folder: StudyFolder) -> int:
-    return len(list(folder.path.glob("trials/*/*/monitor/*.csv")))
+def _judged(folder: StudyFolder) -> int:
+    """Return how many trials have trained and judged their model."""
+    return len(list(folder.path.glob("trials/*/*/evaluation/metrics.json")))
 
 
 def _workers(folder: StudyFolder) -> list[int]:

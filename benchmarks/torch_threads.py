@@ -15,6 +15,7 @@ import contextlib
 import subprocess
 import sys
 from collections.abc import Iterator
+from typing import Any
 
 import gymnasium as gym
 import torch
@@ -66,7 +67,12 @@ def main() -> None:
     arguments = parser.parse_args()
     torchs = torch.get_num_threads()
     settings = BenchSettings(transitions=300, training_steps=arguments.steps)
-    small = {"seed": 0, "monitor_kwargs": {}, "buffer_size": 300, "learning_starts": 300}
+    small: dict[str, Any] = {
+        "seed": 0,
+        "monitor_kwargs": {},
+        "buffer_size": 300,
+        "learning_starts": 300,
+    }
     score = {"score": gym.spec(ENV_ID).kwargs["score"]}
     configs = {
         "SAC, default": load_config("sac", GENERAL_ID, env_kwargs=score, **small),

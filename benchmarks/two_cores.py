@@ -1,0 +1,124 @@
+"""What a second core gives: to MuJoCo alone, to environments in threads, to ones in processes.
+
+    python benchmarks/two_cores.py
+
+Bare ``mj_step`` in one and two processes, and in two threads, shows what the machine itself allows:
+the two cores of a virtual machine may be one core's hyperthreads. Beside them our vector
+environment, in threads, and gymnasium's, in processes with shared memory. All play the same on the
+fast physics, in turn. Prints control steps a second, medians over the rounds, and how many times
+the first one's they are, medians of the rounds' ratios.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import functools
+import multiprocessing
+import multiprocessing.pool
+import time
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import AsyncVectorEnv
+
+import sb3_piano  # noqa: F401  # registers the environments, also in other processes
+from sb3_piano.bench import BenchSettings
+from sb3_piano.bench.rounds import Comparison, Contestant, Lap, Race
+from sb3_piano.bench.rows import speed_rows
+from sb3_piano.bench.settings import ENV_ID
+from sb3_piano.bench.simulation import UNIT, episode_actions
+
+BASE = "mj_step, 1 process"
+SLOTS = (1, 2, 4, 8)
+
+
+def make_env() -> gym.Env[Any, Any]:
+    """Return the environment that all play in."""
+    return gym.make(ENV_ID, physics="fast")
+
+
+@functools.cache
+def physics() -> tuple[Any, npt.NDArray[np.float64]]:
+    """Return the bare environment and the actuators' targets in an episode, once a process."""
+    env: Any = make_env().unwrapped
+    env.reset()
+    controls = []
+    for action in episode_actions(BenchSettings()):
+        env.step(action)
+        controls.append(env.data.ctrl.copy())
+    return env, np.array(controls)
+
+
+def play_physics(_: object) -> int:
+    """Play an episode with nothing but MuJoCo; return its steps."""
+    env, controls = physics()
+    data = mujoco.MjData(env.model)
+    for control in controls:
+        data.ctrl[:] = control
+        mujoco.mj_step(env.model, data, nstep=env.config.n_substeps)
+    return len(controls)
+
+
+def contestant(name: str, play: Callable[[], int], ready: Callable[[], object]) -> Contestant:
+    """Return what plays so many control steps when it is called, after it was made ready."""
+
+    def lap() -> Lap:
+        ready()
+        start = time.perf_counter()
+        return Lap(steps=play(), seconds=time.perf_counter() - start)
+
+    versus = () if name == BASE else (Comparison(label="times the first", base=BASE),)
+    return Contestant(name=name, unit=UNIT, play=lap, comparisons=versus)
+
+
+def of_pool(name: str, pool: multiprocessing.pool.Pool, tasks: int) -> Contestant:
+    """Return bare physics in a pool of workers."""
+    return contestant(name, lambda: sum(pool.map(play_physics, range(tasks), chunksize=1)), list)
+
+
+def of_slots(name: str, venv: Any) -> Contestant:
+    """Return a vector of environments."""
+    rows = np.repeat(episode_actions(BenchSettings())[:, None], venv.num_envs, axis=1)
+
+    def play() -> int:
+        for row in rows:
+            venv.step(row)
+        return len(rows) * int(venv.num_envs)
+
+    return contestant(name, play, venv.reset)
+
+
+def main() -> None:
+    """Read the command line, measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--rounds", type=int, default=20)
+    rounds = parser.parse_args().rounds
+    physics()
+    with contextlib.ExitStack() as stack:
+        two = stack.enter_context(multiprocessing.get_context("spawn").Pool(2))
+        threads = stack.enter_context(multiprocessing.pool.ThreadPool(2))
+        found = [
+            of_pool(BASE, two, 1),
+            of_pool("mj_step, 2 processes", two, 2),
+            of_pool("mj_step, 2 threads", threads, 2),
+        ]
+        for slots in SLOTS:
+            ours = gym.make_vec(ENV_ID, slots, gym.VectorizeMode.VECTOR_ENTRY_POINT, physics="fast")
+            theirs = AsyncVectorEnv([make_env] * slots, context="spawn")
+            for name, venv in (("PianoVectorEnv", ours), ("AsyncVectorEnv", theirs)):
+                stack.enter_context(contextlib.closing(venv))
+                found.append(of_slots(f"{name}, {slots} slots", venv))
+        race = Race("cores", found)
+        race.run(rounds)
+    for row in speed_rows(race.part, race.contestants, race.rounds):
+        ratios = "".join(f"  {value:.2f} {label}" for label, value in row.ratios.items())
+        print(f"{row.name:28s} {row.value:6.0f} {row.unit}{ratios}")
+
+
+if __name__ == "__main__":
+    main()

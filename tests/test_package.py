@@ -68,6 +68,7 @@ def imported_rooms(path: Path) -> set[str]:
     return {part[1] for part in parts if part[0] == "sb3_piano" and len(part) > 1}
 
 
+@pytest.mark.slow
 def test_a_room_imports_only_from_rooms_before_it():
     for path in PACKAGE.rglob("*.py"):
         room = path.relative_to(PACKAGE).parts[0].removesuffix(".py")

@@ -184,6 +184,7 @@ def test_ctrl_c_ends_the_driver_with_a_checkpoint(interrupted):
     assert "evaluation/metrics.json" not in interrupted.files
 
 
+@pytest.mark.slow
 def test_the_same_command_goes_on_to_the_end_and_evaluates(interrupted, finished):
     assert finished.status == 0, finished.output
     assert finished.steps == STEPS
@@ -196,6 +197,7 @@ def test_the_same_command_goes_on_to_the_end_and_evaluates(interrupted, finished
     assert f"return {mean['return']:.2f}, F1 {mean['f1']:.3f}" in finished.output
 
 
+@pytest.mark.slow
 def test_a_finished_cell_is_skipped(finished, runs, folder, monkeypatch, capsys):
     with pytest.raises(SystemExit) as exit_status:
         run_script("run.py", arguments(runs), monkeypatch)
@@ -204,6 +206,7 @@ def test_a_finished_cell_is_skipped(finished, runs, folder, monkeypatch, capsys)
     assert files_in(folder) == finished.files
 
 
+@pytest.mark.slow
 def test_the_table_shows_what_was_measured(finished, runs, monkeypatch, capsys):
     mean = finished.json("evaluation/metrics.json")["mean"]
     run_script("table.py", ["--runs", str(runs)], monkeypatch)
@@ -216,6 +219,7 @@ def test_the_table_shows_what_was_measured(finished, runs, monkeypatch, capsys):
     assert missing.startswith("- | - | 248.3 | - |")
 
 
+@pytest.mark.slow
 def test_resting_hands_earn_what_the_environment_pays_them(monkeypatch):
     monkeypatch.syspath_prepend(str(FOLDER))
     table = runpy.run_path(str(FOLDER / "table.py"))

@@ -10,6 +10,8 @@ from stable_baselines3 import SAC, TD3
 
 from sb3_piano.bench.learner import learner_contestants, training_contestants
 
+pytestmark = pytest.mark.slow
+
 CLASSES = {"sac": SAC, "td3": TD3, "tqc": TQC}
 
 
@@ -31,7 +33,6 @@ def trained(monkeypatch):
     return heard
 
 
-@pytest.mark.slow
 def test_each_preset_is_updated_with_each_observation(short, trained):
     with contextlib.ExitStack() as stack:
         contestants = learner_contestants(short(transitions=4, updates=2), stack)
@@ -63,7 +64,6 @@ def test_updates_are_compared_with_those_on_the_roll(short):
     assert {contestant.unit for contestant in contestants} == {"updates/s"}
 
 
-@pytest.mark.slow
 def test_whole_training_steps_and_learns(short, trained):
     with contextlib.ExitStack() as stack:
         contestants = training_contestants(short(transitions=4, training_steps=3), stack)

@@ -204,6 +204,7 @@ def test_the_script_plays_both_ways_whatever_libraries_print(small_robopianist):
             assert lap.seconds > 0
 
 
+@pytest.mark.slow
 def test_the_script_plays_the_same_controls_with_mujoco_alone(small_robopianist, tmp_path):
     noted = SUITE + (
         "real, file = mujoco.mj_step, open(__file__ + '.steps', 'a', buffering=1)\n"

@@ -56,6 +56,7 @@ def test_all_parts_are_measured_in_their_order(short):
     assert json.loads(json.dumps(report.to_json()))["rows"][3]["name"] == report.rows[3].name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", PARTS)
 def test_a_part_can_be_measured_alone(part, short):
     found = {row.part for row in run_bench(short(parts=(part,))).rows}

@@ -125,6 +125,7 @@ def test_transitions_are_equal_for_any_pattern_of_episodes(capacity, n_envs, lay
         assert_equal(*pair)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_steps", [1, 3])
 def test_n_step_returns_are_equal_too(n_steps):
     play = Play(n_envs=2)

@@ -97,6 +97,7 @@ def test_a_clone_plays_what_was_right_not_what_was_played(
         assert torch.equal(parameters(model.actor_target), parameters(model.actor))
 
 
+@pytest.mark.slow
 def test_a_clone_plays_in_closed_loop_what_its_model_would_play(pendulum_data):
     pendulum_data(episodes=10)
     model = new_model(SAC, normalize=True)

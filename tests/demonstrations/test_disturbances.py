@@ -39,6 +39,7 @@ def is_forearm(env):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reduced", [True, False])
 def test_noise_has_its_deviation_in_radians_and_a_twentieth_in_metres(piano, reduced):
     env = piano(reduced_action_space=reduced)
@@ -101,6 +102,7 @@ def start(env, seed):
     return observation, env.unwrapped.data.qpos.copy()
 
 
+@pytest.mark.slow
 def test_a_perturbed_start_moves_the_hands_by_the_deviation_and_no_key(piano):
     env = PerturbedStart(piano(), 0.02)
     scene = env.unwrapped.scene

@@ -8,6 +8,8 @@ from scipy.stats import ks_2samp
 
 from sb3_piano.envs import PianoEnv
 
+pytestmark = pytest.mark.slow
+
 # How far the fast profile may be from RoboPianist on its recorded performances.
 F1_EACH, F1_MEAN, RETURN_SHARE = 0.03, 0.015, 0.01
 
@@ -58,7 +60,6 @@ def random_terms(physics, seeds):
     return np.array(rows)
 
 
-@pytest.mark.slow
 def test_random_actions_earn_reward_terms_of_one_distribution_on_both_physics(tell):
     """The profiles differ by less than two samples of 6 episodes of one profile may."""
     seeds = range(6)

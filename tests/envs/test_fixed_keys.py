@@ -216,6 +216,7 @@ def test_every_observation_reads_the_joints_of_the_hands_where_they_are_then(obs
     assert everything.data.qpos.any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("physics", ["reference", "fast"])
 def test_the_state_goes_back_and_copies_go_on_exactly(physics):
     env = fixed_env(physics=physics)

@@ -126,6 +126,7 @@ def test_the_same_seed_gives_bitwise_the_same_episode_in_two_processes():
     assert episode_hash() == episode_hash()
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_bitwise_the_same_episode_in_one_process():
     episodes = []
     for _ in range(2):

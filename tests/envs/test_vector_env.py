@@ -164,6 +164,7 @@ def test_in_disabled_mode_whoever_uses_it_resets_what_has_ended(both):
         ours.step(actions)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", AUTORESET)
 @pytest.mark.parametrize("n_steps", [3, 5])  # after five, the episode of the middle slot is over
 def test_a_mask_resets_only_some_environments(both, mode, n_steps):

@@ -8,6 +8,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ABSENT = "import sys; sys.modules[{!r}] = None; from sb3_piano.interop import scene_mjcf; "
 
 

@@ -88,6 +88,7 @@ class TestNearestFingers:
         assert (nearest_fingers(sounding(), tips(), level_keys()) == -1).all()
         assert nearest_fingers(sounding(steps=0), tips(steps=0), level_keys()).shape == (0, 88)
 
+    @pytest.mark.slow
     @given(st.integers(0, 2**32 - 1))
     def test_the_finger_equals_a_plain_python_twin(self, seed):
         rng = np.random.default_rng(seed)

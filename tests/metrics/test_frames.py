@@ -85,6 +85,7 @@ def test_playing_nothing_scores_zero_where_the_piece_sounds(target):
     assert non_silent_f1(target, np.zeros_like(target)) == (0.0 if target.any() else 1.0)
 
 
+@pytest.mark.slow
 @given(st.data())
 def test_frame_scores_equal_a_plain_python_twin(data):
     target = data.draw(rolls)
@@ -104,6 +105,7 @@ def test_frame_scores_equal_a_plain_python_twin(data):
     )
 
 
+@pytest.mark.slow
 @given(st.data())
 def test_pressing_a_wrong_key_never_raises_precision_or_f1(data):
     target = data.draw(rolls)
@@ -129,6 +131,7 @@ def multipitch(target, played):
     return mir_eval.multipitch.metrics(times, target, times, played)[:2]
 
 
+@pytest.mark.slow
 @given(st.data())
 def test_mir_eval_s_multipitch_is_the_mean_weighted_by_the_keys_of_each_step(data):
     target = data.draw(rolls)

@@ -136,6 +136,7 @@ def value(target, played, pairs):
     return len(pairs), -sum(distance(target, played, i, j) for i, j in pairs)
 
 
+@pytest.mark.slow
 @given(random_onsets(max_size=5), random_onsets(max_size=5))
 def test_the_matching_is_as_good_as_the_best_of_all_that_keep_the_order(target, played):
     pairs = [tuple(pair) for pair in match_onsets(target, played).tolist()]
@@ -167,6 +168,7 @@ def test_keeping_the_order_costs_no_hit_and_no_time(target, played):
     assert ours == pytest.approx(costs[costs < never].sum(), abs=1e-4 * max(1, len(matched)))
 
 
+@pytest.mark.slow
 @given(random_onsets(min_size=1, max_size=30), random_onsets(min_size=1, max_size=30))
 def test_onset_scores_equal_mir_eval(target, played):
     def intervals(strikes):

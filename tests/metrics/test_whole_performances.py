@@ -277,6 +277,7 @@ def random_playing(draw, steps):
     return Played(done.keys, done.fingers, onsets_of(done.keys, DT), done.pedal)
 
 
+@pytest.mark.slow
 @given(rolls())
 def test_perfect_playing_of_any_score_scores_one(roll):
     metrics = judge(due_of(roll), due_of(roll))
@@ -287,6 +288,7 @@ def test_perfect_playing_of_any_score_scores_one(roll):
     assert math.fsum(metrics[name] for name in FINGER_SHARES) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 @given(rolls())
 def test_the_strikes_of_any_roll_are_its_presses_in_the_same_order(roll):
     presses = presses_of(roll.active)

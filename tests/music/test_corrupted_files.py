@@ -109,6 +109,7 @@ def test_a_musicxml_file_with_other_numbers_is_read_or_refused(data, tmp_path_fa
     outcome(folder / "changed.musicxml", text.encode())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", READERS)
 @settings(max_examples=EXAMPLES // 2, deadline=None)
 @given(content=st.binary(max_size=200))

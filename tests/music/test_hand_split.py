@@ -142,6 +142,7 @@ def test_scales_and_arpeggios_find_their_hands_again(name):
     assert share_recovered(name) == 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 8, 13, 17])
 def test_hanon_an_octave_apart_finds_its_hands_again(number):
     assert share_recovered(f"hanon-{number:02d}") > 0.97
@@ -201,6 +202,7 @@ def built(drawn):
     return score(*notes)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(SCORES)
 def test_every_note_has_a_hand_and_known_ones_keep_theirs(drawn):

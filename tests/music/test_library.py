@@ -89,6 +89,7 @@ def scores(draw):
     return Score(notes=notes, pedals=pedals, title="any", bars=bars)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(score=scores())
 def test_a_score_comes_back_bit_by_bit_with_its_name_as_title(score, tmp_path_factory):

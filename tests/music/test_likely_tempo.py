@@ -53,6 +53,7 @@ def test_what_tells_no_tempo_is_written_at_120(score):
     assert likely_tempo(score) == 120
 
 
+@pytest.mark.slow
 def test_a_notation_program_reads_the_meter_and_the_note_values(tmp_path):
     score = BUILT_IN["repertoire-MapleLeafRag"].score()
     write_score(score, tmp_path / "rag.musicxml")

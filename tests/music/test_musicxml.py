@@ -482,6 +482,7 @@ class TestFiles:
         with pytest.raises(ScoreError, match=r"There is no item named 'music/a\.xml'"):
             read_musicxml(path)
 
+    @pytest.mark.slow
     def test_a_file_that_unpacks_to_too_much_is_refused(self, tmp_path):
         bomb = b" " * (MOST_BYTES + 1)
         files = {"META-INF/container.xml": CONTAINER, "music/a.xml": bomb}

@@ -142,6 +142,7 @@ class TestImport:
 
 
 class TestList:
+    @pytest.mark.slow
     def test_each_piece_has_a_row(self, run, music):
         run("import", music, "--jobs", "1")
         status, out, err = run("list")
@@ -170,6 +171,7 @@ class TestList:
             True,
         )
 
+    @pytest.mark.slow
     def test_it_is_written_as_csv_and_json(self, run, music, tmp_path):
         run("import", music / "a.mid")
         run("list", "--csv", tmp_path / "t.csv", "--json", tmp_path / "t.json")
@@ -182,6 +184,7 @@ class TestList:
         assert listed[-1]["notes"] == 4
         assert listed[-1]["title"] == "a"
 
+    @pytest.mark.slow
     def test_a_damaged_piece_is_named_and_all_others_are_listed(self, run, music, data):
         run("import", music / "a.mid")
         (data / "pieces" / "broken.npz").write_bytes(b"broken")

@@ -113,6 +113,7 @@ def test_most_of_them_are_read():
     assert sum(not isinstance(expected, str) for expected in SCORES.values()) >= 25
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "path", [CORPUS / "bach/bwv846.mxl", SUITE / "45b-RepeatWithAlternatives.xml"]
 )

@@ -136,6 +136,7 @@ class TestRestrikes:
         roll = PianoRoll.from_score(Score(notes=notes), 1.0)
         assert picture(roll, 40) == "..X=."
 
+    @pytest.mark.slow
     @settings(max_examples=200, deadline=None)
     @given(st.lists(st.tuples(st.integers(0, 15), st.integers(1, 5)), min_size=1, max_size=8))
     def test_strikes_begin_after_silence_and_all_sound_begins_with_a_strike(self, spans):
@@ -144,6 +145,7 @@ class TestRestrikes:
         before = np.concatenate([[False], active[:-1]])
         assert (onset == (active & ~before)).all()
 
+    @pytest.mark.slow
     @settings(max_examples=200, deadline=None)
     @given(st.lists(st.tuples(st.integers(0, 15), st.integers(1, 5)), min_size=1, max_size=8))
     def test_only_gaps_are_missing_from_the_union_of_the_notes(self, spans):

@@ -130,6 +130,7 @@ def test_from_black_keys_thumbs_take_the_first_or_last_white_key_of_a_group(name
     assert (thumbs == edges) is ((name, hand) not in OFF_THE_RULE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, _ in CASES])
 @pytest.mark.parametrize("octaves", [1, 2])
 def test_thumbs_stay_off_black_keys_and_no_finger_strikes_two_keys_running(name, octaves):

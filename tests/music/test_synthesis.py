@@ -44,6 +44,7 @@ def test_before_the_first_note_there_is_silence():
     assert sound[round(0.5 * RATE) : round(0.51 * RATE)].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pitch", [36, 45, 60, 69, 81, 96, 108])
 def test_a_note_has_the_frequency_of_its_pitch(pitch):
     frequency = 440.0 * 2.0 ** ((pitch - 69) / 12.0)

@@ -200,6 +200,7 @@ def test_each_note_stays_with_its_hand_and_only_labels_change():
         assert len(set(fitted.finger[roll.active[:, key], key])) == 1, "a note has one finger"
 
 
+@pytest.mark.slow
 def test_the_plan_tells_with_which_fingers_it_plays():
     written = both_hands(order=(0, 1))
     doubled = Score(

@@ -32,6 +32,7 @@ def fingertips_by_hand(scene, data, hand):
     return np.array(tips)
 
 
+@pytest.mark.slow
 @SCENES
 @BOTH_HANDS
 def test_fingertips_are_where_mujoco_has_them(options, hand):

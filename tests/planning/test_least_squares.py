@@ -141,6 +141,7 @@ def test_without_notes_and_neighbours_it_is_the_dense_solution(hand, full):
     np.testing.assert_allclose(parts.problem.positions, dense_solution(parts), atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.xfail(
     strict=True, reason="states whose own cost must rise for a better whole are damped ever more"
 )
@@ -159,6 +160,7 @@ def test_positions_stay_in_the_control_ranges(hand):
     assert (parts.problem.positions <= parts.kinematics.high).all()
 
 
+@pytest.mark.slow
 @BOTH_HANDS
 def test_fingertips_come_to_their_keys(hand):
     parts = Parts(hand, some_presses(hand)[:3])
@@ -170,6 +172,7 @@ def test_fingertips_come_to_their_keys(hand):
         assert np.abs(tips[states, press.finger] - target)[:, 1:].max() < 0.004
 
 
+@pytest.mark.slow
 @BOTH_HANDS
 def test_a_new_bound_moves_the_arm_out_of_the_way(hand):
     parts = Parts(hand, [])

@@ -113,6 +113,7 @@ def test_both_hands_play_at_once():
     assert above.max() < NEARLY
 
 
+@pytest.mark.slow
 def test_the_same_piece_gives_the_same_plan():
     first, again = planned(PIECE, full=False), plan(roll_of(PIECE), scene_of(full=False), QUICK)
     np.testing.assert_array_equal(first.positions, again.positions)
@@ -121,6 +122,7 @@ def test_the_same_piece_gives_the_same_plan():
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.slow
 def test_a_score_is_planned_as_its_roll_and_gets_the_fingers_it_lacks():
     score = without_fingers(five_fingers(order=(0, 1)))
     made = plan(score, scene_of(full=False), QUICK)
@@ -182,6 +184,7 @@ def test_an_arm_without_notes_makes_room_for_one_that_plays_on_its_side():
     assert pressed_tips(made, scene)[:, 1].max() < NEARLY
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [1, 2, 5])
 def test_a_piece_may_be_as_short_as_a_control_step(steps):
     active = np.zeros((steps, 88), dtype=bool)

@@ -57,6 +57,7 @@ def solo():
     return env, player, info, actions, env.unwrapped.performance.key_active
 
 
+@pytest.mark.slow
 def test_it_plays_a_piece_well_and_resting_hands_do_not(solo):
     env, _, info, _, _ = solo
     assert info["f1"] > WELL
@@ -79,6 +80,7 @@ def test_it_plays_in_other_settings_too(options):
     assert info["f1"] > WELL
 
 
+@pytest.mark.slow
 def test_it_plays_on_a_keyboard_that_is_rigid_elsewhere():
     env = piano(PIECE)
     env.fix_keys(45, 65)
@@ -226,6 +228,7 @@ def test_as_many_observations_as_environments_are_expected(solo):
 # Pieces that wrappers choose.
 
 
+@pytest.mark.slow
 def test_it_plays_what_a_wrapper_makes_of_a_piece():
     env = TemporalStretch(piano(PIECE), 1.5)
     info, actions = play(env, PlannedPianist(env, QUICK))
@@ -248,6 +251,7 @@ def test_it_plays_each_of_the_pieces_that_are_chosen():
     assert len(set(lengths)) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*cannot be played")
 def test_a_piece_that_is_chosen_again_is_not_planned_again():
     env, trackers = piano(OTHER), Trackers(CARELESS)

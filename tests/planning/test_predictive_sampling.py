@@ -60,6 +60,7 @@ def everything_in(data):
     return {k: v.copy() for k, v in arrays.items() if isinstance(v, np.ndarray)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("physics", [None, "reference"])
 def test_the_environment_is_left_as_it_is(physics):
     env = make_env()
@@ -102,6 +103,7 @@ def test_a_single_candidate_with_a_plan_is_the_planned_pianist():
     np.testing.assert_allclose(sampled, planned, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_plan_tells_where_the_actuators_are_at_the_end_of_a_step():
     env = make_env(initial_buffer_time=0.3)
     nominal = Tracked(Trackers(WEAK).of(env))

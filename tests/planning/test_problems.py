@@ -88,6 +88,7 @@ def test_what_can_be_played_beside_a_problem_is_planned():
     assert pressed_tips(made, scene_of(full=False))[-1, 1] < 0.001
 
 
+@pytest.mark.slow
 def test_a_finger_lets_go_for_another_key_if_no_other_is_left():
     assert problems_of((72, 2), (76, 2)) == (), "another finger takes one of them"
     chord = [(pitch, finger, 0.0, 0.4) for finger, pitch in enumerate((72, 74, 76, 77, 79))]

@@ -15,6 +15,8 @@ from sb3_piano.planning.piece_planner import PiecePlanner
 from sb3_piano.planning.rehearsal import rehearse
 from sb3_piano.simulation import compile_scene
 
+pytestmark = pytest.mark.slow
+
 # A leap there and back, which costs the plan some frames.
 SCORE = Score(
     notes=[
@@ -42,14 +44,12 @@ def f1_of(settings: PlanSettings) -> float:
     return float(info["f1"])
 
 
-@pytest.mark.slow
 def test_a_rehearsed_plan_sounds_better_on_stage():
     plain = f1_of(PLAIN)
     assert plain < 1
     assert f1_of(SETTINGS) > plain
 
 
-@pytest.mark.slow
 def test_the_same_rehearsals_lead_to_the_same_plan(scene):
     first, second = (plan(SCORE, scene, SETTINGS) for _ in range(2))
     np.testing.assert_array_equal(first.commands, second.commands)
@@ -84,7 +84,6 @@ def test_a_new_plan_changes_only_what_is_free(scene):
     )
 
 
-@pytest.mark.slow
 def test_what_is_heard_at_a_rehearsal_is_what_the_environment_hears(scene):
     from sb3_piano.planning.rehearsal import _Stage
 

@@ -234,6 +234,7 @@ def test_the_motion_is_the_one_to_which_commands_within_the_control_ranges_lead(
     assert np.abs(reached - believed).max() < 0.002
 
 
+@pytest.mark.slow
 def test_against_keys_that_push_back_hands_are_told_to_go_farther():
     """What a key does to a finger, the command makes up for: the finger is where it was."""
     bends = KINEMATICS.index("FFJ3")

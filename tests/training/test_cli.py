@@ -126,6 +126,7 @@ def test_a_finished_run_says_so(capsys):
     assert "has done 60 of 60 steps: nothing is left to do" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_run_is_resumed_under_its_own_environment_only(capsys):
     small = ["train", "--env", "Pendulum-v1", "--config", "small.yml", "--run", "run"]
     assert main([*small, "--no-progress"]) == 0

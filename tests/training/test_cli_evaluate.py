@@ -106,6 +106,7 @@ def test_physics_and_seed_reach_the_evaluation(piano_run, call, tmp_path):
     assert found["episode_seeds"] == [3]
 
 
+@pytest.mark.slow
 def test_timing_without_a_hit_is_a_dash(piano_run, call):
     piano_run(STILL)
     rows = {row[0]: row[1:] for row in rows_of(call("evaluate run")[1])}
@@ -131,6 +132,7 @@ def test_several_episodes_have_mean_deviation_and_interval(pendulum_run, call, t
     assert found["episode_seeds"] == [4, 4, 1, 1]
 
 
+@pytest.mark.slow
 def test_from_ten_episodes_on_an_interval_stands_for_itself(pendulum_run, call):
     pendulum_run()
     assert "too narrow" not in call("evaluate run --episodes 10")[1]
@@ -175,6 +177,7 @@ def test_several_runs_have_a_row_each_under_their_piece(piano_run, call, tmp_pat
     assert max(map(len, out.splitlines())) <= 100
 
 
+@pytest.mark.slow
 def test_baselines_that_differ_are_shown_for_each_run(piano_run, call):
     piano_run(STILL, "one")
     piano_run(STILL, "two", control_timestep=0.1)
@@ -235,6 +238,7 @@ def test_named_metrics_choose_rows_or_columns(piano_run, pendulum_run, call):
     assert pendulum[1][2] == "20"
 
 
+@pytest.mark.slow
 def test_files_hold_what_was_found(pendulum_run, call, tmp_path):
     pendulum_run("one")
     pendulum_run("two", algo="sac")
@@ -278,6 +282,7 @@ def test_ctrl_c_writes_what_is_there(pendulum_run, call, tmp_path, ctrl_c):
     assert len((tmp_path / "all.csv").read_text().splitlines()) == 2
 
 
+@pytest.mark.slow
 def test_a_bar_shows_on_a_terminal_how_far_several_runs_are(pendulum_run, call, monkeypatch):
     pendulum_run("one")
     pendulum_run("two")

@@ -94,6 +94,7 @@ def test_a_run_is_recorded_in_its_own_environment(piano_run, capsys):
     assert "PerturbedStart" in str(dataset.recover_environment())
 
 
+@pytest.mark.slow
 def test_a_run_is_recorded_with_its_wrappers_and_normalisation(pendulum_run):
     wrapper = {"gymnasium.wrappers.RescaleAction": {"min_action": -1, "max_action": 1}}
     folder = pendulum_run(env_wrapper=wrapper, normalize=True, n_timesteps=60)
@@ -225,6 +226,7 @@ def test_a_clone_is_a_run_that_can_be_evaluated_and_trained_on(
     assert evaluate(run.path).num_timesteps == 30
 
 
+@pytest.mark.slow
 def test_training_on_may_begin_with_the_data_set_and_survive_a_break(recorded_pendulum, small_yaml):
     run = clone(PENDULUM, "sac", config=small_yaml, prefill=True, **QUICK).folder
     config = run.read_config()
@@ -259,6 +261,7 @@ def test_a_clone_without_normalisation_has_no_statistics(recorded_pendulum, smal
     assert evaluate("here").mean["length"] == 20
 
 
+@pytest.mark.slow
 def test_a_clone_plays_in_the_environment_of_the_data_set():
     """With its options and wrappers, and none of the preset's."""
     env_id = "RoboPianist-debug-CMajorScaleOneHand-v0"

@@ -59,6 +59,7 @@ def test_what_was_played_is_written_as_midi_and_measured(piano_run, midi_file):
     assert evaluation.baseline["recall"] < 0.1
 
 
+@pytest.mark.slow
 def test_hands_that_rest_equal_the_baseline_and_leave_no_midi_file(piano_run, midi_file):
     rest = gym.make("RoboPianist-v0", score=str(midi_file)).unwrapped.rest_action
     folder = piano_run(loud_action())
@@ -71,6 +72,7 @@ def test_hands_that_rest_equal_the_baseline_and_leave_no_midi_file(piano_run, mi
     assert evaluation.baseline["recall"] < 0.1
 
 
+@pytest.mark.slow
 def test_the_file_of_metrics_has_what_was_returned(piano_run):
     evaluation = evaluate(piano_run(loud_action()).path, episodes=2, seed=5)
     content = json.loads(evaluation.metrics_file.read_text())
@@ -88,6 +90,7 @@ def test_the_file_of_metrics_has_what_was_returned(piano_run):
     assert content["performances"] == ["performance_1.mid", "performance_2.mid"]
 
 
+@pytest.mark.slow
 def test_a_run_can_be_judged_on_other_physics_than_its_own(piano_run):
     folder = piano_run(loud_action())
     returns = {}
@@ -101,6 +104,7 @@ def test_a_run_can_be_judged_on_other_physics_than_its_own(piano_run):
         evaluate(folder.path, physics="quick")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", [TD3, SAC])
 def test_returns_equal_those_of_sb3s_own_evaluation_without_exploring(pendulum_run, algorithm):
     wrapper = "gymnasium.wrappers.FlattenObservation"

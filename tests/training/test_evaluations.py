@@ -79,6 +79,7 @@ def test_each_run_plays_each_given_piece_beside_its_baseline(piano_run):
     assert not any((run / "evaluation").exists() for run in runs)
 
 
+@pytest.mark.slow
 def test_the_csv_has_a_row_for_each_episode(three_runs, tmp_path):
     found = evaluate_runs([run.path for run in three_runs], 2, [7, 0])
     found.write_csv(tmp_path / "all.csv")

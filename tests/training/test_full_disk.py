@@ -11,6 +11,8 @@ from sb3_piano.cli import main
 from sb3_piano.exceptions import RunError
 from sb3_piano.training import RunFolder, resume, train
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def disk(tmp_path):

@@ -18,6 +18,7 @@ LOUD = np.where(np.arange(39) % 2 == 0, 0.9, -0.3)
 PIECE = "debug-CMajorScaleOneHand"
 
 
+@pytest.mark.slow
 def test_an_episode_is_written_as_it_moved(piano_run, midi_file):
     evaluation = evaluate(piano_run(LOUD).path, motion=True)
     (path,) = evaluation.motions
@@ -42,6 +43,7 @@ def test_an_episode_is_written_as_it_moved(piano_run, midi_file):
     assert recording.features().hand_motion > 0
 
 
+@pytest.mark.slow
 def test_fingertips_are_where_the_joints_put_them(piano_run, midi_file):
     recording = read_motion(evaluate(piano_run(LOUD).path, motion=True).motions[0])
     env = PianoEnv(str(midi_file))
@@ -72,6 +74,7 @@ def test_hands_that_press_no_key_have_moved_all_the_same(piano_run, midi_file):
     assert read_motion(evaluation.motions[0]).features().action_variance < 1e-9
 
 
+@pytest.mark.slow
 def test_of_several_pieces_each_file_has_the_title_of_its_own(small_config, tmp_path):
     titles = ["CMajorScaleOneHand", "TwinkleTwinkleLittleStar"]
     config = small_config(

@@ -202,6 +202,7 @@ def test_a_run_plays_another_piece_in_a_folder_of_its_own(run_that_does, tmp_pat
     assert len(take.qpos) == len(take.performance.roll) + 1
 
 
+@pytest.mark.slow
 def test_the_seed_and_the_physics_reach_the_environment(run_that_does):
     run = run_that_does(LOUD, randomize_hand_positions=True)
     first, again, other = (take_of_run(run, seed=seed) for seed in (3, 3, 4))

@@ -127,6 +127,7 @@ def test_the_listener_hears_of_planning_and_of_every_step():
     assert min(played.planning, played.playing) > 0
 
 
+@pytest.mark.slow
 def test_equal_seeds_of_sampling_play_alike():
     def played(seed):
         arguments = {"samples": 3, "horizon": 2, "nominal": "none", "n_threads": 1}

@@ -25,6 +25,7 @@ class AlwaysTwinkle(gym.Wrapper):
         return self.env.reset(seed=seed, options={"score": "TwinkleTwinkleLittleStar"})
 
 
+@pytest.mark.slow
 def test_episodes_are_recorded_with_their_motion(piano_run):
     with SavedPlayer.open(piano_run(STILL).path, seed=3) as player:
         assert isinstance(player.env, PianoEnv)

@@ -107,6 +107,7 @@ def test_a_replay_buffer_is_compact_and_holds_the_whole_training(algo):
         assert arguments["gamma"] == 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algo", ["crossq", "sac", "tqc"])
 def test_the_entropy_is_set_for_the_number_of_actions(algo):
     for env_id in IDS:

@@ -18,6 +18,7 @@ from sb3_piano.training import RunFolder, resume, train
 from sb3_piano.training import session as session_module
 
 
+@pytest.mark.slow
 def test_after_a_crash_the_last_checkpoint_can_be_resumed(run, monkeypatch, tmp_path):
     with pytest.raises(RuntimeError, match="crash"):
         run(callback=act_at(50, "crash"))
@@ -33,6 +34,7 @@ def first_and_resumed(run, **changes):
     return first, resume(first.folder.path, 100, progress_bar=False, checkpoint_every=30)
 
 
+@pytest.mark.slow
 def test_resuming_goes_on_with_steps_rows_and_updates(run, monkeypatch):
     seen = {}
 
@@ -71,6 +73,7 @@ def test_resuming_is_deterministic_and_starts_other_episodes_than_the_first_sitt
     assert starts[60] != starts[0]  # the first observations of both sittings
 
 
+@pytest.mark.slow
 def test_resuming_appends_to_monitor_and_log(run, episodes_of):
     _, second = first_and_resumed(run)
     assert len(episodes_of(second.folder.monitor_dir)) == 5
@@ -78,6 +81,7 @@ def test_resuming_appends_to_monitor_and_log(run, episodes_of):
     assert len(list(second.folder.tensorboard_dir.iterdir())) == 1
 
 
+@pytest.mark.slow
 def test_resuming_keeps_the_statistics_of_vec_normalize(run, monkeypatch):
     first = run(n_timesteps=60, normalize=True)
     counts = []
@@ -110,6 +114,7 @@ def test_several_environments_in_threads_or_processes_of_their_own(run, vec_env)
     assert len(list(again.folder.monitor_dir.glob("*.monitor.csv"))) == 2
 
 
+@pytest.mark.slow
 def test_a_finished_run_is_left_alone(run):
     folder = run().folder
     before = {path: path.stat().st_mtime_ns for path in folder.path.rglob("*")}
@@ -120,6 +125,7 @@ def test_a_finished_run_is_left_alone(run):
     assert folder.read_config().n_timesteps == 100
 
 
+@pytest.mark.slow
 def test_a_run_that_had_saved_nothing_starts_over(run, monkeypatch, caplog, tmp_path, episodes_of):
     with pytest.raises(RuntimeError, match="crash"):
         run(every=1000, callback=act_at(50, "crash"))

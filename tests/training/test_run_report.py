@@ -29,6 +29,7 @@ def text_of(path):
     return " ".join(html.unescape(re.sub(r"<[^>]+>", " ", page)).split())
 
 
+@pytest.mark.slow
 def test_it_shows_what_an_evaluation_from_the_same_seed_measures(piano_run):
     run = piano_run(loud_action())
     evaluation = evaluate(run.path, seed=3)
@@ -83,6 +84,7 @@ def test_the_log_of_a_training_is_drawn(piano_run):
     assert 'id="training-1"' in page.read_text()
 
 
+@pytest.mark.slow
 def test_curves_are_what_the_training_logged(run):
     folder = run(n_timesteps=100).folder
     curves = training_curves(folder)
@@ -128,6 +130,7 @@ def test_without_a_log_there_are_no_curves(tmp_path):
     assert training_curves(RunFolder(tmp_path)) == {}
 
 
+@pytest.mark.slow
 def test_what_cannot_be_shown_is_refused(pendulum_run, piano_run, tmp_path):
     with pytest.raises(RunError, match="its environment 'Pendulum-v1' is no piano"):
         write_report(pendulum_run("other").path)
@@ -143,6 +146,7 @@ def test_what_cannot_be_shown_is_refused(pendulum_run, piano_run, tmp_path):
     assert not (run.evaluation_dir / "report.html").exists()
 
 
+@pytest.mark.slow
 def test_the_command_says_where_the_report_is(piano_run, tmp_path, capsys):
     run = piano_run(loud_action())
     assert main(["report", str(run.path)]) == 0

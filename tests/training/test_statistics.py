@@ -31,6 +31,7 @@ def enumerated_p(differences):
     return np.mean([abs(np.dot(sign, ranks) - middle) >= distance - 1e-9 for sign in signs])
 
 
+@pytest.mark.slow
 def test_the_interval_is_that_of_a_plain_resampling_loop():
     values = np.random.default_rng(5).gamma(2.0, 1.0, 25)
     assert bootstrap_interval(values) == pytest.approx(plain_interval(values), abs=0.03)

@@ -17,6 +17,7 @@ from sb3_piano.training import session as session_module
 from sb3_piano.training import train
 
 
+@pytest.mark.slow
 def test_a_training_writes_model_checkpoint_monitor_and_log(run, episodes_of):
     result = run()
     folder = result.folder
@@ -90,6 +91,7 @@ def test_an_info_keyword_that_the_environment_does_not_tell_is_named(run):
         run(monitor_kwargs={"info_keywords": ["f1"]})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("action", ["SIGINT", "SIGTERM", "keyboard"])
 def test_an_interruption_saves_and_says_so(run, action):
     former = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
@@ -115,6 +117,7 @@ def test_a_callback_that_stops_the_training_is_no_interruption(run):
     assert Checkpoint.read(result.folder.checkpoint_dir).num_timesteps == 50
 
 
+@pytest.mark.slow
 def test_a_signal_in_the_last_step_does_not_undo_a_finished_training(run):
     result = run(callback=act_at(100, "SIGINT"))
     assert (result.interrupted, result.num_timesteps) == (False, 100)

@@ -141,6 +141,7 @@ def train_by_command(tmp_path, score_file, **changes):
     return main([*command, "--seed", "1", "--no-progress", "--run", str(tmp_path / "run")])
 
 
+@pytest.mark.slow
 def test_a_stack_in_yaml_is_trained_with_saved_and_put_back(tmp_path, score_file, capsys):
     assert train_by_command(tmp_path, score_file) == 0
     run = RunFolder.open(tmp_path / "run")
@@ -174,6 +175,7 @@ def test_a_given_piece_is_played_unshifted_but_observed_by_the_runs_wrappers(
         SavedPlayer.open(run.path, score=low)
 
 
+@pytest.mark.slow
 def test_random_pieces_follow_the_seed_also_in_an_evaluation(piano_config, tmp_path):
     pieces = ["CMajorScaleOneHand", "DMajorScaleOneHand", "TwinkleTwinkleLittleStar"]
     chosen = {f"{ROOM}.RandomPiece": {"pieces": pieces}}

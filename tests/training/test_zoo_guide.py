@@ -17,6 +17,8 @@ import yaml
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.simulation import find_gl_backend
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("rl_zoo3")
 
 ENV_ID = "RoboPianist-debug-CMajorScaleOneHand-v0"  # of 151 steps
@@ -90,7 +92,6 @@ def test_what_the_tests_shorten_is_in_the_guide():
     assert [old for old in SHORT if old not in GUIDE] == []
 
 
-@pytest.mark.slow
 def test_training_writes_the_files_that_the_guide_lists(trained):
     files = {path.name for path in trained.rglob("*") if path.is_file()}
     table = dict(re.findall(r"^\| (`.*?) \| (.*?) \|$", SECTIONS["Train"], re.MULTILINE))
@@ -113,7 +114,6 @@ def test_the_zoo_evaluates_without_the_env_kwargs_of_the_file(shell, trained):
     assert (model.observation_space.shape, seen.shape) == ((130,), (1124,))
 
 
-@pytest.mark.slow
 def test_enjoy_plays_the_model_with_the_env_kwargs_of_its_training(shell, trained):
     (command,) = blocks("Enjoy")
     printed = shell(command.replace("-m rl_zoo3.enjoy", "-m rl_zoo3.enjoy -n 151"))
@@ -123,7 +123,6 @@ def test_enjoy_plays_the_model_with_the_env_kwargs_of_its_training(shell, traine
     assert float(found[1]) == pytest.approx(best, rel=0.05)
 
 
-@pytest.mark.slow
 def test_a_model_of_the_zoo_is_judged_as_music(shell, trained, monkeypatch, capsys):
     (code,) = blocks("Enjoy", "py")
     monkeypatch.chdir(shell.folder)
@@ -132,7 +131,6 @@ def test_a_model_of_the_zoo_is_judged_as_music(shell, trained, monkeypatch, caps
     assert re.fullmatch(r"F1 0\.\d{3}, onset F1 0\.\d{3}, playing nothing 0\.007\n", printed)
 
 
-@pytest.mark.slow
 @needs("moviepy")
 @pytest.mark.skipif(find_gl_backend() is None, reason="needs EGL or OSMesa to draw")
 def test_a_video_is_recorded(shell, trained):
@@ -141,13 +139,11 @@ def test_a_video_is_recorded(shell, trained):
     assert len(list((shell.folder / "videos").glob("*.mp4"))) == 1
 
 
-@pytest.mark.slow
 @needs("seaborn", "pandas")
 def test_the_episodes_of_the_training_are_plotted(shell, trained):
     assert "No data available" not in shell(blocks("Plot")[0])
 
 
-@pytest.mark.slow
 @needs("seaborn", "pandas")
 def test_evaluations_are_plotted_by_return_and_by_f1(shell):
     _, train, plot = blocks("Plot")
@@ -172,7 +168,6 @@ def test_monitor_files_have_the_f1_of_each_episode(shell, trained, monkeypatch, 
     assert episode.split()[:2] == ["0", "151"]
 
 
-@pytest.mark.slow
 @needs("pandas")
 def test_the_zoo_optimises_the_return_at_a_high_gamma(shell):
     import optuna

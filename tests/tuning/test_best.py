@@ -306,6 +306,7 @@ def test_an_entry_that_is_not_valid_is_refused():
         zoo_entry("sac", ENV_ID, {**ENTRY, "gama": 0.9})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algo", PRESETS)
 def test_the_entries_of_all_presets_mean_the_same_afterwards(algo):
     entries = read_yaml_mapping(PRESETS[algo])

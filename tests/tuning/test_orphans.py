@@ -142,6 +142,7 @@ def test_the_trial_of_a_worker_that_lives_is_left_alone(store):
     assert [trial.state for trial in study.get_trials()] == [TrialState.RUNNING]
 
 
+@pytest.mark.slow
 def test_trials_that_are_over_are_left_alone(store):
     study = store.study()
     with worker_lock(store.folder) as name:
@@ -251,6 +252,7 @@ def test_the_trial_of_another_machine_is_retried_when_its_heartbeat_has_stopped(
     assert (again.state, again.value) == (TrialState.COMPLETE, params["x"])
 
 
+@pytest.mark.slow
 def test_a_heartbeat_goes_on_after_the_server_was_away(database_url, tmp_path):
     store = Store(StudyFolder(tmp_path), database_url)
     study, other = store.study(), store.study()

@@ -14,6 +14,8 @@ from sb3_piano.tuning.samplers import PRUNERS, SAMPLERS, Search, make_pruner, ma
 from sb3_piano.tuning.search_space.space import Space
 from sb3_piano.tuning.study_config import StudyConfig
 
+pytestmark = pytest.mark.slow
+
 STEPS = 100
 
 
@@ -92,7 +94,6 @@ def test_a_sampler_and_a_pruner_run_a_study_without_a_warning(sampler, pruner, o
     assert optuna_says == []
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("sampler", ["tpe", "cmaes", "gp"])
 def test_a_sampler_learns_after_its_random_trials(sampler):
     def mean_distance(name: str) -> float:

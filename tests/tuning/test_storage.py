@@ -61,6 +61,7 @@ def url(request) -> str | None:
 # What makes two studies one.
 
 
+@pytest.mark.slow
 def test_a_new_study_says_what_it_is_and_waits_with_the_preset(folder, url):
     study = open_study(CONFIG, folder, name="twinkle", url=url)
     assert study.study_name == "twinkle"
@@ -83,6 +84,7 @@ def test_a_preset_that_the_space_holds_in_part_is_noted_as_such(folder):
     assert "batch_size" not in preset.system_attrs["fixed_params"]
 
 
+@pytest.mark.slow
 def test_a_study_opened_again_is_the_same_one(folder, url):
     open_study(CONFIG, folder, name="twinkle", url=url).ask()
     again = open_study(CONFIG, folder, name="twinkle", url=url)
@@ -97,6 +99,7 @@ def test_a_study_has_the_sampler_and_the_pruner_of_the_search(folder):
         assert isinstance(study.pruner, optuna.pruners.HyperbandPruner)
 
 
+@pytest.mark.slow
 def test_who_finds_that_another_made_the_study_just_before_joins_it(folder, url, monkeypatch):
     names_of = optuna.get_all_study_names
 
@@ -277,6 +280,7 @@ def write_and_be_killed(folder: StudyFolder, said) -> None:
         study.set_user_attr("text", "x" * 200_000)  # written in several pieces
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:The value of `grace_period` might be too small:UserWarning")
 @pytest.mark.parametrize("seconds", [0.0, 0.01, 0.05])
 def test_a_journal_outlives_a_worker_killed_in_the_middle_of_writing(seconds, folder, monkeypatch):

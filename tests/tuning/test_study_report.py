@@ -103,6 +103,7 @@ def test_the_summary_counts_trials_and_compares_with_the_preset():
     assert "train with other seeds" in text
 
 
+@pytest.mark.slow
 def test_a_preset_that_is_the_best_is_said_to_be():
     config, study = study_config(), new_study()
     complete_preset(study, config, 0.25)
@@ -317,6 +318,7 @@ def test_every_study_has_the_figures_for_which_there_is_something(fill, space, e
     assert figures_in(page) == expected
 
 
+@pytest.mark.slow
 def test_an_infinite_value_that_was_reported_is_survived():
     config, study = study_config(), new_study()
     trial = begin(study, config)

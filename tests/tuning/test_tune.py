@@ -22,6 +22,8 @@ from sb3_piano.tuning.attributes import repeated
 from sb3_piano.tuning.store.storage import open_study
 from sb3_piano.tuning.study_folder import StudyFolder
 
+pytestmark = pytest.mark.slow
+
 small = small_study.small_study
 MIDI_FILE = Path(__file__).parents[2] / "examples" / "five_fingers.mid"
 TWO = Space({"gamma": Float(0.7, 0.9), "learning_rate": Float(1e-4, 1e-2, log=True)})
@@ -53,7 +55,6 @@ def finished(tmp_path_factory):
     return tune(config, folder / "small", n_trials=3, search=Search(seed=0), progress_bar=False)
 
 
-@pytest.mark.slow
 def test_the_first_trial_has_the_presets_settings(finished):
     assert finished.study.trials[0].params == {"gamma": 0.8, "learning_rate": 2e-3}
     assert finished.preset.number == 0
@@ -76,7 +77,6 @@ def test_optuna_itself_can_read_the_store(finished):
     assert study.best_value == finished.best.value
 
 
-@pytest.mark.slow
 def test_two_workers_run_every_trial_once(storage, tmp_path, monkeypatch):
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         monkeypatch.delenv(name, raising=False)
@@ -94,7 +94,6 @@ def test_two_workers_run_every_trial_once(storage, tmp_path, monkeypatch):
     assert (tmp_path / "threads").read_text() == "1"  # noted by a worker, which shares the cores
 
 
-@pytest.mark.slow
 def test_a_killed_worker_is_noticed_and_its_trial_run_again(storage, tmp_path):
     killed = small_study.wrapped(small_study.KilledOnce, marker=str(tmp_path / "killed"))
     result = run(small(TWO, killed), tmp_path, storage)
@@ -110,7 +109,6 @@ def test_a_killed_worker_is_noticed_and_its_trial_run_again(storage, tmp_path):
     assert "failure" not in again.user_attrs
 
 
-@pytest.mark.slow
 def test_a_study_goes_on_where_it_was_also_with_more_trials(tmp_path):
     first = run(small(TWO), tmp_path, n_trials=1, workers=1, name="more")
     second = run(small(TWO), tmp_path, n_trials=2, workers=1, name="more")
@@ -120,7 +118,6 @@ def test_a_study_goes_on_where_it_was_also_with_more_trials(tmp_path):
     assert again.trials == second.trials
 
 
-@pytest.mark.slow
 def test_ctrl_c_stops_the_workers_and_the_same_call_goes_on(postgresql_url, tmp_path, ctrl_c):
     """With the embedded store: tests/tuning/test_tune_command.py."""
     storage, name = postgresql_url, f"stopped-{time.time_ns()}"
@@ -147,7 +144,6 @@ def press_ctrl_c_once_begun(folder):
     os.kill(os.getpid(), signal.SIGINT)
 
 
-@pytest.mark.slow
 def test_a_study_in_which_every_trial_fails_says_why(tmp_path):
     entry = small_study.wrapped(small_study.Broken, limit=30)
     result = run(small(TWO, entry), tmp_path, n_trials=2, workers=1)
@@ -176,7 +172,6 @@ def test_runs_of_another_study_are_not_overwritten(tmp_path):
         run(small(TWO), tmp_path)
 
 
-@pytest.mark.slow
 def test_workers_that_die_at_once_end_the_study_with_one_error(tmp_path):
     config = small(TWO, small_study.wrapped(small_study.KilledAlways))
     with pytest.raises(RunError, match="3 workers in a row ended with signal SIGKILL"):

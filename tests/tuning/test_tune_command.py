@@ -24,6 +24,8 @@ from sb3_piano.tuning.attributes import FAILURE
 from sb3_piano.tuning.store.locks import any_held
 from sb3_piano.tuning.store.storage import open_storage
 
+pytestmark = pytest.mark.slow
+
 MIDI_FILE = Path(__file__).parents[2] / "examples" / "five_fingers.mid"
 
 
@@ -70,7 +72,6 @@ def error(capsys, *more):
     return line
 
 
-@pytest.mark.slow
 def test_a_study_tells_what_it_found_and_where_everything_is(finished, monkeypatch):
     files, out = finished
     monkeypatch.chdir(files)
@@ -85,7 +86,6 @@ def test_a_study_tells_what_it_found_and_where_everything_is(finished, monkeypat
     assert load_config("td3", ENV_ID, files / folder / "best.yml").n_timesteps == 40
 
 
-@pytest.mark.slow
 def test_a_midi_file_gives_its_study_the_name(files, capsys):
     command = arguments("--midi", str(MIDI_FILE), "--trials", "1", "--seeds", "2")
     del command[command.index("--env") : command.index("--env") + 2]
@@ -98,7 +98,6 @@ def test_a_midi_file_gives_its_study_the_name(files, capsys):
     assert best.env_kwargs["score"] == str(MIDI_FILE)
 
 
-@pytest.mark.slow
 def test_a_study_without_a_complete_trial_is_an_error(files, capsys):
     Path("small.yml").write_text(yaml.safe_dump({"default": {**ENTRY, "learning_rate": 1e30}}))
     assert main(arguments("--trials", "1")) == 2
@@ -128,7 +127,6 @@ def slow_study(files, monkeypatch):
     process.communicate()
 
 
-@pytest.mark.slow
 def test_ctrl_c_on_the_terminal_stops_it_and_the_same_command_goes_on(files, slow_study):
     command, process = slow_study
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does it

@@ -48,6 +48,7 @@ def test_a_due_key_has_its_fingers_colour_and_a_sounding_key_is_green(camera):
     env.close()
 
 
+@pytest.mark.slow
 @needs_gl
 def test_the_picture_is_upright_with_the_sky_above():
     env = PianoEnv(DUE, render_mode="rgb_array", width=64, height=64)
@@ -70,6 +71,7 @@ def test_a_key_is_coloured_while_the_step_just_played_asks_for_it():
     env.close()
 
 
+@pytest.mark.slow
 @needs_gl
 def test_rendering_leaves_the_model_and_the_simulation_as_they_were():
     env = PianoEnv(DUE, render_mode="rgb_array", width=64, height=64)

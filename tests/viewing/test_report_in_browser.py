@@ -15,7 +15,10 @@ from sb3_piano.training import RunConfig, train, write_report
 from sb3_piano.viewing.report import Curve, Report, report_html
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine"),
+]
 
 PLACE = """([second, key]) => {
   const roll = document.getElementById("piano-roll");
@@ -105,7 +108,6 @@ def page_of_three_notes(tmp_path):
     return written(tmp_path / "report.html", three_notes())
 
 
-@pytest.mark.slow
 def test_all_figures_are_drawn_with_all_their_marks(tab, page_of_three_notes):
     tab.open(page_of_three_notes)
     ids = tab.page.eval_on_selector_all(".plotly-graph-div", "nodes => nodes.map(n => n.id)")
@@ -143,7 +145,6 @@ def test_pointing_at_a_bar_shows_pitch_finger_onsets_error_and_result(tab, page_
     assert "finger nearest: left little" in wrong
 
 
-@pytest.mark.slow
 def test_marks_are_hidden_and_shown_by_the_legend(tab, page_of_three_notes):
     tab.open(page_of_three_notes)
     for mark, count in (("wrong", 1), ("missed", 2), ("due-thumb", 1)):
@@ -159,7 +160,6 @@ def test_marks_are_hidden_and_shown_by_the_legend(tab, page_of_three_notes):
     assert tab.count("hit") == 1
 
 
-@pytest.mark.slow
 def test_a_long_piece_is_walked_through_by_buttons_and_by_dragging(tab, tmp_path):
     played = long_performance(1200)
     end = played.roll.duration
@@ -218,7 +218,6 @@ def test_on_a_phone_nothing_is_wider_than_the_screen_and_fingers_scroll_the_page
     assert tab.view()[0] > first
 
 
-@pytest.mark.slow
 def test_a_window_can_be_made_narrower(tab, page_of_three_notes):
     tab.open(page_of_three_notes)
     for width in (900, 700):
@@ -243,7 +242,6 @@ def test_a_piece_named_like_a_script_does_nothing(tab, tmp_path):
     assert tab.page.locator("main img").count() == 0
 
 
-@pytest.mark.slow
 def test_the_report_of_a_run_opens(tab, tmp_path):
     torch.set_num_threads(1)
     config = RunConfig(

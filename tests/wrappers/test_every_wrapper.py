@@ -203,6 +203,7 @@ def layers(env):
     return found
 
 
+@pytest.mark.slow
 def test_observations_lie_in_the_space_and_have_memory_of_their_own(env):
     observation, _ = env.reset(seed=0)
     space = env.observation_space
@@ -218,6 +219,7 @@ def test_observations_lie_in_the_space_and_have_memory_of_their_own(env):
         observation = following
 
 
+@pytest.mark.slow
 def test_the_environment_inside_keeps_its_spaces(stack):
     inside = piano()
     space, low = inside.observation_space, inside.observation_space.low.copy()
@@ -231,6 +233,7 @@ def test_the_environment_inside_keeps_its_spaces(stack):
     assert after == blocks
 
 
+@pytest.mark.slow
 def test_a_score_given_to_reset_arrives_and_is_played_once(env):
     given = Score(notes=[Note(onset=0.0, offset=0.3, pitch=66, finger=1)], title="given")
     env.reset(seed=0, options={"score": given})

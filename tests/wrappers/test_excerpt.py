@@ -78,6 +78,7 @@ class TestSeconds:
         parts = [env.change(SIX, random) for _ in range(50)]
         assert {part.notes[0].onset for part in parts if pitches(part) == [64, 65]} == {0.5}
 
+    @pytest.mark.slow
     @settings(max_examples=60, deadline=None)
     @given(score=playing_scores.scores(), length=st.floats(0.01, 9.0), seed=st.integers(0, 9))
     def test_a_random_part_always_has_notes_and_is_as_long_as_can_be(self, score, length, seed):

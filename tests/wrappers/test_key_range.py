@@ -64,6 +64,7 @@ def test_a_number_of_keys_stands_for_the_central_octaves(keys, low, high):
         assert_only_these_keys_are_seen(env, cut, whole_env, whole, low, high)
 
 
+@pytest.mark.slow
 def test_the_range_of_the_piece_is_the_window_of_the_environment():
     window_env = PianoEnv("CMajorScaleOneHand", observation="window", physics="fast")
     env = KeyRange(PianoEnv("CMajorScaleOneHand", physics="fast"), "piece")

@@ -29,6 +29,7 @@ OTHER = Score(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [0, 1, 4, 10, 100])
 @pytest.mark.parametrize("observation", ["roll", "window"])
 def test_it_is_the_environment_that_looks_as_far_ahead_at_every_step(steps, observation):
@@ -72,6 +73,7 @@ def due_by_hand(roll, step, rows, stride):
     return goal, fingers
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(stride=st.integers(1, 12), strides=st.integers(0, 4))
 def test_a_row_of_a_stride_has_what_is_due_in_any_of_its_steps(stride, strides):

@@ -93,6 +93,7 @@ def test_actions_of_zero_play_bit_by_bit_what_the_planned_pianist_plays(options)
     assert env.unwrapped.performance.sustain.any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("action", [0.5, -0.25])
 def test_an_action_moves_commands_by_its_share_of_the_scale(env, action):
     env.reset()
@@ -113,6 +114,7 @@ def test_an_action_moves_commands_by_its_share_of_the_scale(env, action):
     assert sorted(set(expected)) == [0.1 * 0.06, 0.1 / 3, 0.1]
 
 
+@pytest.mark.slow
 def test_what_is_played_stays_within_the_control_ranges():
     # Only clipped actions, as wrappers inside may see them, are of the action space.
     inside = gym.wrappers.TransformAction(piano(), checked_action, None)
@@ -185,6 +187,7 @@ def test_the_block_is_named_described_and_follows_what_was_observed(env):
 # Pieces.
 
 
+@pytest.mark.slow
 def test_a_wrapper_further_out_chooses_the_piece_that_is_planned():
     shifted = PitchShift(ResidualAction(piano(), settings=QUICK), 2)
     _, info, _ = play(shifted, lambda _: still(shifted))
@@ -240,6 +243,7 @@ def test_a_copy_takes_the_plan_of_the_present_piece_only(env):
 # With other wrappers.
 
 
+@pytest.mark.slow
 def test_inside_the_previous_action_is_what_was_played_outside_the_correction(env):
     played = ResidualAction(PreviousActionReward(piano()), settings=QUICK)
     corrected = PreviousActionReward(env)

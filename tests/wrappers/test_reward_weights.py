@@ -54,6 +54,7 @@ weights = st.dictionaries(
 BARE = piano()
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(inner=weights, outer=weights, seed=st.integers(0, 2**32 - 1))
 def test_rewards_are_those_of_an_environment_made_with_the_weights(inner, outer, seed):

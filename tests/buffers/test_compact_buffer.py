@@ -388,6 +388,7 @@ def test_a_buffer_saved_by_sb3_is_loaded_equal(tmp_path):
     assert_equal(other.replay_buffer, stock)
 
 
+@pytest.mark.slow
 def test_discrete_actions_are_learned_from():
     settings = {"learning_starts": 20, "buffer_size": 50, "device": "cpu", "seed": 1}
     weights = []

@@ -24,6 +24,7 @@ def fields(struct):
             yield name, value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("reduced", "gravity_compensation", "physics", "moving_keys"),
     [*itertools.product([True, False], [True, False], PHYSICS_PROFILES, [(0, 87), (39, 51)])],
@@ -49,6 +50,7 @@ def test_it_compiles_to_the_scene_array_by_array(
                 np.testing.assert_array_equal(value, other, err_msg=name)
 
 
+@pytest.mark.slow
 def test_it_moves_like_the_scene():
     ours = compile_scene().model
     data = mujoco.MjData(ours)

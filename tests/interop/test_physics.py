@@ -62,6 +62,7 @@ def test_the_physics_draws_the_present_state(env):
     assert (env.physics.render(60, 80, camera_id="overview") != at_rest).any()
 
 
+@pytest.mark.slow
 def test_the_viewers_runtime_plays_episode_after_episode(env):
     runtime = import_dm_control("viewer.runtime").Runtime(env, policy=lambda _: ACTIONS[0])
     errors, times = [], []

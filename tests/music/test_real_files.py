@@ -94,6 +94,7 @@ def test_every_midi_file_is_read():
     assert hands == {"test03.mid", "test09.mid"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", SCORES, ids=lambda path: path.name)
 def test_a_musicxml_file_is_read_or_refused_with_its_reason(path):
     result, _ = attempt(path)

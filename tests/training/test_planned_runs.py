@@ -256,6 +256,7 @@ def test_the_policy_of_stable_baselines_judges_it_like_a_model(pianist, expected
     assert deviation == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("own", [True, False], ids=["a copy of its own", "the pianist's"])
 def test_callbacks_evaluate_it_like_a_model(own, pianist, expected):
     callback = F1Callback(

@@ -102,6 +102,7 @@ def test_a_shared_piano_is_evaluated_reported_and_played(piano_run, tmp_path, un
     assert unpickled == [], "a pickle beside the weights is left alone"
 
 
+@pytest.mark.slow
 def test_what_plays_without_training_is_shared_too(tmp_path, midi_file):
     run = plan_run(planner_config(str(midi_file)), tmp_path / "planned").folder
     shared = share(run.path, tmp_path / "shared")
@@ -118,6 +119,7 @@ def test_a_shared_run_cannot_be_trained_on_and_has_one_model(pendulum_run, tmp_p
         share(shared.path, shared.path)
 
 
+@pytest.mark.slow
 def test_damaged_weights_are_refused_or_harmless(pendulum_run, tmp_path):
     shared = share(pendulum_run(normalize=True).path, tmp_path / "shared")
     file, expected = shared.path / "policy.safetensors", played(shared.path)

@@ -40,16 +40,27 @@ class StopOnRequest(BaseCallback):
         return not (self._request.made and isinstance(self.model, OnPolicyAlgorithm))
 
 
+_answering: list[StopRequest] = []
+"""The request that signals make at present, if any."""
+
+
 @contextlib.contextmanager
 def stop_on_signal() -> Iterator[StopRequest]:
     """Turn the first Ctrl-C or SIGTERM into a request to stop; the second one raises at once.
 
-    The former handlers are back afterwards. Outside the main thread, where Python allows no
-    handlers, signals do what they did before.
+    A block within another one has the request of that, so that none is lost when a training ends
+    just then. The former handlers are back afterwards. Outside the main thread, where Python allows
+    no handlers, signals do what they did before.
 
     Raises:
         KeyboardInterrupt: At the second signal.
     """
+    if threading.current_thread() is not threading.main_thread():
+        yield StopRequest()
+        return
+    if _answering:
+        yield _answering[0]
+        return
     request = StopRequest()
 
     def handle(number: int, frame: FrameType | None) -> None:
@@ -58,12 +69,11 @@ def stop_on_signal() -> Iterator[StopRequest]:
             raise KeyboardInterrupt
         request.made = True
 
-    if threading.current_thread() is not threading.main_thread():
-        yield request
-        return
     former = {number: signal.signal(number, handle) for number in _SIGNALS}
+    _answering.append(request)
     try:
         yield request
     finally:
+        _answering.clear()
         for number, handler in former.items():
             signal.signal(number, handler)

@@ -17,7 +17,6 @@ from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.exceptions import RunError
 from sb3_piano.training import Plugin, RunConfig, RunFolder, entry_config, evaluate, train
 from sb3_piano.training.import_names import import_name
-from sb3_piano.training.interrupts import StopRequest
 from sb3_piano.tuning import attributes
 from sb3_piano.tuning.attributes import result_name
 from sb3_piano.tuning.reporting import AfterEvaluation, TimeLimit
@@ -47,7 +46,6 @@ class Objective:
         folder: Where its runs are kept.
         worker: The name by which others know whether this process is alive, if there are any.
         on_start: Is called when a trial has noted who runs it and what its settings are.
-        request: Tells between two trainings that someone asked for the trial to end.
     """
 
     def __init__(
@@ -56,13 +54,11 @@ class Objective:
         folder: StudyFolder,
         worker: str | None = None,
         on_start: Callable[[], object] = lambda: None,
-        request: StopRequest | None = None,
     ):
         self.config = config
         self.folder = folder
         self.worker = worker
         self.on_start = on_start
-        self.request = StopRequest() if request is None else request
 
     def __call__(self, trial: optuna.Trial) -> float:
         """Run a trial and return its value.
@@ -84,8 +80,6 @@ class Objective:
             entry = self.config.space.apply(self.config.entry, settings)
             config = _without_evaluations(entry_config(self.config.algo, self.config.env_id, entry))
             for seed in self.config.seeds:
-                if self.request.made:
-                    raise TrialInterrupted
                 self._train(dataclasses.replace(config, seed=seed), progress)
         except TrialInterrupted:
             trial.set_user_attr(attributes.INTERRUPTED, True)

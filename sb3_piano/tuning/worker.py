@@ -101,7 +101,7 @@ def run_trial(study: optuna.Study, job: Job, worker: str, request: StopRequest) 
         requeue_orphans(study, job.folder)
         if not is_open(study, job.n_trials):
             return False
-        objective = Objective(job.config, job.folder, worker, on_start=claim.close, request=request)
+        objective = Objective(job.config, job.folder, worker, on_start=claim.close)
         try:
             # Models refer to themselves: without a collection their memory would pile up.
             study.optimize(objective, n_trials=1, catch=(Exception,), gc_after_trial=True)

@@ -15,6 +15,7 @@ from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training import session as session_module
 from sb3_piano.training import train
+from sb3_piano.training.interrupts import stop_on_signal
 
 
 @pytest.mark.slow
@@ -37,6 +38,13 @@ def test_a_training_leaves_no_thread_behind(run, small_config, tmp_path):
     with pytest.raises(RuntimeError, match="crash"):
         run(callback=[act_at(10, "crash")])
     assert threading.active_count() == before
+
+
+def test_a_signal_at_the_last_step_reaches_who_trains_one_after_the_other(run):
+    with stop_on_signal() as request:
+        result = run(callback=[act_at(100, "SIGTERM")])
+        assert not result.interrupted  # it was over
+        assert request.made
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from sb3_piano.cli.main import _parser
 from sb3_piano.envs import ENV_IDS, GENERAL_ID
 from sb3_piano.music import Note, Score, load_score, repertoire, write_midi
 from sb3_piano.music.library import user_library
-from sb3_piano.music.repertoire import REPERTOIRE, read_header
+from sb3_piano.music.repertoire import REPERTOIRE
 from sb3_piano.training import load_config
 from sb3_piano.training.builders import build_callbacks
 
@@ -87,14 +87,15 @@ def test_every_link_leads_to_a_file_and_a_heading_that_exist():
                 assert anchor in slugs, f"{page.name}: {link}"
 
 
-@pytest.mark.parametrize("name", REPERTOIRE)
-def test_the_page_of_the_repertoire_tells_what_a_piece_s_file_says(name):
-    file = Path(repertoire.__file__).parent / f"{name.removeprefix('repertoire-')}.notes"
-    header = read_header(file)
-    entry = f"**`{name}`**: {header.composer}, *{header.title}*. {header.source}"
-    if header.simplified:
-        entry += f" Simplified: {header.simplified}"
-    assert entry in " ".join(PAGE.split())
+def test_the_page_of_the_repertoire_tells_what_its_table_says():
+    table = Path(repertoire.__file__).with_name("pieces.yml").read_text("utf-8")
+    facts = yaml.safe_load(table)
+    assert [f"repertoire-{stem}" for stem in facts] == list(REPERTOIRE)
+    for name, piece in zip(REPERTOIRE, facts.values(), strict=True):
+        entry = f"**`{name}`**: {piece['composer']}, *{piece['title']}*. {piece['source']}"
+        if "simplified" in piece:
+            entry += f" Simplified: {piece['simplified']}"
+        assert entry in " ".join(PAGE.split())
 
 
 @pytest.mark.slow

@@ -11,9 +11,6 @@ _ACCIDENTALS = {"": 0, "#": 1, "##": 2, "b": -1, "bb": -2}
 _PITCH = re.compile(r"([A-G])(|##?|bb?)(-?\d)")
 _NAMES = ("C", "C#", "D", "Eb", "E", "F", "F#", "G", "Ab", "A", "Bb", "B")
 
-PITCH_PATTERN = r"[A-G](?:##?|bb?)?-?\d"
-"""What a pitch looks like, for those who look for several in a text."""
-
 
 def pitch_number(name: str) -> int:
     """Return the MIDI pitch of a name, 60 for ``"C4"``; it need not be on the keyboard.

@@ -13,10 +13,23 @@ from music21 import corpus
 from sb3_piano.music import MAX_PITCH, MIN_PITCH, STUDIES, PianoRoll, load_score
 from sb3_piano.music.hands import finger_number
 from sb3_piano.music.pitch import pitch_number
-from sb3_piano.music.repertoire import REPERTOIRE, read_header
+from sb3_piano.music.repertoire import REPERTOIRE
 
 PIECES = sorted(REPERTOIRE)
 FOLDER = Path(REPERTOIRE["repertoire-FurElise"].build.args[0]).parent
+UNITS = {
+    "repertoire-TwinkleTwinkle": (60 / 100, 4),  # quarter notes
+    "repertoire-OdeToJoy": (60 / 112 / 2, 8),  # eighth notes
+    "repertoire-BachPreludeC": (60 / 72 / 4, 16),  # sixteenth notes
+    "repertoire-BachMinuetG": (60 / 112 / 2, 6),  # eighth notes
+    "repertoire-FurElise": (60 / 66 / 4, 6),  # sixteenth notes
+    "repertoire-PathetiqueRondo": (60 / 168 / 2, 8),  # eighth notes
+}
+"""Length in s of what the tests below count in, and how many of them a bar has."""
+
+RELEASE = 0.05
+"""How long before the written end of a note its key is let go, in s."""
+
 BLACK = {1, 3, 6, 8, 10}
 
 # How far apart two fingers of a hand can hold keys, in semitones: the greatest practical spans of
@@ -63,7 +76,7 @@ def held_together(score):
 
 
 def test_each_file_is_a_piece():
-    stems = {path.stem for path in FOLDER.glob("*.notes")}
+    stems = {path.stem for path in FOLDER.glob("*.mid")}
     assert set(REPERTOIRE) == {f"repertoire-{stem}" for stem in stems}
 
 
@@ -145,20 +158,17 @@ def test_the_thumb_seldom_plays_a_black_key_alone(score):
     assert len(alone) <= 0.05 * len(score.notes)
 
 
-def test_only_the_first_and_the_last_bar_may_be_shorter_than_the_meter(piece):
-    text = Path(piece.build.args[0]).read_text(encoding="utf-8")
-    bars = re.findall(r"^bar .*", text, flags=re.MULTILINE)
-    assert not [bar for bar in bars[1:-1] if "length=" in bar]
-
-
-def test_bars_are_as_long_as_the_meter_and_the_tempo_say(piece, score):
-    header = read_header(piece.build.args[0])
-    bar = float(240 * header.meter / header.tempo)
-    text = Path(piece.build.args[0]).read_text(encoding="utf-8")
-    if "tempo=" not in text:
-        np.testing.assert_allclose(np.diff(score.bars), bar)
+def test_only_an_upbeat_and_the_last_bar_may_be_shorter_than_the_meter(score):
+    bar = score.bars[1] - score.bars[0]
+    np.testing.assert_allclose(np.diff(score.bars), bar)
     assert 0 <= score.bars[0] < bar
     assert score.bars[-1] < score.duration
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_bars_are_as_long_as_the_meter_and_the_tempo_say(name):
+    unit, units_per_bar = UNITS[name]
+    np.testing.assert_allclose(np.diff(REPERTOIRE[name].score().bars), unit * units_per_bar)
 
 
 def test_the_pedal_comes_up_before_it_goes_down_again_and_at_the_end(score):
@@ -174,14 +184,12 @@ def units(piece, side):
 
     Lengths are up to the end that is written: later than the key is let go by the release.
     """
-    header = read_header(REPERTOIRE[piece].build.args[0])
-    score = REPERTOIRE[piece].score()
-    unit = float(240 * header.unit / header.tempo)
+    score, (unit, units_per_bar) = REPERTOIRE[piece].score(), UNITS[piece]
     upbeat = score.bars[0] / unit
     found = []
     for note in hand(score, side):
-        bar, at = divmod(round(note.onset / unit - upbeat, 3), float(header.bar_length))
-        length = (note.duration + float(header.release[side])) / unit
+        bar, at = divmod(round(note.onset / unit - upbeat, 3), units_per_bar)
+        length = (note.duration + RELEASE) / unit
         found.append((int(bar) + 1, round(at, 3), note.pitch, round(length, 3)))
     return found
 

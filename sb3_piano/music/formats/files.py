@@ -12,7 +12,6 @@ from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.formats.midi import read_midi, write_midi
 from sb3_piano.music.formats.musicxml import read_musicxml, write_musicxml
 from sb3_piano.music.formats.pig import read_pig, write_pig
-from sb3_piano.music.repertoire.text import read_notes
 from sb3_piano.music.score import Score
 
 _MUSICXML = (".musicxml", ".mxl", ".xml")
@@ -22,7 +21,6 @@ READERS: Mapping[str, Callable[[Path], Score]] = MappingProxyType(
         ".mid": read_midi,
         ".midi": read_midi,
         ".txt": read_pig,
-        ".notes": read_notes,
         **dict.fromkeys(_MUSICXML, read_musicxml),
     }
 )
@@ -40,8 +38,8 @@ WRITERS: Mapping[str, Callable[[Score, Path], None]] = MappingProxyType(
 """How a file is written, by its suffix in lower case."""
 
 ACCEPTED_FILES = (
-    "a .mid or .midi file (MIDI), a .musicxml, .mxl or .xml file (MusicXML), a .txt file (PIG "
-    "fingering) or a .notes file (music as text)"
+    "a .mid or .midi file (MIDI), a .musicxml, .mxl or .xml file (MusicXML) or a .txt file (PIG "
+    "fingering)"
 )
 """The files that can be read, for messages."""
 

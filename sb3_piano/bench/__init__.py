@@ -37,7 +37,6 @@ from sb3_piano.torch_threads import torch_threads
 __all__ = [
     "ENV_ID",
     "PARTS",
-    "TRANSITIONS",
     "BenchReport",
     "Measurement",
     "PeerError",
@@ -50,11 +49,6 @@ __all__ = [
 
 PARTS = ("simulation", "learner", "memory")
 """Parts that can be measured."""
-
-EPISODE_STEPS: int | None = None
-"""Control steps of an episode of the simulation; ``None`` plays whole ones."""
-TRANSITIONS = 500
-"""Transitions in the replay buffers."""
 
 _PACKAGES = ("mujoco", "torch", "numpy", "stable_baselines3")
 _TITLES = {
@@ -115,15 +109,15 @@ def run_bench(
         machine = machine_info()
         try:
             if "simulation" in parts:
-                actions = episode_actions(EPISODE_STEPS)
+                actions = episode_actions()
                 if peer_python is not None:
                     versions, peer = stack.enter_context(open_peer(peer_python, actions))
                 run("simulation", simulation_measurements, actions, peer)
             if "learner" in parts:
-                run("learner", update_measurements, TRANSITIONS)
-                run("training", training_measurements, TRANSITIONS)
+                run("learner", update_measurements)
+                run("training", training_measurements)
             if "memory" in parts:
-                rows += memory_rows(TRANSITIONS)
+                rows += memory_rows()
         except KeyboardInterrupt:
             interrupted = True
     return BenchReport(machine=machine, peer=versions, rows=rows, interrupted=interrupted)

@@ -42,6 +42,10 @@ PEER_INSTALL = (
 """Installs RoboPianist so that it runs with the MuJoCo that this package is tested with."""
 SLOTS: Sequence[int] = (1, 2, 4, 8)
 """Numbers of slots of the vector environments."""
+EPISODE_STEPS: int | None = None
+"""Control steps of an episode of the simulation; ``None`` plays whole ones."""
+TRANSITIONS = 500
+"""Transitions in the replay buffers."""
 UPDATES = 20
 """Updates of the networks in a sample."""
 TRAINING_STEPS = 30
@@ -108,15 +112,11 @@ def _peer_error(python: str, what: str) -> PeerError:
     )
 
 
-def episode_actions(steps: int | None = None) -> Actions:
-    """Actions of an episode, (steps, 39) in [-1, 1]: a filtered random walk.
-
-    Args:
-        steps: Control steps; by default those of a whole episode.
-    """
+def episode_actions() -> Actions:
+    """Actions of an episode, (steps, 39) in [-1, 1]: a filtered random walk."""
     with contextlib.closing(gym.make(ENV_ID)) as made:
         env: Any = made.unwrapped
-        actions = np.empty((steps or len(env.roll), len(env.rest_action)), dtype=np.float32)
+        actions = np.empty((EPISODE_STEPS or len(env.roll), len(env.rest_action)), dtype=np.float32)
     generator, action = np.random.default_rng(0), np.zeros(actions.shape[1])
     for row in actions:
         action = np.clip(0.9 * action + 0.3 * generator.normal(size=len(action)), -1.0, 1.0)
@@ -182,20 +182,13 @@ def _compare(ratios: dict[str, dict[str, tuple[str, str]]], base: str, label: st
         ratios[name][label] = (name, base)
 
 
-def update_measurements(transitions: int, stack: contextlib.ExitStack) -> list[Measurement]:
-    """Updates of each preset's networks: its default by observation, and for the debug pieces.
-
-    Args:
-        transitions: Transitions in the replay buffer.
-        stack: Closes the environments.
-    """
+def update_measurements(stack: contextlib.ExitStack) -> list[Measurement]:
+    """Updates of each preset's networks: its default by observation, and for the debug pieces."""
     found = []
     for algo in _ALGORITHMS:
         base = f"{algo}, {OBSERVATIONS[0]}"
-        configs = {
-            f"{algo}, {kind}": _config(algo, transitions, observation=kind) for kind in OBSERVATIONS
-        }
-        configs[f"{algo} for debug pieces"] = _config(algo, transitions, ENV_ID)
+        configs = {f"{algo}, {kind}": _config(algo, observation=kind) for kind in OBSERVATIONS}
+        configs[f"{algo} for debug pieces"] = _config(algo, ENV_ID)
         for name, config in configs.items():
             model, _ = _filled_model(config, stack)
             ratios = {} if name == base else {f"x of {base}": (name, base)}
@@ -210,10 +203,10 @@ def _run_updates(model: OffPolicyAlgorithm) -> Sample:
     return Sample(UPDATES, time.perf_counter() - start)
 
 
-def training_measurements(transitions: int, stack: contextlib.ExitStack) -> list[Measurement]:
-    """Whole training with each preset; arguments as of :func:`update_measurements`."""
+def training_measurements(stack: contextlib.ExitStack) -> list[Measurement]:
+    """Whole training with each preset: its default, and for the debug pieces."""
     return [
-        training_measurement(f"{algo}{suffix}", _config(algo, transitions, env_id), stack)
+        training_measurement(f"{algo}{suffix}", _config(algo, env_id), stack)
         for algo in _ALGORITHMS
         for suffix, env_id in (("", GENERAL_ID), (" for debug pieces", ENV_ID))
     ]
@@ -266,11 +259,11 @@ class _Stopwatch:
             self.seconds += time.perf_counter() - start
 
 
-def _config(algo: str, transitions: int, env_id: str = GENERAL_ID, **env_kwargs: Any) -> RunConfig:
+def _config(algo: str, env_id: str = GENERAL_ID, **env_kwargs: Any) -> RunConfig:
     """A preset on the measured piece, quick to set up without a change to its updates."""
     if env_id == GENERAL_ID:
         env_kwargs["score"] = gym.spec(ENV_ID).kwargs["score"]
-    sizes: dict[str, Any] = {"buffer_size": transitions, "learning_starts": transitions}
+    sizes: dict[str, Any] = {"buffer_size": TRANSITIONS, "learning_starts": TRANSITIONS}
     return load_config(algo, env_id, env_kwargs=env_kwargs, seed=0, monitor_kwargs={}, **sizes)
 
 
@@ -284,14 +277,14 @@ def _filled_model(
     return model.learn(config.algorithm_kwargs["learning_starts"]), venv
 
 
-def memory_rows(transitions: int) -> list[Row]:
+def memory_rows() -> list[Row]:
     """Sizes of SB3's replay buffer and of ours, for RoboPianist's full observation.
 
     Both are filled with the same transitions under random actions, and their sizes then scaled to
     the buffer size of the TD3 preset: nobody has to have the memory for it.
     """
     size = load_config("td3", GENERAL_ID).algorithm_kwargs["buffer_size"]
-    config = _config("td3", transitions, observation="roll")
+    config = _config("td3", observation="roll")
     rows: list[Row] = []
     for kind in (ReplayBuffer, CompactReplayBuffer):
         kwargs = {**config.algorithm_kwargs, "replay_buffer_class": kind}
@@ -300,7 +293,7 @@ def memory_rows(transitions: int) -> list[Row]:
         buffer: Any = model.replay_buffer
         arrays = (value for value in vars(buffer).values() if isinstance(value, np.ndarray))
         nbytes = buffer.nbytes if kind is CompactReplayBuffer else sum(a.nbytes for a in arrays)
-        value, name = nbytes * size / transitions / 1e9, f"{kind.__name__}({size})"
+        value, name = nbytes * size / TRANSITIONS / 1e9, f"{kind.__name__}({size})"
         ratios = {"x of ReplayBuffer": value / rows[0].value} if rows else {}
         rows.append(Row(part="memory", name=name, value=value, unit="GB", ratios=ratios))
     return rows

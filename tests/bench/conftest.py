@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-import sb3_piano.bench
 from sb3_piano.bench import workloads
 
 
 @pytest.fixture
 def short(monkeypatch):
     """Make a benchmark that is over in seconds."""
-    monkeypatch.setattr(sb3_piano.bench, "EPISODE_STEPS", 3)
-    monkeypatch.setattr(sb3_piano.bench, "TRANSITIONS", 4)
+    monkeypatch.setattr(workloads, "EPISODE_STEPS", 3)
+    monkeypatch.setattr(workloads, "TRANSITIONS", 4)
     monkeypatch.setattr(workloads, "SLOTS", (1, 2))
     monkeypatch.setattr(workloads, "UPDATES", 2)
     monkeypatch.setattr(workloads, "TRAINING_STEPS", 3)

@@ -20,12 +20,12 @@ CLASSES = {"sac": SAC, "td3": TD3, "tqc": TQC}
 
 
 @pytest.fixture
-def actions():
-    return workloads.episode_actions(STEPS)
+def actions(short):
+    return workloads.episode_actions()
 
 
 @pytest.fixture
-def simulations(short, actions):
+def simulations(actions):
     with contextlib.ExitStack() as stack:
         found = workloads.simulation_measurements(actions, None, stack)
         yield {measurement.name: measurement for measurement in found}
@@ -49,7 +49,8 @@ def calls(monkeypatch):
     return listen
 
 
-def test_actions_are_a_random_walk_that_is_clipped(actions):
+def test_actions_are_a_random_walk_that_is_clipped(actions, monkeypatch):
+    monkeypatch.setattr(workloads, "EPISODE_STEPS", None)
     whole = workloads.episode_actions()
     assert (whole.shape, whole.dtype) == ((len(gym.make(ENV_ID).unwrapped.roll), 39), np.float32)
     assert (whole.min(), whole.max()) == (-1, 1)
@@ -79,7 +80,7 @@ def test_who_is_compared_with_whom(simulations):
     assert list(simulations) == list(expected)
 
 
-def test_a_peer_is_compared_with_by_everyone(short, actions):
+def test_a_peer_is_compared_with_by_everyone(actions):
     counts = {"physics": [7, 0.5], "env": [3, 0.5]}
     with contextlib.ExitStack() as stack:
         found = workloads.simulation_measurements(actions, counts.__getitem__, stack)
@@ -159,7 +160,7 @@ def trained(monkeypatch):
 
 def test_each_preset_is_updated_with_each_observation(short, trained):
     with contextlib.ExitStack() as stack:
-        measurements = workloads.update_measurements(4, stack)
+        measurements = workloads.update_measurements(stack)
         assert trained == []  # the buffer was filled without learning
         samples = [measurement.run() for measurement in measurements]
     assert {sample.count for sample in samples} == {2}
@@ -178,7 +179,7 @@ def test_each_preset_is_updated_with_each_observation(short, trained):
 
 def test_whole_training_steps_and_learns(short, trained):
     with contextlib.ExitStack() as stack:
-        measurements = workloads.training_measurements(4, stack)
+        measurements = workloads.training_measurements(stack)
         names = [measurement.name for measurement in measurements]
         assert names == [n for a in CLASSES for n in (a, f"{a} for debug pieces")]
         for measurement in measurements:
@@ -192,8 +193,9 @@ def test_whole_training_steps_and_learns(short, trained):
                 assert sum(sample.parts.values()) == pytest.approx(sample.seconds)
 
 
-def test_the_memory_of_replay_buffers_is_scaled_to_the_size_in_the_preset():
-    stock, compact = workloads.memory_rows(310)  # two episodes end
+def test_the_memory_of_replay_buffers_is_scaled_to_the_size_in_the_preset(monkeypatch):
+    monkeypatch.setattr(workloads, "TRANSITIONS", 310)  # two episodes end
+    stock, compact = workloads.memory_rows()
     assert (stock.part, stock.name, stock.unit) == ("memory", "ReplayBuffer(1000000)", "GB")
     assert stock.value == pytest.approx(1e6 * 4 * (2 * 1124 + 39 + 3) / 1e9, rel=1e-12)
     env = gym.make(ENV_ID)

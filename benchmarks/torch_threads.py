@@ -20,11 +20,8 @@ from typing import Any
 import gymnasium as gym
 import torch
 
-from sb3_piano.bench import BenchSettings
-from sb3_piano.bench.learner import training_contestant
-from sb3_piano.bench.rounds import Comparison, Contestant, Lap, Race
-from sb3_piano.bench.rows import speed_rows
-from sb3_piano.bench.settings import ENV_ID
+from sb3_piano.bench import ENV_ID, Measurement, Row, Sample, measure
+from sb3_piano.bench.workloads import training_measurement
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.threads import usable_cores
 from sb3_piano.torch_threads import torch_threads
@@ -43,30 +40,30 @@ def busy(jobs: int) -> Iterator[None]:
             job.wait()
 
 
-def contestant(training: Contestant, jobs: int, threads: int | None) -> Contestant:
+def beside(training: Measurement, jobs: int, threads: int | None) -> Measurement:
     """Return a training with so many threads of torch, beside so many jobs."""
 
-    def play() -> Lap:
+    def run() -> Sample:
         with busy(jobs), torch_threads(threads):
-            lap = training.play()
-        return Lap(steps=lap.steps, seconds=lap.seconds)
+            sample = training.run()
+        return Sample(sample.count, sample.seconds)
 
-    name = f"{training.name}, beside {jobs} jobs, threads: "
-    base = f"{name}{torch.get_num_threads()}"
+    prefix = f"{training.name}, beside {jobs} jobs, threads: "
+    base = f"{prefix}{torch.get_num_threads()}"
     if threads is not None:
-        return Contestant(name=base, unit=training.unit, play=play)
-    versus = Comparison(label="times as fast", base=base)
-    return Contestant(name=f"{name}ours", unit=training.unit, play=play, comparisons=(versus,))
+        return Measurement(name=base, unit=training.unit, run=run)
+    name = f"{prefix}ours"
+    ratios = {"times as fast": (name, base)}
+    return Measurement(name=name, unit=training.unit, run=run, ratios=ratios)
 
 
 def main() -> None:
     """Read the command line, measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--steps", type=int, default=20, help="of training in a lap")
+    parser.add_argument("--steps", type=int, default=20, help="of training in a sample")
     arguments = parser.parse_args()
     torchs = torch.get_num_threads()
-    settings = BenchSettings(transitions=300, training_steps=arguments.steps)
     small: dict[str, Any] = {
         "seed": 0,
         "monitor_kwargs": {},
@@ -80,19 +77,18 @@ def main() -> None:
     }
     with contextlib.ExitStack() as stack:
         trainings = [
-            training_contestant(name, settings, config, stack) for name, config in configs.items()
+            training_measurement(name, config, stack, steps=arguments.steps)
+            for name, config in configs.items()
         ]
-        race = Race(
-            "training",
-            [
-                contestant(training, jobs, threads)
-                for training in trainings
-                for jobs in (0, usable_cores())
-                for threads in (torchs, None)
-            ],
-        )
-        race.run(arguments.rounds)
-    for row in speed_rows(race.part, race.contestants, race.rounds):
+        measurements = [
+            beside(training, jobs, threads)
+            for training in trainings
+            for jobs in (0, usable_cores())
+            for threads in (torchs, None)
+        ]
+        rows: list[Row] = []
+        measure("training", measurements, arguments.rounds, rows)
+    for row in rows:
         gain = "".join(f"  {value:.2f} {label}" for label, value in row.ratios.items())
         print(f"{row.name:50s} {row.value:6.1f} {row.unit}{gain}")
 

@@ -21,17 +21,14 @@ from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
-import mujoco
 import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AsyncVectorEnv
 
 import sb3_piano  # noqa: F401  # registers the environments, also in other processes
-from sb3_piano.bench import BenchSettings
-from sb3_piano.bench.rounds import Comparison, Contestant, Lap, Race
-from sb3_piano.bench.rows import speed_rows
-from sb3_piano.bench.settings import ENV_ID
-from sb3_piano.bench.simulation import UNIT, episode_actions
+from sb3_piano.bench import ENV_ID, Measurement, Row, Sample, measure
+from sb3_piano.bench.playback import play_env, play_physics, record_controls
+from sb3_piano.bench.workloads import UNIT, episode_actions
 
 BASE = "mj_step, 1 process"
 SLOTS = (1, 2, 4, 8)
@@ -46,51 +43,36 @@ def make_env() -> gym.Env[Any, Any]:
 def physics() -> tuple[Any, npt.NDArray[np.float64]]:
     """Return the bare environment and the actuators' targets in an episode, once a process."""
     env: Any = make_env().unwrapped
-    env.reset()
-    controls = []
-    for action in episode_actions(BenchSettings()):
-        env.step(action)
-        controls.append(env.data.ctrl.copy())
-    return env, np.array(controls)
+    return env, record_controls(env, lambda: env.data.ctrl, episode_actions())
 
 
-def play_physics(_: object) -> int:
+def play(_: object) -> int:
     """Play an episode with nothing but MuJoCo; return its steps."""
     env, controls = physics()
-    data = mujoco.MjData(env.model)
-    for control in controls:
-        data.ctrl[:] = control
-        mujoco.mj_step(env.model, data, nstep=env.config.n_substeps)
-    return len(controls)
+    return play_physics(env.model, env.config.n_substeps, controls)[0]
 
 
-def contestant(name: str, play: Callable[[], int], ready: Callable[[], object]) -> Contestant:
-    """Return what plays so many control steps when it is called, after it was made ready."""
-
-    def lap() -> Lap:
-        ready()
-        start = time.perf_counter()
-        return Lap(steps=play(), seconds=time.perf_counter() - start)
-
-    versus = () if name == BASE else (Comparison(label="times the first", base=BASE),)
-    return Contestant(name=name, unit=UNIT, play=lap, comparisons=versus)
-
-
-def of_pool(name: str, pool: multiprocessing.pool.Pool, tasks: int) -> Contestant:
+def of_pool(name: str, pool: multiprocessing.pool.Pool, tasks: int) -> Measurement:
     """Return bare physics in a pool of workers."""
-    return contestant(name, lambda: sum(pool.map(play_physics, range(tasks), chunksize=1)), list)
+
+    def run() -> Sample:
+        start = time.perf_counter()
+        steps = sum(pool.map(play, range(tasks), chunksize=1))
+        return Sample(steps, time.perf_counter() - start)
+
+    return compared(name, run)
 
 
-def of_slots(name: str, venv: Any) -> Contestant:
+def of_slots(name: str, venv: Any) -> Measurement:
     """Return a vector of environments."""
-    rows = np.repeat(episode_actions(BenchSettings())[:, None], venv.num_envs, axis=1)
+    actions = np.repeat(episode_actions()[:, None], venv.num_envs, axis=1)
+    return compared(name, lambda: Sample(*play_env(venv, actions)))
 
-    def play() -> int:
-        for row in rows:
-            venv.step(row)
-        return len(rows) * int(venv.num_envs)
 
-    return contestant(name, play, venv.reset)
+def compared(name: str, run: Callable[[], Sample]) -> Measurement:
+    """Return a measurement that is reported with its ratio to the first one."""
+    ratios = {} if name == BASE else {"times the first": (name, BASE)}
+    return Measurement(name=name, unit=UNIT, run=run, ratios=ratios)
 
 
 def main() -> None:
@@ -113,9 +95,9 @@ def main() -> None:
             for name, venv in (("PianoVectorEnv", ours), ("AsyncVectorEnv", theirs)):
                 stack.enter_context(contextlib.closing(venv))
                 found.append(of_slots(f"{name}, {slots} slots", venv))
-        race = Race("cores", found)
-        race.run(rounds)
-    for row in speed_rows(race.part, race.contestants, race.rounds):
+        rows: list[Row] = []
+        measure("cores", found, rounds, rows)
+    for row in rows:
         ratios = "".join(f"  {value:.2f} {label}" for label, value in row.ratios.items())
         print(f"{row.name:28s} {row.value:6.0f} {row.unit}{ratios}")
 

@@ -14,11 +14,8 @@ import contextlib
 from cells import find_cells
 from rich import print as rich_print
 
-from sb3_piano.bench import progress_bar
-from sb3_piano.bench.learner import training_contestant
-from sb3_piano.bench.rounds import Comparison, Contestant, Race
-from sb3_piano.bench.rows import speed_rows
-from sb3_piano.bench.settings import BenchSettings
+from sb3_piano.bench import Measurement, Row, measure
+from sb3_piano.bench.workloads import TRANSITIONS, training_measurement
 from sb3_piano.training import load_config
 
 TABLE_3 = ["td3/d_major", "td3/d_major_36_keys", "td3/d_major_piece_keys"]
@@ -31,25 +28,24 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=20, metavar="N", help="default: 20")
     arguments = parser.parse_args()
     with contextlib.ExitStack() as stack:
-        race = Race("training", contestants(arguments.cells, stack))
-        with progress_bar() as tick:
-            race.run(arguments.rounds, tick)
-    for row in speed_rows(race.part, race.contestants, race.rounds):
+        rows: list[Row] = []
+        trainings = measurements(arguments.cells, stack)
+        measure("training", trainings, arguments.rounds, rows, progress=True)
+    for row in rows:
         ratios = ", ".join(f"{value:.2f} {label}" for label, value in row.ratios.items())
         rich_print(f"{row.name}: {row.value:.1f} {row.unit}; {ratios}")
 
 
-def contestants(names: list[str], stack: contextlib.ExitStack) -> list[Contestant]:
+def measurements(names: list[str], stack: contextlib.ExitStack) -> list[Measurement]:
     """Return the trainings of some cells, ready to learn."""
-    settings = BenchSettings()
-    small = {"seed": 0, "learning_starts": settings.transitions, "callback": None}
+    small = {"seed": 0, "learning_starts": TRANSITIONS, "callback": None}
     cells = find_cells(names)
     base = cells[0].name
     found = []
     for cell in cells:
         config = load_config(cell.algo, cell.env_id, cell.path, **small)
-        ratios = () if cell.name == base else (Comparison(label=f"x of {base}", base=base),)
-        found.append(training_contestant(cell.name, settings, config, stack, ratios))
+        versus = None if cell.name == base else base
+        found.append(training_measurement(cell.name, config, stack, versus))
     return found
 
 

@@ -17,7 +17,7 @@ _NOTE = "best_model.json"
 
 @dataclass(frozen=True, kw_only=True)
 class BestModel:
-    """What ``best_model.json`` says about the ``best_model.zip`` beside it."""
+    """Content of ``best_model.json``, about the ``best_model.zip`` beside it."""
 
     metric: str
     """By what it is the best."""

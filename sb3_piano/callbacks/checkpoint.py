@@ -22,7 +22,7 @@ _PATTERNS = ("model-*.zip", "vecnormalize-*.pkl", SEGMENT_PATTERN, f"*{PARTIAL_S
 
 @dataclass(frozen=True, kw_only=True)
 class Checkpoint:
-    """What ``checkpoint.json`` says: the files that belong together, and after how many steps."""
+    """Content of ``checkpoint.json``: the files that belong together, and after how many steps."""
 
     num_timesteps: int
     """Environment steps that are in the model and the replay buffer."""
@@ -33,7 +33,7 @@ class Checkpoint:
     replay: ReplayManifest | None = None
     """The replay buffer, if the algorithm has one."""
     labels: Mapping[str, str] = field(default_factory=dict)
-    """What the run is, as given to :class:`ResumableCheckpoint`."""
+    """Identity of the run, as given to :class:`ResumableCheckpoint`."""
 
     @property
     def files(self) -> frozenset[str]:

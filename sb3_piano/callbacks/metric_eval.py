@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from sb3_piano.callbacks.best_model import BestModel
 from sb3_piano.callbacks.episode_info import finite_number
-from sb3_piano.callbacks.own_env import env_name, make_own_env, randomness_aside
+from sb3_piano.callbacks.own_env import env_name, make_own_env, preserve_random_state
 from sb3_piano.callbacks.run_context import RunContext
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.metrics import EPISODE_METRICS
@@ -106,7 +106,7 @@ class MetricEvalCallback(EvalCallback):
             if value < 1:
                 raise ConfigError(f"{name} is {value}: expected 1 or more.")
         super().__init__(
-            _NotYet() if eval_env is None else eval_env,
+            _UnbuiltEnv() if eval_env is None else eval_env,
             callback_on_new_best,
             callback_after_eval,
             n_eval_episodes,
@@ -152,13 +152,13 @@ class MetricEvalCallback(EvalCallback):
 
     def _close_own_env(self) -> None:
         self.eval_env.close()
-        self.eval_env = DummyVecEnv([_NotYet])
+        self.eval_env = DummyVecEnv([_UnbuiltEnv])
 
     def _on_step(self) -> bool:
         if self.eval_freq <= 0 or self.n_calls % self.eval_freq != 0:
             return True
         self.evaluations_metrics.append([])
-        with randomness_aside(self.model, self.seed), self._judgement_aside():
+        with preserve_random_state(self.model, self.seed), self._preserve_judgement():
             if self.seed is not None:
                 self.eval_env.seed(self.seed)
             super()._on_step()
@@ -166,7 +166,7 @@ class MetricEvalCallback(EvalCallback):
         return self._judge()
 
     @contextlib.contextmanager
-    def _judgement_aside(self) -> Iterator[None]:
+    def _preserve_judgement(self) -> Iterator[None]:
         """Let ``EvalCallback`` evaluate and log, but not judge by the return, nor tell anyone."""
         callback, self.callback = self.callback, None
         best, self.best_mean_reward = self.best_mean_reward, np.inf
@@ -254,7 +254,7 @@ class MetricEvalCallback(EvalCallback):
             HumanOutputFormat(sys.stdout).write_sequence([text])
 
 
-class _NotYet(gym.Env[Any, Any]):
+class _UnbuiltEnv(gym.Env[Any, Any]):
     """Stands in for an environment that is made when the training starts."""
 
     observation_space = action_space = gym.spaces.Discrete(1)

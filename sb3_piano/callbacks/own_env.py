@@ -38,7 +38,7 @@ def make_own_env(
     """
     training = model.get_env()
     assert training is not None, "a model that is being trained has environments"
-    with randomness_aside(model, None):
+    with preserve_random_state(model, None):
         venv = copy_env(training, innermost) if run is None else run.make_env(innermost)
     normalization = unwrap_vec_normalize(venv)
     if normalization is not None:
@@ -54,7 +54,7 @@ def sync_normalization(model: BaseAlgorithm, venv: VecEnv) -> None:
 
 
 @contextlib.contextmanager
-def randomness_aside(model: BaseAlgorithm, seed: int | None) -> Iterator[None]:
+def preserve_random_state(model: BaseAlgorithm, seed: int | None) -> Iterator[None]:
     """Give back the global random generators as they were, whatever draws from them meanwhile.
 
     Args:

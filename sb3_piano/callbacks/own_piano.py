@@ -12,7 +12,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from sb3_piano.callbacks.own_env import (
     env_name,
     make_own_env,
-    randomness_aside,
+    preserve_random_state,
     sync_normalization,
 )
 from sb3_piano.callbacks.run_context import RunContext
@@ -60,7 +60,7 @@ class OwnPiano:
             seed: Seeds the environment; ``None`` lets it go on from the last episode.
         """
         sync_normalization(self._model, self._env)
-        with randomness_aside(self._model, seed):
+        with preserve_random_state(self._model, seed):
             if seed is not None:
                 self._env.seed(seed)
             self._play_on()

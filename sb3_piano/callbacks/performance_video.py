@@ -1,4 +1,4 @@
-"""What the model plays, to be watched and heard while it is being trained."""
+"""Videos of the model's playing while it is being trained."""
 
 from __future__ import annotations
 

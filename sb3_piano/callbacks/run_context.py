@@ -1,4 +1,4 @@
-"""What a run tells its callbacks, so that they need no settings for it."""
+"""Context of a run for its callbacks, so that they need no settings for it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ EnvWrapper: TypeAlias = Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class RunContext:
-    """Where a run's files are, and how another of its environments is made."""
+    """Folder of a run's files, and a maker of environments like its own."""
 
     folder: Path
     """The run's folder."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -43,21 +43,20 @@ def add_parser(commands: Any) -> None:
 def _bench(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from sb3_piano.bench import PARTS, BenchSettings, progress_bar, render, run_bench
+    from sb3_piano.bench import PARTS, render, run_bench
     from sb3_piano.files import write_json
 
     file: Path | None = arguments.json
     check_output_file("--json", file)
-    settings = BenchSettings(
-        parts=PARTS if arguments.only is None else tuple(arguments.only),
+    report = run_bench(
+        parts=arguments.only or PARTS,
         rounds=arguments.rounds,
         peer_python=arguments.peer_python,
         num_threads=arguments.num_threads,
+        progress=not arguments.no_progress,
     )
-    with contextlib.nullcontext() if arguments.no_progress else progress_bar() as tick:
-        report = run_bench(settings, tick)
     Console().print(render(report))
     if file is not None:
-        write_json(file, report.to_json())
+        write_json(file, dataclasses.asdict(report))
         print(f"Result: {file}")
     return EXIT_INTERRUPTED if report.interrupted else EXIT_OK

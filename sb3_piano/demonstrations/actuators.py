@@ -9,7 +9,7 @@ import numpy.typing as npt
 from sb3_piano.simulation import PianoScene
 
 METRES_PER_RADIAN = 0.05
-"""How far a forearm is moved, m, where a joint is turned by 1 rad: a twentieth, about what a finger
+"""Travel of a forearm, m, that counts as 1 rad of a joint: a twentieth, about what a finger
 joint moves its tip."""
 
 FloatArray = npt.NDArray[np.float64]

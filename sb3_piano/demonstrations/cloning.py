@@ -33,7 +33,7 @@ _CONSTANT = 1e-8
 
 @dataclass(frozen=True, kw_only=True)
 class Cloning:
-    """How :func:`clone_behaviour` went."""
+    """Result of :func:`clone_behaviour`."""
 
     n_transitions: int
     """Transitions that were learnt from."""
@@ -109,7 +109,7 @@ def clone_behaviour(
 
 @dataclass(frozen=True, kw_only=True)
 class _Fit:
-    """What is fitted to what."""
+    """Observations and the actions to fit."""
 
     model: BaseAlgorithm
     observations: torch.Tensor

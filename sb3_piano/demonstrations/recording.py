@@ -29,7 +29,7 @@ Env = gym.Env[Any, Any]
 
 
 class Predictor(Protocol):
-    """What plays: a model of Stable-Baselines3, a planned pianist, or anything with its method."""
+    """Player: a model of Stable-Baselines3, a planned pianist, or anything with its method."""
 
     def predict(
         self,
@@ -43,12 +43,12 @@ class Predictor(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """What :func:`record` wrote."""
+    """Result of :func:`record`."""
 
     dataset: MinariDataset
     """The data set."""
     episodes: tuple[Mapping[str, float], ...]
-    """What is noted about each episode: ``noise``, ``return`` and, of pianos, the music metrics."""
+    """Notes on each episode: ``noise``, ``return`` and, of pianos, the music metrics."""
     interrupted: bool = False
     """Whether Ctrl-C ended it before all episodes were played."""
 

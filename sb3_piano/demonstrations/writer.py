@@ -52,7 +52,7 @@ class Episode:
     terminated: bool
     """Whether the episode ended; otherwise it was truncated."""
     notes: Mapping[str, float] = field(default_factory=dict)
-    """What is noted about it, such as ``f1``."""
+    """Notes on it, such as ``f1``."""
 
 
 class DatasetWriter:

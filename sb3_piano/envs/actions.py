@@ -1,4 +1,4 @@
-"""What an action means: target positions of all actuators, and the pedal."""
+"""Map from actions to target positions of all actuators, and the pedal."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.simulation import physics_profile
 
 OBSERVATIONS = ("roll", "window", "fingers")
-"""How goal and state may be observed."""
+"""Ways to observe goal and state."""
 
 MAX_LOOKAHEAD = 10_000
 """The most control steps after the current one that an observation may show."""
@@ -25,12 +25,12 @@ MAX_REWARD_WEIGHT = 1e6
 """The largest weight of a term of the reward."""
 
 FINGERING_REWARDS = ("auto", "labels", "optimal-transport", "off")
-"""What the fingering term of the reward may measure."""
+"""Measures of the fingering term of the reward."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PianoEnvConfig:
-    """What may be chosen about a :class:`~sb3_piano.envs.PianoEnv`, besides the score.
+    """Settings of a :class:`~sb3_piano.envs.PianoEnv`, besides the score.
 
     The defaults are those with which RoboPianist's authors train.
 
@@ -44,7 +44,7 @@ class PianoEnvConfig:
     or the path of a file whose labels are put on the environment's own score (not on another one
     that ``reset`` names)."""
     n_steps_lookahead: int = 10
-    """How many control steps after the current one the goal shows; 0 to 10,000."""
+    """Control steps after the current one that the goal shows; 0 to 10,000."""
     observation: str = "roll"
     """"roll" is RoboPianist's observation; "window" is the same for the keys of the piece and three
     beside them; "fingers" has for each finger where and when it must press next."""

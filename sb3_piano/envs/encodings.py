@@ -1,4 +1,4 @@
-"""How goal and state become an observation: RoboPianist's full roll, or less that says as much.
+"""Encodings of goal and state as observations: RoboPianist's full roll, or smaller ones.
 
 An encoding lays out the observation once, prepares itself for each score, and then writes one
 vector a control step.

@@ -1,4 +1,4 @@
-"""What each finger is to do next, at every control step of a piece."""
+"""Next goals of each finger, at every control step of a piece."""
 
 from __future__ import annotations
 

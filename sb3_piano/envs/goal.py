@@ -1,4 +1,4 @@
-"""What an episode asks for: a score, cut into control steps and ready to be compared with."""
+"""Goal of an episode: a score, cut into control steps and ready to be compared with."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 
 class StepGoal(NamedTuple):
-    """What one control step asks for."""
+    """Goal of one control step."""
 
     due: BoolArray
     """(88,) keys that should sound; a view of the roll."""
@@ -55,7 +55,7 @@ class Goal:
         if config.fingering_reward == "auto":
             self.fingering_reward = "labels" if score.has_fingering else "optimal-transport"
         self.steps = tuple(_step_goal(self.roll, step) for step in range(len(self.roll)))
-        """What each control step asks for."""
+        """Goal of each control step."""
         self.highest_return = self._highest_return(config)
         """No return under the environment's reward is higher."""
 

@@ -27,7 +27,7 @@ class ObservationBlock:
     unit: str
     """Unit of its numbers; "1" for pure numbers."""
     meaning: str
-    """What its numbers say, in a sentence."""
+    """Meaning of its numbers, in a sentence."""
     low: npt.ArrayLike = 0.0
     """Least value of its numbers; broadcast to the shape."""
     high: npt.ArrayLike = 1.0
@@ -41,12 +41,12 @@ class ObservationBlock:
 
     @property
     def size(self) -> int:
-        """How many numbers the block holds."""
+        """Size of the block."""
         return math.prod(self.shape)
 
     @property
     def slice(self) -> slice:
-        """Where the block stands in the observation vector."""
+        """Place of the block in the observation vector."""
         return slice(self.start, self.start + self.size)
 
     @property
@@ -81,7 +81,7 @@ class ObservationLayout(Mapping[str, ObservationBlock]):
             self._blocks[block.name] = dataclasses.replace(block, start=start)
             start += block.size
         self.size = start
-        """How many numbers the observation has."""
+        """Size of the observation."""
 
     def __getitem__(self, name: str) -> ObservationBlock:
         return self._blocks[name]

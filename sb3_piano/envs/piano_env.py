@@ -149,7 +149,7 @@ class PianoEnv(gym.Env[Any, Any]):
 
     @property
     def steps_played(self) -> int:
-        """How many control steps of this episode are over."""
+        """Number of control steps of this episode that are over."""
         return self._record.steps
 
     @property
@@ -169,7 +169,7 @@ class PianoEnv(gym.Env[Any, Any]):
 
     @property
     def performance(self) -> Performance:
-        """What was played in this episode so far."""
+        """Performance in this episode so far."""
         return self._record.performance()
 
     @property

@@ -1,4 +1,4 @@
-"""When, within a control step, keys went down and came up."""
+"""Times within a control step at which keys went down and came up."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
 
 _LEAST = 1e-3
-"""How long a press lasts at least, s: a key may go down with the very last physics step."""
+"""Least duration of a press, s: a key may go down with the very last physics step."""
 
 
 def press_times(

@@ -14,7 +14,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class Reading(NamedTuple):
-    """What hands and keys are doing. The arrays that are views change with the simulation."""
+    """State of hands and keys. The arrays that are views change with the simulation."""
 
     data: mujoco.MjData
     """The simulation itself."""

@@ -1,4 +1,4 @@
-"""What happens in the bare environment while something plays in it."""
+"""Recorder of the bare environment while something plays in it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sb3_piano.performance import Performance
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How everything moved in an episode, enough to draw it, and what was done for that."""
+    """Motion of an episode, enough to draw it, and the actions that led to it."""
 
     qpos: npt.NDArray[np.float64]
     """(T + 1, nq) joint positions at the start and after each control step, rad or m."""
@@ -38,9 +38,9 @@ class Recording:
     """``return``, ``length`` in steps and, of piano environments, the music metrics and the sums of
     the reward's weighted terms, by their names in ``info``."""
     performance: Performance | None
-    """What was played; ``None`` if the environment is no piano."""
+    """Performance; ``None`` if the environment is no piano."""
     motion: Motion | None
-    """How the hands moved; ``None`` if the environment is no piano."""
+    """Motion of the hands; ``None`` if the environment is no piano."""
 
 
 class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):

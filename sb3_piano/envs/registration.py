@@ -18,7 +18,7 @@ GENERAL_ID = "RoboPianist-v0"
 """The id that plays any score, given as ``score=``."""
 
 _BENCHMARKS = ("debug-", "etude-12-", "repertoire-150-")
-"""How the names of the pieces of RoboPianist's own suite begin."""
+"""Prefixes of the names of the pieces of RoboPianist's own suite."""
 
 PIECE_IDS: Mapping[str, str] = MappingProxyType(
     {f"RoboPianist-{name}-v0": name for name in BUILT_IN}

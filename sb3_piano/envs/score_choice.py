@@ -1,4 +1,4 @@
-"""What is played in an episode, chosen by the options of ``reset``."""
+"""Score of an episode, chosen by the options of ``reset``."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ class EnvState:
     physics: npt.NDArray[np.float64]
     """MuJoCo's integration state."""
     score: Score
-    """What is played."""
+    """Score that is played."""
     finished: bool
     """Whether the episode has ended."""
     pedal: float

@@ -76,7 +76,7 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
 
     @property
     def n_threads(self) -> int:
-        """How many threads step the environments, the calling one included."""
+        """Number of threads that step the environments, the calling one included."""
         return self._team.n_threads
 
     def reset(

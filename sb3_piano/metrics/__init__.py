@@ -1,4 +1,4 @@
-"""How well a piece was played: pure functions from arrays to numbers."""
+"""Metrics of performances: pure functions from arrays to numbers."""
 
 from sb3_piano.metrics.definitions import DEFINITIONS, Definition, has_value
 from sb3_piano.metrics.episode import EPISODE_METRICS, FINGER_SHARES, episode_metrics

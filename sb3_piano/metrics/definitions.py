@@ -1,4 +1,4 @@
-"""What each number of an episode is called, and what it means in one line."""
+"""Names of the metrics of an episode, and their meanings in one line."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ class Definition:
     name: str
     """Its name in ``info``."""
     section: str
-    """What it is about; heads a part of a table."""
+    """Subject; heads a part of a table."""
     label: str
-    """What it is called where it stands alone."""
+    """Label where it stands alone."""
     short: str
-    """What it is called under its section's heading."""
+    """Label under its section's heading."""
     meaning: str
-    """What it means, a sentence in one line."""
+    """Meaning, a sentence in one line."""
     unit: str = ""
     """Its unit; empty for a share or a plain number."""
     digits: int = 3
-    """How many decimals are worth showing."""
+    """Number of decimals to show."""
 
     def rounded(self, value: float) -> str:
         """Return a value with its number of decimals, without its unit."""

@@ -20,7 +20,7 @@ class FrameScores(NamedTuple):
 
 
 class FrameCounts(NamedTuple):
-    """How many keys there are in each of T control steps."""
+    """Numbers of keys in each of T control steps."""
 
     hit: IntArray
     """(T,) that sound and should."""

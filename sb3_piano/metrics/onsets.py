@@ -11,8 +11,8 @@ from sb3_piano.metrics.matching import IntPairs, match_in_order
 from sb3_piano.metrics.presses import presses_of
 
 ONSET_TOLERANCE = 0.05
-"""How far from its target onset a strike still hits, in s. Source: ``mir_eval.transcription``; the
-curriculum-strategies report on RoboPianist, section 3."""
+"""Distance from its target onset within which a strike hits, in s. Source:
+``mir_eval.transcription``; the curriculum-strategies report on RoboPianist, section 3."""
 
 _MS_PER_S = 1000.0
 
@@ -44,7 +44,7 @@ class OnsetScores(NamedTuple):
 
 
 class TimingError(NamedTuple):
-    """How late the hits are, in ms; early is negative."""
+    """Delay of the hits, in ms; early is negative."""
 
     mean: float
     std: float

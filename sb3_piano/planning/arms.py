@@ -1,4 +1,4 @@
-"""Who is where: the line between the two arms."""
+"""Dividing line between the two arms, state by state, m."""
 
 from __future__ import annotations
 

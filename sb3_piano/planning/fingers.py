@@ -22,7 +22,7 @@ import numpy as np
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.hands import FINGERS_PER_HAND
-from sb3_piano.planning.grips import LetGo, let_go, out_of_reach
+from sb3_piano.planning.grips import EarlyRelease, early_releases, out_of_reach
 from sb3_piano.planning.key_places import THUMB, KeyPlaces
 from sb3_piano.planning.leaps import hand_place, is_leap, lost_to_leap
 from sb3_piano.planning.presses import Press, presses_of_hand
@@ -33,11 +33,11 @@ _TOLERANCE = 0.010  # so far out of reach, a note is lost; m
 _MOST_LOST = 2.0  # both notes of a grip
 _CROSSED = 1000.0  # fingers that cross, in control steps
 _REPEATED = 0.5  # a strike of the same key by the same finger
-_WAY = 5.0  # the way of a leap, per m: the shorter one, if as much is lost
+_LEAP_WEIGHT = 5.0  # the way of a leap, per m: the shorter one, if as much is lost
 _PASSED = 2.0  # a finger, not the thumb, that passes another one
 _KEPT = 40  # ways that are followed at the same time
 
-_Way = tuple[tuple[int, int], ...]
+_Assignment = tuple[tuple[int, int], ...]
 """Which of the presses that sound, or have just sounded, have which fingers."""
 
 
@@ -46,9 +46,9 @@ class Fitted:
     """A piece as the hands can hold it."""
 
     roll: PianoRoll
-    """With the fingers that play, and none from where on a note is let go."""
-    let_go: tuple[list[LetGo], list[LetGo]]
-    """What the right and the left hand let go before its end."""
+    """With the fingers that play, and none from where on a note is released early."""
+    early_releases: tuple[list[EarlyRelease], list[EarlyRelease]]
+    """Notes that the right and the left hand do not hold to their end."""
 
 
 def fit_fingers(roll: PianoRoll, keys: KeyPlaces, settings: PlanSettings) -> Fitted:
@@ -60,16 +60,16 @@ def fit_fingers(roll: PianoRoll, keys: KeyPlaces, settings: PlanSettings) -> Fit
         settings: The plan's constants.
     """
     label = roll.finger.copy()
-    gone = []
+    releases = []
     for hand, sign in ((0, 1), (1, -1)):
         presses = presses_of_hand(roll, hand)
         for press in presses:
             label[_steps(press)] = UNKNOWN_FINGER
-        kept, fingers, let_go_of_hand = _fit_hand(presses, sign, keys, settings)
+        kept, fingers, hand_releases = _fit_hand(presses, sign, keys, settings)
         for press, finger in zip(kept, fingers, strict=True):
             label[_steps(press)] = hand * FINGERS_PER_HAND + finger
-        gone.append(let_go_of_hand)
-    right, left = gone
+        releases.append(hand_releases)
+    right, left = releases
     return Fitted(dataclasses.replace(roll, finger=label), (right, left))
 
 
@@ -80,23 +80,25 @@ def _steps(press: Press) -> tuple[slice, int]:
 
 def _fit_hand(
     presses: list[Press], sign: int, keys: KeyPlaces, settings: PlanSettings
-) -> tuple[list[Press], list[int], list[LetGo]]:
-    """Return what a hand plays with which fingers, and what it lets go.
+) -> tuple[list[Press], list[int], list[EarlyRelease]]:
+    """Return what a hand plays with which fingers, and what it releases early.
 
     Fingers are chosen anew for what is left, until all of it can be held.
     """
-    gone: dict[tuple[int, int], LetGo] = {}
+    releases: dict[tuple[int, int], EarlyRelease] = {}
     while True:
         fingers = choose(presses, sign, keys, settings)
-        more = let_go(presses, fingers, sign, keys)
+        more = early_releases(presses, fingers, sign, keys)
         if not more:
-            return presses, fingers, list(gone.values())
+            return presses, fingers, list(releases.values())
         for one in more:
             note = one.press.key, one.press.first
-            gone[note] = dataclasses.replace(one, press=gone[note].press) if note in gone else one
+            releases[note] = (
+                dataclasses.replace(one, press=releases[note].press) if note in releases else one
+            )
         shorter = (
-            dataclasses.replace(press, last=gone[note].last)
-            if (note := (press.key, press.first)) in gone
+            dataclasses.replace(press, last=releases[note].last)
+            if (note := (press.key, press.first)) in releases
             else press
             for press in presses
         )
@@ -121,14 +123,14 @@ def choose(
     onsets: dict[int, list[int]] = {}
     for index, press in enumerate(presses):
         onsets.setdefault(press.first, []).append(index)
-    best: dict[_Way, float] = {(): 0.0}
-    trail: list[dict[_Way, _Way]] = []
+    best: dict[_Assignment, float] = {(): 0.0}
+    trail: list[dict[_Assignment, _Assignment]] = []
     for onset, struck in onsets.items():
         before = sorted(best, key=lambda way: best[way])[:_KEPT]
-        onward: dict[_Way, float] = {}
-        came: dict[_Way, _Way] = {}
+        onward: dict[_Assignment, float] = {}
+        came: dict[_Assignment, _Assignment] = {}
         for way in before:
-            for after, cost in costs.ways_on(way, onset, struck):
+            for after, cost in costs.successors(way, onset, struck):
                 if best[way] + cost < onward.get(after, np.inf):
                     onward[after], came[after] = best[way] + cost, way
         best = onward
@@ -143,7 +145,7 @@ def choose(
 
 @dataclass(frozen=True)
 class _Costs:
-    """What fingers cost, in control steps of sound."""
+    """Costs of fingers on presses, in control steps of sound."""
 
     presses: Sequence[Press]
     sign: int
@@ -153,10 +155,12 @@ class _Costs:
 
     @functools.cached_property
     def across(self) -> list[float]:
-        """Where each press is, from the thumb's side to the little finger's, m."""
+        """Place of each press, from the thumb's side to the little finger's, m."""
         return [self.sign * float(self.keys.y[press.key]) for press in self.presses]
 
-    def ways_on(self, way: _Way, onset: int, struck: list[int]) -> Iterator[tuple[_Way, float]]:
+    def successors(
+        self, way: _Assignment, onset: int, struck: list[int]
+    ) -> Iterator[tuple[_Assignment, float]]:
         """Yield the ways in which some presses can be struck, and what each adds to the cost."""
         held = [(i, finger) for i, finger in way if self.presses[i].last >= onset]
         ended = [(i, finger) for i, finger in way if self.presses[i].last < onset]
@@ -215,7 +219,7 @@ class _Costs:
         late, early = lost_to_leap(distance, rest, self.settings)
         upwards = self.across[j] > self.across[i]
         passes = THUMB not in (finger, other) and (other < finger if upwards else other > finger)
-        return late + _WAY * distance + _PASSED * passes, early
+        return late + _LEAP_WEIGHT * distance + _PASSED * passes, early
 
     def _hand(self, i: int, finger: int) -> float:
         return hand_place(self.presses[i].key, finger, self.sign, self.keys)

@@ -1,4 +1,4 @@
-"""Which keys a hand can hold at the same time, and which it lets go if it is asked for more."""
+"""Keys that a hand can hold at the same time, and notes it releases early for others."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ _FARTHEST = np.array(
 
 # So far out of reach, m, fingers end up between the keys. Of 18 such grips of two white keys, held
 # for a second, each came out at a higher F1 with one of them alone (0.79, not 0.26 to 0.77).
-_HOPELESS = 0.018
+_MAX_OVERREACH = 0.018
 
 
 @dataclass(frozen=True)
-class LetGo:
+class EarlyRelease:
     """A note that is not held to its end, as the hand cannot."""
 
     press: Press
@@ -59,10 +59,10 @@ def out_of_reach(apart: float, finger: int, other: int) -> float:
     return float(max(apart - farthest, nearest - apart, 0.0))
 
 
-def let_go(
+def early_releases(
     presses: Sequence[Press], fingers: Sequence[int], sign: int, keys: KeyPlaces
-) -> list[LetGo]:
-    """Return which notes a hand has to let go so that it can play the others.
+) -> list[EarlyRelease]:
+    """Return the notes that a hand has to release early so that it can play the others.
 
     What is held already makes way for what is struck. Of a chord that cannot be struck, the note
     goes that is out of reach for most of the others; of equals, the one nearest to the thumb.
@@ -74,44 +74,48 @@ def let_go(
         keys: The keyboard.
     """
     grips = _Grips(presses, fingers, [sign * float(keys.y[press.key]) for press in presses])
-    gone: list[LetGo] = []
+    releases: list[EarlyRelease] = []
     held: list[int] = []
     for onset, chord in groupby(range(len(presses)), key=lambda i: presses[i].first):
         struck = list(chord)
         held = [i for i in held if presses[i].last >= onset]
-        while rivals := grips.rivals(worst := grips.worst(struck), struck):
-            struck.remove(worst)
-            gone.append(LetGo(presses[worst], onset - 1, presses[rivals[0]].key))
+        while conflicts := grips.conflicts(
+            most_conflicting := grips.most_conflicting(struck), struck
+        ):
+            struck.remove(most_conflicting)
+            releases.append(
+                EarlyRelease(presses[most_conflicting], onset - 1, presses[conflicts[0]].key)
+            )
         stay = []
         for i in held:
-            if rivals := grips.rivals(i, struck):
-                gone.append(LetGo(presses[i], onset - 1, presses[rivals[0]].key))
+            if conflicts := grips.conflicts(i, struck):
+                releases.append(EarlyRelease(presses[i], onset - 1, presses[conflicts[0]].key))
             else:
                 stay.append(i)
         held = stay + struck
-    return gone
+    return releases
 
 
 @dataclass(frozen=True)
 class _Grips:
-    """What can be held together, of all that a hand plays."""
+    """Pairs of presses of one hand that can be held together."""
 
     presses: Sequence[Press]
     fingers: Sequence[int]
     across: Sequence[float]
-    """Where each press is, from the thumb's side to the little finger's, m."""
+    """Place of each press, from the thumb's side to the little finger's, m."""
 
-    def rivals(self, i: int, others: Sequence[int]) -> list[int]:
+    def conflicts(self, i: int, others: Sequence[int]) -> list[int]:
         """Return which of the others cannot be held beside a press."""
         return [j for j in others if j != i and not self._holds(i, j)]
 
-    def worst(self, struck: Sequence[int]) -> int:
-        """Return what has the most rivals, of equals the one nearest to the thumb."""
-        return max(struck, key=lambda i: (len(self.rivals(i, struck)), -self.across[i]))
+    def most_conflicting(self, struck: Sequence[int]) -> int:
+        """Return the press with the most conflicts, of equals the one nearest to the thumb."""
+        return max(struck, key=lambda i: (len(self.conflicts(i, struck)), -self.across[i]))
 
     def _holds(self, i: int, j: int) -> bool:
         low, high = sorted((i, j), key=lambda k: self.across[k])
         finger, other = self.fingers[low], self.fingers[high]
         if finger >= other:  # fingers that cross are another matter
             return finger != other
-        return out_of_reach(self.across[high] - self.across[low], finger, other) <= _HOPELESS
+        return out_of_reach(self.across[high] - self.across[low], finger, other) <= _MAX_OVERREACH

@@ -1,4 +1,4 @@
-"""What a hand's way through a piece costs, state by state, and how that changes with it."""
+"""Residuals and Jacobians of one hand over s states."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class HandCost:
 
     kinematics: HandKinematics
     frames: KeyFrames
-    """What is asked for, of the s states."""
+    """Targets of the s states."""
     settings: PlanSettings
     bound: FloatArray
     """(s,) beyond which the arm must be (in the hand's own direction), m."""
@@ -51,8 +51,8 @@ class HandCost:
         """
         return self._values(positions, self.kinematics.fingertips(positions))
 
-    def trespass(self, positions: FloatArray) -> FloatArray:
-        """Return how far the arm is on the other side of its bound, (s,) m."""
+    def bound_violation(self, positions: FloatArray) -> FloatArray:
+        """Return the distance of the arm beyond its bound, (s,) m, 0 or more."""
         too_far_in = self.sign * (self.bound - self.kinematics.arm(positions))
         return np.asarray(np.maximum(too_far_in, 0))
 
@@ -77,7 +77,7 @@ class HandCost:
         too_near, too_low, forwards, upwards = self._inside_wall(tips)
         values[:, _WALL] = settings.weight_wall * (too_near * forwards + too_low * upwards)
         values[:, _SPACING] = settings.weight_spacing * self._too_close(tips)
-        values[:, _ARMS] = settings.weight_arms * self.trespass(positions)
+        values[:, _ARMS] = settings.weight_arms * self.bound_violation(positions)
         return values
 
     def _slopes(self, tips: FloatArray, jacobian: FloatArray, values: FloatArray) -> FloatArray:

@@ -77,7 +77,7 @@ class HandPlanner:
             self._keys,
             self._settings,
         )
-        """What they ask of the fingertips."""
+        """Targets of the fingertips, by state."""
 
     def begin(
         self, start: int, stop: int, bound: FloatArray, wanted: FloatArray | None
@@ -156,6 +156,6 @@ class HandPlanner:
             firmness = settings.press_force_thumb if finger == THUMB else settings.press_force
             torque = keys.holding_torque[key]
             lever = tips[first:stop, finger, 0] - keys.hinge[key]
-            force = one.touch.firmness * firmness * torque / lever
+            force = one.adjustment.firmness * firmness * torque / lever
             forces[first:stop] += force[:, None] * jacobian[first:stop, finger, _UP]
         return forces

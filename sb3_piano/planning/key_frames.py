@@ -1,4 +1,4 @@
-"""Where a hand's fingertips have to be, state by state."""
+"""Targets of a hand's fingertips, state by state, m."""
 
 from __future__ import annotations
 
@@ -71,27 +71,27 @@ def key_frames(
         keys: The keyboard.
         settings: The plan's constants.
     """
-    sheet = _Sheet(n_states)
+    arrays = _FrameArrays(n_states)
     held = _held_places(timed, sign, n_states, keys)
     mixed = _mixed(timed)
     last = [0] * FINGERS_PER_HAND  # until when each finger holds its note before
     for index, one in enumerate(timed):
         finger = one.press.finger
         place = hand_place(one.press.key, one.press.finger, sign, keys)
-        x = press_x(one.press.key, finger, mixed[index], settings) + one.touch.along
+        x = press_x(one.press.key, finger, mixed[index], settings) + one.adjustment.along
         goal = _Goal(one, x, float(radius[finger]), keys, settings)
         start = max(last[finger] + 2, one.first - settings.hover_states)
         free = {
             state: _is_free(held[state], finger, place, settings.reach)
             for state in range(max(start, 0), min(one.first - 1, n_states))
         }
-        goal.draw(sheet, start, free)
+        goal.write(arrays, start, free)
         last[finger] = max(last[finger], one.last)
-    return KeyFrames(sheet.target, sheet.weight, sheet.on_black, sheet.to_black)
+    return KeyFrames(arrays.target, arrays.weight, arrays.on_black, arrays.to_black)
 
 
-class _Sheet:
-    """The targets while they are written."""
+class _FrameArrays:
+    """Arrays of targets while they are filled."""
 
     def __init__(self, n_states: int):
         self.n_states = n_states
@@ -121,11 +121,11 @@ class _Goal:
     keys: KeyPlaces
     settings: PlanSettings
 
-    def draw(self, sheet: _Sheet, start: int, free: dict[int, bool]) -> None:
+    def write(self, arrays: _FrameArrays, start: int, free: dict[int, bool]) -> None:
         """Write the targets.
 
         Args:
-            sheet: Where to.
+            arrays: Arrays to write to.
             start: The first state in which the finger may move towards the key.
             free: By state before the key is struck, whether the hand is near enough to.
         """
@@ -143,29 +143,29 @@ class _Goal:
             near = 1 - (strike - state) / settings.hover_states
             share = max(_LEAST_HOVER_SHARE, near**3)
             if free.get(state, False):
-                sheet.put(state, finger, _HOVER, self._at(0.0, settings.hover), full * share)
+                arrays.put(state, finger, _HOVER, self._at(0.0, settings.hover), full * share)
         if free.get(strike - 1, False):
             place = self._at(settings.lift_depth)
-            sheet.put(strike - 1, finger, _LIFT, place, full * _LIFT_SHARE)
+            arrays.put(strike - 1, finger, _LIFT, place, full * _LIFT_SHARE)
         ready = settings.leap_ready_depth if one.leapt else settings.ready_depth
-        ready += one.touch.ready
-        sheet.put(strike, finger, _READY, self._at(ready), full * _READY_SHARE)
+        ready += one.adjustment.ready
+        arrays.put(strike, finger, _READY, self._at(ready), full * _READY_SHARE)
         for state in range(one.first, one.last + 1):
-            sheet.put(state, finger, _HOLD, self._at(settings.hold_depth), full)
+            arrays.put(state, finger, _HOLD, self._at(settings.hold_depth), full)
         depth = settings.leap_release_depth if one.leaps else settings.release_depth
         if one.repeated:
             depth = settings.repeat_depth
         share_of = _LEAP_RELEASE_SHARE if one.leaps else _RELEASE_SHARE
-        sheet.put(one.last + 1, finger, _RELEASE, self._at(depth), full * share_of)
+        arrays.put(one.last + 1, finger, _RELEASE, self._at(depth), full * share_of)
         if black:
-            sheet.to_black[max(one.first - settings.hover_states, 0) : one.last + 2, finger] = True
-            sheet.on_black[max(strike, 0) : one.last + 1, finger] = True
+            arrays.to_black[max(one.first - settings.hover_states, 0) : one.last + 2, finger] = True
+            arrays.on_black[max(strike, 0) : one.last + 1, finger] = True
 
     def _at(self, depth: float, above: float = 0.0) -> FloatArray:
         """Return where the fingertip is when the key is at a depth."""
         key = self.one.press.key
         height = self.keys.height(key, self.x, depth) + self.radius + above
-        return np.array([self.x, self.keys.y[key] + self.one.touch.across, height])
+        return np.array([self.x, self.keys.y[key] + self.one.adjustment.across, height])
 
 
 def _held_places(

@@ -1,4 +1,4 @@
-"""Where the keys are for a fingertip that presses them."""
+"""Places of the keys for the fingertips that press them, m."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the fingertips of one hand are, for many postures at once.
+"""Fingertips of one hand, and their Jacobians, for many postures at once.
 
 MuJoCo computes one posture at a time; a plan asks for all postures of a piece in every iteration,
 which is some 50 times as fast in arrays over all of them.
@@ -80,7 +80,7 @@ class HandKinematics:
 
     @property
     def size(self) -> int:
-        """How many actuators the hand has."""
+        """Number of actuators of the hand."""
         return len(self.actuators)
 
     def index(self, name: str) -> int:

@@ -14,8 +14,8 @@ MIDDLE_FINGER = 2
 
 
 @dataclass(frozen=True)
-class Touch:
-    """How a press differs from what the settings say; rehearsals find it."""
+class PressAdjustment:
+    """Deviation of a press from the settings, found by rehearsals."""
 
     ready: float = 0.0
     """Added to the depth in the state before the key is down."""
@@ -32,7 +32,7 @@ class TimedPress:
     """A press as it is planned: shortened where the hand has to leap."""
 
     press: Press
-    """What the score asks for."""
+    """The press of the score."""
     first: int
     """First state in which the key is to be down."""
     last: int
@@ -43,8 +43,8 @@ class TimedPress:
     """Whether it came from another place."""
     repeated: bool = False
     """Whether the same finger strikes the same key again right after it."""
-    touch: Touch = Touch()
-    """What is special about it."""
+    adjustment: PressAdjustment = PressAdjustment()
+    """Its deviation from the settings."""
 
 
 def hand_place(key: int, finger: int, sign: int, keys: KeyPlaces) -> float:

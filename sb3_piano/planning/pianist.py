@@ -73,7 +73,7 @@ class Trackers:
 
     def __init__(self, settings: PlanSettings | None = None):
         self.settings = settings or PlanSettings()
-        self._kept: list[_Kept] = []
+        self._kept: list[_CachedTracker] = []
 
     def of(self, piano: PianoEnv) -> Tracker:
         """Return the tracker of what an environment plays in this episode.
@@ -83,14 +83,14 @@ class Trackers:
         roll, scene = piano.roll, piano.scene
         kept = self._find(roll, scene)
         if kept is None:
-            kept = _Kept(roll, scene, self._make(piano))
+            kept = _CachedTracker(roll, scene, self._make(piano))
             self._kept = [kept, *self._kept[: _PLANS_KEPT - 1]]
         elif kept is not self._kept[0]:
             self._kept.remove(kept)
             self._kept.insert(0, kept)
         return kept.tracker
 
-    def _find(self, roll: PianoRoll, scene: PianoScene) -> _Kept | None:
+    def _find(self, roll: PianoRoll, scene: PianoScene) -> _CachedTracker | None:
         """Return the plan of a piece: a glance tells within an episode, not in the next one."""
         candidates = [kept for kept in self._kept if kept.scene is scene]
         for kept in candidates:
@@ -110,7 +110,7 @@ class Trackers:
 
 
 @dataclass(eq=False)
-class _Kept:
+class _CachedTracker:
     """A plan that was made."""
 
     roll: PianoRoll

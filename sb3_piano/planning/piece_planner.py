@@ -56,7 +56,7 @@ class PiecePlanner:
             for turn in range(int(self._settings.rounds)):
                 if turn > 0:
                     # Who is pressed harder against the line gets more room.
-                    right, left = (one.cost.trespass(one.positions) for one in problems)
+                    right, left = (one.cost.bound_violation(one.positions) for one in problems)
                     line = line - (right - left)
                     bounds = bounds_of(line, self._settings)
                     for problem, bound in zip(problems, bounds, strict=True):

@@ -26,7 +26,7 @@ _DEFAULT_TIMESTEP = 0.05
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Plan:
-    """How two hands play a piece over T control steps; n are the scene's actuators."""
+    """Motion of two hands through a piece of T control steps; n are the scene's actuators."""
 
     roll: PianoRoll
     """The piece, with the fingers that play it; without, where a hand lets go of a note."""
@@ -41,7 +41,7 @@ class Plan:
     fingertips: FloatArray
     """(T + 1, 10, 3) where the fingertips then are: centres of their round ends, m."""
     problems: tuple[Problem, ...]
-    """What cannot be played as written, in order of time."""
+    """Notes that cannot be played as written, in order of time."""
 
     def __len__(self) -> int:
         return len(self.commands)
@@ -83,7 +83,7 @@ def plan(
     if settings.rehearsals > 0:
         rehearse(planner, fitted.roll, scene, settings)
     problems = fingerless(piece)
-    for hand, gone in enumerate(fitted.let_go):
+    for hand, gone in enumerate(fitted.early_releases):
         problems += not_held(gone, hand, piece.control_timestep)
     return _collect(planner, fitted.roll, problems)
 

@@ -36,13 +36,13 @@ class PianoPolicy(ABC):
     num_timesteps = 0
     """Environment steps that it was trained for: none."""
     device = torch.device("cpu")
-    """Where its networks would be."""
+    """Device of its networks, if it had any."""
 
     def __init__(self, env: gym.Env[Any, Any] | VecEnv) -> None:
         self._env = env
         self._pianos = pianos_of(env)
         self.logger = Logger(folder=None, output_formats=[])
-        """Where callbacks log."""
+        """Logger of the callbacks."""
         self._normalizer = env if isinstance(env, VecNormalize) else None
         self._space = env.observation_space
         self._layout = _layout_of(env)

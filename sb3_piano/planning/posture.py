@@ -35,7 +35,7 @@ class Posture:
     rest: FloatArray
     """(n,) actuator positions, rad; 0 m for the slider along the keyboard."""
     middle: float
-    """Where across the keys the middle finger then is, m."""
+    """Place of the middle finger across the keys, m."""
 
     def pull(self, settings: PlanSettings) -> FloatArray:
         """Return what a distance from it counts by actuator, (n,) per rad or m."""

@@ -1,4 +1,4 @@
-"""Which finger of a hand holds which key from when to when."""
+"""Presses: keys with the fingers that hold them, from state to state."""
 
 from __future__ import annotations
 

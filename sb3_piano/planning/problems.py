@@ -1,4 +1,4 @@
-"""What of a piece the hands cannot do, note by note."""
+"""Notes of a piece that the hands cannot play as written."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sb3_piano.music import MIN_PITCH, PianoRoll
 from sb3_piano.music.constants import FINGER_NAMES, UNKNOWN_FINGER
 from sb3_piano.music.hands import FINGERS_PER_HAND
 from sb3_piano.music.pitch import pitch_name
-from sb3_piano.planning.grips import LetGo
+from sb3_piano.planning.grips import EarlyRelease
 from sb3_piano.planning.key_frames import KeyFrames
 from sb3_piano.planning.leaps import TimedPress
 
@@ -30,13 +30,13 @@ class Problem:
     pitch: int
     """MIDI pitch."""
     time: float
-    """When it is due, s from the start of the episode."""
+    """Its onset, s from the start of the episode."""
     finger: int
     """The finger that has it, 0 to 9, of a note that is let go as it is written; -1 for none."""
     reason: str
-    """What is wrong."""
+    """The problem in words."""
     error: float = 0.0
-    """How far the fingertip stays away from its place on the key, m."""
+    """Distance of the fingertip from its place on the key, m."""
 
     def __str__(self) -> str:
         who = "" if self.finger == UNKNOWN_FINGER else f", {FINGER_NAMES[self.finger]}"
@@ -79,7 +79,7 @@ def unreached(
     return problems
 
 
-def not_held(gone: Sequence[LetGo], hand: int, control_timestep: float) -> list[Problem]:
+def not_held(gone: Sequence[EarlyRelease], hand: int, control_timestep: float) -> list[Problem]:
     """Return the notes that are let go before their end, or not struck."""
     problems = []
     for one in gone:

@@ -1,8 +1,8 @@
 """Rehearsals: the plan is played in the simulator, and what goes wrong is tried otherwise.
 
-Collisions, friction and the keys' own dynamics are in no plan. A rehearsal changes the touch or the
-timing of some notes that went wrong, a few control steps apart from each other, plans again from
-where it was, plays the piece, and keeps each change after which its own surroundings sound better.
+Collisions, friction and the keys' own dynamics are in no plan. A rehearsal adjusts touch or timing
+of some presses that went wrong, a few control steps apart from each other, plans again from there,
+plays the piece, and keeps each change after which its own surroundings sound better.
 It is a random search, but one in which all parts of a piece are searched at once.
 """
 
@@ -54,10 +54,10 @@ def rehearse(
         settings: The plan's constants; :attr:`PlanSettings.rehearsals` of them are held.
     """
     rng = np.random.default_rng(_SEED)
-    stage = _Stage(planner, roll, scene, settings)
+    simulation = _Simulation(planner, roll, scene, settings)
     timed: Timed = [list(hand.timed) for hand in planner.hands]
-    errors = stage.errors()
-    best_total, best = errors.sum(), _Memory(planner)
+    errors = simulation.errors()
+    best_total, best = errors.sum(), _SavedPlan(planner)
     count = int(settings.rehearsals)
     for number in range(1, count + 1):
         changed, trials = _vary(timed, errors, rng)
@@ -65,28 +65,28 @@ def rehearse(
             break
         before = [hand.planned.copy() for hand in planner.hands]
         planner.replan(changed, _around(trials, len(errors)))
-        heard = stage.errors()
-        refused = []
+        new_errors = simulation.errors()
+        rejected = []
         for trial in trials:
-            if heard[trial.steps].sum() < errors[trial.steps].sum() - 1e-9:
+            if new_errors[trial.steps].sum() < errors[trial.steps].sum() - 1e-9:
                 timed[trial.hand][trial.number] = changed[trial.hand][trial.number]
             else:
-                refused.append(trial)
-        old = _around(refused, len(errors))
-        errors = np.where(old[1:], errors, heard)
+                rejected.append(trial)
+        old = _around(rejected, len(errors))
+        errors = np.where(old[1:], errors, new_errors)
         for hand_planner, planned in zip(planner.hands, before, strict=True):
             hand_planner.planned[old] = planned[old]
         if number % _TRIALS_IN_A_ROW == 0 or number == count:
             # All that was kept, and nothing else.
             planner.replan(timed, _around([], len(errors)))
-            errors = stage.errors()
+            errors = simulation.errors()
             if errors.sum() < best_total:
-                best_total, best = errors.sum(), _Memory(planner)
-    best.recall(planner)
+                best_total, best = errors.sum(), _SavedPlan(planner)
+    best.restore(planner)
 
 
 class _Trial(NamedTuple):
-    """A press that is done otherwise."""
+    """A press with another adjustment or timing."""
 
     hand: int
     number: int
@@ -102,8 +102,8 @@ def _around(trials: Sequence[_Trial], n_steps: int) -> BoolArray:
     return states
 
 
-class _Memory:
-    """A plan, to return to."""
+class _SavedPlan:
+    """Copy of a plan, to return to."""
 
     def __init__(self, planner: PiecePlanner):
         self._kept = [
@@ -114,7 +114,7 @@ class _Memory:
             hand.planned, hand.positions = hand.planned.copy(), hand.positions.copy()
             hand.commands, hand.gains = hand.commands.copy(), hand.gains.copy()
 
-    def recall(self, planner: PiecePlanner) -> None:
+    def restore(self, planner: PiecePlanner) -> None:
         for hand, (timed, planned, positions, commands, gains) in zip(
             planner.hands, self._kept, strict=True
         ):
@@ -123,8 +123,8 @@ class _Memory:
             hand.commands, hand.gains = commands, gains
 
 
-class _Stage:
-    """Where rehearsals are held: a simulation of its own."""
+class _Simulation:
+    """Simulation of its own in which the plan is played."""
 
     def __init__(
         self, planner: PiecePlanner, roll: PianoRoll, scene: PianoScene, settings: PlanSettings
@@ -188,29 +188,33 @@ def _vary(timed: Timed, errors: FloatArray, rng: np.random.Generator) -> tuple[T
         if errors[start:stop].sum() <= 0 or taken[lead:stop].any():
             continue
         taken[lead:stop] = True
-        changed[hand][index] = _varied(timed[hand][index], rng)
+        changed[hand][index] = _adjusted(timed[hand][index], rng)
         trials.append(_Trial(hand, index, slice(start, stop)))
     return changed, trials
 
 
-def _varied(one: TimedPress, rng: np.random.Generator) -> TimedPress:
-    """Return a press that is done otherwise."""
-    ways = _ways(one)
+def _adjusted(one: TimedPress, rng: np.random.Generator) -> TimedPress:
+    """Return a press with one random change."""
+    ways = _adjustments(one)
     return ways[int(rng.integers(len(ways)))](rng)
 
 
-def _ways(one: TimedPress) -> Sequence[Callable[[np.random.Generator], TimedPress]]:
-    press, touch = one.press, one.touch
+def _adjustments(one: TimedPress) -> Sequence[Callable[[np.random.Generator], TimedPress]]:
+    press, adjustment = one.press, one.adjustment
 
-    def touched(**changes: float) -> TimedPress:
-        return replace(one, touch=replace(touch, **changes))
+    def adjusted(**changes: float) -> TimedPress:
+        return replace(one, adjustment=replace(adjustment, **changes))
 
     ways: list[Callable[[np.random.Generator], TimedPress]] = [
-        lambda rng: touched(ready=float(np.clip(touch.ready + rng.normal(0, 0.2), -1.0, 0.6))),
-        lambda rng: touched(firmness=float(touch.firmness * np.exp(rng.normal(0, 0.4)))),
-        lambda rng: touched(along=float(np.clip(touch.along + rng.normal(0, 0.004), -0.02, 0.02))),
-        lambda rng: touched(
-            across=float(np.clip(touch.across + rng.normal(0, 0.0025), -0.006, 0.006))
+        lambda rng: adjusted(
+            ready=float(np.clip(adjustment.ready + rng.normal(0, 0.2), -1.0, 0.6))
+        ),
+        lambda rng: adjusted(firmness=float(adjustment.firmness * np.exp(rng.normal(0, 0.4)))),
+        lambda rng: adjusted(
+            along=float(np.clip(adjustment.along + rng.normal(0, 0.004), -0.02, 0.02))
+        ),
+        lambda rng: adjusted(
+            across=float(np.clip(adjustment.across + rng.normal(0, 0.0025), -0.006, 0.006))
         ),
     ]
     if one.first > press.first:

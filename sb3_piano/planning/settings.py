@@ -17,7 +17,7 @@ from sb3_piano.exceptions import ConfigError
 
 @dataclass(frozen=True, kw_only=True)
 class PlanSettings:
-    """What a plan goes by.
+    """Constants of a plan.
 
     Positions are the world's: x points from the keys' hinges to the player, y to the right, z up.
     A depth is a share of a key's travel: 0 is its top at rest, 1 fully down, less than 0 above.
@@ -28,17 +28,17 @@ class PlanSettings:
 
     # Where keys are pressed.
     white_x: float = 0.042
-    """Where fingers press white keys, m."""
+    """Place on white keys where fingers press, m."""
     white_x_thumb: float = 0.052
-    """Where thumbs do, m."""
+    """The same of thumbs, m."""
     mixed_x: float = 0.026
-    """Where fingers press white keys while their hand plays black ones, too, m."""
+    """Place on white keys where fingers press while their hand plays black ones, too, m."""
     mixed_x_thumb: float = 0.040
-    """Where thumbs do, m."""
+    """The same of thumbs, m."""
     black_x: float = -0.002
-    """Where fingers press black keys, m."""
+    """Place on black keys where fingers press, m."""
     black_x_thumb: float = 0.002
-    """Where thumbs do, m."""
+    """The same of thumbs, m."""
 
     # How a key is approached, held and left.
     hover: float = 0.010
@@ -74,29 +74,29 @@ class PlanSettings:
     leap_distance: float = 0.020
     """From how far on the hand's way between two notes costs time, m."""
     leap_frames: int = 2
-    """How many control steps of sound a leap costs, less the rest between the notes."""
+    """Control steps of sound that a leap costs, less the rest between the notes."""
     leap_more: tuple[float, ...] = (0.09, 0.12, 0.2, 0.25)
     """Distances from which on it costs one more, m."""
     leap_rest: int = 12
     """After how many steps of rest there is time enough for any leap."""
     reach: float = 0.06
-    """How far off a key a hand may be while a finger already moves towards it, m."""
+    """Distance of a hand from a key within which a finger already moves towards it, m."""
 
     # Fingers.
     change_finger: float = 0.5
-    """What a finger counts that is not the written one, in control steps of sound; with a large
+    """Cost of a finger that is not the written one, in control steps of sound; with a large
     number only those are changed that would have to hold two keys, and what they do not reach
     together is let go."""
     thumb_on_black: float = 1.0
-    """What a thumb on a black key counts, in the same."""
+    """Cost of a thumb on a black key, in the same."""
 
     # Keeping out of the way.
     idle_height: float = 0.047
     """Least height of fingertips that play nothing, m; a black key's top is at 0.035."""
     weight_idle: float = 5.0
-    """What falling short of it counts, per m."""
+    """Weight of falling short of it, per m."""
     idle_x: float = 0.030
-    """How near to the black keys such fingertips may come while they are below ..."""
+    """Distance from the black keys that such fingertips keep while they are below ..."""
     idle_x_height: float = 0.052
     """... this height, m."""
     wall_x: float = 0.0235
@@ -104,25 +104,25 @@ class PlanSettings:
     wall_height: float = 0.037
     """... they are above this height (and their radius), m."""
     weight_wall: float = 5.0
-    """What coming nearer counts, per m."""
+    """Weight of coming nearer, per m."""
     spacing: float = 0.016
     """Least distance across the keys of neighbouring fingertips, m."""
     thumb_spacing: float = 0.012
     """The same of thumb and index finger: no thumb passes under."""
     weight_spacing: float = 3.0
-    """What falling short of these counts, per m."""
+    """Weight of falling short of these, per m."""
     arms_apart: float = 0.16
     """Least distance of the two forearms, m; they touch at 0.15."""
     idle_arm_apart: float = 0.05
-    """How much farther an arm keeps away that plays nothing, m."""
+    """Additional distance of an arm that plays nothing, m."""
     weight_arms: float = 40.0
-    """What coming nearer counts, per m."""
+    """Weight of coming nearer, per m."""
 
     # Posture and smoothness.
     posture: float = 0.01
-    """What a finger's distance from the resting posture counts, per rad."""
+    """Weight of a finger's distance from the resting posture, per rad."""
     jerk_finger: float = 0.01
-    """What a change of a finger's velocity counts, per rad and squared control step."""
+    """Weight of a change of a finger's velocity, per rad and squared control step."""
     jerk_wrist: float = 0.02
     """The same of the wrist's two joints."""
     jerk_along: float = 0.12
@@ -130,7 +130,7 @@ class PlanSettings:
     jerk_inwards: float = 0.2
     """The same of the slider towards the keys' hinges."""
     velocity: float = 0.002
-    """What a velocity counts, per rad or m and control step."""
+    """Weight of a velocity, per rad or m and control step."""
 
     # Control.
     press_force: float = 3.0
@@ -138,7 +138,7 @@ class PlanSettings:
     press_force_thumb: float = 4.0
     """The same for thumbs."""
     effort: float = 1e-4
-    """What a finger's command counts that differs from the planned position, per squared rad."""
+    """Weight of a finger's command that differs from the planned position, per squared rad."""
     effort_arm: float = 1e-2
     """The same of the sliders, per squared m."""
     feedback: float = 0.5
@@ -146,18 +146,18 @@ class PlanSettings:
 
     # The search.
     rounds: int = 8
-    """How often the two hands agree anew on who is where."""
+    """Number of times that the line between the arms is moved."""
     iterations: int = 8
     """Iterations of the least squares in each of these rounds."""
     dynamic_iterations: int = 8
     """Iterations that then take the hands' inertia into account."""
     rehearsals: int = 0
-    """How often the plan is played in a simulation of its own, and what went wrong tried otherwise
+    """Number of times that the plan is played in a simulation of its own, to adjust what went wrong
     (:mod:`sb3_piano.planning.rehearsal`)."""
     window: float = 30.0
     """Length of the stretches in which a long piece is planned, s."""
     overlap: float = 3.0
-    """How far each of them looks beyond its end, s."""
+    """Time beyond its end that each of them considers, s."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):

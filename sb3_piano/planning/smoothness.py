@@ -1,4 +1,4 @@
-"""What changes of velocity cost over the states of a stretch, as a banded quadratic form."""
+"""Cost of changes of velocity over the states of a stretch, as a banded quadratic form."""
 
 from __future__ import annotations
 

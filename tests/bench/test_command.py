@@ -2,71 +2,91 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
+import platform
 import signal
+import socket
 import sys
 
 import pytest
+import torch
+from rich.console import Console
 
 import sb3_piano.bench
+from sb3_piano.bench import BenchReport, Row, render, rounded, run_bench
 from sb3_piano.cli import main
-
-asked: dict[str, object] = {}
+from sb3_piano.envs import PianoVectorEnv
 
 
 @pytest.fixture(autouse=True)
-def _short(monkeypatch, short, tmp_path):
+def _short(short, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
 
-    def settings(*, rounds, **given):
-        asked.update(given, rounds=rounds)
-        return short(rounds=min(rounds, 2), **given)
 
-    asked.clear()
-    monkeypatch.setattr(sb3_piano.bench, "BenchSettings", settings)
+def shown(report):
+    console = Console(width=80)
+    with console.capture() as capture:
+        console.print(render(report))
+    return capture.get()
 
 
-def test_the_table_is_printed_and_written(tmp_path, capsys):
-    command = ["bench", "--only", "memory", "--only", "simulation", "--rounds", "2"]
-    assert main([*command, "--json", "result.json"]) == 0
+def test_all_parts_are_measured_in_their_order_printed_and_written(tmp_path, capsys):
+    assert main(["bench", "--rounds", "1", "--json", "result.json"]) == 0
     captured = capsys.readouterr()
     assert "RoboPianist-debug-CMajorScaleTwoHands-v0" in captured.out
     assert captured.out.endswith("Result: result.json\n")
     assert "simulation" in captured.err  # the progress bar
     stored = json.loads((tmp_path / "result.json").read_text())
-    assert {row["part"] for row in stored["rows"]} == {"simulation", "memory"}
-    for row in stored["rows"]:
-        (line,) = (line for line in captured.out.splitlines() if f"│ {row['name']} " in line)
-        assert abs(float(line.split("│")[2]) / row["value"] - 1) < 0.01
+    kinds = {"simulation": 10, "learner": 12, "training": 6, "memory": 2}
+    assert [row["part"] for row in stored["rows"]] == [
+        part for part, count in kinds.items() for _ in range(count)
+    ]
+    assert (stored["interrupted"], stored["peer"]) == (False, None)
+    cells = [line.split("│") for line in captured.out.splitlines() if line.startswith("│")]
+    medians = [(cell[1].strip(), float(cell[2])) for cell in cells if cell[2].strip()]
+    assert [name for name, _ in medians] == [row["name"] for row in stored["rows"]]
+    for (_, median), row in zip(medians, stored["rows"], strict=True):
+        assert abs(median / row["value"] - 1) < 0.01
 
 
-def test_options_reach_the_measurement():
-    assert main(["bench", "--only", "memory", "--rounds", "3", "--num-threads", "2"]) == 0
-    assert asked == {"parts": ("memory",), "rounds": 3, "peer_python": None, "num_threads": 2}
+def test_options_reach_the_measurement(monkeypatch):
+    report = BenchReport(
+        machine=sb3_piano.bench.machine_info(), peer=None, rows=[], interrupted=False
+    )
+    asked = []
+    monkeypatch.setattr(sb3_piano.bench, "run_bench", lambda **given: asked.append(given) or report)
+    options = "--only memory --rounds 3 --num-threads 2 --peer-python x --no-progress"
+    main(["bench"])
+    main(["bench", *options.split()])
+    defaults = {"parts": ("simulation", "learner", "memory"), "rounds": 10, "progress": True}
+    assert asked[0] == {**defaults, "peer_python": None, "num_threads": None}
+    chosen = {"parts": ["memory"], "rounds": 3, "progress": False}
+    assert asked[1] == {**chosen, "peer_python": "x", "num_threads": 2}
 
 
-def test_everything_is_measured_by_default(monkeypatch):
-    report = sb3_piano.bench.run_bench(sb3_piano.bench.BenchSettings(rounds=1, parts=()))
-    monkeypatch.setattr(sb3_piano.bench, "run_bench", lambda settings, tick: report)
-    assert main(["bench"]) == 0
-    parts = ("simulation", "learner", "memory")
-    assert asked == {"parts": parts, "rounds": 10, "peer_python": None, "num_threads": None}
+def test_torch_has_the_threads_only_meanwhile():
+    former = torch.get_num_threads()
+    report = run_bench(parts=(), num_threads=former + 1)
+    assert report.machine["torch_threads"] == former + 1
+    assert torch.get_num_threads() == former
 
 
 @pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_prints_and_writes_what_there_is(monkeypatch, tmp_path, capsys):
-    @contextlib.contextmanager
-    def bar():
-        yield lambda part, done, laps: done == 25 and os.kill(os.getpid(), signal.SIGINT)
+    real, resets = PianoVectorEnv.reset, []
 
-    monkeypatch.setattr(sb3_piano.bench, "progress_bar", bar)
+    def reset(venv, **kwargs):
+        resets.append(venv)
+        if len(resets) == 5:  # two in each round, the first of which warms up
+            os.kill(os.getpid(), signal.SIGINT)
+        return real(venv, **kwargs)
+
+    monkeypatch.setattr(PianoVectorEnv, "reset", reset)
     assert main(["bench", "--only", "simulation", "--json", "result.json"]) == 130
-    assert "Interrupted" in capsys.readouterr().out
+    assert "Interrupted: what is missing was not measured." in capsys.readouterr().out
     stored = json.loads((tmp_path / "result.json").read_text())
     assert stored["interrupted"]
-    # 10 laps to warm up and 10 of the first round
     assert [len(row["by_round"]) for row in stored["rows"]] == [1] * 10
 
 
@@ -98,3 +118,68 @@ def test_parts_are_known_to_the_parser(capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["bench", "--only", "speed"])
     assert "invalid choice: 'speed'" in capsys.readouterr().err
+
+
+MACHINE = {
+    "date": "2030-01-02 03:04+00:00",
+    "versions": {"python": "3.11.7", "mujoco": "3.17.0"},
+    "cpu": "Slow 486",
+    "cores": 3,
+    "torch_threads": 2,
+    "device": "cpu",
+}
+
+
+def test_the_table_has_the_rows_with_their_ratios():
+    rows = (
+        Row(part="simulation", name="a", value=1234.6, unit="steps/s", ratios={}, by_round=(1, 2)),
+        Row(part="simulation", name="b", value=56.78, unit="steps/s",
+            ratios={"x of a": 0.04567, "env/bare": 1.119}, by_round=(1, 2)),
+        Row(part="memory", name="c", value=9.16, unit="GB", ratios={"x of d": 12.34}),
+    )  # fmt: skip
+    report = BenchReport(
+        machine=MACHINE, peer={"robopianist": "1.0.10"}, rows=rows, interrupted=False
+    )
+    lines = shown(report).splitlines()
+    assert lines[:5] == [
+        "RoboPianist-debug-CMajorScaleTwoHands-v0, 2030-01-02 03:04+00:00",
+        "python 3.11.7, mujoco 3.17.0",
+        "Slow 486, usable cores: 3; networks on cpu, torch threads: 2",
+        "The peer: robopianist 1.0.10",
+        "Rounds: 2. env/bare: time of the env over that of its mj_step.",
+    ]
+    cells = [[c.strip() for c in line.strip("│").split("│")] for line in lines if line[0] == "│"]
+    assert cells == [
+        ["Simulation, steps/s", "", ""],
+        ["a", "1235", ""],
+        ["b", "56.8", "0.046 x of a"],
+        ["", "", "1.12 env/bare"],
+        ["Full replay buffer, GB", "", ""],
+        ["c", "9.16", "12.3 x of d"],
+    ]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0456, "0.046"), (0.951, "0.951"), (1.0, "1.00"), (9.994, "9.99"), (12.34, "12.3"),
+     (99.94, "99.9"), (100.4, "100"), (2345.6, "2346")],
+)  # fmt: skip
+def test_numbers_are_shown_with_three_digits(value, text):
+    assert rounded(value) == text
+
+
+def test_nothing_measured_is_shown_too():
+    text = shown(BenchReport(machine=MACHINE, peer=None, rows=(), interrupted=True))
+    assert "Rounds: 0." in text
+    assert "The peer" not in text
+
+
+def test_the_machine_is_described_without_its_name_and_paths():
+    machine = sb3_piano.bench.machine_info()
+    assert machine["versions"]["torch"] == torch.__version__
+    assert machine["versions"]["python"] == platform.python_version()
+    assert {"sb3-piano", "mujoco", "numpy"} < set(machine["versions"])
+    assert machine["cores"] >= 1
+    assert machine["cpu"]
+    assert socket.gethostname() not in str(machine)
+    assert sys.prefix not in str(machine)

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import sb3_piano.bench.peer.client as client
-from sb3_piano.bench.peer import INSTALL, Peer, PeerError
-from sb3_piano.bench.settings import ENV_ID
+from sb3_piano.bench import ENV_ID, PeerError, workloads
+from sb3_piano.bench.workloads import PEER_INSTALL, open_peer
 
 ACTIONS = np.array([[0.5, -1.0], [0.25, 0.0]], dtype=np.float32)
 
@@ -24,118 +23,97 @@ for line in sys.stdin:
     with heard.open("a") as file:
         file.write(line)
     message = json.loads(line)
-    if "actions" in message:
+    if isinstance(message, list):
         answer = {"robopianist": "1.0.10", "python": "3.9"}
     else:
-        answer = {"steps": len(message["play"]), "seconds": 0.5}
+        answer = len(message), 0.5
     print(json.dumps(answer), flush=True)
 """
 
 
 @pytest.fixture
-def double(tmp_path):
-    """Return a function that starts a peer which runs the given code."""
+def double(tmp_path, monkeypatch):
+    """Return a function that opens a peer which runs the given code."""
 
-    def start(code: str) -> Peer:
+    def start(code):
         script = tmp_path / "double.py"
         script.write_text(code)
-        return Peer(sys.executable, ACTIONS, script)
+        monkeypatch.setattr(workloads, "_PEER_SCRIPT", script)
+        return open_peer(sys.executable, ACTIONS)
 
     return start
 
 
-def test_the_peer_is_told_what_to_play_and_answers_with_laps(double, tmp_path):
-    with double(DOUBLE) as peer:
-        assert peer.versions == {"robopianist": "1.0.10", "python": "3.9"}
-        lap = peer.play("physics")
-        assert (lap.steps, lap.seconds, lap.rate) == (7, 0.5, 14.0)
-        assert peer.play("env").steps == 3
-    heard = [json.loads(line) for line in (tmp_path / "double.heard").read_text().splitlines()]
-    first = {"env_id": ENV_ID, "actions": [[0.5, -1.0], [0.25, 0.0]]}
-    assert heard == [first, {"play": "physics"}, {"play": "env"}]
-
-
-def test_the_process_ends_with_the_context(double):
-    with double(DOUBLE) as peer:
-        process = peer._process
-        assert process.poll() is None
-    assert process.poll() is not None
-
-
-def test_a_process_that_would_go_on_is_ended(double):
-    with double(DOUBLE + "\nimport time\ntime.sleep(30)") as peer:
-        process = peer._process
-    assert process.returncode == -signal.SIGKILL
-
-
-def test_what_it_prints_as_an_error_does_not_stop_it(double):
-    with double("import sys; print('x' * 10**6, file=sys.stderr, flush=True)" + DOUBLE) as peer:
-        assert peer.play("env").steps == 3
-
-
-@pytest.mark.parametrize(
-    ("code", "message"),
-    [
-        ("import sys; sys.exit('no libGL')", "ended without an answer: no libGL"),
-        ("input()", "ended without an answer: no error told"),
-        ("print('hello')", "answered 'hello', which this command did not expect"),
-        ("print('[1]')", "answered '[1]', which this command did not expect"),
-        (
-            DOUBLE.replace("1.0.10", "1.0.9"),
-            "has robopianist 1.0.9, not 1.0.10",
-        ),
-        (DOUBLE.replace('"robopianist"', '"error"'), "cannot run RoboPianist: 1.0.10"),
-    ],
-)
-def test_a_peer_that_does_not_start_says_why_and_what_to_install(double, code, message):
-    with pytest.raises(PeerError) as caught:
-        double(code)
-    assert str(caught.value) == (
-        f"The peer interpreter '{sys.executable}' {message}. Expected the Python of an environment "
-        f"made with: {INSTALL}"
-    )
-
-
-def test_a_peer_that_does_not_start_leaves_no_process(double, monkeypatch):
+@pytest.fixture
+def processes(monkeypatch):
+    """List the processes that are started."""
     started = []
-    real = client.subprocess.Popen
+    real = workloads.subprocess.Popen
 
     def popen(*args, **kwargs):
         started.append(real(*args, **kwargs))
         return started[-1]
 
-    monkeypatch.setattr(client.subprocess, "Popen", popen)
-    with pytest.raises(PeerError, match="not 1.0.10"):
-        double(DOUBLE.replace("1.0.10", "1.0.9"))
-    assert [process.poll() is None for process in started] == [False]
+    monkeypatch.setattr(workloads.subprocess, "Popen", popen)
+    return started
+
+
+def test_the_peer_is_told_what_to_play_and_answers(double, tmp_path):
+    with double(DOUBLE) as (versions, ask):
+        assert versions == {"robopianist": "1.0.10", "python": "3.9"}
+        assert ask("physics") == [7, 0.5]
+        assert ask("env") == [3, 0.5]
+    heard = [json.loads(line) for line in (tmp_path / "double.heard").read_text().splitlines()]
+    assert heard == [[ENV_ID, [[0.5, -1.0], [0.25, 0.0]]], "physics", "env"]
+
+
+@pytest.mark.parametrize("more", ["", "\nimport time\ntime.sleep(30)"])
+def test_the_process_ends_with_the_context(double, processes, more):
+    with double(DOUBLE + more):
+        assert processes[0].poll() is None
+    assert processes[0].returncode == -signal.SIGKILL
+
+
+def test_what_it_prints_as_an_error_does_not_stop_it(double):
+    code = "import sys; print('x' * 10**6, file=sys.stderr, flush=True)" + DOUBLE
+    with double(code) as (_, ask):
+        assert ask("env") == [3, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("code", "message"),
+    [
+        ("import sys; sys.exit('no libGL')", "gave no answer: no libGL"),
+        ("input()", "gave no answer: no error shown"),
+        ("print('hello')", "gave no answer: no error shown"),
+        (DOUBLE.replace("1.0.10", "1.0.9"), "has robopianist 1.0.9"),
+    ],
+)
+def test_a_peer_that_does_not_start_says_why_and_leaves_no_process(
+    double, processes, code, message
+):
+    with pytest.raises(PeerError) as caught, double(code):
+        pass
+    assert str(caught.value) == (
+        f"The peer interpreter '{sys.executable}' {message}. Expected the Python of an environment "
+        f"made with: {PEER_INSTALL}"
+    )
+    assert processes[0].poll() is not None
 
 
 def test_a_peer_that_fails_while_it_plays_is_told(double):
-    broken = DOUBLE.replace('len(message["play"])', '1 / (message["play"] == "env")')
-    with double(broken) as peer:
-        peer.play("env")
-        with pytest.raises(PeerError, match="ended without an answer: ZeroDivisionError"):
-            peer.play("physics")
-
-
-def test_a_peer_that_has_gone_is_told(double):
-    with double(DOUBLE + "    sys.exit('tired')") as peer:
-        peer._process.wait()
-        with pytest.raises(PeerError, match="ended without an answer: tired"):
-            peer.play("env")
-
-
-def test_an_interpreter_that_is_not_there_is_named():
-    with pytest.raises(PeerError, match="'nowhere/python' cannot be started: No such file"):
-        Peer("nowhere/python", ACTIONS)
+    broken = DOUBLE.replace("len(message)", '1 / (message == "env")')
+    with double(broken) as (_, ask):
+        ask("env")
+        with pytest.raises(PeerError, match="gave no answer: ZeroDivisionError"):
+            ask("physics")
 
 
 def test_an_interpreter_without_robopianist_is_told_what_to_install():
-    with pytest.raises(PeerError) as caught:
-        Peer(sys.executable, ACTIONS)
-    text = str(caught.value)
-    assert "cannot run RoboPianist: PackageNotFoundError" in text
-    assert 'pip install robopianist==1.0.10 "mujoco==3.17.*" "numpy<2" "pandas<2.3"' in text
+    with pytest.raises(PeerError) as caught, open_peer(sys.executable, ACTIONS):
+        pass
+    assert "PackageNotFoundError: No package metadata was found for robopian" in str(caught.value)
+    assert 'pip install robopianist==1.0.10 "mujoco==3.17.*" "numpy<2"' in str(caught.value)
 
 
 # A RoboPianist of one hinge, for the script that is meant for the real one. It prints, as libraries
@@ -144,25 +122,22 @@ SUITE = """
 import mujoco, types
 MODEL = "<mujoco><option timestep='0.005'/><worldbody><body><joint name='j'/><geom size='1'/>" \\
     "</body></worldbody><actuator><motor joint='j'/></actuator></mujoco>"
-LENGTH = 2
 class Env:
     def __init__(self, env_id, task_kwargs):
         print("loading", env_id)
         model = mujoco.MjModel.from_xml_string(MODEL)
         self.physics = types.SimpleNamespace(
-            model=types.SimpleNamespace(ptr=model), data=mujoco.MjData(model))
+            model=types.SimpleNamespace(ptr=model), data=mujoco.MjData(model),
+            timestep=lambda: model.opt.timestep)
         self.timestep = task_kwargs["control_timestep"]
     def control_timestep(self):
         return self.timestep
     def reset(self):
-        self.steps = 0
+        pass
     def step(self, action):
         assert action.dtype == "float32", action
         self.physics.data.ctrl[:] = action[0]
         mujoco.mj_step(self.physics.model.ptr, self.physics.data, nstep=10)
-        self.steps += 1
-        assert self.steps <= LENGTH, "stepped beyond the end"
-        return types.SimpleNamespace(last=lambda: self.steps == LENGTH)
 def load(env_id, seed, task_kwargs):
     return Env(env_id, task_kwargs)
 """
@@ -195,13 +170,13 @@ def small_robopianist(tmp_path, monkeypatch):
 
 
 def test_the_script_plays_both_ways_whatever_libraries_print(small_robopianist):
-    with Peer(sys.executable, ACTIONS) as peer:
-        assert peer.versions["robopianist"] == "1.0.10"
-        assert {"mujoco", "numpy", "python"} < set(peer.versions)
-        for what in ("env", "physics", "env"):
-            lap = peer.play(what)
-            assert lap.steps == len(ACTIONS)
-            assert lap.seconds > 0
+    with open_peer(sys.executable, ACTIONS) as (versions, ask):
+        assert versions["robopianist"] == "1.0.10"
+        assert {"mujoco", "numpy", "python"} < set(versions)
+        for workload in ("env", "physics", "env"):
+            steps, seconds = ask(workload)
+            assert steps == len(ACTIONS)
+            assert seconds > 0
 
 
 @pytest.mark.slow
@@ -214,9 +189,9 @@ def test_the_script_plays_the_same_controls_with_mujoco_alone(small_robopianist,
         "mujoco.mj_step = mj_step\n"
     )
     small_robopianist.write_text(noted)
-    with Peer(sys.executable, ACTIONS) as peer:
+    with open_peer(sys.executable, ACTIONS) as (_, ask):
         for _ in range(2):
-            peer.play("physics")
+            ask("physics")
     steps = (tmp_path / "robopianist" / "suite.py.steps").read_text().splitlines()
     # first the script plays the environment to see the controls; its steps are of 10 x 0.005 s
     first, second = steps[:2]
@@ -226,14 +201,7 @@ def test_the_script_plays_the_same_controls_with_mujoco_alone(small_robopianist,
     assert steps == [first, second] * 3
 
 
-def test_the_script_refuses_actions_beyond_the_end(small_robopianist):
-    small_robopianist.write_text(SUITE.replace("LENGTH = 2", "LENGTH = 1"))
-    message = "cannot run RoboPianist: ValueError: the episode has 1 steps, not 2"
-    with pytest.raises(PeerError, match=message):
-        Peer(sys.executable, ACTIONS)
-
-
 def test_the_script_finds_no_modules_of_ours_beside_it():
     """Its folder comes first on its search path."""
-    beside = {path.stem for path in Path(client.__file__).parent.glob("*.py")}
+    beside = {path.stem for path in Path(workloads.__file__).parent.glob("*.py")}
     assert not beside & (set(sys.stdlib_module_names) | {"robopianist", "mujoco", "numpy"})

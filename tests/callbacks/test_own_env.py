@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import (
 )
 
 from sb3_piano.callbacks import F1Callback
-from sb3_piano.callbacks.own_env import make_own_env, randomness_aside, sync_normalization
+from sb3_piano.callbacks.own_env import make_own_env, preserve_random_state, sync_normalization
 from sb3_piano.callbacks.run_context import RunContext
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
@@ -99,7 +99,7 @@ def test_the_global_generators_are_given_back_as_they_were():
     model.set_random_seed(3)
     expected = draws()
     model.set_random_seed(3)
-    with contextlib.suppress(KeyboardInterrupt), randomness_aside(model, 5):
+    with contextlib.suppress(KeyboardInterrupt), preserve_random_state(model, 5):
         assert draws() != expected
         raise KeyboardInterrupt
     assert draws() == expected

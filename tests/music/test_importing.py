@@ -14,7 +14,7 @@ from sb3_piano.music.fingering import apply_fingering, finger_score
 from sb3_piano.music.library import DATA_VARIABLE, Library, import_path
 from sb3_piano.music.library.found import Found
 from sb3_piano.music.library.task import Task
-from sb3_piano.music.library.workers import do_tasks
+from sb3_piano.music.library.workers import run_tasks
 
 PIG_LINES = "//Version: PianoFingering_v170101\n0\t0.0\t1.0\tC4\t80\t80\t0\t1\n"
 
@@ -329,7 +329,7 @@ def test_a_piece_that_kills_its_process_is_listed_and_all_others_are_imported(mu
         for name in names
     ]
     told = []
-    do_tasks(tasks, 2, lambda task, outcome: told.append((task.names[0][0], outcome.error)))
+    run_tasks(tasks, 2, lambda task, outcome: told.append((task.names[0][0], outcome.error)))
     assert sorted(name for name, _ in told) == sorted(names)
     assert [(name, "was killed" in error) for name, error in told if error] == [("deadly", True)]
     assert list(library.names()) == sorted(set(names) - {"deadly"})
@@ -351,7 +351,7 @@ def test_an_error_that_no_reader_should_raise_is_listed_all_the_same(music, libr
         sha256="",
     )
     told = []
-    do_tasks([task], 1, lambda task, outcome: told.append(outcome.error))
+    run_tasks([task], 1, lambda task, outcome: told.append(outcome.error))
     assert told == ["RuntimeError: a met an error of the reader's"]
 
 

@@ -14,7 +14,7 @@ from sb3_piano.planning.sampling import (
 )
 from sb3_piano.planning.sampling.candidates import Candidates
 from sb3_piano.planning.sampling.nominal import Rest
-from sb3_piano.planning.sampling.search import Search
+from sb3_piano.planning.sampling.search import CandidateSearch
 from sb3_piano.planning.sampling.simulations import Simulations
 
 # Keys near where the hands begin.
@@ -75,4 +75,6 @@ def make_search(env, physics=None, noise=NOISE_FROM_ZERO, horizon=4, n=3, nomina
     candidates = Candidates(noise, env.scene, horizon)
     simulations = Simulations(env, physics, n, 1)
     nominal = Rest(env.scene) if nominal is None else nominal
-    return candidates, Search(env.roll, simulations, nominal, candidates, SamplingCost(**cost))
+    return candidates, CandidateSearch(
+        env.roll, simulations, nominal, candidates, SamplingCost(**cost)
+    )

@@ -54,7 +54,7 @@ def all_ways(costs, onsets, number=0, way=()):
         yield 0.0
         return
     struck = [i for i, press in enumerate(costs.presses) if press.first == onsets[number]]
-    for after, cost in costs.ways_on(way, onsets[number], struck):
+    for after, cost in costs.successors(way, onsets[number], struck):
         for rest in all_ways(costs, onsets, number + 1, after):
             yield cost + rest
 
@@ -66,7 +66,7 @@ def cost_of(costs, onsets, given_fingers):
         struck = [i for i, press in enumerate(costs.presses) if press.first == onset]
         after, cost = next(
             (after, cost)
-            for after, cost in costs.ways_on(way, onset, struck)
+            for after, cost in costs.successors(way, onset, struck)
             if all(given_fingers[i] == finger for i, finger in after)
         )
         total, way = total + cost, after
@@ -85,7 +85,7 @@ def test_no_other_fingers_cost_less(presses, sign):
 def steps_lost(distance):
     """Return what a leap without a rest loses, and its way."""
     more = sum(distance > more for more in SETTINGS.leap_more)
-    return SETTINGS.leap_frames + more, fingers._WAY * distance
+    return SETTINGS.leap_frames + more, fingers._LEAP_WEIGHT * distance
 
 
 def line(*notes, rest=0):
@@ -103,7 +103,7 @@ WRITTEN = {
     "the next finger on the next key": (line((0, 1), (1, 2)), [1, 2], 0.0),
     "a leap": (line((0, 1), (3, 1)), [1, 1], sum(steps_lost(3 * WIDTH))),
     "a far leap": (line((0, 1), (6, 1)), [1, 1], sum(steps_lost(6 * WIDTH))),
-    "a leap in a rest": (line((0, 1), (3, 1), rest=2), [1, 1], fingers._WAY * 3 * WIDTH),
+    "a leap in a rest": (line((0, 1), (3, 1), rest=2), [1, 1], fingers._LEAP_WEIGHT * 3 * WIDTH),
     "a leap after a long rest": (line((0, 1), (3, 1), rest=13), [1, 1], 0.0),
     "the same key again": (line((0, 1), (0, 1)), [1, 1], 0.5),
     "the same key after a rest": (line((0, 1), (0, 1), rest=1), [1, 1], 0.0),

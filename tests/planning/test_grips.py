@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sb3_piano.planning.fingers import _fit_hand
-from sb3_piano.planning.grips import let_go, out_of_reach
+from sb3_piano.planning.grips import early_releases, out_of_reach
 from sb3_piano.planning.presses import Press
 from sb3_piano.simulation import KEY_IS_BLACK
 
@@ -33,7 +33,7 @@ def notes(*given_notes, sign=1):
 def gone_of(presses, sign=1):
     """Return what is let go, as (finger, last state) of each."""
     fingers = [press.finger for press in presses]
-    return {(one.press.finger, one.last) for one in let_go(presses, fingers, sign, KEYS)}
+    return {(one.press.finger, one.last) for one in early_releases(presses, fingers, sign, KEYS)}
 
 
 def test_a_grip_is_out_of_reach_by_what_lacks_at_either_end():
@@ -50,7 +50,7 @@ def test_what_a_hand_can_hold_is_held(sign):
 @pytest.mark.parametrize("sign", [1, -1])
 def test_what_is_held_makes_way_for_what_is_struck_out_of_its_reach(sign):
     presses = notes((0, 0, 1, 40), (2, 1, 1, 9), (10, 4, 10, 20), sign=sign)
-    (one,) = let_go(presses, [press.finger for press in presses], sign, KEYS)
+    (one,) = early_releases(presses, [press.finger for press in presses], sign, KEYS)
     assert (one.press.finger, one.last) == (0, 9)
     assert one.for_key == WHITE[MIDDLE + sign * 10]
 
@@ -100,7 +100,7 @@ def test_fingers_are_found_with_which_nothing_is_let_go(sign):
 @given(hand_presses(), st.sampled_from([1, -1]))
 def test_what_is_left_can_be_held_and_each_note_is_accounted_for(presses, sign):
     kept, fingers, gone = _fit_hand(presses, sign, KEYS, SETTINGS)
-    assert let_go(kept, fingers, sign, KEYS) == []
+    assert early_releases(kept, fingers, sign, KEYS) == []
     last = {(press.key, press.first): press.last for press in kept}
     for press in presses:
         cut = [one for one in gone if one.press == press]

@@ -146,8 +146,8 @@ def test_an_arm_beyond_its_bound_costs_by_how_far(hand):
     # The right arm must be to the right of its bound, the left one to the left.
     within = cost_of(hand, no_frames(1), arm - kinematics.sign * 0.02)
     beyond = cost_of(hand, no_frames(1), arm + kinematics.sign * 0.02)
-    np.testing.assert_allclose(within.trespass(rest), [0.0])
-    np.testing.assert_allclose(beyond.trespass(rest), [0.02])
+    np.testing.assert_allclose(within.bound_violation(rest), [0.0])
+    np.testing.assert_allclose(beyond.bound_violation(rest), [0.02])
     expected = (SETTINGS.weight_arms * 0.02) ** 2
     assert total(beyond, rest) - total(within, rest) == pytest.approx(expected)
 

@@ -181,7 +181,7 @@ def test_a_new_bound_moves_the_arm_out_of_the_way(hand):
     before = parts.kinematics.arm(parts.problem.positions)
     bound = before + sign * 0.1
     parts.problem.rebound(bound)
-    assert parts.cost.trespass(parts.problem.positions).max() == pytest.approx(0.1)
+    assert parts.cost.bound_violation(parts.problem.positions).max() == pytest.approx(0.1)
     parts.problem.improve(20)
     late = slice(N_STATES // 2, None)  # it needs some time for that
     assert (sign * (parts.kinematics.arm(parts.problem.positions) - before)[late] > 0.08).all()

@@ -24,7 +24,7 @@ from sb3_piano.planning.sampling import (
 )
 from sb3_piano.planning.sampling.candidates import Candidates
 from sb3_piano.planning.sampling.nominal import Rest, Tracked
-from sb3_piano.planning.sampling.search import Search
+from sb3_piano.planning.sampling.search import CandidateSearch
 from sb3_piano.planning.sampling.simulations import Simulations
 
 
@@ -158,7 +158,9 @@ def test_hopeless_candidates_are_not_simulated_to_the_end():
     env = make_env()
     candidates, _ = make_search(env, horizon=5)
     simulations = Counting(env, None, 4, 1)
-    search = Search(env.roll, simulations, Rest(env.scene), candidates, SamplingCost(effort=1))
+    search = CandidateSearch(
+        env.roll, simulations, Rest(env.scene), candidates, SamplingCost(effort=1)
+    )
     nothing = candidates.none()
     hopeless = candidates.draw(4, np.random.default_rng(0)) * 100
     search.best(env, np.stack([nothing, hopeless[0]]), hopeless[1:])
@@ -175,7 +177,7 @@ def test_around_a_plan_nothing_is_tried_until_something_would_sound_wrong():
     tried = []
     for _ in range(6):
         simulations = Counting(env, None, 3, 1)
-        search = Search(env.roll, simulations, nominal, candidates, SamplingCost())
+        search = CandidateSearch(env.roll, simulations, nominal, candidates, SamplingCost())
         best = search.best(env, nothing, candidates.draw(3, np.random.default_rng(0)))
         tried.append(simulations.steps > 4)
         if not tried[-1]:
@@ -192,7 +194,7 @@ def test_without_a_plan_all_is_tried_even_in_silence():
     env = make_env(initial_buffer_time=0.3)
     candidates, _ = make_search(env)
     simulations = Counting(env, None, 3, 1)
-    search = Search(env.roll, simulations, Rest(env.scene), candidates, SamplingCost())
+    search = CandidateSearch(env.roll, simulations, Rest(env.scene), candidates, SamplingCost())
     search.best(env, candidates.none()[None], candidates.draw(3, np.random.default_rng(0)))
     assert simulations.steps > 4
 
@@ -212,10 +214,10 @@ def test_unstable_candidates_never_win_and_leave_no_trace(physics):
     knots = candidates.draw(3, np.random.default_rng(2))
     parts = (Rest(env.scene), candidates, SamplingCost())
     simulations = Unstable(env, physics, 3, 1)
-    cost = Search(env.roll, simulations, *parts).rate(env, knots).cost
+    cost = CandidateSearch(env.roll, simulations, *parts).rate(env, knots).cost
     assert cost[0] == np.inf
     assert np.isfinite(cost[1:]).all()
     simulations.__class__ = Simulations
-    again = Search(env.roll, simulations, *parts).rate(env, knots).cost
+    again = CandidateSearch(env.roll, simulations, *parts).rate(env, knots).cost
     np.testing.assert_array_equal(again[1:], cost[1:])
     assert np.isfinite(again[0])

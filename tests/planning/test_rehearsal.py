@@ -85,7 +85,7 @@ def test_a_new_plan_changes_only_what_is_free(scene):
 
 
 def test_what_is_heard_at_a_rehearsal_is_what_the_environment_hears(scene):
-    from sb3_piano.planning.rehearsal import _Stage
+    from sb3_piano.planning.rehearsal import _Simulation
 
     env = PianoEnv(SCORE, reduced_action_space=False, initial_buffer_time=0.5)
     env.reset(seed=0)
@@ -93,7 +93,7 @@ def test_what_is_heard_at_a_rehearsal_is_what_the_environment_hears(scene):
     roll = fit_fingers(env.roll, KeyPlaces.of(scene), settings).roll
     planner = PiecePlanner(roll, scene, settings)
     planner.plan()
-    errors = _Stage(planner, roll, scene, settings).errors()
+    errors = _Simulation(planner, roll, scene, settings).errors()
     assert 1 - errors.mean() == pytest.approx(f1_of(settings), abs=1e-12)
 
 

@@ -1,4 +1,4 @@
-"""Where the user's pieces are kept."""
+"""Folders of the user's pieces."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from sb3_piano.music.library.store import Library
 from sb3_piano.music.piece import Piece
 
 _libraries: dict[Path, Library] = {}
-"""What has been read of each folder that was the user's during this process."""
+"""Libraries read in this process, by folder."""
 
 
 def user_library() -> Library:

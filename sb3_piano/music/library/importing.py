@@ -11,11 +11,11 @@ from pathlib import Path
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.fingering.apply import FINGERINGS
 from sb3_piano.music.library.imported import user_library
-from sb3_piano.music.library.plan import Plan
+from sb3_piano.music.library.plan import ImportPlan
 from sb3_piano.music.library.search import Unusable, search
 from sb3_piano.music.library.store import Library
 from sb3_piano.music.library.task import Outcome, Task
-from sb3_piano.music.library.workers import do_tasks
+from sb3_piano.music.library.workers import run_tasks
 from sb3_piano.threads import usable_cores
 
 Progress = Callable[[int, int], None]
@@ -24,7 +24,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, kw_only=True)
 class ImportReport:
-    """What an import did.
+    """Result of an import.
 
     Attributes:
         imported: The names of the pieces that are new in the library.
@@ -79,12 +79,12 @@ def import_path(
     with search(Path(path)) as (found, unusable), library.importing():
         if len(found) != 1:
             _check_single(name, fingering)
-        plan = Plan(library, fingering)
+        plan = ImportPlan(library, fingering)
         for piece in found:
             plan.add(piece, name)
         run = _Run(plan, list(unusable), progress)
         try:
-            do_tasks(plan.tasks, jobs, run.tell)
+            run_tasks(plan.tasks, jobs, run.tell)
         except KeyboardInterrupt:
             run.interrupted = True
         return run.report()
@@ -92,9 +92,9 @@ def import_path(
 
 @dataclass
 class _Run:
-    """What has happened so far."""
+    """Import under way, with its results so far."""
 
-    plan: Plan
+    plan: ImportPlan
     unusable: list[Unusable]
     progress: Progress | None
     imported: list[str] = field(default_factory=list)

@@ -32,7 +32,7 @@ _FORMAT = 1
 
 @dataclass(frozen=True, kw_only=True)
 class PieceInfo:
-    """What is known about an imported piece without reading its notes.
+    """Description of an imported piece, without its notes.
 
     Attributes:
         name: Its name in the library, which is the title of its score as well.

@@ -1,4 +1,4 @@
-"""What of the pieces that were found is to be imported, and under which names."""
+"""Imports to do of the pieces that were found, and their names."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sb3_piano.music.library.store import Library
 from sb3_piano.music.library.task import Task
 
 
-class Plan:
+class ImportPlan:
     """The import of some pieces into a library.
 
     Attributes:

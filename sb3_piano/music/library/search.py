@@ -1,4 +1,4 @@
-"""What there is to import at a path: one file, a folder, or a data set that is known."""
+"""Importable files at a path: one file, a folder, or a data set that is known."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from sb3_piano.music.library.robopianist_files import (
 _WHEEL = ".whl"
 
 _HEAD = 4096
-"""How much of a file is looked at to see what it is, in bytes."""
+"""Size of a file's beginning that tells its kind, in bytes."""
 
 
 @dataclass(frozen=True)

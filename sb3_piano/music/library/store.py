@@ -37,7 +37,7 @@ _CLOCK_TICK = 100_000_000
 
 
 _Signature = tuple[int, int]
-"""What of a file changes when it is replaced: its time of change, in ns, and its size."""
+"""Signature of a file, another one when it is replaced: time of change, in ns, and size."""
 
 
 class Library:

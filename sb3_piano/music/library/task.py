@@ -42,7 +42,7 @@ class Task:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """How the import of a piece went.
+    """Result of the import of a piece.
 
     Attributes:
         error: Why it failed, or None if it did not.
@@ -53,7 +53,7 @@ class Outcome:
     notes: tuple[str, ...] = ()
 
 
-def do_task(task: Task) -> Outcome:
+def run_task(task: Task) -> Outcome:
     """Import a piece; whatever is wrong with it becomes part of the outcome."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 
-from sb3_piano.music.library.task import Outcome, Task, do_task
+from sb3_piano.music.library.task import Outcome, Task, run_task
 
 _KILLED = "the process that read it was killed; is there memory enough?"
 
@@ -21,7 +21,7 @@ _AHEAD = 2
 Tell = Callable[[Task, Outcome], None]
 
 
-def do_tasks(tasks: Sequence[Task], jobs: int, tell: Tell) -> None:
+def run_tasks(tasks: Sequence[Task], jobs: int, tell: Tell) -> None:
     """Do tasks, and tell of each how it went, in the order in which they are done.
 
     After Ctrl-C what is being done is finished, and told; nothing new is begun.
@@ -38,25 +38,25 @@ def do_tasks(tasks: Sequence[Task], jobs: int, tell: Tell) -> None:
     has_forks = "forkserver" in multiprocessing.get_all_start_methods()
     if jobs == 1 or len(tasks) == 1 or not has_forks:
         for task in tasks:
-            tell(task, do_task(task))
+            tell(task, run_task(task))
         return
     left = list(tasks)
     while left:
-        done = _do_until_broken(left, min(jobs, len(left)), tell)
+        done = _run_until_broken(left, min(jobs, len(left)), tell)
         left = [task for task in left if id(task) not in done]
         # Only what was begun can have killed its process: tasks are begun in order.
         for task in left[: _AHEAD * jobs]:
-            if not _do_until_broken([task], 1, tell):
+            if not _run_until_broken([task], 1, tell):
                 tell(task, Outcome(error=_KILLED))
         left = left[_AHEAD * jobs :]
 
 
-def _do_until_broken(tasks: Sequence[Task], jobs: int, tell: Tell) -> set[int]:
+def _run_until_broken(tasks: Sequence[Task], jobs: int, tell: Tell) -> set[int]:
     """Do tasks until all are done or a process is killed; return the ids of the done."""
     done: set[int] = set()
     # Processes are forked from one without threads or a simulator, started once for all.
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([do_task.__module__])
+    context.set_forkserver_preload([run_task.__module__])
     pool = ProcessPoolExecutor(jobs, mp_context=context)
     futures: dict[Future[Outcome], Task] = {}
 
@@ -71,9 +71,9 @@ def _do_until_broken(tasks: Sequence[Task], jobs: int, tell: Tell) -> set[int]:
         waiting = iter(tasks)
         broken = False
         while not broken:
-            with _ctrl_c_put_off():
+            with _defer_interrupt():
                 for task in itertools.islice(waiting, _AHEAD * jobs - len(futures)):
-                    futures[pool.submit(do_task, task)] = task
+                    futures[pool.submit(run_task, task)] = task
             if not futures:
                 break
             finished = wait(futures, return_when=FIRST_COMPLETED).done
@@ -88,7 +88,7 @@ def _do_until_broken(tasks: Sequence[Task], jobs: int, tell: Tell) -> set[int]:
 
 
 @contextlib.contextmanager
-def _ctrl_c_put_off() -> Iterator[None]:
+def _defer_interrupt() -> Iterator[None]:
     """Put Ctrl-C off; processes that are started meanwhile never see it.
 
     From a terminal it reaches all processes, but only this one is to act on it, and not while it

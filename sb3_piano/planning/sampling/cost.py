@@ -1,4 +1,4 @@
-"""What a candidate costs: pure functions of what is due and of what it does."""
+"""Cost of a candidate: pure functions of what is due and of its motion."""
 
 from __future__ import annotations
 

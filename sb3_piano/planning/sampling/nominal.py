@@ -1,4 +1,4 @@
-"""What candidates change: a plan that is tracked, or nothing but hands at rest."""
+"""Commands that candidates change: of a plan that is tracked, or of hands at rest."""
 
 from __future__ import annotations
 

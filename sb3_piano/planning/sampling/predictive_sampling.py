@@ -16,7 +16,7 @@ from sb3_piano.planning.pianist import Trackers
 from sb3_piano.planning.policy import PianoPolicy
 from sb3_piano.planning.sampling.candidates import Candidates
 from sb3_piano.planning.sampling.nominal import Nominal, Rest, Tracked
-from sb3_piano.planning.sampling.search import Search
+from sb3_piano.planning.sampling.search import CandidateSearch
 from sb3_piano.planning.sampling.settings import (
     COST_FROM_ZERO,
     NOISE_FROM_ZERO,
@@ -32,7 +32,7 @@ from sb3_piano.simulation import PianoScene
 FloatArray = npt.NDArray[np.float64]
 
 NOMINALS = ("plan", "none")
-"""What candidates may change."""
+"""Nominal commands that candidates may change."""
 
 
 class PredictiveSampling(PianoPolicy):
@@ -156,7 +156,7 @@ class PredictiveSampling(PianoPolicy):
         begun = _Episode(
             piano.roll,
             candidates,
-            Search(
+            CandidateSearch(
                 piano.roll,
                 self._simulations[slot],
                 self._nominal(slot),
@@ -178,9 +178,9 @@ class PredictiveSampling(PianoPolicy):
 
 
 class _Episode:
-    """What is kept from one control step to the next."""
+    """State that is kept from one control step to the next."""
 
-    def __init__(self, roll: PianoRoll, candidates: Candidates, search: Search):
+    def __init__(self, roll: PianoRoll, candidates: Candidates, search: CandidateSearch):
         self.roll = roll
         self.candidates = candidates
         self.search = search

@@ -20,7 +20,7 @@ IntArray = npt.NDArray[np.intp]
 
 
 class Ratings(NamedTuple):
-    """How n candidates did."""
+    """Ratings of n candidates."""
 
     cost: FloatArray
     """(n,) discounted sum of the cost of all control steps; infinite for candidates that were given
@@ -31,7 +31,7 @@ class Ratings(NamedTuple):
     """(n,) how many keys sound that should not, or do not that should, over all control steps."""
 
 
-class Choice(NamedTuple):
+class BestCandidate(NamedTuple):
     """The best candidate."""
 
     knots: FloatArray
@@ -39,10 +39,10 @@ class Choice(NamedTuple):
     controls: FloatArray
     """(nu,) what the actuators are told in the first control step, rad or m."""
     cost: float
-    """What it costs."""
+    """Its cost."""
 
 
-class Search:
+class CandidateSearch:
     """Simulates changes of a nominal way of playing, and rates what comes of them."""
 
     def __init__(
@@ -70,7 +70,7 @@ class Search:
         self._has_plan = nominal.planned(0) is not None
         self._any_finger = not np.count_nonzero(roll.finger >= 0)
 
-    def best(self, piano: PianoEnv, known: FloatArray, new: FloatArray) -> Choice:
+    def best(self, piano: PianoEnv, known: FloatArray, new: FloatArray) -> BestCandidate:
         """Return the candidate that costs least; of equals, the first.
 
         The known ones go first. What the best of them costs is the most that a new one may cost
@@ -87,11 +87,11 @@ class Search:
         leader = int(np.argmin(first.cost))
         faultless = np.isfinite(first.cost[leader]) and first.mistakes[leader] == 0
         if self._has_plan and faultless:
-            return Choice(known[leader], first.controls[leader], float(first.cost[leader]))
+            return BestCandidate(known[leader], first.controls[leader], float(first.cost[leader]))
         second = self.rate(piano, new, bound=float(first.cost.min()))
         cost = np.concatenate([first.cost, second.cost])
         winner = int(np.argmin(cost))
-        return Choice(
+        return BestCandidate(
             knots=np.concatenate([known, new])[winner],
             controls=np.concatenate([first.controls, second.controls])[winner],
             cost=float(cost[winner]),

@@ -1,4 +1,4 @@
-"""What may be chosen about predictive sampling."""
+"""Settings of predictive sampling."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sb3_piano.exceptions import ConfigError
 
 @dataclass(frozen=True, kw_only=True)
 class SamplingNoise:
-    """How candidates differ from the best of the last control step.
+    """Random differences of candidates from the best of the last control step.
 
     The defaults are for sampling around a plan.
 
@@ -33,7 +33,7 @@ class SamplingNoise:
     forearm: float = 0.008
     """That of the sliders on which the forearms stand, m."""
     decay: float = 0.9
-    """What of the last control step's best change is kept for the next one, in [0, 1]."""
+    """Share of the last control step's best change that is kept for the next one, in [0, 1]."""
 
     def __post_init__(self) -> None:
         _check_number("share", self.share, 0 < _real(self.share) <= 1, "above 0, at most 1")
@@ -46,7 +46,7 @@ class SamplingNoise:
 
 @dataclass(frozen=True, kw_only=True)
 class SamplingCost:
-    """What the rating of a candidate counts in each control step; less is better.
+    """Weights of a candidate's cost in each control step; less is better.
 
     Raises:
         ConfigError: If a value is out of range.

@@ -1,0 +1,93 @@
+"""Order of the runs, medians, ratios and shares, against numbers worked out by hand."""
+
+from __future__ import annotations
+
+import pytest
+
+from sb3_piano.bench import Measurement, Sample, measure
+
+
+def scripted(name, rates, ratios=None, after=lambda: None):
+    """Return a measurement whose runs, of 2 s, have the given rates, the first to warm up."""
+    left = iter(rates)
+
+    def run():
+        after()
+        return Sample(2 * next(left), 2.0)
+
+    return Measurement(name=name, unit="steps/s", run=run, ratios=ratios or {})
+
+
+def test_every_other_round_goes_backwards():
+    order = []
+    measurements = [
+        scripted(name, [1] * 3, after=lambda name=name: order.append(name)) for name in "abc"
+    ]
+    measure("simulation", measurements, 2, [])
+    assert "".join(order) == "abc" + "cba" + "abc"
+
+
+def test_a_row_has_the_median_rate_and_those_of_the_rounds_after_the_first():
+    rows = []
+    measure("simulation", [scripted("ours", [100, 9, 1, 4])], 3, rows)
+    (row,) = rows
+    assert (row.part, row.name, row.value, row.unit) == ("simulation", "ours", 4, "steps/s")
+    assert (list(row.by_round), row.ratios) == ([9, 1, 4], {})
+
+
+def test_a_ratio_is_the_median_of_the_rounds_ratios_not_the_ratio_of_the_medians():
+    ratios = {"x of base": ("ours", "base"), "env/bare": ("base", "ours")}
+    rows = []
+    measurements = [scripted("ours", [1, 10, 30, 20], ratios), scripted("base", [1, 10, 10, 40])]
+    measure("simulation", measurements, 3, rows)  # medians 20 and 10
+    assert rows[0].ratios == {"x of base": 1.0, "env/bare": 1.0}
+    rows.clear()
+    measurements = [scripted("ours", [1, 10, 30], ratios), scripted("base", [1, 10, 10])]
+    measure("simulation", measurements, 2, rows)
+    assert rows[0].ratios == pytest.approx({"x of base": 2.0, "env/bare": (1 + 1 / 3) / 2})
+
+
+def test_shares_of_time_are_medians_too():
+    samples = iter(
+        [
+            Sample(1, 1.0, {"in the learner": 0.0}),
+            Sample(1, 2.0, {"in the learner": 1.0}),
+            Sample(1, 4.0, {"in the learner": 3.2}),
+            Sample(1, 1.0, {"in the learner": 0.6}),
+        ]
+    )
+    rows = []
+    ours = Measurement(name="ours", unit="steps/s", run=lambda: next(samples))
+    measure("training", [ours], 3, rows)
+    assert rows[0].ratios == pytest.approx({"of the time in the learner": 0.6})
+
+
+@pytest.mark.parametrize(("stop", "rounds"), [(4, 1), (5, 1), (7, 2)])
+def test_the_rounds_that_are_complete_count_when_interrupted(stop, rounds):
+    runs = []  # two each round, the first of which warms up
+
+    def count():
+        if len(runs) == stop:
+            raise KeyboardInterrupt
+        runs.append(1)
+
+    rows = []
+    measurements = [scripted(name, range(1, 9), after=count) for name in "ab"]
+    with pytest.raises(KeyboardInterrupt):
+        measure("simulation", measurements, 5, rows)
+    assert [list(row.by_round) for row in rows] == [list(range(2, 2 + rounds))] * 2
+
+
+def test_without_a_complete_round_there_are_no_rows():
+    rows = []
+    with pytest.raises(StopIteration):
+        measure("simulation", [scripted("a", [1]), scripted("b", [1])], 1, rows)
+    assert rows == []
+
+
+def test_progress_is_shown_on_standard_error_on_demand(capsys):
+    measure("simulation", [scripted("a", [1, 1])], 1, [])
+    assert capsys.readouterr() == ("", "")
+    measure("simulation", [scripted("a", [1, 1])], 1, [], progress=True)
+    captured = capsys.readouterr()
+    assert (captured.out, "simulation" in captured.err) == ("", True)

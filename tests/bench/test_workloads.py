@@ -1,0 +1,209 @@
+"""All workloads are real, and those that are compared do the same."""
+
+from __future__ import annotations
+
+import contextlib
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+import pytest
+from sb3_contrib import TQC
+from stable_baselines3 import SAC, TD3
+
+from sb3_piano.bench import ENV_ID, workloads
+from sb3_piano.buffers import CompactReplayBuffer
+from sb3_piano.envs import DEBUG_IDS, PianoEnv, PianoVectorEnv
+
+STEPS = 3
+CLASSES = {"sac": SAC, "td3": TD3, "tqc": TQC}
+
+
+@pytest.fixture
+def actions(short):
+    return workloads.episode_actions()
+
+
+@pytest.fixture
+def simulations(actions):
+    with contextlib.ExitStack() as stack:
+        found = workloads.simulation_measurements(actions, None, stack)
+        yield {measurement.name: measurement for measurement in found}
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Return a function that lists the calls of a function, which still does its work."""
+
+    def listen(owner, name, note):
+        real, heard = getattr(owner, name), []
+
+        def heeded(*args, **kwargs):
+            result = real(*args, **kwargs)
+            heard.append(note(*args, **kwargs))
+            return result
+
+        monkeypatch.setattr(owner, name, heeded)
+        return heard
+
+    return listen
+
+
+def test_actions_are_a_random_walk_that_is_clipped(actions, monkeypatch):
+    monkeypatch.setattr(workloads, "EPISODE_STEPS", None)
+    whole = workloads.episode_actions()
+    assert (whole.shape, whole.dtype) == ((len(gym.make(ENV_ID).unwrapped.roll), 39), np.float32)
+    assert (whole.min(), whole.max()) == (-1, 1)
+    np.testing.assert_array_equal(actions, whole[:STEPS])
+    noise = np.random.default_rng(0).normal(size=(2, 39))
+    second = np.clip(0.9 * np.clip(0.3 * noise[0], -1, 1) + 0.3 * noise[1], -1, 1)
+    np.testing.assert_allclose(whole[1], second, rtol=1e-6)
+
+
+def test_the_piece_is_one_that_robopianist_has_too():
+    assert ENV_ID in DEBUG_IDS
+
+
+def test_who_is_compared_with_whom(simulations):
+    expected = {"mj_step, reference": {}}
+    for profile in ("reference", "fast"):
+        bare, step = f"mj_step, {profile}", f"PianoEnv.step, {profile}"
+        expected.setdefault(bare, {})
+        for name in (step, f"gymnasium.make, {profile}"):
+            expected[name] = {"env/bare": (bare, name)}
+        expected[f"{step}, 43 keys move"] = {f"x of {step}": (f"{step}, 43 keys move", step)}
+    for name in ("vector env, 1 slot, fast", "vector env, 2 slots, fast"):
+        expected[name] = {"x of PianoEnv.step, fast": (name, "PianoEnv.step, fast")}
+    for name in list(expected)[1:]:
+        expected[name]["x of bare reference"] = (name, "mj_step, reference")
+    assert {name: m.ratios for name, m in simulations.items()} == expected
+    assert list(simulations) == list(expected)
+
+
+def test_a_peer_is_compared_with_by_everyone(actions):
+    counts = {"physics": [7, 0.5], "env": [3, 0.5]}
+    with contextlib.ExitStack() as stack:
+        found = workloads.simulation_measurements(actions, counts.__getitem__, stack)
+    *others, physics, env = found
+    assert (physics.name, physics.run().count) == ("RoboPianist's mj_step", 7)
+    assert (env.name, env.run().count) == ("RoboPianist", 3)
+    for measurement in (*others, physics):
+        assert measurement.ratios["x of the peer"] == (measurement.name, "RoboPianist")
+    assert env.ratios == {"env/bare": ("RoboPianist's mj_step", "RoboPianist")}
+
+
+@pytest.mark.parametrize("profile", ["reference", "fast"])
+def test_an_environment_plays_the_actions(profile, simulations, actions, calls):
+    order = calls(gym.wrappers.OrderEnforcing, "step", lambda *_: None)
+    heard = calls(PianoEnv, "step", lambda env, action: (env, action))
+    for name, wrapped, keys in (
+        (f"PianoEnv.step, {profile}", 0, 88),
+        (f"gymnasium.make, {profile}", STEPS, 88),
+        (f"PianoEnv.step, {profile}, 43 keys move", 0, 43),
+    ):
+        heard.clear()
+        order.clear()
+        sample = simulations[name].run()
+        assert sample.count == STEPS
+        assert sample.seconds > 0
+        assert {(env.config.physics, len(env.scene.key_qpos)) for env, _ in heard} == {
+            (profile, keys)
+        }
+        np.testing.assert_array_equal([action for _, action in heard], actions)
+        assert len(order) == wrapped
+
+
+@pytest.mark.parametrize("profile", ["reference", "fast"])
+def test_the_bare_physics_moves_exactly_as_the_environment(profile, simulations, actions, calls):
+    env = gym.make(ENV_ID, physics=profile).unwrapped
+    env.reset()
+    for action in actions:
+        env.step(action)
+    heard = calls(
+        mujoco,
+        "mj_step",
+        lambda model, data, nstep: (nstep, data.qpos.copy(), data.ctrl.copy()),
+    )
+    for _ in range(2):  # each time from the beginning
+        heard.clear()
+        assert simulations[f"mj_step, {profile}"].run().count == STEPS
+        assert [nstep for nstep, *_ in heard] == [env.config.n_substeps] * STEPS
+        np.testing.assert_array_equal(heard[-1][1], env.data.qpos)
+        np.testing.assert_array_equal(heard[-1][2], env.data.ctrl)
+
+
+def test_slots_of_the_vector_env_play_the_same_and_all_count(simulations, actions, calls):
+    heard = calls(PianoVectorEnv, "step", lambda venv, batch: (venv, batch))
+    assert simulations["vector env, 2 slots, fast"].run().count == 2 * STEPS
+    for slot in range(2):
+        np.testing.assert_array_equal([batch[slot] for _, batch in heard], actions)
+        assert heard[0][0].envs[slot].config.physics == "fast"
+
+
+@pytest.fixture
+def trained(monkeypatch):
+    """List of each call of ``train``: class, updates, batch, observation, transitions."""
+    heard = []
+    for kind in CLASSES.values():
+        real = kind.train
+
+        def train(model, gradient_steps, batch_size, real=real):
+            size = model.observation_space.shape[0]
+            heard.append(
+                (type(model), gradient_steps, batch_size, size, model.replay_buffer.size())
+            )
+            real(model, gradient_steps=gradient_steps, batch_size=batch_size)
+
+        monkeypatch.setattr(kind, "train", train)
+    return heard
+
+
+def test_each_preset_is_updated_with_each_observation(short, trained):
+    with contextlib.ExitStack() as stack:
+        measurements = workloads.update_measurements(stack)
+        assert trained == []  # the buffer was filled without learning
+        samples = [measurement.run() for measurement in measurements]
+    assert {sample.count for sample in samples} == {2}
+    expected = {}
+    for algo, kind in CLASSES.items():
+        for observation, size in (("roll", 1124), ("window", 584), ("fingers", 130)):
+            expected[f"{algo}, {observation}"] = (kind, 2, 256, size, 4)
+        expected[f"{algo} for debug pieces"] = (kind, 2, 128, 130, 4)
+    assert [measurement.name for measurement in measurements] == list(expected)
+    assert trained == list(expected.values())
+    assert measurements[0].ratios == {}
+    for name in (measurements[1].name, measurements[3].name):
+        by_name = {measurement.name: measurement.ratios for measurement in measurements}
+        assert by_name[name] == {"x of sac, roll": (name, "sac, roll")}
+
+
+def test_whole_training_steps_and_learns(short, trained):
+    with contextlib.ExitStack() as stack:
+        measurements = workloads.training_measurements(stack)
+        names = [measurement.name for measurement in measurements]
+        assert names == [n for a in CLASSES for n in (a, f"{a} for debug pieces")]
+        for measurement in measurements:
+            for _ in range(2):
+                trained.clear()
+                sample = measurement.run()
+                assert sample.count == 3
+                assert [kind for kind, *_ in trained] == [CLASSES[measurement.name[:3]]] * 3
+                assert list(sample.parts) == ["in the simulation", "in the learner", "elsewhere"]
+                assert min(sample.parts.values()) > 0
+                assert sum(sample.parts.values()) == pytest.approx(sample.seconds)
+
+
+def test_the_memory_of_replay_buffers_is_scaled_to_the_size_in_the_preset(monkeypatch):
+    monkeypatch.setattr(workloads, "TRANSITIONS", 310)  # two episodes end
+    stock, compact = workloads.memory_rows()
+    assert (stock.part, stock.name, stock.unit) == ("memory", "ReplayBuffer(1000000)", "GB")
+    assert stock.value == pytest.approx(1e6 * 4 * (2 * 1124 + 39 + 3) / 1e9, rel=1e-12)
+    env = gym.make(ENV_ID)
+    full = CompactReplayBuffer(1_000_000, env.observation_space, env.action_space, device="cpu")
+    assert compact.name == "CompactReplayBuffer(1000000)"
+    # Besides its arrays it keeps copies of the last observations of episodes: here 2 in 310, and
+    # an observation is more than half of a transition.
+    assert compact.value == pytest.approx(full.nbytes / 1e9, rel=0.03)
+    assert compact.value > (1 + 2 / 310 / 2) * full.nbytes / 1e9
+    assert stock.ratios == {}
+    assert compact.ratios == {"x of ReplayBuffer": pytest.approx(compact.value / stock.value)}

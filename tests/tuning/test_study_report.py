@@ -28,14 +28,14 @@ from finished_study import (
 from optuna.distributions import FloatDistribution
 from playwright.sync_api import sync_playwright
 
-from sb3_piano.tuning.outcome.report import report_html, write_report
-from sb3_piano.tuning.outcome.report_figures import (
+from sb3_piano.tuning.outcome.figures import (
     history_figure,
     importances,
     log_ticks,
     parallel_figure,
     reports_figure,
 )
+from sb3_piano.tuning.outcome.report import report_html, write_report
 from sb3_piano.tuning.study_folder import StudyFolder
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -49,11 +49,11 @@ class Texts(HTMLParser):
 
     def __init__(self, page):
         super().__init__()
-        self.words, self.tables, self._hidden = [], [], False
+        self.words, self.tables, self._tag = [], [], None
         self.feed(page)
 
     def handle_starttag(self, tag, attrs):
-        self._hidden = tag in ("script", "style")
+        self._tag = tag
         if tag == "table":
             self.tables.append([])
         elif tag == "tr":
@@ -62,13 +62,13 @@ class Texts(HTMLParser):
             self.tables[-1][-1].append("")
 
     def handle_endtag(self, tag):
-        self._hidden = False
+        self._tag = None
 
     def handle_data(self, data):
-        if self._hidden:
+        if self._tag in ("script", "style"):
             return
         self.words.append(data)
-        if self.lasttag in ("td", "th") and self.tables:
+        if self._tag in ("td", "th"):
             self.tables[-1][-1][-1] += data
 
 
@@ -97,7 +97,7 @@ def test_the_summary_counts_trials_and_compares_with_the_preset():
     assert "TwinkleTwinkleLittleStar evenings" in text
     assert "6 trials: 2 complete, 1 pruned, 1 failed, 1 running, 1 waiting." in text
     assert "The best value is 0.500, of trial 1; the preset's is 0.250." in text
-    assert "1 interrupted trial not counted" in text
+    assert "is 0.250. 1 interrupted trial not counted" in text
     assert "F1 of the model at the end of a training, in 1 episode from seed 1000" in text
     assert "train with other seeds" in text
 

@@ -9,10 +9,23 @@ import numpy as np
 import pytest
 import torch
 from playwright.sync_api import sync_playwright
-from report_parts import C4, D4, E4, long_performance, metrics_of, resting, three_notes
+from report_parts import (
+    C4,
+    D4,
+    E4,
+    STEP,
+    long_performance,
+    metrics_of,
+    note,
+    performance,
+    resting,
+    three_notes,
+)
 
 from sb3_piano.training import RunConfig, train, write_report
+from sb3_piano.viewing.colors import FINGER_COLORS, PRESSED_COLOR
 from sb3_piano.viewing.report import Curve, Report, report_html
+from sb3_piano.viewing.report.page import css_color
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine")
@@ -23,6 +36,8 @@ PLACE = """([second, key]) => {
   return [box.left + xaxis._offset + xaxis.d2p(second), box.top + yaxis._offset + yaxis.d2p(key)];
 }"""
 VIEW = "document.getElementById('piano-roll').layout.xaxis.range"
+TRACES = "document.getElementById('piano-roll').data"
+LAYOUT = "document.getElementById('piano-roll').layout"
 MARKS = """mark => {
   const roll = document.getElementById("piano-roll");
   const drawn = roll.querySelectorAll(".barlayer .trace, .scatterlayer .trace");
@@ -119,6 +134,45 @@ def test_all_figures_are_drawn_with_all_their_marks(tab, page_of_three_notes):
     lines = "node => node.querySelectorAll('.scatterlayer .js-line').length"
     assert tab.page.eval_on_selector("#training-1", lines) == 2
     assert tab.page.title() == "study · sb3-piano"
+
+
+def test_bars_have_the_colours_of_their_fingers_and_legends_the_same(tab, page_of_three_notes):
+    tab.open(page_of_three_notes)
+    traces = {trace["meta"]: trace for trace in tab.page.evaluate(TRACES)[:-3]}  # the pedal's
+    for mark, finger in (("due-thumb", 0), ("due-index-finger", 1), ("due-middle-finger", 7)):
+        color = css_color(FINGER_COLORS[finger])
+        assert traces[mark]["marker"]["line"]["color"] == color
+        assert traces[mark]["width"] > traces["hit"]["width"]
+        swatch = tab.page.locator(f"button[data-mark={mark}] .swatch")
+        border = swatch.evaluate("node => getComputedStyle(node).borderColor")
+        assert border.replace(" ", "") == color
+    assert traces["hit"]["marker"]["color"] == css_color(PRESSED_COLOR)
+
+
+def test_all_keys_that_are_used_are_in_view_and_named(tab, tmp_path):
+    wide = performance([note(C4, 0.5, 1.0)], [(87, 0.1, 0.3, 4), (0, 0.1, 0.3, 5)])
+    narrow = performance([note(C4, 0.5, 1.0)], [])
+    for played, low, high in ((wide, -0.5, 87.5), (narrow, C4 - 6.5, C4 + 6.5)):
+        tab.open(written(tmp_path / "keys.html", played))
+        axis = tab.page.evaluate(LAYOUT)["yaxis"]
+        assert axis["range"] == [low, high]
+        labels = dict(zip(axis["tickvals"], axis["ticktext"], strict=True))
+        assert labels[C4] == "C4"
+        assert (D4 in labels) is (played is narrow)
+        assert not [name for name in labels.values() if "♯" in name]
+
+
+def test_an_episode_that_ended_early_has_a_line_there(tab, tmp_path):
+    def ends(played):
+        tab.open(written(tmp_path / "end.html", played))
+        shapes = tab.page.evaluate(LAYOUT)["shapes"]
+        assert len(shapes) < 60
+        return [shape["x0"] for shape in shapes if "label" in shape]
+
+    short = performance([note(C4, 0.0, 0.5, 0), note(D4, 1.0, 1.5, 1)], [], steps=12)
+    assert ends(short) == [pytest.approx(12 * STEP)]
+    assert tab.count("not-reached") == 1
+    assert ends(three_notes()) == []
 
 
 def test_pointing_at_a_bar_shows_pitch_finger_onsets_error_and_result(tab, page_of_three_notes):

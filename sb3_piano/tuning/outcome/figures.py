@@ -1,4 +1,4 @@
-"""Optuna's figures of a study, in the look of our reports."""
+"""Optuna's figures of a study; how they look in a report is up to its script."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import contextlib
 import math
 import warnings
 from collections.abc import Iterator
-from typing import Any
 
 import optuna
 import plotly.graph_objects as go
@@ -16,17 +15,17 @@ from optuna.trial import TrialState
 
 from sb3_piano.tuning.outcome.best import complete_trials, preset_trial
 from sb3_piano.tuning.outcome.table import STATES
-from sb3_piano.viewing.report.theme import MUTED, RULE, SERIES, SOUNDING, axis, themed
+from sb3_piano.viewing.report.page import PALETTE
 
 _BEST = "Best Value"
+_BLUE = PALETTE["index-finger"]
 _STATE_COLORS = {
-    "COMPLETE": SOUNDING,
-    "PRUNED": SERIES[3],
-    "FAIL": SERIES[0],
-    "RUNNING": SERIES[1],
-    "WAITING": RULE,
+    TrialState.COMPLETE: PALETTE["sounding"],
+    TrialState.PRUNED: PALETTE["little-finger"],
+    TrialState.FAIL: PALETTE["thumb"],
+    TrialState.RUNNING: _BLUE,
+    TrialState.WAITING: PALETTE["rule"],
 }
-_MARGIN = {"l": 48, "r": 16, "t": 30, "b": 44}
 _AXIS_WIDTH = 106
 """Of a parallel coordinate plot, in pixels."""
 _LONGEST = 18
@@ -43,18 +42,21 @@ def history_figure(study: optuna.Study, label: str) -> go.Figure | None:
     if not complete_trials(study):
         return None
     figure = visualization.plot_optimization_history(study, target_name=label)
-    figure.update_traces(marker={"color": SERIES[1], "size": 7}, selector={"name": label})
+    figure.update_traces(marker={"color": _BLUE, "size": 7}, selector={"name": label})
     figure.update_traces(
-        line={"color": SOUNDING, "width": 2, "shape": "hv"},
+        line={"color": PALETTE["sounding"], "width": 2, "shape": "hv"},
         name="best so far",
         selector={"name": _BEST},
     )
     preset = preset_trial(study)
     if preset is not None:
         figure.add_hline(
-            preset.value, line={"color": MUTED, "dash": "dash"}, name="preset", showlegend=True
+            preset.value,
+            line={"color": PALETTE["muted"], "dash": "dash"},
+            name="preset",
+            showlegend=True,
         )
-    return _styled(figure, height=300, showlegend=True)
+    return figure.update_layout(height=300, showlegend=True)
 
 
 def importances(study: optuna.Study) -> dict[str, float]:
@@ -79,8 +81,8 @@ def importance_figure(study: optuna.Study) -> go.Figure | None:
     with _quiet():
         evaluator = PedAnovaImportanceEvaluator()
         figure = visualization.plot_param_importances(study, evaluator=evaluator)
-    figure.update_traces(marker={"color": SERIES[1]})
-    _styled(figure, height=max(300, 80 + 26 * len(found)))
+    figure.update_traces(marker={"color": _BLUE})
+    figure.update_layout(height=max(300, 80 + 26 * len(found)))
     figure.update_xaxes(title=None, range=[0, 1.15 * max(found.values())])
     return figure.update_yaxes(title=None, showgrid=False)
 
@@ -101,15 +103,14 @@ def reports_figure(study: optuna.Study, label: str) -> go.Figure | None:
         is_pruned = trace.name in pruned
         trace.update(
             line={
-                "color": _STATE_COLORS["PRUNED" if is_pruned else "COMPLETE"],
+                "color": _STATE_COLORS[TrialState.PRUNED if is_pruned else TrialState.COMPLETE],
                 "dash": "dot" if is_pruned else "solid",
                 "width": 1.4,
             },
             marker={"size": 5},
             opacity=0.7,
         )
-    _styled(figure, height=320)
-    figure.update_yaxes(title_text=label)
+    figure.update_layout(height=320, yaxis_title_text=label)
     return figure.update_xaxes(title_text="environment steps of the trial", rangemode="tozero")
 
 
@@ -127,17 +128,13 @@ def parallel_figure(study: optuna.Study, label: str) -> go.Figure | None:
         return None
     figure = visualization.plot_parallel_coordinate(study, target_name=label)
     figure.update_layout(
-        title=None,
-        template="none",
-        dragmode=False,
-        font=_styled(go.Figure()).layout.font,
         height=340,
         margin={"l": 50, "r": 30, "t": 30, "b": 50},
         meta=_AXIS_WIDTH * (len(names) + 1),
     )
     figure.update_traces(marker={"showscale": False})  # the first axis has the values
     figure.for_each_annotation(lambda tick: tick.update(text=_shortened(tick.text)))
-    return figure.update_xaxes(fixedrange=True, tickfont={"size": 10})
+    return figure.update_xaxes(tickfont={"size": 10})
 
 
 def _shortened(text: str) -> str:
@@ -160,7 +157,7 @@ def slice_figures(study: optuna.Study, label: str) -> dict[str, go.Figure]:
     for name in sorted(names, key=lambda name: (-order.get(name, 0.0), name)):
         figure = visualization.plot_slice(study, params=[name], target_name=label)
         figure.update_traces(marker={"showscale": False, "size": 7})
-        _styled(figure, height=230).update_xaxes(title=None, nticks=6)
+        figure.update_layout(height=230).update_xaxes(title=None, nticks=6)
         if figure.layout.xaxis.type == "log":
             ticks = log_ticks(min(figure.data[0].x), max(figure.data[0].x))
             figure.update_xaxes(tickvals=ticks, ticktext=[f"{tick:g}" for tick in ticks])
@@ -192,10 +189,11 @@ def timeline_figure(study: optuna.Study) -> go.Figure | None:
     figure = visualization.plot_timeline(study)
     figure.for_each_trace(
         lambda trace: trace.update(
-            name=STATES[TrialState[trace.name]], marker={"color": _STATE_COLORS[trace.name]}
+            name=STATES[TrialState[trace.name]],
+            marker={"color": _STATE_COLORS[TrialState[trace.name]]},
         )
     )
-    _styled(figure, height=max(220, 90 + 9 * len(trials)), showlegend=True)
+    figure.update_layout(height=max(220, 90 + 9 * len(trials)), showlegend=True)
     figure.update_xaxes(title=None)
     return figure.update_yaxes(title_text="trial", showgrid=False)
 
@@ -203,14 +201,6 @@ def timeline_figure(study: optuna.Study) -> go.Figure | None:
 def _searched(study: optuna.Study) -> list[str]:
     """Return the parameters that complete trials have."""
     return sorted({name for trial in complete_trials(study) for name in trial.params})
-
-
-def _styled(figure: go.Figure, **layout: Any) -> go.Figure:
-    figure.update_layout(themed(margin=_MARGIN, hovermode="closest", **layout))
-    figure.update_layout(title=None)
-    look = axis(title={})
-    figure.update_xaxes(look)
-    return figure.update_yaxes(look)
 
 
 @contextlib.contextmanager

@@ -28,13 +28,7 @@ from finished_study import (
 from optuna.distributions import FloatDistribution
 from playwright.sync_api import sync_playwright
 
-from sb3_piano.tuning.outcome.figures import (
-    history_figure,
-    importances,
-    log_ticks,
-    parallel_figure,
-    reports_figure,
-)
+from sb3_piano.tuning.outcome.figures import importances, log_ticks, study_figures
 from sb3_piano.tuning.outcome.report import report_html, write_report
 from sb3_piano.tuning.study_folder import StudyFolder
 
@@ -217,16 +211,16 @@ def test_lines_of_pruned_trials_are_dotted():
     complete(study, config, 0.5)
     prune(study, config, 0.1)
     begin(study, config).report(0.2, 200)
-    dashes = {trace.name: trace.line.dash for trace in reports_figure(study, "F1").data}
+    dashes = {trace.name: trace.line.dash for trace in study_figures(study, "F1")["reports"].data}
     assert dashes == {"Trial0": "solid", "Trial1": "dot", "Trial2": "solid"}
 
 
 def test_the_presets_value_is_a_line_in_the_history():
     config, study = study_config(), new_study()
     complete(study, config, 0.5)
-    assert not history_figure(study, "F1").layout.shapes
+    assert not study_figures(study, "F1")["history"].layout.shapes
     complete_preset(study, config, 0.25)
-    (line,) = history_figure(study, "F1").layout.shapes
+    (line,) = study_figures(study, "F1")["history"].layout.shapes
     assert (line.y0, line.y1) == (0.25, 0.25)
 
 
@@ -238,7 +232,7 @@ def test_a_long_choice_is_shortened_where_there_is_no_room():
     config, study = study_config(space=space), new_study()
     for value in (0.1, 0.2, 0.3, 0.4):
         complete(study, config, value)
-    figure = parallel_figure(study, "F1")
+    figure = study_figures(study, "F1")["parallel"]
     texts = [annotation.text for annotation in figure.layout.annotations]
     assert "…ularizedSACPolicy" in texts
     assert max(map(len, texts)) == 18

@@ -6,6 +6,7 @@ import contextlib
 import math
 import warnings
 from collections.abc import Iterator
+from typing import Any
 
 import optuna
 import plotly.graph_objects as go
@@ -32,13 +33,29 @@ _LONGEST = 18
 """Characters of a choice that have room there."""
 
 
-def history_figure(study: optuna.Study, label: str) -> go.Figure | None:
-    """Return the values of the complete trials; ``None`` if there are none.
+def study_figures(study: optuna.Study, label: str) -> dict[str, Any]:
+    """Return the figures of a study; ``None`` for those for which it has nothing to show yet.
 
     Args:
         study: The study.
         label: What a value is called.
+
+    Returns:
+        ``history``, ``importance``, ``reports``, ``timeline``, ``parallel``, and ``slices``: one
+        figure for each parameter that complete trials have, the most important one first.
     """
+    return {
+        "history": _history(study, label),
+        "importance": _importance(study),
+        "reports": _reports(study, label),
+        "timeline": _timeline(study),
+        "parallel": _parallel(study, label),
+        "slices": _slices(study, label),
+    }
+
+
+def _history(study: optuna.Study, label: str) -> go.Figure | None:
+    """Return the values of the complete trials; ``None`` if there are none."""
     if not complete_trials(study):
         return None
     figure = visualization.plot_optimization_history(study, target_name=label)
@@ -73,7 +90,7 @@ def importances(study: optuna.Study) -> dict[str, float]:
     return found if sum(found.values()) > 0 else {}
 
 
-def importance_figure(study: optuna.Study) -> go.Figure | None:
+def _importance(study: optuna.Study) -> go.Figure | None:
     """Return bars of :func:`importances`; ``None`` if there are none."""
     found = importances(study)
     if not found:
@@ -87,13 +104,8 @@ def importance_figure(study: optuna.Study) -> go.Figure | None:
     return figure.update_yaxes(title=None, showgrid=False)
 
 
-def reports_figure(study: optuna.Study, label: str) -> go.Figure | None:
-    """Return what trials reported while they ran; ``None`` if nothing.
-
-    Args:
-        study: The study.
-        label: What a value is called.
-    """
+def _reports(study: optuna.Study, label: str) -> go.Figure | None:
+    """Return what trials reported while they ran; ``None`` if nothing."""
     figure = visualization.plot_intermediate_values(study)
     if not figure.data:
         return None
@@ -114,14 +126,10 @@ def reports_figure(study: optuna.Study, label: str) -> go.Figure | None:
     return figure.update_xaxes(title_text="environment steps of the trial", rangemode="tozero")
 
 
-def parallel_figure(study: optuna.Study, label: str) -> go.Figure | None:
+def _parallel(study: optuna.Study, label: str) -> go.Figure | None:
     """Return lines through the settings of complete trials; ``None`` if there are none.
 
     ``meta`` is the least width in pixels at which its axes can be told apart.
-
-    Args:
-        study: The study.
-        label: What a value is called.
     """
     names = _searched(study)
     if not names:
@@ -141,15 +149,10 @@ def _shortened(text: str) -> str:
     return text if len(text) <= _LONGEST else f"…{text[1 - _LONGEST :]}"
 
 
-def slice_figures(study: optuna.Study, label: str) -> dict[str, go.Figure]:
-    """Return a figure of values over settings for each parameter that complete trials have.
+def _slices(study: optuna.Study, label: str) -> dict[str, go.Figure]:
+    """Return a figure of values over settings for each parameter of complete trials, by its name.
 
-    Args:
-        study: The study.
-        label: What a value is called.
-
-    Returns:
-        The figures by the parameter's name, the most important one first.
+    The most important one comes first.
     """
     names = _searched(study)
     order = importances(study)
@@ -181,7 +184,7 @@ def log_ticks(low: float, high: float) -> list[float]:
     return [tick for tick in ticks if low <= tick <= high]
 
 
-def timeline_figure(study: optuna.Study) -> go.Figure | None:
+def _timeline(study: optuna.Study) -> go.Figure | None:
     """Return when each trial ran, by its state; ``None`` if there are no trials."""
     trials = study.get_trials(deepcopy=False)
     if not trials:

@@ -15,7 +15,6 @@ from sb3_piano.files import write_text
 from sb3_piano.metrics import DEFINITIONS
 from sb3_piano.training.env_ids import registered_id
 from sb3_piano.tuning.attributes import FAILURE, ORIGIN, counting, repeated
-from sb3_piano.tuning.outcome import figures
 from sb3_piano.tuning.outcome.best import (
     CAVEAT,
     best_entry,
@@ -26,6 +25,7 @@ from sb3_piano.tuning.outcome.best import (
     training_in_words,
 )
 from sb3_piano.tuning.outcome.commands import train_command, zoo_command
+from sb3_piano.tuning.outcome.figures import study_figures
 from sb3_piano.tuning.outcome.table import RESULTS, STATES
 from sb3_piano.tuning.outcome.zoo_entry import zoo_entry
 from sb3_piano.tuning.search_space.defaults import with_defaults
@@ -82,12 +82,7 @@ def report_html(study: optuna.Study, config: StudyConfig, folder: StudyFolder | 
             for trial in trials
             if trial.state is TrialState.FAIL
         ],
-        history=figures.history_figure(study, label),
-        importance=figures.importance_figure(study),
-        reports=figures.reports_figure(study, label),
-        timeline=figures.timeline_figure(study),
-        parallel=figures.parallel_figure(study, label),
-        slices=figures.slice_figures(study, label),
+        **study_figures(study, label),
         facts=[("Value", objective_in_words(config)), ("Training", training_in_words(config))],
         commands=_commands(study, config, StudyFolder(Path()) if folder is None else folder),
     )

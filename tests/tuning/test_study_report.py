@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import html
 import re
-import shutil
 import warnings
 from html.parser import HTMLParser
 from pathlib import Path
 
 import optuna
 import pytest
+from browser_tab import PHONE
 from finished_study import (
     ENTRY,
     SPACE,
@@ -26,14 +26,10 @@ from finished_study import (
     study_config,
 )
 from optuna.distributions import FloatDistribution
-from playwright.sync_api import sync_playwright
 
 from sb3_piano.tuning.outcome.figures import importances, log_ticks, study_figures
 from sb3_piano.tuning.outcome.report import report_html, write_report
 from sb3_piano.tuning.study_folder import StudyFolder
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine")
 
 EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>"
 
@@ -325,40 +321,15 @@ def test_the_study_is_not_changed_and_the_same_page_comes_again():
 # In a browser.
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
-
-
 @pytest.fixture
-def opened(browser, tmp_path):
-    """Return a function that opens the report of a study; nothing may go wrong on the page."""
-    complaints, contexts = [], []
+def opened(tab, tmp_path):
+    """Return a function that opens the report of a study, and returns the page."""
 
-    def note_request(request):
-        if not request.url.startswith(("file:", "data:", "blob:")):
-            complaints.append(request.url)
+    def open_page(study, config):
+        tab.open(write_report(study, config, StudyFolder(tmp_path)))
+        return tab.page
 
-    def open_page(study, config, **screen):
-        contexts.append(browser.new_context(offline=True, **screen))
-        page = contexts[-1].new_page()
-        page.on("console", lambda message: complaints.append(message.text))
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("dialog", lambda dialog: (complaints.append(dialog.message), dialog.accept()))
-        page.on("request", note_request)
-        page.goto(write_report(study, config, StudyFolder(tmp_path)).as_uri())
-        page.wait_for_function(
-            "[...document.querySelectorAll('.plotly-graph-div')].every(f => f.querySelector('svg'))"
-        )
-        return page
-
-    yield open_page
-    for context in contexts:
-        context.close()
-    assert complaints == []
+    return open_page
 
 
 POINTS = "node => node.querySelectorAll('.scatterlayer .point').length"
@@ -366,7 +337,6 @@ LINES = "node => node.querySelectorAll('.scatterlayer .js-line').length"
 BARS = "node => node.querySelectorAll('.barlayer .point path').length"
 
 
-@needs_chromium
 def test_all_figures_are_drawn_with_all_their_trials(opened, tmp_path):
     config = study_config()
     study = finished_study(config)
@@ -387,20 +357,17 @@ def test_all_figures_are_drawn_with_all_their_trials(opened, tmp_path):
         assert name in legend
 
 
-@needs_chromium
-def test_on_a_phone_only_tables_and_the_lines_are_scrolled(opened):
+@pytest.mark.parametrize("tab", [PHONE], indirect=True)
+def test_on_a_phone_only_tables_and_the_lines_are_scrolled(opened, tab):
     space = {**SPACE, **{f"env_kwargs.reward_weights.{name}": {"float": [0.1, 2.0]}
                          for name in ("energy", "fingering", "key_press", "sustain")}}  # fmt: skip
     config = study_config(space=space)
-    size = {"width": 390, "height": 844}
-    page = opened(finished_study(config), config, viewport=size, is_mobile=True, has_touch=True)
+    page = opened(finished_study(config), config)
     assert page.evaluate("document.documentElement.scrollWidth") == 390
-    widest = "nodes => Math.max(...nodes.map(n => n.getBoundingClientRect().right))"
-    assert page.eval_on_selector_all("main *:not(svg *):not(.wide *)", widest) <= 390
+    assert tab.right_edge("main *:not(svg *):not(.wide *)") <= 390
     assert page.eval_on_selector("#parallel", "node => node.clientWidth") >= 9 * 100
 
 
-@needs_chromium
 def test_names_and_reasons_like_scripts_do_nothing(opened):
     space = {**SPACE, "policy_kwargs.net_arch": {"choice": {EVIL: [16], "other": [32]}}}
     config, study = study_config(space=space), new_study(EVIL)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import tempfile
 from collections.abc import Callable, Iterator
@@ -11,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from browser_tab import Tab
 
 import sb3_piano  # noqa: F401  (first of all: MuJoCo must not be imported before it)
 
@@ -45,6 +47,31 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.arrays["action"])
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """A headless Chromium."""
+    from playwright.sync_api import sync_playwright
+
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    if chromium is None:
+        pytest.skip("there is no chromium on this machine")
+    with sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        yield launched
+        launched.close()
+
+
+@pytest.fixture
+def tab(browser, request):
+    """A tab of 1200 by 1000 pixels, or as given; at its end nothing may have gone wrong."""
+    screen = {"viewport": {"width": 1200, "height": 1000}, **getattr(request, "param", {})}
+    context = browser.new_context(offline=True, **screen)
+    opened = Tab(context.new_page())
+    yield opened
+    context.close()
+    assert opened.complaints == []
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import os
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -88,43 +88,31 @@ def training_curves(run: RunFolder) -> dict[str, Curve]:
     Returns:
         The curves, none of them empty; no curve if there is no such file.
     """
-    points: dict[str, list[_Point]] = {}
-    if run.tensorboard_dir.is_dir():
-        for folder in sorted(run.tensorboard_dir.iterdir()):
-            for name, found in _points(folder).items():
-                points.setdefault(name, []).extend(found)
-    curves = {name: _curve(found) for name, found in points.items()}
-    return {name: curve for name, curve in curves.items() if len(curve.steps)}
-
-
-class _Point(NamedTuple):
-    written_at: float
-    step: int
-    value: float
-
-
-def _points(folder: Path) -> dict[str, list[_Point]]:
-    """Return all that the event files of a folder hold, in the order of its being written."""
+    if not run.tensorboard_dir.is_dir():
+        return {}
     # Slow to import, and of no use to a run without a log.
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-    events = EventAccumulator(str(folder), size_guidance={"scalars": 0}).Reload()  # 0: keep all
-    return {
-        name: [_Point(event.wall_time, event.step, event.value) for event in events.Scalars(name)]
-        for name in events.Tags()["scalars"]
-    }
+    events: dict[str, list[Any]] = {}
+    for folder in sorted(run.tensorboard_dir.iterdir()):
+        log = EventAccumulator(str(folder), size_guidance={"scalars": 0}).Reload()  # 0: keep all
+        for name in log.Tags()["scalars"]:
+            events.setdefault(name, []).extend(log.Scalars(name))
+    curves = {name: _curve(found) for name, found in events.items()}
+    return {name: curve for name, curve in curves.items() if len(curve.steps)}
 
 
-def _curve(points: list[_Point]) -> Curve:
-    kept: list[_Point] = []
-    for point in sorted(points, key=lambda point: point.written_at):
-        while kept and kept[-1].step >= point.step:
+def _curve(events: list[Any]) -> Curve:
+    """Return what counts of TensorBoard's events of a number, from all its files."""
+    kept: list[Any] = []
+    for event in sorted(events, key=lambda event: event.wall_time):
+        while kept and kept[-1].step >= event.step:
             kept.pop()
-        kept.append(point)
-    finite = [point for point in kept if math.isfinite(point.value)]
+        kept.append(event)
+    finite = [event for event in kept if math.isfinite(event.value)]
     return Curve(
-        steps=np.array([point.step for point in finite], dtype=np.int64),
-        values=np.array([point.value for point in finite], dtype=float),
+        steps=np.array([event.step for event in finite], dtype=np.int64),
+        values=np.array([event.value for event in finite], dtype=float),
     )
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import html
 import re
-import shutil
 import warnings
 from html.parser import HTMLParser
 from pathlib import Path
 
 import optuna
 import pytest
+from browser_tab import PHONE
 from finished_study import (
     ENTRY,
     SPACE,
@@ -26,20 +26,10 @@ from finished_study import (
     study_config,
 )
 from optuna.distributions import FloatDistribution
-from playwright.sync_api import sync_playwright
 
+from sb3_piano.tuning.outcome.figures import importances, log_ticks, study_figures
 from sb3_piano.tuning.outcome.report import report_html, write_report
-from sb3_piano.tuning.outcome.report_figures import (
-    history_figure,
-    importances,
-    log_ticks,
-    parallel_figure,
-    reports_figure,
-)
 from sb3_piano.tuning.study_folder import StudyFolder
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine")
 
 EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>"
 
@@ -49,11 +39,11 @@ class Texts(HTMLParser):
 
     def __init__(self, page):
         super().__init__()
-        self.words, self.tables, self._hidden = [], [], False
+        self.words, self.tables, self._tag = [], [], None
         self.feed(page)
 
     def handle_starttag(self, tag, attrs):
-        self._hidden = tag in ("script", "style")
+        self._tag = tag
         if tag == "table":
             self.tables.append([])
         elif tag == "tr":
@@ -62,13 +52,13 @@ class Texts(HTMLParser):
             self.tables[-1][-1].append("")
 
     def handle_endtag(self, tag):
-        self._hidden = False
+        self._tag = None
 
     def handle_data(self, data):
-        if self._hidden:
+        if self._tag in ("script", "style"):
             return
         self.words.append(data)
-        if self.lasttag in ("td", "th") and self.tables:
+        if self._tag in ("td", "th"):
             self.tables[-1][-1][-1] += data
 
 
@@ -98,7 +88,7 @@ def test_the_summary_counts_trials_and_compares_with_the_preset():
     assert "TwinkleTwinkleLittleStar evenings" in text
     assert "6 trials: 2 complete, 1 pruned, 1 failed, 1 running, 1 waiting." in text
     assert "The best value is 0.500, of trial 1; the preset's is 0.250." in text
-    assert "1 interrupted trial not counted" in text
+    assert "is 0.250. 1 interrupted trial not counted" in text
     assert "F1 of the model at the end of a training, in 1 episode from seed 1000" in text
     assert "train with other seeds" in text
 
@@ -224,16 +214,16 @@ def test_lines_of_pruned_trials_are_dotted():
     complete(study, config, 0.5)
     prune(study, config, 0.1)
     begin(study, config).report(0.2, 200)
-    dashes = {trace.name: trace.line.dash for trace in reports_figure(study, "F1").data}
+    dashes = {trace.name: trace.line.dash for trace in study_figures(study, "F1")["reports"].data}
     assert dashes == {"Trial0": "solid", "Trial1": "dot", "Trial2": "solid"}
 
 
 def test_the_presets_value_is_a_line_in_the_history():
     config, study = study_config(), new_study()
     complete(study, config, 0.5)
-    assert not history_figure(study, "F1").layout.shapes
+    assert not study_figures(study, "F1")["history"].layout.shapes
     complete_preset(study, config, 0.25)
-    (line,) = history_figure(study, "F1").layout.shapes
+    (line,) = study_figures(study, "F1")["history"].layout.shapes
     assert (line.y0, line.y1) == (0.25, 0.25)
 
 
@@ -245,7 +235,7 @@ def test_a_long_choice_is_shortened_where_there_is_no_room():
     config, study = study_config(space=space), new_study()
     for value in (0.1, 0.2, 0.3, 0.4):
         complete(study, config, value)
-    figure = parallel_figure(study, "F1")
+    figure = study_figures(study, "F1")["parallel"]
     texts = [annotation.text for annotation in figure.layout.annotations]
     assert "…ularizedSACPolicy" in texts
     assert max(map(len, texts)) == 18
@@ -341,40 +331,15 @@ def test_the_study_is_not_changed_and_the_same_page_comes_again():
 # In a browser.
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
-
-
 @pytest.fixture
-def opened(browser, tmp_path):
-    """Return a function that opens the report of a study; nothing may go wrong on the page."""
-    complaints, contexts = [], []
+def opened(tab, tmp_path):
+    """Return a function that opens the report of a study, and returns the page."""
 
-    def note_request(request):
-        if not request.url.startswith(("file:", "data:", "blob:")):
-            complaints.append(request.url)
+    def open_page(study, config):
+        tab.open(write_report(study, config, StudyFolder(tmp_path)))
+        return tab.page
 
-    def open_page(study, config, **screen):
-        contexts.append(browser.new_context(offline=True, **screen))
-        page = contexts[-1].new_page()
-        page.on("console", lambda message: complaints.append(message.text))
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("dialog", lambda dialog: (complaints.append(dialog.message), dialog.accept()))
-        page.on("request", note_request)
-        page.goto(write_report(study, config, StudyFolder(tmp_path)).as_uri())
-        page.wait_for_function(
-            "[...document.querySelectorAll('.plotly-graph-div')].every(f => f.querySelector('svg'))"
-        )
-        return page
-
-    yield open_page
-    for context in contexts:
-        context.close()
-    assert complaints == []
+    return open_page
 
 
 POINTS = "node => node.querySelectorAll('.scatterlayer .point').length"
@@ -383,7 +348,6 @@ BARS = "node => node.querySelectorAll('.barlayer .point path').length"
 
 
 @pytest.mark.slow
-@needs_chromium
 def test_all_figures_are_drawn_with_all_their_trials(opened, tmp_path):
     config = study_config()
     study = finished_study(config)
@@ -405,21 +369,18 @@ def test_all_figures_are_drawn_with_all_their_trials(opened, tmp_path):
 
 
 @pytest.mark.slow
-@needs_chromium
-def test_on_a_phone_only_tables_and_the_lines_are_scrolled(opened):
+@pytest.mark.parametrize("tab", [PHONE], indirect=True)
+def test_on_a_phone_only_tables_and_the_lines_are_scrolled(opened, tab):
     space = {**SPACE, **{f"env_kwargs.reward_weights.{name}": {"float": [0.1, 2.0]}
                          for name in ("energy", "fingering", "key_press", "sustain")}}  # fmt: skip
     config = study_config(space=space)
-    size = {"width": 390, "height": 844}
-    page = opened(finished_study(config), config, viewport=size, is_mobile=True, has_touch=True)
+    page = opened(finished_study(config), config)
     assert page.evaluate("document.documentElement.scrollWidth") == 390
-    widest = "nodes => Math.max(...nodes.map(n => n.getBoundingClientRect().right))"
-    assert page.eval_on_selector_all("main *:not(svg *):not(.wide *)", widest) <= 390
+    assert tab.right_edge("main *:not(svg *):not(.wide *)") <= 390
     assert page.eval_on_selector("#parallel", "node => node.clientWidth") >= 9 * 100
 
 
 @pytest.mark.slow
-@needs_chromium
 def test_names_and_reasons_like_scripts_do_nothing(opened):
     space = {**SPACE, "policy_kwargs.net_arch": {"choice": {EVIL: [16], "other": [32]}}}
     config, study = study_config(space=space), new_study(EVIL)

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-import shutil
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
-from playwright.sync_api import sync_playwright
-from report_parts import C4, D4, E4, long_performance, metrics_of, resting, three_notes
+from browser_tab import PHONE
+from report_parts import (
+    C4,
+    D4,
+    E4,
+    STEP,
+    long_performance,
+    metrics_of,
+    note,
+    performance,
+    resting,
+    three_notes,
+)
 
 from sb3_piano.training import RunConfig, train, write_report
+from sb3_piano.viewing.colors import FINGER_COLORS, PRESSED_COLOR
 from sb3_piano.viewing.report import Curve, Report, report_html
+from sb3_piano.viewing.report.page import css_color
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine"),
-]
+pytestmark = pytest.mark.slow
 
 PLACE = """([second, key]) => {
   const roll = document.getElementById("piano-roll");
@@ -26,6 +32,8 @@ PLACE = """([second, key]) => {
   return [box.left + xaxis._offset + xaxis.d2p(second), box.top + yaxis._offset + yaxis.d2p(key)];
 }"""
 VIEW = "document.getElementById('piano-roll').layout.xaxis.range"
+TRACES = "document.getElementById('piano-roll').data"
+LAYOUT = "document.getElementById('piano-roll').layout"
 MARKS = """mark => {
   const roll = document.getElementById("piano-roll");
   const drawn = roll.querySelectorAll(".barlayer .trace, .scatterlayer .trace");
@@ -34,26 +42,11 @@ MARKS = """mark => {
 }"""
 
 
-class Tab:
-    """A page of the browser that notes down what should not happen."""
+class Roll:
+    """The piano roll of the page that is open in a tab."""
 
-    def __init__(self, page):
-        self.page = page
-        self.complaints = []
-        page.on("console", lambda message: self.complaints.append(message.text))
-        page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        page.on("dialog", lambda dialog: (self.complaints.append(dialog.message), dialog.accept()))
-        page.on("request", self._request)
-
-    def _request(self, request):
-        if not request.url.startswith(("file:", "data:", "blob:")):
-            self.complaints.append(request.url)
-
-    def open(self, path):
-        self.page.goto(Path(path).as_uri())
-        self.page.wait_for_function(
-            "[...document.querySelectorAll('.plotly-graph-div')].every(f => f.querySelector('svg'))"
-        )
+    def __init__(self, tab):
+        self.page = tab.page
 
     def count(self, mark):
         return self.page.evaluate(MARKS, mark)
@@ -70,26 +63,9 @@ class Tab:
         return " ".join(shown.all_text_contents())
 
 
-@pytest.fixture(scope="module")
-def browser():
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield chromium
-        chromium.close()
-
-
 @pytest.fixture
-def tab(browser, request):
-    """A tab of 1200 by 1000 pixels, or as given; at its end nothing may have gone wrong."""
-    context = browser.new_context(
-        **{"viewport": {"width": 1200, "height": 1000}, "offline": True}
-        | getattr(request, "param", {})
-    )
-    opened = Tab(context.new_page())
-    yield opened
-    complaints = opened.complaints
-    context.close()
-    assert complaints == []
+def roll(tab):
+    return Roll(tab)
 
 
 def written(path, played, **changes):
@@ -108,14 +84,14 @@ def page_of_three_notes(tmp_path):
     return written(tmp_path / "report.html", three_notes())
 
 
-def test_all_figures_are_drawn_with_all_their_marks(tab, page_of_three_notes):
+def test_all_figures_are_drawn_with_all_their_marks(tab, roll, page_of_three_notes):
     tab.open(page_of_three_notes)
     ids = tab.page.eval_on_selector_all(".plotly-graph-div", "nodes => nodes.map(n => n.id)")
     training = [f"training-{number}" for number in (1, 2, 3, 4)]
     assert ids == ["piano-roll", "finger-usage", "reward-terms", *training]
     expected = {"hit": 1, "late": 1, "wrong": 1, "early": 0, "missed": 2, "pedal": 3}
     expected |= {"due-thumb": 1, "due-index-finger": 1, "due-middle-finger": 1}
-    assert {mark: tab.count(mark) for mark in expected} == expected
+    assert {mark: roll.count(mark) for mark in expected} == expected
     bars = "node => node.querySelectorAll('.barlayer .point path').length"
     assert tab.page.eval_on_selector("#finger-usage", bars) == 20  # ten fingers, due and played
     assert tab.page.eval_on_selector("#reward-terms", bars) == 4  # two terms, both with baseline
@@ -124,56 +100,97 @@ def test_all_figures_are_drawn_with_all_their_marks(tab, page_of_three_notes):
     assert tab.page.title() == "study · sb3-piano"
 
 
-def test_pointing_at_a_bar_shows_pitch_finger_onsets_error_and_result(tab, page_of_three_notes):
+def test_bars_have_the_colours_of_their_fingers_and_legends_the_same(tab, page_of_three_notes):
     tab.open(page_of_three_notes)
-    hit = tab.point_at(0.8, C4)
+    traces = {trace["meta"]: trace for trace in tab.page.evaluate(TRACES)[:-3]}  # the pedal's
+    for mark, finger in (("due-thumb", 0), ("due-index-finger", 1), ("due-middle-finger", 7)):
+        color = css_color(FINGER_COLORS[finger])
+        assert traces[mark]["marker"]["line"]["color"] == color
+        assert traces[mark]["width"] > traces["hit"]["width"]
+        swatch = tab.page.locator(f"button[data-mark={mark}] .swatch")
+        border = swatch.evaluate("node => getComputedStyle(node).borderColor")
+        assert border.replace(" ", "") == color
+    assert traces["hit"]["marker"]["color"] == css_color(PRESSED_COLOR)
+
+
+def test_all_keys_that_are_used_are_in_view_and_named(tab, tmp_path):
+    wide = performance([note(C4, 0.5, 1.0)], [(87, 0.1, 0.3, 4), (0, 0.1, 0.3, 5)])
+    narrow = performance([note(C4, 0.5, 1.0)], [])
+    for played, low, high in ((wide, -0.5, 87.5), (narrow, C4 - 6.5, C4 + 6.5)):
+        tab.open(written(tmp_path / "keys.html", played))
+        axis = tab.page.evaluate(LAYOUT)["yaxis"]
+        assert axis["range"] == [low, high]
+        labels = dict(zip(axis["tickvals"], axis["ticktext"], strict=True))
+        assert labels[C4] == "C4"
+        assert (D4 in labels) is (played is narrow)
+        assert not [name for name in labels.values() if "♯" in name]
+
+
+def test_an_episode_that_ended_early_has_a_line_there(tab, roll, tmp_path):
+    def ends(played):
+        tab.open(written(tmp_path / "end.html", played))
+        shapes = tab.page.evaluate(LAYOUT)["shapes"]
+        assert len(shapes) < 60
+        return [shape["x0"] for shape in shapes if "label" in shape]
+
+    short = performance([note(C4, 0.0, 0.5, 0), note(D4, 1.0, 1.5, 1)], [], steps=12)
+    assert ends(short) == [pytest.approx(12 * STEP)]
+    assert roll.count("not-reached") == 1
+    assert ends(three_notes()) == []
+
+
+def test_pointing_at_a_bar_shows_pitch_finger_onsets_error_and_result(
+    tab, roll, page_of_three_notes
+):
+    tab.open(page_of_three_notes)
+    hit = roll.point_at(0.8, C4)
     for text in (
         *("C4", "hit", "finger due: right thumb", "finger nearest: right index"),
         *("onset due: 0.500 s", "onset played: 0.520 s", "error: +20 ms"),
     ):
         assert text in hit
-    missed = tab.point_at(1.25, D4)
+    missed = roll.point_at(1.25, D4)
     assert "D4" in missed
     assert "missed" in missed
     assert "onset due: 1.000 s" in missed
-    late = tab.point_at(1.8, E4)
+    late = roll.point_at(1.8, E4)
     assert "missed, struck late" in late
     assert "error: +120 ms" in late
-    wrong = tab.point_at(0.76, E4 + 1)
+    wrong = roll.point_at(0.76, E4 + 1)
     assert "F4" in wrong
     assert "wrong" in wrong
     assert "finger nearest: left little" in wrong
 
 
-def test_marks_are_hidden_and_shown_by_the_legend(tab, page_of_three_notes):
+def test_marks_are_hidden_and_shown_by_the_legend(tab, roll, page_of_three_notes):
     tab.open(page_of_three_notes)
     for mark, count in (("wrong", 1), ("missed", 2), ("due-thumb", 1)):
         button = tab.page.locator(f"button[data-mark={mark}]")
         button.click()
         assert button.get_attribute("aria-pressed") == "false"
-        assert tab.count(mark) == 0
-        assert tab.count("hit") == 1
+        assert roll.count(mark) == 0
+        assert roll.count("hit") == 1
         button.click()
         assert button.get_attribute("aria-pressed") == "true"
-        assert tab.count(mark) == count
+        assert roll.count(mark) == count
     tab.page.locator("button[data-mark=early]").click()  # there is none: nothing happens
-    assert tab.count("hit") == 1
+    assert roll.count("hit") == 1
 
 
-def test_a_long_piece_is_walked_through_by_buttons_and_by_dragging(tab, tmp_path):
+def test_a_long_piece_is_walked_through_by_buttons_and_by_dragging(tab, roll, tmp_path):
     played = long_performance(1200)
     end = played.roll.duration
     tab.open(written(tmp_path / "long.html", played))
-    due = sum(tab.count(f"due-{name}") for name in (
+    due = sum(roll.count(f"due-{name}") for name in (
         *("thumb", "index-finger", "middle-finger", "ring-finger", "little-finger"), "any-finger"
     ))  # fmt: skip
     assert due == len(played.roll.onset_time)
 
     def press(view):
         tab.page.click(f"button[data-view={view}]")
-        return tab.view()
+        return roll.view()
 
-    first, last = tab.view()
+    first, last = roll.view()
     assert first <= 0 < last < 30
     low, high = press("later")
     assert high - low == pytest.approx(last - first)
@@ -196,26 +213,24 @@ def test_a_long_piece_is_walked_through_by_buttons_and_by_dragging(tab, tmp_path
     tab.page.mouse.down()
     tab.page.mouse.move(x - 200, y, steps=4)
     tab.page.mouse.up()
-    moved = tab.view()
+    moved = roll.view()
     assert moved[0] > low
     assert moved[1] - moved[0] == pytest.approx(high - low)
 
 
-PHONE = {"viewport": {"width": 390, "height": 844}, "is_mobile": True, "has_touch": True}
-
-
 @pytest.mark.parametrize("tab", [PHONE], indirect=True)
-def test_on_a_phone_nothing_is_wider_than_the_screen_and_fingers_scroll_the_page(tab, tmp_path):
+def test_on_a_phone_nothing_is_wider_than_the_screen_and_fingers_scroll_the_page(
+    tab, roll, tmp_path
+):
     tab.open(written(tmp_path / "long.html", long_performance(300), facts=[("run", "x" * 300)]))
     assert tab.page.evaluate("document.documentElement.scrollWidth") == 390
     assert tab.page.evaluate("innerWidth") == 390
-    widest = "nodes => Math.max(...nodes.map(n => n.getBoundingClientRect().right))"
-    assert tab.page.eval_on_selector_all("main *:not(svg *)", widest) <= 390
-    first, last = tab.view()
+    assert tab.right_edge("main *:not(svg *)") <= 390
+    first, last = roll.view()
     assert last - first < 9  # of the 24 s that a wide screen shows
     assert tab.page.evaluate("document.getElementById('piano-roll').layout.dragmode") is False
     tab.page.tap("button[data-view=later]")
-    assert tab.view()[0] > first
+    assert roll.view()[0] > first
 
 
 def test_a_window_can_be_made_narrower(tab, page_of_three_notes):
@@ -242,7 +257,7 @@ def test_a_piece_named_like_a_script_does_nothing(tab, tmp_path):
     assert tab.page.locator("main img").count() == 0
 
 
-def test_the_report_of_a_run_opens(tab, tmp_path):
+def test_the_report_of_a_run_opens(tab, roll, tmp_path):
     torch.set_num_threads(1)
     config = RunConfig(
         algo="td3",
@@ -256,4 +271,4 @@ def test_the_report_of_a_run_opens(tab, tmp_path):
     tab.open(write_report(run.path))
     assert tab.page.locator("h1").inner_text() == "TwinkleTwinkleLittleStar"
     thumbs = tab.page.locator("button[data-mark=due-thumb]").inner_text()
-    assert tab.count("due-thumb") == int(thumbs.split()[-1]) > 0
+    assert roll.count("due-thumb") == int(thumbs.split()[-1]) > 0

@@ -1,7 +1,6 @@
 """The report of what was played: a self-contained HTML page with interactive figures."""
 
-from sb3_piano.viewing.report.curves import Curve, training_figures
-from sb3_piano.viewing.report.fingers import finger_usage_figure
+from sb3_piano.viewing.report.figures import Curve
 from sb3_piano.viewing.report.judgement import (
     DueNotes,
     Fate,
@@ -9,10 +8,8 @@ from sb3_piano.viewing.report.judgement import (
     Verdict,
     judge,
 )
-from sb3_piano.viewing.report.keyboard import note_name
-from sb3_piano.viewing.report.page import Report, report_html
-from sb3_piano.viewing.report.piano_roll import piano_roll_figure
-from sb3_piano.viewing.report.rewards import reward_terms_figure
+from sb3_piano.viewing.report.piano_roll import note_name
+from sb3_piano.viewing.report.report import Report, report_html
 
 __all__ = [
     "Curve",
@@ -21,11 +18,7 @@ __all__ = [
     "PlayedPresses",
     "Report",
     "Verdict",
-    "finger_usage_figure",
     "judge",
     "note_name",
-    "piano_roll_figure",
     "report_html",
-    "reward_terms_figure",
-    "training_figures",
 ]

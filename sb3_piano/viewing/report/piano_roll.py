@@ -1,233 +1,188 @@
-"""The piano roll: what should be played, and on top of it what was."""
+"""The contents of the piano roll: every note due and every press, by the mark that shows it."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-import plotly.graph_objects as go
 
 from sb3_piano.metrics import presses_of
-from sb3_piano.music import UNKNOWN_FINGER
+from sb3_piano.music import FINGER_NAMES, MIN_PITCH, NUM_KEYS
 from sb3_piano.performance import Performance
-from sb3_piano.viewing.report.hover import HOVER_TEMPLATE, texts_of_notes, texts_of_presses
+from sb3_piano.viewing.report.definitions import TOLERANCE
 from sb3_piano.viewing.report.judgement import DueNotes, Fate, PlayedPresses, Verdict
-from sb3_piano.viewing.report.keyboard import key_labels, key_range, keyboard_shapes
-from sb3_piano.viewing.report.marks import (
-    MISSED_MARK,
-    NOT_REACHED_MARK,
-    PEDAL_MARK,
-    PRESS_MARKS,
-    Mark,
-    finger_mark,
+from sb3_piano.viewing.report.page import FINGERS
+
+_PITCH_CLASSES = ("C", "C♯", "D", "D♯", "E", "F", "F♯", "G", "G♯", "A", "A♯", "B")
+_NOTHING = "\N{EN DASH}"
+
+
+class Mark(NamedTuple):
+    """One kind of mark; its looks are in the style sheet and the script, under its id."""
+
+    id: str
+    name: str
+    """What it is called, in lower case."""
+    meaning: str
+    """What it means, in one sentence."""
+
+
+PRESS_MARKS = {
+    Verdict.HIT: Mark("hit", "hit", f"Struck within {TOLERANCE} of its onset."),
+    Verdict.EARLY: Mark(
+        "early",
+        "early",
+        f"The right key, struck more than {TOLERANCE} too early and held until it is due.",
+    ),
+    Verdict.LATE: Mark("late", "late", f"The right key, struck more than {TOLERANCE} too late."),
+    Verdict.AGAIN: Mark(
+        "again", "struck again", "The right key, but its note was hit by another strike."
+    ),
+    Verdict.WRONG: Mark("wrong", "wrong", "A key that is not due while it is pressed."),
+}
+"""What was played, by what it was."""
+
+_FINGER_MARKS = tuple(
+    Mark(f"due-{id_}", name, f"Due, for the {name} of either hand.")
+    for id_, name in ((finger, finger.replace("-", " ")) for finger in FINGERS)
 )
-from sb3_piano.viewing.report.theme import INK, SHADE, axis, themed
+_ANY_FINGER = Mark(
+    "due-any-finger", "any finger", "Due, and the score does not say with which finger."
+)
+_NOT_REACHED = Mark("not-reached", "not reached", "Due after the episode had ended.")
+_MISSED = Mark("missed", "missed", f"Due, but its key was not struck within {TOLERANCE}.")
+PEDAL_MARK = Mark("pedal", "pedal", "When the sustain pedal should be down.")
 
-# Sizes in pixels.
-_LEGIBLE_ROW, _LEAST_ROW, _MOST_HEIGHT = 13, 9, 560
-_PEDAL_HEIGHT, _GAP, _MARGINS = 44, 14, {"l": 44, "r": 12, "t": 8, "b": 44}
-
-# Heights of bars, in rows of the keyboard: the played one lies within the one that is due.
-_DUE_HEIGHT, _PLAYED_HEIGHT = 0.92, 0.46
-
-_FIRST_VIEW = 24.0
-"""What is shown of a long piece at first, s."""
-
-_MARGIN = 0.1
-"""What can be seen before the beginning and after the end, s."""
+Legend = list[tuple[Mark, int]]
 
 
-def piano_roll_figure(
-    performance: Performance, notes: DueNotes, presses: PlayedPresses
-) -> go.Figure:
-    """Return the piano roll of a performance, with the pedal below.
+def note_name(key: int) -> str:
+    """Return the name of a key.
 
-    Each trace has in ``meta`` the id of the :class:`~sb3_piano.viewing.report.marks.Mark` that it
-    shows, so that a legend can switch it on and off.
+    >>> note_name(39), note_name(40)
+    ('C4', 'C♯4')
+
+    Args:
+        key: 0-87.
+    """
+    octave, pitch_class = divmod(MIN_PITCH + key, 12)
+    return f"{_PITCH_CLASSES[pitch_class]}{octave - 1}"
+
+
+def legends(notes: DueNotes, presses: PlayedPresses) -> dict[str, Legend]:
+    """Return the marks of what was played and of what is due, with how often each is there.
+
+    Of the marks of notes, those that are not there are left out.
+    """
+    verdicts = Counter(presses.verdict.tolist())
+    counts = Counter(_note_marks(notes))
+    missed = int((notes.fate == Fate.MISSED).sum())
+    found = [(mark, counts[mark]) for mark in (*_FINGER_MARKS, _ANY_FINGER, _NOT_REACHED)]
+    return {
+        "played": [(mark, verdicts[int(verdict)]) for verdict, mark in PRESS_MARKS.items()],
+        "due": [(_MISSED, missed), *(pair for pair in found if pair[1])],
+    }
+
+
+def piano_roll(performance: Performance, notes: DueNotes, presses: PlayedPresses) -> dict[str, Any]:
+    """Return what the page's script draws as a piano roll, with the pedal below.
 
     Args:
         performance: What was played.
         notes: What :func:`~sb3_piano.viewing.report.judgement.judge` says of the notes due.
         presses: What it says of the presses.
+
+    Returns:
+        ``bars``: for each mark's id the ``key`` (0-87), ``onset`` and ``length`` [s] of its bars,
+        and the seven ``texts`` shown when one is pointed at; ``pedal``: (onset, offset) [s] of
+        what was ``due``, rightly (``hit``) and ``wrong``; ``keys``: names of the 88 keys;
+        ``duration`` of the piece [s]; ``end``: when the episode ended, if that is before [s].
     """
-    traces = [
-        *_due_traces(notes, presses),
-        *_played_traces(notes, presses),
-        _missed_trace(notes, presses),
-        *_pedal_traces(performance),
-    ]
-    return go.Figure(traces, _layout(performance, notes, presses))
+    note_texts, press_texts = _hover_texts(notes, presses)
+    note_marks = np.array([mark.id for mark in _note_marks(notes)], dtype=str)
+    bars = {
+        mark.id: _bars(notes, note_marks == mark.id, note_texts)
+        for mark in (*_FINGER_MARKS, _ANY_FINGER, _NOT_REACHED)
+        if (note_marks == mark.id).any()
+    }
+    for verdict, mark in PRESS_MARKS.items():
+        bars[mark.id] = _bars(presses, presses.verdict == verdict, press_texts)
+    bars[_MISSED.id] = _bars(notes, notes.fate == Fate.MISSED, note_texts)
+    step = performance.roll.control_timestep
+    return {
+        "bars": bars,
+        "pedal": _pedal(performance),
+        "keys": [note_name(key) for key in range(NUM_KEYS)],
+        "duration": performance.roll.duration,
+        "end": len(performance) * step if len(performance) < len(performance.roll) else None,
+    }
 
 
-def _due_traces(notes: DueNotes, presses: PlayedPresses) -> list[go.Bar]:
-    texts = texts_of_notes(notes, presses)
-    reached = notes.fate != Fate.NOT_REACHED
-    groups: list[tuple[Mark, npt.NDArray[np.bool_]]] = []
-    for finger in (*range(5), UNKNOWN_FINGER):
-        of_finger = notes.finger == finger
-        if finger >= 0:
-            of_finger |= notes.finger == finger + 5
-        groups.append((finger_mark(finger), of_finger & reached))
-    groups.append((NOT_REACHED_MARK, ~reached))
+def _note_marks(notes: DueNotes) -> list[Mark]:
     return [
-        _bars(mark, notes, np.flatnonzero(chosen), texts, _DUE_HEIGHT)
-        for mark, chosen in groups
-        if chosen.any()
-    ]
-
-
-def _played_traces(notes: DueNotes, presses: PlayedPresses) -> list[go.Bar]:
-    texts = texts_of_presses(notes, presses)
-    return [
-        _bars(mark, presses, np.flatnonzero(presses.verdict == verdict), texts, _PLAYED_HEIGHT)
-        for verdict, mark in PRESS_MARKS.items()
+        _NOT_REACHED
+        if fate == Fate.NOT_REACHED
+        else _FINGER_MARKS[finger % len(FINGERS)]
+        if finger >= 0
+        else _ANY_FINGER
+        for finger, fate in zip(notes.finger.tolist(), notes.fate.tolist(), strict=True)
     ]
 
 
 def _bars(
-    mark: Mark,
-    what: DueNotes | PlayedPresses,
-    chosen: npt.NDArray[np.intp],
-    texts: Sequence[Sequence[str]],
-    height: float,
-) -> go.Bar:
-    return go.Bar(
-        orientation="h",
-        base=what.onset[chosen],
-        x=(what.offset - what.onset)[chosen],
-        y=what.key[chosen],
-        width=height,
-        marker=mark.bar,
-        customdata=[texts[i] for i in chosen],
-        hovertemplate=HOVER_TEMPLATE,
-        name=mark.name,
-        meta=mark.id,
-    )
-
-
-def _missed_trace(notes: DueNotes, presses: PlayedPresses) -> go.Scatter:
-    texts = texts_of_notes(notes, presses)
-    missed = np.flatnonzero(notes.fate == Fate.MISSED)
-    return go.Scatter(
-        mode="markers",
-        x=notes.onset[missed],
-        y=notes.key[missed],
-        marker={"symbol": "x-thin", "size": 8, "line": {"width": 2, "color": INK}},
-        customdata=[texts[i] for i in missed],
-        hovertemplate=HOVER_TEMPLATE,
-        name=MISSED_MARK.name,
-        meta=MISSED_MARK.id,
-    )
-
-
-def _pedal_traces(performance: Performance) -> list[go.Bar]:
-    """Return two rows: when the pedal should be down, and when it was, rightly or wrongly."""
-    due = performance.roll.sustain
-    played = performance.sustain
-    rightly = played & due[: len(played)]
-    rows = (
-        (1, due, PEDAL_MARK, PEDAL_MARK.id, "pedal due"),
-        (0, rightly, PRESS_MARKS[Verdict.HIT], PEDAL_MARK.id, "pedal down, as it should be"),
-        (0, played & ~rightly, PRESS_MARKS[Verdict.WRONG], PEDAL_MARK.id, "pedal down, not due"),
-    )
-    step = performance.roll.control_timestep
-    traces = []
-    for row, down, mark, meta, text in rows:
-        spans = presses_of(down[:, None])
-        traces.append(
-            go.Bar(
-                orientation="h",
-                base=spans.first * step,
-                x=(spans.end - spans.first) * step,
-                y=np.full(len(spans.first), row),
-                width=0.6,
-                marker=mark.bar,
-                customdata=[
-                    [f"{first * step:.2f}", f"{end * step:.2f}"]
-                    for first, end in zip(spans.first, spans.end, strict=True)
-                ],
-                hovertemplate=(
-                    f"{text}<br>%{{customdata[0]}} to %{{customdata[1]}} s<extra></extra>"
-                ),
-                name=text,
-                meta=meta,
-                yaxis="y2",
-            )
-        )
-    return traces
-
-
-def _layout(performance: Performance, notes: DueNotes, presses: PlayedPresses) -> go.Layout:
-    low, high = key_range(np.concatenate([notes.key, presses.key]))
-    rows = high - low + 1
-    row = max(_LEAST_ROW, min(2 * _LEGIBLE_ROW, _MOST_HEIGHT // rows))
-    inner = rows * row + _GAP + _PEDAL_HEIGHT
-    pedal_top = _PEDAL_HEIGHT / inner
-    start, end = -_MARGIN, performance.roll.duration + _MARGIN
-    return themed(
-        height=inner + _MARGINS["t"] + _MARGINS["b"],
-        margin=_MARGINS,
-        barmode="overlay",
-        hovermode="closest",
-        dragmode="pan",
-        meta={"start": start, "end": end},
-        shapes=[*keyboard_shapes(), _pedal_shade(), *_end_line(performance)],
-        xaxis=axis(
-            range=[start, min(end, _FIRST_VIEW)],
-            minallowed=start,
-            maxallowed=end,
-            fixedrange=False,
-            anchor="y2",
-            title={"text": "seconds"},
-        ),
-        yaxis=axis(
-            domain=[pedal_top + _GAP / inner, 1],
-            range=[low - 0.5, high + 0.5],
-            showgrid=False,
-            **key_labels(low, high, all_white=row >= _LEGIBLE_ROW),
-        ),
-        yaxis2=axis(
-            domain=[0, pedal_top],
-            range=[-0.6, 1.6],
-            showgrid=False,
-            tickvals=[1, 0],
-            ticktext=["pedal due", "pedal"],
-        ),
-    )
-
-
-def _pedal_shade() -> dict[str, Any]:
+    what: DueNotes | PlayedPresses, chosen: np.ndarray, texts: Sequence[Sequence[str]]
+) -> dict[str, Any]:
     return {
-        "type": "rect",
-        "layer": "below",
-        "xref": "paper",
-        "x0": 0,
-        "x1": 1,
-        "yref": "y2 domain",
-        "y0": 0,
-        "y1": 1,
-        "fillcolor": SHADE,
-        "line": {"width": 0},
+        "key": what.key[chosen],
+        "onset": what.onset[chosen],
+        "length": (what.offset - what.onset)[chosen],
+        "texts": [texts[i] for i in np.flatnonzero(chosen).tolist()],
     }
 
 
-def _end_line(performance: Performance) -> list[dict[str, Any]]:
-    """Mark where the episode ended, if that is before the piece does."""
-    if len(performance) >= len(performance.roll):
-        return []
-    end = len(performance) * performance.roll.control_timestep
-    return [
-        {
-            "type": "line",
-            "xref": "x",
-            "x0": end,
-            "x1": end,
-            "yref": "paper",
-            "y0": 0,
-            "y1": 1,
-            "line": {"color": INK, "width": 1.5, "dash": "dot"},
-            "label": {"text": "the episode ended", "textposition": "end", "font": {"size": 11}},
-        }
-    ]
+def _pedal(performance: Performance) -> dict[str, np.ndarray]:
+    """Return (n, 2) onsets and offsets [s]: when the pedal should be down, and when it was."""
+    due, played = performance.roll.sustain, performance.sustain
+    rightly = played & due[: len(played)]
+    rows = {}
+    for name, down in (("due", due), ("hit", rightly), ("wrong", played & ~rightly)):
+        spans = presses_of(down[:, None])
+        step = performance.roll.control_timestep
+        rows[name] = np.stack([spans.first, spans.end], axis=1) * step
+    return rows
+
+
+def _hover_texts(
+    notes: DueNotes, presses: PlayedPresses
+) -> tuple[list[list[str]], list[list[str]]]:
+    """Return what is shown of each note and of each press: pitch, result, fingers, times, error."""
+
+    def texts(note: int, press: int, result: str) -> list[str]:
+        """Return the texts of a note and the press that belongs to it; one of them may be -1."""
+        key = notes.key[note] if note >= 0 else presses.key[press]
+        due = played = error = due_finger = nearest = _NOTHING
+        if note >= 0:
+            due, due_finger = f"{notes.onset[note]:.3f} s", _finger_name(notes.finger[note])
+        if press >= 0:
+            played, nearest = f"{presses.onset[press]:.3f} s", _finger_name(presses.finger[press])
+        if note >= 0 and press >= 0:
+            error = f"{1000 * (presses.onset[press] - notes.onset[note]):+.0f} ms"
+        return [note_name(int(key)), result, due_finger, nearest, due, played, error]
+
+    verdicts = [PRESS_MARKS[Verdict(verdict)].name for verdict in presses.verdict]
+    results = {Fate.HIT: "hit", Fate.MISSED: "missed"}
+    results[Fate.NOT_REACHED] = "not reached, the episode had ended"
+    of_notes = []
+    for note, press in enumerate(notes.press.tolist()):
+        fate = Fate(notes.fate[note])
+        struck = fate == Fate.MISSED and press >= 0  # too early or too late
+        result = f"missed, struck {verdicts[press]}" if struck else results[fate]
+        of_notes.append(texts(note, press, result))
+    owners = enumerate(presses.note.tolist())
+    return of_notes, [texts(note, press, verdicts[press]) for press, note in owners]
+
+
+def _finger_name(finger: int) -> str:
+    return FINGER_NAMES[finger] if finger >= 0 else "not said"

@@ -1,4 +1,4 @@
-"""Optuna's figures of a study, in the look of our reports."""
+"""Optuna's figures of a study; how they look in a report is up to its script."""
 
 from __future__ import annotations
 
@@ -16,45 +16,64 @@ from optuna.trial import TrialState
 
 from sb3_piano.tuning.outcome.best import complete_trials, preset_trial
 from sb3_piano.tuning.outcome.table import STATES
-from sb3_piano.viewing.report.theme import MUTED, RULE, SERIES, SOUNDING, axis, themed
+from sb3_piano.viewing.report.page import PALETTE
 
 _BEST = "Best Value"
+_BLUE = PALETTE["index-finger"]
 _STATE_COLORS = {
-    "COMPLETE": SOUNDING,
-    "PRUNED": SERIES[3],
-    "FAIL": SERIES[0],
-    "RUNNING": SERIES[1],
-    "WAITING": RULE,
+    TrialState.COMPLETE: PALETTE["sounding"],
+    TrialState.PRUNED: PALETTE["little-finger"],
+    TrialState.FAIL: PALETTE["thumb"],
+    TrialState.RUNNING: _BLUE,
+    TrialState.WAITING: PALETTE["rule"],
 }
-_MARGIN = {"l": 48, "r": 16, "t": 30, "b": 44}
 _AXIS_WIDTH = 106
 """Of a parallel coordinate plot, in pixels."""
 _LONGEST = 18
 """Characters of a choice that have room there."""
 
 
-def history_figure(study: optuna.Study, label: str) -> go.Figure | None:
-    """Return the values of the complete trials; ``None`` if there are none.
+def study_figures(study: optuna.Study, label: str) -> dict[str, Any]:
+    """Return the figures of a study; ``None`` for those for which it has nothing to show yet.
 
     Args:
         study: The study.
         label: What a value is called.
+
+    Returns:
+        ``history``, ``importance``, ``reports``, ``timeline``, ``parallel``, and ``slices``: one
+        figure for each parameter that complete trials have, the most important one first.
     """
+    return {
+        "history": _history(study, label),
+        "importance": _importance(study),
+        "reports": _reports(study, label),
+        "timeline": _timeline(study),
+        "parallel": _parallel(study, label),
+        "slices": _slices(study, label),
+    }
+
+
+def _history(study: optuna.Study, label: str) -> go.Figure | None:
+    """Return the values of the complete trials; ``None`` if there are none."""
     if not complete_trials(study):
         return None
     figure = visualization.plot_optimization_history(study, target_name=label)
-    figure.update_traces(marker={"color": SERIES[1], "size": 7}, selector={"name": label})
+    figure.update_traces(marker={"color": _BLUE, "size": 7}, selector={"name": label})
     figure.update_traces(
-        line={"color": SOUNDING, "width": 2, "shape": "hv"},
+        line={"color": PALETTE["sounding"], "width": 2, "shape": "hv"},
         name="best so far",
         selector={"name": _BEST},
     )
     preset = preset_trial(study)
     if preset is not None:
         figure.add_hline(
-            preset.value, line={"color": MUTED, "dash": "dash"}, name="preset", showlegend=True
+            preset.value,
+            line={"color": PALETTE["muted"], "dash": "dash"},
+            name="preset",
+            showlegend=True,
         )
-    return _styled(figure, height=300, showlegend=True)
+    return figure.update_layout(height=300, showlegend=True)
 
 
 def importances(study: optuna.Study) -> dict[str, float]:
@@ -71,7 +90,7 @@ def importances(study: optuna.Study) -> dict[str, float]:
     return found if sum(found.values()) > 0 else {}
 
 
-def importance_figure(study: optuna.Study) -> go.Figure | None:
+def _importance(study: optuna.Study) -> go.Figure | None:
     """Return bars of :func:`importances`; ``None`` if there are none."""
     found = importances(study)
     if not found:
@@ -79,19 +98,14 @@ def importance_figure(study: optuna.Study) -> go.Figure | None:
     with _quiet():
         evaluator = PedAnovaImportanceEvaluator()
         figure = visualization.plot_param_importances(study, evaluator=evaluator)
-    figure.update_traces(marker={"color": SERIES[1]})
-    _styled(figure, height=max(300, 80 + 26 * len(found)))
+    figure.update_traces(marker={"color": _BLUE})
+    figure.update_layout(height=max(300, 80 + 26 * len(found)))
     figure.update_xaxes(title=None, range=[0, 1.15 * max(found.values())])
     return figure.update_yaxes(title=None, showgrid=False)
 
 
-def reports_figure(study: optuna.Study, label: str) -> go.Figure | None:
-    """Return what trials reported while they ran; ``None`` if nothing.
-
-    Args:
-        study: The study.
-        label: What a value is called.
-    """
+def _reports(study: optuna.Study, label: str) -> go.Figure | None:
+    """Return what trials reported while they ran; ``None`` if nothing."""
     figure = visualization.plot_intermediate_values(study)
     if not figure.data:
         return None
@@ -101,58 +115,44 @@ def reports_figure(study: optuna.Study, label: str) -> go.Figure | None:
         is_pruned = trace.name in pruned
         trace.update(
             line={
-                "color": _STATE_COLORS["PRUNED" if is_pruned else "COMPLETE"],
+                "color": _STATE_COLORS[TrialState.PRUNED if is_pruned else TrialState.COMPLETE],
                 "dash": "dot" if is_pruned else "solid",
                 "width": 1.4,
             },
             marker={"size": 5},
             opacity=0.7,
         )
-    _styled(figure, height=320)
-    figure.update_yaxes(title_text=label)
+    figure.update_layout(height=320, yaxis_title_text=label)
     return figure.update_xaxes(title_text="environment steps of the trial", rangemode="tozero")
 
 
-def parallel_figure(study: optuna.Study, label: str) -> go.Figure | None:
+def _parallel(study: optuna.Study, label: str) -> go.Figure | None:
     """Return lines through the settings of complete trials; ``None`` if there are none.
 
     ``meta`` is the least width in pixels at which its axes can be told apart.
-
-    Args:
-        study: The study.
-        label: What a value is called.
     """
     names = _searched(study)
     if not names:
         return None
     figure = visualization.plot_parallel_coordinate(study, target_name=label)
     figure.update_layout(
-        title=None,
-        template="none",
-        dragmode=False,
-        font=_styled(go.Figure()).layout.font,
         height=340,
         margin={"l": 50, "r": 30, "t": 30, "b": 50},
         meta=_AXIS_WIDTH * (len(names) + 1),
     )
     figure.update_traces(marker={"showscale": False})  # the first axis has the values
     figure.for_each_annotation(lambda tick: tick.update(text=_shortened(tick.text)))
-    return figure.update_xaxes(fixedrange=True, tickfont={"size": 10})
+    return figure.update_xaxes(tickfont={"size": 10})
 
 
 def _shortened(text: str) -> str:
     return text if len(text) <= _LONGEST else f"…{text[1 - _LONGEST :]}"
 
 
-def slice_figures(study: optuna.Study, label: str) -> dict[str, go.Figure]:
-    """Return a figure of values over settings for each parameter that complete trials have.
+def _slices(study: optuna.Study, label: str) -> dict[str, go.Figure]:
+    """Return a figure of values over settings for each parameter of complete trials, by its name.
 
-    Args:
-        study: The study.
-        label: What a value is called.
-
-    Returns:
-        The figures by the parameter's name, the most important one first.
+    The most important one comes first.
     """
     names = _searched(study)
     order = importances(study)
@@ -160,7 +160,7 @@ def slice_figures(study: optuna.Study, label: str) -> dict[str, go.Figure]:
     for name in sorted(names, key=lambda name: (-order.get(name, 0.0), name)):
         figure = visualization.plot_slice(study, params=[name], target_name=label)
         figure.update_traces(marker={"showscale": False, "size": 7})
-        _styled(figure, height=230).update_xaxes(title=None, nticks=6)
+        figure.update_layout(height=230).update_xaxes(title=None, nticks=6)
         if figure.layout.xaxis.type == "log":
             ticks = log_ticks(min(figure.data[0].x), max(figure.data[0].x))
             figure.update_xaxes(tickvals=ticks, ticktext=[f"{tick:g}" for tick in ticks])
@@ -184,7 +184,7 @@ def log_ticks(low: float, high: float) -> list[float]:
     return [tick for tick in ticks if low <= tick <= high]
 
 
-def timeline_figure(study: optuna.Study) -> go.Figure | None:
+def _timeline(study: optuna.Study) -> go.Figure | None:
     """Return when each trial ran, by its state; ``None`` if there are no trials."""
     trials = study.get_trials(deepcopy=False)
     if not trials:
@@ -192,10 +192,11 @@ def timeline_figure(study: optuna.Study) -> go.Figure | None:
     figure = visualization.plot_timeline(study)
     figure.for_each_trace(
         lambda trace: trace.update(
-            name=STATES[TrialState[trace.name]], marker={"color": _STATE_COLORS[trace.name]}
+            name=STATES[TrialState[trace.name]],
+            marker={"color": _STATE_COLORS[TrialState[trace.name]]},
         )
     )
-    _styled(figure, height=max(220, 90 + 9 * len(trials)), showlegend=True)
+    figure.update_layout(height=max(220, 90 + 9 * len(trials)), showlegend=True)
     figure.update_xaxes(title=None)
     return figure.update_yaxes(title_text="trial", showgrid=False)
 
@@ -203,14 +204,6 @@ def timeline_figure(study: optuna.Study) -> go.Figure | None:
 def _searched(study: optuna.Study) -> list[str]:
     """Return the parameters that complete trials have."""
     return sorted({name for trial in complete_trials(study) for name in trial.params})
-
-
-def _styled(figure: go.Figure, **layout: Any) -> go.Figure:
-    figure.update_layout(themed(margin=_MARGIN, hovermode="closest", **layout))
-    figure.update_layout(title=None)
-    look = axis(title={})
-    figure.update_xaxes(look)
-    return figure.update_yaxes(look)
 
 
 @contextlib.contextmanager

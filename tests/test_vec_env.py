@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import inspect
 import os
 import signal
 import subprocess
@@ -356,7 +357,9 @@ def test_rl_zoo_trains_in_threads_as_the_docstring_says(tmp_path):
         "    def _on_step(self):\n"
         "        return True\n"
     )
-    script = textwrap.dedent(ThreadVecEnv.__doc__.split("::\n\n")[1].split("\n\n    An error")[0])
+    script = textwrap.dedent(
+        inspect.getdoc(ThreadVecEnv).split("::\n\n")[1].split("\n\nAn error")[0]
+    )
     (tmp_path / "train.py").write_text(script)
     command = [sys.executable, "train.py", "--algo", "td3", "--env", ENV_ID, "-n", "300"]
     command += ["--gym-packages", "sb3_piano", "--conf-file", str(PRESETS["td3"])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 import os
 import platform
@@ -176,7 +177,7 @@ def test_nothing_measured_is_shown_too():
 
 def test_the_machine_is_described_without_its_name_and_paths():
     machine = sb3_piano.bench.machine_info()
-    assert machine["versions"]["torch"] == torch.__version__
+    assert machine["versions"]["torch"] == importlib.metadata.version("torch")
     assert machine["versions"]["python"] == platform.python_version()
     assert {"sb3-piano", "mujoco", "numpy"} < set(machine["versions"])
     assert machine["cores"] >= 1

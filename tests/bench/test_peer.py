@@ -162,9 +162,10 @@ def small_robopianist(tmp_path, monkeypatch):
     suite = tmp_path / "robopianist" / "suite.py"
     suite.write_text(SUITE)
     (tmp_path / "dm_env_wrappers.py").write_text(WRAPPERS)
-    metadata = tmp_path / "robopianist-1.0.10.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: robopianist\nVersion: 1.0.10")
+    for name in ("robopianist", "dm_control"):
+        metadata = tmp_path / f"{name}-1.0.10.dist-info"
+        metadata.mkdir()
+        (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0.10")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     return suite
 

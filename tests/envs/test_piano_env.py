@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import inspect
 import pickle
 import re
 
@@ -100,7 +101,8 @@ def test_the_layout_covers_the_observation_without_gaps_and_describes_each_block
 
 def test_the_class_docstring_tells_the_default_layout():
     layout = PianoEnv(TINY).observation_layout
-    rows = re.findall(r"^    \| (\w+) \| (\d+)(?:-(\d+))? \|", PianoEnv.__doc__, re.MULTILINE)
+    text = inspect.getdoc(PianoEnv)
+    rows = re.findall(r"^\| (\w+) \| (\d+)(?:-(\d+))? \|", text, re.MULTILINE)
     told = {name: (int(first), int(last or first)) for name, first, last in rows}
     assert told == {b.name: (b.start, b.start + b.size - 1) for b in layout.values()}
 

@@ -215,5 +215,6 @@ def reason_of(error: BaseException) -> str:
     """Return in one line why a trial failed."""
     text = " ".join(str(error).split())
     reason = f"{type(error).__name__}: {text}" if text else type(error).__name__
-    out_of_memory = isinstance(error, MemoryError) or "not enough memory" in text
+    no_room = any(isinstance(one, MemoryError) for one in (error, error.__cause__))
+    out_of_memory = no_room or "not enough memory" in text
     return f"out of memory: {reason}" if out_of_memory else reason

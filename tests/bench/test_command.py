@@ -32,6 +32,7 @@ def shown(report):
     return capture.get()
 
 
+@pytest.mark.slow
 def test_all_parts_are_measured_in_their_order_printed_and_written(tmp_path, capsys):
     assert main(["bench", "--rounds", "1", "--json", "result.json"]) == 0
     captured = capsys.readouterr()

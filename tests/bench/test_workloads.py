@@ -158,6 +158,7 @@ def trained(monkeypatch):
     return heard
 
 
+@pytest.mark.slow
 def test_each_preset_is_updated_with_each_observation(short, trained):
     with contextlib.ExitStack() as stack:
         measurements = workloads.update_measurements(stack)
@@ -177,6 +178,7 @@ def test_each_preset_is_updated_with_each_observation(short, trained):
         assert by_name[name] == {"x of sac, roll": (name, "sac, roll")}
 
 
+@pytest.mark.slow
 def test_whole_training_steps_and_learns(short, trained):
     with contextlib.ExitStack() as stack:
         measurements = workloads.training_measurements(stack)
@@ -193,6 +195,7 @@ def test_whole_training_steps_and_learns(short, trained):
                 assert sum(sample.parts.values()) == pytest.approx(sample.seconds)
 
 
+@pytest.mark.slow
 def test_the_memory_of_replay_buffers_is_scaled_to_the_size_in_the_preset(monkeypatch):
     monkeypatch.setattr(workloads, "TRANSITIONS", 310)  # two episodes end
     stock, compact = workloads.memory_rows()

@@ -152,6 +152,7 @@ def test_the_states_are_those_to_which_the_commands_lead(monkeypatch):
         np.testing.assert_allclose(found.states[t], state, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [0, 1, T - 1])
 def test_the_gains_tell_how_the_best_commands_change_with_where_a_hand_is(monkeypatch, step):
     """Solve the rest of the piece again from a place that differs."""

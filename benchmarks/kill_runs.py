@@ -1,4 +1,4 @@
-"""What is lost when processes are killed: trainings, and studies in a journal or in PostgreSQL.
+"""Losses where processes are killed: trainings, and studies in a journal or in PostgreSQL.
 
     python benchmarks/kill_runs.py train --kills 20
     python benchmarks/kill_runs.py tune --kills 20

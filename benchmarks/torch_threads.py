@@ -1,4 +1,4 @@
-"""What torch's own number of threads costs a training, alone and beside a job on every core.
+"""Cost to a training of torch's own number of threads, alone and beside a job on every core.
 
     env -u OMP_NUM_THREADS python benchmarks/torch_threads.py
 

@@ -1,4 +1,4 @@
-"""What a second core gives: to MuJoCo alone, to environments in threads, to ones in processes.
+"""Gain from a second core: for MuJoCo alone, environments in threads, and ones in processes.
 
     python benchmarks/two_cores.py
 

@@ -30,7 +30,7 @@ ROBOPIANIST_NAMES: Mapping[str, str] = {
     "right_joints": "rh_shadow_hand/joints_pos",
     "left_joints": "lh_shadow_hand/joints_pos",
 }
-"""What RoboPianist calls the blocks of the observation, where it has another name."""
+"""RoboPianist's names of the blocks of the observation, where they differ from ours."""
 
 
 class DmEnvironment(dm_env.Environment):

@@ -1,7 +1,7 @@
 """A model's weights, and the statistics of ``VecNormalize``, as plain arrays.
 
-In a safetensors file they are the form in which a run is shared: reading one runs no code, other
-than unpickling what Stable-Baselines3 saves.
+In a safetensors file they are the form in which a run is shared: reading one runs no code, unlike
+unpickling what Stable-Baselines3 saves.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What each number is called in the report, and how it is written."""
+"""Names of the numbers in the report, and their formats."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 from sb3_piano.metrics import DEFINITIONS, ONSET_TOLERANCE, Definition
 
 TOLERANCE = f"{1000 * ONSET_TOLERANCE:.0f} ms"
-"""How far from its onset a strike still hits a note."""
+"""Distance from its onset within which a strike hits a note, as text."""
 
 _TERM_PREFIX = "return_"
 

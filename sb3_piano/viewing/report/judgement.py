@@ -16,7 +16,7 @@ IntArray = npt.NDArray[np.intp]
 
 
 class Fate(IntEnum):
-    """What became of a note that is due."""
+    """Outcome of a note that is due."""
 
     HIT = 0
     """Its key was struck within the tolerance of its onset."""
@@ -27,7 +27,7 @@ class Fate(IntEnum):
 
 
 class Verdict(IntEnum):
-    """What a press was."""
+    """Kind of a press."""
 
     HIT = 0
     """The strike that hits a note."""

@@ -22,10 +22,10 @@ from sb3_piano.viewing.report.piano_roll import PEDAL_MARK, legends, piano_roll
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """What a report tells. All texts may hold anything, they are escaped."""
+    """Content of a report. All texts may hold anything, they are escaped."""
 
     performance: Performance
-    """What was played; its title is the report's."""
+    """The performance; its title is the report's."""
     metrics: Mapping[str, float]
     """The numbers of that episode by their names in ``info``, ``return`` and ``length`` too."""
     baseline: Mapping[str, float] | None = None

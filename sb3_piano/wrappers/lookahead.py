@@ -13,6 +13,7 @@ import numpy.typing as npt
 from sb3_piano.envs import ObservationBlock, ObservationLayout
 from sb3_piano.envs.config import check_lookahead, finite_number
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import NUM_FINGERS
 from sb3_piano.wrappers.arguments import whole_number
@@ -202,10 +203,8 @@ def _check_fingers(env: gym.Env[Any, Any], fingers: Any) -> None:
     """Refuse to show labels that a wrapper inside hides."""
     if not isinstance(fingers, bool):
         raise ConfigError(f"fingers is {fingers!r}: expected true or false.")
-    while fingers and isinstance(env, gym.Wrapper):
-        if isinstance(env, HideFingering):
-            raise ConfigError(
-                "Lookahead with fingers would show the labels that a HideFingering inside of it "
-                "hides: expected the HideFingering outside, or fingers=False."
-            )
-        env = env.env
+    if fingers and any(isinstance(layer, HideFingering) for layer in layers(env)):
+        raise ConfigError(
+            "Lookahead with fingers would show the labels that a HideFingering inside of it "
+            "hides: expected the HideFingering outside, or fingers=False."
+        )

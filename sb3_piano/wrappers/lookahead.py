@@ -14,6 +14,7 @@ from annotated_types import Ge
 from sb3_piano.envs import ObservationBlock, ObservationLayout
 from sb3_piano.envs.config import LookaheadSteps
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import NUM_FINGERS
 from sb3_piano.settings import Count, Number, Unit, checked
@@ -201,10 +202,8 @@ def _whole_steps(seconds: float, control_timestep: float) -> int:
 def _check_fingers(env: gym.Env[Any, Any], fingers: Any) -> None:
     """Refuse to show labels that a wrapper inside hides."""
     checked("fingers", fingers, bool)
-    while fingers and isinstance(env, gym.Wrapper):
-        if isinstance(env, HideFingering):
-            raise ConfigError(
-                "Lookahead with fingers would show the labels that a HideFingering inside of it "
-                "hides: expected the HideFingering outside, or fingers=False."
-            )
-        env = env.env
+    if fingers and any(isinstance(layer, HideFingering) for layer in layers(env)):
+        raise ConfigError(
+            "Lookahead with fingers would show the labels that a HideFingering inside of it "
+            "hides: expected the HideFingering outside, or fingers=False."
+        )

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from sb3_piano.envs import ObservationBlock, ObservationLayout
 from sb3_piano.exceptions import ConfigError, InvalidActionError, near_names
+from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning import PlanSettings, Tracker, Trackers
 from sb3_piano.planning.pianist import action_of
@@ -146,18 +147,16 @@ class ResidualAction(LayoutWrapper, gym.utils.RecordConstructorArgs):
 
 def _check_actions(env: gym.Env[Any, Any]) -> None:
     """Refuse an environment whose actions are not those of the piano itself."""
-    layer = env
-    while isinstance(layer, gym.Wrapper):
-        if isinstance(layer, ResidualAction):
-            raise ConfigError(
-                "ResidualAction is there already: expected one at most. Two of them would play the "
-                "plan twice."
-            )
-        layer = layer.env
-    if env.action_space != layer.action_space:
+    if any(isinstance(layer, ResidualAction) for layer in layers(env)):
+        raise ConfigError(
+            "ResidualAction is there already: expected one at most. Two of them would play the "
+            "plan twice."
+        )
+    own = env.unwrapped.action_space
+    if env.action_space != own:
         raise ConfigError(
             f"ResidualAction cannot add to actions of {env.action_space}: expected those of the "
-            f"piano itself, {layer.action_space}. Put wrappers that change them further out."
+            f"piano itself, {own}. Put wrappers that change them further out."
         )
 
 

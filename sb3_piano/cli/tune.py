@@ -150,8 +150,8 @@ def _default_name(arguments: argparse.Namespace, config: StudyConfig) -> str:
 
 
 def _show(result: TuneResult, config: StudyConfig, arguments: argparse.Namespace) -> None:
-    from sb3_piano.tuning.progress import summary
-    from sb3_piano.tuning.store.database import shown_url
+    from sb3_piano.tuning.storage import shown_url
+    from sb3_piano.tuning.trials import summary
 
     label = f"{config.objective} {config.metric}"
     print(f"Study:      {result.folder.path}, {summary(result.trials, label)}")

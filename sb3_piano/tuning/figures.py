@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from typing import Any
 
@@ -146,25 +145,8 @@ def _slice(study: optuna.Study, label: str, name: str) -> go.Figure:
     figure.update_traces(marker={"showscale": False, "size": 7})
     figure.update_layout(height=230).update_xaxes(title=None, nticks=6)
     if figure.layout.xaxis.type == "log":
-        ticks = log_ticks(min(figure.data[0].x), max(figure.data[0].x))
-        figure.update_xaxes(tickvals=ticks, ticktext=[f"{tick:g}" for tick in ticks])
+        figure.update_xaxes(dtick="D2", exponentformat="none")  # 1, 2 and 5 of each decade
     return figure
-
-
-def log_ticks(low: float, high: float) -> list[float]:
-    """Return the numbers to mark on a logarithmic axis: 1, 2 and 5, or 1 alone, of each decade.
-
-    >>> log_ticks(0.0008, 0.012)
-    [0.001, 0.002, 0.005, 0.01]
-
-    Args:
-        low: The least number that is shown, above 0.
-        high: The greatest.
-    """
-    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    steps = (1, 2, 5) if len(decades) <= 4 else (1,)
-    ticks = [float(f"{step}e{decade}") for decade in decades for step in steps]
-    return [tick for tick in ticks if low <= tick <= high]
 
 
 def _timeline(study: optuna.Study) -> go.Figure:

@@ -42,16 +42,9 @@ _ATTEMPTS = 5
 _STUDY = "study"
 _IDENTITY = "identity"
 _PATIENCE_SECONDS = 5.0
-_ABSENT = "not set"
 
 
-def open_storage(
-    url: str | None,
-    folder: StudyFolder,
-    *,
-    heartbeat_interval: int = HEARTBEAT_INTERVAL,
-    grace_period: int = GRACE_PERIOD,
-) -> BaseStorage:
+def open_storage(url: str | None, folder: StudyFolder) -> BaseStorage:
     """Return the store of studies: a database, whose tables are made if need be, or the journal.
 
     No message shows the URL's password.
@@ -59,16 +52,12 @@ def open_storage(
     Args:
         url: The database, in SQLAlchemy's form; ``None`` for the journal in the study's folder.
         folder: The study's folder, which is made for the journal.
-        heartbeat_interval: Seconds between two signs of life of a trial in a database.
-        grace_period: Seconds since the last one after which its process counts as gone.
 
     Raises:
         ConfigError: If the URL is not valid here.
         RunError: If the database or the journal cannot be used.
     """
-    if url is None:
-        return _open_journal(folder.journal_file.resolve())
-    return _open_database(url, heartbeat_interval, grace_period)
+    return _open_journal(folder.journal_file) if url is None else _open_database(url)
 
 
 # The journal.
@@ -89,35 +78,23 @@ def mend_journal(folder: StudyFolder) -> None:
 def _open_journal(file: Path) -> JournalStorage:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        storage = JournalFileBackend(str(file))
-        lines = file.read_bytes().splitlines(keepends=True)
-        for number, line in enumerate(lines, start=1):
-            if line.endswith(b"\n"):  # another process may be writing the last one
-                _check_line(line, number, file)
-        return JournalStorage(storage)
+        return JournalStorage(JournalFileBackend(str(file.resolve())))
     except OSError as error:
         raise RunError(
             f"'{file}' cannot be read and written: {error.strerror}. Expected a place in which "
             "files can be made."
         ) from error
     except (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError):
-        raise RunError(f"'{file}' is damaged: expected a journal of Optuna.") from None
-
-
-def _check_line(line: bytes, number: int, file: Path) -> None:
-    try:
-        json.loads(line)
-    except ValueError:
         raise RunError(
-            f"Line {number} of '{file}' is damaged: expected a journal of Optuna. A copy without "
-            "that line may still be of use."
+            f"'{file}' is damaged: expected a journal of Optuna, whose lines are JSON. A copy "
+            "without the damaged lines may still be of use."
         ) from None
 
 
 # Databases.
 
 
-def _open_database(url: str, heartbeat_interval: int, grace_period: int) -> RDBStorage:
+def _open_database(url: str) -> RDBStorage:
     parsed = _parsed(url)
     for attempt in range(1, _ATTEMPTS + 1):
         try:
@@ -126,8 +103,8 @@ def _open_database(url: str, heartbeat_interval: int, grace_period: int) -> RDBS
                 return RDBStorage(
                     url.replace("{", "{{").replace("}", "}}"),  # Optuna formats it
                     engine_kwargs=_engine_kwargs(parsed),
-                    heartbeat_interval=heartbeat_interval,
-                    grace_period=grace_period,
+                    heartbeat_interval=HEARTBEAT_INTERVAL,
+                    grace_period=GRACE_PERIOD,
                     heartbeat_stale_trial_callback=retry_callback(),
                 )
         except (ImportError, RuntimeError, SQLAlchemyError, StorageInternalError) as error:
@@ -280,20 +257,11 @@ def _check(study: optuna.Study, config: StudyConfig) -> None:
             f"Study {name!r} is to {directions} something: another program made it. Expected a "
             "study of 'sb3-piano tune'; give yours another name with --name."
         )
-    there, here = _identity(study, config), _as_stored(config.identity())
-    goals = [f"{identity.get('objective')} {identity.get('metric')}" for identity in (there, here)]
-    if goals[0] != goals[1]:
-        raise ConfigError(
-            f"Study {name!r} maximises '{goals[0]}', not '{goals[1]}': give the study another name "
-            f"with --name, or the same metric and objective."
-        )
-    flat_there, flat_here = _flat(there), _flat(here)
-    names = dict.fromkeys((*flat_there, *flat_here))
-    pairs = [(n, flat_there.get(n, _ABSENT), flat_here.get(n, _ABSENT)) for n in names]
+    there, here = _flat(_identity(study, config)), _flat(_as_stored(config.identity()))
     differences = [
-        f"{n.removeprefix('entry.')} is {_text(a)} there, {_text(b)} here"
-        for n, a, b in pairs
-        if a != b
+        f"{key.removeprefix('entry.')} is {_text(there, key)} there, {_text(here, key)} here"
+        for key in dict.fromkeys((*there, *here))
+        if (key in there, there.get(key)) != (key in here, here.get(key))
     ]
     if differences:
         raise ConfigError(
@@ -328,15 +296,14 @@ def _as_stored(mapping: Mapping[str, Any]) -> dict[str, Any]:
     return json.loads(json.dumps(mapping))
 
 
-def _text(value: Any) -> str:
-    return value if value is _ABSENT else json.dumps(value)
-
-
 def _flat(mapping: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return the values of nested mappings by their paths."""
     flat: dict[str, Any] = {}
     for key, value in mapping.items():
-        if isinstance(value, Mapping) and value:
-            flat.update(_flat(value, f"{prefix}{key}."))
-        else:
-            flat[f"{prefix}{key}"] = value
+        nested = isinstance(value, Mapping) and value
+        flat |= _flat(value, f"{prefix}{key}.") if nested else {f"{prefix}{key}": value}
     return flat
+
+
+def _text(flat: Mapping[str, Any], key: str) -> str:
+    return json.dumps(flat[key]) if key in flat else "not set"

@@ -38,16 +38,11 @@ class Search:
     """Seed of the sampler. Only with one worker are its choices the same each time."""
 
 
-def make_sampler(search: Search, seed: int | None = None) -> BaseSampler:
-    """Return a study's sampler.
-
-    Args:
-        search: The settings, whose own seed is left to the caller.
-        seed: The seed; ``None`` for random choices.
-    """
+def make_sampler(search: Search) -> BaseSampler:
+    """Return a study's sampler."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExperimentalWarning)
-        return SAMPLERS[search.sampler](search, seed)
+        return SAMPLERS[search.sampler](search)
 
 
 def make_pruner(search: Search, config: StudyConfig) -> BasePruner:
@@ -59,24 +54,27 @@ def make_pruner(search: Search, config: StudyConfig) -> BasePruner:
     return PRUNERS[search.pruner](search, config)
 
 
-def _tpe(search: Search, seed: int | None) -> BaseSampler:
+def _tpe(search: Search) -> BaseSampler:
     """Tree-structured Parzen estimators, which also model how settings depend on each other.
 
     Trials that still run count as bad ones, so that none gets the settings of another.
     """
     return TPESampler(
-        n_startup_trials=search.startup_trials, seed=seed, multivariate=True, constant_liar=True
+        n_startup_trials=search.startup_trials,
+        seed=search.seed,
+        multivariate=True,
+        constant_liar=True,
     )
 
 
-def _cmaes(search: Search, seed: int | None) -> BaseSampler:
+def _cmaes(search: Search) -> BaseSampler:
     """CMA-ES, for numbers only: every ``Choice`` is drawn at random, throughout the study.
 
     Optuna recommends that it learns from pruned trials if successive halving ends most of them.
     """
     return CmaEsSampler(
         n_startup_trials=search.startup_trials,
-        seed=seed,
+        seed=search.seed,
         warn_independent_sampling=False,  # it is what the docstring says, for each trial
         consider_pruned_trials=search.pruner in ("hyperband", "halving"),
     )
@@ -116,12 +114,12 @@ def _warmup(config: StudyConfig) -> int:
     return min(2 * config.interval, config.config.n_timesteps)
 
 
-SAMPLERS: Mapping[str, Callable[[Search, int | None], BaseSampler]] = {
+SAMPLERS: Mapping[str, Callable[[Search], BaseSampler]] = {
     "tpe": _tpe,
     "cmaes": _cmaes,
     # A Gaussian process; it thinks longer the more trials there are.
-    "gp": lambda search, seed: GPSampler(n_startup_trials=search.startup_trials, seed=seed),
-    "random": lambda search, seed: RandomSampler(seed=seed),
+    "gp": lambda search: GPSampler(n_startup_trials=search.startup_trials, seed=search.seed),
+    "random": lambda search: RandomSampler(seed=search.seed),
 }
 """Ways to choose settings."""
 

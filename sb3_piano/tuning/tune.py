@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import os
 import platform
 import zlib
@@ -104,7 +105,8 @@ def tune(
     with _owned(place, embedded=storage is None):
         store = open_storage(storage, place)
         study = open_study(config, store, name=name, search=search)
-        study.sampler = make_sampler(search, _seed(study, search, embedded=storage is None))
+        seed = _seed(study, search, embedded=storage is None)
+        study.sampler = make_sampler(dataclasses.replace(search, seed=seed))
         _check_runs(study, place)
         label = f"{config.objective} {config.metric}"
         try:

@@ -35,7 +35,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.training import entry_config, load_config
 from sb3_piano.training.yaml_config import read_yaml_mapping
-from sb3_piano.tuning.outcome.best import (
+from sb3_piano.tuning.best import (
     best_entry,
     best_trial,
     objective_in_words,
@@ -43,8 +43,8 @@ from sb3_piano.tuning.outcome.best import (
     training_in_words,
     write_best,
 )
-from sb3_piano.tuning.outcome.zoo_entry import zoo_entry
-from sb3_piano.tuning.study_folder import StudyFolder
+from sb3_piano.tuning.best import zoo_entry
+from sb3_piano.tuning.study import StudyFolder
 
 
 @pytest.fixture(autouse=True)

@@ -15,8 +15,8 @@ import optuna
 import pytest
 from finished_study import finished_study, study_config
 
-from sb3_piano.tuning.store.storage import open_storage
-from sb3_piano.tuning.study_folder import StudyFolder
+from sb3_piano.tuning.storage import open_storage
+from sb3_piano.tuning.study import StudyFolder
 
 pytest.importorskip("optuna_dashboard")
 

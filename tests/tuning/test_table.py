@@ -19,9 +19,9 @@ from finished_study import (
     study_config,
 )
 
-from sb3_piano.tuning.outcome.table import write_table
+from sb3_piano.tuning.report import write_table
 from sb3_piano.tuning.store.orphans import requeue
-from sb3_piano.tuning.study_folder import StudyFolder
+from sb3_piano.tuning.study import StudyFolder
 
 
 @pytest.fixture

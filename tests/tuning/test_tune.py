@@ -18,9 +18,9 @@ from optuna.trial import TrialState
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.training import RunFolder, load_config
 from sb3_piano.tuning import Float, Search, Space, tune
-from sb3_piano.tuning.attributes import repeated
-from sb3_piano.tuning.store.storage import open_study
-from sb3_piano.tuning.study_folder import StudyFolder
+from sb3_piano.tuning.trials import repeated
+from sb3_piano.tuning.storage import open_study
+from sb3_piano.tuning.study import StudyFolder
 
 pytestmark = pytest.mark.slow
 

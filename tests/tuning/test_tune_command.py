@@ -20,9 +20,9 @@ from small_study import ENTRY, ENV_ID, SlowUntil, wrapped
 from sb3_piano.cli import main
 from sb3_piano.training import load_config
 from sb3_piano.tuning import StudyFolder
-from sb3_piano.tuning.attributes import FAILURE
+from sb3_piano.tuning.trials import FAILURE
 from sb3_piano.tuning.store.locks import any_held
-from sb3_piano.tuning.store.storage import open_storage
+from sb3_piano.tuning.storage import open_storage
 
 pytestmark = pytest.mark.slow
 

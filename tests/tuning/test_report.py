@@ -27,9 +27,9 @@ from finished_study import (
 )
 from optuna.distributions import FloatDistribution
 
-from sb3_piano.tuning.outcome.figures import importances, log_ticks, study_figures
-from sb3_piano.tuning.outcome.report import report_html, write_report
-from sb3_piano.tuning.study_folder import StudyFolder
+from sb3_piano.tuning.figures import importances, log_ticks, study_figures
+from sb3_piano.tuning.report import report_html, write_report
+from sb3_piano.tuning.study import StudyFolder
 
 EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>"
 

@@ -105,7 +105,7 @@ def tune(
     with _owned(place, embedded=storage is None):
         store = open_storage(storage, place)
         study = open_study(config, store, name=name, search=search)
-        seed = _seed(study, search, embedded=storage is None)
+        seed = sampler_seed(study, search, embedded=storage is None)
         study.sampler = make_sampler(dataclasses.replace(search, seed=seed))
         _check_runs(study, place)
         label = f"{config.objective} {config.metric}"
@@ -143,7 +143,7 @@ def _owned(folder: StudyFolder, *, embedded: bool) -> Iterator[None]:
         yield
 
 
-def _seed(study: optuna.Study, search: Search, *, embedded: bool) -> int | None:
+def sampler_seed(study: optuna.Study, search: Search, *, embedded: bool) -> int | None:
     """Return the seed of the sampler: another one on each machine, and each time it goes on."""
     if search.seed is None:
         return None

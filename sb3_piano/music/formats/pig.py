@@ -19,7 +19,7 @@ from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.formats.left_out import LeftOut
 from sb3_piano.music.formats.output import write_score_file
-from sb3_piano.music.hands import HANDS, finger_number, finger_of, hand_of_finger
+from sb3_piano.music.hands import HANDS, finger_number, finger_of, hand_of_finger, likely_hand
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_name, pitch_number
 from sb3_piano.music.score import Score
@@ -30,8 +30,6 @@ _FINGER = re.compile(r"(-?)([0-5])(_(-?[0-5])?)*")
 _VERSION = "//Version: PianoFingering_v170101"
 _OFFSET_VELOCITY = 80
 """The one that the files of the data set have throughout."""
-
-_MIDDLE_C = 60
 
 _SAME_TIME = 0.001
 """By how many seconds the onset of a note may differ between annotators."""
@@ -97,7 +95,7 @@ def write_pig(score: Score, path: str | os.PathLike[str]) -> None:
 
 
 def _line(number: int, note: Note) -> str:
-    hand = note.hand or ("right" if note.pitch >= _MIDDLE_C else "left")
+    hand = note.hand or likely_hand(note.pitch)
     finger = 0 if note.finger == UNKNOWN_FINGER else finger_number(note.finger)
     fields = (
         number,

@@ -25,9 +25,7 @@ MUSIC21 = package("music21")
 CORPUS, SUITE = MUSIC21 / "corpus", MUSIC21 / "musicxml" / "lilypondTestSuite"
 
 MIDI_FILES = sorted(
-    path
-    for name in ("music21", "pretty_midi", "mido")
-    for path in package(name).rglob("*.mid")
+    path for name in ("music21", "pretty_midi", "mido") for path in package(name).rglob("*.mid")
 )
 
 PARTS = r"has {} parts \({}.*: expected one or two"
@@ -107,10 +105,6 @@ def test_a_musicxml_file_is_read_or_refused_with_its_reason(path):
     assert (len(result.notes), hands, fingers) == expected
     assert all(MIN_PITCH <= note.pitch <= MAX_PITCH for note in result.notes)
     assert result.bars == tuple(sorted(result.bars)) != ()
-
-
-def test_most_of_them_are_read():
-    assert sum(not isinstance(expected, str) for expected in SCORES.values()) >= 25
 
 
 @pytest.mark.slow

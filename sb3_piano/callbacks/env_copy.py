@@ -19,6 +19,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvWrapper
 
 from sb3_piano.callbacks.run_context import EnvWrapper
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.layers import layers
 
 _REMEDY = "Expected an environment of its own, eval_env=..., or a training by 'sb3-piano train'."
 
@@ -82,14 +83,13 @@ def _copy_layers(env: gym.Env[Any, Any], innermost: EnvWrapper | None) -> gym.En
     was none, so that returns are those of an episode whatever wrappers do.
     """
     memo: dict[int, Any] = {}
-    layers = _layers(env)
-    for layer in reversed(layers):
-        if isinstance(layer, Monitor):
-            memo[id(layer)] = Monitor(_deepcopy(layer.env, memo, type(env.unwrapped)))
+    monitors = [layer for layer in layers(env) if isinstance(layer, Monitor)]
+    for monitor in reversed(monitors):
+        memo[id(monitor)] = Monitor(_deepcopy(monitor.env, memo, type(env.unwrapped)))
     copied = _deepcopy(env, memo, type(env.unwrapped))
     if innermost is not None:
         copied = _with_innermost(copied, innermost)
-    return copied if any(isinstance(layer, Monitor) for layer in layers) else Monitor(copied)
+    return copied if monitors else Monitor(copied)
 
 
 def _deepcopy(thing: Any, memo: dict[int, Any], kind: type) -> Any:
@@ -107,16 +107,8 @@ def _deepcopy(thing: Any, memo: dict[int, Any], kind: type) -> Any:
 
 
 def _with_innermost(env: gym.Env[Any, Any], innermost: EnvWrapper) -> gym.Env[Any, Any]:
-    *_, last = [None, *(layer for layer in _layers(env) if isinstance(layer, gym.Wrapper))]
+    *_, last = [None, *(layer for layer in layers(env) if isinstance(layer, gym.Wrapper))]
     if last is None:
         return innermost(env)
     last.env = innermost(last.env)
     return env
-
-
-def _layers(env: gym.Env[Any, Any]) -> list[gym.Env[Any, Any]]:
-    """Return wrappers and environment, the outermost first."""
-    layers = [env]
-    while isinstance(layers[-1], gym.Wrapper):
-        layers.append(layers[-1].env)
-    return layers

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-import signal
 import tempfile
-import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -30,6 +28,7 @@ from sb3_piano.demonstrations.dataset import (
     require_minari,
 )
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.interrupts import ctrl_c_deferred
 
 if TYPE_CHECKING:
     from minari import MinariDataset
@@ -130,7 +129,7 @@ class DatasetWriter:
             truncations=ends[1],
             infos={EXPERT_ACTION: np.concatenate([labels, none_asked])},
         )
-        with _no_ctrl_c():  # which would leave half an episode in the file
+        with ctrl_c_deferred():  # which would leave half an episode in the file
             self._storage.update_episodes([buffer])
             self._storage.update_episode_metadata([dict(episode.notes)], [self._count])
             self._count += 1
@@ -151,22 +150,6 @@ class DatasetWriter:
         self._place.parent.mkdir(parents=True, exist_ok=True)
         (self._made / "new").rename(self._place)
         return open_dataset(self._id)
-
-
-@contextlib.contextmanager
-def _no_ctrl_c() -> Iterator[None]:
-    """Put off Ctrl-C until the end of the block, where Python lets us: in the main thread."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    former = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, former)
-    if came:
-        signal.raise_signal(signal.SIGINT)
 
 
 def _make_namespace(dataset_id: str) -> None:

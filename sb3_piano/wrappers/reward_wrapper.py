@@ -9,6 +9,7 @@ from typing import Any, SupportsFloat
 import gymnasium as gym
 
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.layers import layers
 from sb3_piano.wrappers.piano import piano_of
 
 RewardTerms = Mapping[str, float]
@@ -42,12 +43,8 @@ class RewardTermsWrapper(gym.Wrapper[Any, Any, Any, Any]):
         return self.inner_weights
 
     def inner_wrappers(self) -> Iterator[RewardTermsWrapper]:
-        """Yield the wrappers of this kind inside of this one, the outermost first."""
-        inside = self.env
-        while isinstance(inside, gym.Wrapper):
-            if isinstance(inside, RewardTermsWrapper):
-                yield inside
-            inside = inside.env
+        """Return the wrappers of this kind inside of this one, the outermost first."""
+        return (layer for layer in layers(self.env) if isinstance(layer, RewardTermsWrapper))
 
     def reward_terms(self, terms: RewardTerms) -> RewardTerms:
         """Return the terms of the control step that was just played, changed."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,6 +11,7 @@ import gymnasium as gym
 import numpy as np
 
 from sb3_piano.envs import ScoreTransform
+from sb3_piano.layers import layers
 from sb3_piano.music import Score
 from sb3_piano.wrappers.piano import piano_of
 
@@ -123,20 +124,12 @@ def possible_scores(env: gym.Env[Any, Any]) -> list[Score]:
     Raises:
         ScoreError: If a wrapper cannot change what it gets.
     """
-    layers = list(_score_wrappers(env))
-    chosen = (sources for layer in layers if (sources := layer.sources) is not None)
+    wrappers = [layer for layer in layers(env) if isinstance(layer, ScoreWrapper)]
+    chosen = (sources for wrapper in wrappers if (sources := wrapper.sources) is not None)
     scores = list(next(chosen, [piano_of(env, "possible_scores").default_score]))
     times_known = True
-    for layer in layers:
-        if times_known or not layer.cuts:
-            scores = [extreme for score in scores for extreme in layer.extremes(score)]
-        times_known = times_known and not layer.draws_times
+    for wrapper in wrappers:  # the outermost acts first
+        if times_known or not wrapper.cuts:
+            scores = [extreme for score in scores for extreme in wrapper.extremes(score)]
+        times_known = times_known and not wrapper.draws_times
     return scores
-
-
-def _score_wrappers(env: gym.Env[Any, Any]) -> Iterator[ScoreWrapper]:
-    """Yield those around an environment, the outermost first, in which order they act."""
-    while isinstance(env, gym.Wrapper):
-        if isinstance(env, ScoreWrapper):
-            yield env
-        env = env.env

@@ -16,9 +16,8 @@ import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 
 import sb3_piano
-from sb3_piano.demonstrations.noise import DEFAULT_MEMORY, ActuatorNoise
-from sb3_piano.demonstrations.perturbed_start import PerturbedStart
-from sb3_piano.demonstrations.writer import DatasetWriter, Episode
+from sb3_piano.demonstrations.dataset import DatasetWriter, Episode
+from sb3_piano.demonstrations.disturbances import DEFAULT_MEMORY, ActuatorNoise, PerturbedStart
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.metrics import EPISODE_METRICS
 

@@ -24,7 +24,7 @@ from sb3_piano.callbacks.replay_segments import end_last_episode
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import disk_refusal
-from sb3_piano.torch_threads import torch_threads
+from sb3_piano.threads import torch_threads
 from sb3_piano.training.algorithms import algorithm_class
 from sb3_piano.training.builders import build_callbacks, build_model, build_vec_env
 from sb3_piano.training.config import RunConfig

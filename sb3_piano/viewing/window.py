@@ -16,7 +16,7 @@ import mujoco
 from sb3_piano.exceptions import RenderingError
 from sb3_piano.simulation import PianoScene
 from sb3_piano.viewing.film import Moment, pose
-from sb3_piano.viewing.painting import geom_colors
+from sb3_piano.viewing.frame_renderer import geom_colors
 
 _EXPECTED = (
     "Expected a screen: the machine's own, 'ssh -X', or a virtual one by xvfb-run. A video needs "

@@ -14,8 +14,7 @@ from sb3_piano.envs import ALL_KEYS, KeyWindow
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH
 from sb3_piano.settings import Index, checked
-from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
-from sb3_piano.wrappers.piano import layout_of, piano_of
+from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, piano_of
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
 _WINDOWS = {

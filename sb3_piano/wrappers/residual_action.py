@@ -18,8 +18,7 @@ from sb3_piano.planning import PlanSettings, Tracker, Trackers
 from sb3_piano.planning.pianist import action_of
 from sb3_piano.settings import Count, Positive, checked
 from sb3_piano.simulation import PianoScene
-from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
-from sb3_piano.wrappers.piano import layout_of, piano_of
+from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, piano_of
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -21,8 +21,12 @@ from stable_baselines3.common.vec_env import (
 )
 
 from sb3_piano.callbacks import F1Callback
-from sb3_piano.callbacks.own_env import make_own_env, preserve_random_state, sync_normalization
-from sb3_piano.callbacks.run_context import RunContext
+from sb3_piano.callbacks.own_env import (
+    RunContext,
+    make_own_env,
+    preserve_random_state,
+    sync_normalization,
+)
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score

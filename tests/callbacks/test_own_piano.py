@@ -9,8 +9,8 @@ from scripted import vector_of, with_f1
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 
-from sb3_piano.callbacks.own_piano import OwnPiano
-from sb3_piano.callbacks.run_context import RunContext
+from sb3_piano.callbacks.own_env import RunContext
+from sb3_piano.callbacks.performance_video import OwnPiano
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score

@@ -13,7 +13,7 @@ from scripted import tiny_td3, vector_of, with_f1
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_piano.callbacks import PerformanceVideoCallback
-from sb3_piano.callbacks.run_context import RunContext, hand_over
+from sb3_piano.callbacks.own_env import RunContext, hand_over
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score, load_score, synthesize

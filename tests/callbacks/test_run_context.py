@@ -15,7 +15,7 @@ from stable_baselines3.common.callbacks import (
 )
 
 from sb3_piano.callbacks import F1Callback, OnsetF1Callback
-from sb3_piano.callbacks.run_context import RunContext, hand_over
+from sb3_piano.callbacks.own_env import RunContext, hand_over
 from sb3_piano.vec_env import ThreadVecEnv
 
 

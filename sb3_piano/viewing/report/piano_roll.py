@@ -11,9 +11,8 @@ import numpy as np
 from sb3_piano.metrics import presses_of
 from sb3_piano.music import FINGER_NAMES, MIN_PITCH, NUM_KEYS
 from sb3_piano.performance import Performance
-from sb3_piano.viewing.report.definitions import TOLERANCE
 from sb3_piano.viewing.report.judgement import DueNotes, Fate, PlayedPresses, Verdict
-from sb3_piano.viewing.report.page import FINGERS
+from sb3_piano.viewing.report.page import FINGERS, TOLERANCE
 
 _PITCH_CLASSES = ("C", "C♯", "D", "D♯", "E", "F", "F♯", "G", "G♯", "A", "A♯", "B")
 _NOTHING = "\N{EN DASH}"

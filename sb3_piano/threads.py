@@ -45,7 +45,7 @@ class ThreadTeam:
         """
         n_threads = checked("n_threads", n_threads, Annotated[Whole, Ge(1)] | None)
         self.n_threads = min(n_slots, n_threads or usable_cores())
-        """How many threads do the work, the calling one included."""
+        """Number of threads that do the work, the calling one included."""
         bounds = [n_slots * i // self.n_threads for i in range(self.n_threads + 1)]
         self._own, *self._shares = (range(*pair) for pair in itertools.pairwise(bounds))
         self._workers: list[_Worker] = []

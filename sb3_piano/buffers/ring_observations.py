@@ -203,7 +203,7 @@ class RingNextObservations:
 
     @property
     def n_copies(self) -> int:
-        """How many next observations are stored."""
+        """Number of next observations that are stored."""
         return len(self._own)
 
     def __setitem__(self, row: int, next_observations: Observations) -> None:

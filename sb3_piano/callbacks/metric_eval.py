@@ -24,6 +24,7 @@ from sb3_piano.callbacks.own_env import RunContext, env_name, make_own_env, pres
 from sb3_piano.exceptions import ConfigError, RunError, near_names
 from sb3_piano.files import write_atomically, write_json
 from sb3_piano.metrics import EPISODE_METRICS
+from sb3_piano.settings import Count, checked
 
 _NOTE = "best_model.json"
 
@@ -157,9 +158,7 @@ class MetricEvalCallback(EvalCallback):
                 f"{type(self).__name__} has no metric: expected F1Callback, OnsetF1Callback or a "
                 "subclass with metric = '...'."
             )
-        for name, value in (("n_eval_episodes", n_eval_episodes), ("stop_patience", stop_patience)):
-            if value < 1:
-                raise ConfigError(f"{name} is {value}: expected 1 or more.")
+        n_eval_episodes = checked("n_eval_episodes", n_eval_episodes, Count)
         super().__init__(
             _UnbuiltEnv() if eval_env is None else eval_env,
             callback_on_new_best,
@@ -175,7 +174,7 @@ class MetricEvalCallback(EvalCallback):
         )
         self.seed = seed
         self.stop_threshold = stop_threshold
-        self.stop_patience = stop_patience
+        self.stop_patience = checked("stop_patience", stop_patience, Count)
         self.evaluations_metrics: list[list[Mapping[str, float]]] = []
         """The metrics of each episode of each evaluation."""
         self._makes_env = eval_env is None

@@ -58,7 +58,7 @@ class UsesRun(Protocol):
 
 
 def hand_over(run: RunContext, callbacks: Iterable[BaseCallback]) -> None:
-    """Tell all callbacks that ask for it which run they serve, however deep they are nested.
+    """Give the run to all callbacks that ask for it, however deep they are nested.
 
     Callbacks are looked for in ``CallbackList`` and in the events of ``EventCallback`` and
     ``EvalCallback``.

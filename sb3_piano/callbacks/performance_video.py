@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import gymnasium as gym
 import numpy as np
@@ -21,7 +21,9 @@ from sb3_piano.callbacks.own_env import (
 )
 from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.settings import Positive, Unit, checked
 from sb3_piano.viewing import Picture, Take, write_take
+from sb3_piano.viewing.take import Camera
 
 
 class PerformanceVideoCallback(BaseCallback):
@@ -30,7 +32,7 @@ class PerformanceVideoCallback(BaseCallback):
     Every ``video_freq`` calls, in an environment of its own, the policy plays without exploring.
     ``step_<n>.mp4`` has pictures and sound, ``step_<n>.wav`` the sound alone and ``step_<n>.mid``
     the notes, unless no key was pressed; n is the number of environment steps so far. A machine
-    that cannot draw is told of once, and gets the other two.
+    that cannot draw gets the other two, and one warning.
 
     A call is one step of all environments together: with ``n_envs`` environments, ``video_freq``
     calls are ``video_freq * n_envs`` environment steps. The training does not notice: environment
@@ -60,15 +62,13 @@ class PerformanceVideoCallback(BaseCallback):
         max_seconds: float = 60.0,
         width: int = 640,
         height: int = 360,
-        camera: str = "overview",
+        camera: Camera = "overview",
         seed: int | None = 0,
     ) -> None:
         super().__init__()
-        if not max_seconds > 0:
-            raise ConfigError(f"max_seconds is {max_seconds}: expected more than 0 s.")
         self._video_freq = video_freq
         self._folder = None if folder is None else Path(folder)
-        self._max_seconds = max_seconds
+        self._max_seconds = checked("max_seconds", max_seconds, Annotated[Positive, Unit("s")])
         self._picture: Picture | None = Picture(width=width, height=height, camera=camera)
         self._seed = seed
         self._run: RunContext | None = None

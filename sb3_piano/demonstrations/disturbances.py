@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Annotated, Any
 
 import gymnasium as gym
 import mujoco
 import numpy as np
 import numpy.typing as npt
+from annotated_types import Ge
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.settings import Number, Unit, checked
 from sb3_piano.simulation import PianoScene
 
 DEFAULT_MEMORY = 0.2
@@ -70,9 +72,8 @@ class ActuatorNoise:
     """
 
     def __init__(self, env: gym.Env[Any, Any], std: float, memory: float = DEFAULT_MEMORY) -> None:
-        for name, value in (("noise", std), ("noise_memory", memory)):
-            if not (math.isfinite(value) and value >= 0):
-                raise ConfigError(f"{name} is {value}: expected a finite number, at least 0.")
+        std = checked("noise", std, Annotated[Number, Ge(0), Unit("rad")])
+        memory = checked("noise_memory", memory, Annotated[Number, Ge(0), Unit("s")])
         piano = env.unwrapped
         if not isinstance(piano, PianoEnv):
             raise ConfigError(
@@ -123,8 +124,6 @@ class PerturbedStart(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
     def __init__(self, env: gym.Env[Any, Any], std: float) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, std=std)
         super().__init__(env)
-        if not (math.isfinite(std) and std >= 0):
-            raise ConfigError(f"std is {std}: expected a finite number of rad, at least 0.")
         piano = env.unwrapped
         if not isinstance(piano, PianoEnv):
             raise ConfigError(
@@ -136,7 +135,7 @@ class PerturbedStart(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
                 "right around the environment, further in."
             )
         self._piano = piano
-        self._std = std
+        self._std = checked("std", std, Annotated[Number, Ge(0), Unit("rad")])
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

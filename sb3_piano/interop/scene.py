@@ -20,7 +20,7 @@ DM_CONTROL_NEEDED = (
     "pip install 'dm-control>=1.0.50' 'mujoco<4', on Python 3.11 or 3.12 (it requires labmaze, "
     "which cannot be installed on Python 3.13)"
 )
-"""How to get a dm_control that works, for messages."""
+"""Installation of a dm_control that works, for messages."""
 
 
 def import_dm_control(name: str) -> ModuleType:

@@ -31,10 +31,10 @@ class Definition:
     """Subject; heads a part of a table."""
     label: str
     """Label where it stands alone."""
-    short: str
-    """Label under its section's heading."""
     meaning: str
     """Meaning, a sentence in one line."""
+    short: str
+    """Label under its section's heading."""
     unit: str = ""
     """Its unit; empty for a share or a plain number."""
     digits: int = 3
@@ -45,180 +45,130 @@ class Definition:
         return f"{round(value, self.digits) + 0.0:.{self.digits}f}"  # + 0.0 turns -0.0 into 0.0
 
 
-_KEYS, _NOTES, _PEDAL = "Keys, step by step", "Notes, strike by strike", "Pedal"
-_FINGERS, _RETURN = "Fingers", "Return"
-_FINGERS_OF_A_HAND = ("thumb", "index finger", "middle finger", "ring finger", "little finger")
+_HANDS = ("right", "left")
+_FINGERS = ("thumb", "index finger", "middle finger", "ring finger", "little finger")
 
-_OF_KEYS = (
-    Definition(
-        "f1",
-        _KEYS,
-        "F1",
-        "F1",
-        "Frame F1: mean over control steps; silence that is due counts as 1.",
-    ),
-    Definition(
-        "precision",
-        _KEYS,
-        "precision",
-        "precision",
-        "Share of the sounding keys that are due, mean over steps.",
-    ),
-    Definition(
-        "recall", _KEYS, "recall", "recall", "Share of the keys due that sound, mean over steps."
-    ),
-    Definition(
-        "non_silent_f1",
-        _KEYS,
-        "non-silent F1",
-        "non-silent F1",
-        "F1 over the steps in which the piece sounds.",
-    ),
-    Definition(
-        "noop_f1",
-        _KEYS,
-        "F1 of playing nothing",
-        "F1 of playing nothing",
-        "The F1 that resting hands have, for comparison.",
-    ),
-    Definition(
-        "wrong_presses_per_second",
-        _KEYS,
-        "wrong presses",
-        "wrong presses",
-        "Presses during which the key is never due, in a second.",
-        unit="/s",
-    ),
-)
-_OF_NOTES = (
-    Definition(
-        "onset_f1",
-        _NOTES,
-        "onset F1",
-        "F1",
-        "Harmonic mean of onset precision and onset recall.",
-    ),
-    Definition(
-        "onset_precision",
-        _NOTES,
-        "onset precision",
-        "precision",
-        "Share of the strikes that hit a note.",
-    ),
-    Definition(
-        "onset_recall",
-        _NOTES,
-        "onset recall",
-        "recall",
-        f"Share of the notes hit: key struck within {1000 * ONSET_TOLERANCE:.0f} ms of the onset, "
-        "each strike for one.",
-    ),
-    Definition(
-        "onset_error_mean_ms",
-        _NOTES,
-        "mean timing error",
-        "mean timing error",
-        "How late the hits are; early is negative.",
-        unit="ms",
-        digits=1,
-    ),
-    Definition(
-        "onset_error_std_ms",
-        _NOTES,
-        "spread of the timing error",
-        "spread of the timing error",
-        "Standard deviation of how late the hits are.",
-        unit="ms",
-        digits=1,
-    ),
-)
-_OF_PEDAL = (
-    Definition("sustain_f1", _PEDAL, "pedal F1", "F1", "As F1, for the sustain pedal."),
-    Definition(
-        "sustain_precision", _PEDAL, "pedal precision", "precision", "As precision, for the pedal."
-    ),
-    Definition("sustain_recall", _PEDAL, "pedal recall", "recall", "As recall, for the pedal."),
-)
-_OF_FINGERS = (
-    Definition(
-        "effective_fingers",
-        _FINGERS,
-        "effective fingers",
-        "effective number",
-        "How many of ten fingers would share the pressing as evenly: exp of the shares' entropy.",
-        digits=2,
-    ),
-    *(
-        Definition(
-            f"effective_fingers_{hand}",
-            _FINGERS,
-            f"effective fingers, {hand}",
-            f"effective number, {hand}",
-            f"How many of the {hand} hand's five would share its pressing as evenly.",
-            digits=2,
-        )
-        for hand in ("right", "left")
-    ),
-    Definition(
-        "fingering_agreement",
-        _FINGERS,
-        "fingering agreement",
-        "agreement with the labels",
-        "Share of the rightly pressed keys that the labelled finger presses.",
-    ),
-    *(
-        Definition(
-            f"finger_share_{hand[0]}{number}",
-            _FINGERS,
-            f"share of the {hand} {finger}",
-            f"share of the {hand} {finger}",
-            f"Share of the pressing that the {hand} {finger} does, by time.",
-            digits=2,
-        )
-        for hand in ("right", "left")
-        for number, finger in enumerate(_FINGERS_OF_A_HAND, start=1)
-    ),
-)
-_OF_RETURN = (
-    Definition(
-        "return", _RETURN, "return", "in all", "Sum of the rewards of the episode.", digits=2
-    ),
-    Definition(
-        "normalized_return",
-        _RETURN,
-        "normalised return",
-        "share of the highest possible",
-        "Share of the highest possible return.",
-    ),
-    *(
-        Definition(f"return_{term}", _RETURN, f"return from {words}", short, meaning, digits=2)
-        for term, words, short, meaning in (
-            ("key_press", "pressing keys", "pressing keys", "Due keys down, and no others."),
-            ("fingering", "fingering", "fingering", "Fingers near their keys."),
-            ("sustain", "the pedal", "pedal", "The pedal as it should be."),
-            ("forearm", "keeping the forearms apart", "forearms", "Forearms that keep apart."),
-            ("energy", "energy", "energy", "The cost of moving."),
-        )
-    ),
-    Definition(
-        "length", _RETURN, "control steps", "control steps", "How long the episode was.", digits=0
-    ),
-)
+# By section and name: the label, the meaning, and the label under the section's heading if it is
+# another one.
+_WORDS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "Keys, step by step": {
+        "f1": ("F1", "Frame F1: mean over control steps; silence that is due counts as 1."),
+        "precision": ("precision", "Share of the sounding keys that are due, mean over steps."),
+        "recall": ("recall", "Share of the keys due that sound, mean over steps."),
+        "non_silent_f1": ("non-silent F1", "F1 over the steps in which the piece sounds."),
+        "noop_f1": ("F1 of playing nothing", "The F1 that resting hands have, for comparison."),
+        "wrong_presses_per_second": (
+            "wrong presses",
+            "Presses during which the key is never due, in a second.",
+        ),
+    },
+    "Notes, strike by strike": {
+        "onset_f1": ("onset F1", "Harmonic mean of onset precision and onset recall.", "F1"),
+        "onset_precision": (
+            "onset precision",
+            "Share of the strikes that hit a note.",
+            "precision",
+        ),
+        "onset_recall": (
+            "onset recall",
+            f"Share of the notes hit: key struck within {1000 * ONSET_TOLERANCE:.0f} ms of the "
+            "onset, each strike for one.",
+            "recall",
+        ),
+        "onset_error_mean_ms": ("mean timing error", "How late the hits are; early is negative."),
+        "onset_error_std_ms": (
+            "spread of the timing error",
+            "Standard deviation of how late the hits are.",
+        ),
+    },
+    "Pedal": {
+        "sustain_f1": ("pedal F1", "As F1, for the sustain pedal.", "F1"),
+        "sustain_precision": ("pedal precision", "As precision, for the pedal.", "precision"),
+        "sustain_recall": ("pedal recall", "As recall, for the pedal.", "recall"),
+    },
+    "Fingers": {
+        "effective_fingers": (
+            "effective fingers",
+            "How many of ten fingers would share the pressing as evenly: exp of the shares' "
+            "entropy.",
+            "effective number",
+        ),
+        **{
+            f"effective_fingers_{hand}": (
+                f"effective fingers, {hand}",
+                f"How many of the {hand} hand's five would share its pressing as evenly.",
+                f"effective number, {hand}",
+            )
+            for hand in _HANDS
+        },
+        "fingering_agreement": (
+            "fingering agreement",
+            "Share of the rightly pressed keys that the labelled finger presses.",
+            "agreement with the labels",
+        ),
+        **{
+            f"finger_share_{hand[0]}{number}": (
+                f"share of the {hand} {finger}",
+                f"Share of the pressing that the {hand} {finger} does, by time.",
+            )
+            for hand in _HANDS
+            for number, finger in enumerate(_FINGERS, start=1)
+        },
+    },
+    "Return": {
+        "return": ("return", "Sum of the rewards of the episode.", "in all"),
+        "normalized_return": (
+            "normalised return",
+            "Share of the highest possible return.",
+            "share of the highest possible",
+        ),
+        "return_key_press": (
+            "return from pressing keys",
+            "Due keys down, and no others.",
+            "pressing keys",
+        ),
+        "return_fingering": ("return from fingering", "Fingers near their keys.", "fingering"),
+        "return_sustain": ("return from the pedal", "The pedal as it should be.", "pedal"),
+        "return_forearm": (
+            "return from keeping the forearms apart",
+            "Forearms that keep apart.",
+            "forearms",
+        ),
+        "return_energy": ("return from energy", "The cost of moving.", "energy"),
+        "length": ("control steps", "How long the episode was."),
+    },
+}
+_TIMING = ("onset_error_mean_ms", "onset_error_std_ms")
+_UNITS = {**dict.fromkeys(_TIMING, "ms"), "wrong_presses_per_second": "/s"}
+_DIGITS = {**dict.fromkeys(_TIMING, 1), "length": 0}
+
+
+def _digits(name: str) -> int:
+    two = name.startswith(("effective_fingers", "finger_share_", "return"))
+    return _DIGITS.get(name, 2 if two else 3)
+
 
 DEFINITIONS: Mapping[str, Definition] = MappingProxyType(
     {
-        definition.name: definition
-        for definition in (*_OF_KEYS, *_OF_NOTES, *_OF_PEDAL, *_OF_FINGERS, *_OF_RETURN)
+        name: Definition(
+            name,
+            section,
+            label,
+            meaning,
+            short=(*short, label)[0],
+            unit=_UNITS.get(name, ""),
+            digits=_digits(name),
+        )
+        for section, words in _WORDS.items()
+        for name, (label, meaning, *short) in words.items()
     }
 )
 """By name, in the order of a table: ``EPISODE_METRICS``, ``return_<term>`` for each reward term of
 the environments, and what every episode has: ``return`` and ``length``."""
 
-_TIMING = ("onset_error_mean_ms", "onset_error_std_ms")
-
 
 def has_value(name: str, metrics: Mapping[str, float]) -> bool:
-    """Tell whether a number says anything: timing does not where nothing was hit.
+    """Return whether a number says anything: timing does not where nothing was hit.
 
     Args:
         name: Its name.
@@ -273,8 +223,6 @@ EPISODE_METRICS = (
 )
 """Names of the music metrics that an environment puts into ``info`` at the end of an episode."""
 
-_FINGERS_PER_HAND = 5
-
 
 def episode_metrics(
     *,
@@ -325,8 +273,8 @@ def episode_metrics(
         *timing_error_of(target_onsets, played_onsets, pairs),
         wrong_presses_per_second(target_keys, played_keys, control_timestep),
         effective_fingers(shares),
-        effective_fingers(shares[:_FINGERS_PER_HAND]),
-        effective_fingers(shares[_FINGERS_PER_HAND:]),
+        effective_fingers(shares[: len(_FINGERS)]),
+        effective_fingers(shares[len(_FINGERS) :]),
         fingering_agreement(press_finger, target_finger),
         *shares.tolist(),
         frames.noop_f1(),

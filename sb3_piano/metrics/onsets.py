@@ -205,7 +205,8 @@ def match_in_order(
     """Pair events of a with events of the same key in b that are at most ``tolerance`` away.
 
     Exact, and linear in the number of close events: dynamic programming, as for the longest common
-    subsequence, over the events sorted by key and time; each event of a looks only at those of b that are close to it. Keeping the order of time
+    subsequence, over the events sorted by key and time; each event of a looks only at those of b
+    that are close to it. Keeping the order of time
     costs no pair: of two crossed pairs, the distances of the uncrossed ones are no greater than the
     greater of the two.
 

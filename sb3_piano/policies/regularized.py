@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import functools
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
+from annotated_types import Ge, Lt
 from stable_baselines3.common.policies import BasePolicy, ContinuousCritic
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
 from stable_baselines3.sac.policies import SACPolicy
 from stable_baselines3.td3.policies import TD3Policy
 from torch import nn
 
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.settings import Number, checked
 
 Layer = type[nn.Module]
 
@@ -47,15 +48,15 @@ class RegularizedCritic(ContinuousCritic):
 
 
 class _RegularizedCritics(BasePolicy):
-    """What both policies have in common."""
+    """Policies with :class:`RegularizedCritic` in place of SB3's critics."""
 
     critic_kwargs: dict[str, Any]
 
     def __init__(
         self, *args: Any, dropout: float = 0.01, layer_norm: bool = True, **kwargs: Any
     ) -> None:
-        if not 0 <= dropout < 1:
-            raise ConfigError(f"dropout is {dropout!r}: expected 0 or more, and less than 1.")
+        dropout = checked("dropout", dropout, Annotated[Number, Ge(0), Lt(1)])
+        layer_norm = checked("layer_norm", layer_norm, bool)
         self._regularization: dict[str, Any] = {"dropout": dropout, "layer_norm": layer_norm}
         super().__init__(*args, **kwargs)
 

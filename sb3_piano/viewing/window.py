@@ -23,7 +23,7 @@ _EXPECTED = (
     "no screen."
 )
 _VIEW_DISTANCE = 0.8
-"""How far before the camera the point lies around which the mouse turns the view, m."""
+"""Distance from the camera of the point around which the mouse turns the view, m."""
 
 
 class SceneWindow:

@@ -116,7 +116,7 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
 
 
 class _Ahead:
-    """What each control step of a piece, and those after it, ask for."""
+    """Goals of each control step of a piece and of those after it."""
 
     def __init__(self, values: npt.NDArray[np.bool_], steps: int, stride: int):
         """Prepare all rows.

@@ -25,7 +25,7 @@ class LayoutWrapper(gym.ObservationWrapper[Any, Any, Any]):
     def __init__(self, env: gym.Env[Any, Any], layout: ObservationLayout) -> None:
         super().__init__(env)
         self.observation_layout = layout
-        """Which numbers stand where."""
+        """Name, place and meaning of each block."""
         self.observation_space = ObservationSpace(layout)
 
 

@@ -1,4 +1,4 @@
-"""What was done and earned in the step before."""
+"""Action and reward of the step before, as observations."""
 
 from __future__ import annotations
 

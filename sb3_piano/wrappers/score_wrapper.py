@@ -21,12 +21,12 @@ from sb3_piano.wrappers.piano import piano_of
 
 @dataclass(frozen=True)
 class ScorePlan:
-    """What the wrappers around an environment do to the score of an episode, all together."""
+    """Changes that all wrappers around an environment make to the score of an episode."""
 
     choose: Callable[[np.random.Generator], Score] | None = None
-    """What is played in place of the environment's own score."""
+    """Source of a score in place of the environment's own, if there is one."""
     changes: tuple[ScoreTransform, ...] = ()
-    """What is then done to it, one after the other."""
+    """Changes that are then made, one after the other."""
 
     @classmethod
     def of(cls, transform: ScoreTransform | None) -> ScorePlan:
@@ -69,7 +69,7 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any], ABC):
 
     @property
     def sources(self) -> Sequence[Score] | None:
-        """What this wrapper has played in place of the environment's own score, if it does so."""
+        """Scores in place of the environment's own; ``None`` if this wrapper keeps that."""
         return None
 
     @abstractmethod

@@ -28,7 +28,7 @@ def definition_of(name: str) -> Definition:
     defined is called by its name.
     """
     words = name.removeprefix(_TERM_PREFIX).replace("_", " ")
-    known = DEFINITIONS.get(name, Definition(name, "", words, words, ""))
+    known = DEFINITIONS.get(name, Definition(name, "", words, "", words))
     label = known.short if name.startswith(_TERM_PREFIX) else known.label
     return replace(known, label=label[:1].upper() + label[1:])
 

@@ -23,9 +23,9 @@ class Mark(NamedTuple):
 
     id: str
     name: str
-    """What it is called, in lower case."""
+    """Its name, in lower case."""
     meaning: str
-    """What it means, in one sentence."""
+    """Its meaning, in one sentence."""
 
 
 PRESS_MARKS = {
@@ -41,7 +41,7 @@ PRESS_MARKS = {
     ),
     Verdict.WRONG: Mark("wrong", "wrong", "A key that is not due while it is pressed."),
 }
-"""What was played, by what it was."""
+"""Marks of presses by their verdict."""
 
 _FINGER_MARKS = tuple(
     Mark(f"due-{id_}", name, f"Due, for the {name} of either hand.")

@@ -17,7 +17,7 @@ from sb3_piano.viewing.report.page import definition_of, formatted, render
 from sb3_piano.viewing.report.piano_roll import PEDAL_MARK, legends, piano_roll
 
 PLAYED, NOTHING = "played", "playing nothing"
-"""What numbers, bars and lines are called: the policy's, and those of hands that rest."""
+"""Names of numbers, bars and lines: of the policy, and of hands that rest."""
 
 MOST_POINTS = 400
 """Points of a curve that are drawn; of a longer one, means of neighbours are."""
@@ -49,11 +49,11 @@ class Report:
     curves: Mapping[str, Curve] = field(default_factory=dict)
     """The training's log by name; empty if there is none."""
     subtitle: str = ""
-    """Who played, in one line."""
+    """The player, in one line."""
     facts: Sequence[tuple[str, str]] = ()
-    """How this was made: name and text of each fact."""
+    """Name and text of each fact about its origin."""
     commands: Sequence[tuple[str, str]] = ()
-    """How to do it again: what for, and the command line."""
+    """Purpose and text of each command line that makes it again."""
 
 
 def report_html(report: Report) -> str:

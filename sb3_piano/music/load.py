@@ -7,8 +7,7 @@ from pathlib import Path
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.catalogue import find_piece
-from sb3_piano.music.formats import READERS, read_score
-from sb3_piano.music.formats.files import ACCEPTED_FILES
+from sb3_piano.music.formats import ACCEPTED_FILES, READERS, read_score
 from sb3_piano.music.library import PIECE_SUFFIX, read_piece
 from sb3_piano.music.score import Score
 

@@ -28,7 +28,7 @@ from pathlib import Path
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import NUM_FINGERS, UNKNOWN_FINGER
 from sb3_piano.music.fingering.pairing import describe, pair_notes
-from sb3_piano.music.formats.files import read_score
+from sb3_piano.music.formats import read_score
 from sb3_piano.music.hands import FINGERS_PER_HAND, HANDS, finger_of
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_number

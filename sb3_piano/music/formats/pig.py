@@ -17,8 +17,7 @@ from pathlib import Path
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.formats.left_out import LeftOut
-from sb3_piano.music.formats.output import write_score_file
+from sb3_piano.music.formats.common import LeftOut, write_score_file
 from sb3_piano.music.hands import HANDS, finger_number, finger_of, hand_of_finger, likely_hand
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_name, pitch_number

@@ -18,7 +18,7 @@ import pretty_midi
 from sb3_piano.exceptions import ScoreError, one_line
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.formats import read_midi
-from sb3_piano.music.formats.zip_file import read_member
+from sb3_piano.music.formats.common import read_member
 from sb3_piano.music.library.found import Found
 from sb3_piano.music.score import Score
 

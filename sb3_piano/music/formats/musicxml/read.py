@@ -18,7 +18,7 @@ from pathlib import Path
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.formats.left_out import LeftOut
+from sb3_piano.music.formats.common import LeftOut
 from sb3_piano.music.formats.midi_hands import hand_of_name
 from sb3_piano.music.formats.musicxml.source import SourceNote, SourcePart, parse_document
 from sb3_piano.music.formats.musicxml.timing import Timeline, timeline

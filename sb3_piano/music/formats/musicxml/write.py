@@ -21,9 +21,9 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import DEFAULT_VELOCITY, UNKNOWN_FINGER
+from sb3_piano.music.formats.common import write_score_file
 from sb3_piano.music.formats.musicxml.source import CONTAINER_NAME, FORTE
 from sb3_piano.music.formats.musicxml.tempo import DEFAULT_TEMPO, likely_tempo
-from sb3_piano.music.formats.output import write_score_file
 from sb3_piano.music.hands import HANDS, finger_number, likely_hand
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.pitch import pitch_name

@@ -1,11 +1,9 @@
-"""MIDI files: reading and writing scores, with fingering in the track names.
+"""Writing MIDI files, with fingering in the track names.
 
 MIDI has no field for fingers. A score is written with one track for each finger, named by the
 pianists' numbers: ``R1`` (right thumb) to ``R5`` (right little), ``L1`` to ``L5``. Notes of which
 only the hand is known are in tracks named ``right`` and ``left``, the others in one named
-``unlabelled``. Any MIDI program shows these tracks, and they survive editing. Reading takes the
-labels from these names; the notes of other tracks have no finger, but a hand if the file tells
-which (see :func:`~sb3_piano.music.formats.midi_hands.hands_of_tracks`).
+``unlabelled``. Any MIDI program shows these tracks, and they survive editing.
 
 One MIDI track cannot hold two overlapping notes of one pitch: the first release ends both. Where
 a score has them on the same finger (or both without), the second goes to a further track,
@@ -22,39 +20,20 @@ has bars of 4/4 (2 s) where it says nothing, as for a score without bars.
 from __future__ import annotations
 
 import io
+import itertools
 import os
-import re
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pretty_midi
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.formats.left_out import LeftOut
-from sb3_piano.music.formats.midi_bars import meters_of_bars
-from sb3_piano.music.formats.midi_events import SUSTAIN_CONTROLLER, MidiContents, parse_midi
-from sb3_piano.music.formats.midi_hands import hands_of_tracks
-from sb3_piano.music.formats.output import write_score_file
-from sb3_piano.music.hands import HANDS, Hand, finger_of
+from sb3_piano.music.formats.common import write_score_file
+from sb3_piano.music.formats.midi_reading import SUSTAIN_CONTROLLER, TRACK_NAMES
 from sb3_piano.music.note import Note, Pedal, merge_pedals
 from sb3_piano.music.score import Score
 
-_Label = tuple[int, Hand | None]
-"""Finger and hand of the notes of a track."""
-
-_UNLABELLED = "unlabelled"
-_TRACK_NAMES: dict[_Label, str] = {
-    (finger, hand): name
-    for hand in HANDS
-    for finger, name in (
-        *((finger_of(hand, number), f"{hand[0].upper()}{number}") for number in range(1, 6)),
-        (UNKNOWN_FINGER, hand),
-    )
-}
-_TRACK_NAMES[UNKNOWN_FINGER, None] = _UNLABELLED
-_LABELS = {name: label for label, name in _TRACK_NAMES.items()}
-_ORDER = list(_LABELS)
-_FURTHER_TRACK = re.compile(r"(\S+) \d+")
+_ORDER = list(TRACK_NAMES.values())
 
 _BEATS_PER_MINUTE = 120.0
 _RESOLUTIONS = (5000, 2500, 1000, 500, 250, 100)
@@ -62,46 +41,13 @@ _RESOLUTIONS = (5000, 2500, 1000, 500, 250, 100)
 _MAX_TICKS = 9_900_000
 """pretty_midi refuses to read files of more than 1e7 ticks."""
 
+_DENOMINATORS = (4, 8, 16, 32, 64)
+_LONG_DENOMINATORS = (4, 2, 1)
+_MOST_BEATS = 255
+"""The numerator of a time signature is one byte."""
 
-def read_midi(path: str | os.PathLike[str]) -> Score:
-    """Read a MIDI file; its name without the suffix becomes the title.
-
-    All tracks but drums are read as piano. The sustain pedal (controller 64, down from 64 on) is
-    down while any track holds it down. A pedal never released lasts until the end of the last
-    note, a note never released until the end of its track. Bars go by the time signatures of all
-    tracks, each of which begins one, and are of 4/4 until the first. Notes off the keyboard and
-    notes without length are left out, with a warning that counts them.
-
-    Raises:
-        ScoreError: If there is no such file, it is not MIDI, or no note remains.
-        ScoreWarning: Is warned if notes were left out.
-    """
-    path = Path(path)
-    contents = parse_midi(path)
-    left_out = LeftOut(empty=list(contents.empty_notes))
-    notes = [
-        Note(
-            onset=note.start,
-            offset=note.end,
-            pitch=note.pitch,
-            velocity=note.velocity,
-            finger=finger,
-            hand=hand,
-        )
-        for note, (finger, hand) in _labelled_notes(contents)
-        if left_out.is_playable(note.start, note.end, note.pitch)
-    ]
-    if not notes:
-        rest = f", only {left_out}" if str(left_out) else ""
-        raise ScoreError(f"MIDI file {str(path)!r} has no notes (drums do not count){rest}.")
-    left_out.warn(path)
-    end = max(note.offset for note in notes)
-    return Score(
-        notes=notes,
-        pedals=_pedals(contents.pedals, end),
-        title=path.stem,
-        bars=[line for line in contents.bars if line < end],
-    )
+_Meter = tuple[int, int]
+"""Numerator and denominator of a time signature."""
 
 
 def write_midi(score: Score, path: str | os.PathLike[str]) -> None:
@@ -120,27 +66,6 @@ def write_midi(score: Score, path: str | os.PathLike[str]) -> None:
     contents = io.BytesIO()
     midi.write(contents)
     write_score_file(Path(path), contents.getvalue())
-
-
-def _labelled_notes(contents: MidiContents) -> list[tuple[pretty_midi.Note, _Label]]:
-    tracks = [track for track in contents.midi.instruments if track.notes and not track.is_drum]
-    return [
-        (note, _label_of(track.name) or (UNKNOWN_FINGER, hand))
-        for track, hand in zip(tracks, hands_of_tracks(tracks), strict=True)
-        for note in track.notes
-    ]
-
-
-def _label_of(track_name: str) -> _Label | None:
-    """Return the label that a track of ours is named by, None for one from elsewhere."""
-    name = track_name.strip()
-    further = _FURTHER_TRACK.fullmatch(name)
-    return _LABELS.get(further[1] if further else name)
-
-
-def _pedals(presses: list[tuple[float, float | None]], end: float) -> list[Pedal]:
-    closed = [(down, end if up is None else up) for down, up in presses]
-    return [Pedal(onset=down, offset=up) for down, up in closed if up > down]
 
 
 def _choose_resolution(score: Score) -> int:
@@ -162,7 +87,7 @@ def _time_signatures(score: Score, tick: float, resolution: int) -> list[pretty_
     lines = sorted({round(line / tick) for line in score.bars})
     return [
         pretty_midi.TimeSignature(*meter, start * tick)
-        for start, meter in meters_of_bars(lines, end, resolution)
+        for start, meter in _meters_of_bars(lines, end, resolution)
     ]
 
 
@@ -172,7 +97,7 @@ def _label_tracks(score: Score, tick: float) -> list[pretty_midi.Instrument]:
     free_from: dict[tuple[str, int, int], int] = {}
     for note in score.notes:
         start, end = _in_ticks(note, tick)
-        name, copy = _TRACK_NAMES[note.finger, note.hand], 1
+        name, copy = TRACK_NAMES[note.finger, note.hand], 1
         while free_from.get((name, copy, note.pitch), 0) > start:
             copy += 1
         free_from[name, copy, note.pitch] = end
@@ -198,3 +123,43 @@ def _control_changes(score: Score, tick: float) -> list[pretty_midi.ControlChang
 def _in_ticks(event: Note | Pedal, tick: float) -> tuple[int, int]:
     start, end = round(event.onset / tick), round(event.offset / tick)
     return start, max(end, start + 1)
+
+
+def _meters_of_bars(
+    lines: Sequence[int], end: int, ticks_per_beat: int
+) -> Iterator[tuple[int, _Meter]]:
+    """Yield the time signatures, with their ticks, whose bars begin at `lines`.
+
+    Args:
+        lines: Ticks from 0 with which the bars begin, strictly ascending. The piece begins a bar,
+            too: MIDI has no bar that is under way at the start.
+        end: Tick with which the last bar ends, later than the last line.
+        ticks_per_beat: Ticks in a quarter note.
+    """
+    lines = [0, *(line for line in lines if 0 < line < end), end]
+    running: _Meter | None = None
+    for start, stop in itertools.pairwise(lines):
+        meter, is_exact = _meter_of(stop - start, ticks_per_beat)
+        is_last = stop == end
+        if is_last and running and _ticks_of(running, ticks_per_beat) >= stop - start:
+            return
+        if meter != running:
+            yield start, meter
+        running = meter if is_exact else None
+
+
+def _meter_of(ticks: int, ticks_per_beat: int) -> tuple[_Meter, bool]:
+    """Return a meter as long as a bar, or the next longer one, and whether it is as long."""
+    for denominator in _DENOMINATORS:
+        beats, rest = divmod(ticks * denominator, 4 * ticks_per_beat)
+        if rest == 0 and beats <= _MOST_BEATS:
+            return (beats, denominator), True
+    for denominator in _LONG_DENOMINATORS:
+        beats = -(-ticks * denominator // (4 * ticks_per_beat))
+        if beats <= _MOST_BEATS:
+            break
+    return (min(beats, _MOST_BEATS), denominator), False
+
+
+def _ticks_of(meter: _Meter, ticks_per_beat: int) -> float:
+    return 4 * ticks_per_beat * meter[0] / meter[1]

@@ -1,13 +1,15 @@
-"""What a file from elsewhere has that no piano can play, and is left out."""
+"""What several formats need: notes that are left out, packed files, writing."""
 
 from __future__ import annotations
 
 import warnings
+import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from sb3_piano.exceptions import ScoreWarning
+from sb3_piano.exceptions import ScoreError, ScoreWarning
+from sb3_piano.files import write_bytes
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH
 from sb3_piano.music.pitch import pitch_name
 
@@ -58,3 +60,36 @@ def _notes(events: Sequence[tuple[float, int]]) -> str:
 def _first(events: Sequence[tuple[float, int]]) -> str:
     named = [f"{pitch_name(pitch)} at {time:g} s" for time, pitch in sorted(events)[:_MOST_NAMED]]
     return ", ".join(named) + (", ..." if len(events) > _MOST_NAMED else "")
+
+
+def write_score_file(path: Path, content: bytes) -> None:
+    """Write the bytes of a score, whole or not at all.
+
+    Raises:
+        ScoreError: If the file cannot be written.
+    """
+    try:
+        write_bytes(path, content)
+    except OSError as error:
+        raise ScoreError(
+            f"Cannot write {str(path)!r}: {error.strerror}; expected a file in a writable folder."
+        ) from error
+
+
+def read_member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
+    """Return a file of an archive, of which no more is unpacked than may be.
+
+    Args:
+        archive: The archive.
+        name: The file's name in it.
+        most: The largest size that the file may have, bytes.
+
+    Raises:
+        ValueError: If the file is larger.
+        Exception: Whatever zipfile raises at a damaged or missing one.
+    """
+    with archive.open(name) as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise ValueError(f"its {name} holds more than {most} bytes")
+    return content

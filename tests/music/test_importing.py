@@ -416,7 +416,7 @@ class TestRefusals:
 
     @pytest.mark.parametrize("jobs", [0, -1, 1.5, True])
     def test_a_number_of_processes_out_of_range(self, music, library, jobs):
-        with pytest.raises(ConfigError, match="jobs is .*expected a whole number from 1 on"):
+        with pytest.raises(ConfigError, match="jobs is .*expected a whole number, 1 or more"):
             import_path(save(music / "a.mid"), library, jobs=jobs)
 
     def test_a_fingering_that_is_unknown(self, music, library):

@@ -20,7 +20,6 @@ from sb3_piano.music.difficulty import (
     MotionRecording,
     features,
     mean_motion,
-    motion_features,
     rank,
     read_motion,
     write_motion,
@@ -126,12 +125,23 @@ def test_features_do_not_change_when_the_piece_begins_later():
 # Motion.
 
 
+def measured(actions, joints, fingertips):
+    """Features of a recording in which all joints are the hands'."""
+    return MotionRecording(
+        title="x",
+        actions=actions,
+        qpos=joints,
+        hand_qpos=np.arange(joints.shape[-1]),
+        fingertips=fingertips,
+    ).features()
+
+
 def test_motion_features_of_arrays_worked_by_hand():
     actions = np.array([[1.0, 0.0], [-1.0, 0.0]], dtype=np.float32)  # variances 1 and 0
     joints = np.array([[0.0, 0.0], [1.0, -1.0], [1.0, 1.0]])  # moves of 1, 1, 0, 2
     fingertips = np.zeros((3, 10, 3))
     fingertips[1:, 0] = (0.3, 0.4, 0.0)  # one of ten moves 0.5 m in one of two steps
-    found = motion_features(actions, joints, fingertips)
+    found = measured(actions, joints, fingertips)
     assert found.action_variance == pytest.approx(0.5)
     assert found.hand_motion == pytest.approx(1.0)
     assert found.fingertip_motion == pytest.approx(0.5 / 20)
@@ -140,23 +150,23 @@ def test_motion_features_of_arrays_worked_by_hand():
 @pytest.mark.parametrize(
     ("shapes", "message"),
     [
-        (((3,), (4, 5), (4, 10, 3)), r"Actions of shape \(3,\) are no performance"),
-        (((0, 2), (1, 5), (1, 10, 3)), r"Actions of shape \(0, 2\)"),
-        (((3, 2), (3, 5), (4, 10, 3)), r"Joint positions have shape \(3, 5\): expected \(4, m\)"),
-        (((3, 2), (4, 0), (4, 10, 3)), r"Joint positions have shape \(4, 0\)"),
-        (((3, 2), (4, 5), (4, 9, 3)), r"Fingertips have shape \(4, 9, 3\): expected \(4, 10, 3\)"),
+        (((3,), (4, 5), (4, 10, 3)), r"actions have shape \(3,\): expected \(T, n\)"),
+        (((0, 2), (1, 5), (1, 10, 3)), r"actions have shape \(0, 2\)"),
+        (((3, 2), (3, 5), (4, 10, 3)), r"qpos has shape \(3, 5\): expected \(4, nq\)"),
+        (((3, 2), (4, 0), (4, 10, 3)), r"hand_qpos is \[\]"),
+        (((3, 2), (4, 5), (4, 9, 3)), r"fingertips have shape \(4, 9, 3\): expected \(4, 10, 3\)"),
     ],
 )
 def test_arrays_that_do_not_fit_together_are_refused(shapes, message):
     with pytest.raises(ConfigError, match=message):
-        motion_features(*(np.zeros(shape) for shape in shapes))
+        measured(*(np.zeros(shape) for shape in shapes))
 
 
 def test_values_that_are_no_numbers_are_refused():
     joints = np.zeros((2, 5))
     joints[1, 2] = np.nan
-    with pytest.raises(ConfigError, match="Joints have a value that is not finite"):
-        motion_features(np.zeros((1, 2)), joints, np.zeros((2, 10, 3)))
+    with pytest.raises(ConfigError, match="a value is not finite"):
+        measured(np.zeros((1, 2)), joints, np.zeros((2, 10, 3)))
 
 
 def test_several_performances_count_by_their_mean():
@@ -187,25 +197,25 @@ def test_a_recording_comes_back_from_its_file_and_counts_the_hands_joints_only(r
         assert np.array_equal(getattr(found, name), getattr(recording, name)), name
         assert getattr(found, name).dtype == getattr(recording, name).dtype, name
     joints = recording.qpos[:, [4, 1]]
-    assert found.features() == motion_features(recording.actions, joints, recording.fingertips)
+    assert found.features() == measured(recording.actions, joints, recording.fingertips)
     assert [path.name for path in tmp_path.iterdir()] == ["performance.npz"]
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"hand_qpos": np.array([7])}, "are not all in joint positions of shape"),
-        ({"hand_qpos": np.array([-1])}, "expected indices of its columns"),
-        ({"hand_qpos": np.array([0.5])}, "expected indices of its columns"),
-        ({"qpos": np.zeros((4, 7))}, r"Joint positions have shape \(4, 2\)"),
+        ({"hand_qpos": np.array([7])}, "expected indices of the 7 columns"),
+        ({"hand_qpos": np.array([-1])}, "expected indices of the 7 columns"),
+        ({"hand_qpos": np.array([0.5])}, "expected indices of columns"),
+        ({"qpos": np.zeros((4, 7))}, r"qpos has shape \(4, 7\)"),
         ({"title": np.array(["a", "b"])}, "its title is no text"),
-        ({"actions": np.array([["x", "y"]] * 4)}, "is no recording of a performance"),
+        ({"actions": np.array([["x", "y"]] * 4)}, "isfinite"),
     ],
 )
 def test_a_file_that_is_no_recording_is_refused(recording, tmp_path, changes, message):
     arrays = {name: getattr(recording, name) for name in recording.__dataclass_fields__}
     np.savez(tmp_path / "bad.npz", **{**arrays, **changes})
-    with pytest.raises(ConfigError, match=f"(?s)bad.npz' is no recording.*{message}|{message}"):
+    with pytest.raises(ConfigError, match=f"bad.npz' is no recording.*{message}"):
         read_motion(tmp_path / "bad.npz")
 
 

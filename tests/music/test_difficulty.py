@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
-import math
 import random
-import statistics
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -25,7 +21,6 @@ from sb3_piano.music.difficulty import (
     write_motion,
 )
 from sb3_piano.music.repertoire import REPERTOIRE
-from sb3_piano.simulation.scene import compile_scene
 
 
 def note(onset, offset, pitch, hand="right"):
@@ -72,11 +67,6 @@ def test_a_key_struck_again_while_it_is_down_is_one_key():
     assert (found.average_polyphony, found.maximum_polyphony, found.notes) == (1.0, 1, 3)
 
 
-def test_a_chord_shorter_than_the_rounding_is_still_a_chord():
-    found = features(Score(notes=[note(0, 0.0005, 60), note(0, 0.0005, 67), note(1, 2, 60)]))
-    assert (found.maximum_polyphony, found.hand_span) == (2, 7)
-
-
 def test_a_rolled_chord_is_one_place_of_the_hand():
     rolled = [note(0, 1, 60), note(0.02, 1, 64), note(0.03, 1, 67), note(1, 2, 72)]
     assert features(Score(notes=rolled)).hand_motion == pytest.approx((72 - 63.5) / 2 / 2)
@@ -114,12 +104,6 @@ def test_polyphony_is_that_counted_on_a_fine_grid(seed):
     assert found.maximum_polyphony == keys.sum(axis=1).max()
     spans = [np.ptp(np.nonzero(row)[0]) for step in down for row in step if row.any()]
     assert found.hand_span == max(spans)
-
-
-def test_features_do_not_change_when_the_piece_begins_later():
-    piece = Score(notes=[note(0.5, 1.5, 60), note(1.0, 2.0, 72)])
-    later = Score(notes=[note(5.5, 6.5, 60), note(6.0, 7.0, 72)])
-    assert features(later) == features(piece)
 
 
 # Motion.
@@ -237,49 +221,6 @@ def test_an_array_that_is_missing_is_named_and_objects_are_not_loaded(tmp_path):
         read_motion(tmp_path / "none.npz")
 
 
-def test_a_recording_that_cannot_be_written_says_so(recording, tmp_path):
-    with pytest.raises(ConfigError, match=r"Cannot write '.*missing.a.npz': No such file"):
-        write_motion(recording, tmp_path / "missing" / "a.npz")
-
-
-def test_good_playing_of_robopianist_is_measured_from_its_recording(performance, tmp_path):
-    scene = compile_scene(reduced_action_space=False)
-    data = mujoco.MjData(scene.model)
-    fingertips = []
-    for row in performance["qpos"]:
-        data.qpos[:] = row
-        mujoco.mj_kinematics(scene.model, data)
-        fingertips.append(scene.fingertip_position(data))
-    hands = np.concatenate(scene.joint_qpos)
-    qpos, actions = performance["qpos"], performance["action"]
-    write_motion(
-        MotionRecording(
-            title=performance.piece,
-            actions=actions,
-            qpos=qpos,
-            hand_qpos=hands,
-            fingertips=np.array(fingertips),
-        ),
-        tmp_path / "performance.npz",
-    )
-    found = read_motion(tmp_path / "performance.npz").features()
-    joint_ways = [
-        abs(float(row[joint]) - float(before[joint]))
-        for before, row in itertools.pairwise(qpos)
-        for joint in hands
-    ]
-    tip_ways = [
-        math.dist(there, here)
-        for before, after in itertools.pairwise(fingertips)
-        for there, here in zip(before, after, strict=True)
-    ]
-    variances = [statistics.pvariance(column) for column in actions.astype(float).T.tolist()]
-    assert found.hand_motion == pytest.approx(statistics.fmean(joint_ways))
-    assert found.fingertip_motion == pytest.approx(statistics.fmean(tip_ways))
-    assert found.action_variance == pytest.approx(statistics.fmean(variances), rel=1e-5)
-    assert 0.0005 < found.fingertip_motion < 0.02  # some millimetres in 50 ms
-
-
 # The rank.
 
 
@@ -317,12 +258,6 @@ def test_each_term_of_a_performance_has_its_weight(name):
     assert found["b"].score == pytest.approx(0.1)
 
 
-def test_recorded_motion_takes_the_place_of_that_of_the_score():
-    pieces = {"a": piece(moved=1.0), "b": piece(moved=9.0)}
-    found = rank(pieces, {"a": motion(hand=2.0), "b": motion(hand=1.0), "unknown": motion()})
-    assert [found["a"].score, found["b"].score] == pytest.approx([0.1, -0.1])
-
-
 def test_the_formula_of_three_pieces_worked_by_hand():
     pieces = {"a": piece(1.0, 1, 2.0), "b": piece(2.0, 1, 4.0), "c": piece(3.0, 4, 6.0)}
     # z of 1, 2, 3 (and 2, 4, 6) is -1.2247, 0, 1.2247; of 1, 1, 4 it is -0.7071, -0.7071, 1.4142.
@@ -348,12 +283,6 @@ def test_a_feature_that_is_the_same_for_all_counts_nothing_even_if_it_is_rounded
     found = rank(pieces)
     assert [d.score for d in found.values()] == [0.0, 0.0, 0.0]
     assert [d.percentile for d in found.values()] == pytest.approx([200 / 3] * 3)
-
-
-def test_one_piece_and_none_can_be_ranked():
-    assert rank({}) == {}
-    only = rank({"a": piece()})["a"]
-    assert (only.score, only.rank, only.percentile) == (0.0, 1, 100.0)
 
 
 def test_recordings_of_some_pieces_only_are_refused():

@@ -1,6 +1,5 @@
 """How hard a piece is: its features, and its rank among others."""
 
-from sb3_piano.music.difficulty.features import Features, features
 from sb3_piano.music.difficulty.motion import (
     MotionFeatures,
     MotionRecording,
@@ -8,7 +7,7 @@ from sb3_piano.music.difficulty.motion import (
     read_motion,
     write_motion,
 )
-from sb3_piano.music.difficulty.ranking import Difficulty, rank
+from sb3_piano.music.difficulty.ranking import Difficulty, Features, features, rank
 
 __all__ = [
     "Difficulty",

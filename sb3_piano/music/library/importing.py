@@ -10,8 +10,7 @@ from pathlib import Path
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.fingering.apply import FINGERINGS, labels_file
-from sb3_piano.music.library.found import Found, Unusable
-from sb3_piano.music.library.pig import PIG_PIECES
+from sb3_piano.music.library.datasets import PIG_PIECES, Found, Unusable
 from sb3_piano.music.library.search import search
 from sb3_piano.music.library.store import (
     LONGEST_NAME,

@@ -19,7 +19,7 @@ from sb3_piano.interrupts import StopRequest, stop_on_signal
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
-from sb3_piano.music.library.found import Found
+from sb3_piano.music.library.datasets import Found
 from sb3_piano.music.library.store import Library
 from sb3_piano.music.score import Score
 

@@ -1,6 +1,6 @@
-"""The PIG data set: its pieces by RoboPianist's names, and its folder as it is downloaded.
+"""Data sets that are known: PIG, and the snippets that come with RoboPianist; what is found.
 
-The data set (Nakamura, Saito and Yoshii 2020) may not be passed on. RoboPianist names its 150
+The PIG data set (Nakamura, Saito and Yoshii 2020) may not be passed on. RoboPianist names its 150
 pieces by their titles in the list that comes with it; those names that public code mentions are
 known before its import, the others afterwards. Source of the names: RoboPianist
 (`robopianist/music/__init__.py`) for the twelve etudes; for the others the environment ids in
@@ -12,24 +12,67 @@ whose title is in column ``Piece`` of the first row of ``List.csv``. The first a
 piece is taken. The notes are kept as they are in the data, which has long notes where the pedal is
 held, and tempos of its own. Only those without length, of which six pieces have some, get a very
 short one: that is one control step, as in RoboPianist's piano roll.
+
+The two snippets by Rousseau are read from the user's own copy of RoboPianist: he permits them for
+that benchmark, so that they do not come with this package. Their fingers are a list in the code of
+RoboPianist's library; it is read as data, without running anything.
 """
 
 from __future__ import annotations
 
+import ast
 import csv
 import io
 import re
-from collections.abc import Mapping
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
-from sb3_piano.exceptions import ScoreError, UnknownPieceError
-from sb3_piano.music.formats import read_pig
-from sb3_piano.music.library.found import Found
+import pretty_midi
+
+from sb3_piano.exceptions import ScoreError, UnknownPieceError, one_line
+from sb3_piano.music.constants import UNKNOWN_FINGER
+from sb3_piano.music.formats import read_midi, read_pig, read_score
+from sb3_piano.music.formats.common import read_member
 from sb3_piano.music.library.store import user_library
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """A piece in a file.
+
+    Attributes:
+        path: The file.
+        source: Where the notes come from, in one line.
+        title: What people call the piece; None if that is not known.
+        names: The names under which it belongs into the library, each with its collection; empty
+            if any name will do.
+        labelled_by: Who chose the fingers that are in the file, in a word or two.
+        fingering: How fingers are chosen unless the user says otherwise.
+        read: Makes the score of the path. Other processes must be able to import it.
+    """
+
+    path: Path
+    source: str
+    title: str | None = None
+    names: tuple[tuple[str, str], ...] = ()
+    labelled_by: str = "its file"
+    fingering: str = "ergonomic"
+    read: Callable[[Path], Score] = read_score
+
+
+@dataclass(frozen=True)
+class Unusable:
+    """A file that is not imported, or only in part, and why."""
+
+    path: Path
+    reason: str
+
 
 _REPERTOIRE, _ETUDE = "repertoire-150", "etude-12"
 
@@ -183,3 +226,132 @@ def _read_list(path: Path) -> list[dict[str, str]]:
     if not rows or any(not row.get("Piece") for row in rows):
         raise ScoreError(f"'{path}' does not name each piece: expected a column Piece.")
     return rows
+
+
+_SNIPPET_FOLDER = "music/data/rousseau"
+_LIBRARY = "music/library.py"
+
+_MOST_BYTES = 2**20
+"""A larger file is none of RoboPianist's, which are small."""
+
+
+_SNIPPETS = {
+    "twinkle-twinkle-trimmed.mid": ("TwinkleTwinkleRousseau", "Twinkle Twinkle", False),
+    "nocturne-trimmed.mid": ("NocturneRousseau", "Nocturne", True),
+}
+"""Name and title by the file, and whether the fingers of simultaneous notes are listed from the
+lowest up, or else in the order of the file."""
+
+
+def find_robopianist(folder: Path) -> Path | None:
+    """Return the folder of RoboPianist's package at or in a folder, if any."""
+    for package in (folder, folder / "robopianist"):
+        if (package / _SNIPPET_FOLDER).is_dir():
+            return package
+    return None
+
+
+def unpack_wheel(wheel: Path, folder: Path) -> Path:
+    """Unpack what is needed of a wheel of RoboPianist; return the folder of the package.
+
+    Raises:
+        ScoreError: If it is not a wheel of RoboPianist.
+    """
+    try:
+        with zipfile.ZipFile(wheel) as archive:
+            for file in (_LIBRARY, *(f"{_SNIPPET_FOLDER}/{file}" for file in _SNIPPETS)):
+                if f"robopianist/{file}" in archive.namelist():
+                    place = folder / "robopianist" / file
+                    place.parent.mkdir(parents=True, exist_ok=True)
+                    place.write_bytes(read_member(archive, f"robopianist/{file}", _MOST_BYTES))
+    except Exception as error:  # a damaged archive surfaces as whatever zipfile and zlib raise
+        raise ScoreError(f"Cannot read '{wheel}' as a wheel: {one_line(error)}.") from error
+    package = find_robopianist(folder)
+    if package is None:
+        raise ScoreError(
+            f"'{wheel}' has no folder robopianist/{_SNIPPET_FOLDER}: expected a wheel of robopianist, "
+            "as from 'pip download --no-deps robopianist'."
+        )
+    return package
+
+
+def find_snippets(package: Path, origin: Path) -> list[Found]:
+    """Return the snippets in a folder of RoboPianist's package.
+
+    Args:
+        package: The folder.
+        origin: What the user named, for the pieces' sources.
+
+    Raises:
+        ScoreError: If it has none.
+    """
+    found = [
+        Found(
+            path=package / _SNIPPET_FOLDER / file,
+            title=f"Rousseau: {title}",
+            source=f"RoboPianist, {file} in {origin.name}",
+            names=((f"debug-{name}", "debug"),),
+            labelled_by="RoboPianist",
+            read=partial(
+                read_snippet, fingers=_read_fingers(package / _LIBRARY, title), by_pitch=by_pitch
+            ),
+        )
+        for file, (name, title, by_pitch) in _SNIPPETS.items()
+        if (package / _SNIPPET_FOLDER / file).is_file()
+    ]
+    if not found:
+        raise ScoreError(
+            f"'{package / _SNIPPET_FOLDER}' is empty: expected {', '.join(_SNIPPETS)}."
+        )
+    return found
+
+
+def read_snippet(path: Path, *, fingers: tuple[int, ...], by_pitch: bool) -> Score:
+    """Read a snippet, and give its notes fingers, if there are any.
+
+    They are listed in the order of onsets, those of simultaneous notes from the lowest up if
+    `by_pitch`, else in the order of the file.
+
+    Raises:
+        ScoreError: If the file cannot be read, or there are not as many fingers as notes.
+    """
+    score = read_midi(path)
+    if not fingers:
+        return score
+    tracks = pretty_midi.PrettyMIDI(str(path)).instruments
+    in_order = sorted(
+        (note for track in tracks for note in track.notes),
+        key=lambda note: (note.start, note.pitch if by_pitch else 0),
+    )
+    if len(fingers) != len(in_order):
+        raise ScoreError(
+            f"'{path}' has {len(in_order)} notes, but RoboPianist has {len(fingers)} fingers for "
+            "it: expected as many."
+        )
+    finger_at = {
+        (note.start, note.pitch): finger for note, finger in zip(in_order, fingers, strict=True)
+    }
+    notes = [replace(note, finger=finger_at[note.onset, note.pitch]) for note in score.notes]
+    return Score(notes=notes, pedals=score.pedals, title=score.title, bars=score.bars)
+
+
+def _read_fingers(library: Path, title: str) -> tuple[int, ...]:
+    """Return the fingers that a function of RoboPianist's library lists; none if it does not."""
+    function = f"{title.lower().replace(' ', '_')}_rousseau"
+    try:
+        tree = ast.parse(library.read_bytes())
+    except (OSError, SyntaxError, ValueError):
+        return ()
+    lists = [
+        node.value.elts
+        for outer in ast.walk(tree)
+        if isinstance(outer, ast.FunctionDef) and outer.name == function
+        for node in ast.walk(outer)
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.List)
+    ]
+    for items in lists:
+        values = [item.value for item in items if isinstance(item, ast.Constant)]
+        fingers = tuple(value for value in values if isinstance(value, int))
+        if fingers and all(finger > UNKNOWN_FINGER for finger in fingers):
+            return fingers
+    return ()

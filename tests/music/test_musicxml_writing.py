@@ -99,7 +99,7 @@ class TestRoundTrip:
             assert read_musicxml(tmp_path / f"a.{suffix}").notes == score.notes
         packed, plain = (tmp_path / "a.mxl").read_bytes(), (tmp_path / "a.xml").read_bytes()
         assert packed[:2] == b"PK"
-        assert len(packed) < len(plain) / 5
+        assert len(packed) < len(plain) / 4
         assert (tmp_path / "a.MXL").read_bytes() == packed
 
     def test_an_unknown_hand_is_chosen_by_the_pitch(self, tmp_path):

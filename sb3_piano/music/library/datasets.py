@@ -269,8 +269,8 @@ def unpack_wheel(wheel: Path, folder: Path) -> Path:
     package = find_robopianist(folder)
     if package is None:
         raise ScoreError(
-            f"'{wheel}' has no folder robopianist/{_SNIPPET_FOLDER}: expected a wheel of robopianist, "
-            "as from 'pip download --no-deps robopianist'."
+            f"'{wheel}' has no folder robopianist/{_SNIPPET_FOLDER}: expected a wheel of "
+            "robopianist, as from 'pip download --no-deps robopianist'."
         )
     return package
 

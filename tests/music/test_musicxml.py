@@ -420,6 +420,10 @@ def packed(path, **files):
     return path
 
 
+ENTITIES = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 12))
+BOMB = f'<!DOCTYPE a [<!ENTITY e0 "{"lol" * 9}">{ENTITIES}]><a>&e11;</a>'.encode()
+
+
 class TestFiles:
     @pytest.mark.parametrize("name", ["piece.mxl", "piece.xml"])
     def test_a_compressed_file_is_read_whatever_it_is_called(self, name, tmp_path):
@@ -435,6 +439,7 @@ class TestFiles:
         [
             (b"", "no element found"),
             (b"not XML at all", "syntax error"),
+            (BOMB, "limit on input amplification factor"),
             (b"<svg/>", r"its root is <svg>, not <score-partwise>"),
             (b"<score-timewise/>", r"its root is <score-timewise>"),
             (b"PK\x03\x04", "zip"),

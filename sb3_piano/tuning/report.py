@@ -1,4 +1,4 @@
-"""The report of a study: one HTML page with Optuna's figures that needs no network."""
+"""Reports of a study: a page with Optuna's figures that needs no network, and a CSV table."""
 
 from __future__ import annotations
 
@@ -13,32 +13,57 @@ from optuna.trial import FrozenTrial, TrialState
 
 from sb3_piano.files import write_text
 from sb3_piano.metrics import DEFINITIONS
+from sb3_piano.training.csv_files import write_csv
 from sb3_piano.training.env_ids import registered_id
-from sb3_piano.tuning.attributes import FAILURE, ORIGIN, counting, repeated
-from sb3_piano.tuning.outcome.best import (
+from sb3_piano.tuning import trials
+from sb3_piano.tuning.best import (
     CAVEAT,
     best_entry,
-    best_trial,
-    complete_trials,
     objective_in_words,
-    preset_trial,
+    train_commands,
     training_in_words,
 )
-from sb3_piano.tuning.outcome.commands import train_command, zoo_command
-from sb3_piano.tuning.outcome.figures import study_figures
-from sb3_piano.tuning.outcome.table import RESULTS, STATES
-from sb3_piano.tuning.outcome.zoo_entry import zoo_entry
-from sb3_piano.tuning.search_space.defaults import with_defaults
-from sb3_piano.tuning.search_space.entry_paths import MISSING, setting_at
-from sb3_piano.tuning.study_config import StudyConfig
-from sb3_piano.tuning.study_folder import StudyFolder
+from sb3_piano.tuning.entries import MISSING, setting_at, with_defaults
+from sb3_piano.tuning.figures import STATES, study_figures
+from sb3_piano.tuning.objective import RESULTS
+from sb3_piano.tuning.study import StudyConfig, StudyFolder
 from sb3_piano.viewing.report.page import render
 
 MOST_TRIALS = 10
 """Trials in the table of the best ones."""
+REPEATED = "repeated"
+"""The state of a trial that does not count, as another one has its settings."""
 
 _NOTHING = "\N{EN DASH}"
-_GONE = "its process ended without a word: killed, or out of memory"
+_NOTED = (*RESULTS, trials.STEPS, trials.SECONDS, trials.ORIGIN, trials.HOST, trials.FOLDER)
+
+
+def write_table(study: optuna.Study, config: StudyConfig, folder: StudyFolder) -> Path:
+    """Write a row for each trial into the study's folder.
+
+    ``value`` is, of a pruned trial, the last one that it reported. Settings stand as the training
+    got them. What a trial does not have is left empty.
+
+    Returns:
+        The file.
+    """
+    found = study.get_trials(deepcopy=False)
+    again = trials.repeated(found)
+    before, after = _NOTED[:-2], (trials.FAILURE, *_NOTED[-2:])
+    rows = (
+        {
+            **{name: trial.user_attrs.get(name) for name in _NOTED},
+            **config.space.settings(trial.params),
+            "number": trial.number,
+            "state": REPEATED if trial.number in again else STATES[trial.state],
+            "value": trial.value,
+            trials.FAILURE: trials.failure_of(trial),
+        }
+        for trial in found
+    )
+    columns = ("number", "state", "value", *before, *config.space, *after)
+    write_csv(folder.table_file, columns, rows)
+    return folder.table_file
 
 
 def write_report(study: optuna.Study, config: StudyConfig, folder: StudyFolder) -> Path:
@@ -60,28 +85,25 @@ def report_html(study: optuna.Study, config: StudyConfig, folder: StudyFolder | 
         folder: Where it is, for the commands; by default the present folder.
     """
     label = f"{config.objective} {DEFINITIONS[config.metric].label}"
-    trials, best = counting(study), best_trial(study)
-    counts = Counter(trial.state for trial in trials)
+    count, best = trials.counting(study), trials.best_trial(study)
+    counts = Counter(trial.state for trial in count)
+    failures = [(trial.number, trials.failure_of(trial)) for trial in count]
     return render(
         "study.html",
         title=study.study_name,
         subject=_subject(config),
         caveat=CAVEAT,
-        trials=len(trials),
+        trials=len(count),
         states=[f"{counts[state]} {name}" for state, name in STATES.items() if counts[state]],
         complete=counts[TrialState.COMPLETE],
-        repeated=len(repeated(study.get_trials(deepcopy=False))),
+        repeated=len(trials.repeated(study.get_trials(deepcopy=False))),
         best=best,
-        preset=preset_trial(study),
+        preset=trials.preset_trial(study),
         settings=[] if best is None else _settings(best, config),
         results=RESULTS,
         searched=list(config.space),
-        best_trials=[_row(trial, config) for trial in _best_first(study)[:MOST_TRIALS]],
-        failures=[
-            (trial.number, trial.user_attrs.get(FAILURE, _GONE))
-            for trial in trials
-            if trial.state is TrialState.FAIL
-        ],
+        best_trials=[_row(trial, config) for trial in trials.best_first(study)[:MOST_TRIALS]],
+        failures=[(number, reason) for number, reason in failures if reason is not None],
         **study_figures(study, label),
         facts=[("Value", objective_in_words(config)), ("Training", training_in_words(config))],
         commands=_commands(study, config, StudyFolder(Path()) if folder is None else folder),
@@ -93,10 +115,6 @@ def _subject(config: StudyConfig) -> str:
     score = {**gym.spec(env_id).kwargs, **config.config.env_kwargs}.get("score")
     piece = f" · {Path(score).stem}" if isinstance(score, str) else ""
     return f"Study of {config.algo.upper()} · {env_id}{piece}"
-
-
-def _best_first(study: optuna.Study) -> list[FrozenTrial]:
-    return sorted(complete_trials(study), key=lambda t: (-(t.value or 0.0), t.number))
 
 
 def _settings(best: FrozenTrial, config: StudyConfig) -> list[tuple[str, str, str]]:
@@ -116,7 +134,7 @@ def _row(trial: FrozenTrial, config: StudyConfig) -> list[Any]:
         trial.number,
         *(_NOTHING if value is None else f"{value:.3f}" for value in values),
         *(shown(settings.get(name, MISSING)) for name in config.space),
-        trial.user_attrs.get(ORIGIN, ""),
+        trial.user_attrs.get(trials.ORIGIN, ""),
     ]
 
 
@@ -136,15 +154,8 @@ def shown(value: Any) -> str:
 def _commands(
     study: optuna.Study, config: StudyConfig, folder: StudyFolder
 ) -> list[tuple[str, str]]:
-    commands = []
     entry = best_entry(study, config)
-    if entry is not None:
-        written, left_out = zoo_entry(config.algo, config.env_id, entry)
-        kwargs = written.get("env_kwargs", {})
-        commands = [
-            ("Train", train_command(config, folder.best_file, left_out.get("vec_env"))),
-            ("Train in RL Zoo", zoo_command(config, folder.best_file, kwargs)),
-        ]
+    commands = {} if entry is None else train_commands(config, folder.best_file, entry)
     journal = folder.journal_file
     store = shlex.quote(str(journal)) if folder.path == Path() or journal.exists() else "URL"
-    return [*commands, ("Look closer", f"optuna-dashboard {store}")]
+    return [*commands.items(), ("Look closer", f"optuna-dashboard {store}")]

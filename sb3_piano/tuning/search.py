@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from typing import Literal
 
+from optuna.exceptions import ExperimentalWarning
 from optuna.pruners import (
     BasePruner,
     HyperbandPruner,
@@ -14,12 +16,11 @@ from optuna.pruners import (
 )
 from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, RandomSampler, TPESampler
 
-from sb3_piano.exceptions import ConfigError
-from sb3_piano.tuning.store.experimental import experimental_allowed
-from sb3_piano.tuning.study_config import StudyConfig, check_choice
+from sb3_piano.settings import Count, Index, settings
+from sb3_piano.tuning.study import StudyConfig
 
 
-@dataclass(frozen=True, kw_only=True)
+@settings
 class Search:
     """How settings are chosen and trials ended early; it may change while a study goes on.
 
@@ -27,35 +28,21 @@ class Search:
         ConfigError: If a name is unknown or a number out of range.
     """
 
-    sampler: str = "tpe"
+    sampler: Literal["tpe", "cmaes", "gp", "random"] = "tpe"
     """One of :data:`SAMPLERS`."""
-    pruner: str = "median"
+    pruner: Literal["median", "hyperband", "halving", "none"] = "median"
     """One of :data:`PRUNERS`."""
-    startup_trials: int = 10
+    startup_trials: Count = 10
     """Trials with random settings before the sampler learns from the results; at least 1."""
-    seed: int | None = None
-    """Seed of the sampler, at least 0. Only with one worker are its choices the same each time."""
-
-    def __post_init__(self) -> None:
-        check_choice("sampler", self.sampler, SAMPLERS)
-        check_choice("pruner", self.pruner, PRUNERS)
-        if self.startup_trials < 1:
-            raise ConfigError(f"startup_trials is {self.startup_trials}: expected 1 or more.")
-        if self.seed is not None and self.seed < 0:
-            raise ConfigError(f"seed is {self.seed}: expected 0 or more.")
+    seed: Index | None = None
+    """Seed of the sampler. Only with one worker are its choices the same each time."""
 
 
-def make_sampler(search: Search, worker: int = 0) -> BaseSampler:
-    """Return a study's sampler.
-
-    Args:
-        search: The settings.
-        worker: The number of the worker that uses it. Each has a seed of its own, as all of them
-            would suggest the same otherwise.
-    """
-    seed = None if search.seed is None else search.seed + worker
-    with experimental_allowed():
-        return SAMPLERS[search.sampler](search, seed)
+def make_sampler(search: Search) -> BaseSampler:
+    """Return a study's sampler."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ExperimentalWarning)
+        return SAMPLERS[search.sampler](search)
 
 
 def make_pruner(search: Search, config: StudyConfig) -> BasePruner:
@@ -63,45 +50,34 @@ def make_pruner(search: Search, config: StudyConfig) -> BasePruner:
 
     Its steps are environment steps, counted on through the trainings of a trial. Music metrics are
     noisy while a model learns, so the pruners are patient.
-
-    Args:
-        search: The settings.
-        config: The study.
     """
     return PRUNERS[search.pruner](search, config)
 
 
-def _tpe(search: Search, seed: int | None) -> BaseSampler:
+def _tpe(search: Search) -> BaseSampler:
     """Tree-structured Parzen estimators, which also model how settings depend on each other.
 
-    Trials that still run count as bad ones, so that workers do not suggest what another one tries.
+    Trials that still run count as bad ones, so that none gets the settings of another.
     """
     return TPESampler(
-        n_startup_trials=search.startup_trials, seed=seed, multivariate=True, constant_liar=True
+        n_startup_trials=search.startup_trials,
+        seed=search.seed,
+        multivariate=True,
+        constant_liar=True,
     )
 
 
-def _cmaes(search: Search, seed: int | None) -> BaseSampler:
+def _cmaes(search: Search) -> BaseSampler:
     """CMA-ES, for numbers only: every ``Choice`` is drawn at random, throughout the study.
 
     Optuna recommends that it learns from pruned trials if successive halving ends most of them.
     """
     return CmaEsSampler(
         n_startup_trials=search.startup_trials,
-        seed=seed,
+        seed=search.seed,
         warn_independent_sampling=False,  # it is what the docstring says, for each trial
         consider_pruned_trials=search.pruner in ("hyperband", "halving"),
     )
-
-
-def _gp(search: Search, seed: int | None) -> BaseSampler:
-    """A Gaussian process; it thinks longer the more trials there are."""
-    return GPSampler(n_startup_trials=search.startup_trials, seed=seed)
-
-
-def _random(search: Search, seed: int | None) -> BaseSampler:
-    del search  # it never learns
-    return RandomSampler(seed=seed)
 
 
 def _median(search: Search, config: StudyConfig) -> BasePruner:
@@ -125,20 +101,8 @@ def _halving(search: Search, config: StudyConfig) -> BasePruner:
 def _hyperband(search: Search, config: StudyConfig) -> BasePruner:
     """Successive halving that starts at the first evaluation for some trials, later for others."""
     del search
-    return HyperbandPruner(
-        min_resource=_interval(config),
-        max_resource=config.config.n_timesteps * len(config.seeds),
-        reduction_factor=3,
-    )
-
-
-def _none(search: Search, config: StudyConfig) -> BasePruner:
-    del search, config
-    return NopPruner()
-
-
-def _interval(config: StudyConfig) -> int:
-    return config.config.n_timesteps // config.n_evaluations
+    most = config.config.n_timesteps * len(config.seeds)
+    return HyperbandPruner(min_resource=config.interval, max_resource=most, reduction_factor=3)
 
 
 def _warmup(config: StudyConfig) -> int:
@@ -147,21 +111,22 @@ def _warmup(config: StudyConfig) -> int:
     At the first, off-policy algorithms have played at random for a good part. If a training is
     evaluated only once it is over, that evaluation counts.
     """
-    return min(2 * _interval(config), config.config.n_timesteps)
+    return min(2 * config.interval, config.config.n_timesteps)
 
 
-SAMPLERS: Mapping[str, Callable[[Search, int | None], BaseSampler]] = {
+SAMPLERS: Mapping[str, Callable[[Search], BaseSampler]] = {
     "tpe": _tpe,
     "cmaes": _cmaes,
-    "gp": _gp,
-    "random": _random,
+    # A Gaussian process; it thinks longer the more trials there are.
+    "gp": lambda search: GPSampler(n_startup_trials=search.startup_trials, seed=search.seed),
+    "random": lambda search: RandomSampler(seed=search.seed),
 }
-"""What chooses settings."""
+"""Ways to choose settings."""
 
 PRUNERS: Mapping[str, Callable[[Search, StudyConfig], BasePruner]] = {
     "median": _median,
     "hyperband": _hyperband,
     "halving": _halving,
-    "none": _none,
+    "none": lambda search, config: NopPruner(),
 }
-"""What ends trials early."""
+"""Ways to end trials early."""

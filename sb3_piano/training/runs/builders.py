@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-import pickle
 import signal
+import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.monitor import Monitor, ResultsWriter
 from stable_baselines3.common.noise import (
     ActionNoise,
     NormalActionNoise,
@@ -24,98 +26,133 @@ from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
 
 from sb3_piano.buffers.rows import buffer_rows
-from sb3_piano.exceptions import ConfigError, RunError, one_line
+from sb3_piano.callbacks.run_context import EnvWrapper
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PianoPolicy
-from sb3_piano.training.algorithms import planner_class
-from sb3_piano.training.coerce import (
+from sb3_piano.training.configuration.algorithms import planner_class
+from sb3_piano.training.configuration.config import EnvConfig, PlannedConfig, RunConfig
+from sb3_piano.training.configuration.names import import_class, registered_id
+from sb3_piano.training.configuration.values import (
     accepts_schedule,
-    check_arguments,
     classes_made,
     dataclass_made,
     linear_start,
     parameters_of,
 )
-from sb3_piano.training.config import RunConfig
-from sb3_piano.training.env_ids import registered_id
-from sb3_piano.training.episode_log import EpisodeLog
-from sb3_piano.training.import_names import import_class
-from sb3_piano.training.weights import (
-    WEIGHTS_FILE,
-    Tensors,
-    normalization_tensors,
-    put_normalization,
-    read_weights,
-)
 from sb3_piano.vec_env import ThreadVecEnv
 
-EnvWrapper = Callable[[gym.Env[Any, Any]], gym.Env[Any, Any]]
-
-_VEC_ENV_CLASSES: dict[str, type[DummyVecEnv] | type[SubprocVecEnv]] = {
-    "dummy": DummyVecEnv,
-    "threads": ThreadVecEnv,
-    "subproc": SubprocVecEnv,
-}
+Env = gym.Env[Any, Any]
 
 
-def build_vec_env(
-    config: RunConfig,
-    statistics: Path | None = None,
-    innermost: EnvWrapper | None = None,
-) -> VecEnv:
-    """Return the vector of environments of a run.
+class EpisodeLog(Monitor):
+    """SB3's ``Monitor``, whose file is opened later, also in a process of its own.
 
-    From the inside: the environment, ``innermost``, ``Monitor``, an ``EpisodeLog``, the config's
-    ``env_wrapper``; then ``vec_env_wrapper`` and ``VecNormalize`` around the vector.
+    A run's folder is only made once environment and model are known to work.
+    """
+
+    def write_episodes_to(self, path: str, append: bool) -> None:
+        """Write each episode that ends from now on.
+
+        Args:
+            path: The file, without ``.monitor.csv``.
+            append: Whether to add to a file that is there.
+        """
+        env_id = None if self.env.spec is None else self.env.spec.id
+        self.results_writer = _EpisodeFile(
+            path,
+            header={"t_start": time.time(), "env_id": str(env_id)},
+            extra_keys=self.info_keywords,
+            override_existing=not (append and Path(f"{path}.{Monitor.EXT}").exists()),
+        )
+
+
+class _EpisodeFile(ResultsWriter):
+    """A file whose disk may be full.
+
+    What the disk does not take waits in the file's buffer for the next row. No reason to end an
+    environment's process: if the disk stays full, the checkpoint says so.
+    """
+
+    def write_row(self, epinfo: dict[str, float]) -> None:
+        with contextlib.suppress(OSError):
+            super().write_row(epinfo)
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            super().close()
+
+
+def build_env(
+    config: EnvConfig, innermost: EnvWrapper | None = None, log: EnvWrapper | None = None
+) -> Env:
+    """Return one environment of a run.
 
     Args:
         config: The run's settings.
-        statistics: The file with what ``VecNormalize`` begins with, pickled or plain arrays.
         innermost: A wrapper for the bare environment.
+        log: A wrapper around that, inside of the config's ``env_wrapper``.
 
     Raises:
         ConfigError: If the environment or a wrapper refuses its arguments.
-        RunError: If the statistics cannot be loaded.
     """
-    spec = gym.spec(registered_id(config.env_id, config.env_module)[1])
     env_kwargs = dict(config.env_kwargs)
-    info_keywords = config.monitor_kwargs.get("info_keywords", ())
-    training_process = os.getpid()
-
-    def make() -> gym.Env[Any, Any]:
-        if os.getpid() != training_process:
-            # Ctrl-C reaches the whole process group; it is for the training alone to answer it.
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-        env: gym.Env[Any, Any] = spec.make(**env_kwargs)
-        return env if innermost is None else innermost(env)
-
-    def wrap(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
-        env = EpisodeLog(env, info_keywords)
-        for plugin in config.env_wrapper:
-            env = plugin(env)
-        return env
-
-    vec_env_cls = _VEC_ENV_CLASSES[config.vec_env]
-    subproc = vec_env_cls is SubprocVecEnv
     try:
-        if subproc:
-            wrap(make()).close()  # what is wrong is easier told from here than from a process
-        venv = make_vec_env(
-            make,
-            n_envs=config.n_envs,
-            seed=config.seed,
-            wrapper_class=wrap,
-            vec_env_cls=vec_env_cls,
-            # fork is not safe in a process with threads, such as torch's
-            vec_env_kwargs={"start_method": "spawn"} if subproc else {},
-            monitor_kwargs=dict(config.monitor_kwargs),
-        )
+        env: Env = gym.spec(registered_id(config.env_id, config.env_module)[1]).make(**env_kwargs)
+        for wrapper in (innermost, log, *config.env_wrapper):
+            env = env if wrapper is None else wrapper(env)
     except (TypeError, gym.error.Error) as error:
         raise ConfigError(
             f"Environment {config.env_id!r} cannot be made with env_kwargs {env_kwargs}: {error}."
         ) from error
+    return env
+
+
+def build_vec_env(
+    config: RunConfig | PlannedConfig, innermost: EnvWrapper | None = None
+) -> VecEnv:
+    """Return the vector of environments of a run.
+
+    From the inside: the environment, ``innermost``, an ``EpisodeLog``, the config's
+    ``env_wrapper``; then ``vec_env_wrapper`` and ``VecNormalize`` around the vector.
+
+    Args:
+        config: The run's settings.
+        innermost: A wrapper for the bare environment.
+
+    Raises:
+        ConfigError: If the environment or a wrapper refuses its arguments.
+    """
+    if isinstance(config, PlannedConfig):
+        return _seeded(DummyVecEnv([partial(build_env, config, innermost, EpisodeLog)]), config)
+    training_process = os.getpid()
+    log = partial(EpisodeLog, **config.monitor_kwargs)
+
+    def make(rank: int) -> Env:
+        if os.getpid() != training_process:
+            # Ctrl-C reaches the whole process group; it is for the training alone to answer it.
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        env = build_env(config, innermost, log)
+        if config.seed is not None:
+            env.unwrapped.action_space.seed(config.seed + rank)
+        return env
+
+    makers: list[Callable[[], Env]] = [partial(make, rank) for rank in range(config.n_envs)]
+    venv: VecEnv
+    if config.vec_env == "subproc":
+        make(0).close()  # what is wrong is easier told from here than from a process
+        # fork is not safe in a process with threads, such as torch's
+        venv = SubprocVecEnv(makers, start_method="spawn")
+    else:
+        venv = ThreadVecEnv(makers) if config.vec_env == "threads" else DummyVecEnv(makers)
+    _seeded(venv, config)
     for plugin in config.vec_env_wrapper:
         venv = plugin(venv)
-    return _normalized(config, venv, statistics)
+    return _normalized(config, venv)
+
+
+def _seeded(venv: VecEnv, config: EnvConfig) -> VecEnv:
+    venv.seed(config.seed)
+    return venv
 
 
 def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
@@ -143,7 +180,7 @@ def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
     return model
 
 
-def build_planner(config: RunConfig, env: gym.Env[Any, Any] | VecEnv) -> PianoPolicy:
+def build_planner(config: PlannedConfig, env: Env | VecEnv) -> PianoPolicy:
     """Return what plays without training, in the environments that it is for.
 
     Raises:
@@ -153,7 +190,7 @@ def build_planner(config: RunConfig, env: gym.Env[Any, Any] | VecEnv) -> PianoPo
     parameters = parameters_of(made)
     arguments = {
         name: dataclass_made(value, parameters[name].annotation)
-        for name, value in check_arguments(config.algorithm_kwargs, made).items()
+        for name, value in config.algorithm_kwargs.items()
     }
     if "seed" in parameters:
         arguments["seed"] = config.seed or 0
@@ -172,8 +209,8 @@ def build_callbacks(config: RunConfig) -> list[BaseCallback]:
 def algorithm_arguments(config: RunConfig) -> dict[str, Any]:
     """Return the arguments of the algorithm's constructor with classes and schedules made."""
     parameters = parameters_of(config.algorithm)
-    arguments = check_arguments(config.algorithm_kwargs, config.algorithm)
-    for name, value in arguments.items():
+    arguments = {}
+    for name, value in config.algorithm_kwargs.items():
         start = linear_start(value)
         if start is not None and accepts_schedule(parameters[name].annotation):
             arguments[name] = LinearSchedule(start, 0.0, 1.0)
@@ -196,36 +233,12 @@ def _action_noise(config: RunConfig, venv: VecEnv) -> ActionNoise | None:
     return kinds[config.noise_type](mean=mean, sigma=sigma)
 
 
-def _normalized(config: RunConfig, venv: VecEnv, statistics: Path | None) -> VecEnv:
-    if statistics is None and config.normalize is False:
+def _normalized(config: RunConfig, venv: VecEnv) -> VecEnv:
+    if config.normalize is False:
         return venv
     arguments = {} if isinstance(config.normalize, bool) else dict(config.normalize)
     gamma = config.algorithm_kwargs.get("gamma")
     if gamma is not None:
         arguments.setdefault("gamma", gamma)
-    normalizer = VecNormalize(venv, **arguments)
-    if statistics is not None:
-        try:
-            put_normalization(_saved_statistics(config, statistics), normalizer)
-        except ValueError as error:
-            raise RunError(
-                f"Statistics '{statistics}' cannot be loaded ({error}): expected those of "
-                f"VecNormalize for {config.env_id!r}."
-            ) from error
-    return normalizer
+    return VecNormalize(venv, **arguments)
 
-
-def _saved_statistics(config: RunConfig, path: Path) -> Tensors:
-    """Return what a file has, of plain arrays or a pickled ``VecNormalize``.
-
-    Raises:
-        RunError: If a file of plain arrays is damaged.
-        ValueError: If a pickled one is.
-    """
-    if path.name == WEIGHTS_FILE:
-        return read_weights(path, config)[0]
-    try:
-        with path.open("rb") as file:
-            return normalization_tensors(pickle.load(file))
-    except Exception as error:  # unpickling fails in any way
-        raise ValueError(one_line(error)) from error

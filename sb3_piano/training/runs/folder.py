@@ -4,28 +4,38 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import datetime
+import importlib.metadata
 import itertools
 import os
+import platform
 import shlex
 import shutil
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TypeVar
 
+import torch
 import yaml
 
+import sb3_piano
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import write_text
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music.library import user_library
-from sb3_piano.training.config import RunConfig
-from sb3_piano.training.provenance import provenance
-from sb3_piano.training.yaml_config import read_yaml_mapping
+from sb3_piano.training.configuration.algorithms import PLANNERS
+from sb3_piano.training.configuration.config import EnvConfig, PlannedConfig, RunConfig
+from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 
 FILE_OPTIONS = ("score", "fingering")
 """The options of the environment that may name a file."""
 
 _EXPECTED = "expected a folder that 'sb3-piano train' made"
+_PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch")
+
+_Config = TypeVar("_Config", bound=EnvConfig)
 
 
 @dataclass(frozen=True)
@@ -33,7 +43,8 @@ class RunFolder:
     """A run's folder; ``create`` makes one, ``open`` finds one.
 
     ======================== =====================================================================
-    ``config.yml``           the :class:`RunConfig`, with all defaults and the seed filled in
+    ``config.yml``           the :class:`RunConfig`, with all defaults and the seed filled in, or
+                             the :class:`PlannedConfig` of what plays without training
     ``run.yml``              command line, versions of packages, seed, threads of torch, time, the
                              score file's origin
     ``score.<suffix>``       the score that is played, if the run was given a file or an imported
@@ -57,7 +68,7 @@ class RunFolder:
     @classmethod
     def create(
         cls,
-        config: RunConfig,
+        config: RunConfig | PlannedConfig,
         path: str | os.PathLike[str] | None = None,
         runs_dir: str | os.PathLike[str] = "runs",
     ) -> RunFolder:
@@ -86,10 +97,7 @@ class RunFolder:
         except OSError as error:
             if made is not None:
                 shutil.rmtree(made, ignore_errors=True)  # it was empty
-            raise RunError(
-                f"Folder '{place}' cannot be written: {error.strerror or error}. Expected a place "
-                "in which files can be made."
-            ) from error
+            raise unwritable(place, error) from error
         return cls(made)
 
     @classmethod
@@ -124,6 +132,15 @@ class RunFolder:
         with hold(self.path / LOCK_SUFFIX, busy):
             yield
 
+    @contextlib.contextmanager
+    def whole_or_gone(self) -> Iterator[None]:
+        """Delete the folder if the block, which is to complete it, fails."""
+        try:
+            yield
+        except BaseException:
+            shutil.rmtree(self.path, ignore_errors=True)
+            raise
+
     @property
     def config_file(self) -> Path:
         """The run's settings."""
@@ -139,14 +156,15 @@ class RunFolder:
         """The newest saved model."""
         return self.path / "model.zip"
 
-    def best_dir(self, metric: str) -> Path:
-        """Return where the best model by a metric is, if there is one."""
-        return self.path / f"best_{metric}"
+    @property
+    def statistics_file(self) -> Path:
+        """The statistics of ``VecNormalize`` that belong to :attr:`model_file`."""
+        return self.path / "vecnormalize.pkl"
 
-    def best_metrics(self) -> list[str]:
-        """Return the metrics by which there are best models."""
-        found = self.path.glob("best_*/best_model.zip")
-        return sorted(file.parent.name.removeprefix("best_") for file in found)
+    @property
+    def weights_file(self) -> Path:
+        """The model of a run that was shared to be played."""
+        return self.path / "policy.safetensors"
 
     @property
     def checkpoint_dir(self) -> Path:
@@ -168,26 +186,48 @@ class RunFolder:
         """What evaluation wrote."""
         return self.path / "evaluation"
 
-    def read_config(self) -> RunConfig:
+    def best_dir(self, metric: str) -> Path:
+        """Return where the best model by a metric is, if there is one."""
+        return self.path / f"best_{metric}"
+
+    def best_metrics(self) -> list[str]:
+        """Return the metrics by which there are best models."""
+        found = self.path.glob("best_*/best_model.zip")
+        return sorted(file.parent.name.removeprefix("best_") for file in found)
+
+    def read_config(self) -> RunConfig | PlannedConfig:
         """Return the run's settings; a score file is that of the folder, wherever it is now.
 
         Raises:
             ConfigError: If the file is damaged.
         """
+        content = read_yaml_mapping(self.config_file)
+        kind = PlannedConfig if content.get("algo") in PLANNERS else RunConfig
         try:
-            config = RunConfig.from_mapping(read_yaml_mapping(self.config_file))
+            config: RunConfig | PlannedConfig = kind.from_mapping(content)
         except ConfigError as error:
             raise ConfigError(f"'{self.config_file}': {error}") from error
         found = {name: self.path / file for name, file in _files(config).items()}
         return _with_options(config, {n: str(path) for n, path in found.items() if path.is_file()})
 
-    def write_config(self, config: RunConfig) -> None:
+    def write_config(self, config: RunConfig | PlannedConfig) -> None:
         """Write the run's settings, a score file in this folder as a name relative to it."""
         ours = {n: Path(f).name for n, f in _files(config).items() if Path(f).parent == self.path}
         config = _with_options(config, ours)
         write_text(self.config_file, yaml.safe_dump(config.to_mapping(), sort_keys=False))
 
-    def _write(self, config: RunConfig) -> None:
+    def read_provenance(self) -> Mapping[str, Any]:
+        """Return what is noted of the run's origin; nothing if that is gone or damaged."""
+        try:
+            return read_yaml_mapping(self.provenance_file)
+        except ConfigError:
+            return {}
+
+    def write_provenance(self, notes: Mapping[str, Any]) -> None:
+        """Note where the run comes from, in YAML's types."""
+        write_text(self.provenance_file, yaml.safe_dump(dict(notes), sort_keys=False))
+
+    def _write(self, config: RunConfig | PlannedConfig) -> None:
         notes = provenance(config.seed)
         for option, text in _files(config).items():
             file = _file_meant(option, text)
@@ -196,11 +236,45 @@ class RunFolder:
                 copy = self.path / f"{option}{file.suffix}"
                 shutil.copyfile(file, copy)
                 config = _with_options(config, {option: str(copy)})
-        write_text(self.provenance_file, yaml.safe_dump(notes, sort_keys=False))
+        self.write_provenance(notes)
         self.write_config(config)
 
 
-def _files(config: RunConfig) -> dict[str, str]:
+def unwritable(place: Path, error: OSError) -> RunError:
+    """Return the error of a folder that refuses a file."""
+    return RunError(
+        f"Folder '{place}' cannot be written: {error.strerror or error}. Expected a place in which "
+        "files can be made."
+    )
+
+
+def provenance(seed: int | None) -> dict[str, Any]:
+    """Return what a run's folder notes down besides the config, in YAML's types.
+
+    Args:
+        seed: The seed that the run uses.
+    """
+    return {
+        "command": shlex.join(sys.orig_argv),
+        "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "seed": seed,
+        "torch_threads": torch.get_num_threads(),
+        "versions": {
+            "sb3_piano": sb3_piano.__version__,
+            **{package: _version(package) for package in _PACKAGES},
+            "python": platform.python_version(),
+        },
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _files(config: EnvConfig) -> dict[str, str]:
     """Return the environment's options that may name files."""
     options = config.env_kwargs
     return {name: options[name] for name in FILE_OPTIONS if isinstance(options.get(name), str)}
@@ -211,12 +285,10 @@ def _file_meant(option: str, text: str) -> Path | None:
     if Path(text).suffix and Path(text).is_file():
         return Path(text)
     library = user_library()
-    if option == "score" and text in library:
-        return library.path(text)
-    return None
+    return library.path(text) if option == "score" and text in library else None
 
 
-def _with_options(config: RunConfig, options: Mapping[str, str]) -> RunConfig:
+def _with_options(config: _Config, options: Mapping[str, str]) -> _Config:
     return dataclasses.replace(config, env_kwargs={**config.env_kwargs, **options})
 
 
@@ -225,11 +297,9 @@ def _first_free(parent: Path, env_id: str) -> Path:
     parent.mkdir(parents=True, exist_ok=True)
     for number in itertools.count(1):
         path = parent / f"{env_id.replace('/', '-')}_{number}"
-        try:
+        with contextlib.suppress(FileExistsError):
             path.mkdir()
-        except FileExistsError:
-            continue
-        return path
+            return path
     raise AssertionError("itertools.count does not end")
 
 

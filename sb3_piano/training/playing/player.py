@@ -2,33 +2,35 @@
 
 from __future__ import annotations
 
-import dataclasses
+import contextlib
 import itertools
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
+import numpy.typing as npt
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
+from sb3_piano.demonstrations import PerturbedStart
 from sb3_piano.envs import EpisodeRecorder, PianoEnv, Recording
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
+from sb3_piano.files import write_bytes
 from sb3_piano.music import Score, load_score
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.torch_threads import torch_threads
-from sb3_piano.training.builders import build_vec_env
-from sb3_piano.training.config import RunConfig
-from sb3_piano.training.loading import load_player, model_files
-from sb3_piano.training.provenance import read_provenance
-from sb3_piano.training.run_folder import RunFolder
+from sb3_piano.training.configuration.config import PlannedConfig, RunConfig
+from sb3_piano.training.runs.builders import Env, build_env, build_planner, build_vec_env
+from sb3_piano.training.runs.folder import RunFolder, unwritable
+from sb3_piano.training.runs.saved import load_player, load_statistics, model_files, pack_weights
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
 
-class SavedPlayer:
+class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
     """The saved model of a run in its own environment, playing without exploring.
 
     The environment has the run's wrappers and normalisation; what is recorded is that of the bare
@@ -50,7 +52,7 @@ class SavedPlayer:
     def __init__(
         self,
         run: RunFolder,
-        config: RunConfig,
+        config: RunConfig | PlannedConfig,
         piece: str,
         model: BaseAlgorithm | PianoPolicy,
         venv: VecEnv,
@@ -93,17 +95,19 @@ class SavedPlayer:
             ScoreError: If the score cannot be read.
         """
         run = RunFolder.open(folder)
-        config = _config_to_play(run.read_config(), seed, physics)
+        changed = {} if physics is None else {"physics": physics}
+        config = run.read_config().alone(seed=seed, **changed)
         chosen = None if score is None else load_score(score)
         model_file, statistics = model_files(run, config, best)
         recorders: list[EpisodeRecorder] = []
 
-        def innermost(env: gym.Env[Any, Any]) -> EpisodeRecorder:
+        def innermost(env: Env) -> EpisodeRecorder:
             recorders.append(EpisodeRecorder(env if chosen is None else _FixedPiece(env, chosen)))
             return recorders[-1]
 
-        venv = build_vec_env(config, statistics, innermost=innermost)
+        venv = build_vec_env(config, innermost)
         try:
+            load_statistics(config, statistics, venv)
             if isinstance(venv, VecNormalize):
                 venv.training = False
             if chosen is not None:
@@ -116,7 +120,7 @@ class SavedPlayer:
         return cls(run, config, piece, model, venv, recorders[0])
 
     @property
-    def env(self) -> gym.Env[Any, Any]:
+    def env(self) -> Env:
         """The bare environment."""
         return self._recorder.unwrapped
 
@@ -135,19 +139,14 @@ class SavedPlayer:
         Raises:
             ConfigError: If a number is out of range.
         """
-        _check_least("episodes", episodes, 1)
+        if episodes < 1:
+            raise ConfigError(f"episodes is {episodes}: expected 1 or more.")
         return list(itertools.islice(self.episodes(seed=seed), episodes))
 
     def episodes(self, *, seed: int | None = None) -> Iterator[Recording]:
-        """Play from a freshly seeded environment without end, each episode as it is asked for.
+        """Play as :meth:`play` does without end, each episode as it is asked for.
 
         Whatever is played next, or a rest, ends it.
-
-        Args:
-            seed: Seeds the environment, at least 0; by default the seed given to :meth:`open`.
-
-        Raises:
-            ConfigError: If the seed is out of range.
         """
         return self._record(seed, resting=False)
 
@@ -157,28 +156,37 @@ class SavedPlayer:
         Returns:
             The episode; ``None`` if the environment is no piano.
         """
-        if not self._recorder.can_rest:
-            return None
-        return next(self._record(seed, resting=True))
+        return next(self._record(seed, resting=True)) if self._recorder.can_rest else None
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: npt.NDArray[Any] | None = None,
+        deterministic: bool = False,
+    ) -> tuple[Any, Any]:
+        """Return what the model plays for an observation as the environment gives it."""
+        if isinstance(self._venv, VecNormalize):
+            observation = self._venv.normalize_obs(observation)
+        return self._predict(observation, state, episode_start, deterministic)
 
     def close(self) -> None:
         """Close the environment."""
         self._venv.close()
 
-    def __enter__(self) -> SavedPlayer:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
+
+    def _predict(
+        self, observation: Any, state: Any, starts: npt.NDArray[Any] | None, deterministic: bool
+    ) -> tuple[Any, Any]:
+        with torch_threads():
+            return self.model.predict(observation, state, starts, deterministic=deterministic)
 
     def _record(self, seed: int | None, *, resting: bool) -> Iterator[Recording]:
         seed = self.config.seed if seed is None else seed
-        _check_least("seed", seed or 0, 0)
+        if seed is not None and seed < 0:
+            raise ConfigError(f"seed is {seed}: expected 0 or more.")
         self._recorder.resting = resting
         if isinstance(self.model, PianoPolicy):
             self.model.set_random_seed(seed or 0)
@@ -190,10 +198,7 @@ class SavedPlayer:
         while True:
             # While the hands rest, nobody hears what is asked; to search for it would take long.
             if action is None or not self._recorder.resting:
-                with torch_threads():
-                    action, state = self.model.predict(
-                        observation, state, starts, deterministic=True
-                    )
+                action, state = self._predict(observation, state, starts, deterministic=True)
             observation, _, starts, _ = self._venv.step(action)
             if self._recorder.finished:
                 yield self._recorder.finished.pop()
@@ -202,7 +207,7 @@ class SavedPlayer:
 class _FixedPiece(gym.Wrapper[Any, Any, Any, Any]):
     """Play one piece, whatever the wrappers further out ask for."""
 
-    def __init__(self, env: gym.Env[Any, Any], score: Score):
+    def __init__(self, env: Env, score: Score):
         super().__init__(env)
         self._score = score
 
@@ -214,26 +219,8 @@ class _FixedPiece(gym.Wrapper[Any, Any, Any, Any]):
         return self.env.reset(seed=seed, options={**others, "score": self._score})
 
 
-def _check_least(name: str, value: int, least: int) -> None:
-    if value < least:
-        raise ConfigError(f"{name} is {value}: expected {least} or more.")
-
-
-def _config_to_play(config: RunConfig, seed: int, physics: str | None) -> RunConfig:
-    _check_least("seed", seed, 0)
-    changed = {} if physics is None else {"physics": physics}
-    return dataclasses.replace(
-        config,
-        env_kwargs={**config.env_kwargs, **changed},
-        n_envs=1,
-        vec_env="dummy",
-        seed=seed,
-        monitor_kwargs={},
-    )
-
-
 def _check_playable(
-    run: RunFolder, config: RunConfig, env: gym.Env[Any, Any], venv: VecEnv, score: Score
+    run: RunFolder, config: RunConfig | PlannedConfig, env: Env, venv: VecEnv, score: Score
 ) -> None:
     if not isinstance(env.unwrapped, PianoEnv):
         raise ConfigError(
@@ -249,7 +236,7 @@ def _check_playable(
         ) from error
 
 
-def _own_piece(run: RunFolder, config: RunConfig, venv: VecEnv) -> str:
+def _own_piece(run: RunFolder, config: RunConfig | PlannedConfig, venv: VecEnv) -> str:
     """Return what a run's own piece is called, by its file's name before it was copied.
 
     Where wrappers choose the piece, all that they may choose are named.
@@ -260,5 +247,73 @@ def _own_piece(run: RunFolder, config: RunConfig, venv: VecEnv) -> str:
     titles = list(dict.fromkeys(score.title for score in possible_scores(env)))
     if titles != [env.unwrapped.default_score.title]:
         return " or ".join(titles)
-    file = read_provenance(run.provenance_file).get("score_file")
+    file = run.read_provenance().get("score_file")
     return Path(file).stem if isinstance(file, str) else titles[0] or config.env_id
+
+
+@contextlib.contextmanager
+def run_to_record(
+    folder: str | os.PathLike[str], *, best: str | None = None, start: float = 0.0
+) -> Iterator[tuple[SavedPlayer | PianoPolicy, Env, RunConfig | PlannedConfig]]:
+    """Give a run's player, an environment with the run's wrappers, and its settings.
+
+    They are for :func:`~sb3_piano.demonstrations.record`, as long as the block lasts. The
+    environment has no wrappers but those that ``gymnasium.make`` can make again.
+
+    Args:
+        folder: The run's folder.
+        best: Play the best model by this metric, in place of the last one.
+        start: How far the hands begin out of place, rad (see
+            :class:`~sb3_piano.demonstrations.PerturbedStart`).
+
+    Raises:
+        ConfigError: If the run's config is damaged, or has wrappers around a vector of
+            environments, without which there is no playing.
+        RunError: If there is no run, or it has no model that can be loaded.
+    """
+    config = RunFolder.open(folder).read_config()
+    if isinstance(config, RunConfig) and config.vec_env_wrapper:
+        raise ConfigError(
+            f"Run '{folder}' cannot be recorded: it has {config.vec_env_wrapper[0].path} around "
+            "the vector of its environments. Expected no vec_env_wrapper."
+        )
+    with SavedPlayer.open(folder, best=best) as player:
+        env = build_env(config, (lambda env: PerturbedStart(env, start)) if start else None)
+        with contextlib.closing(env):
+            if isinstance(config, PlannedConfig):  # plays only where it is made for
+                yield build_planner(config, env), env, config
+            else:
+                yield player, env, config
+
+
+def share(
+    run: str | os.PathLike[str], folder: str | os.PathLike[str], *, best: str | None = None
+) -> RunFolder:
+    """Write what playing a run needs: its settings, origin, score and weights, in plain files.
+
+    The new folder has no pickles, so that loading it runs no code of it. It is evaluated, played
+    and reported on like the run, with the same result to the last bit; it cannot be trained on.
+
+    Args:
+        run: The run's folder.
+        folder: Where to, a new or empty folder.
+        best: Share the best model by this metric, such as "f1", in place of the last one.
+
+    Raises:
+        ConfigError: If the run's config is damaged.
+        RunError: If there is no run, it has no model that can be loaded, or the folder cannot be
+            used.
+    """
+    with SavedPlayer.open(run, best=best) as player:
+        config = player.run.read_config()
+        shared = RunFolder.create(config, folder)
+        try:
+            if player.run.provenance_file.is_file():
+                shutil.copyfile(player.run.provenance_file, shared.provenance_file)
+            if isinstance(config, RunConfig):
+                assert isinstance(player.model, BaseAlgorithm), "what is trained has weights"
+                write_bytes(shared.weights_file, pack_weights(player.model, config))
+        except OSError as error:
+            shutil.rmtree(shared.path, ignore_errors=True)
+            raise unwritable(shared.path, error) from error
+        return shared

@@ -13,10 +13,11 @@ import queue
 import threading
 import weakref
 from collections.abc import Callable
-from numbers import Integral
-from typing import Any
+from typing import Annotated, Any
 
-from sb3_piano.exceptions import ConfigError
+from annotated_types import Ge
+
+from sb3_piano.settings import Whole, checked
 
 Job = Callable[[int], object]
 
@@ -39,7 +40,8 @@ class ThreadTeam:
             n_threads: Threads to use, the calling one included; by default one for each slot or
                 each usable core, whichever are fewer. More than slots are never used.
         """
-        self.n_threads = min(n_slots, usable_cores() if n_threads is None else _checked(n_threads))
+        n_threads = checked("n_threads", n_threads, Annotated[Whole, Ge(1)] | None)
+        self.n_threads = min(n_slots, n_threads or usable_cores())
         """How many threads do the work, the calling one included."""
         bounds = [n_slots * i // self.n_threads for i in range(self.n_threads + 1)]
         self._own, *self._shares = (range(*pair) for pair in itertools.pairwise(bounds))
@@ -146,9 +148,3 @@ def _work(tasks: queue.SimpleQueue[_Task | None]) -> None:
 
 def _nothing(slot: int) -> None:
     del slot
-
-
-def _checked(n_threads: int) -> int:
-    if isinstance(n_threads, bool) or not isinstance(n_threads, Integral) or n_threads < 1:
-        raise ConfigError(f"n_threads is {n_threads!r}: expected a whole number from 1 on.")
-    return int(n_threads)

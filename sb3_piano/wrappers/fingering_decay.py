@@ -7,8 +7,8 @@ from typing import Any
 
 import gymnasium as gym
 
-from sb3_piano.envs.config import reward_weight
-from sb3_piano.wrappers.arguments import whole_number
+from sb3_piano.envs.config import RewardWeight
+from sb3_piano.settings import Count, Index, checked
 from sb3_piano.wrappers.reward_wrapper import RewardTermsWrapper
 
 
@@ -39,9 +39,9 @@ class FingeringDecay(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, n_steps=n_steps, final=final, start=start)
         super().__init__(env)
-        self._n_steps = whole_number("n_steps", n_steps, 1)
-        self._final = reward_weight("final", final)
-        self._start = whole_number("start", start, 0)
+        self._n_steps = checked("n_steps", n_steps, Count)
+        self._final = checked("final", final, RewardWeight)
+        self._start = checked("start", start, Index)
 
     @property
     def reward_weights(self) -> Mapping[str, float]:

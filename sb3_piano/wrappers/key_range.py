@@ -13,7 +13,7 @@ import numpy.typing as npt
 from sb3_piano.envs import ALL_KEYS, KeyWindow
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH
-from sb3_piano.wrappers.arguments import whole_number
+from sb3_piano.settings import Index, checked
 from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
 from sb3_piano.wrappers.piano import layout_of, piano_of
 from sb3_piano.wrappers.score_wrapper import possible_scores
@@ -80,7 +80,7 @@ class KeyRange(LayoutWrapper, gym.utils.RecordConstructorArgs):
         self._piano = piano_of(env, "KeyRange")
         possible = {note.key for score in possible_scores(env) for note in score.notes}
         self._hides = outside == "hide"
-        self.window = _window(keys, whole_number("margin", margin, 0), possible)
+        self.window = _window(keys, checked("margin", margin, Index), possible)
         """The keys that are observed."""
         self._check(possible)
         cut, self._columns = self.window.restrict(layout)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from numbers import Integral
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import MAX_PITCH, MIN_PITCH, Score
+from sb3_piano.settings import Whole
 from sb3_piano.wrappers.score_change import FixedOrRange, ScoreChange
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
@@ -27,7 +26,7 @@ class KeyShift(ScoreChange):
 
     def __init__(self, env: gym.Env[Any, Any], name: str, steps: Any, *, semitones: int) -> None:
         super().__init__(env)
-        self._steps = FixedOrRange.of(name, steps, _whole_number)
+        self._steps = FixedOrRange.of(name, steps, Whole)
         self._semitones = semitones
         possible_scores(self)  # raises if a piece cannot be shifted
 
@@ -86,9 +85,3 @@ def _room(score: Score) -> tuple[int, int]:
 
 def _clamp(value: int, low: int, high: int) -> int:
     return min(max(value, low), high)
-
-
-def _whole_number(name: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, Integral):
-        raise ConfigError(f"{name} is {value!r}: expected a whole number.")
-    return int(value)

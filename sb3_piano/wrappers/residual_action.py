@@ -11,14 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs import ObservationBlock, ObservationLayout
-from sb3_piano.envs.config import finite_number
 from sb3_piano.exceptions import ConfigError, InvalidActionError, near_names
 from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning import PlanSettings, Tracker, Trackers
 from sb3_piano.planning.pianist import action_of
+from sb3_piano.settings import Count, Positive, checked
 from sb3_piano.simulation import PianoScene
-from sb3_piano.wrappers.arguments import whole_number
 from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
 from sb3_piano.wrappers.piano import layout_of, piano_of
 
@@ -82,10 +81,8 @@ class ResidualAction(LayoutWrapper, gym.utils.RecordConstructorArgs):
         layout = layout_of(env, "ResidualAction")
         self._piano = piano_of(env, "ResidualAction")
         _check_actions(env)
-        self._scale = finite_number("scale", scale)
-        if self._scale <= 0:
-            raise ConfigError(f"scale is {scale!r}: expected more than 0.")
-        self._lookahead = whole_number("lookahead", lookahead, 1)
+        self._scale = checked("scale", scale, Positive)
+        self._lookahead = checked("lookahead", lookahead, Count)
         self._trackers = Trackers(_settings(settings))
         self._planned: tuple[PianoRoll, Tracker] | None = None
         scene = self._piano.scene

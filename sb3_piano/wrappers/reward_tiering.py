@@ -6,8 +6,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from sb3_piano.envs.config import finite_number
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.settings import Share, checked
 from sb3_piano.wrappers.reward_wrapper import RewardTerms, RewardTermsWrapper
 
 TIERED_TERMS = ("energy", "forearm")
@@ -37,9 +36,7 @@ class RewardTiering(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
     def __init__(self, env: gym.Env[Any, Any], threshold: float = 0.75) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, threshold=threshold)
         super().__init__(env)
-        self._threshold = finite_number("threshold", threshold)
-        if not 0.0 <= self._threshold <= 1.0:
-            raise ConfigError(f"threshold is {threshold!r}: expected 0 to 1.")
+        self._threshold = checked("threshold", threshold, Share)
 
     def reward_terms(self, terms: RewardTerms) -> RewardTerms:
         """Return the terms, with 0 for those that are not earned."""

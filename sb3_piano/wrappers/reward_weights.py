@@ -8,8 +8,8 @@ from typing import Any
 import gymnasium as gym
 
 from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS
-from sb3_piano.envs.config import reward_weight
-from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.envs.config import RewardWeight
+from sb3_piano.settings import checked, refuse_unknown
 from sb3_piano.wrappers.reward_wrapper import RewardTermsWrapper
 
 
@@ -33,22 +33,10 @@ class RewardWeights(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
     def __init__(self, env: gym.Env[Any, Any], weights: Mapping[str, float]) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, weights=weights)
         super().__init__(env)
-        self._weights = _checked(weights)
+        self._weights = checked("weights", weights, Mapping[str, RewardWeight])
+        refuse_unknown(weights, DEFAULT_REWARD_WEIGHTS, "reward term")
 
     @property
     def reward_weights(self) -> Mapping[str, float]:
         """The weights of the terms."""
         return {**self.inner_weights, **self._weights}
-
-
-def _checked(weights: Any) -> dict[str, float]:
-    if not isinstance(weights, Mapping):
-        raise ConfigError(f"weights is {weights!r}: expected a mapping from terms to numbers.")
-    for name in weights:
-        if name not in DEFAULT_REWARD_WEIGHTS:
-            raise ConfigError(
-                f"weights has the unknown term {name!r}."
-                f"{near_names(str(name), DEFAULT_REWARD_WEIGHTS)} Expected one of "
-                f"{', '.join(DEFAULT_REWARD_WEIGHTS)}."
-            )
-    return {name: reward_weight(f"weights[{name!r}]", value) for name, value in weights.items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Score
+from sb3_piano.settings import checked
 from sb3_piano.wrappers.score_wrapper import ScoreWrapper
 
 Number = TypeVar("Number", int, float)
@@ -75,28 +76,26 @@ class FixedOrRange(Generic[Number]):
     """Whether a single number was given."""
 
     @classmethod
-    def of(
-        cls, name: str, value: Any, number: Callable[[str, Any], Number]
-    ) -> FixedOrRange[Number]:
+    def of(cls, name: str, value: Any, kind: Any) -> FixedOrRange[Number]:
         """Return what an argument says.
 
         Args:
             name: Name of the argument.
             value: A number, or a pair of the lowest and the highest, both included.
-            number: Checks and converts a number of this name.
+            kind: Annotation of a number.
 
         Raises:
             ConfigError: If it is neither.
         """
         if isinstance(value, str) or not isinstance(value, Sequence):
-            only = number(name, value)
+            only = checked(name, value, kind)
             return cls(low=only, high=only, fixed=True)
         if len(value) != 2:
             raise ConfigError(
                 f"{name} is {value!r}: expected one number, or a pair of the lowest and the "
                 "highest."
             )
-        low, high = number(f"{name}[0]", value[0]), number(f"{name}[1]", value[1])
+        low, high = (checked(f"{name}[{i}]", value[i], kind) for i in (0, 1))
         if low > high:
             raise ConfigError(f"{name} is {value!r}: expected the lower end first.")
         return cls(low=low, high=high, fixed=False)

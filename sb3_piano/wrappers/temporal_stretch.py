@@ -9,9 +9,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from sb3_piano.envs.config import finite_number
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Score
+from sb3_piano.settings import Positive
 from sb3_piano.wrappers.score_change import FixedOrRange, ScoreChange
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
@@ -37,7 +36,7 @@ class TemporalStretch(ScoreChange, gym.utils.RecordConstructorArgs):
     def __init__(self, env: gym.Env[Any, Any], factor: float | Sequence[float]) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, factor=factor)
         super().__init__(env)
-        self._factor = FixedOrRange.of("factor", factor, _positive_number)
+        self._factor = FixedOrRange.of("factor", factor, Positive)
         possible_scores(self)  # raises if a piece cannot be stretched
 
     @property
@@ -60,10 +59,3 @@ class TemporalStretch(ScoreChange, gym.utils.RecordConstructorArgs):
     def changed(self, score: Score, value: float) -> Score:
         """Return the score stretched by a factor."""
         return score.stretch(value)
-
-
-def _positive_number(name: str, value: Any) -> float:
-    number = finite_number(name, value)
-    if number <= 0:
-        raise ConfigError(f"{name} is {value!r}: expected a number above 0.")
-    return number

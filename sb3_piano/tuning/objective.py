@@ -16,7 +16,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.exceptions import RunError
 from sb3_piano.training import Plugin, RunConfig, RunFolder, entry_config, evaluate, train
-from sb3_piano.training.import_names import import_name
+from sb3_piano.training.configuration.names import import_name
 from sb3_piano.tuning import attributes
 from sb3_piano.tuning.attributes import result_name
 from sb3_piano.tuning.reporting import AfterEvaluation, TimeLimit

@@ -11,7 +11,7 @@ from typing import Any
 from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.training import RunConfig, entry_config
-from sb3_piano.training.run_folder import FILE_OPTIONS
+from sb3_piano.training.runs.folder import FILE_OPTIONS
 from sb3_piano.tuning.search_space.defaults import with_defaults
 from sb3_piano.tuning.search_space.space import Space
 

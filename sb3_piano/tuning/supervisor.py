@@ -16,7 +16,7 @@ from optuna.exceptions import StorageInternalError
 from optuna.trial import TrialState
 
 from sb3_piano.exceptions import RunError
-from sb3_piano.training.interrupts import stop_on_signal
+from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.tuning.attributes import counting
 from sb3_piano.tuning.store.orphans import requeue_orphans
 from sb3_piano.tuning.worker import Job, is_open, work

@@ -17,8 +17,8 @@ import numpy as np
 import optuna
 from optuna.trial import TrialState
 
+from sb3_piano.interrupts import StopRequest, stop_on_signal
 from sb3_piano.locks import hold
-from sb3_piano.training.interrupts import StopRequest, stop_on_signal
 from sb3_piano.tuning.attributes import WORKER, counting
 from sb3_piano.tuning.objective import Objective, TrialInterrupted
 from sb3_piano.tuning.samplers import Search, make_pruner, make_sampler

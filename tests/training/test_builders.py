@@ -17,13 +17,13 @@ from stable_baselines3.common.vec_env import (
 from torch import nn
 
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.training.builders import (
+from sb3_piano.training.configuration.config import VEC_ENVS
+from sb3_piano.training.runs.builders import (
     algorithm_arguments,
     build_callbacks,
     build_model,
     build_vec_env,
 )
-from sb3_piano.training.config import VEC_ENVS
 from sb3_piano.vec_env import ThreadVecEnv
 
 

@@ -16,8 +16,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_piano.cli import main
 from sb3_piano.training import resume
-from sb3_piano.training.builders import build_vec_env
-from sb3_piano.training.config import VEC_ENVS
+from sb3_piano.training.configuration.config import VEC_ENVS
+from sb3_piano.training.runs.builders import build_vec_env
 
 
 class WithMetrics(gym.Wrapper):

@@ -20,7 +20,7 @@ from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.planning import PlannedPianist, PlanSettings
 from sb3_piano.planning.settings import AS_WRITTEN
 from sb3_piano.training import RunFolder, SavedPlayer, clone, evaluate, resume
-from sb3_piano.training.recording import run_to_record
+from sb3_piano.training.playing.player import run_to_record
 
 PENDULUM = "robopianist/Pendulum-v1/td3-v0"
 QUICK = {"epochs": 2, "net_arch": [8], "seed": 0}

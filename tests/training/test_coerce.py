@@ -9,7 +9,12 @@ import pytest
 import torch
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.training.coerce import check_arguments, coerce, coerce_mapping, linear_start
+from sb3_piano.training.configuration.values import (
+    check_arguments,
+    coerce,
+    coerce_mapping,
+    linear_start,
+)
 
 RATE = float | Callable[[float], float]
 

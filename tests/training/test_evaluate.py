@@ -20,7 +20,7 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music import read_midi
 from sb3_piano.training import evaluate
-from sb3_piano.training.statistics import summarize
+from sb3_piano.training.evaluation.statistics import summarize
 
 
 class DoubleReward(gym.RewardWrapper):

@@ -14,7 +14,7 @@ import pytest
 
 from sb3_piano.exceptions import ConfigError, UnknownPieceError
 from sb3_piano.training import compare, evaluate, evaluate_runs
-from sb3_piano.training.evaluations import Evaluations, Failure
+from sb3_piano.training.evaluation.evaluate import Evaluations, Failure
 
 STILL = np.zeros(39)
 

@@ -21,8 +21,8 @@ from sb3_piano.music import Note, Pedal, Score, read_midi, write_midi
 from sb3_piano.planning import PlannedPianist, PlanSettings
 from sb3_piano.planning.sampling import PredictiveSampling, SamplingNoise
 from sb3_piano.training import PLANNERS, RunConfig, RunFolder, SavedPlayer, evaluate
-from sb3_piano.training.planned import PLANNED_IN, plan_run, planner_config, take_of_planner
-from sb3_piano.training.recording import run_to_record
+from sb3_piano.training.playing.player import run_to_record
+from sb3_piano.training.playing.takes import PLANNED_IN, plan_run, planner_config, take_of_planner
 
 TUNE = Score(
     notes=[

@@ -18,7 +18,7 @@ from sb3_piano.exceptions import ConfigError, RunError, UnknownPieceError
 from sb3_piano.music import Note, Pedal, Score, load_score, read_midi, write_midi
 from sb3_piano.simulation import find_gl_backend
 from sb3_piano.training import Picture, play_run, play_score, train
-from sb3_piano.training.play import take_of_run, take_of_score
+from sb3_piano.training.playing.takes import take_of_run, take_of_score
 from sb3_piano.viewing import show_take
 
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")

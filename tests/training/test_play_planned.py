@@ -14,7 +14,7 @@ from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score, read_midi, write_midi
 from sb3_piano.simulation import find_gl_backend
-from sb3_piano.training.planned import planner_config, take_of_planner, where_played
+from sb3_piano.training.playing.takes import planner_config, take_of_planner, where_played
 
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 
@@ -103,7 +103,7 @@ def test_all_joints_play_unless_the_reduced_action_space_is_asked_for(monkeypatc
         widths.append(played.take.scene.model.nu)
         return played
 
-    monkeypatch.setattr("sb3_piano.training.planned.take_of_planner", noted)
+    monkeypatch.setattr("sb3_piano.training.playing.takes.take_of_planner", noted)
     command = ["play", "--planned", "tune.mid", "--no-video", "--physics", "fast", *ZERO]
     assert main(command) == main([*command, "--reduced"]) == 0
     assert widths == [44, 38]

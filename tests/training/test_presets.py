@@ -16,7 +16,7 @@ from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.envs import DEBUG_IDS, GENERAL_ID
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.training import load_config
-from sb3_piano.training.builders import build_callbacks, build_model, build_vec_env
+from sb3_piano.training.runs.builders import build_callbacks, build_model, build_vec_env
 
 IDS = (GENERAL_ID, *DEBUG_IDS)
 """The ids that the files name, and one of those that go by the default."""

@@ -12,7 +12,7 @@ from stable_baselines3.common.buffers import ReplayBuffer
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import BUILT_IN, load_score
 from sb3_piano.training import ALGORITHMS, Plugin, RunConfig
-from sb3_piano.training.algorithms import algorithm_class
+from sb3_piano.training.configuration.names import algorithm_class
 
 WRAPPER = "gymnasium.wrappers.RescaleAction"
 

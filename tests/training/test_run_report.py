@@ -14,7 +14,7 @@ from torch.utils.tensorboard import SummaryWriter
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.training import RunFolder, evaluate, write_report
-from sb3_piano.training.report import training_curves
+from sb3_piano.training.evaluation.report import training_curves
 from sb3_piano.viewing.report.definitions import definition_of, formatted
 
 

@@ -17,8 +17,8 @@ from sb3_piano.training import (
     share,
     train,
 )
-from sb3_piano.training.planned import plan_run, planner_config
-from sb3_piano.training.playing import SavedPlayer
+from sb3_piano.training.playing.player import SavedPlayer
+from sb3_piano.training.playing.takes import plan_run, planner_config
 
 ON_POLICY = ("ppo", "a2c", "trpo")
 _unpickled: list[str] = []

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sb3_piano.training.statistics import bootstrap_interval, signed_rank_test, summarize
+from sb3_piano.training.evaluation.statistics import bootstrap_interval, signed_rank_test, summarize
 
 
 def plain_interval(values, resamples=20_000):

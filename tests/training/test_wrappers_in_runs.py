@@ -34,8 +34,8 @@ from sb3_piano.training import (
     train,
     write_report,
 )
-from sb3_piano.training.builders import build_model, build_vec_env
-from sb3_piano.training.config import VEC_ENVS
+from sb3_piano.training.configuration.config import VEC_ENVS
+from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 ENV_ID = "RoboPianist-v0"
 ROOM = "sb3_piano.wrappers"

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.training.import_names import import_name
-from sb3_piano.training.zoo_text import parse_zoo_text
+from sb3_piano.training.configuration.names import import_name
+from sb3_piano.training.configuration.values import parse_zoo_text
 
 
 @pytest.mark.parametrize(

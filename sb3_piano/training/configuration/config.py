@@ -1,4 +1,4 @@
-"""What a training run is made of."""
+"""Settings of runs: of a training, and of what plays without any."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import dataclasses
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any, Literal, Self
 
 import gymnasium as gym
+from annotated_types import Ge
+from pydantic import BeforeValidator, ValidationInfo
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.monitor import Monitor
@@ -18,94 +20,261 @@ from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.planning import PianoPolicy
-from sb3_piano.training.algorithms import PLANNERS, algorithm_class, planner_class
-from sb3_piano.training.coerce import check_arguments, coerce, coerce_mapping
-from sb3_piano.training.env_ids import registered_id
-from sb3_piano.training.import_names import import_class
-from sb3_piano.training.plain import plain, plain_mapping
-from sb3_piano.training.plugins import Plugin, parse_plugins, plugins_to_plain
+from sb3_piano.settings import Number, Whole, settings
+from sb3_piano.training.configuration.names import (
+    PLANNERS,
+    algorithm_class,
+    full_name,
+    import_class,
+    import_name,
+    planner_class,
+    registered_id,
+)
+from sb3_piano.training.configuration.values import (
+    check_arguments,
+    coerce_mapping,
+    plain,
+    zoo_number,
+)
 
-NOISE_TYPES = ("normal", "ornstein-uhlenbeck")
-VEC_ENVS = ("dummy", "threads", "subproc")
-# What the classes of these fields must be below.
-_PLUGIN_FIELDS = {
-    "env_wrapper": gym.Wrapper, "vec_env_wrapper": VecEnvWrapper, "callback": BaseCallback
-}  # fmt: skip
-
-_Class = type[BaseAlgorithm] | type[PianoPolicy]
-
-# Parameters of an algorithm's constructor that a run sets itself.
-_RESERVED = ("policy", "env", "seed", "tensorboard_log", "action_noise")
+_FORMS = "'package.module.Name', {package.module.Name: {argument: value}} or a list of these"
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunConfig:
-    """All settings of a run, checked, in types that YAML can hold.
+class Plugin:
+    """A class by its import path, with the arguments to call it with."""
+
+    path: str
+    kwargs: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "path", full_name(self.path))
+        object.__setattr__(self, "kwargs", plain(self.kwargs, self.path))
+
+    def __call__(self, *args: Any) -> Any:
+        """Make one of the class.
+
+        Raises:
+            ConfigError: If it does not take these arguments.
+        """
+        function = import_name(self.path)
+        try:
+            inspect.signature(function).bind(*args, **self.kwargs)
+        except TypeError as error:
+            raise ConfigError(
+                f"{self.path} cannot be called with {dict(self.kwargs)}: {error}."
+            ) from error
+        except ValueError:
+            pass  # a builtin that does not tell its parameters
+        return function(*args, **self.kwargs)
+
+    @classmethod
+    def parse(cls, entry: Any, key: str) -> Plugin:
+        """Return the plugin of an entry of a configuration.
+
+        Raises:
+            ConfigError: If the entry has another form.
+        """
+        if isinstance(entry, Plugin):
+            return entry
+        if isinstance(entry, str):
+            return cls(path=entry)
+        if isinstance(entry, Mapping) and len(entry) == 1:
+            path, kwargs = next(iter(entry.items()))
+            if isinstance(path, str) and (kwargs is None or isinstance(kwargs, Mapping)):
+                return cls(path=path, kwargs=kwargs or {})
+        raise ConfigError(f"{entry!r} is no entry for {key}: expected {_FORMS}.")
+
+
+def _plugins_below(base: type) -> BeforeValidator:
+    """Return a reader of plugins as RL Zoo writes them, whose classes must be below one."""
+
+    def read(value: Any, info: ValidationInfo) -> tuple[Plugin, ...]:
+        key = str(info.field_name)
+        entries = value if isinstance(value, (list, tuple)) else [] if value is None else [value]
+        try:
+            plugins = tuple(Plugin.parse(entry, key) for entry in entries)
+            for plugin in plugins:
+                import_class(plugin.path, base)
+        except ConfigError as error:
+            raise ConfigError(f"{key}: {error}") from error
+        return plugins
+
+    return BeforeValidator(read)
+
+
+def _read_arguments(value: Any, info: ValidationInfo) -> Any:
+    return plain(coerce_mapping(value, str(info.field_name)), str(info.field_name))
+
+
+def _read_normalize(value: Any, info: ValidationInfo) -> Any:
+    if isinstance(value, bool):
+        return value
+    return check_arguments(
+        _read_arguments(value, info), VecNormalize, reserved=("venv", "training")
+    )
+
+
+def _read_monitor(value: Any, info: ValidationInfo) -> Any:
+    reserved = ("env", "filename", "override_existing", "reset_keywords")
+    return check_arguments(_read_arguments(value, info), Monitor, reserved=reserved)
+
+
+_Whole = Annotated[Whole, BeforeValidator(zoo_number)]
+_Number = Annotated[Number, BeforeValidator(zoo_number)]
+_Arguments = Annotated[Mapping[str, Any], BeforeValidator(_read_arguments)]
+_Plugins = tuple[Plugin, ...]
+
+
+@settings
+class PlayConfig:
+    """Settings that all runs have: what plays, and where, in types that YAML can hold."""
+
+    algo: str
+    """Name of what plays."""
+    env_id: str
+    """Id of the environment; ``module:Id`` imports the module that registers it."""
+    env_module: str | None = None
+    """Module to import before the environment is made."""
+    seed: Annotated[_Whole, Ge(0)] | None = None
+    """Seed of everything random, at least 0; ``None`` lets a training draw one and note it down."""
+    env_kwargs: _Arguments = field(default_factory=dict)
+    """Keyword arguments of the environment."""
+    env_wrapper: Annotated[_Plugins, _plugins_below(gym.Wrapper)] = ()
+    """Wrappers put around each environment, the first one innermost."""
+    algorithm_kwargs: _Arguments = field(default_factory=dict)
+    """Arguments of the constructor of what plays."""
+
+    def __post_init__(self) -> None:
+        module, env_id = registered_id(self.env_id, self.env_module)
+        self._set(env_module=module, env_id=env_id)
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """What the run's files are recognised by."""
+        return {"algo": self.algo, "env_id": self.env_id}
+
+    def alone(self) -> Self:
+        """Return the settings for one environment without log files."""
+        return self
+
+    def in_env(self, **options: Any) -> Self:
+        """Return the settings with other options of the environment."""
+        return dataclasses.replace(self, env_kwargs={**self.env_kwargs, **options})
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the config in YAML's types; :meth:`from_mapping` gives it back."""
+        mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        for name, value in mapping.items():
+            if isinstance(value, tuple):
+                mapping[name] = [{plugin.path: plugin.kwargs} for plugin in value]
+        return {name: plain(value, name) for name, value in mapping.items()}
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
+        """Return the config that :meth:`to_mapping` wrote.
+
+        Raises:
+            ConfigError: If a key is unknown or missing, or a value is not valid.
+        """
+        return cls(**mapping)
+
+    def _set(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+
+@settings
+class PlannedConfig(PlayConfig):
+    """All settings of a run that plays without training.
+
+    ``algo`` is one of :data:`~sb3_piano.training.PLANNERS`.
 
     Raises:
         ConfigError: If a setting is unknown, has the wrong type or is out of range.
     """
 
-    algo: str
-    """Name of the algorithm, one of :data:`~sb3_piano.training.ALGORITHMS` or, to play without
-    training, of :data:`~sb3_piano.training.PLANNERS`."""
-    env_id: str
-    """Id of the environment; ``module:Id`` imports the module that registers it."""
-    n_timesteps: int
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.algo not in PLANNERS:
+            raise ConfigError(
+                f"algo is {self.algo!r}: expected one of {', '.join(PLANNERS)}."
+                f"{near_names(self.algo, PLANNERS)}"
+            )
+        self._set(algorithm_kwargs=_checked_arguments(self, planner_class(self.algo)))
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
+        """Return the config that :meth:`to_mapping` wrote, also without those of a training.
+
+        Raises:
+            ConfigError: If a key is unknown or missing, or a value is not valid.
+        """
+        own = {f.name for f in dataclasses.fields(cls)}
+        training = {f.name for f in dataclasses.fields(RunConfig)} - own  # in folders of 0.1
+        return cls(**{name: value for name, value in mapping.items() if name not in training})
+
+
+@settings
+class RunConfig(PlayConfig):
+    """All settings of a training, checked.
+
+    ``algo`` is one of :data:`~sb3_piano.training.ALGORITHMS`.
+
+    Raises:
+        ConfigError: If a setting is unknown, has the wrong type or is out of range.
+    """
+
+    n_timesteps: Annotated[_Whole, Ge(1)]
     """Environment steps to train for, over all environments together; at least 1."""
     policy: str = "MlpPolicy"
     """A policy of the algorithm by its short name, or the import path of one."""
-    seed: int | None = None
-    """Seed of everything random, at least 0; ``None`` lets the run draw one and note it down."""
-    n_envs: int = 1
+    n_envs: Annotated[_Whole, Ge(1)] = 1
     """Environments that play at the same time; at least 1."""
-    vec_env: str = "dummy"
+    vec_env: Literal["dummy", "threads", "subproc"] = "dummy"
     """``dummy``: one plays after the other; ``threads``: in threads of this process; ``subproc``:
     each in a process of its own."""
-    num_threads: int | None = None
+    num_threads: Annotated[_Whole, Ge(1)] | None = None
     """Threads of torch, at least 1; by default as :func:`~sb3_piano.torch_threads.torch_threads`
     chooses: one, unless ``OMP_NUM_THREADS`` or ``MKL_NUM_THREADS`` is set."""
-    env_module: str | None = None
-    """Module to import before the environment is made."""
-    env_kwargs: Mapping[str, Any] = field(default_factory=dict)
-    """Keyword arguments of the environment."""
-    env_wrapper: tuple[Plugin, ...] = ()
-    """Wrappers put around each environment, the first one innermost."""
-    vec_env_wrapper: tuple[Plugin, ...] = ()
+    vec_env_wrapper: Annotated[_Plugins, _plugins_below(VecEnvWrapper)] = ()
     """Wrappers put around the vector of environments, the first one innermost."""
-    callback: tuple[Plugin, ...] = ()
+    callback: Annotated[_Plugins, _plugins_below(BaseCallback)] = ()
     """SB3 callbacks of the training."""
-    normalize: bool | Mapping[str, Any] = False
+    normalize: Annotated[bool | Mapping[str, Any], BeforeValidator(_read_normalize)] = False
     """Whether to put ``VecNormalize`` around the environments; a mapping has its arguments."""
-    monitor_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    monitor_kwargs: Annotated[Mapping[str, Any], BeforeValidator(_read_monitor)] = field(
+        default_factory=dict
+    )
     """Keyword arguments of ``Monitor``, such as ``info_keywords``."""
-    noise_type: str | None = None
+    noise_type: Literal["normal", "ornstein-uhlenbeck"] | None = None
     """Noise added to actions: ``normal``, ``ornstein-uhlenbeck`` or none."""
-    noise_std: float | None = None
+    noise_std: Annotated[_Number, Ge(0)] | None = None
     """Standard deviation of that noise, of actions in [-1, 1]; at least 0."""
-    algorithm_kwargs: Mapping[str, Any] = field(default_factory=dict)
-    """Arguments of the algorithm's constructor."""
 
     def __post_init__(self) -> None:
-        for name in ("algo", "env_id", "policy"):
-            coerce(getattr(self, name), str, name)
-        coerce(self.env_module, str | None, "env_module")
-        planner = self.algo in PLANNERS
-        algorithm = planner_class(self.algo) if planner else algorithm_class(self.algo)
-        module, env_id = registered_id(self.env_id, self.env_module)
-        self._set(env_module=module, env_id=env_id)
-        for name, minimum in (("n_timesteps", 1), ("n_envs", 1), ("seed", 0), ("num_threads", 1)):
-            self._set(**{name: _at_least(minimum, getattr(self, name), name)})
-        self._check_choice("vec_env", VEC_ENVS)
-        self._check_noise(algorithm)
-        for name, base in _PLUGIN_FIELDS.items():
-            self._set(**{name: parse_plugins(getattr(self, name), name, base)})
-        self._set(
-            env_kwargs=_plain_arguments(self.env_kwargs, "env_kwargs"),
-            normalize=_checked_normalize(self.normalize),
-            monitor_kwargs=_checked_monitor(self.monitor_kwargs),
-            algorithm_kwargs=_checked_algorithm(self.algorithm_kwargs, algorithm, self.policy),
-        )
+        algorithm = self.algorithm
+        super().__post_init__()
+        if (self.noise_type is None) != (self.noise_std is None):
+            raise ConfigError(
+                f"noise_type is {self.noise_type!r} and noise_std {self.noise_std!r}: expected "
+                "both or neither."
+            )
+        if self.noise_type and "action_noise" not in inspect.signature(algorithm).parameters:
+            raise ConfigError(
+                f"noise_type is {self.noise_type!r}, but {algorithm.__name__} takes no action "
+                "noise: expected an off-policy algorithm, or no noise_type."
+            )
+        arguments = _checked_arguments(self, algorithm)
+        _check_device(arguments.get("device", "auto"))
+        policy = _policy_class(self.policy, algorithm)
+        if arguments.get("policy_kwargs") is not None:
+            arguments["policy_kwargs"] = check_arguments(
+                arguments["policy_kwargs"],
+                policy,
+                reserved=("observation_space", "action_space", "lr_schedule"),
+            )
+        self._set(algorithm_kwargs=arguments)
 
     @property
     def algorithm(self) -> type[BaseAlgorithm]:
@@ -116,114 +285,21 @@ class RunConfig:
         """
         return algorithm_class(self.algo)
 
-    def to_mapping(self) -> dict[str, Any]:
-        """Return the config in YAML's types; :meth:`from_mapping` gives it back."""
-        mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        for name in _PLUGIN_FIELDS:
-            mapping[name] = plugins_to_plain(mapping[name])
-        return {name: plain(value, name) for name, value in mapping.items()}
-
-    @classmethod
-    def from_mapping(cls, mapping: Mapping[str, Any]) -> RunConfig:
-        """Return the config that :meth:`to_mapping` wrote.
-
-        Raises:
-            ConfigError: If a key is unknown or missing, or a value is not valid.
-        """
-        return cls(**_checked_fields(mapping))
-
-    def _set(self, **values: Any) -> None:
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
-
-    def _check_choice(self, name: str, valid: tuple[str, ...]) -> None:
-        value = getattr(self, name)
-        if value not in valid:
-            raise ConfigError(
-                f"{name} is {value!r}: expected one of {', '.join(map(repr, valid))}."
-                f"{near_names(str(value), valid)}"
-            )
-
-    def _check_noise(self, algorithm: _Class) -> None:
-        self._set(noise_std=_at_least(0.0, self.noise_std, "noise_std"))
-        if (self.noise_type is None) != (self.noise_std is None):
-            raise ConfigError(
-                f"noise_type is {self.noise_type!r} and noise_std {self.noise_std!r}: expected "
-                "both or neither."
-            )
-        if self.noise_type is None:
-            return
-        self._check_choice("noise_type", NOISE_TYPES)
-        if "action_noise" not in inspect.signature(algorithm).parameters:
-            raise ConfigError(
-                f"noise_type is {self.noise_type!r}, but {algorithm.__name__} takes no action "
-                "noise: expected an off-policy algorithm, or no noise_type."
-            )
+    def alone(self) -> Self:
+        """Return the settings for one environment without log files."""
+        return dataclasses.replace(self, n_envs=1, vec_env="dummy", monitor_kwargs={})
 
 
-def _checked_fields(mapping: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a mapping as it is, if its keys are fields of :class:`RunConfig`.
-
-    Raises:
-        ConfigError: If a key is unknown, or one without a default is missing.
-    """
-    fields = {f.name: f for f in dataclasses.fields(RunConfig)}
-    for name in mapping:
-        if name not in fields:
-            raise ConfigError(
-                f"Unknown key {name!r}.{near_names(str(name), fields)} Expected one of "
-                f"{', '.join(fields)}."
-            )
-    for name in ("algo", "env_id", "n_timesteps"):
-        if name not in mapping:
-            raise ConfigError(f"Key {name!r} is missing: it has no default.")
-    return dict(mapping)
-
-
-def _at_least(minimum: float, value: Any, name: str) -> Any:
-    if value is None and name in ("seed", "noise_std", "num_threads"):
-        return None
-    number = coerce(value, type(minimum), name)
-    if number < minimum:
-        raise ConfigError(f"{name} is {number}: expected {minimum} or more.")
-    return number
-
-
-def _plain_arguments(value: Any, name: str) -> dict[str, Any]:
-    return plain_mapping(coerce_mapping(value, name), name)
-
-
-def _checked_normalize(value: Any) -> bool | dict[str, Any]:
-    if isinstance(value, bool):
-        return value
-    arguments = _plain_arguments(value, "normalize")
-    return check_arguments(arguments, VecNormalize, reserved=("venv", "training"))
-
-
-def _checked_monitor(value: Any) -> dict[str, Any]:
-    arguments = _plain_arguments(value, "monitor_kwargs")
+def _checked_arguments(
+    config: PlayConfig, made: type[BaseAlgorithm] | type[PianoPolicy]
+) -> dict[str, Any]:
     return check_arguments(
-        arguments, Monitor, reserved=("env", "filename", "override_existing", "reset_keywords")
+        config.algorithm_kwargs,
+        made,
+        # What a run sets itself.
+        reserved=("policy", "env", "seed", "tensorboard_log", "action_noise"),
+        also_known=[f.name for f in dataclasses.fields(config) if f.name != "algorithm_kwargs"],
     )
-
-
-def _checked_algorithm(value: Mapping[str, Any], algorithm: _Class, policy: str) -> dict[str, Any]:
-    own = [f.name for f in dataclasses.fields(RunConfig) if f.name != "algorithm_kwargs"]
-    arguments = check_arguments(
-        _plain_arguments(value, "algorithm_kwargs"), algorithm, reserved=_RESERVED, also_known=own
-    )
-    if issubclass(algorithm, PianoPolicy):
-        return arguments
-    _check_device(arguments.get("device", "auto"))
-    policy_kwargs = arguments.get("policy_kwargs")
-    policy_class = _policy_class(policy, algorithm)
-    if policy_kwargs is not None:
-        arguments["policy_kwargs"] = check_arguments(
-            policy_kwargs,
-            policy_class,
-            reserved=("observation_space", "action_space", "lr_schedule"),
-        )
-    return arguments
 
 
 def _check_device(device: Any) -> None:

@@ -85,10 +85,11 @@ def _parsed(node: ast.expr, text: str) -> Any:
         case ast.List(elts=items) | ast.Tuple(elts=items):
             return [_parsed(item, text) for item in items]
         case ast.Dict(keys=keys, values=values):
-            names = [key.value if isinstance(key, ast.Constant) else None for key in keys]
+            names = [getattr(key, "value", None) for key in keys]
             return _parsed_mapping(names, values, node, text)
         case ast.Call(func=ast.Name(id="dict"), args=[], keywords=keywords):
-            return _parsed_mapping([k.arg for k in keywords], [k.value for k in keywords], node, text)
+            names, values = [k.arg for k in keywords], [k.value for k in keywords]
+            return _parsed_mapping(names, values, node, text)
         case ast.Name() | ast.Attribute():
             path = full_name(ast.unparse(node))
             import_name(path)
@@ -231,7 +232,8 @@ def classes_made(value: Any, key: str) -> Any:
 def dataclass_made(value: Any, annotation: Any) -> Any:
     """Return the dataclass of a parameter for a mapping of its fields, anything else as it is."""
     made = [option for option in _options(annotation) if dataclasses.is_dataclass(option)]
-    return made[0](**value) if made and isinstance(value, Mapping) else value
+    made_of: Any = next(iter(made), None)
+    return made_of(**value) if made and isinstance(value, Mapping) else value
 
 
 def _options(annotation: Any) -> tuple[Any, ...]:
@@ -243,6 +245,14 @@ def _options(annotation: Any) -> tuple[Any, ...]:
 def _kind(option: Any) -> Any:
     """Return the key of :data:`_READERS` that stands for one type."""
     return dict if dataclasses.is_dataclass(option) else typing.get_origin(option) or option
+
+
+def zoo_number(value: Any) -> Any:
+    """Return the number that text stands for, a whole float as an integer; all else as it is."""
+    number = _number(value)
+    if number is None:
+        return value
+    return int(number) if number == int(number) else number
 
 
 def _number(value: Any) -> int | float | None:
@@ -293,7 +303,8 @@ def _read_mapping(value: Any, of: tuple[Any, ...], key: str) -> Any:
     if not isinstance(value, (str, Mapping)):
         return _UNFIT
     if of and dataclasses.is_dataclass(of[0]):
-        return check_arguments(coerce_mapping(value, key), of[0])
+        kind: Any = of[0]
+        return check_arguments(coerce_mapping(value, key), kind)
     items = coerce_mapping(value, key).items()
     return {n: coerce(item, of[1] if of else Any, f"{key}.{n}") for n, item in items}
 

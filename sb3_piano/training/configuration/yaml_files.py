@@ -12,10 +12,9 @@ import yaml
 
 from sb3_piano.exceptions import ConfigError, near_names, one_line
 from sb3_piano.hyperparams import PRESETS
-from sb3_piano.training.algorithms import algorithm_class
-from sb3_piano.training.coerce import coerce_mapping
-from sb3_piano.training.config import RunConfig
-from sb3_piano.training.env_ids import registered_id
+from sb3_piano.training.configuration.config import RunConfig
+from sb3_piano.training.configuration.names import algorithm_class, registered_id
+from sb3_piano.training.configuration.values import coerce_mapping
 
 _DEFAULT_ENTRY = "default"
 # Not hyperparameters: they say which entry of which file is read.
@@ -60,7 +59,10 @@ def entry_config(algo: str, env_id: str, entry: Mapping[str, Any]) -> RunConfig:
     Raises:
         ConfigError: If one is not valid.
     """
-    return RunConfig(algo=algo, env_id=env_id, **_fields_of(entry))
+    names = {f.name for f in dataclasses.fields(RunConfig)}.difference(_NOT_IN_ENTRY)
+    fields = {name: value for name, value in entry.items() if name in names}
+    rest = {name: value for name, value in entry.items() if name not in names}
+    return RunConfig(algo=algo, env_id=env_id, algorithm_kwargs=rest, **fields)
 
 
 def _loaded(
@@ -68,7 +70,12 @@ def _loaded(
 ) -> tuple[dict[str, Any], RunConfig]:
     algorithm_class(algo)
     _, name = registered_id(env_id)
-    file = _preset(algo) if path is None else Path(path)
+    if path is None and algo not in PRESETS:
+        raise ConfigError(
+            f"No preset comes with this package for {algo!r}: expected one of "
+            f"{', '.join(PRESETS)}, or a YAML file of your own (--config)."
+        )
+    file = PRESETS[algo] if path is None else Path(path)
     entries = read_yaml_mapping(file)
     entry_name = name if name in entries else _DEFAULT_ENTRY
     if entry_name not in entries:
@@ -82,6 +89,16 @@ def _loaded(
     except ConfigError as error:
         given = f" with {', '.join(overrides)} replaced" if overrides else ""
         raise ConfigError(f"'{file}', entry {entry_name!r}{given}: {error}") from error
+
+
+def _merged(entry: Any, overrides: Mapping[str, Any]) -> dict[str, Any]:
+    if not isinstance(entry, Mapping):
+        raise ConfigError(f"It holds {entry!r}: expected a mapping of hyperparameters.")
+    merged = {**entry, **overrides}
+    if "env_kwargs" in entry and "env_kwargs" in overrides:
+        own = coerce_mapping(entry["env_kwargs"], "env_kwargs")
+        merged["env_kwargs"] = {**own, **overrides["env_kwargs"]}
+    return merged
 
 
 def read_yaml_mapping(path: Path) -> dict[Any, Any]:
@@ -114,33 +131,3 @@ def parse_yaml(text: str) -> Any:
         return yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise ConfigError(f"is not valid YAML: {one_line(error)}.") from error
-
-
-def _preset(algo: str) -> Path:
-    if algo not in PRESETS:
-        raise ConfigError(
-            f"No preset comes with this package for {algo!r}: expected one of "
-            f"{', '.join(PRESETS)}, or a YAML file of your own (--config)."
-        )
-    return PRESETS[algo]
-
-
-def _merged(entry: Any, overrides: Mapping[str, Any]) -> dict[str, Any]:
-    if not isinstance(entry, Mapping):
-        raise ConfigError(f"It holds {entry!r}: expected a mapping of hyperparameters.")
-    merged = {**entry, **overrides}
-    if "env_kwargs" in entry and "env_kwargs" in overrides:
-        merged["env_kwargs"] = {
-            **coerce_mapping(entry["env_kwargs"], "env_kwargs"), **overrides["env_kwargs"]
-        }  # fmt: skip
-    return merged
-
-
-def _fields_of(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """Split an entry into the fields of a ``RunConfig``."""
-    if "n_timesteps" not in entry:
-        raise ConfigError("Key 'n_timesteps' is missing: expected a number of environment steps.")
-    names = {f.name for f in dataclasses.fields(RunConfig)}.difference(_NOT_IN_ENTRY)
-    fields = {name: value for name, value in entry.items() if name in names}
-    rest = {name: value for name, value in entry.items() if name not in names}
-    return {**fields, "algorithm_kwargs": rest}

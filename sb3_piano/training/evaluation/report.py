@@ -16,9 +16,8 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import write_text
 from sb3_piano.performance import Performance
-from sb3_piano.training.playing import SavedPlayer
-from sb3_piano.training.provenance import provenance, read_provenance
-from sb3_piano.training.run_folder import RunFolder
+from sb3_piano.training.playing.player import SavedPlayer
+from sb3_piano.training.runs.folder import RunFolder, provenance
 from sb3_piano.viewing.report import Curve, Report, report_html
 
 
@@ -131,7 +130,7 @@ def _origin(
 ) -> tuple[Texts, Texts]:
     """Return the facts of a report, and the commands, with their options, to do it again."""
     config, run = player.config, player.run
-    notes = read_provenance(run.provenance_file)
+    notes = run.read_provenance()
     now = provenance(seed)
     facts = [
         ("Piece", player.piece),

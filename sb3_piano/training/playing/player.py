@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import itertools
 import os
 import shutil
@@ -23,7 +24,7 @@ from sb3_piano.files import write_bytes
 from sb3_piano.music import Score, load_score
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.torch_threads import torch_threads
-from sb3_piano.training.configuration.config import PlannedConfig, RunConfig
+from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
 from sb3_piano.training.runs.builders import Env, build_env, build_planner, build_vec_env
 from sb3_piano.training.runs.folder import RunFolder, unwritable
 from sb3_piano.training.runs.saved import load_player, load_statistics, model_files, pack_weights
@@ -52,7 +53,7 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
     def __init__(
         self,
         run: RunFolder,
-        config: RunConfig | PlannedConfig,
+        config: PlayConfig,
         piece: str,
         model: BaseAlgorithm | PianoPolicy,
         venv: VecEnv,
@@ -95,8 +96,9 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
             ScoreError: If the score cannot be read.
         """
         run = RunFolder.open(folder)
-        changed = {} if physics is None else {"physics": physics}
-        config = run.read_config().alone(seed=seed, **changed)
+        config = dataclasses.replace(run.read_config().alone(), seed=seed)
+        if physics is not None:
+            config = config.in_env(physics=physics)
         chosen = None if score is None else load_score(score)
         model_file, statistics = model_files(run, config, best)
         recorders: list[EpisodeRecorder] = []
@@ -220,7 +222,7 @@ class _FixedPiece(gym.Wrapper[Any, Any, Any, Any]):
 
 
 def _check_playable(
-    run: RunFolder, config: RunConfig | PlannedConfig, env: Env, venv: VecEnv, score: Score
+    run: RunFolder, config: PlayConfig, env: Env, venv: VecEnv, score: Score
 ) -> None:
     if not isinstance(env.unwrapped, PianoEnv):
         raise ConfigError(
@@ -236,7 +238,7 @@ def _check_playable(
         ) from error
 
 
-def _own_piece(run: RunFolder, config: RunConfig | PlannedConfig, venv: VecEnv) -> str:
+def _own_piece(run: RunFolder, config: PlayConfig, venv: VecEnv) -> str:
     """Return what a run's own piece is called, by its file's name before it was copied.
 
     Where wrappers choose the piece, all that they may choose are named.
@@ -254,11 +256,10 @@ def _own_piece(run: RunFolder, config: RunConfig | PlannedConfig, venv: VecEnv) 
 @contextlib.contextmanager
 def run_to_record(
     folder: str | os.PathLike[str], *, best: str | None = None, start: float = 0.0
-) -> Iterator[tuple[SavedPlayer | PianoPolicy, Env, RunConfig | PlannedConfig]]:
+) -> Iterator[tuple[SavedPlayer | PianoPolicy, Env, PlayConfig]]:
     """Give a run's player, an environment with the run's wrappers, and its settings.
 
-    They are for :func:`~sb3_piano.demonstrations.record`, as long as the block lasts. The
-    environment has no wrappers but those that ``gymnasium.make`` can make again.
+    They are for :func:`~sb3_piano.demonstrations.record`, as long as the block lasts.
 
     Args:
         folder: The run's folder.
@@ -277,13 +278,25 @@ def run_to_record(
             f"Run '{folder}' cannot be recorded: it has {config.vec_env_wrapper[0].path} around "
             "the vector of its environments. Expected no vec_env_wrapper."
         )
-    with SavedPlayer.open(folder, best=best) as player:
-        env = build_env(config, (lambda env: PerturbedStart(env, start)) if start else None)
-        with contextlib.closing(env):
-            if isinstance(config, PlannedConfig):  # plays only where it is made for
-                yield build_planner(config, env), env, config
-            else:
-                yield player, env, config
+    with (
+        SavedPlayer.open(folder, best=best) as player,
+        contextlib.closing(env_to_record(config, start)) as env,
+    ):
+        planned = isinstance(config, PlannedConfig)  # such play only where they are made for
+        yield build_planner(config, env) if planned else player, env, config
+
+
+def env_to_record(config: PlayConfig, start: float = 0.0) -> Env:
+    """Return a run's environment with its wrappers, and none that ``gymnasium.make`` cannot make.
+
+    Args:
+        config: The run's settings.
+        start: How far the hands begin out of place, rad.
+
+    Raises:
+        ConfigError: If the environment or a wrapper refuses its arguments.
+    """
+    return build_env(config, (lambda env: PerturbedStart(env, start)) if start else None)
 
 
 def share(

@@ -29,8 +29,8 @@ from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.callbacks.run_context import EnvWrapper
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PianoPolicy
-from sb3_piano.training.configuration.algorithms import planner_class
-from sb3_piano.training.configuration.config import EnvConfig, PlannedConfig, RunConfig
+from sb3_piano.training.configuration.names import planner_class
+from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
 from sb3_piano.training.configuration.names import import_class, registered_id
 from sb3_piano.training.configuration.values import (
     accepts_schedule,
@@ -83,7 +83,7 @@ class _EpisodeFile(ResultsWriter):
 
 
 def build_env(
-    config: EnvConfig, innermost: EnvWrapper | None = None, log: EnvWrapper | None = None
+    config: PlayConfig, innermost: EnvWrapper | None = None, log: EnvWrapper | None = None
 ) -> Env:
     """Return one environment of a run.
 
@@ -108,7 +108,7 @@ def build_env(
 
 
 def build_vec_env(
-    config: RunConfig | PlannedConfig, innermost: EnvWrapper | None = None
+    config: PlayConfig, innermost: EnvWrapper | None = None
 ) -> VecEnv:
     """Return the vector of environments of a run.
 
@@ -122,7 +122,7 @@ def build_vec_env(
     Raises:
         ConfigError: If the environment or a wrapper refuses its arguments.
     """
-    if isinstance(config, PlannedConfig):
+    if not isinstance(config, RunConfig):
         return _seeded(DummyVecEnv([partial(build_env, config, innermost, EpisodeLog)]), config)
     training_process = os.getpid()
     log = partial(EpisodeLog, **config.monitor_kwargs)
@@ -150,7 +150,7 @@ def build_vec_env(
     return _normalized(config, venv)
 
 
-def _seeded(venv: VecEnv, config: EnvConfig) -> VecEnv:
+def _seeded(venv: VecEnv, config: PlayConfig) -> VecEnv:
     venv.seed(config.seed)
     return venv
 
@@ -180,7 +180,7 @@ def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
     return model
 
 
-def build_planner(config: PlannedConfig, env: Env | VecEnv) -> PianoPolicy:
+def build_planner(config: PlayConfig, env: Env | VecEnv) -> PianoPolicy:
     """Return what plays without training, in the environments that it is for.
 
     Raises:

@@ -5,14 +5,12 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import os
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
-import yaml
 from gymnasium.envs.registration import EnvSpec
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
@@ -21,13 +19,11 @@ from sb3_piano.callbacks import Checkpoint
 from sb3_piano.demonstrations import Cloning, clone_behaviour, open_dataset
 from sb3_piano.demonstrations.dataset import reading
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.files import write_text
 from sb3_piano.torch_threads import torch_threads
-from sb3_piano.training.builders import build_model, build_vec_env
-from sb3_piano.training.config import RunConfig
-from sb3_piano.training.plugins import Plugin
-from sb3_piano.training.run_folder import RunFolder
-from sb3_piano.training.yaml_config import load_config
+from sb3_piano.training.configuration.config import Plugin, RunConfig
+from sb3_piano.training.configuration.yaml_files import load_config
+from sb3_piano.training.runs.builders import build_model, build_vec_env
+from sb3_piano.training.runs.folder import RunFolder
 
 if TYPE_CHECKING:
     from minari import MinariDataset
@@ -108,17 +104,23 @@ def clone(
         n_envs=1,
         vec_env="dummy",
         normalize={"norm_reward": False} if normalize else False,
+        **({"learning_starts": 0} if prefill else {}),
     )
-    settings = _in_environment(spec, _with_networks(settings, net_arch))
-    if prefill:
-        settings = _with_prefill(settings, found)
+    arguments = settings.algorithm_kwargs
+    policy_kwargs = {**arguments.get("policy_kwargs", {}), "net_arch": list(net_arch)}
+    filled = (Plugin(path=_PREFILL, kwargs={"dataset": found.id}),) if prefill else ()
+    settings = dataclasses.replace(
+        _in_environment(spec, settings),
+        callback=(*filled, *settings.callback),
+        algorithm_kwargs={**arguments, "policy_kwargs": policy_kwargs},
+    )
     with (
         torch_threads(settings.num_threads),
         contextlib.closing(build_vec_env(settings)) as venv,
     ):
         model = build_model(settings, venv)
         run = RunFolder.create(settings, folder, runs_dir)
-        with run.owned(), _whole_or_not_at_all(run):
+        with run.owned(), run.whole_or_gone():
             cloning = clone_behaviour(
                 model,
                 found,
@@ -130,7 +132,8 @@ def clone(
             )
             _save(run, settings, model)
             facts = {"dataset": found.id, "epochs": epochs, "batch_size": batch_size}
-            _note(run, {**facts, "learning_rate": learning_rate, "loss": cloning.losses[-1]})
+            facts |= {"learning_rate": learning_rate, "loss": cloning.losses[-1]}
+            run.write_provenance({**run.read_provenance(), "cloned": facts})
     return CloneResult(folder=run, cloning=cloning)
 
 
@@ -148,16 +151,6 @@ def _environment(dataset: MinariDataset) -> EnvSpec:
     return env.spec
 
 
-@contextlib.contextmanager
-def _whole_or_not_at_all(run: RunFolder) -> Iterator[None]:
-    """Delete the folder of a run that gets no model."""
-    try:
-        yield
-    except BaseException:
-        shutil.rmtree(run.path, ignore_errors=True)
-        raise
-
-
 def _in_environment(spec: EnvSpec, config: RunConfig) -> RunConfig:
     """Return the settings with the arguments and wrappers of an environment, and no others."""
     registered = gym.spec(spec.id)
@@ -172,22 +165,6 @@ def _in_environment(spec: EnvSpec, config: RunConfig) -> RunConfig:
     return dataclasses.replace(config, env_kwargs=changed, env_wrapper=wrappers)
 
 
-def _with_networks(config: RunConfig, net_arch: Sequence[int]) -> RunConfig:
-    policy_kwargs = {**config.algorithm_kwargs.get("policy_kwargs", {}), "net_arch": list(net_arch)}
-    return dataclasses.replace(
-        config, algorithm_kwargs={**config.algorithm_kwargs, "policy_kwargs": policy_kwargs}
-    )
-
-
-def _with_prefill(config: RunConfig, dataset: MinariDataset) -> RunConfig:
-    plugin = Plugin(path=_PREFILL, kwargs={"dataset": dataset.id})
-    return dataclasses.replace(
-        config,
-        callback=(plugin, *config.callback),
-        algorithm_kwargs={**config.algorithm_kwargs, "learning_starts": 0},
-    )
-
-
 def _save(run: RunFolder, config: RunConfig, model: BaseAlgorithm) -> None:
     """Write the model, and the checkpoint of a training that has done no step yet."""
     folder = run.checkpoint_dir
@@ -197,18 +174,11 @@ def _save(run: RunFolder, config: RunConfig, model: BaseAlgorithm) -> None:
         num_timesteps=0,
         model="model-0.zip",
         vec_normalize=None if normalizer is None else "vecnormalize-0.pkl",
-        labels={"algo": config.algo, "env_id": config.env_id},
+        labels=config.labels,
     )
     for place in (run.model_file, folder / checkpoint.model):
         model.save(place)
     if isinstance(normalizer, VecNormalize):
-        for place in (run.model_file.with_name("vecnormalize.pkl"), folder / "vecnormalize-0.pkl"):
+        for place in (run.statistics_file, folder / "vecnormalize-0.pkl"):
             normalizer.save(str(place))
     checkpoint.write(folder)
-
-
-def _note(run: RunFolder, facts: Mapping[str, Any]) -> None:
-    """Add where the model comes from to the run's provenance."""
-    notes = yaml.safe_load(run.provenance_file.read_text(encoding="utf-8"))
-    notes["cloned"] = dict(facts)
-    write_text(run.provenance_file, yaml.safe_dump(notes, sort_keys=False))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import datetime
 import importlib.metadata
 import itertools
@@ -15,7 +14,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import torch
 import yaml
@@ -25,8 +24,8 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import write_text
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music.library import user_library
-from sb3_piano.training.configuration.algorithms import PLANNERS
-from sb3_piano.training.configuration.config import EnvConfig, PlannedConfig, RunConfig
+from sb3_piano.training.configuration.names import PLANNERS
+from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 
 FILE_OPTIONS = ("score", "fingering")
@@ -34,8 +33,6 @@ FILE_OPTIONS = ("score", "fingering")
 
 _EXPECTED = "expected a folder that 'sb3-piano train' made"
 _PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch")
-
-_Config = TypeVar("_Config", bound=EnvConfig)
 
 
 @dataclass(frozen=True)
@@ -68,7 +65,7 @@ class RunFolder:
     @classmethod
     def create(
         cls,
-        config: RunConfig | PlannedConfig,
+        config: PlayConfig,
         path: str | os.PathLike[str] | None = None,
         runs_dir: str | os.PathLike[str] = "runs",
     ) -> RunFolder:
@@ -195,26 +192,26 @@ class RunFolder:
         found = self.path.glob("best_*/best_model.zip")
         return sorted(file.parent.name.removeprefix("best_") for file in found)
 
-    def read_config(self) -> RunConfig | PlannedConfig:
+    def read_config(self) -> PlayConfig:
         """Return the run's settings; a score file is that of the folder, wherever it is now.
 
         Raises:
             ConfigError: If the file is damaged.
         """
         content = read_yaml_mapping(self.config_file)
-        kind = PlannedConfig if content.get("algo") in PLANNERS else RunConfig
+        kind: type[PlayConfig] = PlannedConfig if content.get("algo") in PLANNERS else RunConfig
         try:
-            config: RunConfig | PlannedConfig = kind.from_mapping(content)
+            config = kind.from_mapping(content)
         except ConfigError as error:
             raise ConfigError(f"'{self.config_file}': {error}") from error
         found = {name: self.path / file for name, file in _files(config).items()}
-        return _with_options(config, {n: str(path) for n, path in found.items() if path.is_file()})
+        return config.in_env(**{n: str(path) for n, path in found.items() if path.is_file()})
 
-    def write_config(self, config: RunConfig | PlannedConfig) -> None:
+    def write_config(self, config: PlayConfig) -> None:
         """Write the run's settings, a score file in this folder as a name relative to it."""
         ours = {n: Path(f).name for n, f in _files(config).items() if Path(f).parent == self.path}
-        config = _with_options(config, ours)
-        write_text(self.config_file, yaml.safe_dump(config.to_mapping(), sort_keys=False))
+        mapping = config.in_env(**ours).to_mapping()
+        write_text(self.config_file, yaml.safe_dump(mapping, sort_keys=False))
 
     def read_provenance(self) -> Mapping[str, Any]:
         """Return what is noted of the run's origin; nothing if that is gone or damaged."""
@@ -227,7 +224,7 @@ class RunFolder:
         """Note where the run comes from, in YAML's types."""
         write_text(self.provenance_file, yaml.safe_dump(dict(notes), sort_keys=False))
 
-    def _write(self, config: RunConfig | PlannedConfig) -> None:
+    def _write(self, config: PlayConfig) -> None:
         notes = provenance(config.seed)
         for option, text in _files(config).items():
             file = _file_meant(option, text)
@@ -235,7 +232,7 @@ class RunFolder:
                 notes[f"{option}_file"] = str(file)
                 copy = self.path / f"{option}{file.suffix}"
                 shutil.copyfile(file, copy)
-                config = _with_options(config, {option: str(copy)})
+                config = config.in_env(**{option: str(copy)})
         self.write_provenance(notes)
         self.write_config(config)
 
@@ -274,7 +271,7 @@ def _version(package: str) -> str | None:
         return None
 
 
-def _files(config: EnvConfig) -> dict[str, str]:
+def _files(config: PlayConfig) -> dict[str, str]:
     """Return the environment's options that may name files."""
     options = config.env_kwargs
     return {name: options[name] for name in FILE_OPTIONS if isinstance(options.get(name), str)}
@@ -286,10 +283,6 @@ def _file_meant(option: str, text: str) -> Path | None:
         return Path(text)
     library = user_library()
     return library.path(text) if option == "score" and text in library else None
-
-
-def _with_options(config: _Config, options: Mapping[str, str]) -> _Config:
-    return dataclasses.replace(config, env_kwargs={**config.env_kwargs, **options})
 
 
 def _first_free(parent: Path, env_id: str) -> Path:

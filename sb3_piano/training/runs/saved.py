@@ -26,7 +26,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import RunError, one_line
 from sb3_piano.planning import PianoPolicy
-from sb3_piano.training.configuration.config import PlannedConfig, RunConfig
+from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
 from sb3_piano.training.runs.builders import build_model, build_planner
 from sb3_piano.training.runs.folder import RunFolder
 
@@ -38,7 +38,7 @@ _FIELDS = ("mean", "var", "count")
 
 
 def model_files(
-    run: RunFolder, config: RunConfig | PlannedConfig, best: str | None = None
+    run: RunFolder, config: PlayConfig, best: str | None = None
 ) -> tuple[Path, Path | None]:
     """Return a model of a run and its statistics.
 
@@ -120,7 +120,7 @@ def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> B
 
 
 def load_player(
-    config: RunConfig | PlannedConfig, path: Path, venv: VecEnv
+    config: PlayConfig, path: Path, venv: VecEnv
 ) -> BaseAlgorithm | PianoPolicy:
     """Return what plays in a run, without what only training needs.
 
@@ -132,7 +132,7 @@ def load_player(
     Raises:
         RunError: If a saved model cannot be loaded.
     """
-    if isinstance(config, PlannedConfig):
+    if not isinstance(config, RunConfig):
         return build_planner(config, venv)
     # A replay buffer would be as large as in training.
     off_policy = issubclass(config.algorithm, OffPolicyAlgorithm)
@@ -164,7 +164,7 @@ def _model_of_weights(
     return model
 
 
-def load_statistics(config: RunConfig | PlannedConfig, path: Path | None, venv: VecEnv) -> None:
+def load_statistics(config: PlayConfig, path: Path | None, venv: VecEnv) -> None:
     """Set the statistics of ``VecNormalize``.
 
     Args:
@@ -191,7 +191,7 @@ def load_statistics(config: RunConfig | PlannedConfig, path: Path | None, venv: 
         raise _unusable(path, config, str(error)) from error
 
 
-def _unusable(path: Path, config: RunConfig | PlannedConfig, reason: str) -> RunError:
+def _unusable(path: Path, config: PlayConfig, reason: str) -> RunError:
     return RunError(
         f"Statistics '{path}' cannot be loaded ({reason}): expected those of VecNormalize for "
         f"{config.env_id!r}."
@@ -214,7 +214,7 @@ def pack_weights(model: BaseAlgorithm, config: RunConfig) -> bytes:
     return safetensors.torch.save(tensors, {**facts, "sha256": _digest(tensors, facts)})
 
 
-def read_weights(path: Path, config: RunConfig | PlannedConfig) -> tuple[Tensors, int]:
+def read_weights(path: Path, config: PlayConfig) -> tuple[Tensors, int]:
     """Return the tensors of a file that :func:`pack_weights` made for a run.
 
     Returns:

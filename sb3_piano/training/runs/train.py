@@ -36,7 +36,7 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import disk_refusal
 from sb3_piano.interrupts import StopRequest, stop_on_signal
 from sb3_piano.torch_threads import torch_threads
-from sb3_piano.training.configuration.algorithms import algorithm_class
+from sb3_piano.training.configuration.names import algorithm_class
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import registered_id
 from sb3_piano.training.runs.builders import Env, build_callbacks, build_model, build_vec_env

@@ -13,8 +13,8 @@ from optuna.trial import FrozenTrial, TrialState
 
 from sb3_piano.files import write_text
 from sb3_piano.metrics import DEFINITIONS
-from sb3_piano.training.env_ids import registered_id
-from sb3_piano.training.provenance import provenance
+from sb3_piano.training.configuration.names import registered_id
+from sb3_piano.training.runs.folder import provenance
 from sb3_piano.tuning.attributes import ORIGIN, PRESET, counting
 from sb3_piano.tuning.outcome.commands import train_command, zoo_command
 from sb3_piano.tuning.outcome.zoo_entry import zoo_entry

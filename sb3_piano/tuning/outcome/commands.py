@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sb3_piano.training.env_ids import registered_id
+from sb3_piano.training.configuration.names import registered_id
 from sb3_piano.tuning.study_config import StudyConfig
 
 # What a shell would not leave alone between double quotes.

@@ -13,7 +13,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from sb3_piano.files import write_text
 from sb3_piano.metrics import DEFINITIONS
-from sb3_piano.training.env_ids import registered_id
+from sb3_piano.training.configuration.names import registered_id
 from sb3_piano.tuning.attributes import FAILURE, ORIGIN, counting, repeated
 from sb3_piano.tuning.outcome.best import (
     CAVEAT,

@@ -8,7 +8,7 @@ from typing import Any
 import optuna
 from optuna.trial import FrozenTrial, TrialState
 
-from sb3_piano.training.csv_files import write_csv
+from sb3_piano.files import write_csv
 from sb3_piano.tuning.attributes import (
     FAILURE,
     FOLDER,

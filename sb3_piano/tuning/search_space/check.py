@@ -10,8 +10,8 @@ from typing import Any
 
 from sb3_piano.exceptions import ConfigError, SB3PianoError
 from sb3_piano.training import RunConfig, entry_config
-from sb3_piano.training.builders import build_model, build_vec_env
-from sb3_piano.training.coerce import coerce, linear_start, parameters_of
+from sb3_piano.training.configuration.values import coerce, linear_start, parameters_of
+from sb3_piano.training.runs.builders import build_model, build_vec_env
 from sb3_piano.tuning.search_space.entry_paths import (
     MISSING,
     outermost_first,

@@ -14,9 +14,8 @@ from optuna.distributions import CategoricalDistribution
 from optuna.trial import BaseTrial
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.training.import_names import full_name
-from sb3_piano.training.plain import plain
-from sb3_piano.training.zoo_text import parse_zoo_text
+from sb3_piano.training.configuration.names import full_name
+from sb3_piano.training.configuration.values import parse_zoo_text, plain
 from sb3_piano.tuning.search_space.parameter import Parameter, Stored, as_number
 
 # Numbers of which PyYAML makes text.

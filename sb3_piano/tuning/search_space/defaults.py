@@ -13,9 +13,8 @@ import gymnasium as gym
 from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, PianoEnvConfig
 from sb3_piano.envs.registration import ENTRY_POINT
 from sb3_piano.training import RunConfig
-from sb3_piano.training.algorithms import algorithm_class
-from sb3_piano.training.coerce import coerce_mapping, parameters_of
-from sb3_piano.training.env_ids import registered_id
+from sb3_piano.training.configuration.names import algorithm_class, registered_id
+from sb3_piano.training.configuration.values import coerce_mapping, parameters_of
 
 
 def with_defaults(algo: str, env_id: str, entry: Mapping[str, Any]) -> dict[str, Any]:

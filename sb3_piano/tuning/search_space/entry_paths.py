@@ -8,7 +8,7 @@ from typing import Any
 
 import sb3_piano.wrappers
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.training.coerce import coerce_mapping
+from sb3_piano.training.configuration.values import coerce_mapping
 from sb3_piano.tuning.search_space.zoo_source import Source, holds_class, opened, source
 
 MISSING = object()

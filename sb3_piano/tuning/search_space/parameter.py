@@ -9,7 +9,7 @@ from optuna.distributions import BaseDistribution
 from optuna.trial import BaseTrial
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.training.coerce import coerce
+from sb3_piano.training.configuration.values import coerce
 
 Stored = str | int | float | bool
 """What Optuna's stores hold."""

@@ -11,7 +11,7 @@ from optuna.distributions import FloatDistribution, IntDistribution
 from optuna.trial import BaseTrial
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.training.coerce import coerce
+from sb3_piano.training.configuration.values import coerce
 from sb3_piano.tuning.search_space.parameter import Parameter, as_number
 
 

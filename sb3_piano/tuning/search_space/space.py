@@ -13,7 +13,7 @@ from optuna.distributions import BaseDistribution
 from optuna.trial import BaseTrial
 
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.training.yaml_config import read_yaml_mapping
+from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 from sb3_piano.tuning.search_space.check import check_space
 from sb3_piano.tuning.search_space.entry_paths import (
     MISSING,

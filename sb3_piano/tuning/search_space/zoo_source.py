@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.training.coerce import coerce_mapping
-from sb3_piano.training.import_names import full_name, import_name, is_dotted
+from sb3_piano.training.configuration.names import full_name, import_name, is_dotted
+from sb3_piano.training.configuration.values import coerce_mapping
 
 
 class Source(str):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gymnasium as gym
 import numpy as np
 import pytest
+from acting import VEC_ENVS
 from stable_baselines3 import TD3
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
@@ -17,7 +18,6 @@ from stable_baselines3.common.vec_env import (
 from torch import nn
 
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.training.configuration.config import VEC_ENVS
 from sb3_piano.training.runs.builders import (
     algorithm_arguments,
     build_callbacks,

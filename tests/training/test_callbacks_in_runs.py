@@ -8,7 +8,7 @@ from typing import ClassVar
 import gymnasium as gym
 import pytest
 import torch
-from acting import parameters, scalars
+from acting import VEC_ENVS, parameters, scalars
 from every_callback import ENV_ID, LOGGED, check_what_was_written, tensorboard_names, write_yaml
 from stable_baselines3 import TD3
 from stable_baselines3.common.callbacks import BaseCallback
@@ -16,7 +16,6 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_piano.cli import main
 from sb3_piano.training import resume
-from sb3_piano.training.configuration.config import VEC_ENVS
 from sb3_piano.training.runs.builders import build_vec_env
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from sb3_piano.cli import main
-from sb3_piano.cli.metric_names import label, rounded, short_label
+from sb3_piano.cli.evaluate import label, rounded
 from sb3_piano.metrics import FINGER_SHARES
 
 STILL = np.zeros(39)
@@ -64,8 +64,6 @@ def test_metrics_stand_in_tables_with_their_units_and_those_from_elsewhere_by_th
     assert [label(name) for name in ("onset_f1", "onset_error_mean_ms", "grace")] == [
         "onset F1", "mean timing error, ms", "grace",
     ]  # fmt: skip
-    assert short_label("onset_f1") == "F1"
-    assert short_label("wrong_presses_per_second") == "wrong presses/s"
     assert (rounded("length", 25.0), rounded("f1", -0.0001), rounded("grace", -0.0001)) == (
         "25", "0.000", "0.000",
     )  # fmt: skip

@@ -14,7 +14,7 @@ import yaml
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.training import RunFolder, resume
-from sb3_piano.training import session as session_module
+from sb3_piano.training.runs import train as session_module
 
 pytestmark = pytest.mark.slow
 
@@ -82,7 +82,7 @@ def test_a_run_killed_at_any_time_goes_on_from_its_last_checkpoint(start, tmp_pa
     monkeypatch.setattr(
         session_module.Session,
         "run",
-        lambda self: (rows.append(self.model.replay_buffer.size()), real(self))[1],
+        lambda self, bar: (rows.append(self.model.replay_buffer.size()), real(self, bar))[1],
     )
     target = saved.num_timesteps + 150
     result = resume(tmp_path / "run", target, progress_bar=False)

@@ -15,7 +15,7 @@ from stable_baselines3 import TD3
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.training import RunFolder, resume, train
-from sb3_piano.training import session as session_module
+from sb3_piano.training.runs import train as session_module
 
 
 @pytest.mark.slow
@@ -87,9 +87,9 @@ def test_resuming_keeps_the_statistics_of_vec_normalize(run, monkeypatch):
     counts = []
     real = session_module.Session.run
 
-    def spy(self):
+    def spy(self, progress_bar):
         counts.append(self.model.get_vec_normalize_env().obs_rms.count)
-        return real(self)
+        return real(self, progress_bar)
 
     monkeypatch.setattr(session_module.Session, "run", spy)
     resume(first.folder.path, 80, progress_bar=False)

@@ -14,8 +14,8 @@ from stable_baselines3 import PPO, TD3
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.training import session as session_module
 from sb3_piano.training import train
+from sb3_piano.training.runs import train as session_module
 
 
 @pytest.mark.slow

@@ -172,11 +172,7 @@ class PlayConfig:
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
-        """Return the config that :meth:`to_mapping` wrote.
-
-        Raises:
-            ConfigError: If a key is unknown or missing, or a value is not valid.
-        """
+        """Return the config that :meth:`to_mapping` wrote."""
         return cls(**mapping)
 
     def _set(self, **values: Any) -> None:

@@ -73,9 +73,6 @@ def import_name(name: str) -> Any:
 
     Args:
         name: ``package.module.Class``, also with the Zoo's short names.
-
-    Raises:
-        ConfigError: If there is no such thing, or importing its module fails.
     """
     path = full_name(name)
     if not is_dotted(path):
@@ -119,9 +116,6 @@ def import_class(name: str, *bases: type) -> type:
 
     Whatever may be called later goes through here, so that no configuration can name a function
     such as ``os.system`` and have it called. The module is imported all the same.
-
-    Raises:
-        ConfigError: If there is no such thing, or it is no such class.
     """
     found = import_name(name)
     if not isinstance(found, type) or not issubclass(found, bases):
@@ -138,10 +132,6 @@ def registered_id(env_id: str, module: str | None = None) -> tuple[str | None, s
     Args:
         env_id: A registered id, or ``module:Id``; the module is imported.
         module: The module, if the id does not name one.
-
-    Raises:
-        ConfigError: If the module cannot be imported or does not register the environment, or no
-            such environment is registered then.
     """
     named, _, name = env_id.rpartition(":")
     module = named or module
@@ -172,12 +162,7 @@ def _import_registering(module: str, name: str) -> None:
 
 
 def algorithm_class(name: str) -> type[BaseAlgorithm]:
-    """Return the stock class of an algorithm.
-
-    Raises:
-        ConfigError: If the name is unknown, or of what is not trained.
-        ImportError: If its package is not installed.
-    """
+    """Return the stock class of an algorithm."""
     if name in PLANNERS:
         raise ConfigError(
             f"Algorithm {name!r} is not trained, it plays at once: expected 'sb3-piano plan', "

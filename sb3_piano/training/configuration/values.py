@@ -32,9 +32,6 @@ def plain(value: Any, key: str) -> Any:
     """Return a copy of a value in YAML's types.
 
     Tuples become lists; paths of files, and classes by their import paths, become text.
-
-    Raises:
-        ConfigError: If it is, or holds, anything that YAML cannot give back.
     """
     if value is None or type(value) in (bool, int, float, str):
         return value
@@ -63,9 +60,6 @@ def parse_zoo_text(text: str) -> Any:
 
     >>> parse_zoo_text("dict(net_arch=[64, 64], n_critics=2)")
     {'net_arch': [64, 64], 'n_critics': 2}
-
-    Raises:
-        ConfigError: If the text is anything else, or a name cannot be imported.
     """
     try:
         tree = ast.parse(text.strip(), mode="eval")
@@ -113,11 +107,7 @@ def _unreadable(node: ast.expr, text: str) -> ConfigError:
 
 
 def coerce_mapping(value: Any, key: str) -> dict[str, Any]:
-    """Return a mapping with text keys, given as such or as the Zoo's ``dict(...)``.
-
-    Raises:
-        ConfigError: If it is neither.
-    """
+    """Return a mapping with text keys, given as such or as the Zoo's ``dict(...)``."""
     parsed = parse_zoo_text(value) if isinstance(value, str) else value
     if not isinstance(parsed, Mapping) or not all(isinstance(name, str) for name in parsed):
         raise ConfigError(f"{key} is {value!r}: expected a mapping from names to values.")
@@ -146,9 +136,6 @@ def check_arguments(
         function: The class or function that they are for.
         reserved: Parameters that may not be given.
         also_known: Further names to suggest when one is unknown.
-
-    Raises:
-        ConfigError: If a name is unknown or reserved, or a value has the wrong type.
     """
     parameters = parameters_of(function)
     takes_any = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
@@ -177,9 +164,6 @@ def coerce(value: Any, annotation: Any, key: str) -> Any:
     integers are wanted, lists become tuples; where a schedule may stand, ``lin_0.001`` may. Classes
     stay import paths, written in full, and the fields of a dataclass a mapping. Annotations that
     plain values cannot satisfy accept all.
-
-    Raises:
-        ConfigError: If the value does not fit, naming key, value and expected type.
     """
     options = {_kind(option): option for option in _options(annotation)}
     wanted = [kind for kind in options if kind in _READERS]
@@ -208,11 +192,7 @@ def linear_start(value: Any) -> float | None:
 
 
 def classes_made(value: Any, key: str) -> Any:
-    """Return a copy in which text that is an import path has become the class that it names.
-
-    Raises:
-        ConfigError: If it names something else than a class of :data:`MODEL_PARTS`.
-    """
+    """Return a copy in which text that is an import path has become the class that it names."""
     if isinstance(value, dict):
         return {name: classes_made(item, f"{key}.{name}") for name, item in value.items()}
     if isinstance(value, list):

@@ -102,11 +102,7 @@ def _merged(entry: Any, overrides: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_yaml_mapping(path: Path) -> dict[Any, Any]:
-    """Return the mapping that a YAML file holds.
-
-    Raises:
-        ConfigError: If the file cannot be read, is no YAML, or holds something else.
-    """
+    """Return the mapping that a YAML file holds."""
     try:
         content = parse_yaml(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
@@ -122,11 +118,7 @@ def read_yaml_mapping(path: Path) -> dict[Any, Any]:
 
 
 def parse_yaml(text: str) -> Any:
-    """Return what YAML stands for.
-
-    Raises:
-        ConfigError: If it is none, or has a number or date that Python refuses.
-    """
+    """Return what YAML stands for."""
     try:
         return yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:

@@ -286,9 +286,6 @@ def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
     Args:
         source: A JSON file of ``sb3-piano evaluate``, the folder of an evaluated run, or a folder
             that holds such folders.
-
-    Raises:
-        RunError: If there is nothing of the kind, or a file is damaged.
     """
     path = Path(source)
     if path.is_file():

@@ -300,11 +300,7 @@ def evaluate_runs(
 
 
 def _checked(seeds: Seeds, episodes: int) -> tuple[int, ...]:
-    """Return seeds as a tuple.
-
-    Raises:
-        ConfigError: If there is no episode or no seed, a seed is below 0, or one is there twice.
-    """
+    """Return seeds as a tuple."""
     several = (seeds,) if isinstance(seeds, int) else tuple(seeds)
     if not several:
         raise ConfigError("There are no seeds: expected at least one.")

@@ -52,9 +52,6 @@ def summarize(values: npt.ArrayLike) -> Summary:
 
     Args:
         values: (n,) float, n at least 1.
-
-    Raises:
-        ValueError: If there is no value.
     """
     values = np.asarray(values, dtype=np.float64)
     if values.ndim != 1 or len(values) == 0:

@@ -266,11 +266,6 @@ def run_to_record(
         best: Play the best model by this metric, in place of the last one.
         start: How far the hands begin out of place, rad (see
             :class:`~sb3_piano.demonstrations.PerturbedStart`).
-
-    Raises:
-        ConfigError: If the run's config is damaged, or has wrappers around a vector of
-            environments, without which there is no playing.
-        RunError: If there is no run, or it has no model that can be loaded.
     """
     config = RunFolder.open(folder).read_config()
     if isinstance(config, RunConfig) and config.vec_env_wrapper:
@@ -292,9 +287,6 @@ def env_to_record(config: PlayConfig, start: float = 0.0) -> Env:
     Args:
         config: The run's settings.
         start: How far the hands begin out of place, rad.
-
-    Raises:
-        ConfigError: If the environment or a wrapper refuses its arguments.
     """
     return build_env(config, (lambda env: PerturbedStart(env, start)) if start else None)
 

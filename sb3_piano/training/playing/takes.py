@@ -199,9 +199,6 @@ def where_played(what: str) -> tuple[str, dict[str, Any]]:
 
     Args:
         what: An environment's id, a file such as MIDI, or a piece by its name.
-
-    Raises:
-        ConfigError: If it looks like a file and there is none.
     """
     if what in gym.registry:
         return what, {}
@@ -230,9 +227,6 @@ def planner_config(
         env_kwargs: Options of the environment, beside and before those of :data:`PLANNED_IN`.
         **arguments: Arguments of the planner, such as ``samples``; in plain values, mappings for
             its settings.
-
-    Raises:
-        ConfigError: If there is no such file, or an argument is unknown or does not fit.
     """
     env_id, options = where_played(what)
     return PlannedConfig(
@@ -259,11 +253,6 @@ def plan_run(
         config: What :func:`planner_config` returned.
         folder: The run's folder, new or empty; by default the next free one in ``runs_dir``.
         runs_dir: Where runs are kept.
-
-    Raises:
-        ConfigError: If environment or planner refuse their settings, or it is no piano.
-        RunError: If the folder cannot be used.
-        ScoreError: If the piece cannot be read or planned.
     """
     run = RunFolder.create(config, folder, runs_dir)
     with run.whole_or_gone(), _planner(config) as (player, env, piano):
@@ -283,10 +272,6 @@ def take_of_planner(
         config: What :func:`planner_config` returned.
         on_step: Is told how many control steps are over, and of how many. The first call, with 0,
             comes before planning.
-
-    Raises:
-        ConfigError: If environment or planner refuse their settings, or it is no piano.
-        ScoreError: If the piece cannot be read or planned.
     """
     with _planner(config) as (player, env, piano):
         observation, _ = env.reset(seed=config.seed)

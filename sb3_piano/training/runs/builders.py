@@ -91,9 +91,6 @@ def build_env(
         config: The run's settings.
         innermost: A wrapper for the bare environment.
         log: A wrapper around that, inside of the config's ``env_wrapper``.
-
-    Raises:
-        ConfigError: If the environment or a wrapper refuses its arguments.
     """
     env_kwargs = dict(config.env_kwargs)
     try:
@@ -118,9 +115,6 @@ def build_vec_env(
     Args:
         config: The run's settings.
         innermost: A wrapper for the bare environment.
-
-    Raises:
-        ConfigError: If the environment or a wrapper refuses its arguments.
     """
     if not isinstance(config, RunConfig):
         return _seeded(DummyVecEnv([partial(build_env, config, innermost, EpisodeLog)]), config)
@@ -156,12 +150,7 @@ def _seeded(venv: VecEnv, config: PlayConfig) -> VecEnv:
 
 
 def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
-    """Return the new model of a run, on its environments.
-
-    Raises:
-        ConfigError: If the algorithm refuses its arguments or the environment.
-        RunError: If its replay buffer cannot be saved.
-    """
+    """Return the new model of a run, on its environments."""
     arguments = algorithm_arguments(config)
     noise = _action_noise(config, venv)
     if noise is not None:
@@ -181,11 +170,7 @@ def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
 
 
 def build_planner(config: PlayConfig, env: Env | VecEnv) -> PianoPolicy:
-    """Return what plays without training, in the environments that it is for.
-
-    Raises:
-        ConfigError: If it refuses its arguments or the environment.
-    """
+    """Return what plays without training, in the environments that it is for."""
     made = planner_class(config.algo)
     parameters = parameters_of(made)
     arguments = {
@@ -198,11 +183,7 @@ def build_planner(config: PlayConfig, env: Env | VecEnv) -> PianoPolicy:
 
 
 def build_callbacks(config: RunConfig) -> list[BaseCallback]:
-    """Return the callbacks that the config names.
-
-    Raises:
-        ConfigError: If one refuses its arguments.
-    """
+    """Return the callbacks that the config names."""
     return [plugin() for plugin in config.callback]
 
 

@@ -51,9 +51,6 @@ def model_files(
         The model's file, and that of ``VecNormalize`` if the run normalises: a zip file and a
         pickle, or of a shared run its weights. What plays without training is all in the run's
         config.
-
-    Raises:
-        RunError: If one of them is nowhere.
     """
     normalizes = isinstance(config, RunConfig) and config.normalize is not False
     if run.weights_file.is_file():  # then nothing is unpickled, whatever else the folder holds
@@ -105,9 +102,6 @@ def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> B
         path: The model's zip file. Like all of SB3's it is unpickled: load only what you trust.
         venv: Environments with the spaces that the model was trained in.
         **changes: Attributes of the model to set before its networks and buffers are made.
-
-    Raises:
-        RunError: If the file is missing or damaged, or does not fit algorithm and environments.
     """
     device = config.algorithm_kwargs.get("device", "auto")
     try:
@@ -128,9 +122,6 @@ def load_player(
         config: The run's settings.
         path: As :func:`model_files` gives it.
         venv: The environments to play in.
-
-    Raises:
-        RunError: If a saved model cannot be loaded.
     """
     if not isinstance(config, RunConfig):
         return build_planner(config, venv)
@@ -171,9 +162,6 @@ def load_statistics(config: PlayConfig, path: Path | None, venv: VecEnv) -> None
         config: The run's settings.
         path: As :func:`model_files` gives it, pickled or plain arrays; ``None`` for nothing to do.
         venv: The environments, with ``VecNormalize`` outermost if there are statistics.
-
-    Raises:
-        RunError: If the file cannot be loaded or does not fit.
     """
     if path is None or not isinstance(venv, VecNormalize):
         return
@@ -219,9 +207,6 @@ def read_weights(path: Path, config: PlayConfig) -> tuple[Tensors, int]:
 
     Returns:
         The tensors, and the environment steps that the model was trained for.
-
-    Raises:
-        RunError: If the file is missing, damaged or of another run.
     """
     try:
         with safetensors.safe_open(path, framework="pt") as file:
@@ -273,11 +258,7 @@ def _normalization_tensors(normalizer: VecNormalize) -> Iterator[tuple[str, torc
 
 
 def _put_normalization(tensors: Tensors, normalizer: VecNormalize) -> None:
-    """Set the statistics.
-
-    Raises:
-        ValueError: If one is missing or unknown, has another shape, or cannot be one.
-    """
+    """Set the statistics."""
     found = {name: t for name, t in tensors.items() if name.startswith(_NORMALIZATION)}
     wanted = dict(_normalization_tensors(normalizer))
     if found.keys() != wanted.keys():

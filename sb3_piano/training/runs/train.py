@@ -101,7 +101,7 @@ def train(
         model, every_callback = build_model(config, venv), [*build_callbacks(config), *callbacks]
         run = RunFolder.create(config, folder, runs_dir)
         with _owned(run):
-            session = _Session(config, run, model, every_callback, None, checkpoint_every)
+            session = Session(config, run, model, every_callback, None, checkpoint_every)
             return session.run(progress_bar)
 
 
@@ -164,12 +164,12 @@ def resume(
             model = _restored(run, config, saved, venv)
             callbacks = build_callbacks(config)
             run.write_config(config)
-            session = _Session(config, run, model, callbacks, saved, checkpoint_every)
+            session = Session(config, run, model, callbacks, saved, checkpoint_every)
             return session.run(progress_bar)
 
 
 @dataclass(frozen=True)
-class _Session:
+class Session:
     """A model that is ready to train in a run's folder."""
 
     config: RunConfig
@@ -187,9 +187,6 @@ class _Session:
 
         Ctrl-C and SIGTERM end the training with a checkpoint. After any other exception the last
         checkpoint stays as it is.
-
-        Raises:
-            ConfigError: If the environment's ``info`` lacks one of ``info_keywords``.
         """
         started_at = self.model.num_timesteps
         self._open_logs()

@@ -60,10 +60,10 @@ def _plan(arguments: argparse.Namespace) -> int:
     from sb3_piano.training.playing.takes import plan_run
 
     config = _config(arguments, arguments.seed, env_options(arguments.set))
-    made = plan_run(config, arguments.out, runs_dir=arguments.runs_dir)
-    path = shlex.quote(str(made.folder.path))
-    print(f"{made.piece}: ready to play after {made.planning:.1f} s, without any training")
-    print(f"Run:         {made.folder.path}")
+    folder, piece, seconds = plan_run(config, arguments.out, runs_dir=arguments.runs_dir)
+    path = shlex.quote(str(folder.path))
+    print(f"{piece}: ready to play after {seconds:.1f} s, without any training")
+    print(f"Run:         {folder.path}")
     print(f"Evaluate:    sb3-piano evaluate {path}")
     print(f"Watch:       sb3-piano play {path}")
     return EXIT_OK

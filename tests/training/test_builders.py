@@ -56,7 +56,7 @@ def test_wrappers_stand_in_the_order_of_the_config(build):
     while isinstance(env, gym.Wrapper):
         names.append(type(env).__name__)
         env = env.env
-    assert names[:4] == ["TransformReward", "FlattenObservation", "EpisodeLog", "Monitor"]
+    assert names[:3] == ["TransformReward", "FlattenObservation", "EpisodeLog"]
 
 
 def test_normalisation_takes_its_arguments_and_the_discount_of_the_algorithm(build):

@@ -159,7 +159,7 @@ def test_an_environment_without_music_is_evaluated_too(capsys):
         ("train --midi small.yml --config small.yml", "small.yml"),
         ("train --midi a.mid --env Pendulum-v1", "--midi cannot be given with --env Pendulum-v1"),
         ("train --env Pendulum-v1 --config small.yml --vec-env x", "vec_env is 'x': expected one"),
-        ("train --env Pendulum-v1 --config small.yml --seed -1", "seed is -1: expected 0 or more"),
+        ("train --env Pendulum-v1 --config small.yml --seed -1", "seed is -1: expected a whole"),
         ("train --env Pendulum-v1 --config small.yml --run full", "Folder 'full' is not empty"),
         ("train --env Pendulum-v1", "info_keywords has 'precision', which the info of 'Pendulum"),
         ("train --resume nowhere", "There is no folder 'nowhere'"),

@@ -187,7 +187,7 @@ def test_episodes_of_several_seeds_are_those_of_each_seed_alone(pendulum_run):
     assert together.mean["return"] == pytest.approx(np.mean(returns))
     low, high = together.summary["return"].interval
     assert min(returns) <= low < together.mean["return"] < high <= max(returns)
-    assert together.to_json()["interval"]["return"] == [low, high]
+    assert together.to_json()["interval"]["return"] == (low, high)
     assert "return" not in together.to_json()["no_interval"]
 
 

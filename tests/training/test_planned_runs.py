@@ -20,7 +20,7 @@ from sb3_piano.exceptions import ConfigError, PlanWarning, RunError
 from sb3_piano.music import Note, Pedal, Score, read_midi, write_midi
 from sb3_piano.planning import PlannedPianist, PlanSettings
 from sb3_piano.planning.sampling import PredictiveSampling, SamplingNoise
-from sb3_piano.training import PLANNERS, RunConfig, RunFolder, SavedPlayer, evaluate
+from sb3_piano.training import PLANNERS, PlannedConfig, RunFolder, SavedPlayer, evaluate
 from sb3_piano.training.playing.player import run_to_record
 from sb3_piano.training.playing.takes import PLANNED_IN, plan_run, planner_config, take_of_planner
 
@@ -68,7 +68,7 @@ def expected(tmp_path_factory):
 
 def zero_run(folder="zero", **changes):
     config = planner_config("tune.mid", "sampling", env_kwargs=FAST, **{**ZERO, **changes})
-    return plan_run(config, folder).folder
+    return plan_run(config, folder)[0]
 
 
 @pytest.mark.slow
@@ -115,10 +115,10 @@ def test_a_run_keeps_the_score_and_what_was_chosen():
         noise={"finger": 0.3, "knots": 4},
         **ZERO,
     )
-    made = plan_run(config, "run")
+    run, piece, _ = plan_run(config, "run")
     Path("tune.mid").unlink()
-    assert made.piece == "tune"
-    read = made.folder.read_config()
+    assert piece == "tune"
+    read = run.read_config()
     changed = {"reduced_action_space": True, "score": "run/score.mid"}
     assert read.env_kwargs == {**PLANNED_IN, **FAST, **changed}
     assert (read.algo, read.seed) == ("sampling", 3)
@@ -134,7 +134,7 @@ def test_a_run_keeps_the_score_and_what_was_chosen():
 
 def test_the_constants_of_a_plan_are_settings_of_its_run():
     config = planner_config("tune.mid", env_kwargs=FAST, settings={"hover": "0.02", "rounds": 3})
-    assert RunConfig.from_mapping(yaml.safe_load(yaml.safe_dump(config.to_mapping()))) == config
+    assert PlannedConfig.from_mapping(yaml.safe_load(yaml.safe_dump(config.to_mapping()))) == config
     config = planner_config("tune.mid", env_kwargs=FAST, settings={"leap_more": [0.1, 0.2]})
     run = RunFolder.create(config, "run")
     with SavedPlayer.open(run.path) as player:
@@ -204,7 +204,7 @@ def test_what_is_not_trained_is_told_so_in_one_way(algo, capsys, caplog):
         (["nothing.mid"], "There is no 'nothing.mid': expected an environment's id, a file"),
         (["Nothing"], "Unknown piece 'Nothing'"),
         (["tune.mid", "--set", "fysics=fast"], "Did you mean 'physics'"),
-        (["tune.mid", "--seed", "-1"], "seed is -1: expected 0 or more"),
+        (["tune.mid", "--seed", "-1"], "seed is -1: expected a whole number, 0 or more"),
         (["tune.mid", "--nominal", "none"], "--nominal cannot be given without --sampling"),
         (["tune.mid", "--horizon", "3"], "--horizon cannot be given without --sampling"),
         (["tune.mid", "--sampling", "2", "--nominal", "plant"], "Did you mean 'plan'"),

@@ -108,7 +108,7 @@ def test_a_piece_that_cannot_be_read_is_refused(piano_run):
 
 def test_numbers_out_of_range_are_refused(pendulum_run):
     folder = pendulum_run()
-    with pytest.raises(ConfigError, match="seed is -1: expected 0 or more"):
+    with pytest.raises(ConfigError, match="seed is -1: expected a whole number, 0 or more"):
         SavedPlayer.open(folder.path, seed=-1)
     with SavedPlayer.open(folder.path) as player:
         with pytest.raises(ConfigError, match="episodes is 0: expected 1 or more"):

@@ -104,7 +104,7 @@ def test_a_shared_piano_is_evaluated_reported_and_played(piano_run, tmp_path, un
 
 @pytest.mark.slow
 def test_what_plays_without_training_is_shared_too(tmp_path, midi_file):
-    run = plan_run(planner_config(str(midi_file)), tmp_path / "planned").folder
+    run = plan_run(planner_config(str(midi_file)), tmp_path / "planned")[0]
     shared = share(run.path, tmp_path / "shared")
     assert {f.name for f in shared.path.iterdir()} == {"config.yml", "run.yml", "score.mid"}
 

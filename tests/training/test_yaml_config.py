@@ -99,7 +99,7 @@ def test_an_environment_without_entry_is_answered_with_the_nearest_one(zoo_file)
         ("", r"a\.yml' holds NoneType at the top level"),
         ("x: !!python/object/apply:os.getcwd []", "is not valid YAML: could not determine"),
         ("default:", r"a\.yml', entry 'default': It holds None: expected a mapping of hyper"),
-        ("default: {gamma: 0.9}", "entry 'default': Key 'n_timesteps' is missing"),
+        ("default: {gamma: 0.9}", "entry 'default': n_timesteps is missing"),
         ("Pendulum-v1: {n_timesteps: 5, gama: 1}", "entry 'Pendulum-v1': Unknown key 'gama' for"),
         ("default: {n_timesteps: 5, tau: low}", "a.yml', entry 'default': tau is 'low': expected"),
         ("default: {n_timesteps: 5, 3: 4}", "entry 'default': algorithm_kwargs is .* from names"),

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, Self
 
 import gymnasium as gym
-from annotated_types import Ge
+from annotated_types import Ge, Le
 from pydantic import BeforeValidator, ValidationInfo
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
@@ -221,7 +221,7 @@ class RunConfig(PlayConfig):
         ConfigError: If a setting is unknown, has the wrong type or is out of range.
     """
 
-    n_timesteps: Annotated[_Whole, Ge(1)]
+    n_timesteps: Annotated[_Whole, Ge(1), Le(10**15)]
     """Environment steps to train for, over all environments together; at least 1."""
     policy: str = "MlpPolicy"
     """A policy of the algorithm by its short name, or the import path of one."""

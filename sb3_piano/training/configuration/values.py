@@ -180,11 +180,6 @@ def coerce(value: Any, annotation: Any, key: str) -> Any:
     raise ConfigError(f"{key} is {value!r}: expected {expected}.")
 
 
-def accepts_schedule(annotation: Any) -> bool:
-    """Return whether a parameter takes a function of the remaining progress."""
-    return any(_kind(option) is collections.abc.Callable for option in _options(annotation))
-
-
 def linear_start(value: Any) -> float | None:
     """Return the ``x`` of ``"lin_x"``, or ``None`` for anything else."""
     match = _LINEAR.fullmatch(value) if isinstance(value, str) else None
@@ -255,14 +250,12 @@ def _same(kind: type) -> _Reader:
     return lambda value, of, key: value if isinstance(value, kind) else _UNFIT
 
 
-def _read_whole(value: Any, of: tuple[Any, ...], key: str) -> Any:
-    number = _number(value)
-    return _UNFIT if number is None or number != int(number) else int(number)
+def _read_number(kind: type) -> _Reader:
+    def read(value: Any, of: tuple[Any, ...], key: str) -> Any:
+        number = _number(value)
+        return _UNFIT if number is None or number != kind(number) else kind(number)
 
-
-def _read_float(value: Any, of: tuple[Any, ...], key: str) -> Any:
-    number = _number(value)
-    return _UNFIT if number is None else float(number)
+    return read
 
 
 def _read_schedule(value: Any, of: tuple[Any, ...], key: str) -> Any:
@@ -289,32 +282,30 @@ def _read_mapping(value: Any, of: tuple[Any, ...], key: str) -> Any:
     return {n: coerce(item, of[1] if of else Any, f"{key}.{n}") for n, item in items}
 
 
-def _read_list(value: Any, of: tuple[Any, ...], key: str) -> Any:
-    if not isinstance(value, (list, tuple)):
-        return _UNFIT
-    return [coerce(item, of[0] if of else Any, f"{key}[{i}]") for i, item in enumerate(value)]
+def _read_sequence(kind: type) -> _Reader:
+    def read(value: Any, of: tuple[Any, ...], key: str) -> Any:
+        if not isinstance(value, (list, tuple)):
+            return _UNFIT
+        if not of or kind is list or of[-1] is Ellipsis:
+            of = (of[:1] or (Any,)) * len(value)
+        if len(of) != len(value):
+            return _UNFIT
+        pairs = enumerate(zip(value, of, strict=True))
+        return kind(coerce(item, annotation, f"{key}[{i}]") for i, (item, annotation) in pairs)
 
-
-def _read_tuple(value: Any, of: tuple[Any, ...], key: str) -> Any:
-    if not of or of[-1] is Ellipsis:
-        items = _read_list(value, of, key)
-        return items if items is _UNFIT else tuple(items)
-    if not isinstance(value, (list, tuple)) or len(value) != len(of):
-        return _UNFIT
-    pairs = enumerate(zip(value, of, strict=True))
-    return tuple(coerce(item, annotation, f"{key}[{i}]") for i, (item, annotation) in pairs)
+    return read
 
 
 _READERS: Mapping[Any, tuple[str, _Reader]] = {
     type(None): ("null", _same(type(None))),
     bool: ("true or false", _same(bool)),
-    int: ("a whole number", _read_whole),
-    float: ("a number", _read_float),
+    int: ("a whole number", _read_number(int)),
+    float: ("a number", _read_number(float)),
     collections.abc.Callable: ("lin_<number>", _read_schedule),
     type: ("an import path", _read_class),
     dict: ("a mapping", _read_mapping),
-    list: ("a list", _read_list),
-    tuple: ("a list", _read_tuple),
+    list: ("a list", _read_sequence(list)),
+    tuple: ("a list", _read_sequence(tuple)),
     str: ("text", _same(str)),
 }
 """Types that plain values can satisfy, in words, with how they are read. Numbers come before text,

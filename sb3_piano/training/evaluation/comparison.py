@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from sb3_piano.envs import PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, RunError, near_names, one_line
@@ -325,11 +325,19 @@ def _read_file(file: Path) -> list[SavedEpisodes]:
         raise RunError(
             f"'{file}' cannot be read: {error.strerror}. Expected a JSON file."
         ) from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise _no_evaluation(file, f"{place}: {first['msg']}") from error
     except (ValueError, AttributeError) as error:
-        raise RunError(
-            f"'{file}' holds no evaluation ({one_line(error)}): expected a file that "
-            "'sb3-piano evaluate' of this version wrote."
-        ) from error
+        raise _no_evaluation(file, one_line(error)) from error
     if not found:
         raise RunError(f"'{file}' holds no evaluation: no run could be evaluated then.")
     return found
+
+
+def _no_evaluation(file: Path, reason: str) -> RunError:
+    return RunError(
+        f"'{file}' holds no evaluation ({reason}): expected a file that 'sb3-piano evaluate' of "
+        "this version wrote."
+    )

@@ -72,11 +72,9 @@ def bootstrap_interval(values: npt.ArrayLike) -> Interval | None:
 
     The percentile method: the 2.5 % and 97.5 % quantiles of the means of 9999 resamples. It stays
     within the values, so that the interval of a score in [0, 1] does too, and is what rliable uses.
-    The corrections of the BCa method are themselves estimated from the values, and gain nothing
-    with so few: from 3, 5, 10 and 20 values, intervals of the percentile method covered the true
-    mean in 73, 82, 88 and 91 %, those of BCa in 70, 82, 88 and 92 % (of 3000 and 1500 draws, a
-    third each normal, exponential and beta(2, 8)). So from few values any interval is too narrow
-    for its name.
+    From few values any interval is too narrow for its name: from 3, 5, 10 and 20, those of this
+    method covered the true mean in 73, 82, 88 and 91 % of 3000 draws, a third each normal,
+    exponential and beta(2, 8); those of the BCa method in 70, 82, 88 and 92 % of 1500.
 
     Args:
         values: (n,) float.

@@ -167,18 +167,6 @@ def take_of_score(score: Score, *, physics: str = "reference") -> Take:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlannedRun:
-    """What :func:`plan_run` made."""
-
-    folder: RunFolder
-    """The run's folder."""
-    piece: str
-    """What is played."""
-    planning: float
-    """How long it took to plan it, s."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class PlannedTake:
     """What :func:`take_of_planner` played."""
 
@@ -243,7 +231,7 @@ def plan_run(
     folder: str | os.PathLike[str] | None = None,
     *,
     runs_dir: str | os.PathLike[str] = "runs",
-) -> PlannedRun:
+) -> tuple[RunFolder, str, float]:
     """Make the folder of a run that plays without training, once it is known to work.
 
     The plan is made, so that a :class:`~sb3_piano.exceptions.PlanWarning` tells what cannot be
@@ -253,14 +241,16 @@ def plan_run(
         config: What :func:`planner_config` returned.
         folder: The run's folder, new or empty; by default the next free one in ``runs_dir``.
         runs_dir: Where runs are kept.
+
+    Returns:
+        The run's folder, the name of what is played, and how long it took to plan it, s.
     """
     run = RunFolder.create(config, folder, runs_dir)
     with run.whole_or_gone(), _planner(config) as (player, env, piano):
         observation, _ = env.reset(seed=config.seed)
         start = time.perf_counter()
         player.predict(observation)
-        seconds = time.perf_counter() - start
-        return PlannedRun(folder=run, piece=piano.score.title, planning=seconds)
+        return run, piano.score.title, time.perf_counter() - start
 
 
 def take_of_planner(

@@ -33,7 +33,6 @@ from sb3_piano.training.configuration.names import planner_class
 from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
 from sb3_piano.training.configuration.names import import_class, registered_id
 from sb3_piano.training.configuration.values import (
-    accepts_schedule,
     classes_made,
     dataclass_made,
     linear_start,
@@ -189,14 +188,11 @@ def build_callbacks(config: RunConfig) -> list[BaseCallback]:
 
 def algorithm_arguments(config: RunConfig) -> dict[str, Any]:
     """Return the arguments of the algorithm's constructor with classes and schedules made."""
-    parameters = parameters_of(config.algorithm)
     arguments = {}
     for name, value in config.algorithm_kwargs.items():
         start = linear_start(value)
-        if start is not None and accepts_schedule(parameters[name].annotation):
-            arguments[name] = LinearSchedule(start, 0.0, 1.0)
-        else:
-            arguments[name] = classes_made(value, name)
+        made = classes_made(value, name) if start is None else LinearSchedule(start, 0.0, 1.0)
+        arguments[name] = made
     return arguments
 
 

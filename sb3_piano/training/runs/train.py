@@ -146,7 +146,13 @@ def resume(
         config = run.read_config()
         algorithm_class(config.algo)  # what is not trained is told before anything is done
         assert isinstance(config, RunConfig), "all else is not trained"
-        _check_expected(run, config, algo, env_id)
+        expected = {"algo": algo, "env_id": None if env_id is None else registered_id(env_id)[1]}
+        for name, actual in config.labels.items():
+            if expected[name] not in (None, actual):
+                raise ConfigError(
+                    f"Run '{run.path}' has {name} {actual!r}, not {expected[name]!r}: expected the "
+                    "same, or a new run."
+                )
         if steps is not None:
             config = dataclasses.replace(config, n_timesteps=steps)
         saved = Checkpoint.read(run.checkpoint_dir)
@@ -333,19 +339,6 @@ def _closing(venv: VecEnv) -> Iterator[VecEnv]:
         # Closing must not hide why an environment's process has gone.
         with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
             venv.close()
-
-
-def _check_expected(
-    run: RunFolder, config: RunConfig, algo: str | None, env_id: str | None
-) -> None:
-    expected = {"algo": algo, "env_id": None if env_id is None else registered_id(env_id)[1]}
-    for name, value in expected.items():
-        actual = config.labels[name]
-        if value is not None and value != actual:
-            raise ConfigError(
-                f"Run '{run.path}' has {name} {actual!r}, not {value!r}: expected the same, or a "
-                "new run."
-            )
 
 
 def _check_labels(run: RunFolder, config: RunConfig, saved: Checkpoint | None) -> None:

@@ -98,7 +98,7 @@ def _chosen(names: Sequence[str], collection: str | None) -> dict[str, Piece]:
 def _features(
     pieces: Mapping[str, Piece], arguments: argparse.Namespace, failures: list[str]
 ) -> dict[str, Features]:
-    from sb3_piano.music.library.measured import piece_features
+    from sb3_piano.music.library import piece_features
 
     found = {}
     with progress_bar(arguments, "pieces") as tell:

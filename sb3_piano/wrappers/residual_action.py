@@ -1,4 +1,4 @@
-"""What an agent adds to the playing of the planned pianist."""
+"""Residual actions: corrections of the planned pianist by an agent."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs import ObservationBlock, ObservationLayout
-from sb3_piano.exceptions import ConfigError, InvalidActionError, near_names
+from sb3_piano.exceptions import ConfigError, InvalidActionError
 from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning import PlanSettings, Tracker, Trackers
 from sb3_piano.planning.pianist import action_of
-from sb3_piano.settings import Count, Positive, checked
+from sb3_piano.settings import Count, Positive, checked, refuse_unknown
 from sb3_piano.simulation import PianoScene
-from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
-from sb3_piano.wrappers.piano import layout_of, piano_of
+from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, piano_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -163,15 +162,9 @@ def _check_actions(env: gym.Env[Any, Any]) -> None:
 def _settings(given: Any) -> PlanSettings:
     if given is None:
         return PlanSettings()
-    if not isinstance(given, Mapping):
-        raise ConfigError(f"settings is {given!r}: expected a mapping of names to numbers.")
+    checked("settings", given, Mapping)
     known = [field.name for field in dataclasses.fields(PlanSettings)]
-    for name in given:
-        if name not in known:
-            raise ConfigError(
-                f"settings has the unknown name {name!r}.{near_names(str(name), known)} Expected "
-                f"one of {', '.join(known)}."
-            )
+    refuse_unknown(given, known, "name", "settings")
     # YAML has lists only.
     values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in given.items()}
     return PlanSettings(**values)

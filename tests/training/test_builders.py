@@ -7,11 +7,8 @@ import numpy as np
 import pytest
 from acting import VEC_ENVS
 from stable_baselines3 import TD3
-from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
 from stable_baselines3.common.vec_env import (
-    DummyVecEnv,
-    SubprocVecEnv,
     VecCheckNan,
     VecNormalize,
 )
@@ -24,7 +21,6 @@ from sb3_piano.training.runs.builders import (
     build_model,
     build_vec_env,
 )
-from sb3_piano.vec_env import ThreadVecEnv
 
 
 @pytest.fixture
@@ -88,20 +84,6 @@ def test_episodes_are_written_to_monitor_files_once_they_have_a_place(
     assert [episode["r"] for episode in episodes] == pytest.approx(expected, abs=1e-4)
 
 
-@pytest.mark.slow
-def test_each_kind_of_vector_has_its_class(build):
-    kinds = [type(build(vec_env=vec_env, n_envs=2)) for vec_env in VEC_ENVS]
-    assert kinds == [DummyVecEnv, ThreadVecEnv, SubprocVecEnv]
-
-
-def test_the_monitor_gets_its_keywords(build):
-    venv = build(monitor_kwargs={"info_keywords": ["TimeLimit.truncated"]})
-    monitor = venv.envs[0]
-    while not isinstance(monitor, Monitor):
-        monitor = monitor.env
-    assert monitor.info_keywords == ("TimeLimit.truncated",)
-
-
 @pytest.mark.parametrize("vec_env", VEC_ENVS)
 def test_an_environment_that_refuses_its_arguments_is_named(build, vec_env):
     with pytest.raises(ConfigError, match="'Pendulum-v1' cannot be made with .*'gravity'"):
@@ -157,14 +139,6 @@ def test_a_replay_buffer_that_cannot_be_saved_is_refused_before_training(build, 
     changes = {"algorithm_kwargs": {"buffer_size": 1}}
     with pytest.raises(RunError, match="A ReplayBuffer of 1 row"):
         build_model(small_config(**changes), build(**changes))
-
-
-def test_callbacks_are_made_with_their_arguments(small_config, tmp_path):
-    path = "stable_baselines3.common.callbacks.CheckpointCallback"
-    (callback,) = build_callbacks(
-        small_config(callback={path: {"save_freq": 7, "save_path": str(tmp_path)}})
-    )
-    assert callback.save_freq == 7
 
 
 def test_a_callback_that_refuses_its_arguments_is_an_error(small_config):

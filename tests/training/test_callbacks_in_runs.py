@@ -1,8 +1,11 @@
-"""Callbacks in ``sb3-piano train``: they get environment and folder from the run."""
+"""Callbacks in ``sb3-piano train``, where environment and folder are the run's, and in RL Zoo."""
 
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from typing import ClassVar
 
 import gymnasium as gym
@@ -142,3 +145,23 @@ def test_every_callback_from_one_yaml_file_in_sb3_piano_train(midi_file, tmp_pat
     found = tensorboard_names(tmp_path / "run" / "tensorboard" / "run_1")
     assert set(found) >= LOGGED
     assert set(found["eval/onset_f1"]) == {100, 200}
+
+
+@pytest.mark.slow
+def test_every_callback_from_one_yaml_file_in_the_stock_zoo(midi_file, tmp_path):
+    pytest.importorskip("rl_zoo3")
+    write_yaml(tmp_path / "all.yml", midi_file, tmp_path)
+    command = [sys.executable, "-m", "rl_zoo3.train", "--algo", "td3", "--env", ENV_ID]
+    command += ["--gym-packages", "sb3_piano", "--conf-file", str(tmp_path / "all.yml")]
+    command += ["--seed", "1", "--log-folder", str(tmp_path / "logs"), "--eval-freq", "-1"]
+    command += ["--tensorboard-log", str(tmp_path / "tb"), "--log-interval", "1"]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    check_what_was_written(tmp_path)
+    found = tensorboard_names(tmp_path / "tb" / ENV_ID / "TD3_1")
+    assert set(found) >= LOGGED
+    assert set(found["eval/onset_f1"]) == {100, 200}
+    # the evaluations, of 25 steps each, left no line in the training's file
+    run = tmp_path / "logs" / "td3" / f"{ENV_ID}_1"
+    assert len((run / "0.monitor.csv").read_text().splitlines()) == 2 + 200 // 25

@@ -69,20 +69,6 @@ def test_a_midi_file_is_trained_evaluated_and_trained_on(midi_file, tmp_path, ca
     assert "Trained for 80 steps." in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("algo", ["sac", "tqc"])
-def test_a_preset_trains_as_it_is(algo, capsys):
-    """Its 5000 steps without learning are not reached; all else is built."""
-    env_id = "RoboPianist-debug-CMajorScaleOneHand-v0"
-    assert main(["train", "--algo", algo, "--env", env_id, "--steps", "3", "--no-progress"]) == 0
-    assert "Trained for 3 steps." in capsys.readouterr().out
-
-
-def test_a_piece_can_be_named(capsys):
-    arguments = ["--midi", "CMajorScaleOneHand", "--config", "small.yml", "--steps", "3"]
-    assert main(["train", *arguments, "--no-progress", "--run", "here"]) == 0
-    assert "Model:       here/model.zip" in capsys.readouterr().out
-
-
 def test_fingers_are_found_for_a_file_without_labels(tmp_path, capsys):
     notes = [Note(onset=0.5 * i, offset=0.5 * i + 0.4, pitch=60 + 2 * i) for i in range(3)]
     write_midi(Score(notes=notes), tmp_path / "plain.mid")

@@ -122,13 +122,3 @@ def test_ctrl_c_saves_and_prints_how_to_go_on(start, tmp_path, vec_env):
     assert f"Interrupted after {saved.num_timesteps} of 1000000 steps." in out
     assert "sb3-piano train --resume run" in out
     assert "Traceback" not in err
-
-
-def test_sigterm_saves_too(start, tmp_path):
-    process = start()
-    monitor = tmp_path / "run" / "monitor" / "0.monitor.csv"
-    wait_for(lambda: monitor.exists() and monitor.read_text().count("\n") > 3, process)
-    process.terminate()
-    assert process.wait(timeout=DEADLINE) == 130
-    folder = RunFolder.open(tmp_path / "run")
-    assert Checkpoint.read(folder.checkpoint_dir).num_timesteps > 0

@@ -231,7 +231,7 @@ class RunConfig(PlayConfig):
     """``dummy``: one plays after the other; ``threads``: in threads of this process; ``subproc``:
     each in a process of its own."""
     num_threads: Annotated[_Whole, Ge(1)] | None = None
-    """Threads of torch, at least 1; by default as :func:`~sb3_piano.torch_threads.torch_threads`
+    """Threads of torch, at least 1; by default as :func:`~sb3_piano.threads.torch_threads`
     chooses: one, unless ``OMP_NUM_THREADS`` or ``MKL_NUM_THREADS`` is set."""
     vec_env_wrapper: Annotated[_Plugins, _plugins_below(VecEnvWrapper)] = ()
     """Wrappers put around the vector of environments, the first one innermost."""

@@ -16,6 +16,7 @@ from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError
 from sb3_piano.files import write_csv, write_json
 from sb3_piano.music import Score, load_score, write_midi
 from sb3_piano.music.difficulty import MotionRecording, write_motion
+from sb3_piano.settings import Count, Index, checked
 from sb3_piano.training.evaluation.statistics import Summary, summarize
 from sb3_piano.training.playing.player import SavedPlayer
 from sb3_piano.training.runs.folder import RunFolder
@@ -305,15 +306,13 @@ def _checked(seeds: Seeds, episodes: int) -> tuple[int, ...]:
     if not several:
         raise ConfigError("There are no seeds: expected at least one.")
     for seed in several:
-        if seed < 0:
-            raise ConfigError(f"seed is {seed}: expected 0 or more.")
+        checked("seed", seed, Index)
         if several.count(seed) > 1:
             raise ConfigError(
                 f"seed {seed} is given {several.count(seed)} times: expected each seed once, as "
                 "its episodes would only be counted again."
             )
-    if episodes < 1:
-        raise ConfigError(f"episodes is {episodes}: expected 1 or more.")
+    checked("episodes", episodes, Count)
     return several
 
 

@@ -23,7 +23,8 @@ from sb3_piano.exceptions import ConfigError, RunError, ScoreError
 from sb3_piano.files import write_bytes
 from sb3_piano.music import Score, load_score
 from sb3_piano.planning import PianoPolicy
-from sb3_piano.torch_threads import torch_threads
+from sb3_piano.settings import Count, Index, checked
+from sb3_piano.threads import torch_threads
 from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
 from sb3_piano.training.runs.builders import Env, build_env, build_planner, build_vec_env
 from sb3_piano.training.runs.folder import RunFolder, unwritable
@@ -141,9 +142,8 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         Raises:
             ConfigError: If a number is out of range.
         """
-        if episodes < 1:
-            raise ConfigError(f"episodes is {episodes}: expected 1 or more.")
-        return list(itertools.islice(self.episodes(seed=seed), episodes))
+        count = checked("episodes", episodes, Count)
+        return list(itertools.islice(self.episodes(seed=seed), count))
 
     def episodes(self, *, seed: int | None = None) -> Iterator[Recording]:
         """Play as :meth:`play` does without end, each episode as it is asked for.
@@ -186,9 +186,7 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
             return self.model.predict(observation, state, starts, deterministic=deterministic)
 
     def _record(self, seed: int | None, *, resting: bool) -> Iterator[Recording]:
-        seed = self.config.seed if seed is None else seed
-        if seed is not None and seed < 0:
-            raise ConfigError(f"seed is {seed}: expected 0 or more.")
+        seed = checked("seed", self.config.seed if seed is None else seed, Index | None)
         self._recorder.resting = resting
         if isinstance(self.model, PianoPolicy):
             self.model.set_random_seed(seed or 0)

@@ -26,7 +26,7 @@ from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
 
 from sb3_piano.buffers.rows import buffer_rows
-from sb3_piano.callbacks.run_context import EnvWrapper
+from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.training.configuration.names import planner_class

@@ -19,7 +19,7 @@ from sb3_piano.callbacks import Checkpoint
 from sb3_piano.demonstrations import Cloning, clone_behaviour, open_dataset
 from sb3_piano.demonstrations.dataset import reading
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.torch_threads import torch_threads
+from sb3_piano.threads import torch_threads
 from sb3_piano.training.configuration.config import Plugin, RunConfig
 from sb3_piano.training.configuration.yaml_files import load_config
 from sb3_piano.training.runs.builders import build_model, build_vec_env

@@ -1,4 +1,4 @@
-"""A run's folder is new, complete and can be moved."""
+"""The folder of a run: what is in it, who may use it, and a disk that is full."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from pathlib import Path
 
 import pytest
 import yaml
+from small_disk import FillAt, small_disk
 
+from sb3_piano.callbacks import Checkpoint
+from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import load_score
 from sb3_piano.music.library import Library
-from sb3_piano.training import RunFolder
+from sb3_piano.training import RunFolder, resume, train
 
 
 def test_runs_are_numbered_from_one_and_gaps_are_filled(small_config, tmp_path):
@@ -59,15 +62,6 @@ def test_a_score_file_is_copied_and_found_after_the_folder_was_moved(
     assert (tmp_path / "moved" / "score.mid").read_bytes() == content
     moved.write_config(moved.read_config())
     assert yaml.safe_load(moved.config_file.read_text())["env_kwargs"] == {"score": "score.mid"}
-
-
-def test_a_score_file_keeps_its_suffix(small_config, tmp_path):
-    (tmp_path / "etude.txt").write_text("//Version\n")
-    config = small_config(
-        env_id="RoboPianist-v0", env_kwargs={"score": str(tmp_path / "etude.txt")}
-    )
-    folder = RunFolder.create(config, tmp_path / "run")
-    assert folder.read_config().env_kwargs["score"] == str(tmp_path / "run" / "score.txt")
 
 
 def test_a_file_of_finger_labels_is_copied_beside_the_score(small_config, tmp_path, midi_file):
@@ -172,3 +166,88 @@ def test_a_damaged_config_is_named(small_config, tmp_path, content, message):
     folder.config_file.write_text(content)
     with pytest.raises(ConfigError, match=message):
         folder.read_config()
+
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def disk(tmp_path):
+    with small_disk(tmp_path / "disk") as disk:
+        yield disk
+
+
+def error_of(capfd, *arguments):
+    """Run the command and return the one line that says what is wrong."""
+    assert main([str(argument) for argument in arguments]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    return line
+
+
+@pytest.mark.parametrize("vec_env", ["dummy", "subproc"])
+@pytest.mark.parametrize(
+    "episode", [5, 20], ids=["TensorBoard is the first to write", "the checkpoint is the first"]
+)
+def test_a_training_whose_disk_fills_up_goes_on_when_there_is_room(
+    small_config, disk, vec_env, episode, episodes_of
+):
+    run = RunFolder(disk.path / "run")
+    config = small_config(vec_env=vec_env, env_kwargs={"max_episode_steps": episode})
+    told = (
+        rf"'{run.path}' cannot be written any more: No space left on device\. Its last whole "
+        rf"checkpoint, after 30 steps, is safe\. .* sb3-piano train --resume {run.path}$"
+    )
+    options = {"progress_bar": False, "checkpoint_every": 30}
+    with pytest.raises(RunError, match=told):
+        train(config, run.path, callbacks=[FillAt(str(disk.path), 35)], **options)
+    assert Checkpoint.read(run.checkpoint_dir).num_timesteps == 30
+    assert not list(run.path.rglob("*.partial"))
+    disk.make_room()
+    result = resume(run.path, **options)
+    assert (result.started_at, result.num_timesteps) == (30, 100)
+    assert all(entry["l"] == episode for entry in episodes_of(run.monitor_dir))
+
+
+def test_a_training_whose_disk_is_full_at_once_says_that_nothing_is_saved(small_config, disk):
+    with pytest.raises(RunError, match=r"It had saved nothing yet\. When there is room, go on"):
+        train(
+            small_config(),
+            disk.path / "run",
+            callbacks=[FillAt(str(disk.path), 1)],
+            progress_bar=False,
+            checkpoint_every=30,
+        )
+
+
+def test_the_command_tells_it_in_one_line(small_config, disk, tmp_path, capfd):
+    settings = {"policy_kwargs": {"net_arch": [8]}, "learning_starts": 20, "buffer_size": 200}
+    fill = {"small_disk.FillAt": {"path": str(disk.path), "steps": 35}}
+    config = {"default": {**settings, "callback": [fill], "n_timesteps": 100}}
+    (tmp_path / "small.yml").write_text(yaml.safe_dump(config))
+    run = disk.path / "run"
+    command = ["train", "--env", "Pendulum-v1", "--config", tmp_path / "small.yml", "--run", run]
+    line = error_of(capfd, *command, "--checkpoint-every", "30", "--no-progress")
+    assert "after 30 steps, is safe" in line
+    assert f"sb3-piano train --resume {run}" in line
+
+
+def test_files_beside_a_training_are_refused_in_one_line_too(piano_run, disk, capfd):
+    run = piano_run(0.0, "disk/run").path
+    disk.fill()
+    capfd.readouterr()
+    for command in (["evaluate", run, "--episodes", "1"], ["play", run]):
+        assert "No space left on device" in error_of(capfd, *command)
+    disk.make_room()
+    assert main(["evaluate", str(run), "--episodes", "1"]) == 0
+
+
+def test_a_folder_that_is_write_protected_is_named(pendulum_run, disk, capfd):
+    run = pendulum_run("disk/run").path
+    disk.protect()
+    capfd.readouterr()
+    line = error_of(capfd, "train", "--resume", run, "--steps", "60")
+    assert f"'{run}/.lock' cannot be locked: Read-only file system" in line
+    assert "Read-only file system" in error_of(
+        capfd, "train", "--run", disk.path / "b", "--env", "Pendulum-v1"
+    )
+    assert "Read-only file system" in error_of(capfd, "evaluate", run)

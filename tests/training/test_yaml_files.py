@@ -1,9 +1,8 @@
-"""The presets: every file has settings for every id, here and in the stock zoo alike."""
+"""Hyperparameter files in RL Zoo's form, and the presets that come with the package."""
 
 from __future__ import annotations
 
 import argparse
-import re
 
 import gymnasium as gym
 import numpy as np
@@ -13,10 +12,157 @@ import yaml
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from sb3_piano.buffers import CompactReplayBuffer
+from sb3_piano.cli import main
 from sb3_piano.envs import DEBUG_IDS, GENERAL_ID
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.training import load_config
 from sb3_piano.training.runs.builders import build_callbacks, build_model, build_vec_env
+
+ZOO_FILE = """
+defaults: &base
+  n_timesteps: !!float 1e4
+  policy: 'MlpPolicy'
+  buffer_size: 1.0e3
+  learning_rate: 7.3e-4
+  policy_kwargs: "dict(net_arch=[64, 64], activation_fn=nn.ReLU)"
+
+Pendulum-v1:
+  <<: *base
+  n_envs: 2
+  env_kwargs: {max_episode_steps: 20, render_mode: null}
+  env_wrapper:
+    - gymnasium.wrappers.RescaleAction:
+        min_action: -1.0
+        max_action: 1.0
+    - gymnasium.wrappers.FlattenObservation
+  noise_type: 'normal'
+  noise_std: 0.1
+
+MountainCarContinuous-v0:
+  <<: *base
+"""
+
+
+@pytest.fixture
+def zoo_file(tmp_path):
+    path = tmp_path / "td3.yml"
+    path.write_text(ZOO_FILE)
+    return path
+
+
+def test_an_entry_of_the_zoo_is_split_into_run_and_algorithm(zoo_file):
+    config = load_config("td3", "Pendulum-v1", zoo_file)
+    assert (config.n_timesteps, config.n_envs, config.noise_std) == (10_000, 2, 0.1)
+    assert [plugin.path.rpartition(".")[2] for plugin in config.env_wrapper] == [
+        "RescaleAction",
+        "FlattenObservation",
+    ]
+    assert config.algorithm_kwargs == {
+        "buffer_size": 1000,
+        "learning_rate": 0.00073,
+        "policy_kwargs": {"net_arch": [64, 64], "activation_fn": "torch.nn.ReLU"},
+    }
+
+
+def test_default_stands_for_all_other_environments(tmp_path):
+    path = tmp_path / "a.yml"
+    path.write_text("default: {n_timesteps: 5}\nPendulum-v1: {n_timesteps: 7}\n")
+    assert load_config("sac", "Pendulum-v1", path).n_timesteps == 7
+    assert load_config("sac", "gymnasium:Pendulum-v1", path).n_timesteps == 7
+    assert load_config("sac", "MountainCarContinuous-v0", path).n_timesteps == 5
+
+
+def test_overrides_replace_keys_and_env_kwargs_are_added(zoo_file):
+    config = load_config(
+        "td3",
+        "Pendulum-v1",
+        zoo_file,
+        n_timesteps=50,
+        gamma="0.5",
+        seed=0,
+        env_kwargs={"max_episode_steps": 9, "g": 5.0},
+    )
+    assert (config.n_timesteps, config.seed) == (50, 0)
+    assert config.algorithm_kwargs["gamma"] == 0.5
+    assert config.env_kwargs == {"max_episode_steps": 9, "render_mode": None, "g": 5.0}
+
+
+def test_an_unknown_environment_is_answered_before_the_file_is_read(zoo_file):
+    with pytest.raises(ConfigError, match=r"^Unknown environment 'Pendulum-v9'"):
+        load_config("td3", "Pendulum-v9", zoo_file)
+
+
+def test_an_environment_without_entry_is_answered_with_the_nearest_one(zoo_file):
+    with pytest.raises(ConfigError, match=r"td3\.yml' has no entry for 'MountainCar-v0'. Did you"):
+        load_config("td3", "MountainCar-v0", zoo_file)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("a: [", r"a\.yml' is not valid YAML: while parsing"),
+        ("- 1\n", r"a\.yml' holds list at the top level: expected a mapping"),
+        ("", r"a\.yml' holds NoneType at the top level"),
+        ("x: !!python/object/apply:os.getcwd []", "is not valid YAML: could not determine"),
+        ("default:", r"a\.yml', entry 'default': It holds None: expected a mapping of hyper"),
+        ("default: {gamma: 0.9}", "entry 'default': n_timesteps is missing"),
+        ("Pendulum-v1: {n_timesteps: 5, gama: 1}", "entry 'Pendulum-v1': Unknown key 'gama' for"),
+        ("default: {n_timesteps: 5, tau: low}", "a.yml', entry 'default': tau is 'low': expected"),
+        ("default: {n_timesteps: 5, 3: 4}", "entry 'default': algorithm_kwargs is .* from names"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_named_with_the_reason(tmp_path, content, message):
+    path = tmp_path / "a.yml"
+    path.write_text(content)
+    with pytest.raises(ConfigError, match=message):
+        load_config("td3", "Pendulum-v1", path)
+
+
+def test_numbers_that_python_refuses_are_told(tmp_path, capsys):
+    path = tmp_path / "long.yml"
+    path.write_text(f"default:\n  n_timesteps: {'1' * 5000}\n")
+    with pytest.raises(ConfigError, match="long.yml' is not valid YAML: Exceeds the limit"):
+        load_config("td3", "Pendulum-v1", path)
+    assert main(["record", "CMajorScaleOneHand", "--set", f"width={'1' * 5000}"]) == 2
+    assert "its value is not valid YAML: Exceeds the limit" in capsys.readouterr().err
+
+
+def test_a_missing_or_binary_file_is_named(tmp_path):
+    with pytest.raises(ConfigError, match=r"none\.yml' cannot be read: No such file"):
+        load_config("td3", "Pendulum-v1", tmp_path / "none.yml")
+    (tmp_path / "binary.yml").write_bytes(b"\xff\xfe\xff")
+    with pytest.raises(ConfigError, match=r"binary\.yml' cannot be read: it is not UTF-8"):
+        load_config("td3", "Pendulum-v1", tmp_path / "binary.yml")
+
+
+def test_a_wrong_override_is_named_as_such(zoo_file):
+    with pytest.raises(ConfigError, match="'Pendulum-v1' with n_envs replaced: n_envs is 0"):
+        load_config("td3", "Pendulum-v1", zoo_file, n_envs=0)
+
+
+def test_an_algorithm_without_preset_asks_for_a_file():
+    with pytest.raises(ConfigError, match="for 'a2c': expected one of crossq, ddpg, .* or a YAML"):
+        load_config("a2c", "RoboPianist-v0")
+
+
+@pytest.mark.parametrize("algo", ["ddpg", "sac", "td3", "tqc"])
+def test_a_preset_loads_for_our_environments_with_the_published_values(algo):
+    config = load_config(algo, "RoboPianist-v0")
+    arguments = config.algorithm_kwargs
+    assert arguments["policy_kwargs"]["net_arch"] == [256, 256, 256]
+    assert (arguments["gamma"], arguments["tau"]) == (0.8, 0.005)
+    assert (arguments["learning_rate"], arguments["batch_size"]) == (0.0003, 256)
+    assert (arguments["buffer_size"], arguments["learning_starts"]) == (1_000_000, 5000)
+    assert (arguments["train_freq"], arguments["gradient_steps"]) == (1, 1)
+    assert config.n_timesteps == 1_000_000
+    assert config.monitor_kwargs == {"info_keywords": ("precision", "recall", "f1", "onset_f1")}
+    (callback,) = config.callback
+    assert (callback.path, callback.kwargs) == (
+        "sb3_piano.callbacks.F1Callback",
+        {"eval_freq": 10000},
+    )
+
 
 IDS = (GENERAL_ID, *DEBUG_IDS)
 """The ids that the files name, and one of those that go by the default."""
@@ -47,10 +193,6 @@ def distinct_ids(algo):
 
 
 ENTRIES = [(algo, env_id) for algo in PRESETS for env_id in distinct_ids(algo)]
-
-
-def test_there_are_presets_for_these_algorithms():
-    assert list(PRESETS) == sorted((*OFF_POLICY, "ppo"))
 
 
 @pytest.mark.parametrize("algo", PRESETS)
@@ -85,18 +227,6 @@ def test_a_file_says_where_each_default_value_comes_from(algo):
         assert "#" in line or above or plain, line
 
 
-@pytest.mark.parametrize("algo", PRESETS)
-def test_the_sources_that_a_file_cites_are_those_that_it_explains(algo):
-    head, _, body = PRESETS[algo].read_text().partition("\ndefault:\n")
-    explained = set(re.findall(r"^#   (\S.*?) {2,}\S", head, re.MULTILINE))
-    comments = " ".join(re.findall(r"#(.*)", body))
-    assert {name for name in explained if name not in comments} == set()
-    known = {"RoboPianist", "Shifts", "Curriculum", "PianoMime", "RoboVirtuoso", "sac.yml"}
-    known |= {"td3.yml", "CrossQ", "TQC", "TD3", "DDPG", "PPO"}
-    cited = {name for name in known if re.search(rf"(?<![\w']){re.escape(name)}[;,:(]", comments)}
-    assert cited - explained == set()
-
-
 @pytest.mark.parametrize("algo", OFF_POLICY)
 def test_a_replay_buffer_is_compact_and_holds_the_whole_training(algo):
     for env_id in IDS:
@@ -117,25 +247,6 @@ def test_the_entropy_is_set_for_the_number_of_actions(algo):
             assert entropy == -0.5 * n_actions
         else:
             assert -2 * n_actions <= entropy < -n_actions
-
-
-def test_the_variants_of_an_algorithm_have_its_settings_where_both_have_them():
-    for variant, origin in (("tqc", "sac"), ("crossq", "sac"), ("ddpg", "td3")):
-        config, other = load_config(variant, DEBUG_IDS[0]), load_config(origin, DEBUG_IDS[0])
-        assert (config.noise_type, config.noise_std) == (other.noise_type, other.noise_std)
-        own, others = config.algorithm_kwargs, other.algorithm_kwargs
-        shared = (own.keys() & others.keys()) - {"policy_kwargs"}
-        assert len(shared) >= 8
-        assert {name: own[name] for name in shared} == {name: others[name] for name in shared}
-
-
-def test_ppo_has_full_batches_and_normalises():
-    for env_id in IDS:
-        config = load_config("ppo", env_id)
-        arguments = config.algorithm_kwargs
-        assert config.n_envs * arguments["n_steps"] % arguments["batch_size"] == 0
-        assert config.normalize is True
-        assert arguments["gamma"] == 0.8
 
 
 @pytest.mark.slow

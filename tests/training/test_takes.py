@@ -7,17 +7,15 @@ import os
 import av
 import numpy as np
 import pytest
-import torch
 from hearing import onsets_in
 from scipy.io import wavfile
-from stable_baselines3 import TD3
 
 from sb3_piano.cli import main
 from sb3_piano.envs import EpisodeRecorder, PianoEnv
-from sb3_piano.exceptions import ConfigError, RunError, UnknownPieceError
-from sb3_piano.music import Note, Pedal, Score, load_score, read_midi, write_midi
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.music import Note, Pedal, Score, read_midi, write_midi
 from sb3_piano.simulation import find_gl_backend
-from sb3_piano.training import Picture, play_run, play_score, train
+from sb3_piano.training import Picture, play_run, play_score
 from sb3_piano.training.playing.takes import take_of_run, take_of_score
 from sb3_piano.viewing import show_take
 
@@ -36,28 +34,6 @@ PIECE = Score(
     pedals=[Pedal(onset=1.3, offset=1.4)],
     title="three notes",
 )
-
-
-@pytest.fixture
-def run_that_does(small_config, tmp_path, midi_file):
-    """Return a function that makes a run on the MIDI file; its model always does one thing."""
-
-    def make(action, **env_kwargs):
-        config = small_config(
-            env_id="RoboPianist-v0",
-            env_kwargs={"score": str(midi_file), **env_kwargs},
-            n_timesteps=10,
-        )
-        folder = train(config, tmp_path / "run", progress_bar=False).folder
-        model = TD3.load(folder.model_file)
-        layer = model.actor.mu[-2]
-        with torch.no_grad():
-            layer.weight.zero_()
-            layer.bias.copy_(torch.as_tensor(np.arctanh(np.clip(action, -0.9999999, 0.9999999))))
-        model.save(folder.model_file)
-        return folder.path
-
-    return make
 
 
 def rest_action(score):
@@ -105,7 +81,7 @@ def test_a_piece_plays_itself_and_the_videos_sound_begins_its_notes_when_the_mid
 
 @pytest.mark.slow
 @needs_gl
-def test_what_a_runs_model_plays_is_heard_in_its_video(run_that_does, midi_file, tmp_path):
+def test_what_a_runs_model_plays_is_heard_in_its_video(piano_run, midi_file, tmp_path):
     env = EpisodeRecorder(PianoEnv(str(midi_file)))
     env.reset(seed=0)
     over = False
@@ -113,7 +89,7 @@ def test_what_a_runs_model_plays_is_heard_in_its_video(run_that_does, midi_file,
         _, _, _, over, _ = env.step(LOUD)
     by_hand = env.finished[0].performance.to_score()
 
-    run = run_that_does(LOUD)
+    run = piano_run(LOUD).path
     played = play_run(run, picture=SMALL)
     assert played.folder == run / "play"
     notes = read_midi(played.midi).notes
@@ -169,32 +145,22 @@ def test_a_key_that_goes_down_by_itself_keeps_its_fingers_colour(tmp_path):
     assert reds[0] > reds[1] + 50
 
 
-def test_without_opengl_midi_and_sound_come_out_and_the_reason_is_told(tmp_path, monkeypatch):
-    (tmp_path / "performance.mp4").write_text("of another performance")
-    monkeypatch.setenv("MUJOCO_GL", "disable")
-    played = play_score(PIECE, tmp_path, picture=SMALL)
-    assert names_in(tmp_path) == ["performance.mid", "performance.wav"]
-    assert played.video is None
-    assert "MUJOCO_GL is 'disable'" in played.problem
-    assert "apt-get install" in played.problem
-
-
-def test_where_no_key_is_pressed_there_is_silence_and_no_midi_file(
-    run_that_does, midi_file, tmp_path
-):
-    run = run_that_does(rest_action(str(midi_file)))
+def test_where_no_key_is_pressed_there_is_silence_and_no_midi_file(piano_run, midi_file, capsys):
+    run = piano_run(rest_action(str(midi_file))).path
     (run / "play").mkdir()
     (run / "play" / "performance.mid").write_text("of another performance")
     played = play_run(run, picture=None)
     assert played.midi is None
+    assert main(["play", str(run), "--no-video"]) == 0
+    assert "no key was pressed, so there is no MIDI file" in capsys.readouterr().out
     assert names_in(run / "play") == ["performance.wav"]
     rate, samples = wavfile.read(played.wav)
     assert not samples.any()
     assert len(samples) / rate == pytest.approx(26 * 0.05)  # 1.2 s: 25 steps, 26 pictures
 
 
-def test_a_run_plays_another_piece_in_a_folder_of_its_own(run_that_does, tmp_path):
-    run = run_that_does(LOUD)
+def test_a_run_plays_another_piece_in_a_folder_of_its_own(piano_run, tmp_path):
+    run = piano_run(LOUD).path
     played = play_run(run, score=PIECE, picture=None)
     assert played.folder == run / "play" / "three_notes"
     take = take_of_run(run, score=PIECE)
@@ -203,8 +169,8 @@ def test_a_run_plays_another_piece_in_a_folder_of_its_own(run_that_does, tmp_pat
 
 
 @pytest.mark.slow
-def test_the_seed_and_the_physics_reach_the_environment(run_that_does):
-    run = run_that_does(LOUD, randomize_hand_positions=True)
+def test_the_seed_and_the_physics_reach_the_environment(piano_run):
+    run = piano_run(LOUD, randomize_hand_positions=True).path
     first, again, other = (take_of_run(run, seed=seed) for seed in (3, 3, 4))
     np.testing.assert_array_equal(first.qpos, again.qpos)
     assert (first.qpos[0] != other.qpos[0]).any()
@@ -260,16 +226,11 @@ def test_a_piece_has_a_folder_by_its_title_which_stays_in_its_place(
     assert names_in(tmp_path / "play") == [name]
 
 
-def test_an_unknown_piece_is_refused():
-    with pytest.raises(UnknownPieceError, match="Unknown piece 'CMajorScale'"):
-        play_score("CMajorScale")
-
-
 # The command.
 
 
-def test_a_folder_is_played_as_a_run_and_a_file_as_a_piece(run_that_does, tmp_path, capsys):
-    run = run_that_does(LOUD)
+def test_a_folder_is_played_as_a_run_and_a_file_as_a_piece(piano_run, tmp_path, capsys):
+    run = piano_run(LOUD).path
     assert main(["play", str(run), "--no-video"]) == 0
     assert names_in(run / "play") == ["performance.mid", "performance.wav"]
     write_midi(PIECE, tmp_path / "piece.mid")
@@ -282,13 +243,6 @@ def test_a_folder_is_played_as_a_run_and_a_file_as_a_piece(run_that_does, tmp_pa
     assert printed.err == ""
 
 
-def test_a_study_is_played_by_its_name(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(["play", "DMajorScaleOneHand", "--no-video"]) == 0
-    written = read_midi(tmp_path / "play" / "DMajorScaleOneHand" / "performance.mid")
-    assert len(written.notes) == len(load_score("DMajorScaleOneHand").notes)
-
-
 @pytest.mark.slow
 @needs_gl
 def test_the_command_writes_the_video_of_the_asked_size(tmp_path, capsys):
@@ -299,12 +253,6 @@ def test_the_command_writes_the_video_of_the_asked_size(tmp_path, capsys):
     assert names_in(out) == FILES
     assert video_of(out / "performance.mp4")[1] == (80, 46)
     assert f"Video: {out}/performance.mp4" in capsys.readouterr().out
-
-
-def test_the_command_tells_that_no_key_was_pressed(run_that_does, midi_file, capsys):
-    run = run_that_does(rest_action(str(midi_file)))
-    assert main(["play", str(run), "--no-video"]) == 0
-    assert "no key was pressed, so there is no MIDI file" in capsys.readouterr().out
 
 
 def test_where_nothing_can_be_drawn_the_command_says_so_after_writing_the_rest(

@@ -15,7 +15,7 @@ from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.training import RunFolder, evaluate, write_report
 from sb3_piano.training.evaluation.report import training_curves
-from sb3_piano.viewing.report.definitions import definition_of, formatted
+from sb3_piano.viewing.report.page import definition_of, formatted
 
 
 def loud_action():
@@ -139,7 +139,7 @@ def test_what_cannot_be_shown_is_refused(pendulum_run, piano_run, tmp_path):
     run = piano_run(loud_action())
     with pytest.raises(RunError, match="x.html' cannot be written: No such file or directory"):
         write_report(run.path, tmp_path / "no" / "x.html")
-    with pytest.raises(ConfigError, match="seed is -1: expected 0 or more"):
+    with pytest.raises(ConfigError, match="seed is -1: expected a whole number"):
         write_report(run.path, seed=-1)
     with pytest.raises(ConfigError, match="Unknown physics profile 'quick'"):
         write_report(run.path, physics="quick")

@@ -15,11 +15,12 @@ from acting import VEC_ENVS, parameters, scalars
 from every_callback import ENV_ID, LOGGED, check_what_was_written, tensorboard_names, write_yaml
 from stable_baselines3 import TD3
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.cli import main
 from sb3_piano.training import resume
 from sb3_piano.training.runs.builders import build_vec_env
+from sb3_piano.training.runs.saved import load_statistics
 
 
 class WithMetrics(gym.Wrapper):
@@ -94,8 +95,10 @@ def test_evaluation_in_a_run_has_the_runs_wrappers_and_normalisation(
     note = json.loads((folder.path / "best_f1" / "best_model.json").read_text())
     assert note == {"metric": "f1", "value": 0.5, "num_timesteps": 50}
     assert TD3.load(folder.path / "best_f1" / "best_model.zip").num_timesteps == 50
-    venv = build_vec_env(small_config(), statistics=folder.path / "best_f1" / "vecnormalize.pkl")
-    assert isinstance(venv, VecNormalize)
+    config = small_config(normalize=True)
+    venv = build_vec_env(config)
+    load_statistics(config, folder.path / "best_f1" / "vecnormalize.pkl", venv)
+    assert venv.obs_rms.count > 50
     # one file for each training environment, without the episodes of the evaluations
     assert len(list(folder.monitor_dir.iterdir())) == 2
     assert [episode["l"] for episode in episodes_of(folder.monitor_dir)] == [20] * 4

@@ -145,7 +145,10 @@ def test_a_run_keeps_the_score_and_what_was_chosen():
 
 def test_the_constants_of_a_plan_are_settings_of_its_run():
     config = planner_config("tune.mid", env_kwargs=FAST, settings={"hover": "0.02", "rounds": 3})
-    assert PlannedConfig.from_mapping(yaml.safe_load(yaml.safe_dump(config.to_mapping()))) == config
+    mapping = yaml.safe_load(yaml.safe_dump(config.to_mapping()))
+    assert PlannedConfig.from_mapping(mapping) == config
+    former = {**mapping, "n_timesteps": 1, "normalize": False, "callback": []}
+    assert PlannedConfig.from_mapping(former) == config  # what folders of version 0.1 have
     config = planner_config("tune.mid", env_kwargs=FAST, settings={"leap_more": [0.1, 0.2]})
     run = RunFolder.create(config, "run")
     with SavedPlayer.open(run.path) as player:
@@ -232,6 +235,7 @@ def test_what_cannot_be_planned_is_told_and_leaves_no_folder(arguments, message,
     ("arguments", "message"),
     [
         ({"samples": 2}, "Unknown key 'samples' for PlannedPianist"),
+        ({"algo": "td3"}, "algo is 'td3': expected one of planned, sampling"),
         ({"settings": {"hovr": 1}}, "Unknown key 'hovr' for PlanSettings. Did you mean 'hover'"),
         ({"settings": {"hover": "high"}}, "hover is 'high': expected a number"),
         ({"settings": 3}, "settings is 3: expected a mapping or null"),

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sb3_piano.demonstrations.recording import Predictor
 
 _POLICIES = ("planned", "sampling")
-_OBSERVED = {"observation": "fingers", "fingering": "ergonomic"}
+_OBSERVED = {"observation": "fingers", "fingering": "robot"}
 """What an environment that is made here observes unless told otherwise: little, and by finger."""
 _NEW_ENV_ONLY = ("policy", "fingering")
 
@@ -58,7 +58,7 @@ def add_parser(commands: Any) -> None:
         help="standard deviation of the joints at the start; default: 0",
     )
     add("--seed", type=int, default=0, metavar="N", help="default: 0")
-    add("--fingering", metavar="HOW", help="as for train, of no run; default: ergonomic")
+    add("--fingering", metavar="HOW", help="as for train, of no run; default: robot")
     add(
         "--set",
         action="append",
@@ -164,12 +164,9 @@ def _new_env(arguments: argparse.Namespace) -> gym.Env[Any, Any]:
 
 
 def _pianist(name: str, env: gym.Env[Any, Any]) -> Predictor:
-    from sb3_piano.planning.settings import AS_WRITTEN
     from sb3_piano.training.algorithms import planner_class
 
-    # The observation tells the score's fingers: who learns from it has to see these play.
-    option = "settings" if name == "planned" else "plan_settings"
-    return planner_class(name)(env, **{option: AS_WRITTEN})
+    return planner_class(name)(env)
 
 
 def _piece(env: gym.Env[Any, Any]) -> str:

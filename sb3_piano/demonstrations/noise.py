@@ -9,9 +9,9 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.demonstrations.actuators import disturbance_units, half_ranges
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.simulation import TIP_TRAVEL
 
 DEFAULT_MEMORY = 0.2
 """Time in which the noise loses most (1 - 1/e) of its memory, s."""
@@ -25,8 +25,8 @@ class ActuatorNoise:
 
     Args:
         env: A piano environment, wrapped or not, whose actions are those of the bare one.
-        std: Standard deviation of the actuators' targets, rad, at least 0; for the forearms a
-            twentieth of it, in m.
+        std: Standard deviation of the actuators' targets, rad, at least 0; for the forearms 6 cm
+            for each rad.
         memory: Time in which the correlation falls to 1/e, s; 0 for noise without memory.
 
     Raises:
@@ -48,8 +48,8 @@ class ActuatorNoise:
                 f"Noise of {std} rad cannot be added to actions of shape {env.action_space.shape}: "
                 f"expected those of the piano itself, {piano.action_space.shape}, or no noise."
             )
-        scene = piano.scene
-        self._std = np.append(std * disturbance_units(scene) / half_ranges(scene), 0.0)
+        units = np.where(piano.scene.actuator_kind == "forearm", TIP_TRAVEL, 1.0)
+        self._std = np.append(piano.action_map.change(std * units), 0.0)
         timestep = piano.config.control_timestep
         self._kept = 0.0 if memory == 0 else math.exp(-timestep / memory)
         self._last: npt.NDArray[np.float64] | None = None

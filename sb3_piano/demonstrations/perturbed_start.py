@@ -8,9 +8,9 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from sb3_piano.demonstrations.actuators import disturbance_units_of_joints
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.simulation import TIP_TRAVEL
 
 
 class PerturbedStart(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
@@ -21,8 +21,8 @@ class PerturbedStart(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
 
     Args:
         env: A bare piano environment, or what ``gymnasium.make`` returns for one.
-        std: Standard deviation of each joint, rad, at least 0; for the forearms a twentieth of it,
-            in m.
+        std: Standard deviation of each joint, rad, at least 0; for the forearms 6 cm for each
+            rad.
 
     Raises:
         ConfigError: If ``std`` is out of range, or ``env`` is no piano or has wrappers that change
@@ -53,10 +53,11 @@ class PerturbedStart(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         """Begin an episode."""
         _, info = self.env.reset(seed=seed, options=options)
         scene, data = self._piano.scene, self._piano.data
-        where = np.concatenate(scene.joint_qpos)
+        where = scene.hand_qpos
+        slides = ["forearm" in name for names in scene.joint_names for name in names]
         low, high = np.concatenate(scene.joint_range).T
         offsets = self._piano.np_random.normal(size=len(where)) * self._std
-        moved = data.qpos[where] + offsets * disturbance_units_of_joints(scene)
+        moved = data.qpos[where] + offsets * np.where(slides, TIP_TRAVEL, 1.0)
         data.qpos[where] = np.clip(moved, low, high)
         # Putting the state back makes everything that follows from the positions.
         return self._piano.set_state(self._piano.get_state()), info

@@ -17,6 +17,24 @@ from sb3_piano.music.score import Score
 _ARRAYS = ("active", "finger", "onset", "sustain", "onset_time")
 
 
+@dataclass(frozen=True, kw_only=True)
+class EarlyRelease:
+    """A note that its hand does not hold to its end, or does not strike, to play another."""
+
+    key: int
+    """0 to 87."""
+    finger: int
+    """The finger that would hold it, 0 to 9."""
+    onset: int
+    """Its first control step."""
+    offset: int
+    """The control step after its last one."""
+    release: int
+    """From this control step on no finger holds it; ``onset`` if it is not struck at all."""
+    for_key: int
+    """The key that is played instead, 0 to 87."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PianoRoll:
     """What is due at each of T control steps. All arrays are read-only copies.
@@ -45,6 +63,8 @@ class PianoRoll:
             step. Left out, it is the beginning of that step for all.
         sustain: (T,) bool, whether the sustain pedal should be down: from step
             floor(onset / dt) until before step floor(offset / dt).
+        early_releases: Notes that have no finger label in (a part of) their steps, as the hands
+            cannot hold them beside others.
     """
 
     control_timestep: float
@@ -53,6 +73,7 @@ class PianoRoll:
     onset: NDArray[np.bool_]
     sustain: NDArray[np.bool_]
     onset_time: NDArray[np.float64] = None  # type: ignore[assignment]  # never None once made
+    early_releases: tuple[EarlyRelease, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "active", np.array(self.active, dtype=bool))
@@ -125,6 +146,14 @@ class PianoRoll:
     def duration(self) -> float:
         """Length of all steps together, in s."""
         return len(self) * self.control_timestep
+
+    @property
+    def unlabelled(self) -> NDArray[np.bool_]:
+        """Due keys without a finger label, but for notes that are released early, (T, 88) bool."""
+        missing = self.active & (self.finger < 0)
+        for one in self.early_releases:
+            missing[one.release : one.offset, one.key] = False
+        return missing
 
     def equals(self, other: PianoRoll) -> bool:
         """Return whether another roll says the same; ``==`` asks whether it is the same object."""

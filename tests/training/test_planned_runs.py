@@ -135,10 +135,10 @@ def test_a_run_keeps_the_score_and_what_was_chosen():
 def test_the_constants_of_a_plan_are_settings_of_its_run():
     config = planner_config("tune.mid", env_kwargs=FAST, settings={"hover": "0.02", "rounds": 3})
     assert RunConfig.from_mapping(yaml.safe_load(yaml.safe_dump(config.to_mapping()))) == config
-    config = planner_config("tune.mid", env_kwargs=FAST, settings={"leap_more": [0.1, 0.2]})
+    config = planner_config("tune.mid", env_kwargs=FAST, settings={"rounds": 2})
     run = RunFolder.create(config, "run")
     with SavedPlayer.open(run.path) as player:
-        assert player.model.settings == PlanSettings(leap_more=(0.1, 0.2))
+        assert player.model.settings == PlanSettings(rounds=2)
 
 
 @pytest.mark.slow

@@ -10,19 +10,27 @@ from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.score import Score
 
-FINGERINGS = ("ergonomic", "keep", "optimal-transport")
+FINGERINGS = ("ergonomic", "robot", "keep", "optimal-transport")
 """Ways to choose the fingers, beside a file with labels."""
 
 
-def apply_fingering(score: Score, fingering: str | os.PathLike[str]) -> Score:
+DEFAULT_TIMESTEP = 0.05
+"""Length of a control step for which fingers are chosen unless one says otherwise, s."""
+
+
+def apply_fingering(
+    score: Score, fingering: str | os.PathLike[str], control_timestep: float = DEFAULT_TIMESTEP
+) -> Score:
     """Return the score with fingers chosen in one of several ways.
 
     Args:
         score: The score.
         fingering: ``"ergonomic"``: each note that has no finger gets one, those that have keep
-            theirs. ``"keep"``: nothing is changed. ``"optimal-transport"``: no note has a finger
-            or a hand, so that the reward takes whichever fingers are nearest to the keys. Or the
-            path of a file whose labels are put on the notes.
+            theirs. ``"robot"``: the same, then fingers are changed where others suit the simulated
+            hands better. ``"keep"``: nothing is changed. ``"optimal-transport"``: no note has a
+            finger or a hand, so that the reward takes whichever fingers are nearest to the keys.
+            Or the path of a file whose labels are put on the notes.
+        control_timestep: Length of a control step for which the robot's fingers are chosen, s.
 
     Raises:
         ConfigError: If there is no such way, or no such file.
@@ -31,17 +39,22 @@ def apply_fingering(score: Score, fingering: str | os.PathLike[str]) -> Score:
     # The search and the readers are imported when needed: most scores bring their labels.
     if fingering == "keep":
         return score
-    if fingering == "ergonomic":
-        if all(note.finger != UNKNOWN_FINGER for note in score.notes):
-            return score
+    if fingering == "optimal-transport":
+        free = [replace(note, finger=UNKNOWN_FINGER, hand=None) for note in score.notes]
+        return replace(score, notes=tuple(free))
+    if fingering not in FINGERINGS:
+        from sb3_piano.music.fingering import read_labels
+
+        return read_labels(labels_file(fingering), score)
+    if any(note.finger == UNKNOWN_FINGER for note in score.notes):
         from sb3_piano.music.fingering import finger_score
 
-        return finger_score(score)
-    if fingering == "optimal-transport":
-        return _without_labels(score)
-    from sb3_piano.music.fingering import read_labels
+        score = finger_score(score)
+    if fingering == "robot":
+        from sb3_piano.music.fingering.robot import robot_fingers
 
-    return read_labels(labels_file(fingering), score)
+        score = robot_fingers(score, control_timestep)
+    return score
 
 
 def labels_file(fingering: str | os.PathLike[str]) -> Path:
@@ -57,12 +70,3 @@ def labels_file(fingering: str | os.PathLike[str]) -> Path:
             f"{', '.join(map(repr, FINGERINGS))} or the path of a file with labels."
         )
     return Path(fingering)
-
-
-def _without_labels(score: Score) -> Score:
-    return Score(
-        notes=[replace(note, finger=UNKNOWN_FINGER, hand=None) for note in score.notes],
-        pedals=score.pedals,
-        title=score.title,
-        bars=score.bars,
-    )

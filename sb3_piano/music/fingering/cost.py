@@ -11,16 +11,19 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from sb3_piano.music.constants import (
+    FINGERS_PER_HAND,
+    LITTLE,
+    MIDDLE,
+    PITCH_CLASS_IS_BLACK,
+    RING,
+    THUMB,
+)
 from sb3_piano.music.fingering.weights import FingeringWeights, Reach
 
 Table = NDArray[np.float64]
 
-FINGERS = 5
 MAX_INTERVAL = 87
-THUMB, MIDDLE, RING, LITTLE = 0, 2, 3, 4
-
-IS_BLACK = np.array([False, True] * 2 + [False] + [False, True] * 3 + [False])
-"""Whether each pitch class, from C, is a black key."""
 
 _OCTAVE_WIDTH = 12.0
 _WHITE_WIDTH = _OCTAVE_WIDTH / 7
@@ -36,14 +39,14 @@ def key_positions(physical: float) -> Table:
     # Behind the black keys the octave is cut into five and seven nearly equal strips.
     strips = [(index + 0.5) * 3 * _WHITE_WIDTH / 5 for index in range(5)]
     strips += [3 * _WHITE_WIDTH + (index + 0.5) * 4 * _WHITE_WIDTH / 7 for index in range(7)]
-    places = np.where(IS_BLACK, strips, white_places(white))
+    places = np.where(PITCH_CLASS_IS_BLACK, strips, white_places(white))
     pitches = np.arange(12) + 0.5
     return physical * places + (1 - physical) * pitches
 
 
 def white_places(white: list[float]) -> Table:
     """Spread the places of seven white keys over the twelve keys of an octave."""
-    order = np.cumsum(~IS_BLACK) - 1
+    order = np.cumsum(~PITCH_CLASS_IS_BLACK) - 1
     return np.array(white)[order]
 
 
@@ -70,13 +73,13 @@ class CostTables:
         self.weights = weights
         distance = _distances(weights.physical)
         first, second = _colours()
-        self.single = np.zeros((2, FINGERS))
-        shape = (12, 2 * MAX_INTERVAL + 1, FINGERS, FINGERS)
+        self.single = np.zeros((2, FINGERS_PER_HAND))
+        shape = (12, 2 * MAX_INTERVAL + 1, FINGERS_PER_HAND, FINGERS_PER_HAND)
         self.moves, self.chord_moves, self.colours, self.grips = np.zeros((4, *shape))
         self.shifts, self.full_shifts = np.zeros((2, *shape))
         self.far = np.zeros(shape, dtype=bool)
-        for one in range(FINGERS):
-            for other in range(FINGERS):
+        for one in range(FINGERS_PER_HAND):
+            for other in range(FINGERS_PER_HAND):
                 at = (..., one, other)
                 passing = _passing(weights, one, other, distance, first, second)
                 same = weights.same_finger, weights.same_finger_size
@@ -110,8 +113,8 @@ def _distances(physical: float) -> Table:
 def _colours() -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """(12, 175) each: whether the first and whether the second key is black."""
     second = np.arange(12)[:, None] + np.arange(-MAX_INTERVAL, MAX_INTERVAL + 1)
-    black = IS_BLACK[second % 12]
-    return np.broadcast_to(IS_BLACK[:, None], black.shape), black
+    black = PITCH_CLASS_IS_BLACK[second % 12]
+    return np.broadcast_to(PITCH_CLASS_IS_BLACK[:, None], black.shape), black
 
 
 def _reach(weights: FingeringWeights, one: int, other: int) -> Reach:
@@ -231,7 +234,7 @@ def _shift(weights: FingeringWeights, one: int, other: int, distance: Table) -> 
 
 
 def _triples(weights: FingeringWeights) -> Table:
-    table = np.zeros((FINGERS,) * 3)
+    table = np.zeros((FINGERS_PER_HAND,) * 3)
     for fingers in np.ndindex(table.shape):
         if sorted(fingers) == [MIDDLE, RING, LITTLE]:
             table[fingers] = weights.three_four_five

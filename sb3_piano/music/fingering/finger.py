@@ -33,4 +33,4 @@ def finger_score(score: Score, weights: FingeringWeights = DEFAULT_WEIGHTS) -> S
         for index, finger in zip(indices, found.fingers, strict=True):
             if notes[index].finger == UNKNOWN_FINGER != finger:
                 notes[index] = replace(notes[index], finger=finger_of(hand, finger + 1))
-    return Score(notes=notes, pedals=score.pedals, title=score.title, bars=score.bars)
+    return replace(score, notes=tuple(notes))

@@ -25,7 +25,7 @@ def without_fingers(score: Score, *, keep_hands: bool) -> Score:
         replace(note, finger=UNKNOWN_FINGER, hand=note.hand if keep_hands else None)
         for note in score.notes
     ]
-    return Score(notes=notes, pedals=score.pedals, title=score.title, bars=score.bars)
+    return replace(score, notes=tuple(notes))
 
 
 def judge(labelled: Score) -> Agreement:

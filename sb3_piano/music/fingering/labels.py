@@ -26,10 +26,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music.constants import NUM_FINGERS, UNKNOWN_FINGER
+from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_FINGERS, UNKNOWN_FINGER
 from sb3_piano.music.fingering.pairing import describe, pair_notes
 from sb3_piano.music.formats.files import read_score
-from sb3_piano.music.hands import FINGERS_PER_HAND, HANDS, finger_of
+from sb3_piano.music.hands import HANDS, finger_of
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_number
 from sb3_piano.music.score import Score
@@ -79,7 +79,7 @@ def read_labels(
     notes = list(score.notes)
     for label, index in pairs.items():
         notes[index] = _labelled(notes[index], labels.notes[label])
-    return Score(notes=notes, pedals=score.pedals, title=score.title, bars=score.bars)
+    return dataclasses.replace(score, notes=tuple(notes))
 
 
 def _check_enough(pairs: Mapping[int, int], labels: Score, score: Score, tolerance: float) -> None:

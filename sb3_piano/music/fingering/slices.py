@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.hands import FINGERS_PER_HAND, Hand
+from sb3_piano.music.constants import FINGERS_PER_HAND, UNKNOWN_FINGER
+from sb3_piano.music.hands import Hand
 from sb3_piano.music.note import Note
 
 TOGETHER = 0.03

@@ -86,7 +86,7 @@ def assign_hands(score: Score, weights: SplitWeights = DEFAULT_SPLIT) -> Score:
         return score
     hands = _Split(score.notes, weights).hands()
     notes = [replace(note, hand=hand) for note, hand in zip(score.notes, hands, strict=True)]
-    return Score(notes=notes, pedals=score.pedals, title=score.title, bars=score.bars)
+    return replace(score, notes=tuple(notes))
 
 
 @dataclass(slots=True)

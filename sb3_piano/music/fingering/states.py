@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_piano.music.fingering.cost import FINGERS, THUMB
+from sb3_piano.music.constants import FINGERS_PER_HAND, THUMB
 
 Shape = tuple[tuple[bool, int], ...]
 """For each key from the thumb's side: whether it is struck now (else held), its known finger."""
@@ -44,7 +44,7 @@ def _extend(
         found.append(fingers)
         return
     struck, label = shape[place]
-    for finger in range(FINGERS) if label < 0 else (label,):
+    for finger in range(FINGERS_PER_HAND) if label < 0 else (label,):
         if all(
             _fit(shape[below], fingers[below], (struck, label), finger, in_order)
             for below in range(place)
@@ -72,7 +72,7 @@ def playable(shape: Shape) -> tuple[tuple[int, ...], bool]:
     """
     labelled = [place for place, (_, label) in enumerate(shape) if label >= 0]
     free = [place for place, (_, label) in enumerate(shape) if label < 0]
-    for count in range(min(len(free), FINGERS), 0, -1):
+    for count in range(min(len(free), FINGERS_PER_HAND), 0, -1):
         # Turn by turn from both ends.
         outer = [free[turn // 2 if turn % 2 == 0 else -1 - turn // 2] for turn in range(count)]
         places = tuple(sorted([*labelled, *outer]))

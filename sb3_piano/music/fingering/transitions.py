@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_piano.music.fingering.cost import IS_BLACK, MAX_INTERVAL, THUMB, CostTables, Table
+from sb3_piano.music.constants import PITCH_CLASS_IS_BLACK, THUMB
+from sb3_piano.music.fingering.cost import MAX_INTERVAL, CostTables, Table
 from sb3_piano.music.fingering.states import Shape, States, finger_states
 
 _CACHE = 8192
@@ -61,7 +62,7 @@ def slice_costs(tables: CostTables, pattern: Pattern) -> Table:
     for place, (struck, _) in enumerate(pattern.shape):
         key = (pattern.pitch_class + pattern.intervals[place]) % _OCTAVE
         if struck:
-            cost += tables.single[int(IS_BLACK[key]), states[:, place]]
+            cost += tables.single[int(PITCH_CLASS_IS_BLACK[key]), states[:, place]]
         for above in range(place + 1, len(pattern.shape)):
             interval = pattern.intervals[above] - pattern.intervals[place]
             at = (key, interval + MAX_INTERVAL, states[:, place], states[:, above])

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_piano.music.fingering.slices import OVERLAP, TOGETHER
+from sb3_piano.music.fingering.states import OVERLAP, TOGETHER
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.music.note import Note
 from sb3_piano.music.score import Score

@@ -1,4 +1,4 @@
-"""A job for each of several environments, done in threads.
+"""A job for each of several environments, done in threads; and the threads of torch.
 
 MuJoCo's bindings release Python's lock while they simulate, and a piano environment spends nearly
 all of its time there: threads of one process step environments at the same time, without the
@@ -7,17 +7,20 @@ copying between processes.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import queue
 import threading
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Annotated, Any
 
 from annotated_types import Ge
 
 from sb3_piano.settings import Whole, checked
+
+_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 Job = Callable[[int], object]
 
@@ -42,7 +45,7 @@ class ThreadTeam:
         """
         n_threads = checked("n_threads", n_threads, Annotated[Whole, Ge(1)] | None)
         self.n_threads = min(n_slots, n_threads or usable_cores())
-        """How many threads do the work, the calling one included."""
+        """Number of threads that do the work, the calling one included."""
         bounds = [n_slots * i // self.n_threads for i in range(self.n_threads + 1)]
         self._own, *self._shares = (range(*pair) for pair in itertools.pairwise(bounds))
         self._workers: list[_Worker] = []
@@ -148,3 +151,29 @@ def _work(tasks: queue.SimpleQueue[_Task | None]) -> None:
 
 def _nothing(slot: int) -> None:
     del slot
+
+
+@contextlib.contextmanager
+def torch_threads(number: int | None = None) -> Iterator[None]:
+    """Let torch compute with this many threads meanwhile, and afterwards with as many as before.
+
+    The number is one of the whole process. Everything in this package that runs a network does so
+    in this context, so that the program around it keeps its own number.
+
+    Args:
+        number: Threads, at least 1. By default one, unless ``OMP_NUM_THREADS`` or
+            ``MKL_NUM_THREADS`` is set: then the number stays as it is. Networks as small as those
+            of piano players gain nothing from a second thread, and lose most of their speed as soon
+            as anything else runs: at the end of each operation the threads wait for one another, as
+            busily as if they worked.
+    """
+    import torch  # here, since environments alone do without
+
+    former = torch.get_num_threads()
+    if number is None:
+        number = former if any(os.environ.get(name) for name in _VARIABLES) else 1
+    torch.set_num_threads(number)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(former)

@@ -47,7 +47,7 @@ class PianoEnvConfig:
     """
 
     fingering: TextOrPath = "keep"
-    """Which finger labels the score gets: "keep" leaves it as it is; "ergonomic" chooses fingers
+    """Source of the finger labels: "keep" leaves them as they are; "ergonomic" chooses fingers
     for the notes without; "robot" does, too, and changes those that do not suit the simulated
     hands; "optimal-transport" takes all labels away, so that any finger may play; or the path of a
     file whose labels are put on the environment's own score (not on another one that ``reset``

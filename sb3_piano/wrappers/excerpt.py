@@ -14,8 +14,7 @@ from annotated_types import Ge, Gt, MultipleOf
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import Score
 from sb3_piano.settings import Number, Unit, checked
-from sb3_piano.wrappers.score_change import ScoreChange
-from sb3_piano.wrappers.score_wrapper import possible_scores
+from sb3_piano.wrappers.score_wrapper import ScoreChange, possible_scores
 
 Span = tuple[float, float]
 """Beginning and end of a part, s."""

@@ -19,8 +19,7 @@ from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import NUM_FINGERS
 from sb3_piano.settings import Count, Number, Unit, checked
 from sb3_piano.wrappers.hide_fingering import HideFingering
-from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
-from sb3_piano.wrappers.piano import layout_of, piano_of
+from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, piano_of
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -117,7 +116,7 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
 
 
 class _Ahead:
-    """What each control step of a piece, and those after it, ask for."""
+    """Goals of each control step of a piece and of those after it."""
 
     def __init__(self, values: npt.NDArray[np.bool_], steps: int, stride: int):
         """Prepare all rows.

@@ -1,4 +1,4 @@
-"""What an agent adds to the playing of the planned pianist."""
+"""Residual actions: corrections of the planned pianist by an agent."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from sb3_piano.planning import PlanSettings, Tracker, Trackers
 from sb3_piano.planning.pianist import action_of
 from sb3_piano.settings import Count, Positive, checked
 from sb3_piano.simulation import TIP_TRAVEL, WRIST_UNIT
-from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
-from sb3_piano.wrappers.piano import layout_of, piano_of
+from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, piano_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -155,7 +154,9 @@ def _check_actions(env: gym.Env[Any, Any]) -> None:
 
 
 def _settings(given: Any) -> PlanSettings:
-    return PlanSettings(**checked("settings", {} if given is None else given, Mapping[str, Any]))
+    if given is None:
+        return PlanSettings()
+    return PlanSettings(**checked("settings", given, Mapping))
 
 
 def _block(shape: tuple[int, int]) -> ObservationBlock:

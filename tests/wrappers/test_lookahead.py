@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from side_by_side import TINY, block, episode
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
-from sb3_piano.buffers.packing import ObservationPacking
+from sb3_piano.buffers.ring_observations import ObservationPacking
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score

@@ -1,0 +1,117 @@
+"""Noise on the actions of a piano, and hands that begin out of place."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from annotated_types import Ge
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.settings import Number, Unit, checked
+from sb3_piano.simulation import TIP_TRAVEL
+
+DEFAULT_MEMORY = 0.2
+"""Time in which the noise loses most (1 - 1/e) of its memory, s."""
+
+
+class ActuatorNoise:
+    """Noise that is added to the actions of a piano environment, correlated in time.
+
+    A first-order autoregressive process for each actuator, stationary from the first step on. The
+    pedal has none.
+
+    Args:
+        env: A piano environment, wrapped or not, whose actions are those of the bare one.
+        std: Standard deviation of the actuators' targets, rad, at least 0; for the forearms 6 cm
+            for each rad.
+        memory: Time in which the correlation falls to 1/e, s; 0 for noise without memory.
+
+    Raises:
+        ConfigError: If a number is out of range, ``env`` is no piano, or its actions are others.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], std: float, memory: float = DEFAULT_MEMORY) -> None:
+        std = checked("noise", std, Annotated[Number, Ge(0), Unit("rad")])
+        memory = checked("noise_memory", memory, Annotated[Number, Ge(0), Unit("s")])
+        piano = env.unwrapped
+        if not isinstance(piano, PianoEnv):
+            raise ConfigError(
+                f"Noise of {std} rad cannot be added in a {type(piano).__name__}: expected a piano "
+                "environment, or no noise."
+            )
+        if env.action_space.shape != piano.action_space.shape:
+            raise ConfigError(
+                f"Noise of {std} rad cannot be added to actions of shape {env.action_space.shape}: "
+                f"expected those of the piano itself, {piano.action_space.shape}, or no noise."
+            )
+        units = np.where(piano.scene.actuator_kind == "forearm", TIP_TRAVEL, 1.0)
+        self._std = np.append(piano.action_map.change(std * units), 0.0)
+        timestep = piano.config.control_timestep
+        self._kept = 0.0 if memory == 0 else math.exp(-timestep / memory)
+        self._last: npt.NDArray[np.float64] | None = None
+
+    def restart(self) -> None:
+        """Begin an episode."""
+        self._last = None
+
+    def sample(self, random: np.random.Generator) -> npt.NDArray[np.float64]:
+        """Return what to add to the next action."""
+        fresh = random.normal(size=self._std.shape) * self._std
+        if self._last is None:
+            self._last = fresh
+        else:
+            self._last = self._kept * self._last + math.sqrt(1 - self._kept**2) * fresh
+        return self._last
+
+
+class PerturbedStart(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """Begin each episode with the joints of both hands turned at random, within their limits.
+
+    What is drawn comes from the environment's own generator, so that equal seeds begin alike. The
+    wrapper goes right around the environment, since the observation is taken anew.
+
+    Args:
+        env: A bare piano environment, or what ``gymnasium.make`` returns for one.
+        std: Standard deviation of each joint, rad, at least 0; for the forearms 6 cm for each
+            rad.
+
+    Raises:
+        ConfigError: If ``std`` is out of range, or ``env`` is no piano or has wrappers that change
+            its observation.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], std: float) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, std=std)
+        super().__init__(env)
+        piano = env.unwrapped
+        if not isinstance(piano, PianoEnv):
+            raise ConfigError(
+                f"The start of a {type(piano).__name__} cannot be perturbed: expected a piano."
+            )
+        if env.observation_space is not piano.observation_space:
+            raise ConfigError(
+                "PerturbedStart is around a wrapper that changes the observation: expected it "
+                "right around the environment, further in."
+            )
+        self._piano = piano
+        self._std = checked("std", std, Annotated[Number, Ge(0), Unit("rad")])
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode."""
+        _, info = self.env.reset(seed=seed, options=options)
+        scene, data = self._piano.scene, self._piano.data
+        where = scene.hand_qpos
+        slides = ["forearm" in name for names in scene.joint_names for name in names]
+        low, high = np.concatenate(scene.joint_range).T
+        offsets = self._piano.np_random.normal(size=len(where)) * self._std
+        moved = data.qpos[where] + offsets * np.where(slides, TIP_TRAVEL, 1.0)
+        data.qpos[where] = np.clip(moved, low, high)
+        # Putting the state back makes everything that follows from the positions.
+        return self._piano.set_state(self._piano.get_state()), info

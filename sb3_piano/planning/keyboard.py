@@ -1,4 +1,7 @@
-"""Places of the keys for the fingertips that press them, m."""
+"""Places of the keys for the fingertips that press them, m.
+
+Positions are the world's: x points from the keys' hinges to the player, y to the right, z up.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,15 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.planning.settings import PlanSettings
-from sb3_piano.simulation import KEY_IS_BLACK, PianoScene
+from sb3_piano.music.constants import KEY_IS_BLACK, THUMB
+from sb3_piano.simulation import PianoScene
 
 FloatArray = npt.NDArray[np.float64]
 
-THUMB = 0
+WHITE_X = (0.052, 0.042)
+"""Place along white keys where thumbs and where fingers press, m."""
+_MIXED_X = (0.040, 0.026)  # the same while the hand plays black keys, too
+_BLACK_X = (0.002, -0.002)  # the same on black keys
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +36,6 @@ class KeyPlaces:
     """(88,) angle when fully down, rad."""
     holding_torque: FloatArray
     """(88,) torque of the springs when fully down, N m."""
-    spacing: float
-    """Distance of neighbouring white keys, m."""
 
     @classmethod
     def of(cls, scene: PianoScene) -> KeyPlaces:
@@ -39,14 +43,12 @@ class KeyPlaces:
         data = mujoco.MjData(scene.model)
         mujoco.mj_kinematics(scene.model, data)
         centre, half = data.geom_xpos[scene.key_geom], scene.model.geom_size[scene.key_geom]
-        white = np.sort(centre[~KEY_IS_BLACK, 1])
         return cls(
             y=centre[:, 1].copy(),
             top=centre[:, 2] + half[:, 2],
             hinge=centre[:, 0] - half[:, 0],
             max_angle=scene.key_max_angle,
             holding_torque=_holding_torque(scene),
-            spacing=float(np.median(np.diff(white))),
         )
 
     def height(self, key: int, x: float, depth: float) -> float:
@@ -74,17 +76,13 @@ def _holding_torque(scene: PianoScene) -> FloatArray:
     return torque
 
 
-def press_x(key: int, finger: int, mixed: bool, settings: PlanSettings) -> float:
+def press_x(key: int, finger: int, mixed: bool) -> float:
     """Return where along a key a finger presses it, m.
 
     Args:
         key: 0 to 87.
         finger: 0 (thumb) to 4.
         mixed: Whether the hand plays keys of the other colour at about the same time.
-        settings: The plan's constants.
     """
-    if KEY_IS_BLACK[key]:
-        return settings.black_x_thumb if finger == THUMB else settings.black_x
-    if mixed:
-        return settings.mixed_x_thumb if finger == THUMB else settings.mixed_x
-    return settings.white_x_thumb if finger == THUMB else settings.white_x
+    white = _MIXED_X if mixed else WHITE_X
+    return (_BLACK_X if KEY_IS_BLACK[key] else white)[finger != THUMB]

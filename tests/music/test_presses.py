@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sb3_piano.music import MIN_PITCH, Note, PianoRoll, Score
-from sb3_piano.planning.presses import Press, presses_of_hand
+from sb3_piano.music.presses import Press, presses_of_hand
 
 KEY = 39
 

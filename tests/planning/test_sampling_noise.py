@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sb3_piano.planning.sampling.candidates import Candidates
-from sb3_piano.planning.sampling.settings import SamplingNoise
+from sb3_piano.planning.sampling.noise import Candidates, SamplingNoise
 from sb3_piano.simulation import compile_scene
 
 SCENE = compile_scene(physics="fast")

@@ -8,15 +8,8 @@ import numpy as np
 import pytest
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.planning.sampling.cost import (
-    any_finger_cost,
-    effort_cost,
-    finger_cost,
-    key_cost,
-    mistakes,
-    plan_cost,
-)
-from sb3_piano.planning.sampling.settings import SamplingCost, SamplingNoise
+from sb3_piano.planning.sampling.cost import SamplingCost, wrong_keys
+from sb3_piano.planning.sampling.noise import SamplingNoise
 
 NOTHING = {
     "missed": 0, "wrong": 0, "reluctant": 0, "brushed": 0, "astray": 0, "distance": 0, "effort": 0
@@ -56,48 +49,48 @@ def due(*which):
     ],
 )
 def test_keys_cost_what_they_miss_and_disturb(weights, angles, expected):
-    cost = key_cost(only(**weights), due(40, 44), keys(**angles), SOUNDING)
+    cost = only(**weights).key_cost(due(40, 44), keys(**angles), SOUNDING)
     assert cost == pytest.approx([expected])
 
 
 def test_in_silence_still_keys_cost_nothing():
-    assert key_cost(SamplingCost(), due(), keys(), SOUNDING) == pytest.approx([0.0])
+    assert SamplingCost().key_cost(due(), keys(), SOUNDING) == pytest.approx([0.0])
 
 
 def test_keys_that_cannot_sound_are_never_wrong():
     sounding = np.where(np.arange(88) == 41, np.inf, SOUNDING)
     angles = keys(k41=0.0)
-    assert key_cost(SamplingCost(), due(), angles, sounding) == pytest.approx([0.0])
-    assert key_cost(only(missed=1, reluctant=1), due(41), angles, sounding) == pytest.approx([2.0])
+    assert SamplingCost().key_cost(due(), angles, sounding) == pytest.approx([0.0])
+    assert only(missed=1, reluctant=1).key_cost(due(41), angles, sounding) == pytest.approx([2.0])
 
 
 def test_positions_cost_their_distance_from_the_plan_up_to_the_tolerance():
     planned, deviation = np.array([0.5, 0.0]), np.array([0.1, 0.01])
     positions = np.array([[0.5, 0.0], [0.6, 0.0], [0.5, 0.01], [0.6, 9.0]])
-    cost = plan_cost(only(astray=8, tolerance=2), planned, positions, deviation)
+    cost = only(astray=8, tolerance=2).plan_cost(planned, positions, deviation)
     assert cost == pytest.approx([0, 8 / 4 / 2, 8 / 4 / 2, 8 * (1 / 4 + 1) / 2])
 
 
 def test_changes_cost_their_mean_square():
     change, deviation = np.array([[0.0, 0.0], [0.1, 0.02]]), np.array([0.1, 0.01])
-    assert effort_cost(only(effort=2), change, deviation) == pytest.approx([0, 2 * (1 + 4) / 2])
+    assert only(effort=2).effort_cost(change, deviation) == pytest.approx([0, 2 * (1 + 4) / 2])
 
 
 def test_actuators_without_noise_are_not_counted():
     deviation = np.array([0.1, 0.0])
     apart = np.array([[0.1, 0.7]])
-    assert effort_cost(only(effort=2), apart, deviation) == pytest.approx([2])
-    planned = plan_cost(only(astray=3, tolerance=1), np.zeros(2), apart, deviation)
+    assert only(effort=2).effort_cost(apart, deviation) == pytest.approx([2])
+    planned = only(astray=3, tolerance=1).plan_cost(np.zeros(2), apart, deviation)
     assert planned == pytest.approx([3])
-    assert effort_cost(only(effort=2), apart, np.zeros(2)) == pytest.approx([0])
+    assert only(effort=2).effort_cost(apart, np.zeros(2)) == pytest.approx([0])
 
 
 def test_labelled_fingers_cost_how_far_they_are_from_their_keys():
     tips = np.array([[[0.0, 0, 0], [0, 0, 0]], [[0, 0.03, 0.04], [0, 0, 0.15]]])
     points = np.zeros((2, 2, 3))
-    cost = finger_cost(only(distance=2, reach=0.05), tips, points)
+    cost = only(distance=2, reach=0.05).finger_cost(tips, points)
     assert cost == pytest.approx([0, 2 * (0.5 + 0.75)])
-    assert finger_cost(only(distance=2), tips + 1e6, points) == pytest.approx([4, 4])
+    assert only(distance=2).finger_cost(tips + 1e6, points) == pytest.approx([4, 4])
 
 
 def test_any_fingers_cost_the_least_of_all_assignments():
@@ -115,7 +108,7 @@ def test_any_fingers_cost_the_least_of_all_assignments():
         )
         for t, q in zip(tips, points, strict=True)
     ]
-    assert any_finger_cost(cost, tips, points) == pytest.approx(expected)
+    assert cost.any_finger_cost(tips, points) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -153,4 +146,4 @@ def test_settings_at_the_ends_of_their_ranges_are_accepted():
 
 def test_mistakes_are_keys_that_sound_undue_or_are_silent_though_due():
     candidates = np.concatenate([keys(), keys(k40=0.1, k44=0.2), keys(k40=0.2, k41=0.1, k7=0.09)])
-    assert mistakes(due(40, 44), candidates, SOUNDING).tolist() == [2, 0, 2]
+    assert wrong_keys(due(40, 44), candidates, SOUNDING).tolist() == [2, 0, 2]

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hand_parts import SETTINGS, data_at, hand_of, keys_of, posture_of, scene_of
+from hand_parts import data_at, hand_of, keys_of, rest_of, scene_of, whole_hand
 
-from sb3_piano.simulation import KEY_IS_BLACK
+from sb3_piano.music.constants import KEY_IS_BLACK
+from sb3_piano.music.fingering.robot import KEY_SPACING
 
 EACH = pytest.mark.parametrize(("full", "hand"), [(True, 0), (True, 1), (False, 0), (False, 1)])
 
 
 def fingertips(full, hand):
     scene = scene_of(full=full)
-    return hand_of(scene, hand).fingertips(posture_of(scene, hand).rest[None])[0]
+    return hand_of(scene, hand).fingertips(rest_of(scene, hand)[None])[0]
 
 
 @EACH
@@ -21,7 +22,7 @@ def test_the_fingertips_are_over_neighbouring_white_keys(full, hand):
     scene = scene_of(full=full)
     keys, tips = keys_of(scene), fingertips(full, hand)
     sign = hand_of(scene, hand).sign
-    np.testing.assert_allclose(np.diff(tips[:, 1]) * sign, keys.spacing, atol=0.002)
+    np.testing.assert_allclose(np.diff(tips[:, 1]) * sign, KEY_SPACING, atol=0.002)
     top = keys.top[~KEY_IS_BLACK].max()
     lowest = tips[:, 2] - hand_of(scene, hand).radius
     assert (lowest > top + 0.003).all()
@@ -43,7 +44,7 @@ def test_the_fingertips_are_in_front_of_the_black_keys(full, hand):
 @EACH
 def test_the_posture_is_within_the_control_ranges(full, hand):
     kinematics = hand_of(scene_of(full=full), hand)
-    rest = posture_of(scene_of(full=full), hand).rest
+    rest = rest_of(scene_of(full=full), hand)
     assert (rest >= kinematics.low).all()
     assert (rest <= kinematics.high).all()
 
@@ -51,7 +52,7 @@ def test_the_posture_is_within_the_control_ranges(full, hand):
 @EACH
 def test_a_hand_at_rest_touches_nothing(full, hand):
     scene = scene_of(full=full)
-    rest = posture_of(scene, hand).rest
+    rest = rest_of(scene, hand)
     data = data_at(scene, *((rest,) if hand == 0 else (np.zeros_like(rest), rest)))
     tips = set(scene.fingertip_geom[5 * hand : 5 * hand + 5].tolist())
     touching = {int(geom) for pair in data.contact.geom for geom in pair}
@@ -66,13 +67,12 @@ def test_the_hands_are_mirror_images(full):
 
 @EACH
 def test_the_middle_of_the_hand_is_its_middle_finger(full, hand):
-    posture = posture_of(scene_of(full=full), hand)
-    assert posture.middle == pytest.approx(fingertips(full, hand)[2, 1], abs=0.002)
+    middle = hand_of(scene_of(full=full), hand).middle
+    assert middle == pytest.approx(fingertips(full, hand)[2, 1], abs=0.002)
 
 
 def test_posture_is_held_by_all_but_the_slider_along_the_keys():
-    posture = posture_of(scene_of(), 0)
-    pull = posture.pull(SETTINGS)
-    along = posture.names.index("forearm_tx")
-    assert (np.delete(pull, along) >= SETTINGS.posture).all()
-    assert pull[along] < 0.1 * SETTINGS.posture
+    hand = whole_hand(scene_of(), 0)
+    along = hand.kinematics.index("forearm_tx")
+    others = np.delete(hand.pull, along)
+    assert hand.pull[along] < 0.1 * others.min()

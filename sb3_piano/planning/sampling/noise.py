@@ -2,13 +2,47 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 import numpy.typing as npt
+from annotated_types import Ge, Gt, Le
 
-from sb3_piano.planning.sampling.settings import SamplingNoise
+from sb3_piano.settings import Count, Number, Share, settings
 from sb3_piano.simulation import PianoScene
 
 FloatArray = npt.NDArray[np.float64]
+
+_NotNegative = Annotated[Number, Ge(0)]
+
+
+@settings
+class SamplingNoise:
+    """Random differences of candidates from the best of the last control step.
+
+    The defaults are for sampling around a plan.
+
+    Raises:
+        ConfigError: If a value is out of range.
+    """
+
+    share: Annotated[Number, Gt(0), Le(1)] = 0.4
+    """Of the actuators, which a candidate changes; above 0, at most 1."""
+    knots: Count = 2
+    """Points of the horizon at which noise is drawn, the first and the last step included; it is
+    linear between them. 1 (constant noise) or more."""
+    finger: _NotNegative = 0.12
+    """Standard deviation at a knot, rad, of the fingers' actuators."""
+    wrist: _NotNegative = 0.04
+    """That of the wrists' actuators, rad."""
+    forearm: _NotNegative = 0.008
+    """That of the sliders on which the forearms stand, m."""
+    decay: Share = 0.9
+    """Share of the last control step's best change that is kept for the next one, in [0, 1]."""
+
+
+NOISE_FROM_ZERO = SamplingNoise(knots=3, finger=0.3, wrist=0.15, forearm=0.04, decay=1.0)
+"""Noise for sampling without a plan."""
 
 
 class Candidates:
@@ -23,7 +57,8 @@ class Candidates:
             horizon: Control steps, at least 1.
         """
         self._noise = noise
-        self.deviation = deviations(noise, scene)
+        of_kind = {"finger": noise.finger, "wrist": noise.wrist, "forearm": noise.forearm}
+        self.deviation = np.array([of_kind[str(kind)] for kind in scene.actuator_kind])
         """(nu,) standard deviation of each actuator's noise at a knot, rad or m."""
         n_knots = min(noise.knots, horizon)
         self._times = np.linspace(0, horizon - 1, n_knots) if n_knots > 1 else np.zeros(1)
@@ -48,18 +83,6 @@ class Candidates:
     def over_horizon(self, knots: FloatArray) -> FloatArray:
         """Return changes, given as knots (n, k, nu), at each control step: (n, horizon, nu)."""
         return np.asarray(self._weights @ knots)
-
-
-def deviations(noise: SamplingNoise, scene: PianoScene) -> FloatArray:
-    """Return the standard deviation of each actuator's noise at a knot, (nu,) rad or m."""
-    result = np.full(scene.model.nu, noise.finger)
-    for actuator in range(scene.model.nu):
-        name = scene.model.actuator(actuator).name
-        if "forearm" in name:
-            result[actuator] = noise.forearm
-        elif "WRJ" in name:
-            result[actuator] = noise.wrist
-    return result
 
 
 def _spline(at: FloatArray | npt.NDArray[np.intp], times: FloatArray) -> FloatArray:

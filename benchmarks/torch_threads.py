@@ -23,8 +23,7 @@ import torch
 from sb3_piano.bench import ENV_ID, Measurement, Row, Sample, measure
 from sb3_piano.bench.workloads import training_measurement
 from sb3_piano.envs import GENERAL_ID
-from sb3_piano.threads import usable_cores
-from sb3_piano.torch_threads import torch_threads
+from sb3_piano.threads import torch_threads, usable_cores
 from sb3_piano.training import load_config
 
 

@@ -1,4 +1,4 @@
-"""What was played in an episode, step by step; all music metrics come from this record."""
+"""Performance of an episode, step by step: the record from which all music metrics come."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Performance:
     """
 
     roll: PianoRoll
-    """What should be played, for the whole piece."""
+    """The whole piece as it should be played."""
     key_active: BoolArray
     """(t, 88) bool, keys that sounded at the end of each control step."""
     sustain: BoolArray
@@ -39,7 +39,7 @@ class Performance:
     press_finger: FingerArray
     """(t, 88) int8, the finger nearest to each sounding key, -1 where a key is silent."""
     title: str = ""
-    """What the piece is called."""
+    """Title of the piece."""
 
     def __len__(self) -> int:
         return len(self.key_active)

@@ -1,4 +1,4 @@
-"""A job for each of several environments, done in threads.
+"""A job for each of several environments, done in threads; and the threads of torch.
 
 MuJoCo's bindings release Python's lock while they simulate, and a piano environment spends nearly
 all of its time there: threads of one process step environments at the same time, without the
@@ -7,16 +7,20 @@ copying between processes.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import queue
 import threading
 import weakref
-from collections.abc import Callable
-from numbers import Integral
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any
 
-from sb3_piano.exceptions import ConfigError
+from annotated_types import Ge
+
+from sb3_piano.settings import Whole, checked
+
+_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 Job = Callable[[int], object]
 
@@ -39,8 +43,9 @@ class ThreadTeam:
             n_threads: Threads to use, the calling one included; by default one for each slot or
                 each usable core, whichever are fewer. More than slots are never used.
         """
-        self.n_threads = min(n_slots, usable_cores() if n_threads is None else _checked(n_threads))
-        """How many threads do the work, the calling one included."""
+        n_threads = checked("n_threads", n_threads, Annotated[Whole, Ge(1)] | None)
+        self.n_threads = min(n_slots, n_threads or usable_cores())
+        """Number of threads that do the work, the calling one included."""
         bounds = [n_slots * i // self.n_threads for i in range(self.n_threads + 1)]
         self._own, *self._shares = (range(*pair) for pair in itertools.pairwise(bounds))
         self._workers: list[_Worker] = []
@@ -148,7 +153,27 @@ def _nothing(slot: int) -> None:
     del slot
 
 
-def _checked(n_threads: int) -> int:
-    if isinstance(n_threads, bool) or not isinstance(n_threads, Integral) or n_threads < 1:
-        raise ConfigError(f"n_threads is {n_threads!r}: expected a whole number from 1 on.")
-    return int(n_threads)
+@contextlib.contextmanager
+def torch_threads(number: int | None = None) -> Iterator[None]:
+    """Let torch compute with this many threads meanwhile, and afterwards with as many as before.
+
+    The number is one of the whole process. Everything in this package that runs a network does so
+    in this context, so that the program around it keeps its own number.
+
+    Args:
+        number: Threads, at least 1. By default one, unless ``OMP_NUM_THREADS`` or
+            ``MKL_NUM_THREADS`` is set: then the number stays as it is. Networks as small as those
+            of piano players gain nothing from a second thread, and lose most of their speed as soon
+            as anything else runs: at the end of each operation the threads wait for one another, as
+            busily as if they worked.
+    """
+    import torch  # here, since environments alone do without
+
+    former = torch.get_num_threads()
+    if number is None:
+        number = former if any(os.environ.get(name) for name in _VARIABLES) else 1
+    torch.set_num_threads(number)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(former)

@@ -54,7 +54,7 @@ class ThreadVecEnv(DummyVecEnv):
 
     @property
     def n_threads(self) -> int:
-        """How many threads step the environments, the calling one included."""
+        """Number of threads that step the environments, the calling one included."""
         return self._team.n_threads
 
     def step_wait(self) -> VecEnvStepReturn:

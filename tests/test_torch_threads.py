@@ -10,7 +10,7 @@ import yaml
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.torch_threads import torch_threads
+from sb3_piano.threads import torch_threads
 from sb3_piano.training import RunConfig, evaluate, resume, train
 
 VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS")

@@ -31,8 +31,7 @@ from sb3_piano.bench.workloads import (
     update_measurements,
 )
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.threads import usable_cores
-from sb3_piano.torch_threads import torch_threads
+from sb3_piano.threads import torch_threads, usable_cores
 
 __all__ = [
     "ENV_ID",
@@ -88,7 +87,7 @@ def run_bench(
         rounds: Rounds to take medians of, at least 1, besides one to warm up.
         peer_python: Interpreter that has RoboPianist, which is then measured as well.
         before: Folder of another version of this package, whose steps are then measured as well.
-        num_threads: Threads of torch, at least 1; by default see :mod:`sb3_piano.torch_threads`.
+        num_threads: Threads of torch, at least 1; by default see :mod:`sb3_piano.threads`.
         progress: Whether to show a progress bar on standard error.
 
     Raises:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import typing
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -26,7 +27,7 @@ from sb3_piano.bench.measurement import Measurement, Row, Sample
 from sb3_piano.bench.playback import play_env, play_physics, record_controls
 from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.envs import GENERAL_ID
-from sb3_piano.envs.config import OBSERVATIONS
+from sb3_piano.envs.config import ObservationKind
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.simulation import PHYSICS_PROFILES
 from sb3_piano.training import RunConfig, load_config
@@ -210,8 +211,9 @@ def update_measurements(stack: contextlib.ExitStack) -> list[Measurement]:
     """Updates of each preset's networks: its default by observation, and for the debug pieces."""
     found = []
     for algo in _ALGORITHMS:
-        base = f"{algo}, {OBSERVATIONS[0]}"
-        configs = {f"{algo}, {kind}": _config(algo, observation=kind) for kind in OBSERVATIONS}
+        kinds = typing.get_args(ObservationKind)
+        base = f"{algo}, {kinds[0]}"
+        configs = {f"{algo}, {kind}": _config(algo, observation=kind) for kind in kinds}
         configs[f"{algo} for debug pieces"] = _config(algo, ENV_ID)
         for name, config in configs.items():
             model, _ = _filled_model(config, stack)

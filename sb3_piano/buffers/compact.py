@@ -10,8 +10,11 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
 
-from sb3_piano.buffers.packing import ObservationPacking
-from sb3_piano.buffers.ring_observations import RingNextObservations, RingObservations
+from sb3_piano.buffers.ring_observations import (
+    ObservationPacking,
+    RingNextObservations,
+    RingObservations,
+)
 from sb3_piano.buffers.rows import ArrayRows, Arrays, IntArray
 from sb3_piano.exceptions import ConfigError
 

@@ -2,13 +2,11 @@
 
 from sb3_piano.callbacks.checkpoint import Checkpoint, ResumableCheckpoint
 from sb3_piano.callbacks.demonstrations import DemonstrationsCallback
-from sb3_piano.callbacks.episode_metrics import EpisodeMetricsCallback
-from sb3_piano.callbacks.f1 import F1Callback, OnsetF1Callback
-from sb3_piano.callbacks.metric_eval import MetricEvalCallback
+from sb3_piano.callbacks.episode_metrics import EpisodeMetricsCallback, RewardTermsCallback
+from sb3_piano.callbacks.metric_eval import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.callbacks.performance_video import PerformanceVideoCallback
 from sb3_piano.callbacks.progress import PianoProgressBar
 from sb3_piano.callbacks.replay_segments import restore_replay_buffer
-from sb3_piano.callbacks.reward_terms import RewardTermsCallback
 
 __all__ = [
     "Checkpoint",

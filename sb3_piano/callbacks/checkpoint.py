@@ -11,8 +11,9 @@ from pathlib import Path
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.callbacks.replay_segments import SEGMENT_PATTERN, ReplayManifest, ReplaySegments
-from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.exceptions import RunError
 from sb3_piano.files import PARTIAL_SUFFIX, write_atomically, write_bytes, write_json
+from sb3_piano.settings import Count, checked
 
 CHECKPOINT_FILE = "checkpoint.json"
 DEFAULT_EVERY = 10_000
@@ -116,7 +117,7 @@ class ResumableCheckpoint(BaseCallback):
     ) -> None:
         super().__init__()
         self._folder = Path(folder)
-        self._every = checked_every(every)
+        self._every = checked("every", every, Count)
         self._model_copy = None if model_copy is None else Path(model_copy)
         self._labels = dict(labels or {})
         self._saved_at = 0 if resumed is None else resumed.num_timesteps
@@ -188,14 +189,3 @@ class ResumableCheckpoint(BaseCallback):
             for path in self._folder.glob(pattern):
                 if path.name not in files:
                     path.unlink(missing_ok=True)
-
-
-def checked_every(every: int) -> int:
-    """Return a number of steps between checkpoints that is at least 1.
-
-    Raises:
-        ConfigError: If it is less.
-    """
-    if every < 1:
-        raise ConfigError(f"The steps between two checkpoints are {every}: expected 1 or more.")
-    return every

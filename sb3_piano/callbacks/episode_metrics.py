@@ -1,12 +1,68 @@
-"""Music metrics in the training's log."""
+"""Music metrics and reward terms of finished episodes in the training's log."""
 
 from __future__ import annotations
 
+import math
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from sb3_piano.callbacks.episode_info import EpisodeInfoCallback
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+
 from sb3_piano.metrics import EPISODE_METRICS
+
+RETURN_PREFIX = "return_"
+_GROUPS = {RETURN_PREFIX: "reward", "finger_share_": "fingers"}
+
+
+class EpisodeInfoCallback(BaseCallback):
+    """Log numbers that environments put into ``info`` at the end of an episode.
+
+    Each logged value is the mean over the episodes that finished, in all environments, since the
+    log was last written. Keys that an environment does not have, and values that are no finite
+    number, are left out.
+
+    The values are recorded while SB3 collects a rollout, before it writes the log: off-policy
+    algorithms write it within the step that ends an episode, so that a value recorded at the end of
+    the rollout would come one log line late.
+    """
+
+    @abstractmethod
+    def _keys(self, info: Mapping[str, Any]) -> Iterable[str]:
+        """Return which keys to log of an episode's last ``info``."""
+
+    def _on_step(self) -> bool:
+        for done, info in zip(self.locals["dones"], self.locals["infos"], strict=True):
+            if done:
+                self._record(info)
+        return True
+
+    def _record(self, info: Mapping[str, Any]) -> None:
+        for key in self._keys(info):
+            number = finite_number(info.get(key))
+            if number is not None:
+                self.logger.record_mean(log_name(key), number)
+
+
+def log_name(key: str) -> str:
+    """Return the name under which a key of ``info`` is logged.
+
+    >>> log_name("f1"), log_name("return_key_press"), log_name("finger_share_r1")
+    ('music/f1', 'reward/key_press', 'fingers/r1')
+    """
+    for prefix, group in _GROUPS.items():
+        if key.startswith(prefix):
+            return f"{group}/{key.removeprefix(prefix)}"
+    return f"music/{key}"
+
+
+def finite_number(value: Any) -> float | None:
+    """Return a value as a number, or ``None`` if it is none, or is NaN or infinite."""
+    if not isinstance(value, (int, float, np.number)):
+        return None
+    number = float(value)
+    return number if math.isfinite(number) else None
 
 
 class EpisodeMetricsCallback(EpisodeInfoCallback):
@@ -28,3 +84,15 @@ class EpisodeMetricsCallback(EpisodeInfoCallback):
     def _keys(self, info: Mapping[str, Any]) -> Iterable[str]:
         del info  # those that it lacks are left out anyway
         return self._names
+
+
+class RewardTermsCallback(EpisodeInfoCallback):
+    """Log what each term of the reward contributed to the finished episodes.
+
+    A term's weighted sum over an episode, ``return_<term>`` in ``info``, goes under
+    ``reward/<term>``: ``return_key_press`` becomes ``reward/key_press``. Each value is the mean
+    over the episodes since the log was last written; environments without such keys log nothing.
+    """
+
+    def _keys(self, info: Mapping[str, Any]) -> Iterable[str]:
+        return [key for key in info if key.startswith(RETURN_PREFIX)]

@@ -3,24 +3,80 @@
 from __future__ import annotations
 
 import contextlib
+import json
+import pickle
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
 from stable_baselines3.common.logger import HumanOutputFormat
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from sb3_piano.callbacks.best_model import BestModel
-from sb3_piano.callbacks.episode_info import finite_number
-from sb3_piano.callbacks.own_env import env_name, make_own_env, preserve_random_state
-from sb3_piano.callbacks.run_context import RunContext
-from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.callbacks.episode_metrics import finite_number
+from sb3_piano.callbacks.own_env import RunContext, env_name, make_own_env, preserve_random_state
+from sb3_piano.exceptions import ConfigError, RunError, near_names
+from sb3_piano.files import write_atomically, write_json
 from sb3_piano.metrics import EPISODE_METRICS
+from sb3_piano.settings import Count, checked
+
+_NOTE = "best_model.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class BestModel:
+    """Content of ``best_model.json``, about the ``best_model.zip`` beside it."""
+
+    metric: str
+    """By what it is the best."""
+    value: float
+    """Its mean over the episodes of the evaluation."""
+    num_timesteps: int
+    """Environment steps that the model was trained for."""
+
+    def save(self, folder: Path, model: BaseAlgorithm) -> None:
+        """Write a model that scored this, with the statistics of ``VecNormalize`` if it has any.
+
+        The note comes last: after a crash in between it tells of the model before, never of one
+        that is not there.
+        """
+        write_atomically(folder / "best_model.zip", model.save)
+        normalization = model.get_vec_normalize_env()
+        if normalization is not None:
+            write_atomically(
+                folder / "vecnormalize.pkl", lambda file: pickle.dump(normalization, file)
+            )
+        write_json(folder / _NOTE, vars(self))
+
+    @classmethod
+    def read(cls, folder: Path) -> BestModel | None:
+        """Return what a folder's best model scored, or ``None`` if it has none.
+
+        Raises:
+            RunError: If the file is damaged.
+        """
+        path = folder / _NOTE
+        if not path.exists():
+            return None
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            return cls(
+                metric=str(content["metric"]),
+                value=float(content["value"]),
+                num_timesteps=int(content["num_timesteps"]),
+            )
+        except (OSError, ValueError, TypeError, KeyError) as error:
+            raise RunError(
+                f"'{path}' cannot be read ({error!r}): expected the file that stands beside a best "
+                "model. Without it, the next evaluation counts as the best."
+            ) from error
+
 
 _BASELINE = "noop_f1"
 
@@ -102,9 +158,7 @@ class MetricEvalCallback(EvalCallback):
                 f"{type(self).__name__} has no metric: expected F1Callback, OnsetF1Callback or a "
                 "subclass with metric = '...'."
             )
-        for name, value in (("n_eval_episodes", n_eval_episodes), ("stop_patience", stop_patience)):
-            if value < 1:
-                raise ConfigError(f"{name} is {value}: expected 1 or more.")
+        n_eval_episodes = checked("n_eval_episodes", n_eval_episodes, Count)
         super().__init__(
             _UnbuiltEnv() if eval_env is None else eval_env,
             callback_on_new_best,
@@ -120,7 +174,7 @@ class MetricEvalCallback(EvalCallback):
         )
         self.seed = seed
         self.stop_threshold = stop_threshold
-        self.stop_patience = stop_patience
+        self.stop_patience = checked("stop_patience", stop_patience, Count)
         self.evaluations_metrics: list[list[Mapping[str, float]]] = []
         """The metrics of each episode of each evaluation."""
         self._makes_env = eval_env is None
@@ -258,3 +312,15 @@ class _UnbuiltEnv(gym.Env[Any, Any]):
     """Stands in for an environment that is made when the training starts."""
 
     observation_space = action_space = gym.spaces.Discrete(1)
+
+
+class F1Callback(MetricEvalCallback):
+    """Evaluate, and keep the best model, by F1: key by key and control step by control step."""
+
+    metric = "f1"
+
+
+class OnsetF1Callback(MetricEvalCallback):
+    """Evaluate, and keep the best model, by onset F1: is each note struck, and struck in time."""
+
+    metric = "onset_f1"

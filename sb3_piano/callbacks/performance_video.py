@@ -4,13 +4,26 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
+from typing import Annotated, Any
 
+import gymnasium as gym
+import numpy as np
+from gymnasium.wrappers import TimeLimit
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
-from sb3_piano.callbacks.own_piano import OwnPiano
-from sb3_piano.callbacks.run_context import RunContext
+from sb3_piano.callbacks.own_env import (
+    RunContext,
+    env_name,
+    make_own_env,
+    preserve_random_state,
+    sync_normalization,
+)
+from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.settings import Positive, Unit, checked
 from sb3_piano.viewing import Picture, Take, write_take
+from sb3_piano.viewing.take import Camera
 
 
 class PerformanceVideoCallback(BaseCallback):
@@ -19,7 +32,7 @@ class PerformanceVideoCallback(BaseCallback):
     Every ``video_freq`` calls, in an environment of its own, the policy plays without exploring.
     ``step_<n>.mp4`` has pictures and sound, ``step_<n>.wav`` the sound alone and ``step_<n>.mid``
     the notes, unless no key was pressed; n is the number of environment steps so far. A machine
-    that cannot draw is told of once, and gets the other two.
+    that cannot draw gets the other two, and one warning.
 
     A call is one step of all environments together: with ``n_envs`` environments, ``video_freq``
     calls are ``video_freq * n_envs`` environment steps. The training does not notice: environment
@@ -49,15 +62,13 @@ class PerformanceVideoCallback(BaseCallback):
         max_seconds: float = 60.0,
         width: int = 640,
         height: int = 360,
-        camera: str = "overview",
+        camera: Camera = "overview",
         seed: int | None = 0,
     ) -> None:
         super().__init__()
-        if not max_seconds > 0:
-            raise ConfigError(f"max_seconds is {max_seconds}: expected more than 0 s.")
         self._video_freq = video_freq
         self._folder = None if folder is None else Path(folder)
-        self._max_seconds = max_seconds
+        self._max_seconds = checked("max_seconds", max_seconds, Annotated[Positive, Unit("s")])
         self._picture: Picture | None = Picture(width=width, height=height, camera=camera)
         self._seed = seed
         self._run: RunContext | None = None
@@ -102,3 +113,70 @@ class PerformanceVideoCallback(BaseCallback):
                 f"There are no videos of this training, only sound and notes: {played.problem}",
                 stacklevel=2,
             )
+
+
+class OwnPiano:
+    """An environment like those of the training, in which the model plays single episodes.
+
+    Args:
+        model: The model that is being trained.
+        run: The run, if its session told the callback.
+        max_seconds: After which time an episode is cut off, s.
+
+    Raises:
+        ConfigError: If the environment is no piano, or there is no run and it cannot be copied.
+    """
+
+    def __init__(self, model: BaseAlgorithm, run: RunContext | None, max_seconds: float) -> None:
+        self._model = model
+        self._max_seconds = max_seconds
+        recorders: list[EpisodeRecorder] = []
+
+        def record(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
+            recorders.append(EpisodeRecorder(self._cut_off(env)))
+            return recorders[-1]
+
+        self._env = make_own_env(model, run, record)
+        self._recorder = recorders[-1]
+        piano = self._recorder.unwrapped
+        if not isinstance(piano, PianoEnv):
+            self.close()
+            raise ConfigError(
+                f"There is no performance to record in {env_name(self._env)}: expected a piano "
+                "environment."
+            )
+        self._scene = piano.scene
+
+    def play(self, seed: int | None) -> Take:
+        """Return an episode that the model plays now, without exploring.
+
+        Args:
+            seed: Seeds the environment; ``None`` lets it go on from the last episode.
+        """
+        sync_normalization(self._model, self._env)
+        with preserve_random_state(self._model, seed):
+            if seed is not None:
+                self._env.seed(seed)
+            self._play_on()
+        recording = self._recorder.finished.pop()
+        assert recording.performance is not None, "it is a piano"
+        assert recording.motion is not None, "it is a piano"
+        return Take.of(self._scene, recording.performance, recording.motion.qpos)
+
+    def close(self) -> None:
+        """Close the environment."""
+        self._env.close()
+
+    def _cut_off(self, env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
+        """End the episodes of a piano after the longest time."""
+        if not isinstance(env.unwrapped, PianoEnv):
+            return env
+        steps = int(self._max_seconds / env.unwrapped.config.control_timestep + 1e-9)
+        return TimeLimit(env, max(steps, 1))
+
+    def _play_on(self) -> None:
+        observation: Any = self._env.reset()
+        state, starts = None, np.ones(1, dtype=bool)
+        while not self._recorder.finished:
+            action, state = self._model.predict(observation, state, starts, deterministic=True)
+            observation, _, starts, _ = self._env.step(action)

@@ -37,7 +37,7 @@ class Segment:
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayManifest:
-    """Which segments make up a saved buffer, and where its write position was."""
+    """Segments that make up a saved buffer, and its write position."""
 
     capacity: int
     n_envs: int

@@ -38,7 +38,7 @@ def rounded(name: str, value: float) -> str:
 
 
 def _definition(name: str) -> Definition:
-    return DEFINITIONS.get(name, Definition(name, "", name, name, ""))
+    return DEFINITIONS.get(name, Definition(name, "", name, "", name))
 
 
 def _with_unit(text: str, unit: str) -> str:

@@ -2,8 +2,7 @@
 
 from sb3_piano.demonstrations.cloning import Cloning, clone_behaviour
 from sb3_piano.demonstrations.dataset import EXPERT_ACTION, open_dataset
-from sb3_piano.demonstrations.noise import ActuatorNoise
-from sb3_piano.demonstrations.perturbed_start import PerturbedStart
+from sb3_piano.demonstrations.disturbances import ActuatorNoise, PerturbedStart
 from sb3_piano.demonstrations.recording import Recorded, record
 from sb3_piano.demonstrations.replay import fill_replay_buffer
 

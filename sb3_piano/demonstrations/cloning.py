@@ -20,6 +20,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from sb3_piano.demonstrations.dataset import Transitions, open_dataset
 from sb3_piano.demonstrations.replay import check_spaces, scaled_actions
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.settings import Count, Positive, checked
 
 if TYPE_CHECKING:
     from minari import MinariDataset
@@ -75,7 +76,9 @@ def clone_behaviour(
             fit it.
         ImportError: If Minari is not installed.
     """
-    _check(epochs=epochs, batch_size=batch_size, learning_rate=learning_rate)
+    checked("epochs", epochs, Count)
+    checked("batch_size", batch_size, Count)
+    checked("learning_rate", learning_rate, Positive)
     actor = getattr(model.policy, "actor", None)
     if not isinstance(actor, torch.nn.Module):
         raise ConfigError(
@@ -139,14 +142,6 @@ class _Fit:
         # SB3's hook of all its policies: the action before it is scaled to the action space.
         played = self.model.policy._predict(self.observations[rows], deterministic=True)
         return torch.nn.functional.mse_loss(played, self.targets[rows])
-
-
-def _check(*, epochs: int, batch_size: int, learning_rate: float) -> None:
-    for name, value in (("epochs", epochs), ("batch_size", batch_size)):
-        if value < 1:
-            raise ConfigError(f"{name} is {value}: expected 1 or more.")
-    if not (math.isfinite(learning_rate) and learning_rate > 0):
-        raise ConfigError(f"learning_rate is {learning_rate}: expected a finite number above 0.")
 
 
 def _tensor(model: BaseAlgorithm, array: npt.NDArray[Any]) -> torch.Tensor:

@@ -16,11 +16,11 @@ import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 
 import sb3_piano
-from sb3_piano.demonstrations.noise import DEFAULT_MEMORY, ActuatorNoise
-from sb3_piano.demonstrations.perturbed_start import PerturbedStart
-from sb3_piano.demonstrations.writer import DatasetWriter, Episode
+from sb3_piano.demonstrations.dataset import DatasetWriter, Episode
+from sb3_piano.demonstrations.disturbances import DEFAULT_MEMORY, ActuatorNoise, PerturbedStart
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.metrics import EPISODE_METRICS
+from sb3_piano.settings import Count, Index, checked
 
 if TYPE_CHECKING:
     from minari import MinariDataset
@@ -100,10 +100,8 @@ def record(
             noise for such an environment.
         ImportError: If Minari is not installed.
     """
-    if episodes < 1:
-        raise ConfigError(f"episodes is {episodes}: expected 1 or more.")
-    if seed < 0:
-        raise ConfigError(f"seed is {seed}: expected 0 or more.")
+    checked("episodes", episodes, Count)
+    checked("seed", seed, Index)
     if not noise:
         raise ConfigError("There is no noise given: expected at least one number, such as 0.")
     noises = [_noise(env, std, noise_memory) for std in noise]

@@ -69,7 +69,7 @@ def make_encoding(
     """Return the encoding called ``name``.
 
     Args:
-        name: One of :data:`~sb3_piano.envs.config.OBSERVATIONS`.
+        name: One of :data:`~sb3_piano.envs.config.ObservationKind`.
         scene: The scene that is observed.
         n_steps_lookahead: How many control steps after the current one the goal shows.
         control_timestep: Length of a control step, s.

@@ -136,4 +136,4 @@ class ObservationSpace(spaces.Box):
         )
         super().__init__(low, high, dtype=np.float32)
         self.layout = layout
-        """Which numbers stand where."""
+        """The layout: name, place and meaning of each block."""

@@ -14,6 +14,7 @@ from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.envs.score_choice import ScoreSource, own_score
 from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError
 from sb3_piano.music import Score, load_score
+from sb3_piano.settings import Count, checked
 from sb3_piano.threads import ThreadTeam
 
 Observations = npt.NDArray[np.float32]
@@ -58,8 +59,7 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
-        if num_envs < 1:
-            raise ConfigError(f"num_envs is {num_envs}: expected 1 or more.")
+        num_envs = checked("num_envs", num_envs, Count)
         mode = _checked_mode(autoreset_mode)
         self._team = ThreadTeam(num_envs, n_threads)
         if isinstance(score, str) or not isinstance(score, Sequence):

@@ -1,7 +1,14 @@
 """Metrics of performances: pure functions from arrays to numbers."""
 
-from sb3_piano.metrics.definitions import DEFINITIONS, Definition, has_value
-from sb3_piano.metrics.episode import EPISODE_METRICS, FINGER_SHARES, episode_metrics
+from sb3_piano.metrics.episode import (
+    DEFINITIONS,
+    EPISODE_METRICS,
+    FINGER_SHARES,
+    Definition,
+    episode_metrics,
+    has_value,
+    normalized_return,
+)
 from sb3_piano.metrics.fingers import (
     KeyBoxes,
     effective_fingers,
@@ -27,9 +34,7 @@ from sb3_piano.metrics.onsets import (
     onsets_of,
     timing_error,
 )
-from sb3_piano.metrics.presses import Presses, presses_of
-from sb3_piano.metrics.returns import normalized_return
-from sb3_piano.metrics.wrong import wrong_presses, wrong_presses_per_second
+from sb3_piano.metrics.presses import Presses, presses_of, wrong_presses, wrong_presses_per_second
 
 __all__ = [
     "DEFINITIONS",

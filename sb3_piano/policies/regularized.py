@@ -1,24 +1,18 @@
-"""SB3's policies with critics that RoboPianist's authors train: dropout and layer normalisation.
-
-Source: DroQ (Hiraoka et al. 2022, "Dropout Q-Functions for Doubly Efficient Reinforcement
-Learning"), section 3: each hidden layer of a critic is a linear map, dropout, layer normalisation,
-ReLU. RoboPianist (Zakka et al. 2023) uses it with dropout 0.01. Two things are as SB3 has them:
-target critics do not drop out, and there is one update for each environment step unless told
-otherwise.
-"""
+"""Policies of SAC and TD3 with regularised critics, and such ones for ``ResidualAction``."""
 
 from __future__ import annotations
 
 import functools
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
+from annotated_types import Ge, Lt
 from stable_baselines3.common.policies import BasePolicy, ContinuousCritic
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
 from stable_baselines3.sac.policies import SACPolicy
 from stable_baselines3.td3.policies import TD3Policy
 from torch import nn
 
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.settings import Number, checked
 
 Layer = type[nn.Module]
 
@@ -54,15 +48,15 @@ class RegularizedCritic(ContinuousCritic):
 
 
 class _RegularizedCritics(BasePolicy):
-    """What both policies have in common."""
+    """Policies with :class:`RegularizedCritic` in place of SB3's critics."""
 
     critic_kwargs: dict[str, Any]
 
     def __init__(
         self, *args: Any, dropout: float = 0.01, layer_norm: bool = True, **kwargs: Any
     ) -> None:
-        if not 0 <= dropout < 1:
-            raise ConfigError(f"dropout is {dropout!r}: expected 0 or more, and less than 1.")
+        dropout = checked("dropout", dropout, Annotated[Number, Ge(0), Lt(1)])
+        layer_norm = checked("layer_norm", layer_norm, bool)
         self._regularization: dict[str, Any] = {"dropout": dropout, "layer_norm": layer_norm}
         super().__init__(*args, **kwargs)
 
@@ -111,3 +105,36 @@ def _dropout(probability: float, features: int) -> nn.Dropout:
     """Return dropout for a layer of any size."""
     del features
     return nn.Dropout(probability)
+
+
+class _StillAtFirst(BasePolicy):
+    """Policies whose actor's last layer begins at zero: training begins with the plan itself.
+
+    Source: Silver et al. (2018), "Residual Policy Learning", section 4.
+    """
+
+    def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
+        """Return a new actor whose actions are 0 until it has learnt something."""
+        actor = super().make_actor(features_extractor)  # type: ignore[misc]  # of SB3's policies
+        last = [layer for layer in actor.mu.modules() if isinstance(layer, nn.Linear)][-1]
+        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.bias)
+        return actor
+
+
+class ResidualTD3Policy(_StillAtFirst, RegularizedTD3Policy):
+    """:class:`RegularizedTD3Policy` whose actions are 0 at first.
+
+    Args:
+        *args: As of SB3's.
+        **kwargs: As of :class:`RegularizedTD3Policy`.
+    """
+
+
+class ResidualSACPolicy(_StillAtFirst, RegularizedSACPolicy):
+    """:class:`RegularizedSACPolicy` whose actions, when it does not explore, are 0 at first.
+
+    Args:
+        *args: As of SB3's.
+        **kwargs: As of :class:`RegularizedSACPolicy`.
+    """

@@ -22,7 +22,7 @@ from sb3_piano.demonstrations import Cloning, clone_behaviour, open_dataset
 from sb3_piano.demonstrations.dataset import reading
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import write_text
-from sb3_piano.torch_threads import torch_threads
+from sb3_piano.threads import torch_threads
 from sb3_piano.training.builders import build_model, build_vec_env
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.plugins import Plugin

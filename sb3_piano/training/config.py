@@ -63,7 +63,7 @@ class RunConfig:
     """``dummy``: one plays after the other; ``threads``: in threads of this process; ``subproc``:
     each in a process of its own."""
     num_threads: int | None = None
-    """Threads of torch, at least 1; by default as :func:`~sb3_piano.torch_threads.torch_threads`
+    """Threads of torch, at least 1; by default as :func:`~sb3_piano.threads.torch_threads`
     chooses: one, unless ``OMP_NUM_THREADS`` or ``MKL_NUM_THREADS`` is set."""
     env_module: str | None = None
     """Module to import before the environment is made."""

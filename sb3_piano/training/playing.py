@@ -19,7 +19,7 @@ from sb3_piano.envs import EpisodeRecorder, PianoEnv, Recording
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
 from sb3_piano.music import Score, load_score
 from sb3_piano.planning import PianoPolicy
-from sb3_piano.torch_threads import torch_threads
+from sb3_piano.threads import torch_threads
 from sb3_piano.training.builders import build_vec_env
 from sb3_piano.training.config import RunConfig
 from sb3_piano.training.loading import load_player, model_files

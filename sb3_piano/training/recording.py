@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from sb3_piano.demonstrations import PerturbedStart
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PianoPolicy
-from sb3_piano.torch_threads import torch_threads
+from sb3_piano.threads import torch_threads
 from sb3_piano.training.algorithms import PLANNERS
 from sb3_piano.training.builders import build_planner, build_vec_env
 from sb3_piano.training.config import RunConfig

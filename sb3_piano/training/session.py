@@ -21,7 +21,7 @@ from sb3_piano.callbacks import (
     RewardTermsCallback,
 )
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
-from sb3_piano.callbacks.run_context import EnvWrapper, RunContext, hand_over
+from sb3_piano.callbacks.own_env import EnvWrapper, RunContext, hand_over
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training.builders import build_vec_env
 from sb3_piano.training.config import RunConfig

@@ -19,12 +19,13 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.callbacks import Checkpoint, restore_replay_buffer
-from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY, checked_every
+from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
 from sb3_piano.callbacks.replay_segments import end_last_episode
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import disk_refusal
-from sb3_piano.torch_threads import torch_threads
+from sb3_piano.settings import Count, checked
+from sb3_piano.threads import torch_threads
 from sb3_piano.training.algorithms import algorithm_class
 from sb3_piano.training.builders import build_callbacks, build_model, build_vec_env
 from sb3_piano.training.config import RunConfig
@@ -64,7 +65,7 @@ def train(
         ConfigError: If environment, algorithm or callbacks refuse their settings.
         RunError: If the folder cannot be used.
     """
-    checkpoint_every = checked_every(checkpoint_every)
+    checkpoint_every = checked("checkpoint_every", checkpoint_every, Count)
     if config.seed is None:
         config = dataclasses.replace(config, seed=int(np.random.default_rng().integers(2**31)))
     with torch_threads(config.num_threads), _closing(build_vec_env(config)) as venv:
@@ -111,7 +112,7 @@ def resume(
         ConfigError: If the run's config is damaged, or its environment cannot be made.
         RunError: If there is no run, it is another than expected, or its checkpoint is damaged.
     """
-    checkpoint_every = checked_every(checkpoint_every)
+    checkpoint_every = checked("checkpoint_every", checkpoint_every, Count)
     run = RunFolder.open(folder)
     if (run.path / WEIGHTS_FILE).is_file():
         raise RunError(

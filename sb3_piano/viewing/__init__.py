@@ -1,8 +1,12 @@
 """Pictures of the simulation: single ones, videos with sound, a window."""
 
-from sb3_piano.viewing.colors import FINGER_COLORS, PRESSED_COLOR, UNLABELLED_COLOR
 from sb3_piano.viewing.film import Moment, film, moments
-from sb3_piano.viewing.frame_renderer import FrameRenderer
+from sb3_piano.viewing.frame_renderer import (
+    FINGER_COLORS,
+    PRESSED_COLOR,
+    UNLABELLED_COLOR,
+    FrameRenderer,
+)
 from sb3_piano.viewing.take import (
     DEFAULT_PICTURE,
     Picture,

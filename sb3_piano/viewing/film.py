@@ -19,7 +19,7 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Moment:
-    """What is to be seen at one time."""
+    """State of the scene at one time, as a picture shows it."""
 
     qpos: FloatArray
     """(nq,) joint positions, rad or m."""
@@ -34,7 +34,7 @@ class Moment:
 def moments(
     scene: PianoScene, performance: Performance, qpos: FloatArray, *, mark_sounding: bool = True
 ) -> Iterator[Moment]:
-    """Return what is to be seen at the start of a performance and after each control step.
+    """Return the moments of a performance: its start, and the end of each control step.
 
     At the start the keys of the first step are due, later those of the step just played.
 

@@ -13,7 +13,53 @@ import numpy.typing as npt
 
 from sb3_piano.exceptions import RenderingError
 from sb3_piano.simulation import PianoScene, find_gl_backend
-from sb3_piano.viewing.painting import Color, geom_colors
+
+# Okabe and Ito's palette, which people with colour-blindness can tell apart, without its greens:
+# green says that a key sounds.
+_THUMB_TO_LITTLE = (
+    (0.84, 0.37, 0.00, 1.0),  # vermillion
+    (0.00, 0.45, 0.70, 1.0),  # blue
+    (0.94, 0.89, 0.26, 1.0),  # yellow
+    (0.80, 0.47, 0.65, 1.0),  # reddish purple
+    (0.34, 0.71, 0.91, 1.0),  # sky blue
+)
+
+FINGER_COLORS = _THUMB_TO_LITTLE * 2
+"""RGBA of each finger label 0-9: the same for both hands, thumb to little finger."""
+
+UNLABELLED_COLOR = (0.55, 0.55, 0.62, 1.0)
+"""RGBA of a key that is due without a finger label."""
+
+PRESSED_COLOR = (0.13, 0.72, 0.25, 1.0)
+"""RGBA of a key that sounds."""
+
+
+Color = tuple[float, float, float, float]
+
+
+def geom_colors(
+    scene: PianoScene,
+    *,
+    due: npt.NDArray[np.intp],
+    fingers: npt.NDArray[np.integer[Any]],
+    sounding: npt.NDArray[np.bool_],
+) -> dict[int, Color]:
+    """Return the RGBA of fingertips, due keys and sounding keys by the id of their geom.
+
+    Args:
+        scene: Whose geoms they are.
+        due: (n,) keys that should be down.
+        fingers: (n,) finger label of each of them, -1 where unknown.
+        sounding: (88,) bool, keys that sound.
+    """
+    colors = dict(zip(scene.fingertip_geom.tolist(), FINGER_COLORS, strict=True))
+    for key, finger in zip(due, fingers, strict=True):
+        color = FINGER_COLORS[finger] if finger >= 0 else UNLABELLED_COLOR
+        colors[int(scene.key_geom[key])] = color
+    for key in np.flatnonzero(sounding):
+        colors[int(scene.key_geom[key])] = PRESSED_COLOR
+    return colors
+
 
 _HOW_TO_INSTALL = (
     "Install an OpenGL library, for instance with 'apt-get install libosmesa6' or 'apt-get install "

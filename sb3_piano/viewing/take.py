@@ -6,43 +6,45 @@ import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
+from annotated_types import Ge, Le, MultipleOf
 
-from sb3_piano.exceptions import ConfigError, RenderingError, RunError
+from sb3_piano.exceptions import RenderingError, RunError
 from sb3_piano.music import Score, synthesize, write_midi, write_wav
 from sb3_piano.performance import Performance
+from sb3_piano.settings import Unit, Whole, settings
 from sb3_piano.simulation import PianoScene
 from sb3_piano.viewing.film import film, moments
 from sb3_piano.viewing.video import write_video
 from sb3_piano.viewing.window import SceneWindow
 
 Progress = Callable[[int, int], object]
-"""Is called with the number of pictures that are drawn, and of all."""
+"""Called with the number of pictures drawn so far, and of all."""
 
 
-@dataclass(frozen=True, kw_only=True)
+Camera = Literal["overview", "topdown"]
+"""Name of a camera of the scene."""
+
+_EVEN = Unit("pixels, even as the video's format demands")
+
+
+@settings
 class Picture:
-    """How a video looks.
+    """Size and camera of a video.
 
     Raises:
-        ConfigError: If a number is out of range.
+        ConfigError: If a value is out of range.
     """
 
-    width: int = 640
+    width: Annotated[Whole, Ge(2), Le(1920), MultipleOf(2), _EVEN] = 640
     """Pixels, even, at most 1920."""
-    height: int = 360
+    height: Annotated[Whole, Ge(2), Le(1080), MultipleOf(2), _EVEN] = 360
     """Pixels, even, at most 1080."""
-    camera: str = "overview"
+    camera: Camera = "overview"
     """Camera of the scene: "overview" or "topdown"."""
-
-    def __post_init__(self) -> None:
-        for name, value, most in (("width", self.width, 1920), ("height", self.height, 1080)):
-            if not 2 <= value <= most or value % 2:
-                raise ConfigError(f"{name} is {value}: expected an even number from 2 to {most}.")
-        if self.camera not in ("overview", "topdown"):
-            raise ConfigError(f"camera is {self.camera!r}: expected 'overview' or 'topdown'.")
 
 
 DEFAULT_PICTURE = Picture()
@@ -54,13 +56,13 @@ class Take:
     """A performance with all that is needed to hear and see it."""
 
     scene: PianoScene
-    """Where it was played."""
+    """The scene in which it was played."""
     performance: Performance
-    """What was played, beside what should have been."""
+    """The performance, with the roll that should have been played."""
     qpos: npt.NDArray[np.float64]
     """(t + 1, nq) joint positions at the start and after each control step, rad or m."""
     score: Score | None
-    """What is heard; ``None`` if no key was pressed."""
+    """The notes that are heard; ``None`` if no key was pressed."""
     mark_sounding: bool = True
     """Whether keys that sound are green in pictures."""
 
@@ -76,7 +78,7 @@ class Take:
 
     @property
     def duration(self) -> float:
-        """How long its pictures last, s."""
+        """Duration of its pictures, s."""
         return len(self.qpos) * self.period
 
 
@@ -85,15 +87,15 @@ class Played:
     """The files of a take."""
 
     folder: Path
-    """Where they are."""
+    """Their folder."""
     midi: Path | None
-    """What was played; ``None`` if no key was pressed."""
+    """The notes; ``None`` if no key was pressed."""
     wav: Path
-    """How it sounds."""
+    """The sound."""
     video: Path | None
-    """How it looks and sounds; ``None`` if it was not asked for or cannot be drawn here."""
+    """The video with sound; ``None`` if it was not asked for or cannot be drawn here."""
     problem: str | None
-    """Why a video that was asked for could not be made."""
+    """Reason why a video that was asked for could not be made."""
 
 
 def write_take(
@@ -105,7 +107,7 @@ def write_take(
         take: What to write.
         base: The files' path without their suffixes; its folder is made if it is not there.
         picture: How the video looks; ``None`` for no video.
-        progress: Is told how far the video is.
+        progress: Called with the number of pictures drawn so far, and of all.
 
     Raises:
         RunError: If the folder cannot be written.

@@ -16,14 +16,14 @@ import mujoco
 from sb3_piano.exceptions import RenderingError
 from sb3_piano.simulation import PianoScene
 from sb3_piano.viewing.film import Moment, pose
-from sb3_piano.viewing.painting import geom_colors
+from sb3_piano.viewing.frame_renderer import geom_colors
 
 _EXPECTED = (
     "Expected a screen: the machine's own, 'ssh -X', or a virtual one by xvfb-run. A video needs "
     "no screen."
 )
 _VIEW_DISTANCE = 0.8
-"""How far before the camera the point lies around which the mouse turns the view, m."""
+"""Distance from the camera of the point around which the mouse turns the view, m."""
 
 
 class SceneWindow:

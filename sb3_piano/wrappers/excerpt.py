@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Annotated, Any, Literal, Protocol
 
 import gymnasium as gym
 import numpy as np
+from annotated_types import Ge, Gt, MultipleOf
 
-from sb3_piano.envs.config import finite_number
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import Score
-from sb3_piano.wrappers.score_change import ScoreChange
-from sb3_piano.wrappers.score_wrapper import possible_scores
+from sb3_piano.settings import Number, Unit, checked
+from sb3_piano.wrappers.score_wrapper import ScoreChange, possible_scores
 
 Span = tuple[float, float]
 """Beginning and end of a part, s."""
@@ -64,17 +64,13 @@ class Excerpt(ScoreChange, gym.utils.RecordConstructorArgs):
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, start=start, length=length, unit=unit)
         super().__init__(env)
-        if unit not in ("seconds", "bars"):
-            raise ConfigError(f"unit is {unit!r}: expected 'seconds' or 'bars'.")
-        number = finite_number if unit == "seconds" else _whole_number
-        size = number("length", length)
-        if size <= 0:
-            raise ConfigError(f"length is {length!r}: expected more than 0 {unit}.")
+        checked("unit", unit, Literal["seconds", "bars"])
+        number: Any = Number if unit == "seconds" else Annotated[Number, MultipleOf(1)]
+        size = checked("length", length, Annotated[number, Gt(0), Unit(unit)])
         if isinstance(start, str) and start != "random":
             raise ConfigError(f"start is {start!r}: expected a number of {unit} or 'random'.")
-        self._start = None if start == "random" else number("start", start)
-        if self._start is not None and self._start < 0:
-            raise ConfigError(f"start is {start!r}: expected 0 {unit} or more.")
+        kind = Annotated[number, Ge(0), Unit(unit)]
+        self._start = None if start == "random" else checked("start", start, kind)
         self._part: _Part = _Seconds(size) if unit == "seconds" else _Bars(int(size))
         possible_scores(self)  # raises if a piece has no such part
 
@@ -169,10 +165,3 @@ def _at_onset(score: Score, time: float) -> float:
     """Return the time of the note that is struck at a time, which may be a rounding error off."""
     nearest = min((note.onset for note in score.notes), key=lambda onset: abs(onset - time))
     return nearest if abs(nearest - time) < _SAME_TIME else time
-
-
-def _whole_number(name: str, value: Any) -> float:
-    number = finite_number(name, value)
-    if number != int(number):
-        raise ConfigError(f"{name} is {value!r}: expected a whole number of bars.")
-    return number

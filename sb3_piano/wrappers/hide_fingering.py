@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
-from sb3_piano.wrappers.piano import layout_of
+from sb3_piano.wrappers.piano import LayoutWrapper, layout_of
 
 FINGERING_BLOCKS = ("fingering", "lookahead_fingering")
 """The blocks of an observation that show finger labels."""

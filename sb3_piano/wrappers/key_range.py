@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from numbers import Integral
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
+from annotated_types import Ge, Le
 
 from sb3_piano.envs import ALL_KEYS, KeyWindow
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH
-from sb3_piano.wrappers.arguments import whole_number
-from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
-from sb3_piano.wrappers.piano import layout_of, piano_of
+from sb3_piano.settings import Index, Whole, checked
+from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, piano_of
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
 _WINDOWS = {
@@ -24,6 +23,7 @@ _WINDOWS = {
     36: KeyWindow(48 - MIN_PITCH, 83 - MIN_PITCH),  # C3 to B5
     88: ALL_KEYS,
 }
+_PITCH = Annotated[Whole, Ge(MIN_PITCH), Le(MAX_PITCH)]
 
 
 class KeyRange(LayoutWrapper, gym.utils.RecordConstructorArgs):
@@ -80,7 +80,7 @@ class KeyRange(LayoutWrapper, gym.utils.RecordConstructorArgs):
         self._piano = piano_of(env, "KeyRange")
         possible = {note.key for score in possible_scores(env) for note in score.notes}
         self._hides = outside == "hide"
-        self.window = _window(keys, whole_number("margin", margin, 0), possible)
+        self.window = _window(keys, checked("margin", margin, Index), possible)
         """The keys that are observed."""
         self._check(possible)
         cut, self._columns = self.window.restrict(layout)
@@ -111,11 +111,8 @@ class KeyRange(LayoutWrapper, gym.utils.RecordConstructorArgs):
 
 
 def _check_outside(outside: Any, simulated: Any) -> None:
-    if outside not in ("error", "hide"):
-        raise ConfigError(f'outside is {outside!r}: expected "error" or "hide".')
-    if not isinstance(simulated, bool):
-        raise ConfigError(f"simulated is {simulated!r}: expected true or false.")
-    if simulated and outside == "hide":
+    checked("outside", outside, Literal["error", "hide"])
+    if checked("simulated", simulated, bool) and outside == "hide":
         raise ConfigError(
             'outside is "hide" and simulated is true: expected one of them only. Notes that are '
             "hidden are still to be played, on keys that must move."
@@ -123,16 +120,15 @@ def _check_outside(outside: Any, simulated: Any) -> None:
 
 
 def _window(keys: Any, margin: int, possible: set[int]) -> KeyWindow:
-    if isinstance(keys, Integral) and not isinstance(keys, bool) and int(keys) in _WINDOWS:
-        return _WINDOWS[int(keys)]
     if keys == "piece":
         return KeyWindow.around(possible, margin)
-    if isinstance(keys, Sequence) and not isinstance(keys, str) and len(keys) == 2:
-        low, high = keys
-        whole = all(isinstance(k, Integral) and not isinstance(k, bool) for k in keys)
-        if whole and MIN_PITCH <= low <= high <= MAX_PITCH:
-            return KeyWindow(int(low) - MIN_PITCH, int(high) - MIN_PITCH)
-    raise ConfigError(
-        f'keys is {keys!r}: expected 12, 24, 36, 88, "piece", or the lowest and the highest MIDI '
-        f"pitch from {MIN_PITCH} to {MAX_PITCH}."
-    )
+    try:
+        if isinstance(keys, Sequence):
+            low, high = (checked("keys", key, _PITCH) - MIN_PITCH for key in keys)
+            return KeyWindow(low, checked("keys", high, Annotated[int, Ge(low)]))
+        return _WINDOWS[checked("keys", keys, Whole)]
+    except (ValueError, KeyError):
+        raise ConfigError(
+            f'keys is {keys!r}: expected 12, 24, 36, 88, "piece", or the lowest and the highest '
+            f"MIDI pitch from {MIN_PITCH} to {MAX_PITCH}."
+        ) from None

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from typing import Annotated, Any
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
+from annotated_types import Ge
 
 from sb3_piano.envs import ObservationBlock, ObservationLayout
-from sb3_piano.envs.config import check_lookahead, finite_number
+from sb3_piano.envs.config import LookaheadSteps
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import NUM_FINGERS
-from sb3_piano.wrappers.arguments import whole_number
+from sb3_piano.settings import Count, Number, Unit, checked
 from sb3_piano.wrappers.hide_fingering import HideFingering
-from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
-from sb3_piano.wrappers.piano import layout_of, piano_of
+from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, piano_of
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -78,7 +79,7 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
             )
         _check_fingers(env, fingers)
         self._piano = piano_of(env, "Lookahead")
-        self._stride = whole_number("stride", stride, 1)
+        self._stride = checked("stride", stride, Count)
         self._steps = _steps_ahead(
             steps, seconds, self._stride, self._piano.config.control_timestep
         )
@@ -115,7 +116,7 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
 
 
 class _Ahead:
-    """What each control step of a piece, and those after it, ask for."""
+    """Goals of each control step of a piece and of those after it."""
 
     def __init__(self, values: npt.NDArray[np.bool_], steps: int, stride: int):
         """Prepare all rows.
@@ -172,9 +173,10 @@ def _steps_ahead(
             f"steps is {steps!r} and seconds is {seconds!r}: expected exactly one of them."
         )
     if seconds is not None:
-        steps = _whole_steps(finite_number("seconds", seconds), control_timestep)
-    steps = whole_number("steps", steps, 0)
-    check_lookahead("steps", steps)
+        steps = _whole_steps(
+            checked("seconds", seconds, Annotated[Number, Ge(0), Unit("s")]), control_timestep
+        )
+    steps = checked("steps", steps, LookaheadSteps)
     if steps % stride != 0:
         below = steps // stride * stride
         raise ConfigError(
@@ -185,8 +187,6 @@ def _steps_ahead(
 
 
 def _whole_steps(seconds: float, control_timestep: float) -> int:
-    if seconds < 0:
-        raise ConfigError(f"seconds is {seconds:g}: expected 0 or more.")
     steps = round(seconds / control_timestep)
     if abs(steps * control_timestep - seconds) > _TIME_TOLERANCE:
         below = math.floor(seconds / control_timestep)
@@ -200,12 +200,9 @@ def _whole_steps(seconds: float, control_timestep: float) -> int:
 
 def _check_fingers(env: gym.Env[Any, Any], fingers: Any) -> None:
     """Refuse to show labels that a wrapper inside hides."""
-    if not isinstance(fingers, bool):
-        raise ConfigError(f"fingers is {fingers!r}: expected true or false.")
-    while fingers and isinstance(env, gym.Wrapper):
-        if isinstance(env, HideFingering):
-            raise ConfigError(
-                "Lookahead with fingers would show the labels that a HideFingering inside of it "
-                "hides: expected the HideFingering outside, or fingers=False."
-            )
-        env = env.env
+    checked("fingers", fingers, bool)
+    if fingers and any(isinstance(layer, HideFingering) for layer in layers(env)):
+        raise ConfigError(
+            "Lookahead with fingers would show the labels that a HideFingering inside of it "
+            "hides: expected the HideFingering outside, or fingers=False."
+        )

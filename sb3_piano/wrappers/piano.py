@@ -1,4 +1,4 @@
-"""What a wrapper asks of the environment inside it."""
+"""Base of the wrappers that change what is observed, and the environment inside a wrapper."""
 
 from __future__ import annotations
 
@@ -8,6 +8,25 @@ import gymnasium as gym
 
 from sb3_piano.envs import ObservationLayout, ObservationSpace, PianoEnv
 from sb3_piano.exceptions import ConfigError
+
+
+class LayoutWrapper(gym.ObservationWrapper[Any, Any, Any]):
+    """Observe a vector of another layout.
+
+    The new observation space has the layout, so that wrappers further out, feature extractors and
+    replay buffers find the blocks by name; ``env.unwrapped.observation_layout`` remains that of
+    the environment itself.
+
+    Args:
+        env: A piano environment, wrapped or not.
+        layout: Which numbers of the new observation stand where.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], layout: ObservationLayout) -> None:
+        super().__init__(env)
+        self.observation_layout = layout
+        """Name, place and meaning of each block."""
+        self.observation_space = ObservationSpace(layout)
 
 
 def piano_of(env: gym.Env[Any, Any], asker: str) -> PianoEnv:

@@ -1,4 +1,4 @@
-"""What was done and earned in the step before."""
+"""Action and reward of the step before, as observations."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from sb3_piano.envs import ObservationBlock, ObservationLayout
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
-from sb3_piano.wrappers.piano import layout_of
+from sb3_piano.wrappers.piano import LayoutWrapper, layout_of
 
 
 class PreviousActionReward(LayoutWrapper, gym.utils.RecordConstructorArgs):

@@ -10,10 +10,10 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.envs.config import finite_number
 from sb3_piano.envs.score_choice import ScoreSource
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Score, load_score
+from sb3_piano.settings import Number, checked
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper, possible_scores
 
 
@@ -85,7 +85,7 @@ def _probabilities(weights: Any, count: int) -> npt.NDArray[np.float64]:
         raise ConfigError(
             f"weights is {weights!r}: expected a list of {count}, one for each piece."
         )
-    numbers = np.array([finite_number(f"weights[{i}]", w) for i, w in enumerate(weights)])
+    numbers = np.array([checked(f"weights[{i}]", w, Number) for i, w in enumerate(weights)])
     if numbers.min() < 0 or numbers.max() == 0:
         raise ConfigError(f"weights is {weights!r}: expected numbers from 0 on, not all of them 0.")
     numbers /= numbers.max()  # first, so that the sum of huge ones is finite

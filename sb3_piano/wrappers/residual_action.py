@@ -1,4 +1,4 @@
-"""What an agent adds to the playing of the planned pianist."""
+"""Residual actions: corrections of the planned pianist by an agent."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs import ObservationBlock, ObservationLayout
-from sb3_piano.envs.config import finite_number
-from sb3_piano.exceptions import ConfigError, InvalidActionError, near_names
+from sb3_piano.exceptions import ConfigError, InvalidActionError
+from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning import PlanSettings, Tracker, Trackers
 from sb3_piano.planning.pianist import action_of
+from sb3_piano.settings import Count, Positive, checked, refuse_unknown
 from sb3_piano.simulation import PianoScene
-from sb3_piano.wrappers.arguments import whole_number
-from sb3_piano.wrappers.layout_wrapper import LayoutWrapper
-from sb3_piano.wrappers.piano import layout_of, piano_of
+from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, piano_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -81,10 +80,8 @@ class ResidualAction(LayoutWrapper, gym.utils.RecordConstructorArgs):
         layout = layout_of(env, "ResidualAction")
         self._piano = piano_of(env, "ResidualAction")
         _check_actions(env)
-        self._scale = finite_number("scale", scale)
-        if self._scale <= 0:
-            raise ConfigError(f"scale is {scale!r}: expected more than 0.")
-        self._lookahead = whole_number("lookahead", lookahead, 1)
+        self._scale = checked("scale", scale, Positive)
+        self._lookahead = checked("lookahead", lookahead, Count)
         self._trackers = Trackers(_settings(settings))
         self._planned: tuple[PianoRoll, Tracker] | None = None
         scene = self._piano.scene
@@ -149,33 +146,25 @@ class ResidualAction(LayoutWrapper, gym.utils.RecordConstructorArgs):
 
 def _check_actions(env: gym.Env[Any, Any]) -> None:
     """Refuse an environment whose actions are not those of the piano itself."""
-    layer = env
-    while isinstance(layer, gym.Wrapper):
-        if isinstance(layer, ResidualAction):
-            raise ConfigError(
-                "ResidualAction is there already: expected one at most. Two of them would play the "
-                "plan twice."
-            )
-        layer = layer.env
-    if env.action_space != layer.action_space:
+    if any(isinstance(layer, ResidualAction) for layer in layers(env)):
+        raise ConfigError(
+            "ResidualAction is there already: expected one at most. Two of them would play the "
+            "plan twice."
+        )
+    own = env.unwrapped.action_space
+    if env.action_space != own:
         raise ConfigError(
             f"ResidualAction cannot add to actions of {env.action_space}: expected those of the "
-            f"piano itself, {layer.action_space}. Put wrappers that change them further out."
+            f"piano itself, {own}. Put wrappers that change them further out."
         )
 
 
 def _settings(given: Any) -> PlanSettings:
     if given is None:
         return PlanSettings()
-    if not isinstance(given, Mapping):
-        raise ConfigError(f"settings is {given!r}: expected a mapping of names to numbers.")
+    checked("settings", given, Mapping)
     known = [field.name for field in dataclasses.fields(PlanSettings)]
-    for name in given:
-        if name not in known:
-            raise ConfigError(
-                f"settings has the unknown name {name!r}.{near_names(str(name), known)} Expected "
-                f"one of {', '.join(known)}."
-            )
+    refuse_unknown(given, known, "name", "settings")
     # YAML has lists only.
     values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in given.items()}
     return PlanSettings(**values)

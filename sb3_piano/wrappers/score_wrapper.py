@@ -1,28 +1,32 @@
-"""The base of all wrappers that change what is played."""
+"""Bases of all wrappers that change what is played."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import gymnasium as gym
 import numpy as np
 
 from sb3_piano.envs import ScoreTransform
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.layers import layers
 from sb3_piano.music import Score
+from sb3_piano.settings import checked
 from sb3_piano.wrappers.piano import piano_of
 
 
 @dataclass(frozen=True)
 class ScorePlan:
-    """What the wrappers around an environment do to the score of an episode, all together."""
+    """Changes that all wrappers around an environment make to the score of an episode."""
 
     choose: Callable[[np.random.Generator], Score] | None = None
-    """What is played in place of the environment's own score."""
+    """Source of a score in place of the environment's own, if there is one."""
     changes: tuple[ScoreTransform, ...] = ()
-    """What is then done to it, one after the other."""
+    """Changes that are then made, one after the other."""
 
     @classmethod
     def of(cls, transform: ScoreTransform | None) -> ScorePlan:
@@ -65,7 +69,7 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any], ABC):
 
     @property
     def sources(self) -> Sequence[Score] | None:
-        """What this wrapper has played in place of the environment's own score, if it does so."""
+        """Scores in place of the environment's own; ``None`` if this wrapper keeps that."""
         return None
 
     @abstractmethod
@@ -123,20 +127,97 @@ def possible_scores(env: gym.Env[Any, Any]) -> list[Score]:
     Raises:
         ScoreError: If a wrapper cannot change what it gets.
     """
-    layers = list(_score_wrappers(env))
-    chosen = (sources for layer in layers if (sources := layer.sources) is not None)
+    wrappers = [layer for layer in layers(env) if isinstance(layer, ScoreWrapper)]
+    chosen = (sources for wrapper in wrappers if (sources := wrapper.sources) is not None)
     scores = list(next(chosen, [piano_of(env, "possible_scores").default_score]))
     times_known = True
-    for layer in layers:
-        if times_known or not layer.cuts:
-            scores = [extreme for score in scores for extreme in layer.extremes(score)]
-        times_known = times_known and not layer.draws_times
+    for wrapper in wrappers:  # the outermost acts first
+        if times_known or not wrapper.cuts:
+            scores = [extreme for score in scores for extreme in wrapper.extremes(score)]
+        times_known = times_known and not wrapper.draws_times
     return scores
 
 
-def _score_wrappers(env: gym.Env[Any, Any]) -> Iterator[ScoreWrapper]:
-    """Yield those around an environment, the outermost first, in which order they act."""
-    while isinstance(env, gym.Wrapper):
-        if isinstance(env, ScoreWrapper):
-            yield env
-        env = env.env
+Number = TypeVar("Number", int, float)
+
+_REMEMBERED = 16
+
+
+class ScoreChange(ScoreWrapper):
+    """Change each score by a value, which may be another one in each episode.
+
+    The same change of the same score gives the same object for as long as it is among the last 16.
+    The environment then keeps the goal that it has prepared of it.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
+        self._recent: deque[tuple[Score, Any, Score]] = deque(maxlen=_REMEMBERED)
+
+    @abstractmethod
+    def draw(self, score: Score, random: np.random.Generator) -> Any:
+        """Return by what a score is changed in this episode."""
+
+    @abstractmethod
+    def extreme_values(self, score: Score) -> Sequence[Any]:
+        """Return by what a score must be changed for :meth:`extremes`."""
+
+    @abstractmethod
+    def changed(self, score: Score, value: Any) -> Score:
+        """Return a score changed by a value.
+
+        Raises:
+            ScoreError: If the score does not allow it.
+        """
+
+    def change(self, score: Score, random: np.random.Generator) -> Score:
+        """Return a score changed by the value that is drawn."""
+        return self._remembered(score, self.draw(score, random))
+
+    def extremes(self, score: Score) -> list[Score]:
+        """Return a score changed by the extreme values."""
+        return [self._remembered(score, value) for value in self.extreme_values(score)]
+
+    def _remembered(self, score: Score, value: Any) -> Score:
+        # The score itself is compared, not its id(), which does not outlive copying and pickling.
+        for before, by, after in self._recent:
+            if before is score and by == value:
+                return after
+        result = self.changed(score, value)
+        self._recent.append((score, value, result))
+        return result
+
+
+@dataclass(frozen=True)
+class FixedOrRange(Generic[Number]):
+    """A number, or the range from which it is drawn."""
+
+    low: Number
+    high: Number
+    fixed: bool
+    """Whether a single number was given."""
+
+    @classmethod
+    def of(cls, name: str, value: Any, kind: Any) -> FixedOrRange[Number]:
+        """Return what an argument says.
+
+        Args:
+            name: Name of the argument.
+            value: A number, or a pair of the lowest and the highest, both included.
+            kind: Annotation of a number.
+
+        Raises:
+            ConfigError: If it is neither.
+        """
+        if isinstance(value, str) or not isinstance(value, Sequence):
+            only = checked(name, value, kind)
+            return cls(low=only, high=only, fixed=True)
+        if len(value) != 2:
+            raise ConfigError(
+                f"{name} is {value!r}: expected one number, or a pair of the lowest and the "
+                "highest."
+            )
+        low, high = (checked(f"{name}[{i}]", value[i], kind) for i in (0, 1))
+        if low > high:
+            raise ConfigError(f"{name} is {value!r}: expected the lower end first.")
+        return cls(low=low, high=high, fixed=False)

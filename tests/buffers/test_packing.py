@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from transitions import Play, make_space
 
-from sb3_piano.buffers.packing import ObservationPacking
+from sb3_piano.buffers.ring_observations import ObservationPacking
 from sb3_piano.exceptions import ConfigError
 
 BLOCKS = st.lists(st.tuples(st.integers(1, 20), st.booleans()), min_size=1, max_size=5)

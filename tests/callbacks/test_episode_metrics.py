@@ -34,34 +34,24 @@ def on_policy(n_steps):
     return PPO("MlpPolicy", scripted(), **kwargs)
 
 
-def test_an_off_policy_log_has_the_episode_that_ended_in_its_step(tmp_path):
-    lines = logged(tmp_path, off_policy(), 20)
-    assert {step: line["music/f1"] for step, line in lines.items()} == pytest.approx(
-        {5: 0.1, 10: 0.2, 15: 0.3, 20: 0.4}
-    )
-    assert lines[10]["reward/energy"] == -2.0
-
-
-def test_a_line_has_the_mean_of_the_episodes_since_the_last_line(tmp_path):
-    lines = logged(tmp_path, off_policy(), 40, log_interval=4)
-    assert {step: line["music/f1"] for step, line in lines.items()} == pytest.approx(
-        {20: 0.25, 40: 0.65}
-    )
-
-
-def test_three_environments_are_averaged(tmp_path):
-    # 3 episodes end at a time; SB3 writes a line after each of them, the first with all values
-    lines = logged(tmp_path, off_policy(n_envs=3), 30, log_interval=3)
-    assert {step: line["music/f1"] for step, line in lines.items()} == pytest.approx(
-        {15: 0.1, 30: 0.2}
-    )
-
-
-def test_an_on_policy_log_has_the_episodes_of_its_rollout(tmp_path):
-    lines = logged(tmp_path, on_policy(10), 20)
-    assert {step: line["music/f1"] for step, line in lines.items()} == pytest.approx(
-        {10: 0.15, 20: 0.35}
-    )
+@pytest.mark.parametrize(
+    ("make_model", "steps", "log_interval", "expected"),
+    [
+        (off_policy, 20, 1, {5: 0.1, 10: 0.2, 15: 0.3, 20: 0.4}),
+        (off_policy, 40, 4, {20: 0.25, 40: 0.65}),
+        # 3 episodes end at a time; SB3 writes a line after each of them, the first with all values
+        (lambda: off_policy(n_envs=3), 30, 3, {15: 0.1, 30: 0.2}),
+        (lambda: on_policy(10), 20, 1, {10: 0.15, 20: 0.35}),
+    ],
+    ids=["each episode", "several episodes", "three environments", "on-policy"],
+)
+def test_a_line_has_the_mean_of_the_episodes_since_the_last_line(
+    tmp_path, make_model, steps, log_interval, expected
+):
+    lines = logged(tmp_path, make_model(), steps, log_interval=log_interval)
+    assert {step: line["music/f1"] for step, line in lines.items()} == pytest.approx(expected)
+    energy = {step: line["reward/energy"] / -10 for step, line in lines.items()}
+    assert energy == pytest.approx(expected)
 
 
 def test_the_fingers_have_a_group_of_their_own(tmp_path):
@@ -71,22 +61,19 @@ def test_the_fingers_have_a_group_of_their_own(tmp_path):
     assert {name: lines[5][name] for name in expected} == expected
 
 
-def test_each_of_the_two_logs_only_its_own(tmp_path):
-    names = {}
-    for cls in BOTH:
-        line = logged(tmp_path / cls.__name__, off_policy(finger_share_r1=1.0), 5, [cls])[5]
-        names[cls] = {name for name in line if not name.startswith(("rollout/", "time/"))}
-    assert names == {
-        EpisodeMetricsCallback: {"music/f1", "fingers/r1"},
-        RewardTermsCallback: {"reward/energy"},
-    }
-
-
-def test_only_the_keys_that_were_named_are_logged(tmp_path):
-    callback = EpisodeMetricsCallback(["f1", "absent", "return_energy"])
-    [line] = log_lines(tmp_path, off_policy(recall=0.5), 5, callback, log_interval=1)
-    names = {name for name in line if not name.startswith(("rollout/", "time/"))}
-    assert names == {"music/f1", "reward/energy"}
+@pytest.mark.parametrize(
+    ("callback", "expected"),
+    [
+        (EpisodeMetricsCallback(), {"music/f1", "fingers/r1"}),
+        (EpisodeMetricsCallback(["f1", "absent", "return_energy"]), {"music/f1", "reward/energy"}),
+        (RewardTermsCallback(), {"reward/energy"}),
+    ],
+    ids=["metrics", "named keys", "reward terms"],
+)
+def test_each_callback_logs_only_its_own(tmp_path, callback, expected):
+    model = off_policy(finger_share_r1=1.0)
+    [line] = log_lines(tmp_path, model, 5, callback, log_interval=1)
+    assert {name for name in line if not name.startswith(("rollout/", "time/"))} == expected
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, None, "much", {"c": 1}])

@@ -21,7 +21,6 @@ from stable_baselines3 import PPO, TD3
 from stable_baselines3.common.callbacks import (
     BaseCallback,
     CallbackList,
-    EvalCallback,
     StopTrainingOnNoModelImprovement,
     StopTrainingOnRewardThreshold,
 )
@@ -80,12 +79,6 @@ def test_the_frequency_counts_calls_and_the_log_environment_steps(n_envs, tmp_pa
     assert series(lines, "eval/f1") == pytest.approx({5 * n_envs: 0.1, 10 * n_envs: 0.2})
 
 
-def test_several_evaluation_environments_share_the_episodes(model, tmp_path):
-    env = DummyVecEnv([lambda: Monitor(with_f1(0.1)), lambda: Monitor(with_f1(0.4))])
-    lines = log_lines(tmp_path, model, 5, F1Callback(env, eval_freq=5, n_eval_episodes=3))
-    assert series(lines, "eval/f1") == pytest.approx({5: (0.1 + 0.4 + 0.4) / 3})
-
-
 def test_an_on_policy_training_is_evaluated_within_its_rollout(tmp_path):
     model = PPO("MlpPolicy", with_f1(0.0), n_steps=20, batch_size=20, n_epochs=1, device="cpu")
     assert series(log_lines(tmp_path, model, 20, evaluating(0.1, 0.2)), "eval/f1") == {
@@ -109,22 +102,18 @@ class TwoLives(gym.Wrapper):
         return self.env.reset(**kwargs)
 
 
-def test_only_ends_that_monitor_saw_count(model, tmp_path):
-    env = TwoLives(Monitor(with_f1(0.1, 0.3)))  # other steps have an F1 of 99
-    lines = log_lines(tmp_path, model, 5, F1Callback(env, eval_freq=5, n_eval_episodes=2))
-    assert series(lines, "eval/f1") == pytest.approx({5: 0.2})
-
-
-def test_without_a_monitor_every_end_counts(model, tmp_path):
-    callback = F1Callback(with_f1(0.1, 0.3), eval_freq=5, n_eval_episodes=2, warn=False)
-    assert series(log_lines(tmp_path, model, 5, callback), "eval/f1") == pytest.approx({5: 0.2})
-
-
-def test_a_value_that_is_no_number_is_left_out_of_the_log(model, tmp_path):
-    infos = [{"f1": 0.1, "onset_f1": math.nan, "recall": "high"}]
-    lines = log_lines(tmp_path, model, 5, F1Callback(Monitor(ScriptedEnv(infos)), eval_freq=5))
-    assert series(lines, "eval/f1") == {5: 0.1}
-    assert not {"eval/onset_f1", "eval/recall"} & set(lines[-1])
+@pytest.mark.parametrize(
+    ("env", "mean"),
+    [
+        (lambda: TwoLives(Monitor(with_f1(0.1, 0.3))), 0.2),  # other steps have an F1 of 99
+        (lambda: with_f1(0.1, 0.3), 0.2),
+        (lambda: DummyVecEnv([lambda: Monitor(with_f1(0.1)), lambda: Monitor(with_f1(0.3))]), 0.2),
+    ],
+    ids=["ends that Monitor did not see", "without a Monitor", "two environments"],
+)
+def test_each_whole_episode_counts_once(model, tmp_path, env, mean):
+    callback = F1Callback(env(), eval_freq=5, n_eval_episodes=2, warn=False)
+    assert series(log_lines(tmp_path, model, 5, callback), "eval/f1") == pytest.approx({5: mean})
 
 
 def test_a_metric_that_is_nan_is_never_the_best(model, tmp_path):
@@ -132,11 +121,6 @@ def test_a_metric_that_is_nan_is_never_the_best(model, tmp_path):
     model.learn(15, callback=callback)
     assert best_of(tmp_path) == {"metric": "f1", "value": 0.2, "num_timesteps": 5}
     assert callback.best_mean_reward == 0.2
-
-
-def test_nothing_is_evaluated_at_a_frequency_of_0(model, tmp_path):
-    lines = log_lines(tmp_path, model, 10, F1Callback(Monitor(with_f1(0.1)), eval_freq=0))
-    assert series(lines, "eval/f1") == {}
 
 
 def test_the_evaluations_file_gains_the_metrics(model, tmp_path):
@@ -155,16 +139,13 @@ def test_lines_on_the_terminal_come_only_when_asked_for(model, capsys):
     model.learn(5, evaluating(0.25))
     assert capsys.readouterr().out == ""
     model.learn(10, evaluating(0.25, 0.5, stop_threshold=0.4, verbose=1))
+    env = Monitor(ScriptedEnv([{"f1": 0.25, "noop_f1": 0.125}]))
+    model.learn(5, F1Callback(env, eval_freq=5, verbose=1))
     out = capsys.readouterr().out
     assert "f1 0.2500 after 5 steps (best 0.2500)\n" in out
     assert "f1 0.5000 after 10 steps (best 0.5000)\n" in out
     assert "f1 was 0.4 or more in 1 evaluations in a row: the training ends." in out
-
-
-def test_such_a_line_has_the_f1_of_playing_nothing_if_it_is_known(model, capsys):
-    env = Monitor(ScriptedEnv([{"f1": 0.25, "noop_f1": 0.125}]))
-    model.learn(5, F1Callback(env, eval_freq=5, verbose=1))
-    assert "(best 0.2500, F1 of playing nothing 0.1250)\n" in capsys.readouterr().out
+    assert "(best 0.2500, F1 of playing nothing 0.1250)\n" in out
 
 
 # Which model is kept.
@@ -184,27 +165,27 @@ def test_the_best_model_is_that_of_the_highest_metric(model, tmp_path):
     ]
 
 
-def test_onset_f1_may_choose_another_model_than_f1(model, tmp_path):
-    infos = [{"f1": 0.9, "onset_f1": 0.1}, {"f1": 0.1, "onset_f1": 0.2}]
-    for cls in (F1Callback, OnsetF1Callback):
-        folder = tmp_path / cls.metric
-        env = Monitor(ScriptedEnv(infos))
-        model.learn(10, cls(env, eval_freq=5, best_model_save_path=str(folder)))
-    assert best_of(tmp_path / "f1")["num_timesteps"] == 5
-    assert best_of(tmp_path / "onset_f1") == {
-        "metric": "onset_f1",
-        "value": 0.2,
-        "num_timesteps": 10,
+class Loudness(MetricEvalCallback):
+    metric = "loudness"
+
+
+@pytest.mark.parametrize(
+    ("cls", "value", "step"),
+    [(F1Callback, 0.9, 5), (OnsetF1Callback, 0.2, 10), (Loudness, 3.0, 10)],
+)
+def test_each_callback_judges_by_its_own_metric(model, tmp_path, cls, value, step):
+    infos = [
+        {"f1": 0.9, "onset_f1": 0.1, "loudness": 1.0, "recall": "high"},
+        {"f1": 0.1, "onset_f1": 0.2, "loudness": 3.0, "recall": math.nan},
+    ]
+    callback = cls(Monitor(ScriptedEnv(infos)), eval_freq=5, best_model_save_path=str(tmp_path))
+    lines = log_lines(tmp_path, model, 10, callback)
+    expected = {"metric": cls.metric, "value": value, "num_timesteps": step}
+    assert best_of(tmp_path) == expected
+    assert series(lines, f"eval/{cls.metric}") == {
+        5 * n: i[cls.metric] for n, i in enumerate(infos, 1)
     }
-
-
-def test_a_subclass_judges_by_the_metric_it_names(model, tmp_path):
-    class Loudness(MetricEvalCallback):
-        metric = "loudness"
-
-    env = Monitor(ScriptedEnv([{"loudness": 1.0}, {"loudness": 3.0}]))
-    lines = log_lines(tmp_path, model, 10, Loudness(env, eval_freq=5))
-    assert series(lines, "eval/loudness") == {5: 1.0, 10: 3.0}
+    assert series(lines, "eval/recall") == {}  # none is a number
 
 
 def test_the_statistics_of_the_normalisation_stand_beside_the_best_model(tmp_path):
@@ -224,21 +205,12 @@ def test_a_training_that_goes_on_keeps_the_best_model_of_before(model, tmp_path)
         model.learn(5, callback, reset_num_timesteps=False)
         assert callback.best_mean_reward == best
         assert best_of(tmp_path)["value"] == best
-    assert best_of(tmp_path)["num_timesteps"] == 20
-
-
-def test_a_new_training_starts_over(model, tmp_path):
-    for found in (0.6, 0.5):
-        model.learn(5, evaluating(found, best_model_save_path=str(tmp_path)))
-    assert best_of(tmp_path)["value"] == 0.5
-
-
-def test_the_best_by_another_metric_does_not_count(model, tmp_path):
-    model.learn(5, evaluating(0.6, best_model_save_path=str(tmp_path)))
-    env = Monitor(ScriptedEnv([{"onset_f1": 0.1}]))
-    callback = OnsetF1Callback(env, eval_freq=5, best_model_save_path=str(tmp_path))
+    env = Monitor(ScriptedEnv([{"onset_f1": 0.1}]))  # a best model by another metric does not count
+    callback = OnsetF1Callback(env, eval_freq=5, best_model_save_path=path)
     model.learn(5, callback, reset_num_timesteps=False)
     assert best_of(tmp_path)["value"] == 0.1
+    model.learn(5, evaluating(0.05, best_model_save_path=path))  # a new training
+    assert best_of(tmp_path)["value"] == 0.05
 
 
 @pytest.mark.parametrize("content", ["", "{}", '{"metric": "f1", "value": [], "num_timesteps": 1}'])
@@ -299,35 +271,21 @@ def test_a_threshold_that_is_held_ends_the_training(model, values, patience, ste
     assert model.num_timesteps == steps
 
 
-def test_without_a_threshold_the_training_goes_on(model):
-    model.learn(25, evaluating(1.0))
-    assert model.num_timesteps == 25
-
-
-def test_it_works_beside_evalcallback_in_a_list(model, tmp_path):
-    other = EvalCallback(Monitor(with_f1(0.9)), eval_freq=5, verbose=0)
-    lines = log_lines(tmp_path, model, 10, CallbackList([other, evaluating(0.1, 0.2)]))
-    assert series(lines, "eval/f1") == pytest.approx({5: 0.1, 10: 0.2})
-    assert other.best_mean_reward == 0.0
-
-
 # The evaluation environment.
 
 
-def test_every_evaluation_has_the_same_seed(model):
+@pytest.mark.parametrize("seed", [7, None])
+def test_every_evaluation_has_the_same_seed_if_there_is_one(model, seed):
     env = with_f1(0.1)
-    model.learn(15, F1Callback(Monitor(env), n_eval_episodes=2, eval_freq=5, seed=7))
+    model.learn(15, F1Callback(Monitor(env), n_eval_episodes=2, eval_freq=5, seed=seed))
     # 3 x (the two episodes, and the one that the vector begins after the last)
     first = env.first_draws[:3]
-    assert env.first_draws == first * 3
     assert len(set(first)) == 3
-    assert first[0] == np.random.default_rng(7).random()
-
-
-def test_without_a_seed_evaluations_differ(model):
-    env = with_f1(0.1)
-    model.learn(10, F1Callback(Monitor(env), eval_freq=5, seed=None))
-    assert len(set(env.first_draws)) == len(env.first_draws) == 4
+    if seed is None:
+        assert len(set(env.first_draws)) == 9
+    else:
+        assert env.first_draws == first * 3
+        assert first[0] == np.random.default_rng(7).random()
 
 
 def test_a_given_environment_is_left_open_and_its_own_is_closed(model):
@@ -379,10 +337,9 @@ def _monitored():
 # Settings.
 
 
-def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(ConfigError, match="n_eval_episodes is 0: expected 1 or more"):
-        F1Callback(n_eval_episodes=0)
-    with pytest.raises(ConfigError, match="stop_patience is 0: expected 1 or more"):
-        F1Callback(stop_patience=0)
+@pytest.mark.parametrize("name", ["n_eval_episodes", "stop_patience"])
+def test_settings_that_make_no_sense_are_refused(name):
+    with pytest.raises(ConfigError, match=f"{name} is 0: expected a whole number, 1 or more"):
+        F1Callback(**{name: 0})
     with pytest.raises(ConfigError, match="MetricEvalCallback has no metric"):
         MetricEvalCallback()

@@ -104,27 +104,21 @@ def test_rows_that_were_there_before_training_are_saved_too(tmp_path):
     assert_same(restored, original)
 
 
-def test_each_write_holds_only_the_new_rows(tmp_path):
-    manifest = train_and_save(tmp_path, make_buffer(), (4, 3), np.random.default_rng(1))
-    assert [(s.first, s.last) for s in manifest.segments] == [(0, 4), (4, 7)]
-    with np.load(tmp_path / manifest.segments[1].file) as rows:
-        assert rows["observations"].shape == (3, 1, 3)
-
-
-def test_a_write_without_new_rows_makes_no_file(tmp_path):
-    manifest = train_and_save(tmp_path, make_buffer(), (4, 0), np.random.default_rng(1))
-    assert [segment.file for segment in manifest.segments] == ["replay-0-4.npz"]
-
-
-def test_segments_that_are_all_overwritten_are_left_out(tmp_path):
-    manifest = train_and_save(tmp_path, make_buffer(), (4, 4, 6), np.random.default_rng(1))
-    # 14 rows were added, 10 fit: the rows 0 to 3 are gone
-    assert [(s.first, s.last) for s in manifest.segments] == [(4, 8), (8, 14)]
-
-
-def test_rows_that_were_overwritten_before_they_could_be_saved_are_left_out(tmp_path):
-    manifest = train_and_save(tmp_path, make_buffer(), (4, 25), np.random.default_rng(1))
-    assert [(s.first, s.last) for s in manifest.segments] == [(19, 29)]
+@pytest.mark.parametrize(
+    ("additions", "spans"),
+    [
+        ((4, 3), [(0, 4), (4, 7)]),
+        ((4, 0), [(0, 4)]),  # no new rows, no file
+        ((4, 4, 6), [(4, 8), (8, 14)]),  # 14 rows were added, 10 fit: 0 to 3 are gone
+        ((4, 25), [(19, 29)]),
+    ],
+)
+def test_each_write_holds_only_the_new_rows_that_are_still_there(tmp_path, additions, spans):
+    manifest = train_and_save(tmp_path, make_buffer(), additions, np.random.default_rng(1))
+    assert [(s.first, s.last) for s in manifest.segments] == spans
+    for (first, last), segment in zip(spans, manifest.segments, strict=True):
+        with np.load(tmp_path / segment.file) as rows:
+            assert rows["observations"].shape == (last - first, 1, 3)
 
 
 def test_a_write_that_was_never_committed_changes_nothing(tmp_path):
@@ -166,28 +160,17 @@ def test_a_resumed_buffer_goes_on_being_saved_with_the_border_between_the_episod
 
 def test_ending_the_last_episode_keeps_its_transition_and_bounds_n_step_returns():
     buffer = make_buffer(NStepReplayBuffer, n_steps=3, gamma=1.0)
-    for reward in (1.0, 10.0):
+    end_last_episode(buffer)  # an empty one has none
+    assert not buffer.dones.any()
+    for reward, done in ((1.0, False), (10.0, False), (100.0, True)):
         zeros = np.zeros((1, 3), dtype=np.float32)
-        buffer.add(zeros, zeros, np.zeros((1, 2)), np.array([reward]), np.array([False]), [{}])
-    end_last_episode(buffer)
-    buffer.add(zeros, zeros, np.zeros((1, 2)), np.array([100.0]), np.array([False]), [{}])
+        buffer.add(zeros, zeros, np.zeros((1, 2)), np.array([reward]), np.array([done]), [{}])
+        if reward != 1.0:
+            end_last_episode(buffer)
     samples = buffer._get_samples(np.array([0, 1, 2]))
     assert samples.rewards.flatten().tolist() == [11.0, 10.0, 100.0]
-    assert samples.dones.flatten().tolist() == [0.0, 0.0, 0.0]  # truncated, so bootstrapped
-
-
-def test_ending_the_last_episode_leaves_a_true_end_alone():
-    buffer = make_buffer()
-    zeros = np.zeros((1, 3), dtype=np.float32)
-    buffer.add(zeros, zeros, np.zeros((1, 2)), np.zeros(1), np.array([True]), [{}])
-    end_last_episode(buffer)
-    assert (buffer.dones[0, 0], buffer.timeouts[0, 0]) == (1.0, 0.0)
-
-
-def test_ending_the_last_episode_of_an_empty_buffer_does_nothing():
-    buffer = make_buffer()
-    end_last_episode(buffer)
-    assert not buffer.dones.any()
+    # the first two are truncated, so bootstrapped; a true end is left alone
+    assert samples.dones.flatten().tolist() == [0.0, 0.0, 1.0]
 
 
 def test_a_dictionary_buffer_is_refused(tmp_path):

@@ -15,7 +15,7 @@ from stable_baselines3.common.callbacks import (
 )
 
 from sb3_piano.callbacks import F1Callback, OnsetF1Callback
-from sb3_piano.callbacks.run_context import RunContext, hand_over
+from sb3_piano.callbacks.own_env import RunContext, hand_over
 from sb3_piano.vec_env import ThreadVecEnv
 
 
@@ -77,10 +77,3 @@ def test_the_environment_is_the_runs_and_closed_at_the_end(tmp_path):
     assert len(made) == 1
     assert closed == made
     assert (tmp_path / "best_f1" / "best_model.zip").is_file()
-
-
-def test_a_given_environment_is_used_also_in_a_run(tmp_path):
-    callback = F1Callback(vector_of(NoisyEnv), eval_freq=5)
-    hand_over(context(tmp_path), [callback])
-    tiny_td3(NoisyEnv()).learn(10, callback)
-    assert len(callback.evaluations_metrics) == 2

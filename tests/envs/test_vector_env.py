@@ -326,7 +326,7 @@ def test_an_error_of_one_environment_comes_when_the_other_one_has_stepped(make, 
     [
         ({"num_envs": 0}, "num_envs is 0: expected 1 or more"),
         ({"num_envs": 2}, "score has 3 entries: expected one score, or one for each of 2 env"),
-        ({"n_threads": 0}, "n_threads is 0: expected a whole number from 1 on"),
+        ({"n_threads": 0}, "n_threads is 0: expected a whole number, 1 or more"),
         ({"autoreset_mode": "Never"}, "autoreset_mode is 'Never': expected one of 'NextStep', "),
         ({"phisics": "fast"}, "Unknown option 'phisics' .* Did you mean 'physics'"),
         ({"score": 3}, "A piece cannot be given as int"),

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("dm_control")
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.interop import scene_mjcf
-from sb3_piano.interop.imports import import_dm_control
+from sb3_piano.interop.scene import import_dm_control
 from sb3_piano.simulation import PHYSICS_PROFILES, compile_scene
 
 mjcf, composer = import_dm_control("mjcf"), import_dm_control("composer")

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("dm_control")
 from sb3_piano.interop import DmEnvironment, environment
-from sb3_piano.interop.imports import import_dm_control
+from sb3_piano.interop.scene import import_dm_control
 
 ENV_ID = "RoboPianist-debug-CMajorScaleTwoHands-v0"
 ACTIONS = np.random.default_rng(0).uniform(-1, 1, (20, 39)).astype(np.float32)

@@ -247,12 +247,12 @@ def test_after_the_last_step_there_is_no_action():
     ("argument", "value", "message"),
     [
         ("nominal", "plans", "nominal is 'plans': expected one of 'plan', 'none'.*'plan'"),
-        ("samples", 0, "samples is 0: expected a whole number from 1 on"),
+        ("samples", 0, "samples is 0: expected a whole number, 1 or more"),
         ("samples", 2.0, "samples is 2.0"),
-        ("horizon", 0, "horizon is 0: expected a whole number from 1 on"),
-        ("seed", -1, "seed is -1: expected a whole number from 0 on"),
+        ("horizon", 0, "horizon is 0: expected a whole number, 1 or more"),
+        ("seed", -1, "seed is -1: expected a whole number, 0 or more"),
         ("physics", "quick", "Unknown physics profile 'quick'"),
-        ("n_threads", 0, "n_threads is 0: expected a whole number from 1 on"),
+        ("n_threads", 0, "n_threads is 0: expected a whole number, 1 or more"),
     ],
 )
 def test_wrong_arguments_are_named(argument, value, message):

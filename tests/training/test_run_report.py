@@ -15,7 +15,7 @@ from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.training import RunFolder, evaluate, write_report
 from sb3_piano.training.report import training_curves
-from sb3_piano.viewing.report.definitions import definition_of, formatted
+from sb3_piano.viewing.report.page import definition_of, formatted
 
 
 def loud_action():

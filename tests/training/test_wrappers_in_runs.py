@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 import sb3_piano.wrappers
 from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.callbacks import Checkpoint
-from sb3_piano.callbacks.env_copy import copy_env
+from sb3_piano.callbacks.own_env import copy_env
 from sb3_piano.cli import main
 from sb3_piano.exceptions import RunError
 from sb3_piano.music import Note, Score, write_midi

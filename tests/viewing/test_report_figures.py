@@ -8,14 +8,14 @@ from report_parts import C4, D4, E4, STEP, long_performance, note, performance, 
 
 from sb3_piano.metrics import FINGER_SHARES
 from sb3_piano.viewing.report import Curve, judge, note_name
-from sb3_piano.viewing.report.figures import (
+from sb3_piano.viewing.report.piano_roll import piano_roll
+from sb3_piano.viewing.report.report import (
     MOST_POINTS,
     finger_usage,
     reward_terms,
     thinned,
     training_panels,
 )
-from sb3_piano.viewing.report.piano_roll import piano_roll
 
 NONE = "\N{EN DASH}"
 

@@ -20,7 +20,7 @@ from report_parts import (
 )
 
 from sb3_piano.training import RunConfig, train, write_report
-from sb3_piano.viewing.colors import FINGER_COLORS, PRESSED_COLOR
+from sb3_piano.viewing.frame_renderer import FINGER_COLORS, PRESSED_COLOR
 from sb3_piano.viewing.report import Curve, Report, report_html
 from sb3_piano.viewing.report.page import css_color
 

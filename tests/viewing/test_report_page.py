@@ -11,7 +11,7 @@ from report_parts import C4, metrics_of, note, performance, resting, three_notes
 
 from sb3_piano.metrics import FINGER_SHARES
 from sb3_piano.viewing.report import Curve, Report, report_html
-from sb3_piano.viewing.report.definitions import definition_of, formatted
+from sb3_piano.viewing.report.page import definition_of, formatted
 
 NONE = "\N{EN DASH}"
 HEADINGS = ["Keys, step by step", "Notes, strike by strike", "Pedal", "Fingers", "Return"]

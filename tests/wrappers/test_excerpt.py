@@ -205,16 +205,16 @@ class TestPossibleScores:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"unit": "beats"}, "unit is 'beats': expected 'seconds' or 'bars'"),
+        ({"unit": "beats"}, "unit is 'beats': expected one of 'seconds', 'bars'"),
         ({"start": "anywhere"}, "start is 'anywhere': expected a number of seconds or 'random'"),
-        ({"start": -1}, "start is -1: expected 0 seconds or more"),
+        ({"start": -1}, "start is -1: expected a finite number, 0 seconds or more"),
         ({"start": None}, "start is None: expected a finite number"),
         ({"start": float("nan")}, "start is nan: expected a finite number"),
-        ({"length": 0}, "length is 0: expected more than 0 seconds"),
-        ({"length": -2, "unit": "bars"}, "length is -2: expected more than 0 bars"),
+        ({"length": 0}, "length is 0: expected a finite number above 0 seconds"),
+        ({"length": -2, "unit": "bars"}, "length is -2: expected a whole number above 0 bars"),
         ({"length": "4"}, "length is '4': expected a finite number"),
-        ({"length": 1.5, "unit": "bars"}, "length is 1.5: expected a whole number of bars"),
-        ({"start": 0.5, "unit": "bars"}, "start is 0.5: expected a whole number of bars"),
+        ({"length": 1.5, "unit": "bars"}, "length is 1.5: expected a whole number above 0 bars"),
+        ({"start": 0.5, "unit": "bars"}, "start is 0.5: expected a whole number, 0 bars"),
     ],
 )
 def test_a_bad_argument_is_refused_by_name_and_value(arguments, message):

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from side_by_side import TINY, block, episode
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
-from sb3_piano.buffers.packing import ObservationPacking
+from sb3_piano.buffers.ring_observations import ObservationPacking
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score
@@ -155,11 +155,14 @@ def test_it_sees_the_piece_that_keys_made_rigid_further_out_begin_anew():
         ({"steps": 10, "seconds": 0.5}, "steps is 10 and seconds is 0.5"),
         ({"steps": -1}, "steps is -1"),
         ({"steps": 2.0}, "steps is 2.0"),
-        ({"steps": 10**9}, "steps is 1000000000: expected 0 to 10000 control steps"),
+        (
+            {"steps": 10**9},
+            "expected a whole number from 0 to 10000 control steps",
+        ),
         ({"steps": True}, "steps is True"),
         ({"seconds": 0.52}, r"seconds is 0.52.*0.05 s: expected 0.5 or 0.55"),
         ({"seconds": 0.5 + 1e-8}, r"expected 0.5 or 0.55"),
-        ({"seconds": -0.5}, "seconds is -0.5: expected 0 or more"),
+        ({"seconds": -0.5}, "seconds is -0.5: expected a finite number, 0 s or more"),
         ({"seconds": "1"}, "seconds is '1'"),
         ({"seconds": float("inf")}, "seconds is inf"),
         ({"steps": 10, "stride": 0}, "stride is 0"),

@@ -277,8 +277,8 @@ def test_vec_normalize_takes_it(planned_once):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"scale": 0}, "scale is 0: expected more than 0"),
-        ({"scale": -0.1}, "scale is -0.1: expected more than 0"),
+        ({"scale": 0}, "scale is 0: expected a finite number above 0"),
+        ({"scale": -0.1}, "scale is -0.1: expected a finite number above 0"),
         ({"scale": "0.1"}, "scale is '0.1': expected a finite number"),
         ({"lookahead": 0}, "lookahead is 0: expected a whole number, 1 or more"),
         ({"settings": 3}, "settings is 3: expected a mapping"),

@@ -16,7 +16,7 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import NUM_KEYS, Note, Score
 from sb3_piano.wrappers import KeyRewardTiering, RewardTiering
-from sb3_piano.wrappers.key_reward_tiering import tiered_key_press
+from sb3_piano.wrappers.rewards import tiered_key_press
 
 TOLERANCE = 0.0003
 

@@ -22,11 +22,11 @@ from sb3_piano.planning.sampling.settings import (
     NOISE_FROM_ZERO,
     SamplingCost,
     SamplingNoise,
-    check_count,
 )
 from sb3_piano.planning.sampling.simulations import Simulations
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import hands_of_action
+from sb3_piano.settings import Count, Index, checked
 from sb3_piano.simulation import PianoScene
 
 FloatArray = npt.NDArray[np.float64]
@@ -106,8 +106,8 @@ class PredictiveSampling(PianoPolicy):
                 f"{near_names(str(nominal), NOMINALS)}"
             )
         self._planned = nominal == "plan"
-        self._samples = check_count("samples", samples, 1)
-        self._horizon = check_count("horizon", horizon, 1)
+        self._samples = checked("samples", samples, Count)
+        self._horizon = checked("horizon", horizon, Count)
         self._physics = physics
         self._n_threads = n_threads
         self._noise, self._cost = NOISE_FROM_ZERO, COST_FROM_ZERO
@@ -125,7 +125,7 @@ class PredictiveSampling(PianoPolicy):
 
     def set_random_seed(self, seed: int) -> None:
         """Draw candidates from here on as a new player with this seed would."""
-        seeds = np.random.SeedSequence(check_count("seed", seed, 0)).spawn(len(self._pianos))
+        seeds = np.random.SeedSequence(checked("seed", seed, Index)).spawn(len(self._pianos))
         self._random = [np.random.default_rng(own) for own in seeds]
 
     def _act(

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
-from dataclasses import dataclass
-from numbers import Integral, Real
-from typing import Any
+from typing import Annotated
 
-from sb3_piano.exceptions import ConfigError
+from annotated_types import Ge, Gt, Le
+
+from sb3_piano.settings import Count, Number, Positive, Share, settings
+
+_NotNegative = Annotated[Number, Ge(0)]
+_SomeShare = Annotated[Number, Gt(0), Le(1)]
 
 
-@dataclass(frozen=True, kw_only=True)
+@settings
 class SamplingNoise:
     """Random differences of candidates from the best of the last control step.
 
@@ -21,30 +22,22 @@ class SamplingNoise:
         ConfigError: If a value is out of range.
     """
 
-    share: float = 0.4
+    share: _SomeShare = 0.4
     """Of the actuators, which a candidate changes; above 0, at most 1."""
-    knots: int = 2
+    knots: Count = 2
     """Points of the horizon at which noise is drawn, the first and the last step included; it is
     linear between them. 1 (constant noise) or more."""
-    finger: float = 0.12
+    finger: _NotNegative = 0.12
     """Standard deviation at a knot, rad, of the fingers' actuators."""
-    wrist: float = 0.04
+    wrist: _NotNegative = 0.04
     """That of the wrists' actuators, rad."""
-    forearm: float = 0.008
+    forearm: _NotNegative = 0.008
     """That of the sliders on which the forearms stand, m."""
-    decay: float = 0.9
+    decay: Share = 0.9
     """Share of the last control step's best change that is kept for the next one, in [0, 1]."""
 
-    def __post_init__(self) -> None:
-        _check_number("share", self.share, 0 < _real(self.share) <= 1, "above 0, at most 1")
-        check_count("knots", self.knots, 1)
-        for name in ("finger", "wrist", "forearm"):
-            value = getattr(self, name)
-            _check_number(name, value, _real(value) >= 0, "0 or more")
-        _check_number("decay", self.decay, 0 <= _real(self.decay) <= 1, "0 to 1")
 
-
-@dataclass(frozen=True, kw_only=True)
+@settings
 class SamplingCost:
     """Weights of a candidate's cost in each control step; less is better.
 
@@ -52,60 +45,29 @@ class SamplingCost:
         ConfigError: If a value is out of range.
     """
 
-    missed: float = 1.0
+    missed: _NotNegative = 1.0
     """For each key that should sound and does not."""
-    wrong: float = 1.5
+    wrong: _NotNegative = 1.5
     """For each key that sounds and should not."""
-    reluctant: float = 0.5
+    reluctant: _NotNegative = 0.5
     """For each key that should sound, times the share of the way to sounding that is missing."""
-    brushed: float = 0.1
+    brushed: _NotNegative = 0.1
     """For each key that should not sound, times the square of the share of the way that it is down
     (at most 1)."""
-    astray: float = 0.5
+    astray: _NotNegative = 0.5
     """Times the mean over the actuators of the squared distance from the plan (at most 1 each), in
     units of ``tolerance``; nothing without a plan."""
-    tolerance: float = 3.0
+    tolerance: Positive = 3.0
     """Distance from the plan that counts in full, in standard deviations of the noise."""
-    distance: float = 1.0
+    distance: _NotNegative = 1.0
     """Without a plan: for each key that should be pressed, times how far its finger is away: 0 at
     the key, 0.5 at a distance of ``reach``, nearly 1 far away."""
-    reach: float = 0.05
+    reach: Positive = 0.05
     """Distance of a finger from its key at which half of ``distance`` counts, m."""
-    effort: float = 0.01
+    effort: _NotNegative = 0.01
     """Times the mean square of the change, in standard deviations of the noise."""
-    discount: float = 0.9
+    discount: _SomeShare = 0.9
     """Weight of each control step relative to the one before; above 0, at most 1."""
-
-    def __post_init__(self) -> None:
-        for option in dataclasses.fields(self):
-            value = getattr(self, option.name)
-            _check_number(option.name, value, _real(value) >= 0, "0 or more")
-        for name in ("tolerance", "reach", "discount"):
-            _check_number(name, getattr(self, name), getattr(self, name) > 0, "above 0")
-        _check_number("discount", self.discount, self.discount <= 1, "at most 1")
-
-
-def check_count(name: str, value: Any, least: int) -> int:
-    """Return a whole number, or say what is wrong with it.
-
-    Raises:
-        ConfigError: If it is none, or below ``least``.
-    """
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
-        raise ConfigError(f"{name} is {value!r}: expected a whole number from {least} on.")
-    return int(value)
-
-
-def _real(value: Any) -> float:
-    """Return a number, or one that no comparison accepts."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
-        return math.nan
-    return float(value)
-
-
-def _check_number(name: str, value: object, valid: bool, expected: str) -> None:
-    if not valid:
-        raise ConfigError(f"{name} is {value!r}: expected a number, {expected}.")
 
 
 NOISE_FROM_ZERO = SamplingNoise(knots=3, finger=0.3, wrist=0.15, forearm=0.04, decay=1.0)

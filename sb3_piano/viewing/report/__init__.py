@@ -1,6 +1,5 @@
 """The report of what was played: a self-contained HTML page with interactive figures."""
 
-from sb3_piano.viewing.report.figures import Curve
 from sb3_piano.viewing.report.judgement import (
     DueNotes,
     Fate,
@@ -9,7 +8,7 @@ from sb3_piano.viewing.report.judgement import (
     judge,
 )
 from sb3_piano.viewing.report.piano_roll import note_name
-from sb3_piano.viewing.report.report import Report, report_html
+from sb3_piano.viewing.report.report import Curve, Report, report_html
 
 __all__ = [
     "Curve",

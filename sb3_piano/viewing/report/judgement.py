@@ -1,4 +1,4 @@
-"""Which notes were hit, and what every press was: the piano roll's contents, as arrays."""
+"""Judgement of every note and every press: the piano roll's contents, as arrays."""
 
 from __future__ import annotations
 

@@ -11,9 +11,8 @@ import numpy as np
 from sb3_piano.metrics import presses_of
 from sb3_piano.music import FINGER_NAMES, MIN_PITCH, NUM_KEYS
 from sb3_piano.performance import Performance
-from sb3_piano.viewing.report.definitions import TOLERANCE
 from sb3_piano.viewing.report.judgement import DueNotes, Fate, PlayedPresses, Verdict
-from sb3_piano.viewing.report.page import FINGERS
+from sb3_piano.viewing.report.page import FINGERS, TOLERANCE
 
 _PITCH_CLASSES = ("C", "C♯", "D", "D♯", "E", "F", "F♯", "G", "G♯", "A", "A♯", "B")
 _NOTHING = "\N{EN DASH}"
@@ -24,9 +23,9 @@ class Mark(NamedTuple):
 
     id: str
     name: str
-    """What it is called, in lower case."""
+    """Its name, in lower case."""
     meaning: str
-    """What it means, in one sentence."""
+    """Its meaning, in one sentence."""
 
 
 PRESS_MARKS = {
@@ -42,7 +41,7 @@ PRESS_MARKS = {
     ),
     Verdict.WRONG: Mark("wrong", "wrong", "A key that is not due while it is pressed."),
 }
-"""What was played, by what it was."""
+"""Marks of presses by their verdict."""
 
 _FINGER_MARKS = tuple(
     Mark(f"due-{id_}", name, f"Due, for the {name} of either hand.")

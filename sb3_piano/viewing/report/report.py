@@ -4,20 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
-from sb3_piano.metrics import DEFINITIONS, FINGER_SHARES
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.metrics import DEFINITIONS, FINGER_SHARES, finger_shares
+from sb3_piano.music import FINGER_NAMES
 from sb3_piano.performance import Performance
-from sb3_piano.viewing.report.figures import (
-    NOTHING,
-    PLAYED,
-    Curve,
-    finger_usage,
-    reward_terms,
-    training_panels,
-)
 from sb3_piano.viewing.report.judgement import Fate, Verdict, judge
-from sb3_piano.viewing.report.page import render
+from sb3_piano.viewing.report.page import definition_of, formatted, render
 from sb3_piano.viewing.report.piano_roll import PEDAL_MARK, legends, piano_roll
+
+PLAYED, NOTHING = "played", "playing nothing"
+"""Names of numbers, bars and lines: of the policy, and of hands that rest."""
+
+MOST_POINTS = 400
+"""Points of a curve that are drawn; of a longer one, means of neighbours are."""
+
+_RETURN_PREFIX, _REWARD_TAGS = "return_", "reward/"
+
+# As the hands lie on the keyboard: the left one's little finger is the leftmost.
+_LEFT_TO_RIGHT = (9, 8, 7, 6, 5, 0, 1, 2, 3, 4)
+
+# Title, the metric whose baseline is drawn as a line, and the names of the curves in the log.
+_PANELS = (
+    ("F1", "f1", {"music/f1": "training", "eval/f1": "evaluation"}),
+    ("Onset F1", "onset_f1", {"music/onset_f1": "training", "eval/onset_f1": "evaluation"}),
+    ("Return", "return", {"rollout/ep_rew_mean": "training", "eval/mean_reward": "evaluation"}),
+)
+_SHARES = ("f1", "onset_f1")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,11 +49,11 @@ class Report:
     curves: Mapping[str, Curve] = field(default_factory=dict)
     """The training's log by name; empty if there is none."""
     subtitle: str = ""
-    """Who played, in one line."""
+    """The player, in one line."""
     facts: Sequence[tuple[str, str]] = ()
-    """How this was made: name and text of each fact."""
+    """Name and text of each fact about its origin."""
     commands: Sequence[tuple[str, str]] = ()
-    """How to do it again: what for, and the command line."""
+    """Purpose and text of each command line that makes it again."""
 
 
 def report_html(report: Report) -> str:
@@ -64,4 +80,108 @@ def report_html(report: Report) -> str:
         finger_usage=finger_usage(performance, metrics),
         reward_terms=reward_terms(metrics, baseline),
         panels=training_panels(report.curves, baseline),
+    )
+
+
+class Curve(NamedTuple):
+    """A number over the training."""
+
+    steps: npt.NDArray[np.int64]
+    """(n,) environment steps, ascending."""
+    values: npt.NDArray[np.float64]
+    """(n,)"""
+
+
+def finger_usage(performance: Performance, metrics: Mapping[str, float]) -> dict[str, Any]:
+    """Return the shares of the pressing, beside what the score's fingering asks for.
+
+    Args:
+        performance: What was played; its roll has the fingering.
+        metrics: The shares that were played, by their names in ``FINGER_SHARES``.
+
+    Returns:
+        ``finger``: labels 0-9 from left to right; their ``name``, the share ``played`` and the
+        one ``due`` [%], which is ``None`` without a fingering.
+    """
+    due = finger_shares(performance.roll.finger[: len(performance)])
+    return {
+        "finger": _LEFT_TO_RIGHT,
+        "name": [FINGER_NAMES[finger] for finger in _LEFT_TO_RIGHT],
+        "played": [100 * metrics[FINGER_SHARES[finger]] for finger in _LEFT_TO_RIGHT],
+        "due": [100 * due[finger] for finger in _LEFT_TO_RIGHT] if due.sum() > 0 else None,
+    }
+
+
+def reward_terms(
+    metrics: Mapping[str, float], baseline: Mapping[str, float] | None
+) -> dict[str, Any] | None:
+    """Return the episode's sum of each weighted reward term, the policy's beside resting.
+
+    Args:
+        metrics: Has the sums under names that begin with ``return_``.
+        baseline: The same of an episode in which the hands rest, if there is one.
+
+    Returns:
+        Labels of the ``terms``, and ``rows`` of their sums; ``None`` if there are no such names.
+    """
+    names = [name for name in metrics if name.startswith(_RETURN_PREFIX)]
+    episodes = {PLAYED: metrics} if baseline is None else {PLAYED: metrics, NOTHING: baseline}
+    rows = [
+        {
+            "name": who,
+            "sums": [sums[name] for name in names],
+            "texts": [formatted(name, sums[name]) for name in names],
+        }
+        for who, sums in episodes.items()
+    ]
+    return {"terms": [definition_of(n).label for n in names], "rows": rows} if names else None
+
+
+def training_panels(
+    curves: Mapping[str, Curve], baseline: Mapping[str, float] | None
+) -> list[dict[str, Any]]:
+    """Return a panel for each of F1, onset F1, return and reward terms that the log knows.
+
+    Args:
+        curves: The log, by name (``music/f1``, ``rollout/ep_rew_mean``, ``reward/energy``, ...).
+        baseline: Metrics of an episode in which the hands rest, if there is one.
+
+    Returns:
+        For each its ``title``, ``lines`` of ``name``, ``x`` and ``y``, the ``level`` of playing
+        nothing or ``None``, and whether it is a ``share``, in [0, 1].
+    """
+    rewards = {
+        tag: definition_of(_RETURN_PREFIX + tag.removeprefix(_REWARD_TAGS)).label
+        for tag in curves
+        if tag.startswith(_REWARD_TAGS)
+    }
+    panels = []
+    for title, metric, labels in (*_PANELS, ("Reward terms", "", rewards)):
+        known = [(tag, label) for tag, label in labels.items() if tag in curves]
+        lines = [
+            {"name": label, "x": curve.steps, "y": curve.values}
+            for label, curve in ((label, thinned(curves[tag])) for tag, label in known)
+            if len(curve.steps)
+        ]
+        level = None if baseline is None else baseline.get(metric)
+        panel = {"title": title, "lines": lines, "level": level, "share": metric in _SHARES}
+        panels += [panel] if lines else []
+    return panels
+
+
+def thinned(curve: Curve, most: int = MOST_POINTS) -> Curve:
+    """Return means of equally many neighbouring points, so that there are at most so many.
+
+    Args:
+        curve: n points.
+        most: At least 1.
+    """
+    each = -(-len(curve.steps) // most)
+    if each <= 1:
+        return curve
+    starts = np.arange(0, len(curve.steps), each)
+    counts = np.diff(starts, append=len(curve.steps))
+    return Curve(
+        steps=np.add.reduceat(curve.steps, starts) // counts,
+        values=np.add.reduceat(curve.values, starts) / counts,
     )

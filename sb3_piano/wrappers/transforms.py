@@ -1,18 +1,17 @@
-"""Pieces shifted along the keyboard."""
+"""Pieces shifted along the keyboard, or played slower or faster."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from numbers import Integral
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import MAX_PITCH, MIN_PITCH, Score
-from sb3_piano.wrappers.score_change import FixedOrRange, ScoreChange
-from sb3_piano.wrappers.score_wrapper import possible_scores
+from sb3_piano.settings import Positive, Whole
+from sb3_piano.wrappers.score_wrapper import FixedOrRange, ScoreChange, possible_scores
 
 
 class KeyShift(ScoreChange):
@@ -27,7 +26,7 @@ class KeyShift(ScoreChange):
 
     def __init__(self, env: gym.Env[Any, Any], name: str, steps: Any, *, semitones: int) -> None:
         super().__init__(env)
-        self._steps = FixedOrRange.of(name, steps, _whole_number)
+        self._steps = FixedOrRange.of(name, steps, Whole)
         self._semitones = semitones
         possible_scores(self)  # raises if a piece cannot be shifted
 
@@ -88,7 +87,74 @@ def _clamp(value: int, low: int, high: int) -> int:
     return min(max(value, low), high)
 
 
-def _whole_number(name: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, Integral):
-        raise ConfigError(f"{name} is {value!r}: expected a whole number.")
-    return int(value)
+_OCTAVE = 12
+"""Semitones."""
+
+
+class OctaveShift(KeyShift, gym.utils.RecordConstructorArgs):
+    """Shift each piece up or down, by whole octaves.
+
+    White keys stay white and black keys black, so that a fingering stays as good as it was. All
+    else is as in :class:`~sb3_piano.wrappers.PitchShift`: of a range only those shifts are drawn
+    that keep the piece on the keyboard; if none does, the one that is nearest to the range.
+
+    Args:
+        env: A piano environment, wrapped or not.
+        octaves: The shift, negative for lower; or a pair of the lowest and the highest to draw
+            from, both included.
+
+    Raises:
+        ConfigError: If ``octaves`` is neither, or ``env`` is no piano.
+        ScoreError: If a fixed shift takes a note off the keyboard, here for the environment's own
+            pieces, at ``reset`` for others.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], octaves: int | Sequence[int]) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, octaves=octaves)
+        super().__init__(env, "octaves", octaves, semitones=_OCTAVE)
+
+
+class TemporalStretch(ScoreChange, gym.utils.RecordConstructorArgs):
+    """Play each piece slower or faster.
+
+    ``TemporalStretch(env, 2.0)`` makes all pieces twice as long, and with them the episodes.
+    ``TemporalStretch(env, [0.5, 2.0])`` draws a factor for each episode, uniformly on a logarithmic
+    scale: twice as fast and twice as slow are equally likely.
+
+    Args:
+        env: A piano environment, wrapped or not.
+        factor: New length over old length, finite and above 0; or a pair of the least and the
+            greatest to draw from.
+
+    Raises:
+        ConfigError: If ``factor`` is neither, or ``env`` is no piano.
+        ScoreError: If the factor leaves a note without length, here for the environment's own
+            pieces, at ``reset`` for others.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], factor: float | Sequence[float]) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, factor=factor)
+        super().__init__(env)
+        self._factor = FixedOrRange.of("factor", factor, Positive)
+        possible_scores(self)  # raises if a piece cannot be stretched
+
+    @property
+    def draws_times(self) -> bool:
+        """Whether the factor is drawn."""
+        return not self._factor.fixed
+
+    def draw(self, score: Score, random: np.random.Generator) -> float:
+        """Return the factor of this episode."""
+        low, high = self._factor.low, self._factor.high
+        if self._factor.fixed:
+            return low
+        drawn = math.exp(random.uniform(math.log(low), math.log(high)))
+        return min(max(drawn, low), high)  # rounding may lead beyond the ends
+
+    def extreme_values(self, score: Score) -> list[float]:
+        """Return the least and the greatest factor."""
+        return [self._factor.low, self._factor.high]
+
+    def changed(self, score: Score, value: float) -> Score:
+        """Return the score stretched by a factor."""
+        return score.stretch(value)

@@ -1,0 +1,235 @@
+"""Settings: dataclasses and single values that are checked where they enter, by pydantic.
+
+A class decorated with :func:`settings` is a frozen dataclass of keyword arguments. Its annotations
+say what is valid, and every violation becomes one :class:`~sb3_piano.exceptions.ConfigError` that
+names the value and what was expected:
+
+>>> @settings
+... class Canvas:
+...     width: Annotated[Whole, Ge(1), Le(1920), Unit("pixels")] = 640
+>>> Canvas(width=0)
+Traceback (most recent call last):
+sb3_piano.exceptions.ConfigError: width is 0: expected a whole number from 1 to 1920 pixels.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+import reprlib
+import typing
+from collections.abc import Callable, Iterable, Mapping
+from numbers import Integral, Real
+from typing import Annotated, Any, TypeVar, dataclass_transform
+
+from annotated_types import Ge, Gt, Le, Lt, MultipleOf
+from pydantic import AllowInfNan, BeforeValidator, ConfigDict, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass as checked_dataclass
+from pydantic_core import ErrorDetails
+
+from sb3_piano.exceptions import ConfigError, near_names
+
+T = TypeVar("T")
+
+_CONFIG = ConfigDict(strict=True, extra="forbid", arbitrary_types_allowed=True)
+
+
+def _integer(value: Any) -> Any:
+    """Return NumPy's integers as int."""
+    return int(value) if isinstance(value, Integral) and not isinstance(value, bool) else value
+
+
+def _float(value: Any) -> Any:
+    """Return any other real number as float."""
+    if isinstance(value, Real) and not isinstance(value, bool):
+        try:
+            return float(value)
+        except OverflowError:  # a whole number beyond all floats
+            return float("inf")
+    return value
+
+
+def _path_text(value: Any) -> Any:
+    return os.fspath(value) if isinstance(value, os.PathLike) else value
+
+
+Whole = Annotated[int, BeforeValidator(_integer)]
+"""A whole number, NumPy's included; true and false are none."""
+
+Number = Annotated[float, BeforeValidator(_float), AllowInfNan(False)]
+"""A finite number as a float."""
+
+Count = Annotated[Whole, Ge(1)]
+"""A whole number, 1 or more."""
+
+Index = Annotated[Whole, Ge(0)]
+"""A whole number, 0 or more."""
+
+Share = Annotated[Number, Ge(0), Le(1)]
+"""A number from 0 to 1."""
+
+Positive = Annotated[Number, Gt(0)]
+"""A number above 0."""
+
+TextOrPath = Annotated[str, BeforeValidator(_path_text)]
+"""Text, or a path as text."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Unit:
+    """Annotation of a number: what follows its range in a message, such as a unit or a reason."""
+
+    text: str
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True)
+def settings(cls: type[T]) -> type[T]:
+    """Make a class a frozen dataclass of keyword arguments, checked against its annotations.
+
+    ``__post_init__`` may check what concerns several fields, and raise ``ConfigError`` itself.
+
+    Raises:
+        ConfigError: When the class is called with values that do not fit, or with names that it
+            does not have.
+    """
+    checked: Any = checked_dataclass(frozen=True, kw_only=True, config=_CONFIG)(cls)
+    fields = [field.name for field in dataclasses.fields(checked)]
+    validate: Callable[..., None] = checked.__init__
+
+    @functools.wraps(validate)
+    def init(self: Any, **values: Any) -> None:
+        refuse_unknown(values, fields, "setting", cls.__name__)
+        try:
+            validate(self, **values)
+        except ValidationError as error:
+            raise ConfigError(
+                _message(error, typing.get_type_hints(cls, include_extras=True))
+            ) from None
+
+    checked.__init__ = init
+    return checked
+
+
+def checked(name: str, value: Any, kind: Any) -> Any:
+    """Return a single value as an annotation wants it.
+
+    Args:
+        name: What it is called where it was given.
+        value: The value.
+        kind: The annotation, such as ``Annotated[Whole, Ge(1)]``.
+
+    Raises:
+        ConfigError: If it does not fit.
+    """
+    try:
+        return _adapter(kind).validate_python(value)
+    except ValidationError as error:
+        raise ConfigError(_message(error, {name: kind}, name)) from None
+
+
+def refuse_unknown(names: Iterable[str], known: Iterable[str], what: str, of: str = "") -> None:
+    """Refuse names that mean nothing.
+
+    Args:
+        names: What was given.
+        known: The names that are valid.
+        what: What the message calls a name, such as "reward term".
+        of: What they are names of.
+
+    Raises:
+        ConfigError: If one is unknown.
+    """
+    known = list(known)
+    for name in names:
+        if name not in known:
+            place = f" of {of}" if of else ""
+            raise ConfigError(
+                f"Unknown {what} {name!r}{place}.{near_names(str(name), known)} Expected one of "
+                f"{', '.join(known)}."
+            )
+
+
+@functools.lru_cache(maxsize=256)
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind, config=ConfigDict(strict=True, arbitrary_types_allowed=True))
+
+
+def _message(error: ValidationError, kinds: Mapping[str, Any], *names: str) -> str:
+    """Return what is wrong with the first value that does not fit.
+
+    Args:
+        error: What pydantic found.
+        kinds: Annotation of each value by its name, with which the error's place begins.
+        *names: What comes before the error's place.
+    """
+    first = error.errors(include_url=False)[0]
+    raised = first.get("ctx", {}).get("error")
+    if isinstance(raised, ConfigError):  # from a __post_init__
+        return str(raised)
+    place: tuple[str | int, ...] = (*names, *first["loc"])
+    name, inside = place[0], place[1:]
+    if first["type"] == "missing":
+        return f"{name} is missing: it has no default."
+    kind = kinds.get(str(name))
+    is_key = inside[-1:] == ("[key]",)
+    if is_key:  # the message shows the key itself
+        inside = inside[:-2]
+    for _ in inside:
+        kind = _inner(kind)
+    kind = _inner(kind, key=True) if is_key else kind
+    called = f"{name}{''.join(f'[{part!r}]' for part in inside)}"
+    return f"{called} is {reprlib.repr(first['input'])}: expected {_expected(first, *_parts(kind))}"
+
+
+def _expected(error: ErrorDetails, bare: Any, notes: tuple[Any, ...]) -> str:
+    """Return the end of a message: what was expected in place of a value."""
+    if error["type"] == "literal_error":
+        choices = typing.get_args(bare)
+        return f"one of {', '.join(map(repr, choices))}.{near_names(str(error['input']), choices)}"
+    if bare in (int, float):
+        return f"{_number_text(bare, notes)}."
+    texts = {bool: "true or false", str: "text", Mapping: "a mapping", tuple: "a list"}
+    text = texts.get(typing.get_origin(bare) or bare)
+    return f"{text}." if text else f"{error['msg']}."
+
+
+def _number_text(bare: type, notes: tuple[Any, ...]) -> str:
+    """Return "a whole number from 1 to 1920 pixels" for a kind of number and its annotations."""
+    text = "a whole number" if bare is int or MultipleOf(1) in notes else "a finite number"
+    unit, comma, reason = next((n.text for n in notes if isinstance(n, Unit)), "").partition(",")
+    unit = f" {unit}" if unit else ""
+    low = next((note for note in notes if isinstance(note, Ge | Gt)), None)
+    high = next((note for note in notes if isinstance(note, Le | Lt)), None)
+    match low, high:
+        case Ge(ge), Le(le):
+            return f"{text} from {ge:g} to {le:g}{unit}{comma}{reason}"
+        case Ge(ge), _:
+            text += f", {ge:g}{unit} or more"
+        case Gt(gt), _:
+            text += f" above {gt:g}{unit}"
+    match high:
+        case Le(le):
+            text += f", {le:g}{unit} or less"
+        case Lt(lt):
+            text += f" below {lt:g}{unit}"
+    return f"{text}{comma}{reason}"
+
+
+def _inner(kind: Any, *, key: bool = False) -> Any:
+    """Return the annotation of what a mapping or a sequence holds."""
+    arguments = [a for a in typing.get_args(_parts(kind)[0]) if a is not ...]
+    return arguments[0 if key else -1] if arguments else None
+
+
+def _parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
+    """Return an annotation without ``None`` and ``Annotated``, and what annotates it."""
+    notes: tuple[Any, ...] = ()
+    while True:
+        if typing.get_origin(kind) is Annotated:
+            kind, *more = typing.get_args(kind)
+            notes = (*notes, *more)
+        elif type(None) in (options := typing.get_args(kind)) and len(options) == 2:
+            kind = next(option for option in options if option is not type(None))
+        else:
+            return kind, notes

@@ -1,0 +1,240 @@
+"""Wrappers that change the reward: its weights, or its terms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any, SupportsFloat
+
+import gymnasium as gym
+import numpy as np
+
+from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS
+from sb3_piano.envs.config import RewardWeight
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.layers import layers
+from sb3_piano.settings import Count, Index, Share, checked, refuse_unknown
+from sb3_piano.wrappers.piano import piano_of
+
+RewardTerms = Mapping[str, float]
+
+
+class RewardTermsWrapper(gym.Wrapper[Any, Any, Any, Any]):
+    """Change the weights of the reward's terms, or the terms themselves.
+
+    The reward is the sum of ``weight * term``; ``info["reward_terms"]`` has the terms as they are
+    after this wrapper. Several of these wrappers work together: each changes what those inside it
+    have left. Metrics and ``return_<term>`` in the final ``info`` stay those of the environment's
+    own reward, so that trainings under different rewards can be compared.
+
+    Wrappers of other kinds that change the reward belong outside of these.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
+        self._piano = piano_of(env, type(self).__name__)
+
+    @property
+    def inner_weights(self) -> Mapping[str, float]:
+        """The weights of the terms as they are inside of this wrapper."""
+        for inside in self.inner_wrappers():
+            return inside.reward_weights
+        return self._piano.config.reward_weights
+
+    @property
+    def reward_weights(self) -> Mapping[str, float]:
+        """The weights of the terms in the control step that was played last."""
+        return self.inner_weights
+
+    def inner_wrappers(self) -> Iterator[RewardTermsWrapper]:
+        """Return the wrappers of this kind inside of this one, the outermost first."""
+        return (layer for layer in layers(self.env) if isinstance(layer, RewardTermsWrapper))
+
+    def reward_terms(self, terms: RewardTerms) -> RewardTerms:
+        """Return the terms of the control step that was just played, changed."""
+        return terms
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Play a control step.
+
+        Raises:
+            ConfigError: If a wrapper inside has changed the reward in a way unknown here.
+        """
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self._check(float(reward), weighted_sum(self.inner_weights, info["reward_terms"]))
+        terms = self.reward_terms(info["reward_terms"])
+        new_reward = weighted_sum(self.reward_weights, terms)
+        return observation, new_reward, terminated, truncated, {**info, "reward_terms": terms}
+
+    def _check(self, reward: float, expected: float) -> None:
+        if not math.isclose(reward, expected, rel_tol=1e-9, abs_tol=1e-9):
+            raise ConfigError(
+                f"{type(self).__name__} got the reward {reward:g}, but the weighted terms sum up "
+                f"to {expected:g}: a wrapper inside has changed it. Expected that wrapper outside."
+            )
+
+
+def weighted_sum(weights: Mapping[str, float], terms: RewardTerms) -> float:
+    """Return the reward."""
+    return sum(weights[name] * term for name, term in terms.items())
+
+
+class RewardWeights(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
+    """Weight terms of the reward in another way.
+
+    The rewards are exactly those of an environment that is made with ``reward_weights``. Other than
+    that, it leaves the metrics ``return_<term>`` and ``normalized_return`` as they were. A
+    :class:`~sb3_piano.wrappers.FingeringDecay` belongs outside of a ``RewardWeights`` with
+    ``fingering``, which would otherwise overrule it.
+
+    Args:
+        env: A piano environment, wrapped or not.
+        weights: Weight by name of the term, one of ``sb3_piano.envs.DEFAULT_REWARD_WEIGHTS``, each
+            a finite number; terms without one keep the weight they have. ``energy`` is per watt.
+
+    Raises:
+        ConfigError: If a name is unknown, a weight is no finite number, or ``env`` is no piano.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], weights: Mapping[str, float]) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, weights=weights)
+        super().__init__(env)
+        self._weights = checked("weights", weights, Mapping[str, RewardWeight])
+        refuse_unknown(weights, DEFAULT_REWARD_WEIGHTS, "reward term")
+
+    @property
+    def reward_weights(self) -> Mapping[str, float]:
+        """The weights of the terms."""
+        return {**self.inner_weights, **self._weights}
+
+
+class FingeringDecay(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
+    """Let the fingering term count less and less while the training goes on.
+
+    Its weight falls linearly from what it is inside of this wrapper, in the ``start``-th control
+    step, to ``final`` in the ``n_steps``-th one after, and stays there. Fingers are then guided to
+    their keys at first, and free to find better ones later.
+
+    Steps are those of this environment, counted by ``env.unwrapped.total_steps``, also over
+    episodes. Of several environments each counts its own: for a decay over N steps of a training
+    with 4 environments, ``n_steps`` is N / 4. A training that ``sb3-piano train --resume`` goes on
+    with counts on; evaluations report the environment's own reward, which does not change.
+
+    Args:
+        env: A piano environment, wrapped or not.
+        n_steps: Control steps of this environment from the first weight to the last, at least 1.
+        final: The weight in the end.
+        start: Control steps before the weight begins to fall, at least 0.
+
+    Raises:
+        ConfigError: If an argument is out of range, or ``env`` is no piano.
+    """
+
+    def __init__(
+        self, env: gym.Env[Any, Any], n_steps: int, *, final: float = 0.0, start: int = 0
+    ) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, n_steps=n_steps, final=final, start=start)
+        super().__init__(env)
+        self._n_steps = checked("n_steps", n_steps, Count)
+        self._final = checked("final", final, RewardWeight)
+        self._start = checked("start", start, Index)
+
+    @property
+    def reward_weights(self) -> Mapping[str, float]:
+        """The weights of the terms in the control step that was played last."""
+        weights = self.inner_weights
+        share = min(max((self._piano.total_steps - self._start) / self._n_steps, 0.0), 1.0)
+        fingering = (1.0 - share) * weights["fingering"] + share * self._final
+        return {**weights, "fingering": fingering}
+
+
+TIERED_TERMS = ("energy", "forearm")
+"""The terms that have to be earned by pressing keys."""
+
+
+class RewardTiering(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
+    """Let energy and forearms count only in control steps in which the keys are pressed well.
+
+    Where ``key_press`` is less than the threshold, the terms ``energy`` and ``forearm`` are 0:
+    nothing is earned by forearms that keep apart, and no energy is paid for either. ``key_press``
+    is taken as it arrives, so that of a :class:`~sb3_piano.wrappers.KeyRewardTiering` inside it is
+    the tiered one.
+
+    Source: RoboVirtuoso, section 6, "reward tiering". It gives no number for the threshold; the
+    default asks, where no wrong key sounds, for half of the recall. In steps in which nothing is
+    due ``key_press`` is 0.5 at most, so that with a greater threshold they never have these terms.
+
+    Args:
+        env: A piano environment, wrapped or not.
+        threshold: Least ``key_press`` with which the terms count, in [0, 1].
+
+    Raises:
+        ConfigError: If ``threshold`` is out of range, or ``env`` is no piano.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], threshold: float = 0.75) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, threshold=threshold)
+        super().__init__(env)
+        self._threshold = checked("threshold", threshold, Share)
+
+    def reward_terms(self, terms: RewardTerms) -> RewardTerms:
+        """Return the terms, with 0 for those that are not earned."""
+        if terms["key_press"] >= self._threshold:
+            return terms
+        return {**terms, **dict.fromkeys(TIERED_TERMS, 0.0)}
+
+
+class KeyRewardTiering(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
+    """Cap the precision part of ``key_press`` by its recall part.
+
+    Half of ``key_press`` is recall, how far down the due keys are, and half precision, earned whole
+    if no wrong key sounds. Hands that press nothing thus earn half of it in every control step.
+    Here, in control steps with a due key, precision counts no more than recall does, so that they
+    earn nothing. Where nothing is due the term stays as it is.
+
+    Source: RoboVirtuoso, section 6, "Key Reward Tiering". Its formula has the maximum of both
+    parts, under which hands that press nothing would keep their half. Its words ("the precision
+    reward is capped to the level of the recall reward") and its results, hands that no longer
+    hover, say minimum, and that is what this is. The report counts keys for recall, where the term
+    here is RoboPianist's, graded by how far down each due key is: both agree for keys that are
+    down, and to 0.0003 for keys that are up.
+
+    Args:
+        env: A piano environment, wrapped or not.
+
+    Raises:
+        ConfigError: If ``env`` is no piano, or has this wrapper already.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self)
+        super().__init__(env)
+        if any(isinstance(layer, KeyRewardTiering) for layer in self.inner_wrappers()):
+            raise ConfigError(
+                "KeyRewardTiering wraps another one, which has changed the term it goes by: "
+                "expected one of them."
+            )
+
+    def reward_terms(self, terms: RewardTerms) -> RewardTerms:
+        """Return the terms with ``key_press`` tiered."""
+        due = self._piano.roll.active[self._piano.steps_played - 1]
+        precision = 0.0 if np.any(self._piano.key_active > due) else 1.0
+        recall = 2.0 * (terms["key_press"] - 0.5 * precision)
+        tiered = tiered_key_press(recall, precision, any_due=bool(due.any()))
+        return {**terms, "key_press": tiered}
+
+
+def tiered_key_press(recall: float, precision: float, *, any_due: bool) -> float:
+    """Return the term ``key_press`` under RoboVirtuoso's rule.
+
+    Args:
+        recall: How well the due keys are down, in [0, 1]; 0 if none is due.
+        precision: 1 if no wrong key sounds, else 0.
+        any_due: Whether a key is due.
+
+    Returns:
+        A value in [0, 1]; 0.5 for silence where nothing is due, 0 for silence where a key is.
+    """
+    if any_due:
+        precision = min(recall, precision)
+    return 0.5 * recall + 0.5 * precision

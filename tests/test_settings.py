@@ -1,0 +1,98 @@
+"""Settings: what is refused, and in which words."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import pickle
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+import numpy as np
+import pytest
+from annotated_types import Ge, Gt, Le, Lt
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.settings import Count, Number, Share, TextOrPath, Unit, Whole, checked, settings
+
+
+@settings
+class Canvas:
+    width: Annotated[Whole, Ge(1), Le(1920), Unit("pixels")] = 640
+    seed: Count | None = None
+    scale: Number = 1.0
+    file: TextOrPath = ""
+    grey: bool = False
+    style: Literal["oil", "chalk"] = "oil"
+    weights: Mapping[str, Share] = dataclasses.field(default_factory=dict)
+    sizes: tuple[Count, ...] = (1,)
+    title: str
+
+    def __post_init__(self) -> None:
+        if self.title == "untitled":
+            raise ConfigError("title is 'untitled': expected a name.")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"width": 0}, "width is 0: expected a whole number from 1 to 1920 pixels."),
+        ({"width": True}, "width is True: expected a whole number from 1 to 1920 pixels."),
+        ({"width": 2.0}, "width is 2.0: expected a whole number from 1 to 1920 pixels."),
+        ({"seed": 0}, "seed is 0: expected a whole number, 1 or more."),
+        ({"scale": float("nan")}, "scale is nan: expected a finite number."),
+        ({"scale": "1"}, "scale is '1': expected a finite number."),
+        ({"file": 3}, "file is 3: expected text."),
+        ({"grey": 1}, "grey is 1: expected true or false."),
+        ({"style": "oils"}, "style is 'oils': expected one of 'oil', 'chalk'. Did you mean 'oil'?"),
+        ({"weights": {"a": 2}}, "weights['a'] is 2: expected a finite number from 0 to 1."),
+        ({"weights": [2]}, "weights is [2]: expected a mapping."),
+        ({"sizes": 3}, "sizes is 3: expected a list."),
+        ({"sizes": (3, 0)}, "sizes[1] is 0: expected a whole number, 1 or more."),
+        ({"title": "untitled"}, "title is 'untitled': expected a name."),
+        (
+            {"widht": 3},
+            "Unknown setting 'widht' of Canvas. Did you mean 'width' or 'weights'? Expected one of "
+            "width, seed, scale, file, grey, style, weights, sizes, title.",
+        ),
+    ],
+)
+def test_a_value_that_does_not_fit_is_named_with_what_was_expected(values, message):
+    with pytest.raises(ConfigError) as raised:
+        Canvas(**{"title": "Sea", **values})
+    assert str(raised.value) == message
+
+
+def test_what_has_no_default_is_asked_for():
+    with pytest.raises(ConfigError, match="title is missing"):
+        Canvas()
+
+
+def test_numbers_of_numpy_and_paths_become_plain_ones(tmp_path):
+    canvas = Canvas(title="Sea", width=np.int64(3), scale=np.float32(0.5), file=tmp_path)
+    assert (canvas.width, canvas.scale, canvas.file) == (3, 0.5, str(tmp_path))
+    assert [type(x) for x in (canvas.width, canvas.scale)] == [int, float]
+
+
+def test_settings_are_frozen_dataclasses_that_can_be_changed_in_copies():
+    canvas = Canvas(title="Sea")
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        canvas.width = 3
+    assert dataclasses.replace(canvas, width=3) == Canvas(title="Sea", width=3)
+    with pytest.raises(ConfigError, match="width is 0"):
+        dataclasses.replace(canvas, width=0)
+    assert pickle.loads(pickle.dumps(canvas)) == copy.deepcopy(canvas) == canvas
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        (Annotated[Number, Gt(0), Le(1)], "a finite number above 0, 1 or less"),
+        (Annotated[Number, Lt(1)], "a finite number below 1"),
+        (Annotated[Number, Ge(-1), Le(1), Unit(", as it is a share")], "-1 to 1, as it is a share"),
+        (Annotated[Whole, Ge(2)] | None, "a whole number, 2 or more"),
+    ],
+)
+def test_single_values_are_checked_alike(kind, text):
+    with pytest.raises(ConfigError, match=f"^n is 'x': expected .*{text}.$"):
+        checked("n", "x", kind)

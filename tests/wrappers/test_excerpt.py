@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from playing_scores import melody, piano, played
 
-from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import Note, Score, load_score, write_midi
 from sb3_piano.wrappers import Excerpt, PitchShift, TemporalStretch
 from sb3_piano.wrappers.score_wrapper import possible_scores
@@ -200,23 +200,3 @@ class TestPossibleScores:
         env = outer(PitchShift(Excerpt(piano(SIX), start=0, length=1), 2))
         notes = {pitch for score in possible_scores(env) for pitch in pitches(score)}
         assert notes == {*range(62, 68)}
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"unit": "beats"}, "unit is 'beats': expected one of 'seconds', 'bars'"),
-        ({"start": "anywhere"}, "start is 'anywhere': expected a number of seconds or 'random'"),
-        ({"start": -1}, "start is -1: expected a finite number, 0 seconds or more"),
-        ({"start": None}, "start is None: expected a finite number"),
-        ({"start": float("nan")}, "start is nan: expected a finite number"),
-        ({"length": 0}, "length is 0: expected a finite number above 0 seconds"),
-        ({"length": -2, "unit": "bars"}, "length is -2: expected a whole number above 0 bars"),
-        ({"length": "4"}, "length is '4': expected a finite number"),
-        ({"length": 1.5, "unit": "bars"}, "length is 1.5: expected a whole number above 0 bars"),
-        ({"start": 0.5, "unit": "bars"}, "start is 0.5: expected a whole number, 0 bars"),
-    ],
-)
-def test_a_bad_argument_is_refused_by_name_and_value(arguments, message):
-    with pytest.raises(ConfigError, match=message):
-        Excerpt(piano(SIX), **arguments)

@@ -11,11 +11,9 @@ import yaml
 from stable_baselines3 import TD3
 from stable_baselines3.common.callbacks import BaseCallback
 
-from sb3_piano.buffers import CompactNStepReplayBuffer, CompactReplayBuffer
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training import RunFolder, resume, train
-from sb3_piano.training.builders import build_model, build_vec_env
 from sb3_piano.training.yaml_config import load_config
 
 PIANO = "RoboPianist-debug-CMajorScaleOneHand-v0"
@@ -89,14 +87,6 @@ def test_a_crashed_and_resumed_run_learns_what_it_learns_with_the_stock_buffer(
     path = f"stable_baselines3.common.buffers.{stock}"
     for name, weights in crash_and_resume(tmp_path, monkeypatch, path, **changes).items():
         assert torch.equal(compact[name], weights), name
-
-
-def test_the_class_named_in_yaml_holds_the_transitions(tmp_path):
-    for kind in (CompactReplayBuffer, CompactNStepReplayBuffer):
-        named = config(tmp_path, f"sb3_piano.buffers.{kind.__name__}")
-        venv = build_vec_env(named)
-        assert type(build_model(named, venv).replay_buffer) is kind
-        venv.close()
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 import torch
@@ -112,18 +110,6 @@ def test_a_clone_plays_in_closed_loop_what_its_model_would_play(pendulum_data):
     assert np.ptp(path[0], axis=0).min() > 0.3
 
 
-def test_the_last_steps_are_small(pendulum_data):
-    pendulum_data()
-    model = new_model(TD3)
-    path = [parameters(model.actor)]
-    clone_behaviour(
-        model, NAME, epochs=20, on_epoch=lambda loss: path.append(parameters(model.actor))
-    )
-    steps = [float((after - before).norm()) for before, after in itertools.pairwise(path)]
-    assert 0 < steps[-1] < 0.05 * steps[0]
-    assert steps[10] > 0.2 * steps[0]
-
-
 def test_a_data_set_without_labels_is_taken_at_its_word(pendulum_data):
     from minari import MinariDataset
     from minari.data_collector.episode_buffer import EpisodeBuffer
@@ -157,14 +143,6 @@ def test_exploring_is_as_narrow_as_was_asked_for(pendulum_data, algorithm, log_s
         assert found.detach().numpy() == pytest.approx(log_std)
 
 
-def test_models_with_gsde_are_cloned_into_too(pendulum_data):
-    dataset = pendulum_data()
-    model = new_model(SAC, use_sde=True)
-    clone_behaviour(model, NAME, **QUICK)
-    seen = dataset[0].observations[:-1]
-    assert np.abs(played(model, seen) - dataset[0].actions).mean() < 0.1
-
-
 def test_normalisation_has_the_statistics_of_the_data_set(piano):
     env = piano()
     dataset = record(Linear(env), env, "t-v0", episodes=3).dataset
@@ -182,14 +160,6 @@ def test_normalisation_has_the_statistics_of_the_data_set(piano):
     np.testing.assert_allclose(normalised.std(axis=0), 1, rtol=0.02)
 
 
-def test_statistics_are_left_alone_where_observations_are_not_normalised(pendulum_data):
-    pendulum_data()
-    venv = VecNormalize(DummyVecEnv([pendulum]), norm_obs=False)
-    model = TD3("MlpPolicy", venv, buffer_size=9, policy_kwargs={"net_arch": [4]}, device="cpu")
-    clone_behaviour(model, NAME, epochs=1)
-    assert not hasattr(venv, "obs_rms")
-
-
 def test_equal_seeds_clone_the_same_and_touch_no_other_randomness(pendulum_data):
     pendulum_data()
     losses = []
@@ -204,8 +174,8 @@ def test_equal_seeds_clone_the_same_and_touch_no_other_randomness(pendulum_data)
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"epochs": 0}, "epochs is 0: expected 1 or more"),
-        ({"batch_size": 0}, "batch_size is 0: expected 1 or more"),
+        ({"epochs": 0}, "epochs is 0: expected a whole number, 1 or more"),
+        ({"batch_size": 0}, "batch_size is 0: expected a whole number, 1 or more"),
         ({"learning_rate": 0.0}, "learning_rate is 0.0: expected a finite number above 0"),
         ({"learning_rate": np.nan}, "learning_rate is nan"),
     ],

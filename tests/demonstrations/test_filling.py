@@ -8,7 +8,7 @@ import pytest
 from linear_players import Ending, Linear, pendulum
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.buffers import ReplayBuffer
-from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.callbacks import DemonstrationsCallback
@@ -79,15 +79,6 @@ def test_the_buffer_is_as_if_the_model_had_played(pendulum_data, kind, wrap):
     assert bool(batch.dones.any()) == (steps == 45)
 
 
-def test_a_buffer_may_be_given_by_itself(pendulum_data):
-    dataset = pendulum_data(episodes=1)
-    buffer = ReplayBuffer(30, dataset.observation_space, dataset.action_space, "cpu")
-    assert fill_replay_buffer(buffer, NAME) == 20
-    np.testing.assert_array_equal(buffer.observations[:20, 0], dataset[0].observations[:-1])
-    np.testing.assert_array_equal(buffer.next_observations[:20, 0], dataset[0].observations[1:])
-    np.testing.assert_allclose(buffer.actions[:20, 0], dataset[0].actions / 2, atol=1e-6)
-
-
 @pytest.mark.parametrize("kind", BUFFERS)
 def test_each_of_several_environments_gets_an_unbroken_stretch(pendulum_data, kind):
     dataset = pendulum_data(episodes=3)  # 60 transitions, in episodes of 20
@@ -113,15 +104,6 @@ def test_a_buffer_without_time_limits_is_told_no_end_that_was_none(pendulum_data
     buffer = ReplayBuffer(30, *spaces, "cpu", n_envs=2, handle_timeout_termination=False)
     fill_replay_buffer(buffer, dataset)
     np.testing.assert_array_equal(buffer.dones[:10], [[0, 0]] * 9 + [[0, 1]])
-
-
-def test_normalised_environments_get_observations_as_they_are(pendulum_data):
-    dataset = pendulum_data()
-    model = model_on(VecNormalize(DummyVecEnv([pendulum])))
-    fill_replay_buffer(model, dataset)
-    np.testing.assert_array_equal(
-        model.replay_buffer.observations[:20, 0], dataset[0].observations[:-1]
-    )
 
 
 def test_a_data_set_of_other_observations_is_refused_with_both_shapes(pendulum_data, piano):

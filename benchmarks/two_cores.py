@@ -4,9 +4,10 @@
 
 Bare ``mj_step`` in one and two processes, and in two threads, shows what the machine itself allows:
 the two cores of a virtual machine may be one core's hyperthreads. Beside them our vector
-environment, in threads, and gymnasium's, in processes with shared memory. All play the same on the
-fast physics, in turn. Prints control steps a second, medians over the rounds, and how many times
-the first one's they are, medians of the rounds' ratios.
+environment, in threads; two processes that each have one of half as many slots; and gymnasium's,
+with a process for each slot and shared memory. All play the same on the fast physics, in turn.
+Prints control steps a second, medians over the rounds, and how many times the first one's they
+are, medians of the rounds' ratios.
 """
 
 from __future__ import annotations
@@ -32,11 +33,18 @@ from sb3_piano.bench.workloads import UNIT, episode_actions
 
 BASE = "mj_step, 1 process"
 SLOTS = (1, 2, 4, 8)
+RESET = b"reset"
 
 
 def make_env() -> gym.Env[Any, Any]:
     """Return the environment that all play in."""
     return gym.make(ENV_ID, physics="fast")
+
+
+def make_vector(slots: int, **options: Any) -> Any:
+    """Return our vector environment."""
+    kind = gym.VectorizeMode.VECTOR_ENTRY_POINT
+    return gym.make_vec(ENV_ID, slots, kind, physics="fast", **options)
 
 
 @functools.cache
@@ -69,6 +77,48 @@ def of_slots(name: str, venv: Any) -> Measurement:
     return compared(name, lambda: Sample(*play_env(venv, actions)))
 
 
+def serve(connection: Any, slots: int) -> None:
+    """Step a vector of environments in a worker process: observations and rewards for actions."""
+    venv = make_vector(slots, n_threads=1)
+    with contextlib.suppress(EOFError):
+        while message := connection.recv_bytes():
+            if message == RESET:
+                venv.reset(seed=0)
+                connection.send_bytes(RESET)
+            else:
+                actions = np.frombuffer(message, np.float32).reshape(slots, -1)
+                observations, rewards, *_ = venv.step(actions)
+                connection.send_bytes(observations.tobytes() + rewards.tobytes())
+
+
+class Workers:
+    """Two processes that step half of the slots each, as far as :func:`play_env` needs it."""
+
+    def __init__(self, slots: int):
+        """Start the processes."""
+        context = multiprocessing.get_context("spawn")
+        self.num_envs = slots
+        pairs = [context.Pipe() for _ in range(2)]
+        self.connections = [ours for ours, _ in pairs]
+        for _, theirs in pairs:
+            context.Process(target=serve, args=(theirs, slots // 2), daemon=True).start()
+
+    def reset(self, **_: object) -> None:
+        """Begin episodes in all slots."""
+        self.exchange([RESET] * 2)
+
+    def step(self, actions: npt.NDArray[np.float32]) -> None:
+        """Step all slots."""
+        self.exchange([half.tobytes() for half in np.split(actions, 2)])
+
+    def exchange(self, messages: list[bytes]) -> None:
+        """Let both processes work at the same time."""
+        for connection, message in zip(self.connections, messages, strict=True):
+            connection.send_bytes(message)
+        for connection in self.connections:
+            connection.recv_bytes()
+
+
 def compared(name: str, run: Callable[[], Sample]) -> Measurement:
     """Return a measurement that is reported with its ratio to the first one."""
     ratios = {} if name == BASE else {"times the first": (name, BASE)}
@@ -90,11 +140,13 @@ def main() -> None:
             of_pool("mj_step, 2 threads", threads, 2),
         ]
         for slots in SLOTS:
-            ours = gym.make_vec(ENV_ID, slots, gym.VectorizeMode.VECTOR_ENTRY_POINT, physics="fast")
+            ours = stack.enter_context(contextlib.closing(make_vector(slots)))
+            found.append(of_slots(f"PianoVectorEnv, {slots} slots", ours))
+            if slots > 1:
+                found.append(of_slots(f"2 processes, {slots} slots", Workers(slots)))
             theirs = AsyncVectorEnv([make_env] * slots, context="spawn")
-            for name, venv in (("PianoVectorEnv", ours), ("AsyncVectorEnv", theirs)):
-                stack.enter_context(contextlib.closing(venv))
-                found.append(of_slots(f"{name}, {slots} slots", venv))
+            stack.enter_context(contextlib.closing(theirs))
+            found.append(of_slots(f"AsyncVectorEnv, {slots} slots", theirs))
         rows: list[Row] = []
         measure("cores", found, rounds, rows)
     for row in rows:

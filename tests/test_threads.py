@@ -10,7 +10,6 @@ import pickle
 import signal
 import threading
 import time
-import weakref
 
 import pytest
 
@@ -147,22 +146,6 @@ def test_ctrl_c_comes_through_when_all_threads_are_at_rest(make_team, interrupte
     assert len(set(served_by(team, 2))) == 2
 
 
-def test_ctrl_c_before_all_threads_were_told_leaves_nothing_behind(make_team):
-    team = make_team(3, 3)
-    served_by(team, 3)  # starts the threads
-    begin, finished = team._workers[1].begin, []
-
-    def interrupted(task):
-        team._workers[1].begin = begin
-        raise KeyboardInterrupt
-
-    team._workers[1].begin = interrupted
-    with pytest.raises(KeyboardInterrupt):
-        team.run(lambda slot: (time.sleep(0.05), finished.append(slot)))
-    assert finished == [1]
-    assert len(set(served_by(team, 3))) == 3
-
-
 def test_closing_ends_the_threads_and_another_job_starts_new_ones(make_team):
     team = make_team(3, 3)
     _, *first = served_by(team, 3)
@@ -182,20 +165,6 @@ def test_the_threads_of_a_forgotten_team_end():
     for thread in threads:
         thread.join(PATIENCE)
         assert not thread.is_alive()
-
-
-def test_a_job_that_is_done_is_forgotten(make_team):
-    team = make_team(2, 2)
-
-    class Environment:
-        def step(self, slot):
-            pass
-
-    environment = Environment()
-    forgotten = weakref.ref(environment)
-    team.run(environment.step)
-    del environment
-    eventually(lambda: forgotten() is None)
 
 
 @pytest.mark.parametrize(

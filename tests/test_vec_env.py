@@ -21,10 +21,8 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.exceptions import InvalidActionError
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.music import Note, Score
-from sb3_piano.simulation import find_gl_backend
 from sb3_piano.vec_env import ThreadVecEnv
 
 PATIENCE = 60.0  # s, after which a test that hangs fails
@@ -189,45 +187,6 @@ def test_an_environment_does_everything_in_one_thread(venvs):
     assert [len(idents) for idents in threads] == [4] * 4
     assert [len(set(idents)) for idents in threads] == [1] * 4
     assert threads[0] == threads[1] != threads[2] == threads[3]
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
-def test_pictures_are_equal_to_dummy_vec_envs_also_when_drawn_within_a_step(venvs):
-    class Filmed(gym.Wrapper):
-        def step(self, action):
-            result = self.env.step(action)
-            self.picture = self.env.render()
-            return result
-
-    def make_env(index):
-        env = PianoEnv(score(1 + index), render_mode="rgb_array", width=64, height=48)
-        return Filmed(env)
-
-    venv, other = both(venvs, make_env, 2)
-    actions = np.random.default_rng(2).uniform(-1, 1, (3, 2, 39)).astype(np.float32)
-    for vector in (venv, other):
-        vector.reset()
-        first = vector.render()
-        for action in actions:  # one episode ends on the way
-            vector.step(action)
-        assert np.any(vector.render() != first)
-    np.testing.assert_array_equal(other.render(), venv.render())
-    np.testing.assert_equal(other.get_attr("picture"), venv.get_attr("picture"))
-
-
-@pytest.mark.parametrize("bad", [0, 1])
-def test_an_error_of_one_environment_comes_when_the_other_one_has_stepped(venvs, bad):
-    _, venv = both(venvs, lambda i: PianoEnv(score(2), physics="fast"), 2)
-    venv.reset()
-    actions = np.zeros((2, 39), np.float32)
-    actions[bad, 5] = np.nan
-    with pytest.raises(InvalidActionError, match="Element 5 of the action is nan"):
-        venv.step(actions)
-    assert [env.steps_played for env in venv.envs] == [int(i != bad) for i in range(2)]
-    venv.reset()
-    venv.step(np.zeros((2, 39), np.float32))
-    assert [env.steps_played for env in venv.envs] == [1, 1]
 
 
 @pytest.mark.usefixtures("ctrl_c")

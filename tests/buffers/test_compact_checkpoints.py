@@ -89,29 +89,6 @@ def test_rounded_last_observations_outlive_resuming(tmp_path):
     assert_equal(restored, stock)
 
 
-def test_a_segment_is_as_compact_as_the_buffer(tmp_path):
-    play, (compact, _) = Play(n_envs=2), make_pair(6, 2)
-    segments = ReplaySegments(tmp_path, compact)
-    for _ in range(3):
-        compact.add(*play.step([False, False]))
-    (segment,) = save(segments).segments
-    with np.load(tmp_path / segment.file) as rows:
-        shapes = {name: (array.dtype.name, array.shape) for name, array in rows.items()}
-        assert rows["own_at"].tolist() == [2, 3, 4, 5]  # both newest rows
-    width = 3 * 4 + 2
-    assert shapes == {
-        "actions": ("float32", (3, 2, 2)),
-        "rewards": ("float32", (3, 2)),
-        "dones": ("float32", (3, 2)),
-        "timeouts": ("float32", (3, 2)),
-        "binary_columns": ("bool", (15,)),
-        "packed_observations": ("uint8", (3, 2, width)),
-        "own_at": ("int64", (4,)),
-        "own_sizes": ("int64", (4,)),
-        "own_bytes": ("uint8", (4 * width,)),
-    }
-
-
 @pytest.mark.parametrize(
     ("blocks", "text"),
     [

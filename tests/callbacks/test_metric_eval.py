@@ -17,7 +17,7 @@ from scripted import (
     vector_of,
     with_f1,
 )
-from stable_baselines3 import PPO, TD3
+from stable_baselines3 import TD3
 from stable_baselines3.common.callbacks import (
     BaseCallback,
     CallbackList,
@@ -25,7 +25,7 @@ from stable_baselines3.common.callbacks import (
     StopTrainingOnRewardThreshold,
 )
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.exceptions import ConfigError, RunError
@@ -77,16 +77,6 @@ def test_the_frequency_counts_calls_and_the_log_environment_steps(n_envs, tmp_pa
     model = tiny_td3(vector_of(lambda: with_f1(0.0), n_envs=n_envs))
     lines = log_lines(tmp_path, model, 12 * n_envs, evaluating(0.1, 0.2))
     assert series(lines, "eval/f1") == pytest.approx({5 * n_envs: 0.1, 10 * n_envs: 0.2})
-
-
-def test_an_on_policy_training_is_evaluated_within_its_rollout(tmp_path):
-    model = PPO("MlpPolicy", with_f1(0.0), n_steps=20, batch_size=20, n_epochs=1, device="cpu")
-    assert series(log_lines(tmp_path, model, 20, evaluating(0.1, 0.2)), "eval/f1") == {
-        5: 0.1,
-        10: 0.2,
-        15: 0.1,
-        20: 0.2,
-    }
 
 
 class TwoLives(gym.Wrapper):
@@ -306,23 +296,6 @@ def test_an_environment_without_the_metric_is_named(model):
     env = Monitor(ScriptedEnv([{"f2": 0.1}]))
     with pytest.raises(ConfigError, match="info of 'ScriptedEnv' lacks.*mean 'f2'.*Expected a pi"):
         model.learn(5, F1Callback(env, eval_freq=5))
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:Training and eval env are not of the same type")
-def test_an_evaluation_in_another_process_works_too(model, tmp_path):
-    env = SubprocVecEnv([_monitored], start_method="spawn")
-    try:
-        lines = log_lines(tmp_path, model, 5, F1Callback(env, eval_freq=5))
-        assert series(lines, "eval/f1") == {5: 0.5}
-        with pytest.raises(ConfigError, match="'onset_f1', which the info of the environment"):
-            model.learn(5, OnsetF1Callback(env, eval_freq=5))
-    finally:
-        env.close()
-
-
-def _monitored():
-    return Monitor(with_f1(0.5))
 
 
 # Settings.

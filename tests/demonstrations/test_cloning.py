@@ -95,39 +95,6 @@ def test_a_clone_plays_what_was_right_not_what_was_played(
         assert torch.equal(parameters(model.actor_target), parameters(model.actor))
 
 
-@pytest.mark.slow
-def test_a_clone_plays_in_closed_loop_what_its_model_would_play(pendulum_data):
-    pendulum_data(episodes=10)
-    model = new_model(SAC, normalize=True)
-    clone_behaviour(model, NAME, **QUICK)
-    env = pendulum()
-    there, _ = env.reset(seed=99)
-    path, teacher = [], Linear(env)
-    for act in (lambda o: teacher.act(o[None])[0], lambda o: played(model, o[None])[0]):
-        there, _ = env.reset(seed=99)
-        path.append([there := env.step(act(there))[0] for _ in range(20)])
-    assert np.abs(np.subtract(*path)).max() < 0.2
-    assert np.ptp(path[0], axis=0).min() > 0.3
-
-
-def test_a_data_set_without_labels_is_taken_at_its_word(pendulum_data):
-    from minari import MinariDataset
-    from minari.data_collector.episode_buffer import EpisodeBuffer
-    from minari.dataset.minari_storage import MinariStorage
-
-    source = pendulum_data(episodes=4)
-    folder = source.storage.data_path.parent / "plain"
-    folder.mkdir()
-    storage = MinariStorage.new(folder / "data", source.observation_space, source.action_space)
-    parts = ("observations", "actions", "rewards", "terminations", "truncations")
-    storage.update_episodes([EpisodeBuffer(**{p: getattr(e, p) for p in parts}) for e in source])
-    storage.update_metadata({"dataset_id": "plain-v0", "minari_version": source.minari_version})
-    model = new_model(TD3)
-    cloning = clone_behaviour(model, MinariDataset(storage), **QUICK)
-    again = clone_behaviour(new_model(TD3), source, **QUICK)
-    assert cloning.losses == again.losses  # there was no noise
-
-
 @pytest.mark.parametrize("algorithm", [SAC, TQC])
 @pytest.mark.parametrize("log_std", [-3.0, None])
 def test_exploring_is_as_narrow_as_was_asked_for(pendulum_data, algorithm, log_std):

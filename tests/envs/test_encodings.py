@@ -161,26 +161,21 @@ def targets(env, observation):
     return observation[env.observation_layout["targets"].slice].reshape(10, 8)
 
 
-def test_each_finger_sees_where_and_when_it_must_press_next():
+def test_each_finger_sees_where_and_when_it_must_press_next_and_the_pedal_too():
     env = PianoEnv(TINY, observation="fingers", n_steps_lookahead=4)
     observation, _ = env.reset()
     # key, time to onset, time to release, black; the horizon is 5 steps of 0.05 s
     thumb = [
-        (39, 0.0, 0.15, 0),
-        (39, 0.0, 0.1, 0),
-        (39, 0.0, 0.05, 0),
-        (43, 0.15, 0.25, 0),
-        (43, 0.1, 0.25, 0),
-        (43, 0.05, 0.2, 0),
-        (43, 0.0, 0.15, 0),
-        (43, 0.0, 0.1, 0),
-        (43, 0.0, 0.05, 0),
-        None,
+        *((39, 0.0, 0.15, 0), (39, 0.0, 0.1, 0), (39, 0.0, 0.05, 0)),
+        *((43, 0.15, 0.25, 0), (43, 0.1, 0.25, 0), (43, 0.05, 0.2, 0)),
+        *((43, 0.0, 0.15, 0), (43, 0.0, 0.1, 0), (43, 0.0, 0.05, 0), None),
     ]
     left_index = [(18, 0.05, 0.1, 1), (18, 0.0, 0.05, 1), *[None] * 8]
+    # due, and the time until that changes
+    pedal = [(0, 0.1), (0, 0.05), (1, 0.15), (1, 0.1), (1, 0.05), *[(0, 0.25)] * 5]
     assert len(env.roll) == len(thumb)
     env.action_space.seed(0)
-    for expected in zip(thumb, left_index, strict=True):
+    for *expected, pedal_goal in zip(thumb, left_index, pedal, strict=True):
         block = targets(env, observation)
         for finger, goal in zip((0, 6), expected, strict=True):
             if goal is None:
@@ -194,23 +189,16 @@ def test_each_finger_sees_where_and_when_it_must_press_next():
         idle = [f for f in range(10) if f not in (0, 6)]
         idle += [f for f, goal in zip((0, 6), expected, strict=True) if goal is None]
         np.testing.assert_allclose(block[idle], [[0, 0, 0, 0, 0, 0.25, 0.25, 0]] * len(idle))
+        shown = observation[env.observation_layout["pedal_goal"].slice]
+        np.testing.assert_allclose(shown, pedal_goal, atol=1e-6)
         observation, *_ = env.step(env.action_space.sample())
-
-
-def test_the_pedals_goal_is_shown_with_the_time_until_it_changes():
-    env = PianoEnv(TINY, observation="fingers", n_steps_lookahead=4)
-    observation, _ = env.reset()
-    expected = [(0, 0.1), (0, 0.05), (1, 0.15), (1, 0.1), (1, 0.05), *[(0, 0.25)] * 5]
-    for goal in expected:
-        block = observation[env.observation_layout["pedal_goal"].slice]
-        np.testing.assert_allclose(block, goal, atol=1e-6)
-        observation, *_ = env.step(env.rest_action)
 
 
 def test_wrong_keys_are_counted_up_to_ten():
     env = PianoEnv(TINY, observation="fingers")
-    state = env.get_state() if env.reset() else None
-    for pressed, shown in [([], 0), ([39], 0), ([39, 50, 51], 2), (range(20, 40), 10)]:
+    env.reset()
+    state = env.get_state()
+    for pressed, shown in [([], 0), ([39, 50, 51], 2), (range(20, 40), 10)]:
         env.set_state(state)
         env.data.qpos[env.scene.key_qpos[list(pressed)]] = env.scene.key_max_angle[list(pressed)]
         observation = env.set_state(env.get_state())

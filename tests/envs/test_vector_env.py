@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from sb3_piano.envs import ENV_IDS, GENERAL_ID, PianoEnv, PianoVectorEnv
+from sb3_piano.envs import ENV_IDS, PianoEnv, PianoVectorEnv
 from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError, ScoreError
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.simulation import find_gl_backend
@@ -100,22 +100,6 @@ def test_everything_is_equal_to_gymnasiums_sync_vector_env(both, mode, n_threads
         assert {"f1", "_f1"} <= keys
 
 
-def test_early_ends_are_equal_to_gymnasiums_sync_vector_env(both):
-    for mode in AUTORESET:
-        theirs, ours = both(mode, wrong_press_termination=True, forearm_reward=False)
-        for envs in (theirs, ours):
-            envs.reset(seed=0)
-            for env in envs.envs:  # press a key that is not due
-                dof = np.flatnonzero(env.model.jnt_qposadr == env.scene.key_qpos[3])
-                env.data.qfrc_applied[env.model.jnt_dofadr[dof]] = 10.0
-        terminated = 0
-        for action in random_actions(4):
-            result = ours.step(action)
-            assert_same(result, theirs.step(action))
-            terminated += result[2].sum()
-        assert terminated >= 3
-
-
 def test_in_disabled_mode_whoever_uses_it_resets_what_has_ended(both):
     theirs, ours = both(AutoresetMode.DISABLED)
     for envs in (theirs, ours):
@@ -180,20 +164,6 @@ def test_a_file_is_read_once_for_all_environments(make, tmp_path):
     first, *others = envs.get_attr("score")
     assert first.title == "piece"
     assert all(other is first for other in others)
-
-
-def test_observations_are_not_changed_by_later_steps(make):
-    envs = make(PianoVectorEnv, 2, SCORES[:2], n_threads=2, **OPTIONS)
-    results = [envs.reset(seed=0)[0]]
-    kept = [results[0].copy()]
-    for actions in random_actions(8, n_envs=2):
-        *arrays, infos = envs.step(actions)
-        results += [*arrays, *infos["reward_terms"].values()]
-        kept += [array.copy() for array in results[len(kept) :]]
-    for actual, expected in zip(results, kept, strict=True):
-        np.testing.assert_array_equal(actual, expected)
-    envs.reset(seed=0)[0][:] = np.nan
-    assert np.isfinite(envs.step(actions)[0]).all()
 
 
 def test_environments_step_at_the_same_time(make):
@@ -339,19 +309,3 @@ def test_make_vec_gives_it_for_every_id_without_a_warning():
     done = subprocess.run(command, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines() == [f"PianoVectorEnv({i}, num_envs=2)" for i in ENV_IDS]
-
-
-def test_make_vec_forwards_all_options():
-    envs = gym.make_vec(
-        GENERAL_ID,
-        num_envs=3,
-        score=SCORES,
-        n_threads=2,
-        autoreset_mode="SameStep",
-        n_steps_lookahead=2,
-    )
-    assert envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
-    assert envs.get_attr("score") == tuple(SCORES)
-    assert envs.envs[0].config.n_steps_lookahead == 2
-    again = gym.make_vec(envs.spec)
-    assert again.get_attr("score") == tuple(SCORES)

@@ -204,16 +204,6 @@ def test_on_a_phone_nothing_is_wider_than_the_screen_and_fingers_scroll_the_page
     assert roll.view()[0] > first
 
 
-def test_a_window_can_be_made_narrower(tab, page_of_three_notes):
-    tab.open(page_of_three_notes)
-    for width in (900, 700):
-        tab.page.set_viewport_size({"width": width, "height": 800})
-        figures = "f => [...document.querySelectorAll('.plotly-graph-div')].every(f => "
-        inside = "f.querySelector('svg').getBoundingClientRect().right <= innerWidth - 20)"
-        tab.page.wait_for_function(f"{figures}{inside}", timeout=5000)
-        assert tab.page.evaluate("document.documentElement.scrollWidth") == width
-
-
 def test_the_report_of_a_run_opens(tab, roll, tmp_path):
     torch.set_num_threads(1)
     config = RunConfig(

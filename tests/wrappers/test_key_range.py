@@ -86,11 +86,6 @@ def test_the_range_of_the_piece_holds_all_that_score_wrappers_inside_may_make_of
     assert played == {1, 25}  # an octave down and one up, each a key from the end of the range
 
 
-def test_a_margin_ends_with_the_keyboard():
-    assert KeyRange(PianoEnv(TINY), "piece", margin=2).window == KeyWindow(39 - 21 - 2, 87)
-    assert KeyRange(PianoEnv(MIDDLE), "piece", margin=0).window == KeyWindow(39, 39)
-
-
 # What was cut before.
 
 
@@ -104,16 +99,6 @@ def test_ranges_can_be_nested_and_the_inner_one_decides_what_is_left_to_cut():
     assert columns.tolist() == [*range(27, 51), 88]
     with pytest.raises(ConfigError, match=r"pitch 48 to 83.*'goal'.*12 of them.*such as C5"):
         KeyRange(once, 36)
-
-
-def test_a_window_can_be_cut_further_but_not_widened():
-    piece = Score(notes=[Note(onset=0.0, offset=0.1, pitch=p) for p in (60, 65)])
-    whole_env = PianoEnv(piece, physics="fast")
-    env = KeyRange(PianoEnv(piece, observation="window", physics="fast"), [59, 66])
-    for whole, cut in episode(whole_env, env):
-        assert_only_these_keys_are_seen(env, cut, whole_env, whole, 59, 66)
-    with pytest.raises(ConfigError, match=r"pitch 56 to 60 \(G#3 to C4\).*1 of them.*G#3"):
-        KeyRange(PianoEnv(piece, observation="window"), [56, 60], outside="hide")
 
 
 # Notes beyond the range.

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from side_by_side import TINY, block, episode
 
-from sb3_piano.buffers.ring_observations import ObservationPacking
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score
@@ -91,16 +90,6 @@ def test_a_hundred_steps_in_strides_of_ten_are_eleven_rows_as_in_robovirtuoso():
     assert "10 control steps" in layout["goal"].meaning
     assert "10 control steps" in layout["lookahead_fingering"].meaning
     assert "control steps." not in Lookahead(PianoEnv(TINY), 5).observation_layout["goal"].meaning
-
-
-def test_the_new_blocks_take_one_bit_a_number_in_a_compact_buffer():
-    env = Lookahead(PianoEnv(TINY, physics="fast"), 20, stride=5, fingers=True)
-    packing = ObservationPacking(env.observation_space)
-    binary = [name for name, b in env.observation_layout.items() if packing.binary[b.slice].all()]
-    assert binary == ["goal", "fingering", "lookahead_fingering"]
-    for (observation,) in episode(env):
-        _, exact = packing.pack(observation[None])
-        assert exact.all()
 
 
 @pytest.mark.parametrize("stride", [1, 3])

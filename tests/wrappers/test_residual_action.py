@@ -8,7 +8,6 @@ import pickle
 import gymnasium as gym
 import numpy as np
 import pytest
-import yaml
 from side_by_side import block
 
 from sb3_piano.envs import PianoEnv
@@ -131,16 +130,6 @@ def checked_action(action):
     return action
 
 
-def test_the_pedal_is_the_plan_s_whatever_the_agent_does(env):
-    random = np.random.default_rng(0)
-    _, info, _ = play(env, lambda _: random.uniform(-1, 1, 44).astype(np.float32))
-    performance = env.unwrapped.performance
-    np.testing.assert_array_equal(performance.sustain, env.unwrapped.roll.sustain)
-    assert performance.sustain.any()
-    assert not performance.sustain.all()
-    assert info["return_sustain"] == len(performance.sustain)
-
-
 # What is seen.
 
 
@@ -221,12 +210,6 @@ def block_of_previous(env):
 
 
 # What is refused.
-
-
-def test_settings_from_yaml_are_those_of_the_plan():
-    settings = yaml.safe_load("{leap_more: [0.05, 0.1], feedback: 0.0}")
-    env = ResidualAction(piano(), settings=settings)
-    assert env._trackers.settings == PlanSettings(leap_more=(0.05, 0.1), feedback=0.0)
 
 
 @pytest.mark.parametrize("shape", [(45,), (1, 44), ()])

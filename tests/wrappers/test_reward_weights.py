@@ -101,20 +101,6 @@ def test_in_every_order_the_reward_is_the_sum_of_the_final_terms_under_the_final
         assert reward == pytest.approx(sum(final[name] * value for name, value in row.items()))
 
 
-def test_tiers_count_the_key_term_as_it_arrives():
-    """Silence where a key is due: key_press is 0.5 for the environment and nearly 0 tiered."""
-    counted = {}
-    for name, layers in {"inside": ("keys", "comfort"), "outside": ("comfort", "keys")}.items():
-        env: gym.Env = piano()
-        for layer in layers:
-            env = LAYERS[layer](env)
-        env.reset(seed=0)
-        *_, info = env.step(env.unwrapped.rest_action)
-        assert info["reward_terms"]["key_press"] < 0.001
-        counted[name] = info["reward_terms"]["forearm"]
-    assert counted == {"inside": 0.0, "outside": 1.0}
-
-
 @pytest.mark.parametrize("layer", ["weights", "decay", "keys", "comfort"])
 def test_a_foreign_reward_inside_is_refused_and_outside_welcome(layer):
     def doubled(env):
@@ -126,21 +112,6 @@ def test_a_foreign_reward_inside_is_refused_and_outside_welcome(layer):
     env.reset(seed=0)
     with pytest.raises(ConfigError, match="a wrapper inside has changed it. Expected that wrapper"):
         env.step(env.unwrapped.rest_action)
-
-
-def test_observations_and_the_terms_inside_are_left_alone():
-    env, bare = KeyRewardTiering(RewardTiering(piano())), piano()
-    assert env.observation_space is env.unwrapped.observation_space
-    for each in (env, bare):
-        each.reset(seed=0)
-    for _ in range(STEPS):
-        inside = bare.step(bare.rest_action)
-        outside = env.step(bare.rest_action)
-        np.testing.assert_array_equal(outside[0], inside[0])
-        assert outside[2:4] == inside[2:4]
-        untiered = ("sustain", "fingering")
-        for name in untiered:
-            assert outside[4]["reward_terms"][name] == inside[4]["reward_terms"][name]
 
 
 # Four control steps with the last, silent one.
@@ -191,13 +162,6 @@ def test_it_starts_from_the_weight_inside_and_ends_at_the_final_one(inner, final
     for env in (made, wrapped):
         env.reset(seed=0)
         assert weights_of(env, 3) == approx(expected)
-
-
-def test_after_the_last_step_the_final_weight_is_exact():
-    env = FingeringDecay(short_piano(), 3, final=0.1)
-    env.reset(seed=0)
-    weights_of(env, 3)
-    assert env.reward_weights["fingering"] == 0.1
 
 
 def test_it_goes_on_from_the_steps_that_were_played_before():

@@ -50,7 +50,7 @@ def _list(arguments: argparse.Namespace) -> int:
 
 def _rows(pieces: Mapping[str, Piece], failures: list[str]) -> list[Row]:
     from sb3_piano.music.difficulty import rank
-    from sb3_piano.music.library.measured import piece_features
+    from sb3_piano.music.library import piece_features
 
     measured = {}
     for name, piece in pieces.items():

@@ -83,7 +83,7 @@ def _tell(piece: Piece) -> None:
 
 
 def _feature_rows(piece: Piece) -> Iterator[tuple[str, str]]:
-    from sb3_piano.music.library.measured import piece_features
+    from sb3_piano.music.library import piece_features
 
     try:
         measured = asdict(piece_features(piece))

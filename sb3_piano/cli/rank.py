@@ -97,7 +97,7 @@ def _features(
     from rich.console import Console
     from rich.progress import track
 
-    from sb3_piano.music.library.measured import piece_features
+    from sb3_piano.music.library import piece_features
 
     console = Console(stderr=True)
     hidden = arguments.no_progress or not console.is_terminal

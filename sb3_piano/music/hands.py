@@ -27,3 +27,8 @@ def finger_of(hand: Hand, number: int) -> int:
 def finger_number(finger: int) -> int:
     """Return the pianists' number (1 thumb to 5 little) of a finger (0-9)."""
     return finger % FINGERS_PER_HAND + 1
+
+
+def likely_hand(pitch: int) -> Hand:
+    """Return the hand of a MIDI pitch where nothing else tells: the right from middle C (60) on."""
+    return "right" if pitch >= 60 else "left"

@@ -6,7 +6,7 @@ import re
 
 from sb3_piano.exceptions import ScoreError
 
-_SEMITONES = {"C": 0, "D": 2, "E": 4, "F": 5, "G": 7, "A": 9, "B": 11}
+SEMITONES = {"C": 0, "D": 2, "E": 4, "F": 5, "G": 7, "A": 9, "B": 11}
 _ACCIDENTALS = {"": 0, "#": 1, "##": 2, "b": -1, "bb": -2}
 _PITCH = re.compile(r"([A-G])(|##?|bb?)(-?\d)")
 _NAMES = ("C", "C#", "D", "Eb", "E", "F", "F#", "G", "Ab", "A", "Bb", "B")
@@ -22,7 +22,7 @@ def pitch_number(name: str) -> int:
     if match is None:
         raise ScoreError(f"Pitch {name!r} is not valid: expected a name such as C4, F#5 or Bb3.")
     letter, accidental, octave = match.groups()
-    return 12 * (int(octave) + 1) + _SEMITONES[letter] + _ACCIDENTALS[accidental]
+    return 12 * (int(octave) + 1) + SEMITONES[letter] + _ACCIDENTALS[accidental]
 
 
 def pitch_name(pitch: int) -> str:

@@ -18,11 +18,12 @@ from sb3_piano.music.library import (
     Library,
     data_folder,
     imported_pieces,
+    piece_features,
     pieces_folder,
     user_library,
 )
-from sb3_piano.music.library.measured import piece_features
-from sb3_piano.music.library.naming import check_name, free_name, slug
+from sb3_piano.music.library.importing import free_name
+from sb3_piano.music.library.store import check_name, slug
 
 ONE_NOTE = Score(notes=[Note(onset=0, offset=1, pitch=60)], title="one")
 TWO_NOTES = Score(
@@ -154,26 +155,6 @@ def test_pieces_that_another_process_imports_are_seen(library, data):
     assert list(imported_pieces()) == ["second"]
 
 
-def test_a_change_within_one_tick_of_the_clock_is_seen(library, data):
-    """The folder's time stays what it was, as after two changes at nearly the same time."""
-    library.add(ONE_NOTE, "first", **FROM_NOWHERE)
-    stat = os.stat(data / "pieces")
-    assert list(imported_pieces()) == ["first"]
-    Library(data / "pieces").add(ONE_NOTE, "second", **FROM_NOWHERE)
-    os.utime(data / "pieces", ns=(stat.st_atime_ns, stat.st_mtime_ns))
-    assert list(imported_pieces()) == ["first", "second"]
-
-
-def test_the_folder_is_listed_once_as_long_as_it_stays_the_same(library, data):
-    library.add(ONE_NOTE, "first", **FROM_NOWHERE)
-    long_ago = (1_000_000_000, 1_000_000_000)
-    os.utime(data / "pieces", ns=long_ago)
-    assert list(imported_pieces()) == ["first"]
-    (data / "pieces" / "first.npz").rename(data / "pieces" / "renamed.npz")
-    os.utime(data / "pieces", ns=long_ago)
-    assert list(imported_pieces()) == ["first"]
-
-
 def test_a_folder_that_cannot_be_read_has_no_pieces_and_fails_nobody(data, library):
     data.mkdir()
     (data / "pieces").write_text("a file, no folder")
@@ -224,9 +205,7 @@ class TestDamage:
     def test_it_spoils_no_other_piece_and_is_named(self, library, broken):
         assert list(library.pieces()) == ["broken", "sound"]
         assert list(library.infos()) == ["sound"]
-        damaged = library.damaged()
-        assert list(damaged) == ["broken"]
-        assert str(broken) in str(damaged["broken"])
+        assert str(broken) in library.pieces()["broken"].source
         assert imported_pieces()["sound"].score().title == "sound"
 
     def test_making_the_piece_says_which_file_and_what_to_do(self, library, broken):
@@ -369,7 +348,7 @@ def test_a_name_is_the_letters_and_digits_of_a_text(text, name):
 @given(st.text(max_size=200))
 def test_every_text_becomes_a_name_that_an_id_can_have(text):
     name = slug(text)
-    check_name(name, lambda name: False)
+    check_name(name)
     assert parse_env_id(f"RoboPianist-{name}-v0") == (None, f"RoboPianist-{name}", 0)
 
 

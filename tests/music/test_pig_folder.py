@@ -11,7 +11,7 @@ from sb3_piano.exceptions import ScoreError, UnknownPieceError
 from sb3_piano.music import Note, PianoRoll, Score, load_score, read_midi, write_midi
 from sb3_piano.music.formats import write_pig
 from sb3_piano.music.library import DATA_VARIABLE, PIG_PIECES, import_path, user_library
-from sb3_piano.music.library.pig_folder import robopianist_name
+from sb3_piano.music.library.pig import robopianist_name
 
 VERSION = "//Version: PianoFingering_v170101"
 ETUDES = [

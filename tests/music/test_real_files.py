@@ -21,13 +21,11 @@ def package(name):
     return Path(find_spec(name).origin).parent
 
 
-MUSIC21, PARTITURA = package("music21"), package("partitura")
+MUSIC21 = package("music21")
 CORPUS, SUITE = MUSIC21 / "corpus", MUSIC21 / "musicxml" / "lilypondTestSuite"
 
 MIDI_FILES = sorted(
-    path
-    for name in ("music21", "partitura", "pretty_midi", "mido")
-    for path in package(name).rglob("*.mid")
+    path for name in ("music21", "pretty_midi", "mido") for path in package(name).rglob("*.mid")
 )
 
 PARTS = r"has {} parts \({}.*: expected one or two"
@@ -36,13 +34,12 @@ NO_NOTES = "has no notes with a pitch"
 # A file with what is to be read of it, (notes, how many of them have a hand, how many a finger),
 # or the reason why it is refused.
 SCORES = {
-    PARTITURA / "assets/score_example.musicxml": (3, 3, 0),
     CORPUS / "bach/bwv846.mxl": (533, 533, 0),
     CORPUS / "bach/bwv66.6.mxl": PARTS.format(4, "'Soprano', 'Alto'"),
     CORPUS / "beethoven/opus18no1/movement1.mxl": PARTS.format(4, "'Violin I'"),
     CORPUS / "cpebach/h186.mxl": (809, 809, 0),
-    CORPUS / "handel/rinaldo/Lascia_chio_pianga.mxl": (453, 453, 0),
-    CORPUS / "joplin/maple_leaf_rag.mxl": (2310, 2310, 0),
+    CORPUS / "handel/rinaldo/Lascia_chio_pianga.mxl": (734, 734, 0),
+    CORPUS / "joplin/maple_leaf_rag.mxl": (2568, 2568, 0),
     CORPUS / "liliuokalani/aloha_oe.mxl": (265, 265, 0),
     CORPUS / "leadSheet/fosterBrownHair.mxl": (180, 0, 0),
     CORPUS / "mozart/k545/movement1_exposition.mxl": (191, 191, 0),
@@ -83,7 +80,7 @@ def attempt(path):
 
 @pytest.mark.slow
 def test_every_midi_file_is_read():
-    assert len(MIDI_FILES) >= 24
+    assert len(MIDI_FILES) >= 23
     results = {path.name: attempt(path) for path in MIDI_FILES}
     assert [name for name, (result, _) in results.items() if isinstance(result, ScoreError)] == []
     left_out = {name: notes for name, (_, notes) in results.items() if notes}
@@ -108,10 +105,6 @@ def test_a_musicxml_file_is_read_or_refused_with_its_reason(path):
     assert (len(result.notes), hands, fingers) == expected
     assert all(MIN_PITCH <= note.pitch <= MAX_PITCH for note in result.notes)
     assert result.bars == tuple(sorted(result.bars)) != ()
-
-
-def test_most_of_them_are_read():
-    assert sum(not isinstance(expected, str) for expected in SCORES.values()) >= 25
 
 
 @pytest.mark.slow

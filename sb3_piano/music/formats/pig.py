@@ -19,7 +19,7 @@ from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.formats.left_out import LeftOut
 from sb3_piano.music.formats.output import write_score_file
-from sb3_piano.music.hands import HANDS, finger_number, finger_of, hand_of_finger
+from sb3_piano.music.hands import HANDS, finger_number, finger_of, hand_of_finger, likely_hand
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_name, pitch_number
 from sb3_piano.music.score import Score
@@ -31,13 +31,11 @@ _VERSION = "//Version: PianoFingering_v170101"
 _OFFSET_VELOCITY = 80
 """The one that the files of the data set have throughout."""
 
-_MIDDLE_C = 60
-
 _SAME_TIME = 0.001
 """By how many seconds the onset of a note may differ between annotators."""
 
 
-def read_pig(path: str | os.PathLike[str]) -> Score:
+def read_pig(path: str | os.PathLike[str], *, shortest: float = 0.0) -> Score:
     """Read a PIG fingering file; its name without the suffix becomes the title.
 
     Of a changed finger the first is taken, since it plays the onset. The sign of the finger
@@ -45,13 +43,17 @@ def read_pig(path: str | os.PathLike[str]) -> Score:
     channel decides the hand. Notes off the keyboard and notes that do not end after they start
     are left out, with a warning that counts them.
 
+    Args:
+        path: The file.
+        shortest: What is given to a note that has no length, in s.
+
     Raises:
         ScoreError: If there is no such file, a line is malformed, or no note remains.
         ScoreWarning: Is warned if notes were left out.
     """
     path, left_out = Path(path), LeftOut()
     lines = [
-        _read_line(f"Line {number} of {str(path)!r}", line.split(), left_out)
+        _read_line(f"Line {number} of {str(path)!r}", line.split(), left_out, shortest)
         for number, line in enumerate(read_text(path, "fingering file").splitlines(), start=1)
         if line.strip() and not line.lstrip().startswith("//")
     ]
@@ -97,7 +99,7 @@ def write_pig(score: Score, path: str | os.PathLike[str]) -> None:
 
 
 def _line(number: int, note: Note) -> str:
-    hand = note.hand or ("right" if note.pitch >= _MIDDLE_C else "left")
+    hand = note.hand or likely_hand(note.pitch)
     finger = 0 if note.finger == UNKNOWN_FINGER else finger_number(note.finger)
     fields = (
         number,
@@ -130,13 +132,14 @@ def _described(note: Note) -> str:
     return f"{pitch_name(note.pitch)} at {note.onset:g} s"
 
 
-def _read_line(where: str, fields: list[str], left_out: LeftOut) -> Note | None:
+def _read_line(where: str, fields: list[str], left_out: LeftOut, shortest: float) -> Note | None:
     if len(fields) not in (7, 8):
         raise ScoreError(f"{where} has {len(fields)} fields: expected {_FIELDS}.")
     _, onset_text, offset_text, pitch_text, velocity, _, channel, *finger_text = fields
     if channel not in ("0", "1"):
         raise _bad_field("channel", channel, where, "0 (right hand) or 1 (left hand)")
     onset, offset = _read_time("onset", onset_text, where), _read_time("offset", offset_text, where)
+    offset = onset + shortest if offset == onset else offset
     pitch = _read_pitch(pitch_text, where)
     finger = _read_finger(finger_text[0], where) if finger_text else UNKNOWN_FINGER
     if not left_out.is_playable(onset, offset, pitch):

@@ -1,8 +1,7 @@
-"""A piece that was found and may be imported."""
+"""Files that were found: pieces that may be imported, and those that cannot be."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,10 +33,10 @@ class Found:
     fingering: str = "ergonomic"
     read: Callable[[Path], Score] = read_score
 
-    def sha256(self) -> str:
-        """Return the checksum of the file's content, in hexadecimal digits.
 
-        Raises:
-            OSError: If the file cannot be read.
-        """
-        return hashlib.sha256(self.path.read_bytes()).hexdigest()
+@dataclass(frozen=True)
+class Unusable:
+    """A file that is not imported, or only in part, and why."""
+
+    path: Path
+    reason: str

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music.fingering.apply import FINGERINGS
-from sb3_piano.music.library.imported import user_library
-from sb3_piano.music.library.plan import ImportPlan
-from sb3_piano.music.library.search import Unusable, search
-from sb3_piano.music.library.store import Library
-from sb3_piano.music.library.task import Outcome, Task
-from sb3_piano.music.library.workers import run_tasks
+from sb3_piano.music.fingering.apply import FINGERINGS, labels_file
+from sb3_piano.music.library.found import Found, Unusable
+from sb3_piano.music.library.pig import PIG_PIECES
+from sb3_piano.music.library.search import search
+from sb3_piano.music.library.store import (
+    LONGEST_NAME,
+    Library,
+    check_name,
+    is_built_in,
+    slug,
+    user_library,
+)
+from sb3_piano.music.library.task import Outcome, Task, run_tasks
 from sb3_piano.threads import usable_cores
-
-Progress = Callable[[int, int], None]
-"""Is told how many pieces are done, and of how many."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +54,7 @@ def import_path(
     fingering: str | os.PathLike[str] | None = None,
     name: str | None = None,
     jobs: int | None = None,
-    progress: Progress | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> ImportReport:
     """Import a file, a folder of files, the PIG data set or RoboPianist's snippets.
 
@@ -67,7 +71,7 @@ def import_path(
             ``"keep"`` for the PIG data set, which is labelled, else ``"ergonomic"``.
         name: The piece's name, if the path is a single file; by default the file's own.
         jobs: How many processes read; by default one for each usable core.
-        progress: Called after each piece.
+        progress: Called after each piece with how many are done, and of how many.
 
     Raises:
         ScoreError: If there is nothing to import. A file of a folder that cannot be read is
@@ -76,51 +80,159 @@ def import_path(
     """
     library = user_library() if library is None else library
     jobs = usable_cores() if jobs is None else _checked(jobs)
+    imported: list[str] = []
+    notes: list[Unusable] = []
     with search(Path(path)) as (found, unusable), library.importing():
         if len(found) != 1:
             _check_single(name, fingering)
-        plan = ImportPlan(library, fingering)
+        plan = _Plan(library, None if fingering is None else os.fspath(fingering))
         for piece in found:
-            plan.add(piece, name)
-        run = _Run(plan, list(unusable), progress)
-        try:
-            run_tasks(plan.tasks, jobs, run.tell)
-        except KeyboardInterrupt:
-            run.interrupted = True
-        return run.report()
+            try:
+                plan.add(piece, name)
+            except OSError as error:
+                unusable.append(Unusable(piece.path, f"It cannot be read: {error}."))
+        n_told = 0
+
+        def tell(task: Task, outcome: Outcome) -> None:
+            nonlocal n_told
+            notes.extend(Unusable(task.found.path, note) for note in outcome.notes)
+            if outcome.error is None:
+                imported.extend(piece_name for piece_name, _ in task.names)
+            else:
+                unusable.append(Unusable(task.found.path, outcome.error))
+            n_told += 1
+            if progress is not None:
+                progress(n_told, len(plan.tasks))
+
+        interrupted = run_tasks(plan.tasks, jobs, tell)
+    return ImportReport(
+        imported=tuple(sorted(imported)),
+        present=tuple(sorted(set(plan.present))),
+        unusable=tuple(unusable),
+        notes=tuple(notes),
+        interrupted=interrupted,
+    )
 
 
-@dataclass
-class _Run:
-    """Import under way, with its results so far."""
+class _Plan:
+    """The tasks of an import, each with the names of its piece, and what is there already."""
 
-    plan: ImportPlan
-    unusable: list[Unusable]
-    progress: Progress | None
-    imported: list[str] = field(default_factory=list)
-    notes: list[Unusable] = field(default_factory=list)
-    n_done: int = 0
-    interrupted: bool = False
+    def __init__(self, library: Library, fingering: str | None) -> None:
+        """Look at what the library has.
 
-    def tell(self, task: Task, outcome: Outcome) -> None:
-        path = task.found.path
-        self.notes += [Unusable(path, note) for note in outcome.notes]
-        if outcome.error is None:
-            self.imported += [name for name, _ in task.names]
+        Raises:
+            ConfigError: If there is no such fingering.
+        """
+        self.tasks: list[Task] = []
+        self.present: list[str] = []
+        self._folder = library.folder
+        self._infos = library.infos()
+        self._known = {(i.sha256, i.setting): name for name, i in self._infos.items()}
+        replaceable = [i for i in self._infos.values() if i.collection == "imported"]
+        self._by_content = {info.sha256: info.name for info in replaceable if info.sha256}
+        self._by_path = {info.path: info.name for info in replaceable if info.path}
+        # Damaged pieces hold their names, too: nothing is written over them unasked.
+        self._taken = set(library.names())
+        self._planned: set[str] = set()
+        self._fingering = fingering
+        self._setting = None if fingering is None else _setting(fingering)
+
+    def add(self, found: Found, name: str | None) -> None:
+        """Plan the import of a piece, unless it is there already.
+
+        Args:
+            found: The piece.
+            name: The name that it must have, if any.
+
+        Raises:
+            ConfigError: If it cannot have that name.
+            OSError: If its file cannot be read.
+        """
+        sha256 = hashlib.sha256(found.path.read_bytes()).hexdigest()
+        content = (sha256, found.fingering if self._setting is None else self._setting)
+        if name is not None:
+            check_name(name)
+            names = self._missing(((name, "imported"),), content)
+        elif found.names:
+            names = self._missing(found.names, content)
         else:
-            self.unusable.append(Unusable(path, outcome.error))
-        self.n_done += 1
-        if self.progress is not None:
-            self.progress(self.n_done, len(self.plan.tasks))
+            names = self._chosen(found.path, content)
+        if names:
+            self.tasks.append(
+                Task(
+                    found=found,
+                    names=names,
+                    folder=self._folder,
+                    fingering=found.fingering if self._fingering is None else self._fingering,
+                    setting=content[1],
+                    sha256=sha256,
+                )
+            )
 
-    def report(self) -> ImportReport:
-        return ImportReport(
-            imported=tuple(sorted(self.imported)),
-            present=tuple(sorted(set(self.plan.present))),
-            unusable=(*self.unusable, *self.plan.unusable),
-            notes=tuple(self.notes),
-            interrupted=self.interrupted,
-        )
+    def _missing(
+        self, names: Sequence[tuple[str, str]], content: tuple[str, str]
+    ) -> tuple[tuple[str, str], ...]:
+        """Return those of given names, with collections, under which there is other content."""
+        infos = [self._infos.get(name) for name, _ in names]
+        there = [info.name for info in infos if info and (info.sha256, info.setting) == content]
+        self.present += there
+        return tuple(pair for pair in names if pair[0] not in there)
+
+    def _chosen(self, path: Path, content: tuple[str, str]) -> tuple[tuple[str, str], ...]:
+        """Return a name for a piece, unless its content is there already.
+
+        It replaces what has the same content with another fingering, or is of the same file before
+        it was changed.
+        """
+        if content in self._known:
+            known = self._known[content]
+            if known not in self._planned:  # else this file is a copy of one that is imported
+                self.present.append(known)
+            return ()
+        before = (self._by_content.get(content[0]), self._by_path.get(str(path.absolute())))
+        replaced = [name for name in before if name is not None and name not in self._planned]
+        name = replaced[0] if replaced else free_name(path, self._is_free)
+        self._known[content] = name
+        self._taken.add(name)
+        self._planned.add(name)
+        return ((name, "imported"),)
+
+    def _is_free(self, name: str) -> bool:
+        return not (name in self._taken or is_built_in(name) or name in PIG_PIECES)
+
+
+def free_name(path: Path, is_free: Callable[[str], bool]) -> str:
+    """Return a name for the piece in a file that is free, near to the file's own.
+
+    Args:
+        path: The file; if its own name is taken, the folder's name is put in front, then a number
+            behind.
+        is_free: Tells whether a name may be used.
+    """
+    plain = slug(path.stem)
+    longer = slug(f"{path.absolute().parent.name} {path.stem}")
+    for name in (plain, longer):
+        if is_free(name):
+            return name
+    number = 2
+    while not is_free(name := f"{longer[: LONGEST_NAME - 8]}-{number}"):
+        number += 1
+    return name
+
+
+def _setting(fingering: str) -> str:
+    """Return what is noted of a fingering: of a file with labels, its content.
+
+    Raises:
+        ConfigError: If there is no such fingering.
+    """
+    if fingering in FINGERINGS:
+        return fingering
+    labels = labels_file(fingering)
+    try:
+        return f"labels {hashlib.sha256(labels.read_bytes()).hexdigest()}"
+    except OSError as error:
+        raise ConfigError(f"Cannot read the labels in '{labels}': {error}.") from error
 
 
 def _check_single(name: str | None, fingering: str | os.PathLike[str] | None) -> None:

@@ -24,7 +24,7 @@ from sb3_piano.music.hands import HANDS
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.score import Score
 
-SUFFIX = ".npz"
+PIECE_SUFFIX = ".npz"
 
 _FORMAT = 1
 """Rises when files are written that this code could not read."""
@@ -79,7 +79,7 @@ def read_info(path: Path) -> PieceInfo:
 
 
 def read_piece(path: Path) -> Score:
-    """Read a piece's score.
+    """Read the score in the file of an imported piece.
 
     Raises:
         ScoreError: If the file is missing, damaged, or written by a newer version.
@@ -99,8 +99,7 @@ def _read(path: Path, *, with_notes: bool = False) -> tuple[PieceInfo, dict[str,
             header = json.loads(archive["header"].tobytes())
             version = header.pop("format")
             if version == _FORMAT:
-                info = PieceInfo(**header)
-                return info, dict(archive) if with_notes else {}
+                return PieceInfo(**header), dict(archive) if with_notes else {}
     except Exception as error:
         # A damaged archive surfaces as whatever zipfile, zlib, NumPy or json stumble over.
         raise _damaged(path, error) from error
@@ -135,19 +134,13 @@ def _to_arrays(score: Score) -> dict[str, Any]:
 
 
 def _from_arrays(arrays: Mapping[str, NDArray[Any]], name: str) -> Score:
-    fields = ("onset", "offset", "pitch", "velocity", "finger", "hand")
-    columns = [arrays[field].tolist() for field in fields]
+    names = ("onset", "offset", "pitch", "velocity", "finger")
+    columns = [arrays[field].tolist() for field in names]
+    hands = [None if hand < 0 else HANDS[hand] for hand in arrays["hand"].tolist()]
     return Score(
         notes=[
-            Note(
-                onset=onset,
-                offset=offset,
-                pitch=pitch,
-                velocity=velocity,
-                finger=finger,
-                hand=None if hand < 0 else HANDS[hand],
-            )
-            for onset, offset, pitch, velocity, finger, hand in zip(*columns, strict=True)
+            Note(**dict(zip(names, values, strict=True)), hand=hand)
+            for *values, hand in zip(*columns, hands, strict=True)
         ],
         pedals=[Pedal(onset=down, offset=up) for down, up in arrays["pedals"].tolist()],
         title=name,

@@ -3,36 +3,26 @@
 from __future__ import annotations
 
 import contextlib
+import csv
+import io
+import json
 import os
 import tempfile
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.formats import READERS
 from sb3_piano.music.formats.files import ACCEPTED_FILES
-from sb3_piano.music.library.found import Found
-from sb3_piano.music.library.maestro import read_titles
-from sb3_piano.music.library.pig_folder import find_pig_folder, find_pig_pieces
-from sb3_piano.music.library.robopianist_files import (
-    find_robopianist,
-    find_snippets,
-    unpack_wheel,
-)
+from sb3_piano.music.library.found import Found, Unusable
+from sb3_piano.music.library.pig import find_pig_folder, find_pig_pieces
+from sb3_piano.music.library.robopianist import find_robopianist, find_snippets, unpack_wheel
 
 _WHEEL = ".whl"
 
 _HEAD = 4096
 """Size of a file's beginning that tells its kind, in bytes."""
-
-
-@dataclass(frozen=True)
-class Unusable:
-    """A file that is not imported, and why."""
-
-    path: Path
-    reason: str
 
 
 @contextlib.contextmanager
@@ -71,7 +61,7 @@ def _search_folder(folder: Path) -> tuple[list[Found], list[Unusable]]:
     unusable = []
     titles: dict[Path, str] = {}
     try:
-        titles = read_titles(folder)
+        titles = _read_titles(folder)
     except ScoreError as error:
         unusable.append(Unusable(folder, str(error)))
     found = [
@@ -107,3 +97,34 @@ def _may_be(path: Path) -> bool:
         return b"score-partwise" in head or b"score-timewise" in head
     lines = [line.split() for line in head.splitlines() if not line.lstrip().startswith(b"//")]
     return any(len(fields) in (7, 8) and fields[0].isdigit() for fields in lines[:1])
+
+
+def _read_titles(folder: Path) -> dict[Path, str]:
+    """Return the titles of the files in a folder that has MAESTRO's table, CSV or JSON, if any."""
+    tables = sorted(folder.glob("maestro-v*.csv")) or sorted(folder.glob("maestro-v*.json"))
+    if not tables:
+        return {}
+    table = tables[-1]
+    try:
+        text = table.read_bytes().decode("utf-8-sig")
+        is_csv = table.suffix == ".csv"
+        rows = csv.DictReader(io.StringIO(text)) if is_csv else _json_rows(json.loads(text))
+        return {
+            folder / row["midi_filename"]: f"{row['canonical_composer']}: {row['canonical_title']}"
+            for row in rows
+        }
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, csv.Error) as error:
+        raise ScoreError(
+            f"Cannot read '{table}' ({type(error).__name__}: {error}): expected MAESTRO's table "
+            "with canonical_composer, canonical_title and midi_filename."
+        ) from error
+
+
+def _json_rows(content: Any) -> Iterable[Mapping[str, str]]:
+    """Return the rows of a table that is written row by row (v2) or column by column (v3)."""
+    if isinstance(content, list):
+        return content
+    return [
+        {column: values[index] for column, values in content.items()}
+        for index in content["midi_filename"]
+    ]

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import os
-import time
-from collections.abc import Iterator, Mapping
+import re
+import unicodedata
+from collections.abc import Iterator
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import platformdirs
 
 from sb3_piano.exceptions import (
     ConfigError,
@@ -19,25 +23,72 @@ from sb3_piano.exceptions import (
 )
 from sb3_piano.files import PARTIAL_SUFFIX
 from sb3_piano.locks import LOCK_SUFFIX, hold
-from sb3_piano.music.library.folder import DATA_VARIABLE, pieces_folder
-from sb3_piano.music.library.naming import check_name
+from sb3_piano.music.difficulty import Features, features
 from sb3_piano.music.library.piece_file import (
-    SUFFIX,
+    PIECE_SUFFIX,
     PieceInfo,
     read_info,
     read_piece,
     write_piece,
 )
-from sb3_piano.music.library.reserved import is_built_in
 from sb3_piano.music.piece import Piece
+from sb3_piano.music.repertoire import REPERTOIRE
 from sb3_piano.music.score import Score
+from sb3_piano.music.studies import STUDIES
 
-_CLOCK_TICK = 100_000_000
-"""A folder's time of change does not tell changes apart that are nearer than this, in ns."""
+DATA_VARIABLE = "SB3_PIANO_DATA"
+"""Environment variable with the folder for the user's data, in place of the system's usual one."""
+
+LONGEST_NAME = 100
+"""Longest name, in characters: file systems take 255 bytes, the suffix included."""
+
+_NAME = re.compile(r"\w[\w-]*")
 
 
-_Signature = tuple[int, int]
-"""Signature of a file, another one when it is replaced: time of change, in ns, and size."""
+def data_folder() -> Path:
+    """Return the folder for the user's data; it need not exist yet."""
+    chosen = os.environ.get(DATA_VARIABLE)
+    return Path(chosen).absolute() if chosen else platformdirs.user_data_path("sb3-piano")
+
+
+def pieces_folder() -> Path:
+    """Return the folder in which imported pieces are kept; it need not exist yet."""
+    return data_folder() / "pieces"
+
+
+def slug(text: str) -> str:
+    """Return a text as a name: ``"Für Elise (1810).2"`` as ``"Fur-Elise-1810-2"``.
+
+    Letters lose their accents; whatever is neither letter, digit nor underscore becomes a hyphen.
+    """
+    decomposed = unicodedata.normalize("NFKD", text)
+    letters = "".join(mark for mark in decomposed if not unicodedata.combining(mark))
+    words = re.sub(r"[\W]+", "-", unicodedata.normalize("NFC", letters))
+    return words[:LONGEST_NAME].strip("-_") or "piece"
+
+
+def is_built_in(name: str) -> bool:
+    """Return whether a piece that comes with the package has that name."""
+    return name in STUDIES or name in REPERTOIRE
+
+
+def check_name(name: str) -> None:
+    """Refuse a name that a piece in the library cannot have.
+
+    Raises:
+        ConfigError: If it has other characters than an id takes, is too long, or belongs to a
+            piece that comes with the package.
+    """
+    if not _NAME.fullmatch(name) or len(name) > LONGEST_NAME:
+        raise ConfigError(
+            f"A piece cannot be named {name!r}: expected letters, digits, hyphens and "
+            f"underscores, at most {LONGEST_NAME}, such as {slug(name)!r}."
+        )
+    if is_built_in(name):
+        raise ConfigError(
+            f"A piece cannot be named {name!r}: a piece that comes with the package is. Expected "
+            "another name."
+        )
 
 
 class Library:
@@ -48,21 +99,35 @@ class Library:
     """
 
     def __init__(self, folder: str | os.PathLike[str] | None = None) -> None:
-        """Look at a folder, which need not exist yet.
+        """Take a folder, which need not exist yet.
 
         Args:
             folder: Where the files are; by default ``pieces`` in the folder for the user's data,
                 which the environment variable ``SB3_PIANO_DATA`` may name.
         """
         self.folder = pieces_folder() if folder is None else Path(folder)
-        self._known: dict[str, tuple[_Signature, PieceInfo | ScoreError]] = {}
-        self._listed: tuple[int, dict[str, _Signature]] | None = None
+        # What was read, by name; the time of change (ns) and the size tell another file.
+        self._known: dict[str, tuple[tuple[int, int] | None, PieceInfo | ScoreError]] = {}
 
     def __contains__(self, name: object) -> bool:
-        return isinstance(name, str) and name in self._signatures()
+        return name in self.names()
 
     def __len__(self) -> int:
-        return len(self._signatures())
+        return len(self.names())
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all pieces, damaged or not, in alphabetical order."""
+        try:
+            files = os.listdir(self.folder)
+        except FileNotFoundError:
+            return ()
+        return tuple(
+            sorted(f.removesuffix(PIECE_SUFFIX) for f in files if f.endswith(PIECE_SUFFIX))
+        )
+
+    def path(self, name: str) -> Path:
+        """Return the file of a piece, whether there is one or not."""
+        return self.folder / f"{name}{PIECE_SUFFIX}"
 
     def add(
         self,
@@ -74,11 +139,11 @@ class Library:
         collection: str = "imported",
         **more: Any,
     ) -> None:
-        """Keep a score under a name, in place of what had that name.
+        """Keep a piece, in place of another one of the same name.
 
         Args:
-            score: The score. The one that the library gives back has the name as its title.
-            name: Letters, digits, hyphens and underscores.
+            score: The piece.
+            name: Its name: letters, digits, hyphens and underscores.
             source: Where the notes come from, in one line.
             fingering: Who chose the fingers, in a word or two.
             collection: What the piece belongs to.
@@ -88,7 +153,7 @@ class Library:
         Raises:
             ConfigError: If a piece cannot have that name.
         """
-        check_name(name, is_built_in)
+        check_name(name)
         info = PieceInfo(
             name=name,
             collection=collection,
@@ -100,7 +165,6 @@ class Library:
         )
         self.folder.mkdir(parents=True, exist_ok=True)
         write_piece(self.path(name), score, info)
-        self._listed = None
 
     def remove(self, name: str) -> None:
         """Remove a piece, damaged or not.
@@ -110,15 +174,10 @@ class Library:
         """
         self._check_known(name)
         self.path(name).unlink(missing_ok=True)
-        self._listed = None
 
-    def pieces(self) -> Mapping[str, Piece]:
+    def pieces(self) -> dict[str, Piece]:
         """Return all pieces by name, in alphabetical order; each score is made when asked for."""
-        return _Pieces(self, self._signatures())
-
-    def names(self) -> tuple[str, ...]:
-        """Return the names of all pieces, damaged or not, in alphabetical order."""
-        return tuple(self._signatures())
+        return {name: self._piece(name) for name in self.names()}
 
     def info(self, name: str) -> PieceInfo:
         """Return what is known about a piece.
@@ -127,20 +186,16 @@ class Library:
             UnknownPieceError: If the library has no such piece.
             ScoreError: If its file is damaged or of a newer version.
         """
-        found = self._look_up(name, self._check_known(name))
+        self._check_known(name)
+        found = self._look_up(name)
         if isinstance(found, ScoreError):
             raise found
         return found
 
     def infos(self) -> dict[str, PieceInfo]:
         """Return what is known about each piece whose file is sound, by name."""
-        found = {name: self._look_up(name, s) for name, s in self._signatures().items()}
+        found = {name: self._look_up(name) for name in self.names()}
         return {name: info for name, info in found.items() if isinstance(info, PieceInfo)}
-
-    def damaged(self) -> dict[str, ScoreError]:
-        """Return what is wrong with the pieces that cannot be read, by name."""
-        found = {name: self._look_up(name, s) for name, s in self._signatures().items()}
-        return {name: error for name, error in found.items() if isinstance(error, ScoreError)}
 
     def score(self, name: str) -> Score:
         """Return a piece's score.
@@ -151,10 +206,6 @@ class Library:
         """
         self._check_known(name)
         return read_piece(self.path(name))
-
-    def path(self, name: str) -> Path:
-        """Return the file of a piece, whether there is one or not."""
-        return self.folder / f"{name}{SUFFIX}"
 
     @contextlib.contextmanager
     def importing(self) -> Iterator[None]:
@@ -183,81 +234,72 @@ class Library:
                 partial_file.unlink(missing_ok=True)
             yield
 
-    def _check_known(self, name: str) -> _Signature:
-        known = self._signatures()
+    def _check_known(self, name: str) -> None:
+        known = self.names()
         if name not in known:
             raise UnknownPieceError(
                 f"The library in '{self.folder}' has no piece {name!r}."
                 f"{near_names(name, known)} Expected a name from 'sb3-piano pieces list'."
             )
-        return known[name]
 
-    def _signatures(self) -> dict[str, _Signature]:
-        """Return for each piece what changes when its file does."""
-        try:
-            changed = os.stat(self.folder).st_mtime_ns
-        except FileNotFoundError:
-            return {}
-        if self._listed is not None and self._listed[0] == changed:
-            return self._listed[1]
-        now = time.time_ns()
-        stats = {
-            entry.name.removesuffix(SUFFIX): entry.stat()
-            for entry in os.scandir(self.folder)
-            if entry.name.endswith(SUFFIX)
-        }
-        signatures = {
-            name: (stats[name].st_mtime_ns, stats[name].st_size) for name in sorted(stats)
-        }
-        # Another change within the same tick of the clock could not be seen afterwards.
-        self._listed = (changed, signatures) if now - changed > _CLOCK_TICK else None
-        return signatures
-
-    def _look_up(self, name: str, signature: _Signature) -> PieceInfo | ScoreError:
-        known = self._known.get(name)
-        if known is None or known[0] != signature:
+    def _look_up(self, name: str) -> PieceInfo | ScoreError:
+        path = self.path(name)
+        stat = path.stat() if path.exists() else None
+        signature = None if stat is None else (stat.st_mtime_ns, stat.st_size)
+        if name not in self._known or self._known[name][0] != signature:
             try:
-                found: PieceInfo | ScoreError = read_info(self.path(name))
+                self._known[name] = (signature, read_info(path))
             except ScoreError as error:
-                found = error
-            known = self._known[name] = (signature, found)
-        return known[1]
+                self._known[name] = (signature, error)
+        return self._known[name][1]
 
-    def _piece(self, name: str, signature: _Signature) -> Piece:
-        found = self._look_up(name, signature)
-        if isinstance(found, ScoreError):
-            found = PieceInfo(
+    def _piece(self, name: str) -> Piece:
+        info = self._look_up(name)
+        if isinstance(info, ScoreError):
+            info = PieceInfo(
                 name=name,
                 title=name,
                 collection="imported",
-                source=str(found),
+                source=str(info),
                 fingering="none",
             )
         return Piece(
             name=name,
-            title=found.title,
-            collection=found.collection,
-            source=found.source,
-            fingering=found.fingering,
+            title=info.title,
+            collection=info.collection,
+            source=info.source,
+            fingering=info.fingering,
             build=partial(read_piece, self.path(name)),
         )
 
 
-class _Pieces(Mapping[str, Piece]):
-    """The pieces of a library; a file is not read before its piece is asked for."""
+_libraries: dict[Path, Library] = {}
+"""Libraries read in this process, by folder."""
 
-    def __init__(self, library: Library, signatures: Mapping[str, _Signature]) -> None:
-        self._library = library
-        self._signatures = signatures
 
-    def __getitem__(self, name: str) -> Piece:
-        return self._library._piece(name, self._signatures[name])
+def user_library() -> Library:
+    """Return the user's library, which remembers what it has read."""
+    folder = pieces_folder()
+    return _libraries.setdefault(folder, Library(folder))
 
-    def __contains__(self, name: object) -> bool:
-        return name in self._signatures
 
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._signatures)
+def imported_pieces() -> dict[str, Piece]:
+    """Return the imported pieces by name; none if their folder cannot be read."""
+    try:
+        return user_library().pieces()
+    except OSError:
+        return {}
 
-    def __len__(self) -> int:
-        return len(self._signatures)
+
+def piece_features(piece: Piece) -> Features:
+    """Return a piece's features; those of an imported one were noted in its file, if possible.
+
+    Raises:
+        ScoreError: If its score cannot be made, or no two hands can play it.
+    """
+    library = user_library()
+    noted = library.info(piece.name).features if piece.name in library else None
+    # Another version may have named others.
+    if noted is None or set(noted) != {field.name for field in fields(Features)}:
+        return features(piece.score())
+    return Features(**{**noted, "pitch_range": tuple(noted["pitch_range"])})

@@ -1,9 +1,16 @@
-"""The import of one piece, which any process can do."""
+"""The import of pieces, in several processes, of which one may be killed."""
 
 from __future__ import annotations
 
+import contextlib
 import logging
+import multiprocessing
+import signal
+import threading
 import warnings
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +22,8 @@ from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
 from sb3_piano.music.library.found import Found
 from sb3_piano.music.library.store import Library
 from sb3_piano.music.score import Score
+
+_KILLED = "the process that read it was killed; is there memory enough?"
 
 _logger = logging.getLogger(__name__)
 
@@ -51,6 +60,97 @@ class Outcome:
 
     error: str | None = None
     notes: tuple[str, ...] = ()
+
+
+def run_tasks(tasks: Sequence[Task], jobs: int, tell: Callable[[Task, Outcome], None]) -> bool:
+    """Do tasks, and tell of each how it went, in the order in which they are done.
+
+    After Ctrl-C what is being done is finished, and told; nothing new is begun.
+
+    Args:
+        tasks: What there is to do.
+        jobs: How many processes work; with one, for one task, or on a system without the
+            processes and signals of POSIX, it is this one.
+        tell: Is called in this process.
+
+    Returns:
+        Whether Ctrl-C came.
+    """
+    with _noting_interrupts() as came:
+        if (
+            min(jobs, len(tasks)) <= 1
+            or "forkserver" not in multiprocessing.get_all_start_methods()
+        ):
+            for task in tasks:
+                if came:
+                    break
+                tell(task, run_task(task))
+            return bool(came)
+        left = list(tasks)
+        while left and not came:
+            left = _run_until_broken(left, min(jobs, len(left)), tell, came)
+            # Only what was begun can have killed its process: tasks are begun in order, and one
+            # more than there are processes waits with them.
+            begun, left = left[: 2 * jobs + 1], left[2 * jobs + 1 :]
+            for task in begun:
+                if not came and _run_until_broken([task], 1, tell, came):
+                    tell(task, Outcome(error=_KILLED))
+        return bool(came)
+
+
+def _run_until_broken(
+    tasks: Sequence[Task], jobs: int, tell: Callable[[Task, Outcome], None], came: list[int]
+) -> list[Task]:
+    """Do tasks until all are done, a process is killed or Ctrl-C came; return those not done."""
+    # Processes are forked from one without threads or a simulator, started once for all.
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__])
+    pool = ProcessPoolExecutor(jobs, mp_context=context)
+    futures: dict[Future[Outcome], Task] = {}
+    done: set[int] = set()
+
+    def tell_of(future: Future[Outcome]) -> None:
+        task = futures[future]
+        if id(task) not in done and not future.cancelled() and future.exception() is None:
+            done.add(id(task))
+            tell(task, future.result())
+
+    # From a terminal Ctrl-C reaches the processes, too, which inherit the mask: only this one acts.
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        with contextlib.suppress(BrokenProcessPool):
+            futures.update((pool.submit(run_task, task), task) for task in tasks)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for future in as_completed(futures):
+            tell_of(future)
+            if came:
+                break
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        pool.shutdown(wait=True, cancel_futures=True)
+        for future in futures:
+            if future.done():
+                tell_of(future)
+    return [task for task in tasks if id(task) not in done]
+
+
+@contextlib.contextmanager
+def _noting_interrupts() -> Iterator[list[int]]:
+    """Note the first Ctrl-C in a list; another one is answered as usual."""
+    came: list[int] = []
+    if threading.current_thread() is not threading.main_thread():  # others cannot
+        yield came
+        return
+
+    def note(number: int, _: object) -> None:
+        came.append(number)
+        signal.signal(signal.SIGINT, former)
+
+    former = signal.signal(signal.SIGINT, note)
+    try:
+        yield came
+    finally:
+        signal.signal(signal.SIGINT, former)
 
 
 def run_task(task: Task) -> Outcome:

@@ -1,4 +1,4 @@
-"""MusicXML, the format of notation programs; needs the extra ``musicxml``."""
+"""MusicXML, the format of notation programs."""
 
 from sb3_piano.music.formats.musicxml.read import read_musicxml
 from sb3_piano.music.formats.musicxml.write import write_musicxml

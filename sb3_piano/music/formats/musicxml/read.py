@@ -1,4 +1,4 @@
-"""Reading MusicXML, the format of notation programs, with partitura.
+"""Reading MusicXML, the format of notation programs.
 
 Both the plain (``.musicxml``, ``.xml``) and the compressed form (``.mxl``) are read.
 """
@@ -6,23 +6,22 @@ Both the plain (``.musicxml``, ``.xml``) and the compressed form (``.mxl``) are 
 from __future__ import annotations
 
 import bisect
-import importlib
 import os
 import re
 import statistics
 import warnings
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from fractions import Fraction
+from operator import attrgetter
 from pathlib import Path
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.formats.left_out import LeftOut
 from sb3_piano.music.formats.midi_hands import hand_of_name
-from sb3_piano.music.formats.musicxml.container import document_in
-from sb3_piano.music.formats.musicxml.notes import NoteDetails
-from sb3_piano.music.formats.musicxml.source import SourcePart, parse_source
-from sb3_piano.music.formats.musicxml.timing import TimedPart, place_in_time
+from sb3_piano.music.formats.musicxml.source import SourceNote, SourcePart, parse_document
+from sb3_piano.music.formats.musicxml.timing import Timeline, timeline
 from sb3_piano.music.hands import HANDS, Hand, finger_of
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.score import Score
@@ -56,19 +55,17 @@ def read_musicxml(path: str | os.PathLike[str]) -> Score:
       keyboard instruments are read, with a warning that names the others.
 
     Raises:
-        ScoreError: If partitura is not installed, there is no such file, it is not MusicXML, there
+        ScoreError: If there is no such file, it is not MusicXML, there
             are more parts than a pianist plays, or no note remains.
         ScoreWarning: Is warned if notes or parts were left out.
     """
     path = Path(path)
-    require_partitura()
     content = _content(path)
     try:
-        parts, document = parse_source(document_in(content))
+        parts, marks = parse_document(content)
         played = _played_parts(parts, path)
-        timed = place_in_time(document)
         left_out = LeftOut()
-        score = _score([(parts[i], timed[i]) for i in played], path, left_out)
+        score = _score(played, timeline(marks), path, left_out)
     except ScoreError:
         raise
     except Exception as error:
@@ -78,28 +75,11 @@ def read_musicxml(path: str | os.PathLike[str]) -> Score:
             "expected a complete partwise MusicXML file."
         ) from error
     left_out.warn(path)
-    others = [repr(part.name) for i, part in enumerate(parts) if part.notes and i not in played]
+    others = [repr(part.name) for part in parts if part.notes and part not in played]
     if others:
         text = f"Reading {str(path)!r} left out {', '.join(others)}: only the piano is read."
         warnings.warn(text, ScoreWarning, stacklevel=2)
     return score
-
-
-def require_partitura() -> None:
-    """Raise an error that says what to install unless partitura is.
-
-    Raises:
-        ScoreError: If partitura cannot be imported.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about modules that its parsers import
-            importlib.import_module("partitura")
-    except ImportError as error:
-        raise ScoreError(
-            "MusicXML needs the package partitura, which is not installed: "
-            "pip install 'sb3-piano[musicxml]'"
-        ) from error
 
 
 def _content(path: Path) -> bytes:
@@ -111,15 +91,14 @@ def _content(path: Path) -> bytes:
         raise ScoreError(f"Cannot read {str(path)!r}: {error.strerror}.") from error
 
 
-def _played_parts(parts: Sequence[SourcePart], path: Path) -> list[int]:
-    """Return the indices of the parts that are the pianist's."""
-    sounding = [i for i, part in enumerate(parts) if part.notes]
+def _played_parts(parts: Sequence[SourcePart], path: Path) -> list[SourcePart]:
+    """Return the parts that are the pianist's."""
+    sounding = [part for part in parts if part.notes]
     if not sounding:
         raise ScoreError(f"MusicXML file {str(path)!r} has no notes with a pitch.")
-    pianos = [i for i in sounding if parts[i].staves > 1 or _KEYBOARDS.search(parts[i].name)]
-    played = pianos or sounding
-    if len(played) > 2 or (len(played) == 2 and any(parts[i].staves > 1 for i in played)):
-        names = ", ".join(repr(parts[i].name) for i in played)
+    played = [p for p in sounding if p.staves > 1 or _KEYBOARDS.search(p.name)] or sounding
+    if len(played) > 2 or (len(played) == 2 and any(part.staves > 1 for part in played)):
+        names = ", ".join(repr(part.name) for part in played)
         raise ScoreError(
             f"{str(path)!r} has {len(played)} parts ({names}): expected one or two, or one whose "
             "name or two staves make it the piano's. A notation program can join or remove parts."
@@ -127,42 +106,42 @@ def _played_parts(parts: Sequence[SourcePart], path: Path) -> list[int]:
     return played
 
 
-def _score(parts: list[tuple[SourcePart, TimedPart]], path: Path, left_out: LeftOut) -> Score:
-    hands = _hands_of_staves([source for source, _ in parts])
+def _score(parts: Sequence[SourcePart], line: Timeline, path: Path, left_out: LeftOut) -> Score:
     played = [
-        (start, end, note, hand)
-        for (source, timed), of_staff in zip(parts, hands, strict=True)
-        for start, end, note in _with_grace_times(_tied_notes(source, timed))
-        for hand in [of_staff.get(note.staff)]
+        (note, of_staff.get(note.staff))
+        for part, of_staff in zip(parts, _hands_of_staves(parts), strict=True)
+        for note in _with_grace_times(_tied_notes(part.notes, line))
     ]
     # Grace notes before the first beat take their time from nobody, so that everything waits.
-    wait = -min([Fraction(0), *(start for start, *_ in played)])
+    wait = -min([Fraction(0), *(note.start for note, _ in played)])
     notes = [
-        _note(start + wait, end + wait, note, hand)
-        for start, end, note, hand in played
-        if left_out.is_playable(float(start + wait), float(end + wait), note.pitch)
+        _note(note, wait, hand)
+        for note, hand in played
+        if left_out.is_playable(float(note.start + wait), float(note.end + wait), note.pitch)
     ]
     if not notes:
         rest = f", only {left_out}" if str(left_out) else ""
         raise ScoreError(f"MusicXML file {str(path)!r} has no notes to play{rest}.")
     last = max(note.offset for note in notes)
-    source, timed = parts[0]
-    lines = sorted({float(line + wait) for line in timed.measures[int(source.has_pickup) :]})
-    pedals = [press for _, timed in parts for press in _presses(timed.pedals, wait)]
+    lines = sorted(
+        line.seconds(at) + shift + wait
+        for at in parts[0].measures
+        for shift in line.shifts(line.seconds(at))
+    )
     return Score(
         notes=notes,
-        pedals=pedals,
+        pedals=[press for part in parts for press in _presses(part.pedals, line, wait)],
         title=path.stem,
-        bars=[line for line in lines if line < last],
+        bars=sorted({float(at) for at in lines[int(parts[0].has_pickup) :] if float(at) < last}),
     )
 
 
-def _note(start: Fraction, end: Fraction, note: NoteDetails, hand: Hand | None) -> Note:
+def _note(note: SourceNote, wait: Fraction, hand: Hand | None) -> Note:
     known = hand is not None and note.fingers
     finger = finger_of(hand, note.fingers[0]) if hand is not None and known else UNKNOWN_FINGER
     return Note(
-        onset=float(start),
-        offset=float(end),
+        onset=float(note.start + wait),
+        offset=float(note.end + wait),
         pitch=note.pitch,
         velocity=note.velocity,
         finger=finger,
@@ -182,62 +161,66 @@ def _hands_of_staves(parts: Sequence[SourcePart]) -> list[dict[int, Hand | None]
         return [{1: "right", 2: "left"}]
     if part.staves > 2:
         return [{}]
-    fingered = any(note.fingers for note in part.notes.values())
-    by_clef: Hand = "left" if part.clefs.get(1) == "F" else "right"
+    fingered = any(note.fingers for note in part.notes)
+    by_clef: Hand = "left" if part.clef == "F" else "right"
     return [{1: by_name[0] or (by_clef if fingered else None)}]
 
 
 def _middle(part: SourcePart) -> float:
-    return statistics.median(note.pitch for note in part.notes.values())
+    return statistics.median(note.pitch for note in part.notes)
 
 
-def _tied_notes(
-    source: SourcePart, timed: TimedPart
-) -> list[tuple[Fraction, Fraction, NoteDetails]]:
-    """Return the notes with those joined that are tied."""
-    notes: list[tuple[Fraction, Fraction, NoteDetails]] = []
-    open_ties: dict[tuple[int, Fraction], list[int]] = {}
-    for note_id, start, end in timed.notes:
-        note = source.notes.get(note_id)
-        if note is None:
-            continue
+def _tied_notes(notes: Sequence[SourceNote], line: Timeline) -> list[SourceNote]:
+    """Return the notes in the order of playing, in seconds, with those joined that are tied."""
+    played = [
+        replace(note, start=line.seconds(note.start) + shift, end=line.seconds(note.end) + shift)
+        for note in notes
+        for shift in line.shifts(line.seconds(note.start))
+    ]
+    joined: list[SourceNote] = []
+    open_ties: dict[tuple[int, Fraction], list[SourceNote]] = {}
+    for note in sorted(played, key=attrgetter("start")):
         if note.is_staccato and not (note.tied_on or note.tied_back):
-            end = (start + end) / 2
-        candidates = open_ties.get((note.pitch, start), []) if note.tied_back else []
+            note.end = (note.start + note.end) / 2
+        candidates = open_ties.get((note.pitch, note.start), []) if note.tied_back else []
         if candidates:
-            same_voice = [i for i in candidates if notes[i][2].voice == note.voice]
-            index = (same_voice or candidates)[0]
-            candidates.remove(index)
-            notes[index] = (notes[index][0], end, notes[index][2])
+            same_voice = [other for other in candidates if other.voice == note.voice]
+            whole = (same_voice or candidates)[0]
+            candidates.remove(whole)
+            whole.end = note.end
         else:
-            index = len(notes)
-            notes.append((start, end, note))
+            whole = note
+            joined.append(note)
         if note.tied_on:
-            open_ties.setdefault((note.pitch, end), []).append(index)
+            open_ties.setdefault((note.pitch, note.end), []).append(whole)
+    return joined
+
+
+def _with_grace_times(notes: list[SourceNote]) -> list[SourceNote]:
+    """Play the grace notes, which have no time of their own, before the beat."""
+    onsets = sorted({note.start for note in notes if not note.grace})
+    for note in notes:
+        if note.grace and note.start == note.end:
+            before = bisect.bisect_left(onsets, note.start) - 1
+            room = (note.start - onsets[before]) / 2 if before >= 0 else note.grace_run * _GRACE
+            length = min(_GRACE, room / note.grace_run)
+            note.start -= note.grace * length
+            note.end = note.start + length
     return notes
 
 
-def _with_grace_times(
-    notes: list[tuple[Fraction, Fraction, NoteDetails]],
-) -> Iterator[tuple[Fraction, Fraction, NoteDetails]]:
-    """Play the grace notes, which have no time of their own, before the beat."""
-    onsets = sorted({start for start, _, note in notes if not note.grace})
-    for start, end, note in notes:
-        if note.grace and start == end:
-            before = bisect.bisect_left(onsets, start) - 1
-            room = (start - onsets[before]) / 2 if before >= 0 else note.grace_run * _GRACE
-            length = min(_GRACE, room / note.grace_run)
-            start = start - note.grace * length
-            end = start + length
-        yield start, end, note
-
-
-def _presses(pedals: list[tuple[Fraction, Fraction]], wait: Fraction) -> Iterator[Pedal]:
+def _presses(
+    pedals: Sequence[tuple[Fraction, Fraction]], line: Timeline, wait: Fraction
+) -> Iterator[Pedal]:
     """Yield the presses of one part, with the pedal up for a moment between two of them."""
+    played = sorted(
+        (line.seconds(down) + shift, line.seconds(up) + shift)
+        for down, up in pedals
+        for shift in line.shifts(line.seconds(down))
+    )
     last_up = None
-    for down, up in sorted(pedals):
-        if last_up is not None and down <= last_up:
-            down = last_up + _LIFT
-        if up > down:
+    for down, up in played:
+        start = down if last_up is None or down > last_up else last_up + _LIFT
+        if up > start:
             last_up = up
-            yield Pedal(onset=float(down + wait), offset=float(up + wait))
+            yield Pedal(onset=float(start + wait), offset=float(up + wait))

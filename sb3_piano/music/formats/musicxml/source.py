@@ -1,94 +1,312 @@
-"""What is taken from a MusicXML file directly, and what of it partitura gets to read.
-
-partitura places the notes in time and unfolds repeats. It reads one fingering a note, written
-pitches, no microtones, no change of the pedal, and no tempo without a ``sound`` element; it also
-stops at notation that does not concern us, such as a tuplet that ends before it begins. So the
-details of each note are taken from the file here, under an id by which the note is found again,
-and partitura gets a document of what it is needed for: lengths, tempos, pedals and repeats.
-"""
+"""The music as a MusicXML document has it: the notes of each part, in quarter notes."""
 
 from __future__ import annotations
 
+import io
+import re
+import zipfile
 from dataclasses import dataclass, field
-from typing import Any
+from fractions import Fraction
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
-from sb3_piano.music.formats.musicxml.container import xml_parser
-from sb3_piano.music.formats.musicxml.notes import NoteDetails, complete, details_of
-from sb3_piano.music.formats.musicxml.skeleton import strip_part
+from sb3_piano.music.constants import DEFAULT_VELOCITY
+from sb3_piano.music.formats.musicxml.timing import Marks
+from sb3_piano.music.formats.zip_file import read_member
+from sb3_piano.music.pitch import SEMITONES
+
+FORTE = 90
+"""The velocity of which MusicXML gives dynamics in per cent."""
+
+MOST_BYTES = 64 * 2**20
+"""A larger document is taken for damage; the longest piano works take a fifth of it."""
+
+CONTAINER_NAME = "META-INF/container.xml"
+
+_FINGERS = re.compile(r"\s*([1-5])(\s*[-_\u2013/]\s*[1-5])*\s*")
+_DOTS = ("staccato", "staccatissimo", "spiccato")
+_QUARTERS = {"whole": 4.0, "half": 2.0, "quarter": 1.0, "eighth": 0.5, "16th": 0.25, "32nd": 0.125}
+_LEAPS = ("dacapo", "dalsegno", "segno", "tocoda", "coda", "fine")
 
 
-@dataclass
+@dataclass(kw_only=True, eq=False)
+class SourceNote:
+    """A note as it is written, and after repeats are unfolded as it is played.
+
+    Attributes:
+        start: When it begins, in quarter notes; later in s.
+        end: When it ends, likewise; a grace note ends where it starts.
+        pitch: MIDI pitch as it sounds, that is after transposition; microtones are rounded.
+        voice: The voice, as the file names it.
+        staff: The staff, from 1.
+        fingers: Pianists' numbers, 1 to 5. More than one if the file gives those of a whole chord
+            at one of its notes.
+        velocity: 1-127.
+        tied_back: Whether a tie ends here.
+        tied_on: Whether a tie begins here.
+        in_chord: Whether it is struck with the note before it in the file.
+        grace: If it is a grace note: how many are still to come before the beat, from 1; else 0.
+        grace_run: Of how many grace notes (or chords) the run consists that it is one of.
+        is_staccato: Whether it has a dot or a wedge.
+    """
+
+    start: Fraction
+    end: Fraction
+    pitch: int
+    voice: str
+    staff: int
+    fingers: tuple[int, ...]
+    velocity: int
+    tied_back: bool
+    tied_on: bool
+    in_chord: bool
+    grace: int
+    grace_run: int = 0
+    is_staccato: bool
+
+
+@dataclass(eq=False)
 class SourcePart:
-    """A part of the file.
+    """A part of the file; its times are in quarter notes.
 
     Attributes:
         name: What the file calls it; may be empty.
-        notes: The notes that sound, by the id that partitura sees, in the order of the file.
+        notes: The notes that sound, in the order of the file.
+        pedals: (down, up) of each press of the pedal.
+        measures: When each measure begins.
         staves: How many staves it has.
-        clefs: The first clef of each staff, by its letter.
+        clef: The first clef of its first staff, by its letter.
         has_pickup: Whether the first measure is not a whole one.
     """
 
     name: str
-    notes: dict[str, NoteDetails] = field(default_factory=dict)
+    notes: list[SourceNote] = field(default_factory=list)
+    pedals: list[tuple[Fraction, Fraction]] = field(default_factory=list)
+    measures: list[Fraction] = field(default_factory=list)
     staves: int = 1
-    clefs: dict[int, str] = field(default_factory=dict)
+    clef: str = ""
     has_pickup: bool = False
 
 
-def parse_source(document: bytes) -> tuple[list[SourcePart], bytes]:
-    """Return the parts of a document, and the document that partitura is to read.
+def parse_document(content: bytes) -> tuple[list[SourcePart], Marks]:
+    """Return the parts in the bytes of a file, and the marks that all of them go by.
 
     Raises:
-        ValueError: If it is no partwise MusicXML.
-        Exception: Whatever lxml raises at damaged XML.
+        ValueError: If it is too large, no partwise MusicXML, or a number in it is none.
+        Exception: Whatever zipfile and ElementTree raise at a damaged file.
     """
-    from lxml import etree
-
-    root = etree.fromstring(document, xml_parser())
+    root = ElementTree.fromstring(_unpacked(content))
     if root.tag != "score-partwise":
         raise ValueError(f"its root is <{root.tag}>, not <score-partwise>")
     names = {part.get("id"): part.findtext("part-name") for part in root.iter("score-part")}
-    elements = root.findall("part")
+    marks = Marks()
     parts = []
-    for index, element in enumerate(elements):
-        part = SourcePart(name=names.get(element.get("id")) or "")
-        _read_part(element, part, f"p{index}")
-        strip_part(element)
-        element.set("id", f"p{index}")
-        parts.append(part)
-    skeleton = etree.Element("score-partwise")
-    part_list = etree.SubElement(skeleton, "part-list")
-    for element in elements:
-        etree.SubElement(part_list, "score-part", id=element.get("id"))
-    skeleton.extend(elements)
-    return parts, etree.tostring(skeleton)
+    for element in root.findall("part"):
+        reader = _PartReader(SourcePart(names.get(element.get("id")) or ""), marks)
+        for measure in element.findall("measure"):
+            reader.read(measure)
+        parts.append(reader.part)
+        _count_grace_notes(reader.part.notes)
+        _share_out_fingers(reader.part.notes)
+    return parts, marks
 
 
-def _read_part(element: Any, part: SourcePart, prefix: str) -> None:
-    transposition = 0
-    for index, measure in enumerate(element.findall("measure")):
-        if index == 0:
-            part.has_pickup = measure.get("implicit") == "yes" or measure.get("number") == "0"
+def _unpacked(content: bytes) -> bytes:
+    """Return the document in the bytes of a file, which may be compressed."""
+    if content[:4] == b"PK\x03\x04":
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            container = ElementTree.fromstring(read_member(archive, CONTAINER_NAME, MOST_BYTES))
+            file = container.find(".//{*}rootfile")
+            if file is None:
+                raise ValueError(f"its {CONTAINER_NAME} names no file")
+            content = read_member(archive, file.get("full-path", ""), MOST_BYTES)
+    if len(content) > MOST_BYTES:
+        raise ValueError(f"it holds more than {MOST_BYTES} bytes")
+    return content
+
+
+class _PartReader:
+    """Walk through the measures of a part."""
+
+    def __init__(self, part: SourcePart, marks: Marks) -> None:
+        self.part = part
+        self._marks = marks
+        self._divisions = Fraction(1)
+        self._transposition = 0
+        self._here = self._last = Fraction(0)
+        self._struck = (Fraction(0), Fraction(0))
+        self._pedal_down: Fraction | None = None
+
+    def read(self, measure: Element) -> None:
+        """Read the next measure, which begins where the longest voice of the last one ended."""
+        start = self._here
+        if not self.part.measures:
+            self.part.has_pickup = measure.get("implicit") == "yes" or measure.get("number") == "0"
+        self.part.measures.append(start)
+        self._last = start
+        self._struck = (start, start)
         for child in measure:
-            if child.tag == "attributes":
-                transposition = _read_attributes(child, part, transposition)
-            elif child.tag == "note":
-                child.attrib.pop("id", None)
-                if child.find("pitch") is not None and child.find("cue") is None:
-                    note_id = f"{prefix}n{len(part.notes)}"
-                    child.set("id", note_id)
-                    part.notes[note_id] = details_of(child, transposition)
-    part.staves = max([part.staves, *(note.staff for note in part.notes.values())])
-    complete(part.notes)
+            if child.tag == "note":
+                self._read_note(child)
+            elif child.tag == "backup":
+                self._here = max(self._here - self._duration(child), start)
+            elif child.tag == "forward":
+                self._here += self._duration(child)
+            elif child.tag == "attributes":
+                self._read_attributes(child)
+            elif child.tag == "direction":
+                self._read_direction(child)
+            elif child.tag == "sound":
+                self._read_sound(child)
+            elif child.tag == "barline":
+                places = {"left": start, "middle": self._here}
+                at = places.get(child.get("location", "right"), self._last)
+                self._read_barline(child, at)
+            self._last = max(self._last, self._here)
+        self._here = self._last
+        self._marks.end_measure(self._here)
+
+    def _duration(self, element: Element) -> Fraction:
+        duration = _number(element.findtext("duration") or "0") / self._divisions
+        if duration < 0:
+            raise ValueError(f"a duration is {element.findtext('duration')}, less than 0")
+        return duration
+
+    def _read_note(self, element: Element) -> None:
+        if element.find("chord") is None:
+            end = self._here + self._duration(element)
+            self._struck, self._here = (self._here, end), end
+        if element.find("pitch") is not None and element.find("cue") is None:
+            note = _note(element, self._struck, self._transposition)
+            self.part.notes.append(note)
+            self.part.staves = max(self.part.staves, note.staff)
+
+    def _read_attributes(self, element: Element) -> None:
+        self._divisions = _number(element.findtext("divisions") or "0") or self._divisions
+        self.part.staves = max(self.part.staves, int(element.findtext("staves") or 1))
+        for clef in element.findall("clef"):
+            if clef.get("number", "1") == "1":
+                self.part.clef = self.part.clef or clef.findtext("sign") or ""
+        transpose = element.find("transpose")
+        if transpose is not None:
+            chromatic = round(float(transpose.findtext("chromatic") or 0))
+            octaves = int(transpose.findtext("octave-change") or 0)
+            self._transposition = chromatic + 12 * octaves
+
+    def _read_direction(self, element: Element) -> None:
+        for sound in element.findall("sound"):
+            self._read_sound(sound)
+        tempo = _metronome_tempo(element)
+        if tempo is not None:
+            self._marks.add_tempo(self._here, tempo)
+        for pedal in element.findall("direction-type/pedal"):
+            kind = pedal.get("type")
+            if kind in ("start", "change", "stop"):
+                if self._pedal_down is not None:
+                    self.part.pedals.append((self._pedal_down, self._here))
+                self._pedal_down = None if kind == "stop" else self._here
+
+    def _read_sound(self, element: Element) -> None:
+        if element.get("tempo") is not None:
+            self._marks.add_tempo(self._here, float(element.get("tempo", "")))
+        for kind in _LEAPS:
+            name = element.get(kind)
+            if name is not None and name != "no":
+                self._marks.add(self._here, kind, name)
+
+    def _read_barline(self, element: Element, at: Fraction) -> None:
+        repeat, ending = element.find("repeat"), element.find("ending")
+        if repeat is not None:
+            self._marks.add(at, repeat.get("direction", ""))
+        if ending is not None and ending.get("type") == "start":
+            numbers = {int(number) for number in re.findall(r"\d+", ending.get("number", ""))}
+            self._marks.begin_ending(at, numbers)
+        elif ending is not None:
+            self._marks.end_ending(at)
 
 
-def _read_attributes(element: Any, part: SourcePart, transposition: int) -> int:
-    part.staves = max(part.staves, int(element.findtext("staves") or 1))
-    for clef in element.findall("clef"):
-        part.clefs.setdefault(int(clef.get("number") or 1), clef.findtext("sign") or "")
-    transpose = element.find("transpose")
-    if transpose is None:
-        return transposition
-    chromatic = round(float(transpose.findtext("chromatic") or 0))
-    return chromatic + 12 * int(transpose.findtext("octave-change") or 0)
+def _number(text: str) -> Fraction:
+    # By way of a float, which has an end: Fraction("1e999999999") would fill the memory.
+    return Fraction(str(float(text)))
+
+
+def _metronome_tempo(direction: Element) -> float | None:
+    """Return the quarter notes per minute of a metronome mark."""
+    mark = direction.find("direction-type/metronome")
+    if mark is None:
+        return None
+    number = re.search(r"\d+(\.\d+)?", mark.findtext("per-minute") or "")
+    unit = _QUARTERS.get((mark.findtext("beat-unit") or "").strip())
+    if number is None or unit is None:
+        return None
+    dots = len(mark.findall("beat-unit-dot"))
+    return float(number[0]) * unit * (2 - 0.5**dots)
+
+
+def _note(element: Element, span: tuple[Fraction, Fraction], transposition: int) -> SourceNote:
+    """Read a note that has a pitch."""
+    step = (element.findtext("pitch/step") or "").strip()
+    if step not in SEMITONES:
+        raise ValueError(f"a pitch has the step {step!r}")
+    height = SEMITONES[step] + float(element.findtext("pitch/alter") or 0)
+    octave = int(element.findtext("pitch/octave") or "none")
+    ties = {tie.get("type") for tie in (*element.findall("tie"), *element.findall(".//tied"))}
+    dynamics = float(element.get("dynamics") or 100 * DEFAULT_VELOCITY / FORTE)
+    return SourceNote(
+        start=span[0],
+        end=span[1],
+        pitch=round(12 * (octave + 1) + height) + transposition,
+        voice=element.findtext("voice") or "1",
+        staff=int(element.findtext("staff") or 1),
+        fingers=_fingers(element),
+        velocity=min(max(round(dynamics * FORTE / 100), 1), 127),
+        tied_back="stop" in ties,
+        tied_on="start" in ties,
+        in_chord=element.find("chord") is not None,
+        grace=int(element.find("grace") is not None),
+        is_staccato=any(element.find(f"notations/articulations/{d}") is not None for d in _DOTS),
+    )
+
+
+def _fingers(note: Element) -> tuple[int, ...]:
+    """Return the fingers that play the onset: no substitutes, no alternatives."""
+    texts = [
+        fingering.text or ""
+        for fingering in note.findall("notations/technical/fingering")
+        if fingering.get("substitution") != "yes" and fingering.get("alternate") != "yes"
+    ]
+    return tuple(int(match[1]) for match in map(_FINGERS.fullmatch, texts) if match)
+
+
+def _count_grace_notes(notes: list[SourceNote]) -> None:
+    """Number the grace notes of each run backwards from the beat."""
+    run: list[SourceNote] = []
+    for note in [*notes, None]:
+        if note is not None and note.grace and (not run or run[-1].voice == note.voice):
+            run.append(note)
+            continue
+        left = total = sum(not one.in_chord for one in run) or 1
+        for position, one in enumerate(run):
+            left -= int(position > 0 and not one.in_chord)
+            one.grace, one.grace_run = max(left, 1), total
+        run = [note] if note is not None and note.grace else []
+
+
+def _share_out_fingers(notes: list[SourceNote]) -> None:
+    """Give the fingers of a chord that stand at one of its notes to all of them.
+
+    Fingers and keys go the same way: in the right hand the higher finger has the higher key, in
+    the left hand the lower key; the left hand is on the second staff.
+    """
+    chords: list[list[SourceNote]] = []
+    for note in notes:
+        if not note.in_chord or not chords:
+            chords.append([])
+        chords[-1].append(note)
+    for chord in chords:
+        numbers = sorted(finger for note in chord for finger in note.fingers)
+        if len(numbers) == len(chord) and any(len(note.fingers) > 1 for note in chord):
+            sign = -1 if chord[0].staff == 2 else 1
+            chord.sort(key=lambda note: sign * note.pitch)
+            for note, number in zip(chord, numbers, strict=True):
+                note.fingers = (number,)

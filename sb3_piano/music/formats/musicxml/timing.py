@@ -1,120 +1,193 @@
-"""Where the notes of a MusicXML file stand in time: partitura's answer, in exact seconds."""
+"""In which order and when the music of a MusicXML file is played: tempo, repeats and leaps."""
 
 from __future__ import annotations
 
 import bisect
-import io
-import warnings
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+import itertools
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Any
 
-_QUARTERS_PER_MINUTE = 120
+_QUARTERS_PER_MINUTE = Fraction(120)
 """The tempo of a file until its first mark, as notation programs have it."""
 
-_Line = Callable[[Fraction], Fraction]
+
+@dataclass
+class _Ending:
+    """An ending: the times at which it is played, and where it stops."""
+
+    numbers: set[int]
+    stop: Fraction | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class TimedPart:
-    """A part with its repeats unfolded; all times in s.
+@dataclass
+class Marks:
+    """What a file says about tempo and order, in any part; by the quarter note at which it stands.
 
     Attributes:
-        notes: (id, start, end) of each note, sorted by start; a grace note ends where it starts.
-        pedals: (down, up) of each press of the pedal.
-        measures: When each measure begins, ascending.
+        tempos: Quarter notes a minute from there on.
+        signs: Kinds, each with its name: forward and backward (repeats), dacapo, dalsegno, segno,
+            tocoda, coda, fine.
+        endings: The endings that start there.
+        end: Where the longest part ends.
     """
 
-    notes: list[tuple[str, Fraction, Fraction]]
-    pedals: list[tuple[Fraction, Fraction]]
-    measures: list[Fraction]
+    tempos: dict[Fraction, Fraction] = field(default_factory=dict)
+    signs: dict[Fraction, set[tuple[str, str]]] = field(default_factory=lambda: defaultdict(set))
+    endings: dict[Fraction, _Ending] = field(default_factory=dict)
+    end: Fraction = Fraction(0)
+    _open: _Ending | None = None
+
+    def add_tempo(self, at: Fraction, tempo: float) -> None:
+        """Note a tempo; of two at one place the first counts."""
+        if tempo > 0:
+            self.tempos.setdefault(at, Fraction(str(tempo)))
+
+    def add(self, at: Fraction, kind: str, name: str = "") -> None:
+        """Note a sign."""
+        self.signs[at].add((kind, name))
+
+    def begin_ending(self, at: Fraction, numbers: set[int]) -> None:
+        """Note where an ending starts."""
+        self._open = self.endings.setdefault(at, _Ending(numbers))
+
+    def end_ending(self, at: Fraction) -> None:
+        """Note where it stops; without that it is a measure long."""
+        if self._open is not None:
+            self._open.stop = at
+        self._open = None
+
+    def end_measure(self, at: Fraction) -> None:
+        """Note where a measure ends."""
+        self.end = max(self.end, at)
+        if self._open is not None and self._open.stop is None:
+            self._open.stop = at
+
+    def has(self, at: Fraction, kind: str) -> bool:
+        """Return whether there is a sign of a kind."""
+        return any(sign == kind for sign, _ in self.signs.get(at, ()))
 
 
-def place_in_time(document: bytes) -> list[TimedPart]:
-    """Let partitura read a document, and return its parts in order.
+@dataclass
+class Timeline:
+    """When each moment of the written music is played; a moment may be played several times.
 
-    Tempo marks of any part count for all.
-
-    Raises:
-        Exception: Whatever partitura raises at a damaged file.
+    Attributes:
+        spans: (start, stop, shift) of the stretches in the order in which they are played, in s
+            since the start of the written music; `shift` leads to the time of playing.
+        seconds: The function from quarter notes to seconds, of the written music.
     """
-    from partitura import load_musicxml
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        parts = [_unfolded(part) for part in load_musicxml(io.BytesIO(document)).parts]
-    quarters = [_quarters_of(part) for part in parts]
-    seconds = _seconds_of(parts, quarters)
-    return [_timed(part, of, seconds) for part, of in zip(parts, quarters, strict=True)]
+    spans: list[tuple[Fraction, Fraction, Fraction]]
+    seconds: Callable[[Fraction], Fraction]
 
-
-def _unfolded(part: Any) -> Any:
-    """Play repeats and endings, and jumps back (D.C., D.S.) without those repeats again."""
-    from partitura import score
-
-    jumps = (score.Repeat, score.DaCapo, score.DalSegno)
-    if not any(True for kind in jumps for _ in part.iter_all(kind)):
-        return part
-    try:
-        return score.unfold_part_maximal(part, update_ids=False, ignore_leaps=False)
-    except (LookupError, RecursionError) as error:
-        # partitura names the passages between repeats by the 52 letters.
-        raise ValueError("its repeats are too many, or wrong") from error
+    def shifts(self, time: Fraction) -> Iterator[Fraction]:
+        """Yield by how much later, in s, what begins at a written time is played, each time."""
+        for start, stop, shift in self.spans:
+            if start <= time < stop:
+                yield shift
 
 
-def _quarters_of(part: Any) -> _Line:
-    """Return the function from partitura's ticks to quarter notes."""
-    return _line(
-        (Fraction(int(tick)), 1 / Fraction(int(divisions)))
-        for tick, divisions in part.quarter_durations()
-    )
+def timeline(marks: Marks) -> Timeline:
+    """Lay out the music.
+
+    On jumps back the tempo is that of the place, as players have it.
+    """
+    tempos = {Fraction(0): _QUARTERS_PER_MINUTE, **marks.tempos}
+    corners = sorted(tempos)
+    times = [Fraction(0)]
+    for start, stop in itertools.pairwise(corners):
+        times.append(times[-1] + (stop - start) * 60 / tempos[start])
+
+    def seconds(at: Fraction) -> Fraction:
+        piece = bisect.bisect_right(corners, at) - 1
+        return times[piece] + (at - corners[piece]) * 60 / tempos[corners[piece]]
+
+    spans, now = [], Fraction(0)
+    for written_start, written_stop in _played_order(marks):
+        start, stop = seconds(written_start), seconds(written_stop)
+        # What begins at the very end, such as a grace note, is played as well.
+        spans.append((start, stop + int(written_stop == marks.end), now - start))
+        now += stop - start
+    return Timeline(spans=spans, seconds=seconds)
 
 
-def _seconds_of(parts: list[Any], quarters: list[_Line]) -> _Line:
-    """Return the function from quarter notes to seconds."""
-    from partitura import score
+def _played_order(marks: Marks) -> list[tuple[Fraction, Fraction]]:
+    """Return the stretches of the written music in the order in which they are played.
 
-    tempos = {Fraction(0): Fraction(_QUARTERS_PER_MINUTE)}
-    for part, quarter in zip(parts, quarters, strict=True):
-        for mark in part.iter_all(score.Tempo):
-            if mark.bpm > 0:
-                tempos[quarter(Fraction(mark.start.t))] = Fraction(str(mark.bpm))
-    return _line((at, 60 / tempos[at]) for at in sorted(tempos))
+    A repeat is played twice, or as often as it has endings. After D.C. or D.S. repeats are played
+    no more, and of several endings the last.
+    """
+    stops = {ending.stop for ending in marks.endings.values() if ending.stop is not None}
+    places = sorted({Fraction(0), marks.end, *marks.signs, *marks.endings, *stops})
+    spans = list(itertools.pairwise(places)) or [(Fraction(0), marks.end)]
+    endings = _endings_of(spans, marks)
+    order: list[tuple[Fraction, Fraction]] = []
+    here = first = 0
+    time, leapt = 1, False
+    while here < len(spans):
+        start, stop = spans[here]
+        numbers, all_numbers = endings[here]
+        turn = max(all_numbers, default=0) if leapt else time
+        is_played = not numbers or turn in numbers
+        if is_played:
+            order.append((start, stop))
+            if marks.has(start, "forward") and here > first:
+                first, time = here, 1
+            if not leapt and marks.has(stop, "backward") and time < max(2, len(all_numbers)):
+                here, time = first, time + 1
+                continue
+            if leapt and marks.has(stop, "fine"):
+                break
+            target = _leap(marks, spans, here, leapt)
+            if target is not None:
+                here, leapt = target, True
+                continue
+        is_last_ending = bool(numbers) and not any(ending for ending, _ in endings[here + 1 :][:1])
+        if is_last_ending or (is_played and marks.has(stop, "backward")):
+            first, time = here + 1, 1
+        here += 1
+    return order
 
 
-def _line(corners: Iterable[tuple[Fraction, Fraction]]) -> _Line:
-    """Return the function that is 0 at the first corner and has from each one on its slope."""
-    starts: list[Fraction] = []
-    values: list[Fraction] = []
-    slopes: list[Fraction] = []
-    for start, slope in corners:
-        values.append(values[-1] + slopes[-1] * (start - starts[-1]) if starts else Fraction(0))
-        starts.append(start)
-        slopes.append(slope)
+def _endings_of(
+    spans: Sequence[tuple[Fraction, Fraction]], marks: Marks
+) -> list[tuple[set[int], set[int]]]:
+    """Return for each stretch the numbers of its ending, and those of all endings beside it."""
+    numbers: list[set[int]] = []
+    for start, _ in spans:
+        inside = [
+            ending.numbers
+            for begin, ending in marks.endings.items()
+            if ending.stop is not None and begin <= start < ending.stop
+        ]
+        numbers.append(inside[-1] if inside else set())
+    found: list[tuple[set[int], set[int]]] = []
+    for _, group in itertools.groupby(numbers, key=bool):
+        members = list(group)
+        found += [(one, set().union(*members)) for one in members]
+    return found
 
-    def value(x: Fraction) -> Fraction:
-        piece = max(bisect.bisect_right(starts, x) - 1, 0)
-        return values[piece] + slopes[piece] * (x - starts[piece])
 
-    return value
+def _leap(
+    marks: Marks, spans: Sequence[tuple[Fraction, Fraction]], here: int, leapt: bool
+) -> int | None:
+    """Return the stretch to which a sign at the end of this one leads: back once, then to a coda.
 
-
-def _timed(part: Any, quarters: _Line, seconds: _Line) -> TimedPart:
-    from partitura import score
-
-    def at(point: Any) -> Fraction:
-        return seconds(quarters(Fraction(point.t)))
-
-    notes = [
-        (note.id, at(note.start), at(note.end))
-        for note in part.iter_all(score.Note)
-        if note.id is not None
-    ]
-    pedals = [
-        (at(pedal.start), at(pedal.end))
-        for pedal in part.iter_all(score.SustainPedalDirection)
-        if pedal.end is not None
-    ]
-    measures = [at(measure.start) for measure in part.iter_all(score.Measure)]
-    return TimedPart(notes=notes, pedals=pedals, measures=measures)
+    Args:
+        marks: The signs.
+        spans: All stretches.
+        here: The one that was played.
+        leapt: Whether there was a leap back before.
+    """
+    stop = spans[here][1]
+    if not leapt and marks.has(stop, "dacapo"):
+        return 0
+    kind, to = ("tocoda", "coda") if leapt else ("dalsegno", "segno")
+    names = {name for sign, name in marks.signs.get(stop, ()) if sign == kind}
+    for index, (start, _) in enumerate(spans):
+        is_allowed = index > here if leapt else index <= here
+        if is_allowed and any((to, name) in marks.signs.get(start, ()) for name in names):
+            return index
+    return None

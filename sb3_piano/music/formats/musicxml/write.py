@@ -1,27 +1,75 @@
-"""Writing MusicXML, the format of notation programs, with partitura.
+"""Writing MusicXML, the format of notation programs.
 
 The score is written as a piano's: staff 1 for the right hand, staff 2 for the left. Notes that
-overlap are in voices of their own; those that last beyond a bar line are tied. partitura makes the
-document; the title, tempo, velocities and presses of the pedal are put into it afterwards, since
-it misspells the first, rounds the second and leaves out the third and the end of the fourth.
+overlap are in voices of their own; those that last beyond a bar line are tied.
 """
 
 from __future__ import annotations
 
+import bisect
+import io
+import itertools
 import math
 import os
+import zipfile
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music.formats.musicxml.container import packed
-from sb3_piano.music.formats.musicxml.document import partitura_document
-from sb3_piano.music.formats.musicxml.finish import finished
-from sb3_piano.music.formats.musicxml.measures import Grid, measures_of
-from sb3_piano.music.formats.musicxml.read import require_partitura
+from sb3_piano.music.constants import DEFAULT_VELOCITY, UNKNOWN_FINGER
+from sb3_piano.music.formats.musicxml.source import CONTAINER_NAME, FORTE
 from sb3_piano.music.formats.musicxml.tempo import DEFAULT_TEMPO, likely_tempo
 from sb3_piano.music.formats.output import write_score_file
+from sb3_piano.music.hands import HANDS, finger_number, likely_hand
+from sb3_piano.music.note import Note, Pedal
+from sb3_piano.music.pitch import pitch_name
 from sb3_piano.music.score import Score
+
+_DIVISIONS = 12_000
+"""Ticks in a quarter note: thirds, fifths and 64ths are whole, and at 120 to the minute so is 1 ms.
+
+Notation programs want no more than 16383.
+"""
+
+_WHOLE = 4 * _DIVISIONS
+_BEAT_TYPES = (4, 8, 16, 32, 64, 128)
+_LINE_STEP = _WHOLE // _BEAT_TYPES[-1]
+"""A bar line is at a whole 128th, so that each measure has a meter."""
+
+_VOICES_OF_A_STAFF = 4
+"""As many as notation programs have; more are written, but only if the notes need them."""
+
+_NAMES = ("whole", "half", "quarter", "eighth", "16th", "32nd", "64th")
+_VALUES = {
+    ticks: (name, dots, is_triplet)
+    for index, name in enumerate(_NAMES)
+    for whole in [_WHOLE // 2**index]
+    for ticks, dots, is_triplet in (
+        (whole * 2 // 3, 0, True),
+        (whole * 3 // 2, 1, False),
+        (whole, 0, False),
+    )
+}
+"""Note value, dots and whether it is of a triplet, by the length in ticks."""
+
+_HEAD = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<!DOCTYPE score-partwise PUBLIC "-//Recordare//DTD MusicXML 3.1 Partwise//EN" '
+    '"http://www.musicxml.org/dtds/partwise.dtd">\n'
+)
+_FILE = "score.musicxml"
+_CONTAINER = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n<container><rootfiles>'
+    f'<rootfile full-path="{_FILE}" media-type="application/vnd.recordare.musicxml+xml"/>'
+    "</rootfiles></container>\n"
+)
+
+_Span = tuple[int, int]
+"""First tick of an event, and the first after it."""
 
 
 def write_musicxml(
@@ -45,14 +93,282 @@ def write_musicxml(
             the one in which the score is most legible (:func:`likely_tempo`).
 
     Raises:
-        ScoreError: If partitura is not installed, `tempo` is out of range, or the file cannot be
-            written.
+        ScoreError: If `tempo` is out of range, or the file cannot be written.
     """
     tempo = likely_tempo(score) if tempo is None else tempo
     if not (math.isfinite(tempo) and tempo > 0):
         raise ScoreError(f"Tempo {tempo} is out of range: expected a finite number above 0.")
-    require_partitura()
-    path, grid = Path(path), Grid(tempo=Fraction(str(float(tempo))))
-    measures = measures_of(score, grid)
-    document = finished(partitura_document(score, grid, measures), score, grid, measures)
-    write_score_file(path, packed(document) if path.suffix.lower() == ".mxl" else document)
+    path = Path(path)
+    document = _document(score, _Grid(tempo=Fraction(str(float(tempo)))))
+    write_score_file(path, _packed(document) if path.suffix.lower() == ".mxl" else document)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Grid:
+    """Seconds in ticks, at a tempo in quarter notes per minute."""
+
+    tempo: Fraction
+
+    def span(self, event: Note | Pedal) -> _Span:
+        """Return the nearest ticks of an event, which lasts one at least."""
+        start = self.tick(event.onset)
+        return start, max(self.tick(event.offset), start + 1)
+
+    def tick(self, time: float) -> int:
+        """Return the nearest tick to a time in s."""
+        return round(Fraction(time) * self.tempo * _DIVISIONS / 60)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Measure:
+    """A measure, from its first tick until the first after it, as long as its meter says."""
+
+    start: int
+    end: int
+    meter: tuple[int, int]
+    is_pickup: bool = False
+
+
+def _measures(score: Score, grid: _Grid) -> list[_Measure]:
+    """Return the measures of a score, by its bars, or of four quarter notes if it has none.
+
+    A bar line is moved to the next 128th, if necessary; bars that have no length then are left out.
+    """
+    end_of_notes = max(grid.span(note)[1] for note in score.notes)
+    last = max([end_of_notes, *(grid.span(pedal)[1] for pedal in score.pedals)])
+    lines = {round(grid.tick(line) / _LINE_STEP) * _LINE_STEP for line in score.bars}
+    lines = {line for line in lines if line < end_of_notes} or set(range(0, last, _WHOLE))
+    starts = sorted({0, *lines})
+    usual = starts[-1] - starts[-2] if len(starts) > 1 else _WHOLE
+    rest = last - starts[-1]
+    end = starts[-1] + (usual if usual >= rest else -(-rest // _DIVISIONS) * _DIVISIONS)
+    spans = list(itertools.pairwise([*starts, end]))
+    meters = [_meter(stop - start) for start, stop in spans]
+    has_pickup = 0 not in lines
+    if has_pickup and starts[1] < (spans[1][1] - starts[1]):
+        meters[0] = meters[1]
+    return [
+        _Measure(start=start, end=stop, meter=meter, is_pickup=has_pickup and start == 0)
+        for (start, stop), meter in zip(spans, meters, strict=True)
+    ]
+
+
+def _meter(ticks: int) -> tuple[int, int]:
+    """Return the meter of a measure, in the longest beats that it consists of."""
+    beat_type = next(kind for kind in _BEAT_TYPES if ticks * kind % _WHOLE == 0)
+    return ticks * beat_type // _WHOLE, beat_type
+
+
+_Chord = list[tuple[Note, bool, bool]]
+"""Notes that are struck and end together, each with whether it is tied back, and on."""
+
+
+def _document(score: Score, grid: _Grid) -> bytes:
+    measures = _measures(score, grid)
+    lines = [measure.start for measure in measures]
+    first_voices, struck = _struck(score, grid, lines)
+    pedals = _pedal_marks(score, grid, lines)
+    root = Element("score-partwise")
+    _add(_add(root, "work"), "work-title", "".join(filter(str.isprintable, score.title)))
+    _add(_add(_add(root, "part-list"), "score-part", id="P1"), "part-name", "Piano")
+    part = _add(root, "part", id="P1")
+    meter = None
+    for number, measure in enumerate(measures, start=int(not measures[0].is_pickup)):
+        element = _add(part, "measure", number=str(number))
+        if measure.is_pickup:
+            element.set("implicit", "yes")
+        if measure.meter != meter:
+            _add_attributes(element, measure.meter, is_first=meter is None)
+        if meter is None:
+            _add_tempo(element, grid.tempo)
+        meter, here = measure.meter, measure.start
+        for voice, chords in sorted(struck[measure.start].items()):
+            _move(element, here, measure.start)
+            here = _add_voice(element, measure, voice, chords, first_voices)
+        for tick, kind in pedals[measure.start]:
+            _move(element, here, tick)
+            mark = _add(element, "direction", placement="below")
+            _add(_add(mark, "direction-type"), "pedal", type=kind)
+            _add(mark, "staff", 2)
+            here = tick
+        _move(element, here, measure.end)
+    indent(root)
+    return _HEAD.encode() + tostring(root, encoding="utf-8") + b"\n"
+
+
+def _struck(
+    score: Score, grid: _Grid, lines: Sequence[int]
+) -> tuple[tuple[int, int], dict[int, dict[int, dict[_Span, _Chord]]]]:
+    """Return the first voice of each staff, and the chords of each measure (by its start), voice.
+
+    A note has a voice of its own, or one with what sounds exactly as long as it.
+    """
+    last: tuple[list[_Span], list[_Span]] = ([], [])
+    chosen = []
+    for note in score.notes:
+        voices, span = last[_staff(note) - 1], grid.span(note)
+        free = (i for i, other in enumerate(voices) if other[1] <= span[0])
+        joined = (i for i, other in enumerate(voices) if other == span)
+        index = next(itertools.chain(joined, free), len(voices))
+        voices[index : index + 1] = [span]
+        chosen.append(index)
+    upper = max(len(last[0]), _VOICES_OF_A_STAFF)
+    first_voices = (1, upper + 1)
+    struck: dict[int, dict[int, dict[_Span, _Chord]]] = {
+        line: {voice: {} for voice in first_voices} for line in lines
+    }
+    for note, index in zip(score.notes, chosen, strict=True):
+        voice = first_voices[_staff(note) - 1] + index
+        start, end = grid.span(note)
+        cuts = lines[bisect.bisect_right(lines, start) : bisect.bisect_left(lines, end)]
+        for a, b in itertools.pairwise([start, *cuts, end]):
+            of_measure = struck[lines[bisect.bisect_right(lines, a) - 1]]
+            chord = of_measure.setdefault(voice, {}).setdefault((a, b), [])
+            chord.append((note, a > start, b < end))
+    return first_voices, struck
+
+
+def _staff(note: Note) -> int:
+    return HANDS.index(note.hand or likely_hand(note.pitch)) + 1
+
+
+def _pedal_marks(
+    score: Score, grid: _Grid, lines: Sequence[int]
+) -> dict[int, list[tuple[int, str]]]:
+    """Return the marks of each measure, by its start: (tick, start or stop)."""
+    marks: list[tuple[int, str]] = []
+    for pedal in score.pedals:
+        down, up = grid.span(pedal)
+        if marks and down <= marks[-1][0]:
+            marks.pop()  # too little time for a tick between them
+        else:
+            marks.append((down, "start"))
+        marks.append((up, "stop"))
+    by_measure = defaultdict(list)
+    for tick, kind in marks:
+        # What ends with a measure is written in it.
+        place = tick - int(kind == "stop")
+        by_measure[lines[bisect.bisect_right(lines, place) - 1]].append((tick, kind))
+    return by_measure
+
+
+def _add(parent: Element, tag: str, text: object = None, **attributes: str) -> Element:
+    element = SubElement(parent, tag, attributes)
+    element.text = None if text is None else str(text)
+    return element
+
+
+def _add_attributes(measure: Element, meter: tuple[int, int], *, is_first: bool) -> None:
+    attributes = _add(measure, "attributes")
+    if is_first:
+        _add(attributes, "divisions", _DIVISIONS)
+    time = _add(attributes, "time")
+    _add(time, "beats", meter[0])
+    _add(time, "beat-type", meter[1])
+    if is_first:
+        _add(attributes, "staves", 2)
+        for number, (sign, line) in enumerate((("G", 2), ("F", 4)), start=1):
+            clef = _add(attributes, "clef", number=str(number))
+            _add(clef, "sign", sign)
+            _add(clef, "line", line)
+
+
+def _add_tempo(measure: Element, tempo: Fraction) -> None:
+    mark = _add(measure, "direction", placement="above")
+    metronome = _add(_add(mark, "direction-type"), "metronome")
+    _add(metronome, "beat-unit", "quarter")
+    _add(metronome, "per-minute", f"{float(tempo):g}")
+    number = str(int(tempo)) if tempo.denominator == 1 else repr(float(tempo))
+    _add(mark, "sound", tempo=number)
+
+
+def _move(measure: Element, here: int, there: int) -> None:
+    """Go from one tick to another."""
+    if there != here:
+        move = _add(measure, "forward" if there > here else "backup")
+        _add(move, "duration", abs(there - here))
+
+
+def _add_voice(
+    element: Element,
+    measure: _Measure,
+    voice: int,
+    chords: Mapping[_Span, _Chord],
+    first_voices: tuple[int, int],
+) -> int:
+    """Add the notes and rests of a voice; return the tick that they lead to.
+
+    The first voice of a staff is filled with rests, those of the others are hidden.
+    """
+    here, staff = measure.start, 1 if voice < first_voices[1] else 2
+    is_first = voice in first_voices
+    for (start, end), chord in sorted(chords.items()):
+        _add_rest(element, start - here, voice, staff, is_first)
+        _add_chord(element, chord, end - start, voice)
+        here = end
+    if is_first:
+        _add_rest(element, measure.end - here, voice, staff, is_first)
+        here = measure.end
+    return here
+
+
+def _add_rest(measure: Element, ticks: int, voice: int, staff: int, is_shown: bool) -> None:
+    if ticks == 0:
+        return
+    element = _add(measure, "note", **({} if is_shown else {"print-object": "no"}))
+    _add(element, "rest")
+    _add(element, "duration", ticks)
+    _add(element, "voice", voice)
+    _add_value(element, ticks)
+    _add(element, "staff", staff)
+
+
+def _add_chord(measure: Element, chord: _Chord, ticks: int, voice: int) -> None:
+    for index, (note, tied_back, tied_on) in enumerate(chord):
+        element = _add(measure, "note")
+        if note.velocity != DEFAULT_VELOCITY:
+            element.set("dynamics", f"{100 * note.velocity / FORTE:.2f}")
+        if index > 0:
+            _add(element, "chord")
+        pitch, name = _add(element, "pitch"), pitch_name(note.pitch)
+        _add(pitch, "step", name[0])
+        if name[1] in "#b":
+            _add(pitch, "alter", 1 if name[1] == "#" else -1)
+        _add(pitch, "octave", note.pitch // 12 - 1)
+        _add(element, "duration", ticks)
+        ties = [kind for kind, is_tied in (("stop", tied_back), ("start", tied_on)) if is_tied]
+        for kind in ties:
+            _add(element, "tie", type=kind)
+        _add(element, "voice", voice)
+        _add_value(element, ticks)
+        _add(element, "staff", _staff(note))
+        has_finger = note.finger != UNKNOWN_FINGER and not tied_back
+        if ties or has_finger:
+            notations = _add(element, "notations")
+            for kind in ties:
+                _add(notations, "tied", type=kind)
+            if has_finger:
+                _add(_add(notations, "technical"), "fingering", finger_number(note.finger))
+
+
+def _add_value(note: Element, ticks: int) -> None:
+    """Add the note value of a length, if it has one: plain, with a dot, or of a triplet."""
+    value = _VALUES.get(ticks)
+    if value is not None:
+        kind, dots, is_triplet = value
+        _add(note, "type", kind)
+        for _ in range(dots):
+            _add(note, "dot")
+        if is_triplet:
+            ratio = _add(note, "time-modification")
+            _add(ratio, "actual-notes", 3)
+            _add(ratio, "normal-notes", 2)
+
+
+def _packed(document: bytes) -> bytes:
+    """Return the document in its compressed form; the same document gives the same bytes."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in ((CONTAINER_NAME, _CONTAINER.encode()), (_FILE, document)):
+            archive.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED)
+    return packed.getvalue()

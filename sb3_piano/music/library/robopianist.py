@@ -12,16 +12,15 @@ import zipfile
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import pretty_midi
 
 from sb3_piano.exceptions import ScoreError, one_line
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.formats import read_midi
+from sb3_piano.music.formats.zip_file import read_member
 from sb3_piano.music.library.found import Found
 from sb3_piano.music.score import Score
-from sb3_piano.music.zip_file import read_member
 
 _FOLDER = "music/data/rousseau"
 _LIBRARY = "music/library.py"
@@ -30,32 +29,12 @@ _MOST_BYTES = 2**20
 """A larger file is none of RoboPianist's, which are small."""
 
 
-class _Snippet(NamedTuple):
-    file: str
-    name: str
-    title: str
-    function: str
-    """The function of the library that lists the fingers..."""
-    by_pitch: bool
-    """...those of simultaneous notes from the lowest up, or else in the order of the file."""
-
-
-_SNIPPETS = (
-    _Snippet(
-        "twinkle-twinkle-trimmed.mid",
-        "debug-TwinkleTwinkleRousseau",
-        "Rousseau: Twinkle Twinkle",
-        "twinkle_twinkle_rousseau",
-        by_pitch=False,
-    ),
-    _Snippet(
-        "nocturne-trimmed.mid",
-        "debug-NocturneRousseau",
-        "Rousseau: Nocturne",
-        "nocturne_rousseau",
-        by_pitch=True,
-    ),
-)
+_SNIPPETS = {
+    "twinkle-twinkle-trimmed.mid": ("TwinkleTwinkleRousseau", "Twinkle Twinkle", False),
+    "nocturne-trimmed.mid": ("NocturneRousseau", "Nocturne", True),
+}
+"""Name and title by the file, and whether the fingers of simultaneous notes are listed from the
+lowest up, or else in the order of the file."""
 
 
 def find_robopianist(folder: Path) -> Path | None:
@@ -74,7 +53,7 @@ def unpack_wheel(wheel: Path, folder: Path) -> Path:
     """
     try:
         with zipfile.ZipFile(wheel) as archive:
-            for file in (_LIBRARY, *(f"{_FOLDER}/{snippet.file}" for snippet in _SNIPPETS)):
+            for file in (_LIBRARY, *(f"{_FOLDER}/{file}" for file in _SNIPPETS)):
                 if f"robopianist/{file}" in archive.namelist():
                     place = folder / "robopianist" / file
                     place.parent.mkdir(parents=True, exist_ok=True)
@@ -102,23 +81,20 @@ def find_snippets(package: Path, origin: Path) -> list[Found]:
     """
     found = [
         Found(
-            path=package / _FOLDER / snippet.file,
-            title=snippet.title,
-            source=f"RoboPianist, {snippet.file} in {origin.name}",
-            names=((snippet.name, "debug"),),
+            path=package / _FOLDER / file,
+            title=f"Rousseau: {title}",
+            source=f"RoboPianist, {file} in {origin.name}",
+            names=((f"debug-{name}", "debug"),),
             labelled_by="RoboPianist",
             read=partial(
-                read_snippet,
-                fingers=_read_fingers(package / _LIBRARY, snippet.function),
-                by_pitch=snippet.by_pitch,
+                read_snippet, fingers=_read_fingers(package / _LIBRARY, title), by_pitch=by_pitch
             ),
         )
-        for snippet in _SNIPPETS
-        if (package / _FOLDER / snippet.file).is_file()
+        for file, (name, title, by_pitch) in _SNIPPETS.items()
+        if (package / _FOLDER / file).is_file()
     ]
     if not found:
-        files = ", ".join(snippet.file for snippet in _SNIPPETS)
-        raise ScoreError(f"'{package / _FOLDER}' is empty: expected {files}.")
+        raise ScoreError(f"'{package / _FOLDER}' is empty: expected {', '.join(_SNIPPETS)}.")
     return found
 
 
@@ -151,23 +127,23 @@ def read_snippet(path: Path, *, fingers: tuple[int, ...], by_pitch: bool) -> Sco
     return Score(notes=notes, pedals=score.pedals, title=score.title, bars=score.bars)
 
 
-def _read_fingers(library: Path, function: str) -> tuple[int, ...]:
+def _read_fingers(library: Path, title: str) -> tuple[int, ...]:
     """Return the fingers that a function of RoboPianist's library lists; none if it does not."""
+    function = f"{title.lower().replace(' ', '_')}_rousseau"
     try:
         tree = ast.parse(library.read_bytes())
     except (OSError, SyntaxError, ValueError):
         return ()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef) and node.name == function:
-            return _listed_integers(node)
-    return ()
-
-
-def _listed_integers(function: ast.FunctionDef) -> tuple[int, ...]:
-    for node in ast.walk(function):
-        if isinstance(node, ast.Assign) and isinstance(node.value, ast.List):
-            values = [item.value for item in node.value.elts if isinstance(item, ast.Constant)]
-            fingers = tuple(value for value in values if isinstance(value, int))
-            if fingers and all(finger > UNKNOWN_FINGER for finger in fingers):
-                return fingers
+    lists = [
+        node.value.elts
+        for outer in ast.walk(tree)
+        if isinstance(outer, ast.FunctionDef) and outer.name == function
+        for node in ast.walk(outer)
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.List)
+    ]
+    for items in lists:
+        values = [item.value for item in items if isinstance(item, ast.Constant)]
+        fingers = tuple(value for value in values if isinstance(value, int))
+        if fingers and all(finger > UNKNOWN_FINGER for finger in fingers):
+            return fingers
     return ()

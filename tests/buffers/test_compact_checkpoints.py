@@ -14,7 +14,6 @@ from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
 from transitions import SPACE, Play, assert_equal, make_pair, make_space
 
 from sb3_piano.buffers import CompactNStepReplayBuffer, CompactReplayBuffer
-from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.callbacks.replay_segments import (
     ReplayManifest,
     ReplaySegments,
@@ -134,10 +133,3 @@ def test_arrays_that_do_not_fit_are_named(name, value, text):
     rows = source.take_rows(np.array([0]))
     with pytest.raises(RunError, match=text):
         target.put_rows(np.array([0]), {**rows, name: value})
-
-
-def test_a_buffer_of_one_row_is_refused():
-    compact, stock = make_pair(1)
-    for buffer in (compact, stock):
-        with pytest.raises(RunError, match=r"ReplayBuffer of 1 row.*expected two or more rows"):
-            buffer_rows(buffer)

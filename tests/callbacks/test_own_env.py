@@ -36,9 +36,7 @@ from sb3_piano.callbacks.own_env import (
     preserve_random_state,
     sync_normalization,
 )
-from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Note, Score
 from sb3_piano.vec_env import ThreadVecEnv
 
 
@@ -204,18 +202,6 @@ def test_a_wrapper_can_be_put_around_the_bare_environment(training, expected):
     venv = training()
     assert layers(own_env(venv, Innermost).envs[0]) == expected
     assert "Innermost" not in layers(venv.envs[0])
-
-
-def test_a_piano_is_copied_in_the_midst_of_playing():
-    score = Score(notes=[Note(onset=0.0, offset=0.3, pitch=60)])
-    training = vector_of(lambda: PianoEnv(score=score, physics="fast"))
-    training.reset()
-    training.step(training.envs[0].unwrapped.rest_action[None])
-    copied = own_env(training)
-    copied.reset()
-    assert copied.envs[0].unwrapped.steps_played == 0
-    assert training.envs[0].unwrapped.steps_played == 1
-    assert copied.envs[0].unwrapped.data is not training.envs[0].unwrapped.data
 
 
 def no_env(innermost):

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import threading
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from sb3_piano.envs import ENV_IDS, PianoEnv, PianoVectorEnv
 from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError, ScoreError
-from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.music import Note, Score
 from sb3_piano.simulation import find_gl_backend
 
 PATIENCE = 60.0  # s, after which a test that hangs fails
@@ -155,32 +153,6 @@ def test_scores_are_chosen_at_reset_for_one_episode(make):
     assert [len(roll) for roll in envs.get_attr("roll")] == [3, 3, 3]
 
 
-def test_a_file_is_read_once_for_all_environments(make, tmp_path):
-    path = tmp_path / "piece.mid"
-    write_midi(SCORES[1], path)
-    envs = make(PianoVectorEnv, 3, path, **OPTIONS)
-    envs.reset(options={"score": [path, *SCORES[:2]]})
-    envs.reset()
-    first, *others = envs.get_attr("score")
-    assert first.title == "piece"
-    assert all(other is first for other in others)
-
-
-def test_environments_step_at_the_same_time(make):
-    barrier = threading.Barrier(3)
-
-    class AtBarrier(gym.Wrapper):
-        def step(self, action):
-            barrier.wait(PATIENCE)
-            return self.env.step(action)
-
-    envs = make(PianoVectorEnv, 3, SCORES, n_threads=3, **OPTIONS)
-    envs.envs = [AtBarrier(env) for env in envs.envs]
-    envs.reset(seed=0)
-    envs.step(random_actions(1)[0])
-    assert not barrier.broken
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 def test_pictures_are_those_of_the_environments(make):
@@ -197,29 +169,6 @@ def test_pictures_are_those_of_the_environments(make):
     left, right = envs.render()
     np.testing.assert_array_equal(left, pictures[0])
     assert np.any(right != pictures[1])
-
-
-def test_closing_ends_the_threads_and_closes_each_environment_in_its_own():
-    before = threading.active_count()
-    envs = PianoVectorEnv(2, SCORES[0], n_threads=2, **OPTIONS)
-    threads = []
-
-    class Watched(gym.Wrapper):
-        def reset(self, **kwargs):
-            threads.append(threading.get_ident())
-            return self.env.reset(**kwargs)
-
-        def close(self):
-            threads.append(threading.get_ident())
-
-    envs.envs = [Watched(env) for env in envs.envs]
-    envs.reset(seed=0)
-    assert threading.active_count() == before + 1
-    envs.close()
-    assert envs.closed
-    assert threading.active_count() == before
-    assert sorted(threads[:2]) == sorted(threads[2:])
-    assert len(set(threads)) == 2
 
 
 @pytest.mark.parametrize("bad", [0, 1])

@@ -217,10 +217,3 @@ class TestWholeSteps:
     def test_one_step_early_or_late_is_a_hit_and_two_are_not(self, steps, f1):
         target, played = (onsets_of(self.active(*s), 0.05) for s in ((4, 5), steps))
         assert onset_f1(target, played) == f1
-
-    def test_joining_two_presses_by_a_wrong_step_may_raise_onset_precision(self):
-        # The reason why the property of wrong keys is one of strikes: two presses became one.
-        target = onsets_of(self.active(2), 0.05)
-        apart, joined = self.active(2, 4), self.active(2, 3, 4)
-        assert onset_scores(target, onsets_of(apart, 0.05)).precision == 1 / 2
-        assert onset_scores(target, onsets_of(joined, 0.05)).precision == 1

@@ -12,8 +12,6 @@ from report_parts import (
     E4,
     long_performance,
     metrics_of,
-    note,
-    performance,
     resting,
     three_notes,
 )
@@ -95,19 +93,6 @@ def test_all_figures_are_drawn_with_all_their_marks(tab, roll, page_of_three_not
     lines = "node => node.querySelectorAll('.scatterlayer .js-line').length"
     assert tab.page.eval_on_selector("#training-1", lines) == 2
     assert tab.page.title() == "study · sb3-piano"
-
-
-def test_all_keys_that_are_used_are_in_view_and_named(tab, tmp_path):
-    wide = performance([note(C4, 0.5, 1.0)], [(87, 0.1, 0.3, 4), (0, 0.1, 0.3, 5)])
-    narrow = performance([note(C4, 0.5, 1.0)], [])
-    for played, low, high in ((wide, -0.5, 87.5), (narrow, C4 - 6.5, C4 + 6.5)):
-        tab.open(written(tmp_path / "keys.html", played))
-        axis = tab.page.evaluate(LAYOUT)["yaxis"]
-        assert axis["range"] == [low, high]
-        labels = dict(zip(axis["tickvals"], axis["ticktext"], strict=True))
-        assert labels[C4] == "C4"
-        assert (D4 in labels) is (played is narrow)
-        assert not [name for name in labels.values() if "♯" in name]
 
 
 def test_pointing_at_a_bar_shows_pitch_finger_onsets_error_and_result(

@@ -16,7 +16,7 @@ from sb3_piano.music import Note, Pedal, Score
 from sb3_piano.planning import PlannedPianist, PlanSettings, plan
 from sb3_piano.training import SavedPlayer, evaluate, play_run, train
 from sb3_piano.training.config import RunConfig
-from sb3_piano.wrappers import PitchShift, PreviousActionReward, ResidualAction
+from sb3_piano.wrappers import PitchShift, ResidualAction
 
 # A second and a half with half a second to get there: the right hand steps up a third, the left
 # one holds a key; the pedal is down in the middle.
@@ -185,28 +185,6 @@ def test_a_copy_has_the_plan_with_it(env, clone, monkeypatch):
     for each in (env, twin):
         each.step(still(each) + 0.3)
     np.testing.assert_array_equal(twin.unwrapped.data.qpos, env.unwrapped.data.qpos)
-
-
-# With other wrappers.
-
-
-@pytest.mark.slow
-def test_inside_the_previous_action_is_what_was_played_outside_the_correction(env):
-    played = ResidualAction(PreviousActionReward(piano()), settings=QUICK)
-    corrected = PreviousActionReward(env)
-    pedal_too, own = block_of_previous(played), block_of_previous(corrected)
-    assert (len(pedal_too), len(own)) == (45, 44)
-    np.testing.assert_array_equal(own, np.full(44, 0.5, dtype=np.float32))
-    scene = played.unwrapped.scene
-    middle, half = (scene.ctrl_high + scene.ctrl_low) / 2, (scene.ctrl_high - scene.ctrl_low) / 2
-    np.testing.assert_allclose(middle + half * pedal_too[:44], commands(played), atol=1e-6)
-    assert pedal_too[44] == -1
-
-
-def block_of_previous(env):
-    env.reset()
-    observation, *_ = env.step(still(env) + 0.5)
-    return block(env, observation, "previous_action")
 
 
 # What is refused.

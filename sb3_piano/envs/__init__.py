@@ -1,8 +1,13 @@
 """The piano environment, alone or as a vector, and its registration with gymnasium."""
 
 from sb3_piano.envs.config import PianoEnvConfig
-from sb3_piano.envs.key_window import ALL_KEYS, KeyWindow
-from sb3_piano.envs.observation import ObservationBlock, ObservationLayout, ObservationSpace
+from sb3_piano.envs.observation import (
+    ALL_KEYS,
+    KeyWindow,
+    ObservationBlock,
+    ObservationLayout,
+    ObservationSpace,
+)
 from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.envs.recorder import EpisodeRecorder, Motion, Recording
 from sb3_piano.envs.registration import (

@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.finger_goals import FingerGoals
-from sb3_piano.envs.key_window import ALL_KEYS, KeyWindow
-from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
+from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, ObservationBlock, ObservationLayout
 from sb3_piano.envs.reading import Reading
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS

@@ -14,8 +14,7 @@ from sb3_piano.envs.advance import advance
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.encodings import make_encoding
 from sb3_piano.envs.goal import Goal
-from sb3_piano.envs.key_window import ALL_KEYS, KeyWindow
-from sb3_piano.envs.observation import ObservationLayout, ObservationSpace
+from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, ObservationLayout, ObservationSpace
 from sb3_piano.envs.reading import Reading
 from sb3_piano.envs.record import EpisodeRecord
 from sb3_piano.envs.reward_terms import reward_terms

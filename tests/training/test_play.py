@@ -229,11 +229,11 @@ def test_a_folder_that_cannot_be_made_is_an_error(tmp_path):
 @pytest.mark.parametrize(
     ("setting", "expected"),
     [
-        ({"width": 641}, "width is 641: expected an even number from 2 to 1920"),
+        ({"width": 641}, "width is 641: expected a whole number from 2 to 1920"),
         ({"width": 1922}, "width is 1922"),
         ({"height": 0}, "height is 0"),
-        ({"height": 1082}, "height is 1082: expected an even number from 2 to 1080"),
-        ({"camera": "side"}, "camera is 'side': expected 'overview' or 'topdown'"),
+        ({"height": 1082}, "height is 1082: expected a whole number from 2 to 1080"),
+        ({"camera": "side"}, "camera is 'side': expected one of 'overview', 'topdown'"),
     ],
 )
 def test_a_picture_that_cannot_be_drawn_is_refused(setting, expected):
@@ -343,7 +343,10 @@ def test_a_window_without_a_screen_is_an_error_before_anything_is_played(
         (["CMajorScaleOneHand", "--seed", "1"], "--seed cannot be given with a piece"),
         (["CMajorScaleOneHand", "--score", "x.mid"], "--score cannot be given with a piece"),
         (["CMajorScaleOneHand", "--size", "640"], "--size is '640': expected pixels such as"),
-        (["CMajorScaleOneHand", "--size", "640x361"], "height is 361: expected an even number"),
+        (
+            ["CMajorScaleOneHand", "--size", "640x361"],
+            "height is 361: expected a whole number from 2 to 1080 pixels, even",
+        ),
         (["CMajorScaleOneHand", "--physics", "slow"], "Unknown physics profile 'slow'"),
     ],
 )

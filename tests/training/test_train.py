@@ -77,9 +77,7 @@ def test_nothing_is_written_if_anything_cannot_be_built(run, tmp_path, changes, 
 
 
 def test_no_folder_is_made_for_a_wrong_checkpoint_interval(run, tmp_path):
-    with pytest.raises(
-        ConfigError, match="checkpoint_every is 0: expected a whole number, 1 or more"
-    ):
+    with pytest.raises(ConfigError, match="checkpoint_every is 0: expected a whole number"):
         run(every=0)
     assert list(tmp_path.iterdir()) == []
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.metrics import Presses
 
+IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
 
@@ -17,7 +16,11 @@ _LEAST = 1e-3
 
 
 def press_times(
-    presses: Presses, within: Mapping[int, BoolArray], control_timestep: float, n_steps: int
+    presses: Presses,
+    changes: IntArray,
+    within: BoolArray,
+    control_timestep: float,
+    n_steps: int,
 ) -> tuple[FloatArray, FloatArray]:
     """Return when each press began and ended.
 
@@ -27,8 +30,9 @@ def press_times(
 
     Args:
         presses: n presses of the episode so far.
-        within: By control step, (p, 88) bool: which keys sounded after each of its p physics steps.
-            Where a step is missing, what happened in it is taken to have happened at its end.
+        changes: (m,) control steps of which more is known, ascending. What happened in another one
+            is taken to have happened at its end.
+        within: (m, p, 88) which keys sounded after each of their p physics steps.
         control_timestep: Length of a control step, s.
         n_steps: How many control steps the episode has had.
 
@@ -37,23 +41,20 @@ def press_times(
         came up; the end of the last step for those that have not.
     """
     steps = np.concatenate([presses.first, presses.end])
-    share = _shares(steps, np.tile(presses.key, 2), within)
+    share = _shares(steps, np.tile(presses.key, 2), changes, within)
     strikes, releases = np.split((steps + share) * control_timestep, 2)
     end = np.maximum(n_steps * control_timestep, strikes + _LEAST)
     return strikes, np.where(presses.end < n_steps, releases, end)
 
 
-def _shares(
-    steps: npt.NDArray[np.intp], keys: npt.NDArray[np.intp], within: Mapping[int, BoolArray]
-) -> FloatArray:
+def _shares(steps: IntArray, keys: IntArray, changes: IntArray, within: BoolArray) -> FloatArray:
     """Return after which share of a step keys did for good what they do at its end."""
     share = np.ones(len(steps))
-    if not within:
+    if len(changes) == 0:
         return share
-    known_steps = np.fromiter(within, dtype=np.intp)  # ascending, as they were noted down
-    row = np.minimum(np.searchsorted(known_steps, steps), len(known_steps) - 1)
-    known = known_steps[row] == steps
-    states = np.stack(list(within.values()))[row, :, keys]
+    row = np.minimum(np.searchsorted(changes, steps), len(changes) - 1)
+    known = changes[row] == steps
+    states = within[row, :, keys]
     # Backwards from the end, how far it has been so.
     other = (states != states[:, -1:])[:, ::-1]
     n_substeps = states.shape[1]

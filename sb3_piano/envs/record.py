@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import functools
 import operator
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.goal import Goal
 from sb3_piano.envs.press_times import press_times
-from sb3_piano.envs.reading import Reading
 from sb3_piano.envs.rewards import RETURN_KEYS
 from sb3_piano.envs.state import EnvState
 from sb3_piano.metrics import KeyBoxes, nearest_fingers, normalized_return, presses_of
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
 from sb3_piano.performance import Performance
-from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation import PianoScene, Simulation
 
 BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
+
+
+# Physics steps of which no more than this are kept as angles, which take eight times the memory.
+_MANY = 2000
 
 
 class EpisodeRecord:
@@ -35,12 +39,17 @@ class EpisodeRecord:
         self._goal = goal
         self._scene = scene
         # Lists of what each step has, which grow faster than rows of an array are filled.
-        self._key_active: list[BoolArray] = []
+        self._key_active: list[bytes] = []
         self._sustain: list[bool] = []
         self._fingertips: list[FloatArray] = []
-        self._sounding = bytes(NUM_KEYS)  # the fastest way to compare them
-        self._within: dict[int, BoolArray] = {}  # of steps in which a key changed
-        self._returns = [0.0] * len(RETURN_KEYS)  # plain numbers, faster to add than an array
+        self._sounding = bytes(NUM_KEYS)  # after the last step; the fastest way to compare them
+        # Steps in which a key changed, and which keys sounded after each physics step of them.
+        self._changes: list[int] = []
+        self._within = np.zeros((0, 1, NUM_KEYS), dtype=bool)
+        self._returns = [0.0] * len(RETURN_KEYS)
+        # What is yet to be put into the latter two, which is faster for many steps at once.
+        self._key_angles: list[bytes] = []
+        self._weighted_terms: list[Iterable[float]] = []
 
     @property
     def steps(self) -> int:
@@ -48,34 +57,36 @@ class EpisodeRecord:
         return len(self._sustain)
 
     def add(
-        self,
-        reading: Reading,
-        key_angles: FloatArray,
-        pedal_down: bool,
-        weighted_terms: Mapping[str, float],
+        self, simulation: Simulation, pedal_down: bool, weighted_terms: Mapping[str, float]
     ) -> None:
         """Note down a control step.
 
         Args:
-            reading: The state at its end.
-            key_angles: (p, 88) angle of each key after each physics step of it, rad.
+            simulation: What was played, read at its end.
             pedal_down: Whether the pedal is down.
             weighted_terms: The weighted reward terms, in the order of ``RETURN_KEYS``.
         """
-        sounding = reading.sounding.tobytes()
+        sounding = simulation.sounding
         if sounding != self._sounding:
-            self._within[self.steps] = key_angles >= self._scene.key_sounding_angle
+            self._changes.append(len(self._sustain))
+            self._key_angles += simulation.key_angles
             self._sounding = sounding
-        self._key_active.append(reading.sounding)
+            if len(self._key_angles) > _MANY:
+                self._sounding_within()
+        self._key_active.append(sounding)
         self._sustain.append(pedal_down)
-        self._fingertips.append(reading.fingertips)
-        self._returns = list(map(operator.add, self._returns, weighted_terms.values()))
+        self._fingertips.append(simulation.fingertips)
+        self._weighted_terms.append(tuple(weighted_terms.values()))
 
     def performance(self) -> Performance:
         """Return a copy of what was played so far."""
         roll, (key_active, sustain, fingertips) = self._goal.roll, self._arrays()
         strikes, releases = press_times(
-            presses_of(key_active), self._within, roll.control_timestep, self.steps
+            presses_of(key_active),
+            np.array(self._changes, dtype=np.intp),
+            self._sounding_within(),
+            roll.control_timestep,
+            self.steps,
         )
         return Performance(
             roll=roll,
@@ -89,11 +100,11 @@ class EpisodeRecord:
 
     def summary(self) -> dict[str, float]:
         """Return the music metrics and the returns by name, as they stand in the final ``info``."""
-        highest = self._goal.highest_return
+        returns = self._sums()
         return {
             **self.performance().metrics(),
-            "normalized_return": normalized_return(sum(self._returns), highest),
-            **dict(zip(RETURN_KEYS, self._returns, strict=True)),
+            "normalized_return": normalized_return(sum(returns), self._goal.highest_return),
+            **dict(zip(RETURN_KEYS, returns, strict=True)),
         }
 
     def save(self, *, physics: npt.NDArray[np.float64], finished: bool, pedal: float) -> EnvState:
@@ -107,25 +118,44 @@ class EpisodeRecord:
             key_active=key_active,
             sustain=sustain,
             fingertips=fingertips,
-            within=dict(self._within),
-            returns=np.array(self._returns),
+            within=dict(zip(self._changes, self._sounding_within(), strict=True)),
+            returns=np.array(self._sums()),
         )
 
     def restore(self, state: EnvState) -> None:
         """Take over the steps that another record saved."""
-        self._key_active = list(state.key_active.copy())
+        self._key_active = [keys.tobytes() for keys in state.key_active]
         self._sustain = state.sustain.tolist()
         self._fingertips = list(state.fingertips.copy())
-        self._within = dict(state.within)
+        self._changes = list(state.within)
+        if state.within:
+            self._within = np.stack(list(state.within.values()))
         if self._key_active:
-            self._sounding = self._key_active[-1].tobytes()
+            self._sounding = self._key_active[-1]
         self._returns = state.returns.tolist()
+
+    def _sounding_within(self) -> BoolArray:
+        """Return which keys sounded after the p physics steps of the m ``_changes``, (m, p, 88)."""
+        if self._key_angles:
+            former, steps = self._within, len(self._changes) - len(self._within)
+            within = self._scene.sounding_at(self._key_angles).reshape(steps, -1, NUM_KEYS)
+            self._within = np.concatenate([former, within]) if len(former) else within
+            self._key_angles = []
+        return self._within
+
+    def _sums(self) -> list[float]:
+        """Return the sums of the weighted terms, added up step by step."""
+        if self._weighted_terms:
+            columns = zip(self._returns, *self._weighted_terms, strict=True)
+            self._returns = [functools.reduce(operator.add, column) for column in columns]
+            self._weighted_terms = []
+        return self._returns
 
     def _arrays(self) -> tuple[BoolArray, BoolArray, FloatArray]:
         """Return which keys sounded (t, 88), the pedal (t,) and the fingertips (t, 10, 3)."""
         steps = self.steps
         return (
-            np.array(self._key_active, dtype=bool).reshape(steps, NUM_KEYS),
+            np.frombuffer(b"".join(self._key_active), dtype=bool).reshape(steps, NUM_KEYS).copy(),
             np.array(self._sustain, dtype=bool),
-            np.array(self._fingertips, dtype=float).reshape(steps, NUM_FINGERS, 3),
+            np.concatenate([np.empty((0, 3)), *self._fingertips]).reshape(steps, NUM_FINGERS, 3),
         )

@@ -17,14 +17,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.actions import ActionMap
-from sb3_piano.envs.advance import advance
 from sb3_piano.metrics.frames import count_frames
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning.leaps import TimedPress
 from sb3_piano.planning.piece_planner import PiecePlanner
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import corrected, hands_of_action, observed_positions
-from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation import PianoScene, Simulation
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -146,9 +145,9 @@ class _Simulation:
         positions = np.concatenate([right.positions, left.positions], axis=1)
         commands = np.concatenate([right.commands, left.commands], axis=1)
         actions, joints = ActionMap(scene), np.concatenate(scene.joint_qpos)
-        data = mujoco.MjData(scene.model)
+        simulation = Simulation(scene, self._n_substeps)
+        data = simulation.data
         mujoco.mj_step1(scene.model, data)
-        angles = np.zeros((self._n_substeps, len(scene.key_max_angle)))
         sounding = np.zeros_like(self._roll.active)
         for step in range(len(sounding)):
             observed = observed_positions(scene, data.qpos[joints].astype(np.float32))
@@ -160,7 +159,7 @@ class _Simulation:
             )
             told = np.clip(told, scene.ctrl_low, scene.ctrl_high)
             controls, _ = actions.controls(np.append(hands_of_action(scene, told), 0.0))
-            if not advance(scene, data, controls, angles):
+            if not simulation.advance(controls):
                 break  # the physics became unstable: nothing more is heard
             sounding[step] = scene.key_angle(data) >= scene.key_sounding_angle
         return sounding

@@ -4,6 +4,7 @@ from sb3_piano.simulation.gl import find_gl_backend
 from sb3_piano.simulation.keyboard import KEY_COLORS, KEY_IS_BLACK, pedal_threshold
 from sb3_piano.simulation.physics import PHYSICS_PROFILES, PhysicsProfile, Solver, physics_profile
 from sb3_piano.simulation.scene import SIDES, PianoScene, compile_scene, scene_parts
+from sb3_piano.simulation.simulation import Simulation
 
 __all__ = [
     "KEY_COLORS",
@@ -12,6 +13,7 @@ __all__ = [
     "SIDES",
     "PhysicsProfile",
     "PianoScene",
+    "Simulation",
     "Solver",
     "compile_scene",
     "find_gl_backend",

@@ -57,13 +57,13 @@ def test_options_reach_the_measurement(monkeypatch):
     )
     asked = []
     monkeypatch.setattr(sb3_piano.bench, "run_bench", lambda **given: asked.append(given) or report)
-    options = "--only memory --rounds 3 --num-threads 2 --peer-python x --no-progress"
+    options = "--only memory --rounds 3 --num-threads 2 --peer-python x --before y --no-progress"
     main(["bench"])
     main(["bench", *options.split()])
     defaults = {"parts": ("simulation", "learner", "memory"), "rounds": 10, "progress": True}
-    assert asked[0] == {**defaults, "peer_python": None, "num_threads": None}
+    assert asked[0] == {**defaults, "peer_python": None, "before": None, "num_threads": None}
     chosen = {"parts": ["memory"], "rounds": 3, "progress": False}
-    assert asked[1] == {**chosen, "peer_python": "x", "num_threads": 2}
+    assert asked[1] == {**chosen, "peer_python": "x", "before": "y", "num_threads": 2}
 
 
 @pytest.mark.usefixtures("ctrl_c")
@@ -90,6 +90,8 @@ def test_ctrl_c_prints_and_writes_what_there_is(monkeypatch, tmp_path, capsys):
         ("--peer-python nowhere", "The peer interpreter 'nowhere' cannot be started: No such file"),
         (f"--peer-python {sys.executable}", "pip install robopianist==1.0.10"),
         ("--peer-python x --only memory", "the simulation is not measured"),
+        ("--before x --only memory", "before is 'x', but the simulation is not measured"),
+        ("--before nowhere", "The version in 'nowhere' has no sb3_piano/__init__.py. Expected a"),
         ("--json no/where.json", "--json is 'no/where.json': expected a file in a folder that ex"),
         ("--json .", "--json is '.': expected a file in a folder that exists."),
     ],

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
+from pathlib import Path
 
 import gymnasium as gym
 import mujoco
@@ -11,6 +13,7 @@ import pytest
 from sb3_contrib import TQC
 from stable_baselines3 import SAC, TD3
 
+import sb3_piano
 from sb3_piano.bench import ENV_ID, workloads
 from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.envs import PianoEnv
@@ -27,7 +30,7 @@ def actions(short):
 @pytest.fixture
 def simulations(actions):
     with contextlib.ExitStack() as stack:
-        found = workloads.simulation_measurements(actions, None, stack)
+        found = workloads.simulation_measurements(actions, None, None, stack)
         yield {measurement.name: measurement for measurement in found}
 
 
@@ -63,6 +66,23 @@ def test_who_is_compared_with_whom(simulations):
         expected[name]["x of bare reference"] = (name, "mj_step, reference")
     assert {name: m.ratios for name, m in simulations.items()} == expected
     assert list(simulations) == list(expected)
+
+
+@pytest.mark.slow
+def test_another_version_and_this_one_play_in_processes_of_their_own(actions, tmp_path):
+    shutil.copytree(Path(sb3_piano.__file__).parent, tmp_path / "sb3_piano")
+    noted = tmp_path / "noted"
+    module = tmp_path / "sb3_piano" / "envs" / "piano_env.py"
+    module.write_text(module.read_text() + f"\nopen({str(noted)!r}, 'a').write('made ')\n")
+    with contextlib.ExitStack() as stack:
+        found = workloads.simulation_measurements(actions, None, str(tmp_path), stack)[:8]
+        assert [measurement.run().count for measurement in found] == [STEPS] * 8
+    assert noted.read_text() == "made made "  # for each physics profile, and nowhere else
+    ratios = {measurement.name: measurement.ratios for measurement in found}
+    for version in ("before", "now"):
+        for profile in ("reference", "fast"):
+            bare, step = (f"{version}: {x}, {profile}" for x in ("mj_step", "PianoEnv.step"))
+            assert ratios[step]["env/bare"] == (bare, step)
 
 
 @pytest.mark.parametrize("profile", ["reference", "fast"])

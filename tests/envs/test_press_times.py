@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.envs.press_times import press_times
+from sb3_piano.envs.record import press_times
 from sb3_piano.metrics import Presses, presses_of
 
 

@@ -148,7 +148,7 @@ def dataset_root() -> Path:
 
 
 def dataset_folder(dataset_id: str) -> Path:
-    """Return where a data set is, or would be.
+    """Return the folder of a data set, which need not exist.
 
     Raises:
         ConfigError: If it is no valid name.

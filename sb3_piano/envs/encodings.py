@@ -270,7 +270,7 @@ def _joint_blocks(scene: PianoScene) -> list[ObservationBlock]:
 
 
 def _steps_to_change(values: npt.NDArray[np.bool_], most: int) -> npt.NDArray[np.intp]:
-    """Return how many steps each value lasts from its step on, (T,), at most ``most``."""
+    """Return the number of steps that each value lasts from its step on, (T,), at most ``most``."""
     changes = np.flatnonzero(np.diff(values)) + 1
     following = np.searchsorted(changes, np.arange(len(values)), side="right")
     at = np.append(changes, len(values) + most)[following]

@@ -201,7 +201,7 @@ def press_times(
     control_timestep: float,
     n_steps: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return when each press began and ended.
+    """Return the times at which each press began and ended.
 
     A key is pressed or let go when what it does at the end of a control step differs from the end
     of the step before. The time is that of the physics step since which it has been so: a key that

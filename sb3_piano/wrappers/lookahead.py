@@ -160,7 +160,7 @@ def _layout(layout: ObservationLayout, rows: int, stride: int, fingers: bool) ->
 def _steps_ahead(
     steps: int | None, seconds: float | None, stride: int, control_timestep: float
 ) -> int:
-    """Return how many control steps are looked ahead, from one way or the other to say it."""
+    """Return the number of control steps that is looked ahead, given as such or as a time."""
     if (steps is None) == (seconds is None):
         raise ConfigError(
             f"steps is {steps!r} and seconds is {seconds!r}: expected exactly one of them."

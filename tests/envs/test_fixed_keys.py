@@ -156,20 +156,6 @@ def test_the_next_call_after_fixing_keys_is_reset_and_spaces_and_schedules_stay(
     np.testing.assert_array_equal(back, PianoEnv(TINY, physics="fast").reset(seed=0)[0])
 
 
-@pytest.mark.parametrize("observation", ["roll", "window", "fingers"])
-def test_every_observation_reads_the_joints_of_the_hands_where_they_are_then(observation):
-    everything, few = (
-        PianoEnv("CMajorScaleOneHand", physics="fast", observation=observation) for _ in range(2)
-    )
-    few.fix_keys(50, 60)
-    rng = np.random.default_rng(0)
-    np.testing.assert_array_equal(few.reset(seed=0)[0], everything.reset(seed=0)[0])
-    for _ in range(3):
-        action = rng.uniform(-0.2, 0.2, few.action_space.shape)
-        np.testing.assert_allclose(few.step(action)[0], everything.step(action)[0], atol=1e-5)
-    assert everything.data.qpos.any()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("physics", ["reference", "fast"])
 def test_the_state_goes_back_and_copies_go_on_exactly(physics):

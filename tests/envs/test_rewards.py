@@ -80,7 +80,7 @@ def test_optimal_transport_takes_the_cheapest_assignment_not_the_first():
 
 def test_fingering_terms_where_nothing_is_due():
     nothing = np.zeros((0, 3))
-    assert rewards.labelled_fingering(nothing, nothing) == 0.0
+    assert rewards.labelled_fingering([]) == 0.0
     assert rewards.optimal_transport_fingering(np.zeros((10, 3)), nothing) == 1.0
 
 

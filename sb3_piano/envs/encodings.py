@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.finger_goals import FingerGoals
-from sb3_piano.envs.key_window import ALL_KEYS, KeyWindow
-from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
+from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, ObservationBlock, ObservationLayout
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
 from sb3_piano.simulation import KEY_IS_BLACK, PianoScene, Simulation
@@ -271,7 +270,7 @@ def _joint_blocks(scene: PianoScene) -> list[ObservationBlock]:
 
 
 def _steps_to_change(values: npt.NDArray[np.bool_], most: int) -> npt.NDArray[np.intp]:
-    """Return how many steps each value lasts from its step on, (T,), at most ``most``."""
+    """Return the number of steps that each value lasts from its step on, (T,), at most ``most``."""
     changes = np.flatnonzero(np.diff(values)) + 1
     following = np.searchsorted(changes, np.arange(len(values)), side="right")
     at = np.append(changes, len(values) + most)[following]

@@ -1,29 +1,62 @@
-"""The record of an episode: what sounded and what was earned in each control step."""
+"""The record of an episode: what sounded and was earned in each control step; and saved moments."""
 
 from __future__ import annotations
 
 import functools
 import operator
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.goal import Goal
-from sb3_piano.envs.press_times import press_times
 from sb3_piano.envs.rewards import RETURN_KEYS
-from sb3_piano.envs.state import EnvState
-from sb3_piano.metrics import KeyBoxes, nearest_fingers, normalized_return, presses_of
+from sb3_piano.metrics import KeyBoxes, Presses, nearest_fingers, normalized_return, presses_of
+from sb3_piano.music import Score
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene, Simulation
 
+IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
 
+_LEAST = 1e-3
+"""Least duration of a press, s: a key may go down with the very last physics step."""
 
 # Physics steps of which no more than this are kept as angles, which take eight times the memory.
 _MANY = 2000
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EnvState:
+    """The physics and the episode's progress, from ``PianoEnv.get_state``; a copy, picklable."""
+
+    physics: npt.NDArray[np.float64]
+    """MuJoCo's integration state."""
+    score: Score
+    """Score that is played."""
+    finished: bool
+    """Whether the episode has ended."""
+    pedal: float
+    """The pedal's command in [0, 1]."""
+    key_active: npt.NDArray[np.bool_]
+    """(step, 88) bool, keys that sounded after each control step."""
+    sustain: npt.NDArray[np.bool_]
+    """(step,) bool, whether the pedal was down."""
+    fingertips: npt.NDArray[np.float64]
+    """(step, 10, 3) positions of the fingertips after each control step, m."""
+    within: Mapping[int, npt.NDArray[np.bool_]]
+    """By control step in which a key went down or up: (p, 88) bool, keys that sounded after each of
+    its p physics steps."""
+    returns: npt.NDArray[np.float64]
+    """(5,) sums so far of the weighted reward terms."""
+
+    @property
+    def step(self) -> int:
+        """Control steps that are over."""
+        return len(self.key_active)
 
 
 class EpisodeRecord:
@@ -159,3 +192,50 @@ class EpisodeRecord:
             np.array(self._sustain, dtype=bool),
             np.concatenate([np.empty((0, 3)), *self._fingertips]).reshape(steps, NUM_FINGERS, 3),
         )
+
+
+def press_times(
+    presses: Presses,
+    changes: IntArray,
+    within: BoolArray,
+    control_timestep: float,
+    n_steps: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the times at which each press began and ended.
+
+    A key is pressed or let go when what it does at the end of a control step differs from the end
+    of the step before. The time is that of the physics step since which it has been so: a key that
+    bounces within a control step went down when it went down for good.
+
+    Args:
+        presses: n presses of the episode so far.
+        changes: (m,) control steps of which more is known, ascending. What happened in another one
+            is taken to have happened at its end.
+        within: (m, p, 88) which keys sounded after each of their p physics steps.
+        control_timestep: Length of a control step, s.
+        n_steps: How many control steps the episode has had.
+
+    Returns:
+        (n,) times from the start of the episode, s, at which the keys went down, and at which they
+        came up; the end of the last step for those that have not.
+    """
+    steps = np.concatenate([presses.first, presses.end])
+    share = _shares(steps, np.tile(presses.key, 2), changes, within)
+    strikes, releases = np.split((steps + share) * control_timestep, 2)
+    end = np.maximum(n_steps * control_timestep, strikes + _LEAST)
+    return strikes, np.where(presses.end < n_steps, releases, end)
+
+
+def _shares(steps: IntArray, keys: IntArray, changes: IntArray, within: BoolArray) -> FloatArray:
+    """Return after which share of a step keys did for good what they do at its end."""
+    share = np.ones(len(steps))
+    if len(changes) == 0:
+        return share
+    row = np.minimum(np.searchsorted(changes, steps), len(changes) - 1)
+    known = changes[row] == steps
+    states = within[row, :, keys]
+    # Backwards from the end, how far it has been so.
+    other = (states != states[:, -1:])[:, ::-1]
+    n_substeps = states.shape[1]
+    so_long = np.where(other.any(axis=1), other.argmax(axis=1), n_substeps)
+    return np.where(known, (n_substeps - so_long + 1) / n_substeps, share)

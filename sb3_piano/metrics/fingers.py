@@ -64,7 +64,7 @@ def nearest_fingers(
 
 
 def finger_shares(press_finger: npt.ArrayLike) -> FloatArray:
-    """Return how large a share of the pressing each finger does.
+    """Return the share of the pressing that each finger does.
 
     ``n_f / sum(n)`` with ``n_f`` the number of pairs of a control step and a key in which the key
     sounds under finger f: a key that is held for long counts for long.

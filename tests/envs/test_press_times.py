@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import pickle
-
 import mujoco
 import numpy as np
 import pytest
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.envs.press_times import press_times
+from sb3_piano.envs.record import press_times
 from sb3_piano.metrics import Presses, presses_of
 
 
@@ -60,11 +58,6 @@ def test_each_press_has_its_own_times():
     assert releases == pytest.approx([0.08, 0.22, 0.25, 0.25])
 
 
-def test_where_nothing_is_known_of_a_step_it_happened_at_its_end():
-    strikes, releases = times_of(presses((40, 2, 3)), {}, 4)
-    assert (strikes, releases) == (pytest.approx([0.15]), pytest.approx([0.2]))
-
-
 def test_a_key_that_goes_down_with_the_last_physics_step_still_makes_a_note():
     strikes, releases = times_of(presses((40, 2, 3)), {2: within(k40="....#")}, 3)
     assert (strikes, releases) == (pytest.approx([0.15]), pytest.approx([0.151]))
@@ -106,26 +99,6 @@ def test_times_are_those_of_a_simulation_watched_step_by_step(performance, physi
         assert not flat[at:stop, key].any()
         assert at == end * env.config.n_substeps or flat[at - 1, key]
     np.testing.assert_allclose(played.release_time[open_ended], env.roll.duration)
-
-
-@pytest.mark.slow
-def test_a_state_taken_while_keys_are_down_keeps_the_times_of_their_presses(performances):
-    recording = performances[0]
-    env = PianoEnv(recording.piece, **recording.options)
-    env.reset(seed=0)
-    states = []
-    for action in recording["action"][: len(env.roll)]:
-        env.step(action)
-        if env.key_active.any() and len(states) < 20:
-            states.append((env.steps_played, pickle.dumps(env.get_state())))
-    whole = env.performance
-    for step, state in states[::5]:
-        env.set_state(pickle.loads(state))
-        for action in recording["action"][step : len(env.roll)]:
-            env.step(action)
-        again = env.performance
-        for name in ("key_active", "strike_time", "release_time", "press_finger"):
-            np.testing.assert_array_equal(getattr(again, name), getattr(whole, name))
 
 
 @pytest.mark.slow

@@ -15,10 +15,9 @@ from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, PianoEnvConfig
 from sb3_piano.envs.registration import ENTRY_POINT
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.training import Plugin, RunConfig
-from sb3_piano.training.algorithms import algorithm_class
-from sb3_piano.training.coerce import coerce_mapping, parameters_of
-from sb3_piano.training.env_ids import registered_id
-from sb3_piano.training.plugins import parse_plugins, plugins_to_plain
+from sb3_piano.training.configuration.config import parse_plugins
+from sb3_piano.training.configuration.names import algorithm_class, registered_id
+from sb3_piano.training.configuration.values import coerce_mapping, parameters_of
 
 MISSING = object()
 """Result of :func:`setting_at` for a setting that the entry does not have."""
@@ -120,7 +119,7 @@ def _with_argument(wrappers: list[Plugin], keys: Sequence[str], value: Any) -> l
     former = wrappers[index]
     kwargs = _with_value(former.kwargs, rest, value, f"{WRAPPERS}.{name}")
     wrappers[index] = Plugin(path=former.path, kwargs=kwargs)
-    return plugins_to_plain(tuple(wrappers))
+    return [{plugin.path: dict(plugin.kwargs)} for plugin in wrappers]
 
 
 def _class_name(wrapper: Plugin) -> str:

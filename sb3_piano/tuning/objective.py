@@ -18,7 +18,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.exceptions import RunError
 from sb3_piano.training import Plugin, RunConfig, RunFolder, entry_config, evaluate, train
-from sb3_piano.training.import_names import import_name
+from sb3_piano.training.configuration.names import import_name
 from sb3_piano.tuning import trials
 from sb3_piano.tuning.entries import with_settings
 from sb3_piano.tuning.study import METRICS, OBJECTIVES, StudyConfig, StudyFolder

@@ -22,10 +22,8 @@ from optuna.trial import BaseTrial
 
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.settings import refuse_unknown
-from sb3_piano.training.coerce import coerce
-from sb3_piano.training.import_names import full_name
-from sb3_piano.training.plain import plain
-from sb3_piano.training.zoo_text import parse_zoo_text
+from sb3_piano.training.configuration.names import full_name
+from sb3_piano.training.configuration.values import coerce, parse_zoo_text, plain
 
 
 class Parameter:

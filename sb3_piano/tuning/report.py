@@ -11,10 +11,9 @@ import gymnasium as gym
 import optuna
 from optuna.trial import FrozenTrial, TrialState
 
-from sb3_piano.files import write_text
+from sb3_piano.files import write_csv, write_text
 from sb3_piano.metrics import DEFINITIONS
-from sb3_piano.training.csv_files import write_csv
-from sb3_piano.training.env_ids import registered_id
+from sb3_piano.training.configuration.names import registered_id
 from sb3_piano.tuning import trials
 from sb3_piano.tuning.best import (
     CAVEAT,

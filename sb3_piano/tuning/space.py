@@ -17,9 +17,9 @@ from optuna.trial import BaseTrial
 
 from sb3_piano.exceptions import ConfigError, SB3PianoError, near_names
 from sb3_piano.training import entry_config
-from sb3_piano.training.builders import build_model, build_vec_env
-from sb3_piano.training.coerce import coerce, linear_start, parameters_of
-from sb3_piano.training.yaml_config import read_yaml_mapping
+from sb3_piano.training.configuration.values import coerce, linear_start, parameters_of
+from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
+from sb3_piano.training.runs.builders import build_model, build_vec_env
 from sb3_piano.tuning.entries import MISSING, WRAPPERS, setting_at, with_settings
 from sb3_piano.tuning.parameters import Parameter, parse_parameter
 

@@ -13,7 +13,7 @@ from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.settings import Count, Index, Positive, settings
 from sb3_piano.training import RunConfig, entry_config
-from sb3_piano.training.run_folder import FILE_OPTIONS
+from sb3_piano.training.runs.folder import FILE_OPTIONS
 from sb3_piano.tuning.entries import with_defaults
 from sb3_piano.tuning.space import Space
 

@@ -30,7 +30,7 @@ from stable_baselines3 import SAC, TD3
 from sb3_piano.cli import main
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.training import entry_config, load_config
-from sb3_piano.training.yaml_config import read_yaml_mapping
+from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 from sb3_piano.tuning.best import (
     best_entry,
     write_best,

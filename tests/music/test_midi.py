@@ -133,11 +133,6 @@ class TestRoundTrip:
         score = Score(notes=notes, title="piece")
         assert round_trip(score, tmp_path) == score
 
-    def test_a_piece_of_an_hour_keeps_times_to_a_millisecond(self, tmp_path):
-        score = Score(notes=[note(0.1234, 1), note(3599.1234, 3600.1)], title="piece")
-        back = round_trip(score, tmp_path).notes[1]
-        assert (back.onset, back.offset) == pytest.approx((3599.1234, 3600.1), abs=1e-3)
-
 
 class TestFingering:
     def test_each_finger_has_a_track_by_its_pianists_name(self, tmp_path):
@@ -215,13 +210,6 @@ class TestForeignFiles:
         end = mido.MetaMessage("end_of_track", time=1500)
         path = save(tmp_path / "a.mid", [on(60), on(62, 500), off(62, 500), end])
         assert times(read_midi(path).notes) == spans([note(0, 2.5), note(0.5, 1)])
-
-    def test_a_track_without_messages_is_no_obstacle(self, tmp_path):
-        path = save(tmp_path / "a.mid", [on(60), off(60, 500)], [])
-        data = path.read_bytes()
-        empty = b"MTrk\x00\x00\x00\x00"
-        path.write_bytes(data[: data.rindex(b"MTrk")] + empty)
-        assert len(read_midi(path).notes) == 1
 
     def test_a_release_written_after_the_next_strike_ends_the_earlier_note(self, tmp_path):
         path = save(tmp_path / "a.mid", [on(60), on(60, 500), off(60, 0), off(60, 500)])

@@ -129,13 +129,6 @@ def test_a_note_without_length_lasts_one_step_as_in_robopianist(pig):
     assert roll.finger[10, 64 - 21] == 2
 
 
-def test_a_note_of_negative_length_is_not_made_up_for(pig):
-    path = pig / "FingeringFiles" / "001-1_fingering.txt"
-    path.write_text(f"{VERSION}\n0\t1.0\t0.5\tC4\t64\t80\t0\t1\n")
-    report = import_path(pig, jobs=1)
-    assert [unusable.path for unusable in report.unusable] == [path]
-
-
 @pytest.mark.parametrize(
     ("title", "name"),
     [
@@ -191,10 +184,6 @@ class TestBeforeTheImport:
             )
             with pytest.raises(UnknownPieceError, match=message):
                 piece.score()
-
-    def test_its_environment_says_so_too(self):
-        with pytest.raises(UnknownPieceError, match="which is not imported yet"):
-            gymnasium.make("RoboPianist-etude-12-WaltzOp64No1-v0")
 
     def test_the_very_piece_plays_once_it_is_imported(self, pig):
         piece = PIG_PIECES["etude-12-GolliwoggsCakewalk"]

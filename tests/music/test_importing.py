@@ -11,17 +11,11 @@ from hypothesis import strategies as st
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import Note, Score, read_midi, write_midi
 from sb3_piano.music.fingering import apply_fingering, finger_score
-from sb3_piano.music.library import DATA_VARIABLE, Library, import_path
+from sb3_piano.music.library import Library, import_path
 from sb3_piano.music.library.datasets import Found
 from sb3_piano.music.library.task import Task, run_tasks
 
 PIG_LINES = "//Version: PianoFingering_v170101\n0\t0.0\t1.0\tC4\t80\t80\t0\t1\n"
-
-
-@pytest.fixture(autouse=True)
-def data(tmp_path, monkeypatch):
-    """A data folder of the test's own."""
-    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "data"))
 
 
 @pytest.fixture

@@ -1,11 +1,10 @@
-import itertools
 import warnings
 
 import mido
 import pretty_midi
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
+from random_scores import FINGERS, HANDS, canonical, scores
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.music import BUILT_IN, Note, Pedal, Score, load_score, read_midi, write_midi
@@ -53,43 +52,13 @@ def times(events):
     return [(event.onset, event.offset) for event in events]
 
 
-LABELS = [(finger, None) for finger in range(-1, 10)] + [(-1, "right"), (-1, "left")]
-
-
-@st.composite
-def scores(draw):
-    """Scores whose notes of one finger on one key do not overlap, nor its presses of the pedal."""
-    gaps = st.floats(0.001, 2.0)
-    notes = []
-    voices = st.tuples(st.integers(21, 108), st.sampled_from(LABELS))
-    for pitch, (finger, hand) in draw(st.lists(voices, min_size=1, max_size=6, unique=True)):
-        time = 0.0
-        for _ in range(draw(st.integers(1, 4))):
-            time += draw(st.just(0.0) | gaps)
-            onset, time = time, time + draw(gaps)
-            velocity = draw(st.integers(1, 127))
-            notes.append(note(onset, time, pitch, velocity=velocity, finger=finger, hand=hand))
-    pedals, time = [], 0.0
-    for _ in range(draw(st.integers(0, 3))):
-        onset = time + draw(gaps)
-        time = onset + draw(gaps)
-        pedals.append(Pedal(onset=onset, offset=time))
-    lengths = draw(st.lists(gaps | st.sampled_from([0.75, 1.5, 2.0]), max_size=6))
-    bars = list(itertools.accumulate(lengths))
-    return Score(notes=notes, pedals=pedals, title="piece", bars=bars)
-
-
-def canonical(score):
-    """Notes in an order that a shift of 0.1 ms cannot change, within their voices."""
-    return sorted(
-        score.notes, key=lambda note: (note.pitch, note.finger, note.hand or "", note.onset)
-    )
+LABELS = [(-1, None), *FINGERS, *HANDS]
 
 
 class TestRoundTrip:
     @pytest.mark.slow
     @settings(max_examples=60, deadline=None)
-    @given(score=scores())
+    @given(score=scores(LABELS))
     def test_keeps_pitch_velocity_and_label_and_times_within_a_tick(self, score, tmp_path_factory):
         back = round_trip(score, tmp_path_factory.getbasetemp())
         assert len(back.notes) == len(score.notes)

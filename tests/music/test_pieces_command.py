@@ -11,16 +11,9 @@ import pytest
 from sb3_piano.cli import main
 from sb3_piano.music import BUILT_IN, Note, Score, load_score, read_midi, read_pig, write_midi
 from sb3_piano.music.difficulty import features
-from sb3_piano.music.library import DATA_VARIABLE, user_library
+from sb3_piano.music.library import user_library
 
 TWINKLE = "debug-TwinkleTwinkleLittleStar"
-
-
-@pytest.fixture(autouse=True)
-def data(tmp_path, monkeypatch):
-    """A data folder of the test's own."""
-    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "data"))
-    return tmp_path / "data"
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import pytest
 from sb3_piano.exceptions import ScoreError, UnknownPieceError
 from sb3_piano.music import Note, PianoRoll, Score, load_score, read_midi, write_midi
 from sb3_piano.music.formats import write_pig
-from sb3_piano.music.library import DATA_VARIABLE, PIG_PIECES, import_path, user_library
+from sb3_piano.music.library import PIG_PIECES, import_path, user_library
 from sb3_piano.music.library.datasets import robopianist_name
 
 VERSION = "//Version: PianoFingering_v170101"
@@ -28,12 +28,6 @@ ETUDES = [
     "PianoSonataNo21StMov",
     "PianoSonataK279InCMajor1StMov",
 ]
-
-
-@pytest.fixture(autouse=True)
-def data(tmp_path, monkeypatch):
-    """A data folder of the test's own."""
-    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "data"))
 
 
 def tune(first, finger=0):

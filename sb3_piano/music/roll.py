@@ -23,6 +23,24 @@ _DECIMALS = 6
 """Decimals kept of a time in steps: 0.15 s / 0.05 s is 2.9999999999999996, meant as 3."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class EarlyRelease:
+    """A note that its hand does not hold to its end, or does not strike, to play another."""
+
+    key: int
+    """0 to 87."""
+    finger: int
+    """The finger that would hold it, 0 to 9."""
+    onset: int
+    """Its first control step."""
+    offset: int
+    """The control step after its last one."""
+    release: int
+    """From this control step on no finger holds it; ``onset`` if it is not struck at all."""
+    for_key: int
+    """The key that is played instead, 0 to 87."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PianoRoll:
     """What is due at each of T control steps. All arrays are read-only copies.
@@ -51,6 +69,8 @@ class PianoRoll:
             step. Left out, it is the beginning of that step for all.
         sustain: (T,) bool, whether the sustain pedal should be down: from step
             floor(onset / dt) until before step floor(offset / dt).
+        early_releases: Notes that have no finger label in (a part of) their steps, as the hands
+            cannot hold them beside others.
     """
 
     control_timestep: float
@@ -59,6 +79,7 @@ class PianoRoll:
     onset: NDArray[np.bool_]
     sustain: NDArray[np.bool_]
     onset_time: NDArray[np.float64] = None  # type: ignore[assignment]  # never None once made
+    early_releases: tuple[EarlyRelease, ...] = ()
 
     def __post_init__(self) -> None:
         _check_control_timestep(self.control_timestep)
@@ -93,7 +114,7 @@ class PianoRoll:
         _check_control_timestep(control_timestep)
         lead = _lead_steps(initial_buffer_time, control_timestep)
         steps = _count_steps(score, control_timestep, lead)
-        starts = lead + _floor_steps([note.onset for note in score.notes], control_timestep)
+        starts = lead + floor_steps([note.onset for note in score.notes], control_timestep)
         ends = lead + _ceil_steps([note.offset for note in score.notes], control_timestep)
         sheet = _Sheet(steps)
         due: dict[tuple[int, int], float] = {}
@@ -129,6 +150,14 @@ class PianoRoll:
     def duration(self) -> float:
         """Length of all steps together, in s."""
         return len(self) * self.control_timestep
+
+    @property
+    def unlabelled(self) -> NDArray[np.bool_]:
+        """Due keys without a finger label, but for notes that are released early, (T, 88) bool."""
+        missing = self.active & (self.finger < 0)
+        for one in self.early_releases:
+            missing[one.release : one.offset, one.key] = False
+        return missing
 
     def equals(self, other: PianoRoll) -> bool:
         """Return whether another roll says the same; ``==`` asks whether it is the same object."""
@@ -169,8 +198,8 @@ def _sustain_steps(
     score: Score, control_timestep: float, lead: int, steps: int
 ) -> NDArray[np.bool_]:
     sustain = np.zeros(steps, dtype=bool)
-    downs = lead + _floor_steps([pedal.onset for pedal in score.pedals], control_timestep)
-    ups = lead + _floor_steps([pedal.offset for pedal in score.pedals], control_timestep)
+    downs = lead + floor_steps([pedal.onset for pedal in score.pedals], control_timestep)
+    ups = lead + floor_steps([pedal.offset for pedal in score.pedals], control_timestep)
     for down, up in zip(downs.tolist(), ups.tolist(), strict=True):
         sustain[down:up] = True
     return sustain
@@ -183,7 +212,7 @@ def _count_steps(score: Score, control_timestep: float, lead: int) -> int:
             f"Score {score.title!r} lasts {score.duration:g} s, too long for control steps of "
             f"{control_timestep:g} s: expected fewer than {_MAX_STEPS} steps."
         )
-    return lead + int(_floor_steps(score.duration, control_timestep)) + 1
+    return lead + int(floor_steps(score.duration, control_timestep)) + 1
 
 
 def _lead_steps(initial_buffer_time: float, control_timestep: float) -> int:
@@ -257,7 +286,7 @@ def _in_steps(times: ArrayLike, control_timestep: float) -> NDArray[np.float64]:
     return np.round(np.asarray(times, dtype=float) / control_timestep, _DECIMALS)
 
 
-def _floor_steps(times: ArrayLike, control_timestep: float) -> NDArray[np.int64]:
+def floor_steps(times: ArrayLike, control_timestep: float) -> NDArray[np.int64]:
     """Return the steps in which the given times (s) lie; `_MAX_STEPS` for what lies beyond."""
     return np.floor(np.minimum(_in_steps(times, control_timestep), _MAX_STEPS)).astype(np.int64)
 

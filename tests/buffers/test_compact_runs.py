@@ -15,8 +15,8 @@ from sb3_piano.buffers import CompactNStepReplayBuffer, CompactReplayBuffer
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training import RunFolder, resume, train
-from sb3_piano.training.builders import build_model, build_vec_env
-from sb3_piano.training.yaml_config import load_config
+from sb3_piano.training.configuration.yaml_files import load_config
+from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 PIANO = "RoboPianist-debug-CMajorScaleOneHand-v0"
 SETTINGS = {

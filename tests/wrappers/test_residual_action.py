@@ -17,7 +17,7 @@ from sb3_piano.exceptions import ConfigError, InvalidActionError
 from sb3_piano.music import Note, Pedal, Score
 from sb3_piano.planning import PlannedPianist, PlanSettings, plan
 from sb3_piano.training import SavedPlayer, evaluate, play_run, train
-from sb3_piano.training.config import RunConfig
+from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.wrappers import PitchShift, PreviousActionReward, ResidualAction
 
 # A second and a half with half a second to get there: the right hand steps up a third, the left
@@ -282,7 +282,10 @@ def test_vec_normalize_takes_it(planned_once):
         ({"scale": "0.1"}, "scale is '0.1': expected a finite number"),
         ({"lookahead": 0}, "lookahead is 0: expected a whole number, 1 or more"),
         ({"settings": 3}, "settings is 3: expected a mapping"),
-        ({"settings": {"feedbak": 1}}, "unknown name 'feedbak'. Did you mean 'feedback'"),
+        (
+            {"settings": {"feedbak": 1}},
+            "Unknown setting 'feedbak' of PlanSettings. Did you mean 'feedback'",
+        ),
         ({"settings": {"feedback": "much"}}, "feedback is 'much': expected a finite number"),
     ],
 )
@@ -292,9 +295,9 @@ def test_wrong_arguments_are_refused(arguments, message):
 
 
 def test_settings_from_yaml_are_those_of_the_plan():
-    settings = yaml.safe_load("{leap_more: [0.05, 0.1], feedback: 0.0}")
+    settings = yaml.safe_load("{rounds: 3, feedback: 0.0}")
     env = ResidualAction(piano(), settings=settings)
-    assert env._trackers.settings == PlanSettings(leap_more=(0.05, 0.1), feedback=0.0)
+    assert env._trackers.settings == PlanSettings(rounds=3, feedback=0.0)
 
 
 def test_a_second_one_is_refused(env):

@@ -41,13 +41,7 @@ from types import MappingProxyType
 
 from sb3_piano.music.hands import Hand
 from sb3_piano.music.piece import Piece
-from sb3_piano.music.studies.building import (
-    MAJOR_KEYS,
-    MAJOR_SCALE,
-    MINOR_KEYS,
-    UpAndDown,
-    spoken,
-)
+from sb3_piano.music.studies.building import MAJOR_KEYS, MAJOR_SCALE, MINOR_KEYS, UpAndDown, spoken
 
 _NATURAL_MINOR = (0, 2, 3, 5, 7, 8, 10)
 _HARMONIC_MINOR = (0, 2, 3, 5, 7, 8, 11)

@@ -13,7 +13,7 @@ from sb3_piano.music import Note, Score, read_midi, write_midi
 from sb3_piano.music.fingering import apply_fingering, finger_score
 from sb3_piano.music.library import Library, import_path
 from sb3_piano.music.library.datasets import Found
-from sb3_piano.music.library.task import Task, run_tasks
+from sb3_piano.music.library.task import ImportTask, run_tasks
 
 PIG_LINES = "//Version: PianoFingering_v170101\n0\t0.0\t1.0\tC4\t80\t80\t0\t1\n"
 
@@ -281,7 +281,7 @@ def read_or_die(path):
 def test_a_piece_that_kills_its_process_is_listed_and_all_others_are_imported(music, library):
     names = ["a", "b", "c", "deadly", "d", "e", "f", "g", "h"]
     tasks = [
-        Task(
+        ImportTask(
             found=Found(path=save(music / f"{name}.mid"), source="", read=read_or_die),
             names=((name, "imported"),),
             folder=library.folder,
@@ -305,7 +305,7 @@ def read_and_fail(path):
 
 def test_an_error_that_no_reader_should_raise_is_listed_all_the_same(music, library):
     path = save(music / "a.mid")
-    task = Task(
+    task = ImportTask(
         found=Found(path=path, source="", read=read_and_fail),
         names=(("a", "imported"),),
         folder=library.folder,

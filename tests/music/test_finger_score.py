@@ -76,12 +76,6 @@ def test_a_known_hand_is_kept_even_in_the_others_register():
     assert {note.hand for note in finger_score(tune(40, 41, 43, hand="right")).notes} == {"right"}
 
 
-def test_fingers_of_an_octave_away_are_the_same():
-    piece = stripped(BUILT_IN["repertoire-FurElise"].score())
-    there = finger_score(piece.transpose(12))
-    assert there == finger_score(piece).transpose(12)
-
-
 def test_the_mirrored_piece_has_the_mirrored_fingers():
     piece = stripped(BUILT_IN["repertoire-MapleLeafRag"].score())
 
@@ -100,11 +94,6 @@ def test_the_mirrored_piece_has_the_mirrored_fingers():
         return Score(notes=notes)
 
     assert finger_score(mirrored(piece)) == mirrored(finger_score(piece))
-
-
-def test_the_same_score_always_gets_the_same_fingers():
-    piece = stripped(BUILT_IN["hanon-05"].score())
-    assert finger_score(piece) == finger_score(piece)
 
 
 def test_a_finished_fingering_stays_as_it_is():

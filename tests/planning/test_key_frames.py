@@ -162,12 +162,6 @@ def test_a_target_belongs_to_a_press_of_its_finger_and_time(presses):
         assert frames.target[state, finger, 1] in [KEYS.y[press.key] for press in near]
 
 
-def test_a_finger_lets_a_key_go_before_it_moves_to_the_next_one():
-    frames = frames_of([held(C4, 2, 10, 14), held(C4 + 2, 2, 16, 20)])
-    assert frames.target[15, 2, 1] == KEYS.y[C4]
-    assert frames.target[16, 2, 1] == KEYS.y[C4 + 2]
-
-
 def test_a_finger_does_not_hover_over_the_next_key_before_it_has_played_the_one_at_hand():
     frames = frames_of([held(C4, 2, 10, 11), held(C4 + 2, 2, 14, 20)])
     before = frames.weight[:10, 2].any(axis=1)
@@ -199,9 +193,3 @@ def test_part_of_the_states_is_the_same_part_of_everything():
         expected = getattr(whole, field.name)[7:23]
         np.testing.assert_array_equal(getattr(part, field.name), expected)
         assert expected.any()
-
-
-def test_presses_beyond_the_states_are_cut_off():
-    frames = frames_of([held(C4, 2, 35, 60)], n_states=40)
-    assert frames.target.shape == (40, 5, 3)
-    assert frames.weight[35:, 2].all()

@@ -15,7 +15,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Pedal, Score
 from sb3_piano.planning import PlannedPianist, Trackers, pianist
 from sb3_piano.vec_env import ThreadVecEnv
-from sb3_piano.wrappers import RandomPiece, TemporalStretch
+from sb3_piano.wrappers import RandomPiece
 
 WELL = 0.75  # F1; it plays far better, but how well is not a matter of these tests
 PIECE = five_fingers()
@@ -78,13 +78,6 @@ def test_it_plays_in_other_settings_too(options):
     env = piano(both_hands(order=(0, 2)), **options)
     info, _ = play(env, PlannedPianist(env, QUICK))
     assert info["f1"] > WELL
-
-
-@pytest.mark.slow
-def test_it_plays_on_a_keyboard_that_is_rigid_elsewhere():
-    env = piano(PIECE)
-    env.fix_keys(45, 65)
-    assert play(env, PlannedPianist(env, QUICK))[0]["f1"] > WELL
 
 
 def test_it_plays_a_piece_without_fingers():
@@ -229,14 +222,6 @@ def test_as_many_observations_as_environments_are_expected(solo):
 
 
 @pytest.mark.slow
-def test_it_plays_what_a_wrapper_makes_of_a_piece():
-    env = TemporalStretch(piano(PIECE), 1.5)
-    info, actions = play(env, PlannedPianist(env, QUICK))
-    assert len(actions) == len(env.unwrapped.roll) > 35
-    assert info["f1"] > WELL
-
-
-@pytest.mark.slow
 def test_it_plays_each_of_the_pieces_that_are_chosen():
     env = RandomPiece(piano(PIECE), [PIECE, OTHER])
     player = PlannedPianist(env, QUICK)
@@ -249,18 +234,6 @@ def test_it_plays_each_of_the_pieces_that_are_chosen():
         if len(set(lengths)) == 2:
             break
     assert len(set(lengths)) == 2
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*cannot be played")
-def test_a_piece_that_is_chosen_again_is_not_planned_again():
-    env, trackers = piano(OTHER), Trackers(CARELESS)
-    env.reset()
-    first = trackers.of(env)
-    env.reset(options={"score": Score(notes=[Note(onset=0, offset=0.2, pitch=72, finger=0)])})
-    assert trackers.of(env) is not first
-    env.reset(options={"score": OTHER})
-    assert trackers.of(env) is first
 
 
 def test_a_piece_that_is_played_again_is_not_planned_again(solo):

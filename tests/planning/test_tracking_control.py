@@ -121,18 +121,6 @@ def test_for_a_quadratic_cost_it_is_the_dense_solution(monkeypatch):
     np.testing.assert_allclose(found.commands, expected, atol=1e-6)
 
 
-def test_what_is_beyond_its_range_counts_by_the_square_of_how_far(monkeypatch):
-    """With ranges of a single point everything is beyond, and the problem quadratic again."""
-    monkeypatch.setattr(KINEMATICS, "low", REST)
-    monkeypatch.setattr(KINEMATICS, "high", REST)
-    cost, plan, forces, start = LinearCost(), some_plan(), some_forces(), at_rest(0.02)
-    control = TrackingControl(cost, DYNAMICS, plan, forces, start, N_ITERATIONS)
-    arm = np.array([name.startswith("forearm") for name in KINEMATICS.names])
-    beyond = np.where(arm, tracking_control._OUTSIDE_ARM, tracking_control._OUTSIDE)
-    expected = control._roll_out(dense_commands(cost, plan, forces, start, beyond))
-    np.testing.assert_allclose(control.solve().states, expected, atol=1e-5)
-
-
 def test_the_states_are_those_to_which_the_commands_lead(monkeypatch):
     wide_ranges(monkeypatch)
     forces = some_forces()
@@ -206,14 +194,6 @@ def test_no_small_change_of_the_commands_lowers_the_cost(monkeypatch):
             change = random.standard_normal(found.commands.shape)
             change *= random.random(found.commands.shape) < random.choice([0.01, 0.1, 1.0])
             assert cost_of_commands(control, found.commands + scale * change) >= best - 1e-9
-
-
-def test_it_is_better_than_the_plan_taken_for_commands():
-    control, found, cost, plan = solved()
-    assert cost_of_commands(control, found.commands) < 0.5 * cost_of_commands(control, plan)
-    followed = control._roll_out(plan)[:, :SIZE]
-    with_inertia = (cost.values(found.states[:, :SIZE]) ** 2).sum()
-    assert with_inertia < (cost.values(followed) ** 2).sum()
 
 
 def test_commands_stay_in_the_control_ranges():

@@ -151,7 +151,7 @@ def _read_row(where: str, row: Mapping[str | None, str | list[str] | None]) -> N
     pitches = "a MIDI number such as 60, or a name such as C4, F#5 or Bb3"
     pitch = read("pitch", _pitch, pitches, texts["pitch"])
     sides = (None, *HANDS)
-    names = [side or "" for side in sides]
+    names: list[str] = [side or "" for side in sides]
     text = texts.get("hand", "").lower()
     hand = sides[read("hand", names.index, "right, left or nothing", text)]
     fingers, expected = range(NUM_FINGERS), "0-4 (right) or 5-9 (left), or a column 'hand'"

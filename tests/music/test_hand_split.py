@@ -51,11 +51,6 @@ def test_a_wide_chord_is_shared_at_its_widest_gap():
     assert hands(*((0.0, pitch, 1.0) for pitch in (40, 52, 67, 71, 76))) == "LLRRR"
 
 
-def test_ten_keys_at_once_are_five_a_hand():
-    keys = (36, 38, 40, 41, 43, 72, 74, 76, 77, 79)
-    assert hands(*((0.0, pitch, 1.0) for pitch in keys)) == "LLLLLRRRRR"
-
-
 def test_a_line_high_up_is_the_right_hands_and_one_low_down_the_left_hands():
     assert hands(*((0.3 * i, 72 + i, 0.3) for i in range(8))) == "R" * 8
     assert hands(*((0.3 * i, 50 - i, 0.3) for i in range(8))) == "L" * 8
@@ -91,12 +86,6 @@ def test_a_hand_keeps_to_its_side_of_the_other_hands_last_keys(last, hand):
     notes = [(0.0, 64, 0.2, "right"), (0.0, 78, 0.2, "right"), (0.0, 43, 0.2, "left")]
     notes += [(0.0, 57, 0.2, "left"), (0.3, last, 0.2, None)]
     assert last_hand(*notes, crossing_size=1.0) == hand
-
-
-@pytest.mark.parametrize(("held", "hand"), [((50, 80), "left"), ((40, 70), "right")])
-def test_the_hand_whose_held_keys_are_nearer_takes_a_key(held, hand):
-    notes = [(0.0, held[0], 4.0, "left"), (0.0, held[1], 4.0, "right"), (1.0, 60, 0.2, None)]
-    assert last_hand(*notes, held=0.3, held_most=9.0, comfortable=5.0) == hand
 
 
 @pytest.mark.parametrize("hand", ["left", "right"])

@@ -224,11 +224,6 @@ def test_of_a_chord_goes_what_is_too_far_from_most_of_it(sign):
     assert gone_of(chord, sign) == {(4, 4)}
 
 
-@BOTH_HANDS
-def test_of_two_the_one_at_the_thumb_goes(sign):
-    assert gone_of(notes((0, 0, 5, 20), (12, 4, 5, 20), sign=sign), sign) == {(0, 4)}
-
-
 def test_a_finger_lets_go_of_its_key_for_another_one():
     assert gone_of(notes((0, 2, 1, 20), (1, 2, 6, 20))) == {(2, 5)}
 

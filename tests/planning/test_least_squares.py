@@ -197,51 +197,7 @@ def cost_by_hand(before, positions):
     return total
 
 
-def dense(band, size):
-    """Return the symmetric matrix of lower diagonals."""
-    n = band.shape[1]
-    matrix = np.zeros((n, n))
-    for below, diagonal in enumerate(band):
-        for column in range(n - below):
-            matrix[column + below, column] = matrix[column, column + below] = diagonal[column]
-    assert len(band) == 2 * size + 1
-    return matrix
-
-
 @pytest.mark.parametrize("n_states", [1, 2, 3, 6])
 def test_the_cost_is_the_sum_over_all_states_and_actuators(n_states):
     smoothness, before, positions = smoothness_of(n_states)
     assert smoothness.cost(positions) == pytest.approx(cost_by_hand(before, positions))
-
-
-@pytest.mark.parametrize("n_states", [1, 2, 3, 6])
-def test_the_gradient_is_that_of_half_the_cost(n_states):
-    smoothness, before, positions = smoothness_of(n_states)
-    gradient = smoothness.gradient(positions)
-    assert gradient.shape == positions.shape
-    for seed in range(5):  # of a quadratic form, central differences are exact
-        way = np.random.default_rng(10 + seed).standard_normal(positions.shape)
-        rise = cost_by_hand(before, positions + way) - cost_by_hand(before, positions - way)
-        assert (gradient * way).sum() == pytest.approx(rise / 4)
-
-
-@pytest.mark.parametrize("n_states", [1, 2, 3, 6])
-def test_the_band_is_the_hessian_of_half_the_cost(n_states):
-    smoothness, *_ = smoothness_of(n_states)
-    differences = np.eye(n_states + 2)
-    first = np.diff(differences, axis=0)[1:, 2:]
-    second = np.diff(differences, n=2, axis=0)[:, 2:]
-    expected = np.zeros((n_states * SIZE, n_states * SIZE))
-    for actuator, name in enumerate(KINEMATICS.names):
-        matrix = (
-            least_squares._VELOCITY**2 * first.T @ first + jerk_of(name) ** 2 * second.T @ second
-        )
-        expected[actuator::SIZE, actuator::SIZE] = matrix
-    np.testing.assert_allclose(dense(smoothness.band, SIZE), expected, atol=1e-15)
-
-
-def test_standing_still_costs_nothing():
-    still = np.ones((2, SIZE))
-    smoothness = Smoothness(KINEMATICS, still, 5)
-    assert smoothness.cost(np.ones((5, SIZE))) == 0
-    assert not smoothness.gradient(np.ones((5, SIZE))).any()

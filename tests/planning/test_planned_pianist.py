@@ -8,7 +8,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from short_pieces import QUICK, both_hands, five_fingers, piano, without_fingers
-from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNormalize
 
 from sb3_piano.exceptions import ConfigError
@@ -184,18 +183,6 @@ def test_normalised_observations_give_the_same_music(solo):
     (keys,) = play_all(venv, PlannedPianist(venv, QUICK))
     assert (keys != alone[:-1]).mean() < 1e-3  # but for rounding
     assert keys.any()
-
-
-def test_evaluate_policy_takes_it_over_several_episodes(solo):
-    env, _, _, actions, _ = solo
-    venv = DummyVecEnv([lambda: gym.wrappers.RecordEpisodeStatistics(piano(PIECE))])
-    player = PlannedPianist(venv, QUICK)
-    options = {"n_eval_episodes": 2, "return_episode_rewards": True, "warn": False}
-    returns, lengths = evaluate_policy(player, venv, **options)
-    assert lengths == [len(actions)] * 2
-    assert returns[0] == pytest.approx(returns[1], rel=1e-6)
-    resting, _ = evaluate_policy(Resting(env), env, n_eval_episodes=1, warn=False)
-    assert returns[0] > resting
 
 
 def test_environments_in_other_processes_are_out_of_reach():

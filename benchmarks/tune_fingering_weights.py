@@ -22,11 +22,7 @@ from typing import Any
 from rich.console import Console
 
 from sb3_piano.music import BUILT_IN, Note
-from sb3_piano.music.fingering.cost import (
-    DEFAULT_WEIGHTS,
-    PARNCUTT_WEIGHTS,
-    FingeringWeights,
-)
+from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, PARNCUTT_WEIGHTS, FingeringWeights
 from sb3_piano.music.fingering.search import finger_hand
 from sb3_piano.music.hands import HANDS, Hand
 

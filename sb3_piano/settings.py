@@ -218,7 +218,7 @@ def _number_text(bare: type, notes: tuple[Any, ...]) -> str:
         case Le(le):
             text += f", {le:g}{unit} or less"
         case Lt(lt):
-            text += f" below {lt:g}{unit}"
+            text += f"{' and' if low else ''} below {lt:g}{unit}"
     return f"{text}{comma}{reason}"
 
 

@@ -21,14 +21,14 @@ class StepGoal(NamedTuple):
 
     due: BoolArray
     """(88,) keys that should sound; a view of the roll."""
-    keys: npt.NDArray[np.intp]
-    """(n,) the keys that should sound, ascending."""
+    keys: tuple[int, ...]
+    """The keys that should sound, ascending."""
+    not_due: int
+    """All others, as the number that their bytes are: ``int.from_bytes(~due)``, which is fast."""
     sustain: bool
     """Whether the pedal should be down."""
-    labelled_keys: npt.NDArray[np.intp]
-    """(m,) those of them with a finger label."""
-    labelled_fingers: npt.NDArray[np.intp]
-    """(m,) their fingers, 0 to 9."""
+    labelled: tuple[tuple[int, int], ...]
+    """Those of them with a finger label: key, and finger from 0 to 9."""
 
 
 class Goal:
@@ -86,12 +86,11 @@ def roll_of(score: Score, config: PianoEnvConfig) -> PianoRoll:
 
 
 def _step_goal(roll: PianoRoll, step: int) -> StepGoal:
-    keys, fingers = roll.due(step)
-    labelled = fingers >= 0
+    keys, fingers = (array.tolist() for array in roll.due(step))
     return StepGoal(
         due=roll.active[step],
-        keys=keys,
+        keys=tuple(keys),
+        not_due=int.from_bytes((~roll.active[step]).tobytes()),
         sustain=bool(roll.sustain[step]),
-        labelled_keys=keys[labelled],
-        labelled_fingers=fingers[labelled].astype(np.intp),
+        labelled=tuple(pair for pair in zip(keys, fingers, strict=True) if pair[1] >= 0),
     )

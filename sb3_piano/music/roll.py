@@ -7,14 +7,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
-from sb3_piano.music.grid import MAX_STEPS, Sheet, ceil_steps, floor_steps
+from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS, UNKNOWN_FINGER
 from sb3_piano.music.score import Score
 
 _ARRAYS = ("active", "finger", "onset", "sustain", "onset_time")
+
+_MAX_STEPS = 1_000_000
+"""Longest grid, in control steps: 13.9 hours at 0.05 s, 260 MB. Longer ones are broken files."""
+
+_DECIMALS = 6
+"""Decimals kept of a time in steps: 0.15 s / 0.05 s is 2.9999999999999996, meant as 3."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,8 +116,8 @@ class PianoRoll:
         lead = _lead_steps(initial_buffer_time, control_timestep)
         steps = _count_steps(score, control_timestep, lead)
         starts = lead + floor_steps([note.onset for note in score.notes], control_timestep)
-        ends = lead + ceil_steps([note.offset for note in score.notes], control_timestep)
-        sheet = Sheet(steps)
+        ends = lead + _ceil_steps([note.offset for note in score.notes], control_timestep)
+        sheet = _Sheet(steps)
         due: dict[tuple[int, int], float] = {}
         for note, start, end in zip(score.notes, starts.tolist(), ends.tolist(), strict=True):
             first = sheet.lay(note.key, start, max(end, start + 1), note.finger)
@@ -203,19 +208,19 @@ def _sustain_steps(
 
 def _count_steps(score: Score, control_timestep: float, lead: int) -> int:
     length = score.duration / control_timestep
-    if not lead + length < MAX_STEPS:
+    if not lead + length < _MAX_STEPS:
         raise ScoreError(
             f"Score {score.title!r} lasts {score.duration:g} s, too long for control steps of "
-            f"{control_timestep:g} s: expected fewer than {MAX_STEPS} steps."
+            f"{control_timestep:g} s: expected fewer than {_MAX_STEPS} steps."
         )
     return lead + int(floor_steps(score.duration, control_timestep)) + 1
 
 
 def _lead_steps(initial_buffer_time: float, control_timestep: float) -> int:
-    if not 0 <= initial_buffer_time < MAX_STEPS * control_timestep:
+    if not 0 <= initial_buffer_time < _MAX_STEPS * control_timestep:
         raise ConfigError(
             f"Initial buffer time {initial_buffer_time} s is out of range: expected 0 or more, and "
-            f"fewer than {MAX_STEPS} control steps of {control_timestep:g} s."
+            f"fewer than {_MAX_STEPS} control steps of {control_timestep:g} s."
         )
     return round(initial_buffer_time / control_timestep)
 
@@ -230,3 +235,63 @@ def _check_control_timestep(control_timestep: float) -> None:
 def _check_shape(name: str, array: NDArray[Any], expected: tuple[int, ...]) -> None:
     if array.shape != expected:
         raise ScoreError(f"Array {name!r} has shape {array.shape}: expected {expected}.")
+
+
+class _Sheet:
+    """The arrays of a roll while its notes are laid, in order of onset."""
+
+    def __init__(self, steps: int) -> None:
+        self.active = np.zeros((steps, NUM_KEYS), dtype=bool)
+        self.finger = np.full((steps, NUM_KEYS), UNKNOWN_FINGER, dtype=np.int8)
+        self.onset = np.zeros((steps, NUM_KEYS), dtype=bool)
+        self._last_onset = [-1] * NUM_KEYS
+
+    def lay(self, key: int, start: int, end: int, finger: int) -> int | None:
+        """Let `key` sound from step `start` until before `end`, as a strike of its own if it can.
+
+        Whether a note is a new strike is seen from the step before it; `first` is the step at
+        which that strike becomes audible.
+
+        Returns:
+            The first step of the strike, or None if the note is none of its own.
+        """
+        last = self._last_onset[key]
+        if start < last:
+            # A strike at this very step was laid before, and its silent step is this one.
+            first, strikes = last, False
+        elif start == 0 or not self.active[start - 1, key]:
+            first, strikes = start, True
+        elif end - start > 1:
+            first, strikes = start + 1, True
+            self._silence(start, key)
+        elif start - 1 > last:
+            first, strikes = start, True
+            self._silence(start - 1, key)
+        else:
+            first, strikes = start, False
+        self.active[first:end, key] = True
+        self.finger[first:end, key] = finger
+        if not strikes:
+            return None
+        self.onset[first, key] = True
+        self._last_onset[key] = first
+        return first
+
+    def _silence(self, step: int, key: int) -> None:
+        self.active[step, key] = False
+        self.finger[step, key] = UNKNOWN_FINGER
+
+
+def _in_steps(times: ArrayLike, control_timestep: float) -> NDArray[np.float64]:
+    """Return times (s) as multiples of the control time step, rid of rounding noise."""
+    return np.round(np.asarray(times, dtype=float) / control_timestep, _DECIMALS)
+
+
+def floor_steps(times: ArrayLike, control_timestep: float) -> NDArray[np.int64]:
+    """Return the steps in which the given times (s) lie; `_MAX_STEPS` for what lies beyond."""
+    return np.floor(np.minimum(_in_steps(times, control_timestep), _MAX_STEPS)).astype(np.int64)
+
+
+def _ceil_steps(times: ArrayLike, control_timestep: float) -> NDArray[np.int64]:
+    """Return the first steps that begin at or after the given times (s)."""
+    return np.ceil(np.minimum(_in_steps(times, control_timestep), _MAX_STEPS)).astype(np.int64)

@@ -17,14 +17,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.actions import ActionMap
-from sb3_piano.envs.advance import advance
 from sb3_piano.metrics.frames import count_frames
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning.hand_plan import Both, replan_hands
 from sb3_piano.planning.presses import TimedPress
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import corrected
-from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation import PianoScene, Simulation
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -123,10 +122,10 @@ def _heard(hands: Both, roll: PianoRoll, scene: PianoScene, feedback: float) -> 
     right, left = hands
     positions = np.concatenate([right.positions, left.positions], axis=1)
     commands = np.concatenate([right.commands, left.commands], axis=1)
-    actions, data = ActionMap(scene), mujoco.MjData(scene.model)
-    mujoco.mj_step1(scene.model, data)
     n_substeps = round(roll.control_timestep / scene.model.opt.timestep)
-    angles = np.zeros((n_substeps, len(scene.key_max_angle)))
+    actions, simulation = ActionMap(scene), Simulation(scene, n_substeps)
+    data = simulation.data
+    mujoco.mj_step1(scene.model, data)
     sounding = np.zeros_like(roll.active)
     for step in range(len(sounding)):
         observed = scene.actuator_positions(data.qpos[scene.hand_qpos].astype(np.float32))
@@ -134,7 +133,7 @@ def _heard(hands: Both, roll: PianoRoll, scene: PianoScene, feedback: float) -> 
         told = corrected(commands[step], observed - positions[step], gains, feedback)
         told = np.clip(told, scene.ctrl_low, scene.ctrl_high)
         controls, _ = actions.controls(actions.action(told, pedal_down=False))
-        if not advance(scene, data, controls, angles):
+        if not simulation.advance(controls):
             break  # the physics became unstable: nothing more is heard
         sounding[step] = scene.key_angle(data) >= scene.key_sounding_angle
     return sounding

@@ -12,6 +12,7 @@ from sb3_piano.simulation.scene import (
     compile_scene,
     scene_parts,
 )
+from sb3_piano.simulation.simulation import Simulation
 
 __all__ = [
     "KEY_COLORS",
@@ -22,6 +23,7 @@ __all__ = [
     "WRIST_UNIT",
     "PhysicsProfile",
     "PianoScene",
+    "Simulation",
     "Solver",
     "compile_scene",
     "find_gl_backend",

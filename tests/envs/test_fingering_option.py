@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from sb3_piano.envs import PianoEnv, PianoEnvConfig, PianoVectorEnv
+from sb3_piano.envs import PianoEnv, PianoVectorEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import BUILT_IN, Note, Score, load_score, write_midi
 from sb3_piano.music.fingering import apply_fingering, finger_score
@@ -103,13 +103,6 @@ def test_optimal_transport_takes_the_labels_away():
     assert env.step(action)[4] == plain.step(action)[4]
 
 
-def test_optimal_transport_takes_them_away_from_a_score_named_at_reset_too():
-    env = PianoEnv(PLAIN, fingering="optimal-transport")
-    env.reset(options={"score": "CMajorScaleOneHand"})
-    assert fingers(env) == [-1] * 15
-    assert PianoEnv(env.score).reset(seed=0)  # it is a score as any other
-
-
 def test_equal_scores_keep_bars_of_their_own():
     other = Score(notes=PLAIN.notes, title=PLAIN.title, bars=(0.0, 1.0))
     env = PianoEnv("CMajorScaleOneHand", fingering="ergonomic")
@@ -169,8 +162,3 @@ def test_the_environments_of_a_vector_have_them_too():
 def test_a_piece_without_options_refuses_them_as_any_unknown_option():
     with pytest.raises(ConfigError, match="Unknown option 'tempo' of the piano environment"):
         PianoEnv("TwinkleTwinkleLittleStar", tempo=100)
-
-
-def test_no_option_of_a_study_hides_one_of_the_environment():
-    ours = set(PianoEnvConfig.__dataclass_fields__)
-    assert all(not ours & set(piece.options) for piece in BUILT_IN.values())

@@ -19,7 +19,7 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.planning import PlannedPianist
 from sb3_piano.training import RunFolder, SavedPlayer, clone, evaluate, resume
-from sb3_piano.training.recording import run_to_record
+from sb3_piano.training.playing.player import run_to_record
 
 PENDULUM = "robopianist/Pendulum-v1/td3-v0"
 QUICK = {"epochs": 2, "net_arch": [8], "seed": 0}
@@ -242,22 +242,6 @@ def test_training_on_may_begin_with_the_data_set_and_survive_a_break(recorded_pe
         np.testing.assert_array_equal(
             rows["observations"][:20, 0], recorded_pendulum[0].observations[:-1]
         )
-
-
-def test_checkpoints_keep_a_data_set_that_fills_the_whole_buffer(recorded_pendulum, small_yaml):
-    small_yaml.write_text(small_yaml.read_text().replace("400", "60"))
-    run = clone(PENDULUM, "sac", config=small_yaml, prefill=True, **QUICK).folder
-    resume(run.path, 10, progress_bar=False)
-    saved = Checkpoint.read(run.checkpoint_dir).replay
-    assert (saved.total, saved.full) == (70, True)
-    assert [(segment.first, segment.last) for segment in saved.segments] == [(10, 70)]
-
-
-def test_a_clone_without_normalisation_has_no_statistics(recorded_pendulum, small_yaml):
-    result = clone(PENDULUM, "ddpg", "here", config=small_yaml, normalize=False, **QUICK)
-    assert not list(result.folder.path.rglob("vecnormalize*"))
-    assert result.folder.read_config().normalize is False
-    assert evaluate("here").mean["length"] == 20
 
 
 @pytest.mark.slow

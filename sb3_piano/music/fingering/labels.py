@@ -29,7 +29,7 @@ from typing import TypeVar
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_FINGERS, UNKNOWN_FINGER
-from sb3_piano.music.formats.files import read_score
+from sb3_piano.music.formats import read_score
 from sb3_piano.music.hands import HANDS
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_name, pitch_number

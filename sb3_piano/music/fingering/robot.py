@@ -21,16 +21,9 @@ from itertools import combinations, groupby
 
 import numpy as np
 
-from sb3_piano.music.constants import (
-    FINGERS_PER_HAND,
-    KEY_IS_BLACK,
-    MIDDLE,
-    THUMB,
-    UNKNOWN_FINGER,
-)
-from sb3_piano.music.grid import floor_steps
+from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK, MIDDLE, THUMB, UNKNOWN_FINGER
 from sb3_piano.music.presses import Press, presses_of_hand
-from sb3_piano.music.roll import EarlyRelease, PianoRoll
+from sb3_piano.music.roll import EarlyRelease, PianoRoll, floor_steps
 from sb3_piano.music.score import Score
 
 _WHITE_WIDTH = 0.0235  # m

@@ -17,12 +17,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_piano.music.constants import (
-    FINGERS_PER_HAND,
-    PITCH_CLASS_IS_BLACK,
-    THUMB,
-    UNKNOWN_FINGER,
-)
+from sb3_piano.music.constants import FINGERS_PER_HAND, PITCH_CLASS_IS_BLACK, THUMB, UNKNOWN_FINGER
 from sb3_piano.music.fingering.cost import (
     DEFAULT_WEIGHTS,
     MAX_INTERVAL,

@@ -10,13 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.envs.advance import advance
 from sb3_piano.music import PianoRoll
-from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.planning.sampling.cost import SamplingCost, wrong_keys
 from sb3_piano.planning.sampling.noise import Candidates
 from sb3_piano.planning.tracker import Tracker
-from sb3_piano.simulation import PianoScene, compile_scene
+from sb3_piano.simulation import PianoScene, Simulation, compile_scene
 from sb3_piano.threads import ThreadTeam
 
 FloatArray = npt.NDArray[np.float64]
@@ -192,8 +190,8 @@ class Simulations:
             piano.config if physics is None else dataclasses.replace(piano.config, physics=physics)
         )
         self.scene = piano.scene if physics is None else _same_scene(piano, config.physics)
-        self._datas = [mujoco.MjData(self.scene.model) for _ in range(n)]
-        self._key_angles = [np.zeros((config.n_substeps, NUM_KEYS)) for _ in range(n)]
+        self._simulations = [Simulation(self.scene, config.n_substeps) for _ in range(n)]
+        self._datas = [simulation.data for simulation in self._simulations]
         team = ThreadTeam(n, n_threads)
         # A slot is a thread here: which simulations it advances depends on how many are left.
         self._team = ThreadTeam(team.n_threads, team.n_threads)
@@ -227,10 +225,7 @@ class Simulations:
 
         def job(thread: int) -> None:
             for row in range(thread, len(which), n_threads):
-                n = which[row]
-                stable[row] = advance(
-                    self.scene, self._datas[n], controls[row], self._key_angles[n]
-                )
+                stable[row] = self._simulations[which[row]].advance(controls[row])
 
         self._team.run(job)
         return stable

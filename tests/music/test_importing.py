@@ -76,6 +76,7 @@ class TestOneFile:
             (-1, None, "ergonomic", [0, 1, 2]),
             (-1, "ergonomic", "ergonomic", [0, 1, 2]),
             (4, "ergonomic", "its file", [4, 4, 4]),
+            (-1, "robot", "robot", [0, 1, 2]),
             (-1, "keep", "none", [-1, -1, -1]),
             (4, "keep", "its file", [4, 4, 4]),
             (4, "optimal-transport", "optimal transport", [-1, -1, -1]),
@@ -86,7 +87,7 @@ class TestOneFile:
     ):
         import_path(save(music / "etude.mid", finger=given), library, fingering=setting)
         score = library.score("etude")
-        if chosen == "ergonomic":
+        if chosen in ("ergonomic", "robot"):
             assert all(finger >= 0 for finger in fingers(score))
         else:
             assert fingers(score) == expected

@@ -180,6 +180,8 @@ def _who_chose(read: Score, score: Score, task: ImportTask) -> str:
         return f"file {Path(task.fingering).name}"
     if not score.has_fingering:
         return "optimal transport" if task.fingering == "optimal-transport" else "none"
+    if task.fingering == "robot" and score != read:
+        return "robot"
     if not read.has_fingering:
         return "ergonomic"
     is_whole = all(note.finger != UNKNOWN_FINGER for note in read.notes)

@@ -246,11 +246,7 @@ def unwritable(place: Path, error: OSError) -> RunError:
 
 
 def provenance(seed: int | None) -> dict[str, Any]:
-    """Return what a run's folder notes down besides the config, in YAML's types.
-
-    Args:
-        seed: The seed that the run uses.
-    """
+    """Return what the folder of a run with this seed notes beside the config, in YAML's types."""
     return {
         "command": shlex.join(sys.orig_argv),
         "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),

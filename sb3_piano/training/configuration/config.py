@@ -25,13 +25,13 @@ from sb3_piano.training.configuration.names import (
     PLANNERS,
     algorithm_class,
     full_name,
-    import_class,
     import_name,
     planner_class,
     registered_id,
 )
 from sb3_piano.training.configuration.values import (
     check_arguments,
+    class_of,
     coerce_mapping,
     plain,
     zoo_number,
@@ -83,7 +83,7 @@ class Plugin:
             path, kwargs = next(iter(entry.items()))
             if isinstance(path, str) and (kwargs is None or isinstance(kwargs, Mapping)):
                 return cls(path=path, kwargs=kwargs or {})
-        raise ConfigError(f"{entry!r} is no entry for {key}: expected {_FORMS}.")
+        raise ConfigError(f"{key}: {entry!r} is no entry for it: expected {_FORMS}.")
 
 
 def _plugins_below(base: type) -> BeforeValidator:
@@ -92,12 +92,9 @@ def _plugins_below(base: type) -> BeforeValidator:
     def read(value: Any, info: ValidationInfo) -> tuple[Plugin, ...]:
         key = str(info.field_name)
         entries = value if isinstance(value, (list, tuple)) else [] if value is None else [value]
-        try:
-            plugins = tuple(Plugin.parse(entry, key) for entry in entries)
-            for plugin in plugins:
-                import_class(plugin.path, base)
-        except ConfigError as error:
-            raise ConfigError(f"{key}: {error}") from error
+        plugins = tuple(Plugin.parse(entry, key) for entry in entries)
+        for plugin in plugins:
+            class_of(plugin.path, (base,), key)
         return plugins
 
     return BeforeValidator(read)
@@ -316,7 +313,5 @@ def _policy_class(policy: str, algorithm: type[BaseAlgorithm]) -> type[BasePolic
             f"Unknown policy {policy!r} of {algorithm.__name__}.{near_names(policy, aliases)} "
             f"Expected {', '.join(aliases)} or the import path of a policy."
         )
-    try:
-        return import_class(policy, BasePolicy)
-    except ConfigError as error:
-        raise ConfigError(f"policy: {error}") from error
+    found: type[BasePolicy] = class_of(policy, (BasePolicy,), "policy")
+    return found

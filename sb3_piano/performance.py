@@ -56,7 +56,7 @@ class Performance:
         only the environment can tell.
         """
         steps, roll = len(self), self.roll
-        first, key = np.nonzero(roll.onset)
+        first, key = np.divmod(np.flatnonzero(roll.onset), roll.onset.shape[1])
         begun = first < steps
         return episode_metrics(
             target_keys=roll.active[:steps],

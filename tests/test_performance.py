@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sb3_piano.metrics import EPISODE_METRICS, presses_of
+from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music import Note, Pedal, PianoRoll, Score
 from sb3_piano.performance import Performance
 
@@ -69,12 +69,6 @@ def test_of_nothing_played_there_is_no_score():
     assert played([], steps=0).to_score() is None
 
 
-def test_a_notes_finger_is_the_one_that_struck_it():
-    performance = played([(C4, 0, 3, 0.02, 0.16, 0)])
-    performance.press_finger[1:, C4] = 1
-    assert [note.finger for note in performance.to_score().notes] == [0]
-
-
 def test_the_score_of_what_was_due_has_the_notes_own_onsets():
     due = played([]).target_score()
     found = [(note.pitch, note.onset, note.offset, note.finger) for note in due.notes]
@@ -90,15 +84,6 @@ def test_what_was_due_makes_the_same_roll_again(score):
     assert not roll.active[common:].any()
     for name in ("active", "onset"):
         np.testing.assert_array_equal(getattr(again, name)[:common], getattr(roll, name)[:common])
-
-
-@given(scores)
-def test_every_press_that_is_due_begins_with_a_strike(score):
-    roll = PianoRoll.from_score(score, STEP)
-    presses = presses_of(roll.active)
-    np.testing.assert_array_equal(
-        np.stack([presses.first, presses.key], 1), np.argwhere(roll.onset)
-    )
 
 
 def test_metrics_are_over_the_steps_that_were_played():

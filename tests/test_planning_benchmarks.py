@@ -98,10 +98,3 @@ def test_a_long_piece_is_the_piece_in_other_keys_again_and_again(long):
     assert all(len(step) == 1 for step in steps)  # transposed as a whole
     assert {0} not in steps
     assert [n.pitch for n in score.notes] == first[0]
-
-
-def test_growth_is_told_per_doubling(long):
-    one, four = {"minutes": 1.0, "seconds": 3.0}, {"minutes": 4.0, "seconds": 27.0}
-    assert long.per_doubling(one, four, "seconds") == "3.00"
-    assert long.per_doubling(one, {"minutes": 2.0, "seconds": 6.0}, "seconds") == "2.00"
-    assert long.per_doubling({"minutes": 1.0, "seconds": 0.0}, four, "seconds") == "-"

@@ -13,7 +13,6 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-import gymnasium as gym
 import pytest
 import yaml
 
@@ -217,18 +216,6 @@ def test_the_table_shows_what_was_measured(finished, runs, monkeypatch, capsys):
     assert measured.split(" | ")[2] == "421.6"
     assert f"{mean['f1']:.3f} |" in measured
     assert missing.startswith("- | - | 248.3 | - |")
-
-
-@pytest.mark.slow
-def test_resting_hands_earn_what_the_environment_pays_them(monkeypatch):
-    monkeypatch.syspath_prepend(str(FOLDER))
-    table = runpy.run_path(str(FOLDER / "table.py"))
-    cell = table["Cell"](FOLDER / "td3" / "c_major_stretch_05.yml")
-    env = gym.make(cell.env_id, reward_weights={"forearm": 0.4}).unwrapped
-    env.reset(options={"score": env.default_score.stretch(0.5)})
-    steps = [env.step(env.rest_action) for _ in range(len(env.roll))]
-    assert steps[-1][3]  # the piece is over
-    assert table["resting_return"](cell) == pytest.approx(sum(step[1] for step in steps), 1e-6)
 
 
 def test_an_unknown_cell_is_one_clear_error(tmp_path, monkeypatch, capsys):

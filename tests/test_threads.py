@@ -8,10 +8,8 @@ import itertools
 import os
 import pickle
 import signal
-import sys
 import threading
 import time
-import weakref
 
 import pytest
 
@@ -77,11 +75,6 @@ def test_each_thread_serves_neighbouring_slots_and_the_caller_the_first_ones(
     assert threads[0] is threading.current_thread()
 
 
-def test_a_slot_is_always_served_by_the_same_thread(make_team):
-    team = make_team(5, 3)
-    assert served_by(team, 5) == served_by(team, 5)
-
-
 def test_threads_work_at_the_same_time(make_team):
     barrier = threading.Barrier(3)
     make_team(3, 3).run(lambda slot: barrier.wait(PATIENCE))
@@ -119,19 +112,7 @@ def test_an_error_comes_when_all_threads_are_at_rest(make_team, failing):
     assert len(set(served_by(team, 3))) == 3  # and the team goes on
 
 
-def test_of_several_errors_the_first_slots_one_comes(make_team):
-    barrier = threading.Barrier(2)
-
-    def job(slot):
-        if slot:
-            barrier.wait(PATIENCE)
-            raise LookupError(f"slot {slot}")
-
-    with pytest.raises(LookupError, match="slot 1"):
-        make_team(3, 3).run(job)
-
-
-def test_a_thread_leaves_out_its_slots_after_one_that_failed(make_team):
+def test_a_thread_leaves_out_its_slots_after_one_that_failed_and_the_first_error_comes(make_team):
     called = []
 
     def job(slot):
@@ -165,58 +146,6 @@ def test_ctrl_c_comes_through_when_all_threads_are_at_rest(make_team, interrupte
     assert len(set(served_by(team, 2))) == 2
 
 
-def test_ctrl_c_before_all_threads_were_told_leaves_nothing_behind(make_team):
-    team = make_team(3, 3)
-    served_by(team, 3)  # starts the threads
-    begin, finished = team._workers[1].begin, []
-
-    def interrupted(task):
-        team._workers[1].begin = begin
-        raise KeyboardInterrupt
-
-    team._workers[1].begin = interrupted
-    with pytest.raises(KeyboardInterrupt):
-        team.run(lambda slot: (time.sleep(0.05), finished.append(slot)))
-    assert finished == [1]
-    assert len(set(served_by(team, 3))) == 3
-
-
-@pytest.mark.usefixtures("ctrl_c")
-def test_closing_waits_for_a_thread_that_two_interrupts_left_at_work(make_team):
-    team, finished, release = make_team(2, 2), [], threading.Event()
-    interrupts = []
-
-    def handler(number, frame):
-        interrupts.append(number)
-        raise KeyboardInterrupt
-
-    def caller_waits_in(name):
-        frame = sys._current_frames()[threading.main_thread().ident]
-        return (frame.f_code.co_name, frame.f_back.f_code.co_name) == ("wait", name)
-
-    def interrupted(times):
-        if len(interrupts) < times:  # one that comes just before the lock is waited for is not seen
-            interrupt_main_thread()
-        return len(interrupts) == times
-
-    def job(slot):
-        if slot == 1:
-            for times, name in enumerate(("run", "_rest"), start=1):
-                eventually(lambda name=name: caller_waits_in(name))
-                eventually(lambda times=times: interrupted(times))
-            assert release.wait(PATIENCE)
-            time.sleep(0.1)
-            finished.append(slot)
-
-    signal.signal(signal.SIGINT, handler)
-    with pytest.raises(KeyboardInterrupt):
-        team.run(job)
-    assert finished == []
-    release.set()
-    team.close()
-    assert finished == [1]
-
-
 def test_closing_ends_the_threads_and_another_job_starts_new_ones(make_team):
     team = make_team(3, 3)
     _, *first = served_by(team, 3)
@@ -236,20 +165,6 @@ def test_the_threads_of_a_forgotten_team_end():
     for thread in threads:
         thread.join(PATIENCE)
         assert not thread.is_alive()
-
-
-def test_a_job_that_is_done_is_forgotten(make_team):
-    team = make_team(2, 2)
-
-    class Environment:
-        def step(self, slot):
-            pass
-
-    environment = Environment()
-    forgotten = weakref.ref(environment)
-    team.run(environment.step)
-    del environment
-    eventually(lambda: forgotten() is None)
 
 
 @pytest.mark.parametrize(

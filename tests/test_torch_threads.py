@@ -9,7 +9,6 @@ import torch
 import yaml
 from stable_baselines3.common.callbacks import BaseCallback
 
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.threads import torch_threads
 from sb3_piano.training import RunConfig, evaluate, resume, train
 
@@ -102,8 +101,3 @@ def test_what_goes_on_and_what_plays_has_its_threads(tmp_path, monkeypatch):
     resume(run.path, 30, progress_bar=False)
     assert set(seen) == {2}
     assert torch.get_num_threads() == FORMER
-
-
-def test_a_number_of_threads_below_one_is_refused():
-    with pytest.raises(ConfigError, match="num_threads is 0: expected 1 or more"):
-        pendulum(num_threads=0)

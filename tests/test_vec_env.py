@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import inspect
 import os
 import signal
@@ -22,10 +21,8 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.exceptions import ConfigError, InvalidActionError
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.music import Note, Score
-from sb3_piano.simulation import find_gl_backend
 from sb3_piano.vec_env import ThreadVecEnv
 
 PATIENCE = 60.0  # s, after which a test that hangs fails
@@ -179,41 +176,6 @@ def test_piano_episodes_of_different_lengths_are_equal_to_dummy_vec_env(venvs):
     assert all(info["TimeLimit.truncated"] for info in infos if "episode" in info)
 
 
-def test_what_a_step_gives_is_not_changed_by_the_next_one(venvs):
-    _, venv = both(venvs, lambda i: Scripted(), 2)
-    venv.seed(0)
-    venv.reset()
-    first = venv.step(np.ones((2, 1), np.float32))
-    kept = copy.deepcopy(first)
-    for _ in range(2):
-        venv.step(-np.ones((2, 1), np.float32))
-    np.testing.assert_equal(first, kept)
-
-
-def test_methods_and_attributes_of_the_environments_are_within_reach(venvs):
-    _, venv = both(venvs, lambda i: Monitor(Scripted()), 3)
-    venv.reset()
-    assert venv.env_method("observe", 0.5, indices=[1])[0]["seen"][1] == 0.5
-    venv.set_attr("episode", 8, indices=2)
-    assert venv.get_attr("played") == [0, 0, 0]
-    assert venv.envs[2].episode == 8
-    assert venv.env_is_wrapped(Monitor) == [True] * 3
-
-
-def test_environments_step_at_the_same_time(venvs):
-    barrier = threading.Barrier(3)
-
-    class AtBarrier(Scripted):
-        def step(self, action):
-            barrier.wait(PATIENCE)
-            return super().step(action)
-
-    _, venv = both(venvs, lambda i: AtBarrier(), 3, n_threads=3)
-    venv.reset()
-    venv.step(np.zeros((3, 1), np.float32))
-    assert not barrier.broken
-
-
 def test_an_environment_does_everything_in_one_thread(venvs):
     env_fns = [lambda: Watched(gym.make(ENV_ID, render_mode="rgb_array")) for _ in range(4)]
     venv = venvs(ThreadVecEnv, env_fns, n_threads=2)
@@ -225,51 +187,6 @@ def test_an_environment_does_everything_in_one_thread(venvs):
     assert [len(idents) for idents in threads] == [4] * 4
     assert [len(set(idents)) for idents in threads] == [1] * 4
     assert threads[0] == threads[1] != threads[2] == threads[3]
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
-def test_pictures_are_equal_to_dummy_vec_envs_also_when_drawn_within_a_step(venvs):
-    class Filmed(gym.Wrapper):
-        def step(self, action):
-            result = self.env.step(action)
-            self.picture = self.env.render()
-            return result
-
-    def make_env(index):
-        env = PianoEnv(score(1 + index), render_mode="rgb_array", width=64, height=48)
-        return Filmed(env)
-
-    venv, other = both(venvs, make_env, 2)
-    actions = np.random.default_rng(2).uniform(-1, 1, (3, 2, 39)).astype(np.float32)
-    for vector in (venv, other):
-        vector.reset()
-        first = vector.render()
-        for action in actions:  # one episode ends on the way
-            vector.step(action)
-        assert np.any(vector.render() != first)
-    np.testing.assert_array_equal(other.render(), venv.render())
-    np.testing.assert_equal(other.get_attr("picture"), venv.get_attr("picture"))
-
-
-def test_without_a_render_mode_there_is_no_picture(venvs):
-    _, venv = both(venvs, lambda i: Scripted(), 2)
-    with pytest.warns(UserWarning, match="render mode is None"):
-        assert list(venv.get_images()) == [None, None]
-
-
-@pytest.mark.parametrize("bad", [0, 1])
-def test_an_error_of_one_environment_comes_when_the_other_one_has_stepped(venvs, bad):
-    _, venv = both(venvs, lambda i: PianoEnv(score(2), physics="fast"), 2)
-    venv.reset()
-    actions = np.zeros((2, 39), np.float32)
-    actions[bad, 5] = np.nan
-    with pytest.raises(InvalidActionError, match="Element 5 of the action is nan"):
-        venv.step(actions)
-    assert [env.steps_played for env in venv.envs] == [int(i != bad) for i in range(2)]
-    venv.reset()
-    venv.step(np.zeros((2, 39), np.float32))
-    assert [env.steps_played for env in venv.envs] == [1, 1]
 
 
 @pytest.mark.usefixtures("ctrl_c")
@@ -307,15 +224,6 @@ def test_closing_ends_the_threads_even_if_an_environment_cannot_be_closed():
     with pytest.raises(OSError, match="stuck"):
         venv.close()
     assert threading.active_count() == before
-
-
-def test_the_number_of_threads_can_be_chosen(venvs):
-    env_fns = [Scripted] * 3
-    assert venvs(ThreadVecEnv, env_fns, n_threads=2).n_threads == 2
-    cores = len(os.sched_getaffinity(0))
-    assert venvs(ThreadVecEnv, env_fns).n_threads == min(3, cores)
-    with pytest.raises(ConfigError, match="n_threads is 0"):
-        ThreadVecEnv(env_fns, n_threads=0)
 
 
 @pytest.mark.slow

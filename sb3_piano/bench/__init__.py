@@ -76,6 +76,7 @@ def run_bench(
     parts: Sequence[str] = PARTS,
     rounds: int = 10,
     peer_python: str | None = None,
+    before: str | None = None,
     num_threads: int | None = None,
     progress: bool = False,
 ) -> BenchReport:
@@ -85,18 +86,20 @@ def run_bench(
         parts: Parts to measure, of :data:`PARTS`.
         rounds: Rounds to take medians of, at least 1, besides one to warm up.
         peer_python: Interpreter that has RoboPianist, which is then measured as well.
+        before: Folder of another version of this package, whose steps are then measured as well.
         num_threads: Threads of torch, at least 1; by default see :mod:`sb3_piano.threads`.
         progress: Whether to show a progress bar on standard error.
 
     Raises:
-        ConfigError: If there is a peer but no simulation to compare it with.
-        PeerError: If RoboPianist cannot be started (which is tried first), or stops answering.
+        ConfigError: If one of these two is given but no simulation to compare it with.
+        PeerError: If one of them cannot be started (which is tried first), or stops answering.
     """
-    if peer_python is not None and "simulation" not in parts:
-        raise ConfigError(
-            f"peer_python is {peer_python!r}, but the simulation is not measured: "
-            "expected 'simulation' among the parts, or no peer."
-        )
+    for name, given in (("peer_python", peer_python), ("before", before)):
+        if given is not None and "simulation" not in parts:
+            raise ConfigError(
+                f"{name} is {given!r}, but the simulation is not measured: "
+                f"expected 'simulation' among the parts, or no {name}."
+            )
     rows: list[Row] = []
     versions, peer, interrupted = None, None, False
 
@@ -111,7 +114,7 @@ def run_bench(
                 actions = episode_actions()
                 if peer_python is not None:
                     versions, peer = stack.enter_context(open_peer(peer_python, actions))
-                run("simulation", simulation_measurements, actions, peer)
+                run("simulation", simulation_measurements, actions, peer, before)
             if "learner" in parts:
                 run("learner", update_measurements)
                 run("training", training_measurements)

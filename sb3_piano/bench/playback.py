@@ -1,10 +1,12 @@
-"""Playback of an episode with and without its environment, here and in RoboPianist's interpreter.
+"""Playback of an episode with and without its environment, here and in processes of their own.
 
-That interpreter lacks this package and runs this file: it reads one JSON object a line and answers
-each with one. The first has the environment's id and an episode's actions; the answer has versions.
-Each ``"env"`` or ``"physics"`` plays the episode; the answer has control steps and seconds.
+Those run this file with RoboPianist's interpreter, which lacks this package, or, with a physics
+profile as argument, for the version of this package that they find. It reads one JSON object a line
+and answers each with one. The first has the environment's id and an episode's actions; the answer
+has versions. Each ``"env"`` or ``"physics"`` plays the episode; the answer has control steps and
+seconds.
 
-Its environment is built as in its authors' training script, with the flags of their run.sh.
+RoboPianist's environment is built as in its authors' training script, with their run.sh's flags.
 
 Source: google-research/robopianist 1.0.10; kevinzakka/robopianist-rl, train.py and run.sh.
 """
@@ -65,8 +67,16 @@ def record_controls(env: Any, ctrl: Callable[[], Any], actions: Any) -> Any:
     return np.array(controls)
 
 
-def _robopianist(env_id: str) -> tuple[Any, Any]:
-    """RoboPianist's environment, bare and as its authors wrap it for training."""
+def _sb3_piano(env_id: str, profile: str) -> tuple[Any, Any, Any, int]:
+    """The environment, its model and data, and the physics steps in a control step."""
+    importlib.import_module("sb3_piano.envs")
+    gym: Any = importlib.import_module("gymnasium")
+    env = gym.make(env_id, physics=profile).unwrapped
+    return env, env.model, env.data, env.config.n_substeps
+
+
+def _robopianist(env_id: str) -> tuple[Any, Any, Any, int]:
+    """The same of RoboPianist, as its authors wrap it for training."""
     wrappers: Any = importlib.import_module("dm_env_wrappers")
     suite: Any = importlib.import_module("robopianist.suite")
     bare = suite.load(env_id, seed=0, task_kwargs=_TASK)
@@ -75,7 +85,9 @@ def _robopianist(env_id: str) -> tuple[Any, Any]:
     env = wrappers.ConcatObservationWrapper(env)
     env = wrappers.CanonicalSpecWrapper(env, clip=True)
     env = wrappers.SinglePrecisionWrapper(env)
-    return bare, wrappers.DmControlWrapper(env)
+    n_substeps = round(bare.control_timestep() / bare.physics.timestep())
+    physics = bare.physics
+    return wrappers.DmControlWrapper(env), physics.model.ptr, physics.data, n_substeps
 
 
 def main() -> None:
@@ -83,16 +95,17 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     os.dup2(2, 1)
     env_id, actions = json.loads(sys.stdin.readline())
-    packages = ("robopianist", "mujoco", "dm-control", "numpy")
+    profile = sys.argv[1:]
+    packages = ("mujoco", "numpy") if profile else ("robopianist", "mujoco", "dm-control", "numpy")
     versions = {package: metadata.version(package) for package in packages}
     actions = np.array(actions, dtype=np.float32)
-    bare, env = _robopianist(env_id)
-    controls = record_controls(env, lambda: bare.physics.data.ctrl, actions)
-    n_substeps = round(bare.control_timestep() / bare.physics.timestep())
+    make = _sb3_piano if profile else _robopianist
+    env, model, data, n_substeps = make(env_id, *profile)
+    controls = record_controls(env, lambda: data.ctrl, actions)
     answers.write(json.dumps({**versions, "python": platform.python_version()}) + "\n")
     for line in sys.stdin:
         if json.loads(line) == "physics":
-            played = play_physics(bare.physics.model.ptr, n_substeps, controls)
+            played = play_physics(model, n_substeps, controls)
         else:
             played = play_env(env, actions)
         answers.write(json.dumps(played) + "\n")

@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
+import os
 import subprocess
+import sys
 import tempfile
 import time
 import typing
@@ -52,6 +54,7 @@ UPDATES = 20
 TRAINING_STEPS = 30
 """Environment steps of whole training in a sample."""
 _PEER_SCRIPT = Path(__file__).with_name("playback.py")
+_HERE = Path(__file__).resolve().parents[2]
 _ALGORITHMS = ("sac", "td3", "tqc")
 
 Actions = npt.NDArray[np.float32]
@@ -59,26 +62,36 @@ Ask = Callable[[object], Any]
 
 
 class PeerError(SB3PianoError, RuntimeError):
-    """RoboPianist cannot be started in the given interpreter, or stopped answering."""
+    """What is compared with cannot be started in its process, or stopped answering."""
 
 
 @contextlib.contextmanager
-def open_peer(python: str, actions: Actions) -> Iterator[tuple[dict[str, str], Ask]]:
+def open_peer(
+    python: str, actions: Actions, folder: str = "", profile: str = ""
+) -> Iterator[tuple[dict[str, str], Ask]]:
     """RoboPianist in a process of its own: its versions, and what plays ``env`` or ``physics``.
 
     Args:
         python: Interpreter that has RoboPianist.
         actions: (steps, 39) float32, the actions of each episode.
+        folder: If given, a version of this package plays instead: the one in this folder, such as a
+            checkout, with what else the interpreter has.
+        profile: Its physics profile.
 
     Raises:
-        PeerError: If there is no such interpreter, or it has no RoboPianist of that version.
+        PeerError: If there is no such interpreter, or it has no RoboPianist of that version; if the
+            folder has no version of this package that runs.
     """
-    command, pipe = [python, str(_PEER_SCRIPT)], subprocess.PIPE
+    command, pipe, environ = [python, str(_PEER_SCRIPT)], subprocess.PIPE, dict(os.environ)
+    if folder:
+        command.append(profile)
+        environ["PYTHONPATH"] = folder
+        if not Path(folder, "sb3_piano", "__init__.py").is_file():
+            raise _peer_error(python, "has no sb3_piano/__init__.py", folder)
     with tempfile.TemporaryFile() as stderr:
+        options: dict[str, Any] = {"stdin": pipe, "stdout": pipe, "stderr": stderr, "text": True}
         try:  # in a session of its own: Ctrl-C is for this process to answer
-            process = subprocess.Popen(
-                command, stdin=pipe, stdout=pipe, stderr=stderr, text=True, start_new_session=True
-            )
+            process = subprocess.Popen(command, env=environ, start_new_session=True, **options)
         except OSError as error:
             raise _peer_error(python, f"cannot be started: {error.strerror}") from error
 
@@ -94,11 +107,11 @@ def open_peer(python: str, actions: Actions) -> Iterator[tuple[dict[str, str], A
                 stderr.seek(0)
                 lines = stderr.read().decode(errors="replace").strip().splitlines()
                 reason = lines[-1] if lines else "no error shown"
-                raise _peer_error(python, f"gave no answer: {reason}") from error
+                raise _peer_error(python, f"gave no answer: {reason}", folder) from error
 
         try:
             versions = ask((ENV_ID, actions.tolist()))
-            if versions["robopianist"] != PEER_VERSION:
+            if not folder and versions["robopianist"] != PEER_VERSION:
                 raise _peer_error(python, f"has robopianist {versions['robopianist']}")
             yield versions, ask
         finally:
@@ -106,11 +119,12 @@ def open_peer(python: str, actions: Actions) -> Iterator[tuple[dict[str, str], A
             process.communicate()
 
 
-def _peer_error(python: str, what: str) -> PeerError:
-    return PeerError(
-        f"The peer interpreter '{python}' {what}. Expected the Python of an environment made with: "
-        f"{PEER_INSTALL}"
-    )
+def _peer_error(python: str, what: str, folder: str = "") -> PeerError:
+    who, expected = f"version in '{folder}'", "a checkout of sb3-piano that runs here."
+    if not folder:
+        who, expected = f"peer interpreter '{python}'", "the Python of an environment made with: "
+        expected += PEER_INSTALL
+    return PeerError(f"The {who} {what}. Expected {expected}")
 
 
 def episode_actions() -> Actions:
@@ -126,13 +140,15 @@ def episode_actions() -> Actions:
 
 
 def simulation_measurements(
-    actions: Actions, peer: Ask | None, stack: contextlib.ExitStack
+    actions: Actions, peer: Ask | None, before: str | None, stack: contextlib.ExitStack
 ) -> list[Measurement]:
     """Environments and the bare physics under them, all with the same actions.
 
     Args:
         actions: (steps, 39), from :func:`episode_actions`.
         peer: RoboPianist with the same actions.
+        before: Folder of another version of this package; then it and this one play in processes of
+            their own as well.
         stack: Closes the environments.
     """
     runs: dict[str, Callable[[], Sample]] = {}
@@ -141,6 +157,14 @@ def simulation_measurements(
     def add(name: str, play: Callable[..., tuple[int, float]], *arguments: Any) -> None:
         runs[name], ratios[name] = lambda: Sample(*play(*arguments)), {}
 
+    versions = {} if before is None else {"before": before, "now": str(_HERE)}
+    for profile in PHYSICS_PROFILES:
+        for version, folder in versions.items():
+            _, ask = stack.enter_context(open_peer(sys.executable, actions, folder, profile))
+            bare, step = (f"{version}: {x}, {profile}" for x in ("mj_step", "PianoEnv.step"))
+            add(bare, ask, "physics")
+            add(step, ask, "env")
+            ratios[step]["env/bare"] = (bare, step)
     for profile in PHYSICS_PROFILES:
         bare, step, made = (
             f"{x}, {profile}" for x in ("mj_step", "PianoEnv.step", "gymnasium.make")

@@ -60,7 +60,7 @@ class ArrayRows:
 
 
 def buffer_rows(buffer: ReplayBuffer) -> BufferRows:
-    """Return that through which a buffer's rows are saved: itself if it can, or its arrays.
+    """Return the access to a buffer's rows: the buffer itself if it has one, or its arrays.
 
     Raises:
         RunError: If the buffer keeps its rows in something else.

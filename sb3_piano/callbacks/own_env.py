@@ -130,7 +130,7 @@ def preserve_random_state(model: BaseAlgorithm, seed: int | None) -> Iterator[No
 
 
 def env_name(venv: VecEnv) -> str:
-    """Return what the first of the environments is called, for messages."""
+    """Return the name of the first of the environments, for messages."""
     envs = getattr(venv.unwrapped, "envs", None)
     if envs is None:
         return "the environment"

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.wrappers import TimeLimit
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.callbacks.own_env import (
     RunContext,
@@ -72,7 +72,7 @@ class PerformanceVideoCallback(BaseCallback):
         self._picture: Picture | None = Picture(width=width, height=height, camera=camera)
         self._seed = seed
         self._run: RunContext | None = None
-        self._piano: OwnPiano | None = None
+        self._env: VecEnv | None = None
 
     def use_run(self, run: RunContext) -> None:
         """Take the environment, and the place for the videos, from a run."""
@@ -86,24 +86,58 @@ class PerformanceVideoCallback(BaseCallback):
                 "PerformanceVideoCallback has no folder to write into: expected folder='...', "
                 "which only a training by 'sb3-piano train' can do without."
             )
-        self._close()
-        self._piano = OwnPiano(self.model, self._run, self._max_seconds)
+        self._on_training_end()
+        self._env, self._recorder = self._make_env()
+        piano = self._recorder.unwrapped
+        if not isinstance(piano, PianoEnv):
+            name = env_name(self._env)
+            self._on_training_end()
+            raise ConfigError(
+                f"There is no performance to record in {name}: expected a piano environment."
+            )
+        self._scene = piano.scene
         self._folder.mkdir(parents=True, exist_ok=True)
 
     def _on_step(self) -> bool:
         if self._video_freq > 0 and self.n_calls % self._video_freq == 0:
-            assert self._piano is not None, "a training is on"
             assert self._folder is not None, "a training is on"
-            self._write(self._piano.play(self._seed), self._folder / f"step_{self.num_timesteps}")
+            self._write(self.play(), self._folder / f"step_{self.num_timesteps}")
         return True
 
     def _on_training_end(self) -> None:
-        self._close()
+        if self._env is not None:
+            self._env.close()
+            self._env = None
 
-    def _close(self) -> None:
-        if self._piano is not None:
-            self._piano.close()
-            self._piano = None
+    def play(self) -> Take:
+        """Return an episode that the model plays now, in the callback's environment."""
+        assert self._env is not None, "a training is on"
+        sync_normalization(self.model, self._env)
+        with preserve_random_state(self.model, self._seed):
+            if self._seed is not None:
+                self._env.seed(self._seed)
+            observation: Any = self._env.reset()
+            state, starts = None, np.ones(1, dtype=bool)
+            while not self._recorder.finished:
+                action, state = self.model.predict(observation, state, starts, deterministic=True)
+                observation, _, starts, _ = self._env.step(action)
+        recording = self._recorder.finished.pop()
+        assert recording.performance is not None, "it is a piano"
+        assert recording.motion is not None, "it is a piano"
+        return Take.of(self._scene, recording.performance, recording.motion.qpos)
+
+    def _make_env(self) -> tuple[VecEnv, EpisodeRecorder]:
+        """Return an environment like those of the training, and the recorder inside."""
+        recorders: list[EpisodeRecorder] = []
+
+        def record(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
+            if isinstance(env.unwrapped, PianoEnv):
+                steps = int(self._max_seconds / env.unwrapped.config.control_timestep + 1e-9)
+                env = TimeLimit(env, max(steps, 1))
+            recorders.append(EpisodeRecorder(env))
+            return recorders[-1]
+
+        return make_own_env(self.model, self._run, record), recorders[-1]
 
     def _write(self, take: Take, base: Path) -> None:
         played = write_take(take, base, self._picture)
@@ -113,70 +147,3 @@ class PerformanceVideoCallback(BaseCallback):
                 f"There are no videos of this training, only sound and notes: {played.problem}",
                 stacklevel=2,
             )
-
-
-class OwnPiano:
-    """An environment like those of the training, in which the model plays single episodes.
-
-    Args:
-        model: The model that is being trained.
-        run: The run, if its session told the callback.
-        max_seconds: After which time an episode is cut off, s.
-
-    Raises:
-        ConfigError: If the environment is no piano, or there is no run and it cannot be copied.
-    """
-
-    def __init__(self, model: BaseAlgorithm, run: RunContext | None, max_seconds: float) -> None:
-        self._model = model
-        self._max_seconds = max_seconds
-        recorders: list[EpisodeRecorder] = []
-
-        def record(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
-            recorders.append(EpisodeRecorder(self._cut_off(env)))
-            return recorders[-1]
-
-        self._env = make_own_env(model, run, record)
-        self._recorder = recorders[-1]
-        piano = self._recorder.unwrapped
-        if not isinstance(piano, PianoEnv):
-            self.close()
-            raise ConfigError(
-                f"There is no performance to record in {env_name(self._env)}: expected a piano "
-                "environment."
-            )
-        self._scene = piano.scene
-
-    def play(self, seed: int | None) -> Take:
-        """Return an episode that the model plays now, without exploring.
-
-        Args:
-            seed: Seeds the environment; ``None`` lets it go on from the last episode.
-        """
-        sync_normalization(self._model, self._env)
-        with preserve_random_state(self._model, seed):
-            if seed is not None:
-                self._env.seed(seed)
-            self._play_on()
-        recording = self._recorder.finished.pop()
-        assert recording.performance is not None, "it is a piano"
-        assert recording.motion is not None, "it is a piano"
-        return Take.of(self._scene, recording.performance, recording.motion.qpos)
-
-    def close(self) -> None:
-        """Close the environment."""
-        self._env.close()
-
-    def _cut_off(self, env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
-        """End the episodes of a piano after the longest time."""
-        if not isinstance(env.unwrapped, PianoEnv):
-            return env
-        steps = int(self._max_seconds / env.unwrapped.config.control_timestep + 1e-9)
-        return TimeLimit(env, max(steps, 1))
-
-    def _play_on(self) -> None:
-        observation: Any = self._env.reset()
-        state, starts = None, np.ones(1, dtype=bool)
-        while not self._recorder.finished:
-            action, state = self._model.predict(observation, state, starts, deterministic=True)
-            observation, _, starts, _ = self._env.step(action)

@@ -21,6 +21,7 @@ def add_parser(commands: Any) -> None:
     bench = commands.add_parser("bench", help="measure speed and memory")
     add = bench.add_argument
     add("--peer-python", metavar="PATH", help="measure RoboPianist too: a Python that has it")
+    add("--before", metavar="FOLDER", help="measure another version too: a checkout's folder")
     add(
         "--rounds",
         type=whole_number,
@@ -52,6 +53,7 @@ def _bench(arguments: argparse.Namespace) -> int:
         parts=arguments.only or PARTS,
         rounds=arguments.rounds,
         peer_python=arguments.peer_python,
+        before=arguments.before,
         num_threads=arguments.num_threads,
         progress=not arguments.no_progress,
     )

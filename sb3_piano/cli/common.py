@@ -83,7 +83,7 @@ def add_piece_arguments(add: Callable[..., Any]) -> None:
         "--fingering",
         metavar="HOW",
         help="keep (default): labels as they are; ergonomic: find fingers for notes without; "
-        "optimal-transport: no labels; or a file of labels",
+        "robot: those that suit the simulated hands; optimal-transport: no labels; or a file",
     )
 
 

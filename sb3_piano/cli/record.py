@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sb3_piano.demonstrations.recording import Predictor
 
 _POLICIES = ("planned", "sampling")
-_OBSERVED = {"observation": "fingers", "fingering": "ergonomic"}
+_OBSERVED = {"observation": "fingers", "fingering": "robot"}
 """What an environment that is made here observes unless told otherwise: little, and by finger."""
 
 
@@ -65,7 +65,7 @@ def add_parser(commands: Any) -> None:
         help="standard deviation of the joints at the start; default: 0",
     )
     add("--seed", type=int, default=0, metavar="N", help="default: 0")
-    add("--fingering", metavar="HOW", help="as for train, of no run; default: ergonomic")
+    add("--fingering", metavar="HOW", help="as for train, of no run; default: robot")
     add_shared(
         add,
         "--set",
@@ -167,12 +167,9 @@ def _new_env(arguments: argparse.Namespace) -> gym.Env[Any, Any]:
 
 
 def _pianist(name: str, env: gym.Env[Any, Any]) -> Predictor:
-    from sb3_piano.planning.settings import AS_WRITTEN
     from sb3_piano.training.configuration.names import planner_class
 
-    # The observation tells the score's fingers: who learns from it has to see these play.
-    option = "settings" if name == "planned" else "plan_settings"
-    return planner_class(name)(env, **{option: AS_WRITTEN})
+    return planner_class(name)(env)
 
 
 def _default_id(env: gym.Env[Any, Any], policy: str) -> str:

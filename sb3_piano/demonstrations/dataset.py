@@ -8,7 +8,6 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -149,7 +148,7 @@ def dataset_root() -> Path:
 
 
 def dataset_folder(dataset_id: str) -> Path:
-    """Return where a data set is, or would be.
+    """Return the folder of a data set, which need not exist.
 
     Raises:
         ConfigError: If it is no valid name.
@@ -262,12 +261,7 @@ class DatasetWriter:
     def __enter__(self) -> DatasetWriter:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         shutil.rmtree(self._made, ignore_errors=True)
 
     def add(self, episode: Episode) -> None:

@@ -138,7 +138,7 @@ def record(
 
 
 def _remade(env: Env) -> EnvSpec | None:
-    """Return how the environment can be made again, if it can."""
+    """Return the spec from which the environment can be made again, if there is one."""
     if env.spec is None:
         return None
     try:

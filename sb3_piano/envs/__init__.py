@@ -1,9 +1,15 @@
 """The piano environment, alone or as a vector, and its registration with gymnasium."""
 
 from sb3_piano.envs.config import PianoEnvConfig
-from sb3_piano.envs.key_window import ALL_KEYS, KeyWindow
-from sb3_piano.envs.observation import ObservationBlock, ObservationLayout, ObservationSpace
+from sb3_piano.envs.observation import (
+    ALL_KEYS,
+    KeyWindow,
+    ObservationBlock,
+    ObservationLayout,
+    ObservationSpace,
+)
 from sb3_piano.envs.piano_env import PianoEnv
+from sb3_piano.envs.record import EnvState
 from sb3_piano.envs.recorder import EpisodeRecorder, Motion, Recording
 from sb3_piano.envs.registration import (
     DEBUG_IDS,
@@ -15,7 +21,6 @@ from sb3_piano.envs.registration import (
 )
 from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS, RETURN_KEYS
 from sb3_piano.envs.score_choice import ScoreTransform
-from sb3_piano.envs.state import EnvState
 from sb3_piano.envs.vector_env import PianoVectorEnv
 from sb3_piano.performance import Performance
 

@@ -12,12 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.finger_goals import FingerGoals
-from sb3_piano.envs.key_window import ALL_KEYS, KeyWindow
-from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
-from sb3_piano.envs.reading import Reading
+from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, ObservationBlock, ObservationLayout
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
-from sb3_piano.simulation import KEY_IS_BLACK, PianoScene
+from sb3_piano.simulation import KEY_IS_BLACK, PianoScene, Simulation
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -54,12 +52,13 @@ class Encoding(ABC):
         """
 
     @abstractmethod
-    def write(self, step: int, reading: Reading) -> Float32Array:
+    def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
         """Return the observation before a control step of the piece.
 
         Args:
             step: Control step that is to be played next, 0 to ``len(roll) - 1``.
-            reading: The state of the simulation.
+            simulation: What is played, as it was read.
+            pedal: The pedal's command in [0, 1].
         """
 
 
@@ -95,29 +94,34 @@ class RollEncoding(Encoding):
         self._window = window
         self._rows_shown = n_steps_lookahead + 1
         self.layout, _ = window.restrict(_roll_layout(scene, n_steps_lookahead))
-        self._joint_qpos = np.concatenate(scene.joint_qpos)
+        self._keys, self._width = window.slice, len(window) + 1
+        self._pedal_at = self.layout["sustain"].start
+        # What comes first leaves room for the pedal, a number that is not in qpos.
+        self._pedal_and_joints = np.concatenate([[0], *scene.joint_qpos])
 
     def prepare(self, roll: PianoRoll) -> None:
         """Take a piece; see :meth:`Encoding.prepare`."""
         self._window.check(roll)
         steps = len(roll)
         # Silence is appended, so that the lookahead of the last step can be cut like any other.
-        rows = np.zeros((steps + self._rows_shown - 1, len(self._window) + 1), dtype=np.float32)
-        rows[:steps, :-1] = roll.active[:, self._window.slice]
+        rows = np.zeros((steps + self._rows_shown - 1, self._width), dtype=np.float32)
+        rows[:steps, :-1] = roll.active[:, self._keys]
         rows[:steps, -1] = roll.sustain
-        self._rows = rows
+        self._goal = rows.reshape(-1)
         self._fingers = roll.labelled_fingers().astype(np.float32)
 
-    def write(self, step: int, reading: Reading) -> Float32Array:
+    def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
         """Return the observation; see :meth:`Encoding.write`."""
+        width = self._width
         blocks = (
-            self._rows[step : step + self._rows_shown].reshape(-1),
+            self._goal[step * width : (step + self._rows_shown) * width],
             self._fingers[step],
-            reading.key_state[self._window.slice],
-            (reading.pedal,),
-            reading.qpos.take(self._joint_qpos),
+            simulation.key_state[self._keys],
+            simulation.qpos[self._pedal_and_joints],
         )
-        return np.concatenate(blocks, dtype=np.float32, casting="same_kind")
+        observation = np.concatenate(blocks, dtype=np.float32)
+        observation[self._pedal_at] = pedal
+        return observation
 
 
 class FingerEncoding(Encoding):
@@ -144,37 +148,34 @@ class FingerEncoding(Encoding):
     def prepare(self, roll: PianoRoll) -> None:
         """Take a piece; see :meth:`Encoding.prepare`."""
         goals = FingerGoals.of(roll, self._horizon)
-        self._roll = roll
-        self._has_target = goals.key >= 0
-        self._key = np.where(self._has_target, goals.key, 0)
-        # Everything about the targets that does not depend on the simulation.
-        self._timing = np.stack(
-            [
-                self._has_target,
-                goals.onset * self._control_timestep,
-                goals.release * self._control_timestep,
-                self._has_target & KEY_IS_BLACK[self._key],
-            ],
-            axis=2,
-        ).astype(np.float32)
+        has_target = goals.key >= 0
+        self._not_due = [int.from_bytes((~due).tobytes()) for due in roll.active]
+        self._key = key = np.where(has_target, goals.key, 0)
+        self._key_geom, self._press_offset = self._scene.press_geometry(key)
+        self._has_target, self._scale = has_target, _DM_PER_M * has_target[:, :, None]
+        targets = np.zeros((len(roll), NUM_FINGERS, 8))
+        targets[:, :, 4] = has_target
+        targets[:, :, 5] = goals.onset * self._control_timestep
+        targets[:, :, 6] = goals.release * self._control_timestep
+        targets[:, :, 7] = has_target & KEY_IS_BLACK[key]
+        # Everything that does not depend on the simulation.
+        self._known = np.zeros((len(roll), self.layout.size), dtype=np.float32)
+        self._known[:, self._targets] = targets.reshape(len(roll), -1)
         change = _steps_to_change(roll.sustain, self._horizon) * self._control_timestep
-        self._pedal = np.stack([roll.sustain, change], axis=1).astype(np.float32)
+        self._known[:, self._pedal_goal] = np.stack([roll.sustain, change], axis=1)
 
-    def write(self, step: int, reading: Reading) -> Float32Array:
+    def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
         """Return the observation; see :meth:`Encoding.write`."""
-        keys, has_target = self._key[step], self._has_target[step]
-        offset = self._scene.press_point(reading.data, keys) - reading.fingertips
-        wrong = np.count_nonzero(reading.sounding > self._roll.active[step])
-        targets = np.empty((NUM_FINGERS, 8), dtype=np.float32)
-        targets[:, :3] = _DM_PER_M * offset * has_target[:, None]
-        targets[:, 3] = reading.key_state[keys] * has_target
-        targets[:, 4:] = self._timing[step]
-        observation = np.empty(self.layout.size, dtype=np.float32)
-        observation[self._targets] = targets.reshape(-1)
-        observation[self._pedal_goal] = self._pedal[step]
-        observation[self._sustain] = reading.pedal
-        observation[self._wrong_keys] = min(int(wrong), _MOST_WRONG_KEYS)
-        observation[self._joints] = reading.qpos[self._joint_qpos]
+        points = simulation.geom_xpos.take(self._key_geom[step], axis=0) + self._press_offset[step]
+        depths = simulation.key_state[self._key[step]] * self._has_target[step]
+        wrong = (int.from_bytes(simulation.sounding) & self._not_due[step]).bit_count()
+        observation: Float32Array = self._known[step].copy()
+        targets = observation[self._targets].reshape(NUM_FINGERS, 8)  # a view
+        targets[:, :3] = (points - simulation.fingertips) * self._scale[step]
+        targets[:, 3] = depths
+        observation[self._sustain] = pedal
+        observation[self._wrong_keys] = min(wrong, _MOST_WRONG_KEYS)
+        observation[self._joints] = simulation.qpos[self._joint_qpos]
         return observation
 
 
@@ -269,7 +270,7 @@ def _joint_blocks(scene: PianoScene) -> list[ObservationBlock]:
 
 
 def _steps_to_change(values: npt.NDArray[np.bool_], most: int) -> npt.NDArray[np.intp]:
-    """Return how many steps each value lasts from its step on, (T,), at most ``most``."""
+    """Return the number of steps that each value lasts from its step on, (T,), at most ``most``."""
     changes = np.flatnonzero(np.diff(values)) + 1
     following = np.searchsorted(changes, np.arange(len(values)), side="right")
     at = np.append(changes, len(values) + most)[following]

@@ -11,6 +11,7 @@ from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.rewards import highest_return
 from sb3_piano.envs.score_choice import fingered
 from sb3_piano.music import PianoRoll, Score
+from sb3_piano.music.fingering.robot import release_early
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -20,14 +21,14 @@ class StepGoal(NamedTuple):
 
     due: BoolArray
     """(88,) keys that should sound; a view of the roll."""
-    keys: npt.NDArray[np.intp]
-    """(n,) the keys that should sound, ascending."""
+    keys: tuple[int, ...]
+    """The keys that should sound, ascending."""
+    not_due: int
+    """All others, as the number that their bytes are: ``int.from_bytes(~due)``, which is fast."""
     sustain: bool
     """Whether the pedal should be down."""
-    labelled_keys: npt.NDArray[np.intp]
-    """(m,) those of them with a finger label."""
-    labelled_fingers: npt.NDArray[np.intp]
-    """(m,) their fingers, 0 to 9."""
+    labelled: tuple[tuple[int, int], ...]
+    """Those of them with a finger label: key, and finger from 0 to 9."""
 
 
 class Goal:
@@ -45,12 +46,8 @@ class Goal:
         """
         self.source = score
         """The score as it was handed in."""
-        self.score = score = fingered(score, config.fingering)
-        self.roll = PianoRoll.from_score(
-            score.trim_silence() if config.trim_silence else score,
-            config.control_timestep,
-            initial_buffer_time=config.initial_buffer_time,
-        )
+        self.score = score = fingered(score, config.fingering, config.control_timestep)
+        self.roll = roll_of(score, config)
         self.fingering_reward = config.fingering_reward
         if config.fingering_reward == "auto":
             self.fingering_reward = "labels" if score.has_fingering else "optimal-transport"
@@ -78,13 +75,22 @@ class Goal:
         )
 
 
+def roll_of(score: Score, config: PianoEnvConfig) -> PianoRoll:
+    """Return a score cut into control steps as an environment with these settings plays it."""
+    roll = PianoRoll.from_score(
+        score.trim_silence() if config.trim_silence else score,
+        config.control_timestep,
+        initial_buffer_time=config.initial_buffer_time,
+    )
+    return release_early(roll) if config.fingering == "robot" else roll
+
+
 def _step_goal(roll: PianoRoll, step: int) -> StepGoal:
-    keys, fingers = roll.due(step)
-    labelled = fingers >= 0
+    keys, fingers = (array.tolist() for array in roll.due(step))
     return StepGoal(
         due=roll.active[step],
-        keys=keys,
+        keys=tuple(keys),
+        not_due=int.from_bytes((~roll.active[step]).tobytes()),
         sustain=bool(roll.sustain[step]),
-        labelled_keys=keys[labelled],
-        labelled_fingers=fingers[labelled].astype(np.intp),
+        labelled=tuple(pair for pair in zip(keys, fingers, strict=True) if pair[1] >= 0),
     )

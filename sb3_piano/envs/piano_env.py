@@ -10,22 +10,18 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.actions import ActionMap
-from sb3_piano.envs.advance import advance
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.encodings import make_encoding
 from sb3_piano.envs.goal import Goal
-from sb3_piano.envs.key_window import ALL_KEYS, KeyWindow
-from sb3_piano.envs.observation import ObservationLayout, ObservationSpace
-from sb3_piano.envs.reading import Reading
-from sb3_piano.envs.record import EpisodeRecord
+from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, ObservationLayout, ObservationSpace
+from sb3_piano.envs.record import EnvState, EpisodeRecord
 from sb3_piano.envs.reward_terms import reward_terms
 from sb3_piano.envs.score_choice import ScoreSource, chosen_score, own_score
-from sb3_piano.envs.state import EnvState
 from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedError
-from sb3_piano.music import NUM_KEYS, PianoRoll, Score
+from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.apply import apply_fingering
 from sb3_piano.performance import Performance
-from sb3_piano.simulation import compile_scene, pedal_threshold
+from sb3_piano.simulation import Simulation, compile_scene, pedal_threshold
 from sb3_piano.viewing import FrameRenderer
 
 Observation = npt.NDArray[np.float32]
@@ -115,8 +111,12 @@ class PianoEnv(gym.Env[Any, Any]):
         own, options = own_score(score, options)
         self.config = PianoEnvConfig.from_options(options)
         # Here with labels from a file, too, which only this score is known to belong to; other
-        # scores get their fingers as goals.
-        self._default_score = apply_fingering(own, self.config.fingering)
+        # scores get their fingers as goals, and so do all those of the robot, which fit the tempo
+        # at which a piece is played.
+        fingering = self.config.fingering
+        self._default_score = apply_fingering(
+            own, "ergonomic" if fingering == "robot" else fingering
+        )
         self.render_mode = render_mode
         render_fps = round(1 / self.config.control_timestep)
         self.metadata = {**type(self).metadata, "render_fps": render_fps}
@@ -124,7 +124,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self._renderer: FrameRenderer | None = None
         self._build(ALL_KEYS)
         self._finished = True  # until the first reset
-        self.action_space = self._actions.space
+        self.action_space = self.action_map.space
         self.observation_space = ObservationSpace(self._encoding.layout)
         self.total_steps = 0
         """Control steps played since this environment was made. Schedules go by it; a training that
@@ -160,7 +160,8 @@ class PianoEnv(gym.Env[Any, Any]):
     @property
     def key_active(self) -> npt.NDArray[np.bool_]:
         """Which keys sound now, (88,) bool."""
-        return self._read().sounding
+        self._simulation.read()
+        return np.frombuffer(self._simulation.sounding, dtype=bool).copy()
 
     @property
     def pedal_down(self) -> bool:
@@ -175,7 +176,7 @@ class PianoEnv(gym.Env[Any, Any]):
     @property
     def rest_action(self) -> npt.NDArray[np.float32]:
         """The action that plays nothing: it holds all joints at 0 (or as near as they can be)."""
-        return self._actions.rest
+        return self.action_map.rest
 
     def fix_keys(self, first: int, last: int) -> None:
         """Let only the keys from ``first`` to ``last`` move; all others are rigid from now on.
@@ -221,6 +222,7 @@ class PianoEnv(gym.Env[Any, Any]):
             offset = self.np_random.uniform(-_HAND_OFFSET, _HAND_OFFSET)
             self.data.qpos[self.scene.slider_qpos] = offset
         mujoco.mj_step1(self.model, self.data)
+        self._simulation.read()
         return self._observation(), {}
 
     def step(
@@ -241,30 +243,33 @@ class PianoEnv(gym.Env[Any, Any]):
         """
         if self._finished:
             raise EnvStateError("No episode is under way: call reset() before step().")
-        controls, self._pedal = self._actions.controls(action)
-        if not advance(self.scene, self.data, controls, self._key_angles):
+        controls, self._pedal = self.action_map.controls(action)
+        if not self._simulation.advance(controls):
             self._finished = True
             raise SimulationDivergedError(
                 f"The physics became unstable in control step {self._record.steps}. The episode "
                 "is over: call reset(). Expected only after changes to the model or its state."
             )
-        reading, step = self._read(), self._record.steps
-        terms = self._reward_terms(step, reading)
-        weights = self.config.reward_weights
+        self._simulation.read()
+        step, last, pedal_down = self._record.steps, len(self._goal) - 1, self.pedal_down
+        config = self.config
+        terms = reward_terms(self._simulation, self._goal, step, pedal_down, config.forearm_reward)
+        weights = config.reward_weights
         weighted = {name: weights[name] * term for name, term in terms.items()}
-        self._record.add(reading, self._key_angles, self.pedal_down, weighted)
+        self._record.add(self._simulation, pedal_down, weighted)
         self.total_steps += 1
-        truncated = self._record.steps == len(self._goal)
+        truncated = step == last
         terminated = (
-            self.config.wrong_press_termination
+            config.wrong_press_termination
             and not truncated
-            and bool(np.count_nonzero(reading.sounding > self._goal.steps[step].due))
+            and int.from_bytes(self._simulation.sounding) & self._goal.steps[step].not_due > 0
         )
         self._finished = truncated or terminated
         info: dict[str, Any] = {"reward_terms": terms}
         if self._finished:
             info.update(self._record.summary())
-        return self._observation(reading), sum(weighted.values()), terminated, truncated, info
+        observation = self._encoding.write(min(step + 1, last), self._simulation, self._pedal)
+        return observation, sum(weighted.values()), terminated, truncated, info
 
     def reward_terms(self, step: int) -> dict[str, float]:
         """Return the unweighted reward terms of the present state under the goal of a step.
@@ -272,7 +277,9 @@ class PianoEnv(gym.Env[Any, Any]):
         Args:
             step: Control step whose goal is compared with the state, 0 to ``len(roll) - 1``.
         """
-        return self._reward_terms(step, self._read())
+        self._simulation.read()
+        forearm = self.config.forearm_reward
+        return reward_terms(self._simulation, self._goal, step, self.pedal_down, forearm)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Draw the scene: due keys and fingertips coloured by finger, sounding keys green.
@@ -338,6 +345,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self._clear_episode()
         mujoco.mj_setState(self.model, self.data, state.physics, kind)
         mujoco.mj_step1(self.model, self.data)
+        self._simulation.read()
         self._record.restore(state)
         self._finished, self._pedal = state.finished, state.pedal
         return self._observation()
@@ -357,9 +365,10 @@ class PianoEnv(gym.Env[Any, Any]):
             moving_keys=(moving.first, moving.last),
         ).copy()
         self.model = self.scene.model
-        self.data = mujoco.MjData(self.model)
-        self._actions = ActionMap(self.scene)
-        self._key_angles = np.zeros((config.n_substeps, NUM_KEYS))  # after each physics step
+        self._simulation = Simulation(self.scene, config.n_substeps)
+        self.data = self._simulation.data
+        self.action_map = ActionMap(self.scene)
+        """Map from actions to the actuators' targets and the pedal, and back."""
         self._goal = Goal(self._default_score, config)
         roll, lookahead = self._goal.roll, config.n_steps_lookahead
         self._encoding = make_encoding(
@@ -380,20 +389,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self._finished = False
         self._pedal = 0.0
 
-    def _read(self) -> Reading:
-        return Reading.of(self.scene, self.data, self._pedal)
-
-    def _reward_terms(self, step: int, reading: Reading) -> dict[str, float]:
-        return reward_terms(
-            self.scene,
-            self._goal,
-            step,
-            reading,
-            pedal_down=self.pedal_down,
-            forearm=self.config.forearm_reward,
-        )
-
-    def _observation(self, reading: Reading | None = None) -> Observation:
+    def _observation(self) -> Observation:
         """Return the observation; after the last step it repeats the last goal."""
         step = min(self._record.steps, len(self._goal) - 1)
-        return self._encoding.write(step, self._read() if reading is None else reading)
+        return self._encoding.write(step, self._simulation, self._pedal)

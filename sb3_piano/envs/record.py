@@ -1,25 +1,62 @@
-"""The record of an episode: what sounded and what was earned in each control step."""
+"""The record of an episode: what sounded and was earned in each control step; and saved moments."""
 
 from __future__ import annotations
 
+import functools
 import operator
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs.goal import Goal
-from sb3_piano.envs.press_times import press_times
-from sb3_piano.envs.reading import Reading
 from sb3_piano.envs.rewards import RETURN_KEYS
-from sb3_piano.envs.state import EnvState
-from sb3_piano.metrics import KeyBoxes, nearest_fingers, normalized_return, presses_of
+from sb3_piano.metrics import KeyBoxes, Presses, nearest_fingers, normalized_return, presses_of
+from sb3_piano.music import Score
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
 from sb3_piano.performance import Performance
-from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation import PianoScene, Simulation
 
+IntArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
+
+_LEAST = 1e-3
+"""Least duration of a press, s: a key may go down with the very last physics step."""
+
+# Physics steps of which no more than this are kept as angles, which take eight times the memory.
+_MANY = 2000
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EnvState:
+    """The physics and the episode's progress, from ``PianoEnv.get_state``; a copy, picklable."""
+
+    physics: npt.NDArray[np.float64]
+    """MuJoCo's integration state."""
+    score: Score
+    """Score that is played."""
+    finished: bool
+    """Whether the episode has ended."""
+    pedal: float
+    """The pedal's command in [0, 1]."""
+    key_active: npt.NDArray[np.bool_]
+    """(step, 88) bool, keys that sounded after each control step."""
+    sustain: npt.NDArray[np.bool_]
+    """(step,) bool, whether the pedal was down."""
+    fingertips: npt.NDArray[np.float64]
+    """(step, 10, 3) positions of the fingertips after each control step, m."""
+    within: Mapping[int, npt.NDArray[np.bool_]]
+    """By control step in which a key went down or up: (p, 88) bool, keys that sounded after each of
+    its p physics steps."""
+    returns: npt.NDArray[np.float64]
+    """(5,) sums so far of the weighted reward terms."""
+
+    @property
+    def step(self) -> int:
+        """Control steps that are over."""
+        return len(self.key_active)
 
 
 class EpisodeRecord:
@@ -35,12 +72,17 @@ class EpisodeRecord:
         self._goal = goal
         self._scene = scene
         # Lists of what each step has, which grow faster than rows of an array are filled.
-        self._key_active: list[BoolArray] = []
+        self._key_active: list[bytes] = []
         self._sustain: list[bool] = []
         self._fingertips: list[FloatArray] = []
-        self._sounding = bytes(NUM_KEYS)  # the fastest way to compare them
-        self._within: dict[int, BoolArray] = {}  # of steps in which a key changed
-        self._returns = [0.0] * len(RETURN_KEYS)  # plain numbers, faster to add than an array
+        self._sounding = bytes(NUM_KEYS)  # after the last step; the fastest way to compare them
+        # Steps in which a key changed, and which keys sounded after each physics step of them.
+        self._changes: list[int] = []
+        self._within = np.zeros((0, 1, NUM_KEYS), dtype=bool)
+        self._returns = [0.0] * len(RETURN_KEYS)
+        # What is yet to be put into the latter two, which is faster for many steps at once.
+        self._key_angles: list[bytes] = []
+        self._weighted_terms: list[Iterable[float]] = []
 
     @property
     def steps(self) -> int:
@@ -48,34 +90,36 @@ class EpisodeRecord:
         return len(self._sustain)
 
     def add(
-        self,
-        reading: Reading,
-        key_angles: FloatArray,
-        pedal_down: bool,
-        weighted_terms: Mapping[str, float],
+        self, simulation: Simulation, pedal_down: bool, weighted_terms: Mapping[str, float]
     ) -> None:
         """Note down a control step.
 
         Args:
-            reading: The state at its end.
-            key_angles: (p, 88) angle of each key after each physics step of it, rad.
+            simulation: What was played, read at its end.
             pedal_down: Whether the pedal is down.
             weighted_terms: The weighted reward terms, in the order of ``RETURN_KEYS``.
         """
-        sounding = reading.sounding.tobytes()
+        sounding = simulation.sounding
         if sounding != self._sounding:
-            self._within[self.steps] = key_angles >= self._scene.key_sounding_angle
+            self._changes.append(len(self._sustain))
+            self._key_angles += simulation.key_angles
             self._sounding = sounding
-        self._key_active.append(reading.sounding)
+            if len(self._key_angles) > _MANY:
+                self._sounding_within()
+        self._key_active.append(sounding)
         self._sustain.append(pedal_down)
-        self._fingertips.append(reading.fingertips)
-        self._returns = list(map(operator.add, self._returns, weighted_terms.values()))
+        self._fingertips.append(simulation.fingertips)
+        self._weighted_terms.append(tuple(weighted_terms.values()))
 
     def performance(self) -> Performance:
         """Return a copy of what was played so far."""
         roll, (key_active, sustain, fingertips) = self._goal.roll, self._arrays()
         strikes, releases = press_times(
-            presses_of(key_active), self._within, roll.control_timestep, self.steps
+            presses_of(key_active),
+            np.array(self._changes, dtype=np.intp),
+            self._sounding_within(),
+            roll.control_timestep,
+            self.steps,
         )
         return Performance(
             roll=roll,
@@ -89,11 +133,11 @@ class EpisodeRecord:
 
     def summary(self) -> dict[str, float]:
         """Return the music metrics and the returns by name, as they stand in the final ``info``."""
-        highest = self._goal.highest_return
+        returns = self._sums()
         return {
             **self.performance().metrics(),
-            "normalized_return": normalized_return(sum(self._returns), highest),
-            **dict(zip(RETURN_KEYS, self._returns, strict=True)),
+            "normalized_return": normalized_return(sum(returns), self._goal.highest_return),
+            **dict(zip(RETURN_KEYS, returns, strict=True)),
         }
 
     def save(self, *, physics: npt.NDArray[np.float64], finished: bool, pedal: float) -> EnvState:
@@ -107,25 +151,91 @@ class EpisodeRecord:
             key_active=key_active,
             sustain=sustain,
             fingertips=fingertips,
-            within=dict(self._within),
-            returns=np.array(self._returns),
+            within=dict(zip(self._changes, self._sounding_within(), strict=True)),
+            returns=np.array(self._sums()),
         )
 
     def restore(self, state: EnvState) -> None:
         """Take over the steps that another record saved."""
-        self._key_active = list(state.key_active.copy())
+        self._key_active = [keys.tobytes() for keys in state.key_active]
         self._sustain = state.sustain.tolist()
         self._fingertips = list(state.fingertips.copy())
-        self._within = dict(state.within)
+        self._changes = list(state.within)
+        if state.within:
+            self._within = np.stack(list(state.within.values()))
         if self._key_active:
-            self._sounding = self._key_active[-1].tobytes()
+            self._sounding = self._key_active[-1]
         self._returns = state.returns.tolist()
+
+    def _sounding_within(self) -> BoolArray:
+        """Return which keys sounded after the p physics steps of the m ``_changes``, (m, p, 88)."""
+        if self._key_angles:
+            former, steps = self._within, len(self._changes) - len(self._within)
+            within = self._scene.sounding_at(self._key_angles).reshape(steps, -1, NUM_KEYS)
+            self._within = np.concatenate([former, within]) if len(former) else within
+            self._key_angles = []
+        return self._within
+
+    def _sums(self) -> list[float]:
+        """Return the sums of the weighted terms, added up step by step."""
+        if self._weighted_terms:
+            columns = zip(self._returns, *self._weighted_terms, strict=True)
+            self._returns = [functools.reduce(operator.add, column) for column in columns]
+            self._weighted_terms = []
+        return self._returns
 
     def _arrays(self) -> tuple[BoolArray, BoolArray, FloatArray]:
         """Return which keys sounded (t, 88), the pedal (t,) and the fingertips (t, 10, 3)."""
         steps = self.steps
         return (
-            np.array(self._key_active, dtype=bool).reshape(steps, NUM_KEYS),
+            np.frombuffer(b"".join(self._key_active), dtype=bool).reshape(steps, NUM_KEYS).copy(),
             np.array(self._sustain, dtype=bool),
-            np.array(self._fingertips, dtype=float).reshape(steps, NUM_FINGERS, 3),
+            np.concatenate([np.empty((0, 3)), *self._fingertips]).reshape(steps, NUM_FINGERS, 3),
         )
+
+
+def press_times(
+    presses: Presses,
+    changes: IntArray,
+    within: BoolArray,
+    control_timestep: float,
+    n_steps: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the times at which each press began and ended.
+
+    A key is pressed or let go when what it does at the end of a control step differs from the end
+    of the step before. The time is that of the physics step since which it has been so: a key that
+    bounces within a control step went down when it went down for good.
+
+    Args:
+        presses: n presses of the episode so far.
+        changes: (m,) control steps of which more is known, ascending. What happened in another one
+            is taken to have happened at its end.
+        within: (m, p, 88) which keys sounded after each of their p physics steps.
+        control_timestep: Length of a control step, s.
+        n_steps: How many control steps the episode has had.
+
+    Returns:
+        (n,) times from the start of the episode, s, at which the keys went down, and at which they
+        came up; the end of the last step for those that have not.
+    """
+    steps = np.concatenate([presses.first, presses.end])
+    share = _shares(steps, np.tile(presses.key, 2), changes, within)
+    strikes, releases = np.split((steps + share) * control_timestep, 2)
+    end = np.maximum(n_steps * control_timestep, strikes + _LEAST)
+    return strikes, np.where(presses.end < n_steps, releases, end)
+
+
+def _shares(steps: IntArray, keys: IntArray, changes: IntArray, within: BoolArray) -> FloatArray:
+    """Return after which share of a step keys did for good what they do at its end."""
+    share = np.ones(len(steps))
+    if len(changes) == 0:
+        return share
+    row = np.minimum(np.searchsorted(changes, steps), len(changes) - 1)
+    known = changes[row] == steps
+    states = within[row, :, keys]
+    # Backwards from the end, how far it has been so.
+    other = (states != states[:, -1:])[:, ::-1]
+    n_substeps = states.shape[1]
+    so_long = np.where(other.any(axis=1), other.argmax(axis=1), n_substeps)
+    return np.where(known, (n_substeps - so_long + 1) / n_substeps, share)

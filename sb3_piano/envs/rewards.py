@@ -8,8 +8,7 @@ RoboPianist's own.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -17,7 +16,6 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 
 DEFAULT_REWARD_WEIGHTS: Mapping[str, float] = MappingProxyType(
     {"key_press": 1.0, "sustain": 1.0, "energy": 0.005, "fingering": 1.0, "forearm": 0.5}
@@ -73,10 +71,11 @@ def tolerance(distance: float, bound: float, margin: float) -> float:
         margin: Distance from the interval at which 0.1 is earned; positive.
     """
     outside = max(distance - bound, -distance, 0.0) / margin
-    return float(0.1 ** (outside * outside))
+    closeness: float = 0.1 ** (outside * outside)
+    return closeness
 
 
-def _mean_closeness(distances: list[float], bound: float) -> float:
+def _mean_closeness(distances: Sequence[float], bound: float) -> float:
     """Return the mean tolerance of distances, of which there is at least one."""
     margin = 10 * bound
     # There are few, for which plain numbers are faster than numpy; and this is every control step.
@@ -94,14 +93,14 @@ def _distance(a: FloatArray, b: FloatArray) -> FloatArray:
 _SUSTAIN = {d: tolerance(d, _KEY_TOLERANCE, 10 * _KEY_TOLERANCE) for d in (-1, 0, 1)}
 
 
-def key_press(keys: IntArray, key_state: FloatArray, wrong: bool) -> float:
+def key_press(keys: Iterable[int], key_state: FloatArray, wrong: bool) -> float:
     """Reward pressing the keys that are due, and no others.
 
     Half of it is the mean closeness of the due keys to being fully down (0 if none is due), the
     other half is earned whole if no key sounds that is not due.
 
     Args:
-        keys: (n,) the keys that should be down.
+        keys: The keys that should be down.
         key_state: (88,) angle over largest angle, in [0, 1].
         wrong: Whether a key sounds that should not be down.
 
@@ -109,10 +108,8 @@ def key_press(keys: IntArray, key_state: FloatArray, wrong: bool) -> float:
         A value in [0, 1]; 0.5 for silence where nothing is due.
     """
     reward = 0.0 if wrong else 0.5
-    depths = key_state.take(keys).tolist()
-    if depths:
-        reward += 0.5 * _mean_closeness([1.0 - depth for depth in depths], _KEY_TOLERANCE)
-    return reward
+    missing = [1.0 - key_state.item(key) for key in keys]
+    return reward + 0.5 * _mean_closeness(missing, _KEY_TOLERANCE) if missing else reward
 
 
 def sustain(due: bool, pressed: bool) -> float:
@@ -141,20 +138,17 @@ def energy(force: FloatArray, velocity: FloatArray) -> float:
     return -float(np.abs(force).dot(np.abs(velocity)))
 
 
-def labelled_fingering(fingertips: FloatArray, press_points: FloatArray) -> float:
+def labelled_fingering(distances: Sequence[float]) -> float:
     """Reward the labelled fingers for being at the keys they should press.
 
     Args:
-        fingertips: (n, 3) positions of the labelled fingertips, one for each labelled note due, m.
-        press_points: (n, 3) where those keys should be pressed, m.
+        distances: For each labelled note due, how far its finger's tip is from where it should
+            press, m.
 
     Returns:
         The mean closeness in [0, 1]; 0 if no labelled note is due.
     """
-    if len(press_points) == 0:
-        return 0.0
-    pairs = zip(press_points.tolist(), fingertips.tolist(), strict=True)
-    return _mean_closeness([math.dist(*pair) for pair in pairs], _FINGER_TOLERANCE)
+    return _mean_closeness(distances, _FINGER_TOLERANCE) if distances else 0.0
 
 
 def optimal_transport_fingering(fingertips: FloatArray, press_points: FloatArray) -> float:

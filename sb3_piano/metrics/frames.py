@@ -76,15 +76,7 @@ def frame_scores(target: npt.ArrayLike, played: npt.ArrayLike) -> FrameScores:
 
 
 def frame_f1(target: npt.ArrayLike, played: npt.ArrayLike) -> float:
-    """Return the F1 of :func:`frame_scores`; 1.0 if there is no step at all.
-
-    Args:
-        target: (T, n) bool, what should sound.
-        played: (T, n) bool, what does sound.
-
-    Raises:
-        ValueError: If the shapes differ or are not two-dimensional.
-    """
+    """Return the F1 of :func:`frame_scores`."""
     return frame_scores(target, played).f1
 
 
@@ -129,15 +121,7 @@ def noop_scores(target: npt.ArrayLike) -> FrameScores:
 
 
 def count_frames(target: npt.ArrayLike, played: npt.ArrayLike) -> FrameCounts:
-    """Count the keys that sound, that should, and that do both, in each control step.
-
-    Args:
-        target: (T, n) bool, what should sound.
-        played: (T, n) bool, what does sound.
-
-    Raises:
-        ValueError: If the shapes differ or are not two-dimensional.
-    """
+    """Count the keys of :func:`frame_scores` in each control step."""
     target, played = same_frames(target, played)
     return FrameCounts(
         hit=(target & played).sum(axis=1), played=played.sum(axis=1), due=target.sum(axis=1)
@@ -145,11 +129,7 @@ def count_frames(target: npt.ArrayLike, played: npt.ArrayLike) -> FrameCounts:
 
 
 def same_frames(target: npt.ArrayLike, played: npt.ArrayLike) -> tuple[BoolArray, BoolArray]:
-    """Return both as bool arrays.
-
-    Raises:
-        ValueError: If the shapes differ or are not two-dimensional.
-    """
+    """Return both as bool arrays; a ``ValueError`` tells that they are not (T, n) alike."""
     target, played = np.asarray(target, dtype=bool), np.asarray(played, dtype=bool)
     if target.ndim != 2 or target.shape != played.shape:
         raise ValueError(

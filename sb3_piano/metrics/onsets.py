@@ -142,34 +142,15 @@ def onset_scores(target: Onsets, played: Onsets, tolerance: float = ONSET_TOLERA
 
 
 def onset_f1(target: Onsets, played: Onsets, tolerance: float = ONSET_TOLERANCE) -> float:
-    """Return the F1 of :func:`onset_scores`; 1.0 if nothing is due and nothing is struck.
-
-    Args:
-        target: n target onsets.
-        played: m strikes.
-        tolerance: Greatest distance of a hit, in s, at least 0.
-
-    Raises:
-        ValueError: If times and keys do not go together.
-    """
+    """Return the F1 of :func:`onset_scores`."""
     return onset_scores(target, played, tolerance).f1
 
 
 def timing_error(target: Onsets, played: Onsets, tolerance: float = ONSET_TOLERANCE) -> TimingError:
     """Return mean and standard deviation of how late the hits are.
 
-    Over the pairs of :func:`match_onsets`, of the time of the strike minus the target onset.
-
-    Args:
-        target: n target onsets.
-        played: m strikes.
-        tolerance: Greatest distance of a hit, in s, at least 0.
-
-    Returns:
-        Both in ms; 0.0 and 0.0 if there is no hit.
-
-    Raises:
-        ValueError: If times and keys do not go together.
+    Over the pairs of :func:`match_onsets`, of the same arguments: the time of the strike minus the
+    target onset, in ms; 0.0 and 0.0 if there is no hit.
     """
     return timing_error_of(target, played, match_onsets(target, played, tolerance))
 

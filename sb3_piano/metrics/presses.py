@@ -78,13 +78,7 @@ def wrong_presses_per_second(
 ) -> float:
     """Return the :func:`wrong_presses` in each second of playing; 0.0 if there is no step at all.
 
-    Args:
-        target: (T, n) bool, what should sound.
-        played: (T, n) bool, what does sound.
-        control_timestep: Length of a control step, in s.
-
-    Raises:
-        ValueError: If the shapes differ or are not two-dimensional.
+    ``control_timestep`` is the length of a control step, in s.
     """
     wrong = wrong_presses(target, played)
     return wrong / (len(np.asarray(target)) * control_timestep) if wrong else 0.0

@@ -26,10 +26,20 @@ IntArray = npt.NDArray[np.intp]
 
 SIDES = ("right", "left")
 
+TIP_TRAVEL = 0.06
+"""Way of a fingertip when a finger's joint turns by a rad, about, m, and so what a forearm's slider
+has to move to matter as much."""
+
+WRIST_UNIT = 1 / 3
+"""Angle of a wrist's joint that moves the fingertips about as far, rad."""
+
 # Where a finger should press, seen from the centre of a key's top: RoboPianist moves it by these
 # shares of the half length (away from the hinge) and of the half height (up).
 _PRESS_POINT_X = 0.35
 _PRESS_POINT_Z = 0.5
+
+# Added around a forearm where it is told that it cannot touch the other one, m.
+_CLEARANCE = 0.005
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,6 +54,8 @@ class PianoScene:
     """(n,) address in ``qpos`` of the angle of each key that moves."""
     key_slice: slice
     """The same addresses as a slice of ``qpos``, which gives a view."""
+    key_min_angle: FloatArray
+    """(n,) angle of each key that moves when it is up, rad: 0."""
     key_max_angle: FloatArray
     """(88,) angle of each key when fully down, rad; what it would be for a rigid one."""
     key_sounding_angle: FloatArray
@@ -67,8 +79,10 @@ class PianoScene:
     actuator_of_joint: FloatArray
     """(nu, m) which actuator moves by how much with which joint, both hands' joints in the order of
     ``joint_qpos``: where the actuators are is this times where the joints are."""
-    forearm_of_geom: npt.NDArray[np.int8]
-    """(ngeom,) 1 for a shape of the right forearm, 2 for one of the left, else 0."""
+    forearm_geoms: tuple[list[int], list[int]]
+    """Shapes of the right forearm, and of the left."""
+    forearm_reach: float
+    """Forearms cannot touch while their first shapes are farther apart along the keyboard, m."""
     slider_qpos: IntArray
     """(2,) addresses in ``qpos`` of the sliders along the keyboard (right, left)."""
 
@@ -81,6 +95,34 @@ class PianoScene:
     def ctrl_high(self) -> FloatArray:
         """(nu,) upper ends of the control ranges; rad, or m for the sliders."""
         return np.asarray(self.model.actuator_ctrlrange[:, 1])
+
+    @functools.cached_property
+    def hand_qpos(self) -> IntArray:
+        """(m,) addresses in ``qpos`` of both hands' joints, in the order of ``joint_qpos``."""
+        return np.concatenate(self.joint_qpos)
+
+    @functools.cached_property
+    def actuator_kind(self) -> npt.NDArray[np.str_]:
+        """(nu,) what each actuator moves: ``"finger"``, ``"wrist"`` or ``"forearm"`` (a slider)."""
+        names = [self.model.actuator(index).name for index in range(self.model.nu)]
+        kinds = [
+            "forearm" if "forearm" in n else "wrist" if "WRJ" in n else "finger" for n in names
+        ]
+        return np.array(kinds)
+
+    @property
+    def actuator_unit(self) -> FloatArray:
+        """(nu,) what moves a fingertip about as far as a rad of a finger's joint; rad, or m."""
+        unit = {"finger": 1.0, "wrist": WRIST_UNIT, "forearm": TIP_TRAVEL}
+        return np.array([unit[str(kind)] for kind in self.actuator_kind])
+
+    def actuator_positions(self, joints: npt.NDArray[np.floating]) -> FloatArray:
+        """Return where the actuators are, (nu,) rad or m.
+
+        Args:
+            joints: (m,) positions of both hands' joints, in the order of ``hand_qpos``.
+        """
+        return np.asarray(self.actuator_of_joint @ joints)
 
     @property
     def joint_range(self) -> tuple[FloatArray, FloatArray]:
@@ -98,12 +140,24 @@ class PianoScene:
 
     def key_angle_at(self, qpos: FloatArray) -> FloatArray:
         """Return each key's angle, (88,) rad, clipped to its range, at joint positions, (nq,)."""
-        angle = np.maximum(qpos[self.key_slice], 0.0)
+        return self.clipped_key_angle(qpos[self.key_slice])
+
+    def clipped_key_angle(self, angle: FloatArray) -> FloatArray:
+        """Return each key's angle, (88,) rad, clipped to its range, from those that move, (n,)."""
+        angle = np.maximum(angle, self.key_min_angle)
         if len(angle) < NUM_KEYS:
             angle, moving = np.zeros(NUM_KEYS), angle
             angle[self.moving_keys] = moving
-        # Twice as fast as np.clip on so few numbers.
-        return np.minimum(angle, self.key_max_angle, out=angle)
+        # On so few numbers three times as fast as np.clip, and as with plain numbers as bounds.
+        return np.minimum(angle, self.key_max_angle)
+
+    def sounding_at(self, angles: Iterable[bytes]) -> npt.NDArray[np.bool_]:
+        """Return which keys sound at angles of the moving ones (float64, rad), (n, 88) bool."""
+        moving = self.moving_keys
+        rows = np.frombuffer(b"".join(angles)).reshape(-1, len(self.key_qpos))
+        sounding = rows >= self.key_sounding_angle[moving]
+        rigid = (moving.start, NUM_KEYS - moving.stop)
+        return np.pad(sounding, ((0, 0), rigid)) if any(rigid) else sounding
 
     def fingertip_position(self, data: mujoco.MjData) -> FloatArray:
         """Return the world positions of the ten fingertips, (10, 3) m."""
@@ -111,15 +165,23 @@ class PianoScene:
 
     def press_point(self, data: mujoco.MjData, keys: IntArray) -> FloatArray:
         """Return where fingers should press the given keys: world positions, (n, 3) m."""
-        points = data.geom_xpos.take(self.key_geom.take(keys), axis=0)
-        return np.asarray(points + self.key_press_offset.take(keys, axis=0))
+        geoms, offsets = self.press_geometry(keys)
+        return np.asarray(data.geom_xpos[geoms] + offsets)
+
+    def press_geometry(self, keys: IntArray) -> tuple[IntArray, FloatArray]:
+        """Return the geoms of the given keys, (...), and where on them to press, (..., 3) m."""
+        return self.key_geom[keys], self.key_press_offset[keys]
 
     def forearms_touch(self, data: mujoco.MjData) -> bool:
         """Return whether a shape of one forearm touches one of the other."""
-        if data.ncon == 0:
-            return False
-        sides = self.forearm_of_geom.take(data.contact.geom)
-        return bool(np.count_nonzero(sides)) and [1, 2] in np.sort(sides, axis=1).tolist()
+        (right, left), position = self.forearm_geoms, data.geom_xpos
+        apart = position.item(right[0], 1) - position.item(left[0], 1)
+        if abs(apart) > self.forearm_reach:
+            return False  # to ask for the contacts takes longer
+        return any(
+            (a in right and b in left) or (a in left and b in right)
+            for a, b in data.contact.geom.tolist()
+        )
 
     def copy(self) -> PianoScene:
         """Return the same scene with a model of its own, which may then be modified."""
@@ -262,10 +324,13 @@ def _index_scene(model: mujoco.MjModel, first: int, last: int) -> PianoScene:
     press_offset[:, 0] = _PRESS_POINT_X * model.geom_size[key_geom, 0]
     press_offset[:, 2] = _PRESS_POINT_Z * model.geom_size[key_geom, 2]
     hand_joints = [_hand_joints(model, side) for side in SIDES]
+    forearms = [model.body(hand.forearm_body(side)).id for side in SIDES]
+    forearm_geoms = [np.flatnonzero(model.geom_bodyid == body).tolist() for body in forearms]
     return PianoScene(
         model=model,
         moving_keys=moving,
         key_qpos=model.jnt_qposadr[key_joint].astype(np.intp),
+        key_min_angle=np.zeros(len(key_joint)),
         key_max_angle=np.array(max_angle),
         key_sounding_angle=np.array(max_angle) - margin,
         key_slice=_contiguous(model.jnt_qposadr[key_joint]),
@@ -282,7 +347,8 @@ def _index_scene(model: mujoco.MjModel, first: int, last: int) -> PianoScene:
         ),
         joint_names=(_joint_names(model, hand_joints[0]), _joint_names(model, hand_joints[1])),
         actuator_of_joint=_actuator_of_joint(model, np.concatenate(hand_joints)),
-        forearm_of_geom=_forearm_of_geom(model),
+        forearm_geoms=(forearm_geoms[0], forearm_geoms[1]),
+        forearm_reach=_forearm_reach(model, forearm_geoms),
         slider_qpos=model.jnt_qposadr[[joints[-2] for joints in hand_joints]].astype(np.intp),
     )
 
@@ -342,8 +408,20 @@ def _actuator_of_joint(model: mujoco.MjModel, joints: IntArray) -> FloatArray:
     return moment[:, model.jnt_dofadr[joints]]
 
 
-def _forearm_of_geom(model: mujoco.MjModel) -> npt.NDArray[np.int8]:
-    result = np.zeros(model.ngeom, dtype=np.int8)
-    for label, side in enumerate(SIDES, start=1):
-        result[model.geom_bodyid == model.body(hand.forearm_body(side)).id] = label
-    return result
+def _forearm_reach(model: mujoco.MjModel, geoms: list[list[int]]) -> float:
+    """Return how far apart along the keyboard the first shapes are, at most, where forearms touch.
+
+    Forearms slide but never turn, so that what their shapes cover moves with each of them.
+
+    Args:
+        model: The whole scene.
+        geoms: Shapes of the right forearm, and of the left.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    row = data.geom_xmat[:, 3:6]  # world y in the frame of each shape
+    middle = data.geom_xpos[:, 1] + (row * model.geom_aabb[:, :3]).sum(axis=1)
+    half = (np.abs(row) * model.geom_aabb[:, 3:]).sum(axis=1) + model.geom_margin + _CLEARANCE
+    low = [(middle - half)[shapes].min() - data.geom_xpos[shapes[0], 1] for shapes in geoms]
+    high = [(middle + half)[shapes].max() - data.geom_xpos[shapes[0], 1] for shapes in geoms]
+    return float(max(high[0] - low[1], high[1] - low[0]))

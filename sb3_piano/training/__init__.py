@@ -4,12 +4,7 @@ from sb3_piano.training.configuration.config import PlannedConfig, Plugin, RunCo
 from sb3_piano.training.configuration.names import ALGORITHMS, PLANNERS
 from sb3_piano.training.configuration.yaml_files import entry_config, load_config, load_entry
 from sb3_piano.training.evaluation.comparison import MAIN_METRICS, Comparison, compare
-from sb3_piano.training.evaluation.evaluate import (
-    Evaluation,
-    Evaluations,
-    evaluate,
-    evaluate_runs,
-)
+from sb3_piano.training.evaluation.evaluate import Evaluation, Evaluations, evaluate, evaluate_runs
 from sb3_piano.training.evaluation.report import training_curves, write_report
 from sb3_piano.training.playing.player import SavedPlayer, share
 from sb3_piano.training.playing.takes import play_run, play_score

@@ -8,7 +8,6 @@ import sys
 import time
 import warnings
 from collections.abc import Iterable
-from types import TracebackType
 from typing import Any
 
 import mujoco
@@ -108,12 +107,7 @@ class SceneWindow:
     def __enter__(self) -> SceneWindow:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _look_from(self, camera: str) -> None:

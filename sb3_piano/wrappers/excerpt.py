@@ -151,7 +151,7 @@ class _Bars:
 
 
 def _bar_lines(score: Score) -> list[float]:
-    """Return when each bar begins, up to that in which the last note is struck."""
+    """Return the beginning of each bar, s, up to the bar in which the last note is struck."""
     if not score.bars:
         raise ScoreError(
             f"The bars of {score.title!r} are not known: expected a piece from a MIDI file, or an "

@@ -84,13 +84,10 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
             steps, seconds, self._stride, self._piano.config.control_timestep
         )
         super().__init__(env, _layout(layout, self._steps // self._stride + 1, stride, fingers))
-        inner, outer = layout["goal"], self.observation_layout["goal"]
+        inner = layout["goal"]
+        self._start, self._stop = inner.start, inner.slice.stop
         self._columns = inner.all_columns
-        self._before = slice(0, inner.start)
-        self._goal = outer.slice
-        self._inner_after = slice(inner.slice.stop, layout.size)
-        self._after = slice(outer.slice.stop, outer.slice.stop + layout.size - inner.slice.stop)
-        self._labels = self.observation_layout[_LABELS].slice if fingers else None
+        self._fingers = fingers
         self._take(self._piano.roll)
 
     def observation(self, observation: Any) -> Float32Array:
@@ -98,20 +95,16 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
         if self._piano.roll is not self._roll:
             self._take(self._piano.roll)
         step = min(self._piano.steps_played, len(self._roll) - 1)
-        shown = np.empty(self.observation_layout.size, dtype=np.float32)
-        shown[self._before] = observation[self._before]
-        shown[self._goal] = self._goal_ahead.rows(step)
-        shown[self._after] = observation[self._inner_after]
-        if self._labels is not None:
-            shown[self._labels] = self._labels_ahead.rows(step)
-        return shown
+        before, after = observation[: self._start], observation[self._stop :]
+        labels = [self._labels_ahead.rows(step)] if self._fingers else []
+        return np.concatenate([before, self._goal_ahead.rows(step), after, *labels])
 
     def _take(self, roll: PianoRoll) -> None:
         """Prepare a piece."""
         self._roll = roll
         goal = np.column_stack([roll.active, roll.sustain])[:, self._columns]  # (T, n)
         self._goal_ahead = _Ahead(goal, self._steps, self._stride)
-        if self._labels is not None:
+        if self._fingers:
             self._labels_ahead = _Ahead(roll.labelled_fingers(), self._steps, self._stride)
 
 
@@ -167,7 +160,7 @@ def _layout(layout: ObservationLayout, rows: int, stride: int, fingers: bool) ->
 def _steps_ahead(
     steps: int | None, seconds: float | None, stride: int, control_timestep: float
 ) -> int:
-    """Return how many control steps are looked ahead, from one way or the other to say it."""
+    """Return the number of control steps that is looked ahead, given as such or as a time."""
     if (steps is None) == (seconds is None):
         raise ConfigError(
             f"steps is {steps!r} and seconds is {seconds!r}: expected exactly one of them."

@@ -48,7 +48,7 @@ def piano_of(env: gym.Env[Any, Any], asker: str) -> PianoEnv:
 
 
 def layout_of(env: gym.Env[Any, Any], asker: str) -> ObservationLayout:
-    """Return which numbers stand where in the observation that a wrapper gets.
+    """Return the layout of the observation that a wrapper gets.
 
     Args:
         env: The environment right inside the wrapper.

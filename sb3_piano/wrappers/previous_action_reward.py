@@ -35,11 +35,7 @@ class PreviousActionReward(LayoutWrapper, gym.utils.RecordConstructorArgs):
         gym.utils.RecordConstructorArgs.__init__(self)
         layout = layout_of(env, "PreviousActionReward")
         shape = _action_shape(env.action_space)
-        added = ObservationLayout([*layout.values(), *_blocks(shape)])
-        super().__init__(env, added)
-        self._inside = slice(0, layout.size)
-        self._of_action = added["previous_action"].slice
-        self._of_reward = added["previous_reward"].start
+        super().__init__(env, ObservationLayout([*layout.values(), *_blocks(shape)]))
         self._action = np.zeros(shape, dtype=np.float32)
         self._reward = 0.0
 
@@ -60,11 +56,8 @@ class PreviousActionReward(LayoutWrapper, gym.utils.RecordConstructorArgs):
 
     def observation(self, observation: Any) -> npt.NDArray[np.float32]:
         """Return an observation followed by the last action and reward."""
-        shown = np.empty(self.observation_layout.size, dtype=np.float32)
-        shown[self._inside] = observation
-        shown[self._of_action] = self._action.reshape(-1)
-        shown[self._of_reward] = self._reward
-        return shown
+        parts = (observation, self._action.reshape(-1), (self._reward,))
+        return np.concatenate(parts, dtype=np.float32)
 
 
 def _action_shape(space: gym.Space[Any]) -> tuple[int, ...]:

@@ -76,18 +76,3 @@ def test_the_rounds_that_are_complete_count_when_interrupted(stop, rounds):
     with pytest.raises(KeyboardInterrupt):
         measure("simulation", measurements, 5, rows)
     assert [list(row.by_round) for row in rows] == [list(range(2, 2 + rounds))] * 2
-
-
-def test_without_a_complete_round_there_are_no_rows():
-    rows = []
-    with pytest.raises(StopIteration):
-        measure("simulation", [scripted("a", [1]), scripted("b", [1])], 1, rows)
-    assert rows == []
-
-
-def test_progress_is_shown_on_standard_error_on_demand(capsys):
-    measure("simulation", [scripted("a", [1, 1])], 1, [])
-    assert capsys.readouterr() == ("", "")
-    measure("simulation", [scripted("a", [1, 1])], 1, [], progress=True)
-    captured = capsys.readouterr()
-    assert (captured.out, "simulation" in captured.err) == ("", True)

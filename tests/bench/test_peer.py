@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import signal
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -74,12 +73,6 @@ def test_the_process_ends_with_the_context(double, processes, more):
     assert processes[0].returncode == -signal.SIGKILL
 
 
-def test_what_it_prints_as_an_error_does_not_stop_it(double):
-    code = "import sys; print('x' * 10**6, file=sys.stderr, flush=True)" + DOUBLE
-    with double(code) as (_, ask):
-        assert ask("env") == [3, 0.5]
-
-
 @pytest.mark.parametrize(
     ("code", "message"),
     [
@@ -107,13 +100,6 @@ def test_a_peer_that_fails_while_it_plays_is_told(double):
         ask("env")
         with pytest.raises(PeerError, match="gave no answer: ZeroDivisionError"):
             ask("physics")
-
-
-def test_an_interpreter_without_robopianist_is_told_what_to_install():
-    with pytest.raises(PeerError) as caught, open_peer(sys.executable, ACTIONS):
-        pass
-    assert "PackageNotFoundError: No package metadata was found for robopian" in str(caught.value)
-    assert 'pip install robopianist==1.0.10 "mujoco==3.17.*" "numpy<2"' in str(caught.value)
 
 
 # A RoboPianist of one hinge, for the script that is meant for the real one. It prints, as libraries
@@ -178,31 +164,3 @@ def test_the_script_plays_both_ways_whatever_libraries_print(small_robopianist):
             steps, seconds = ask(workload)
             assert steps == len(ACTIONS)
             assert seconds > 0
-
-
-@pytest.mark.slow
-def test_the_script_plays_the_same_controls_with_mujoco_alone(small_robopianist, tmp_path):
-    noted = SUITE + (
-        "real, file = mujoco.mj_step, open(__file__ + '.steps', 'a', buffering=1)\n"
-        "def mj_step(model, data, nstep):\n"
-        "    print(nstep, data.time, *data.ctrl, file=file)\n"
-        "    real(model, data, nstep=nstep)\n"
-        "mujoco.mj_step = mj_step\n"
-    )
-    small_robopianist.write_text(noted)
-    with open_peer(sys.executable, ACTIONS) as (_, ask):
-        for _ in range(2):
-            ask("physics")
-    steps = (tmp_path / "robopianist" / "suite.py.steps").read_text().splitlines()
-    # first the script plays the environment to see the controls; its steps are of 10 x 0.005 s
-    first, second = steps[:2]
-    assert first == "10 0.0 0.5"
-    assert second.startswith("10 0.0")
-    assert second.endswith(" 0.25")
-    assert steps == [first, second] * 3
-
-
-def test_the_script_finds_no_modules_of_ours_beside_it():
-    """Its folder comes first on its search path."""
-    beside = {path.stem for path in Path(workloads.__file__).parent.glob("*.py")}
-    assert not beside & (set(sys.stdlib_module_names) | {"robopianist", "mujoco", "numpy"})

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
+from pathlib import Path
 
 import gymnasium as gym
 import mujoco
@@ -11,9 +13,10 @@ import pytest
 from sb3_contrib import TQC
 from stable_baselines3 import SAC, TD3
 
+import sb3_piano
 from sb3_piano.bench import ENV_ID, workloads
 from sb3_piano.buffers import CompactReplayBuffer
-from sb3_piano.envs import DEBUG_IDS, PianoEnv, PianoVectorEnv
+from sb3_piano.envs import PianoEnv
 
 STEPS = 3
 CLASSES = {"sac": SAC, "td3": TD3, "tqc": TQC}
@@ -27,7 +30,7 @@ def actions(short):
 @pytest.fixture
 def simulations(actions):
     with contextlib.ExitStack() as stack:
-        found = workloads.simulation_measurements(actions, None, stack)
+        found = workloads.simulation_measurements(actions, None, None, stack)
         yield {measurement.name: measurement for measurement in found}
 
 
@@ -49,21 +52,6 @@ def calls(monkeypatch):
     return listen
 
 
-def test_actions_are_a_random_walk_that_is_clipped(actions, monkeypatch):
-    monkeypatch.setattr(workloads, "EPISODE_STEPS", None)
-    whole = workloads.episode_actions()
-    assert (whole.shape, whole.dtype) == ((len(gym.make(ENV_ID).unwrapped.roll), 39), np.float32)
-    assert (whole.min(), whole.max()) == (-1, 1)
-    np.testing.assert_array_equal(actions, whole[:STEPS])
-    noise = np.random.default_rng(0).normal(size=(2, 39))
-    second = np.clip(0.9 * np.clip(0.3 * noise[0], -1, 1) + 0.3 * noise[1], -1, 1)
-    np.testing.assert_allclose(whole[1], second, rtol=1e-6)
-
-
-def test_the_piece_is_one_that_robopianist_has_too():
-    assert ENV_ID in DEBUG_IDS
-
-
 def test_who_is_compared_with_whom(simulations):
     expected = {"mj_step, reference": {}}
     for profile in ("reference", "fast"):
@@ -80,16 +68,21 @@ def test_who_is_compared_with_whom(simulations):
     assert list(simulations) == list(expected)
 
 
-def test_a_peer_is_compared_with_by_everyone(actions):
-    counts = {"physics": [7, 0.5], "env": [3, 0.5]}
+@pytest.mark.slow
+def test_another_version_and_this_one_play_in_processes_of_their_own(actions, tmp_path):
+    shutil.copytree(Path(sb3_piano.__file__).parent, tmp_path / "sb3_piano")
+    noted = tmp_path / "noted"
+    module = tmp_path / "sb3_piano" / "envs" / "piano_env.py"
+    module.write_text(module.read_text() + f"\nopen({str(noted)!r}, 'a').write('made ')\n")
     with contextlib.ExitStack() as stack:
-        found = workloads.simulation_measurements(actions, counts.__getitem__, stack)
-    *others, physics, env = found
-    assert (physics.name, physics.run().count) == ("RoboPianist's mj_step", 7)
-    assert (env.name, env.run().count) == ("RoboPianist", 3)
-    for measurement in (*others, physics):
-        assert measurement.ratios["x of the peer"] == (measurement.name, "RoboPianist")
-    assert env.ratios == {"env/bare": ("RoboPianist's mj_step", "RoboPianist")}
+        found = workloads.simulation_measurements(actions, None, str(tmp_path), stack)[:8]
+        assert [measurement.run().count for measurement in found] == [STEPS] * 8
+    assert noted.read_text() == "made made "  # for each physics profile, and nowhere else
+    ratios = {measurement.name: measurement.ratios for measurement in found}
+    for version in ("before", "now"):
+        for profile in ("reference", "fast"):
+            bare, step = (f"{version}: {x}, {profile}" for x in ("mj_step", "PianoEnv.step"))
+            assert ratios[step]["env/bare"] == (bare, step)
 
 
 @pytest.mark.parametrize("profile", ["reference", "fast"])
@@ -130,14 +123,6 @@ def test_the_bare_physics_moves_exactly_as_the_environment(profile, simulations,
         assert [nstep for nstep, *_ in heard] == [env.config.n_substeps] * STEPS
         np.testing.assert_array_equal(heard[-1][1], env.data.qpos)
         np.testing.assert_array_equal(heard[-1][2], env.data.ctrl)
-
-
-def test_slots_of_the_vector_env_play_the_same_and_all_count(simulations, actions, calls):
-    heard = calls(PianoVectorEnv, "step", lambda venv, batch: (venv, batch))
-    assert simulations["vector env, 2 slots, fast"].run().count == 2 * STEPS
-    for slot in range(2):
-        np.testing.assert_array_equal([batch[slot] for _, batch in heard], actions)
-        assert heard[0][0].envs[slot].config.physics == "fast"
 
 
 @pytest.fixture

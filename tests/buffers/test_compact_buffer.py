@@ -12,15 +12,13 @@ import pytest
 from gymnasium import spaces
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from stable_baselines3 import DQN, TD3
-from stable_baselines3.common import buffers as sb3_buffers
+from stable_baselines3 import TD3
 from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecNormalize
-from transitions import ACTIONS, SPACE, Play, assert_equal, assert_equal_samples, make_pair
+from transitions import ACTIONS, SPACE, Play, add, assert_equal, assert_equal_samples, make_pair
 
 from sb3_piano.buffers import CompactNStepReplayBuffer, CompactReplayBuffer
-from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 
 PIANO = "RoboPianist-debug-CMajorScaleOneHand-v0"
@@ -67,27 +65,10 @@ def test_transitions_of_a_real_run_are_equal_while_the_ring_goes_round_several_t
     run, _ = record(n_envs, env_kwargs, sittings=sittings)
     pair = make_pair(23, n_envs, run.observation_space, run.action_space, kinds)
     for number, transition in enumerate(run.calls):
-        for buffer in pair:
-            buffer.add(*transition)
+        add(pair, transition)
         if number % 11 == 0:
             assert_equal(*pair)
     assert_equal(*pair)
-
-
-@pytest.mark.slow
-def test_real_runs_have_the_borders_that_make_a_copy_necessary():
-    """What the test above rests on."""
-    ends, _ = record(3, SHORT)
-    assert ends.dones.sum() > 30
-    cut, _ = record(1, {"max_episode_steps": 17})
-    assert cut.timeouts.sum() == 120 // 17
-    resumed, _ = record(3, {}, sittings=2)
-    assert resumed.dones.sum() == 0
-    rows = np.arange(resumed.size() - 1)
-    followed = [
-        np.array_equal(resumed.next_observations[r], resumed.observations[r + 1]) for r in rows
-    ]
-    assert np.flatnonzero(~np.array(followed)).tolist() == [59]
 
 
 @pytest.mark.slow
@@ -97,8 +78,7 @@ def test_last_observations_that_vec_normalize_gives_back_rounded_are_kept_to_the
     assert not np.isin(run.next_observations[: run.size(), :, :989], (0.0, 1.0)).all()
     pair = make_pair(50, n_envs, run.observation_space, run.action_space)
     for transition in run.calls:
-        for buffer in pair:
-            buffer.add(*transition)
+        add(pair, transition)
     assert_equal(*pair, normalization)
     assert_equal_samples(*pair)
 
@@ -120,8 +100,7 @@ def test_transitions_are_equal_for_any_pattern_of_episodes(capacity, n_envs, lay
         if step == "start anew":
             play.reset()
         transition = play.step(ends.get(step))
-        for buffer in pair:
-            buffer.add(*transition)
+        add(pair, transition)
         assert_equal(*pair)
 
 
@@ -132,8 +111,7 @@ def test_n_step_returns_are_equal_too(n_steps):
     pair = [kind(40, SPACE, ACTIONS, "cpu", 2, n_steps=n_steps, gamma=0.9) for kind in N_STEP]
     for _ in range(50):
         transition = play.step()
-        for buffer in pair:
-            buffer.add(*transition)
+        add(pair, transition)
         assert_equal(*pair)
 
 
@@ -142,8 +120,7 @@ def test_time_limits_are_handled_as_asked(handle):
     kinds = (CompactReplayBuffer, ReplayBuffer)
     pair = [kind(9, SPACE, ACTIONS, "cpu", handle_timeout_termination=handle) for kind in kinds]
     transition = (*Play().step([True])[:-1], [{"TimeLimit.truncated": True}])
-    for buffer in pair:
-        buffer.add(*transition)
+    add(pair, transition)
     assert_equal(*pair)
     assert pair[0].sample(1).dones.item() == (0.0 if handle else 1.0)
 
@@ -174,44 +151,6 @@ def test_other_spaces_are_held_as_in_the_stock_buffer(observations, actions):
         assert_equal(*pair)
 
 
-def test_observations_of_another_type_are_converted_as_in_the_stock_buffer():
-    play, pair = Play(), make_pair(5)
-    for _ in range(7):
-        observations, new, *rest = play.step()
-        finer = [np.where(array % 1, np.float64(array) / 3, array) for array in (observations, new)]
-        for buffer in pair:  # a third of a float32 is mostly none; 0 and 1 stay
-            buffer.add(*finer, *rest)
-    assert_equal(*pair)
-
-
-def test_it_tells_of_what_space_it_is():
-    compact, stock = make_pair(5)
-    assert compact.observation_space is stock.observation_space
-    assert compact.obs_shape == stock.obs_shape
-
-
-def test_arrays_that_the_caller_changes_after_adding_them_stay_as_they_were_in_the_buffer():
-    pair = make_pair(4)
-    transition = Play().step([True])
-    pair[0].add(*transition)
-    pair[1].add(*copy.deepcopy(transition))
-    for array in transition[:5]:
-        array[:] = 0
-    assert_equal(*pair)
-
-
-def test_samples_share_no_memory_with_the_buffer():
-    play, pair = Play(), make_pair(4)
-    for _ in range(4):
-        transition = play.step()
-        for buffer in pair:
-            buffer.add(*transition)
-    for array in pair[0].sample(8):
-        if array is not None:
-            array.fill_(5)
-    assert_equal(*pair)
-
-
 def test_after_a_reset_nothing_of_before_is_left():
     play, pair = Play(n_envs=2), make_pair(5, 2)
     for count in (7, 3):
@@ -219,8 +158,7 @@ def test_after_a_reset_nothing_of_before_is_left():
             buffer.reset()
         for _ in range(count):
             transition = play.step()
-            for buffer in pair:
-                buffer.add(*transition)
+            add(pair, transition)
     assert_equal(*pair)
     fresh, _ = make_pair(5, 2)
     pair[0].reset()
@@ -244,8 +182,7 @@ def test_a_transition_that_is_not_added_to_its_end_leaves_those_before_it_alone(
     play, pair = Play(n_envs=2), make_pair(5, 2)
     for _ in range(rows):
         transition = play.step([False, False])
-        for buffer in pair:
-            buffer.add(*transition)
+        add(pair, transition)
     half = list(play.step([False, False]))
     half[3] = np.zeros(7)  # the rewards come after the observations
     for buffer in pair:
@@ -253,8 +190,7 @@ def test_a_transition_that_is_not_added_to_its_end_leaves_those_before_it_alone(
             buffer.add(*half)
     play.reset()
     transition = play.step()
-    for buffer in pair:
-        buffer.add(*transition)
+    add(pair, transition)
     assert_equal(*pair)
 
 
@@ -263,28 +199,20 @@ def test_a_copy_is_equal_and_goes_on_by_itself(again):
     play, pair = Play(n_envs=2), make_pair(5, 2)
     for _ in range(8):
         transition = play.step()
-        for buffer in pair:
-            buffer.add(*transition)
+        add(pair, transition)
     twin = again(pair[0])
     assert_equal(twin, pair[1])
     before = copy.deepcopy(pair[1])
     for _ in range(3):
         transition = play.step()
-        for buffer in (twin, pair[1]):
-            buffer.add(*transition)
+        add((twin, pair[1]), transition)
     assert_equal(twin, pair[1])
     assert_equal(pair[0], before)
 
 
-def full_spaces():
-    env = gym.make("RoboPianist-v0")
-    found = env.observation_space, env.action_space
-    env.close()
-    return found
-
-
 def test_a_million_transitions_of_the_full_observation_need_less_than_a_gigabyte_and_a_half():
-    observations, actions = full_spaces()
+    env = gym.make("RoboPianist-v0")
+    observations, actions = env.observation_space, env.action_space
     assert observations.shape == (1124,)
     tracemalloc.start()
     buffer = CompactReplayBuffer(1_000_000, observations, actions, "cpu")
@@ -296,41 +224,11 @@ def test_a_million_transitions_of_the_full_observation_need_less_than_a_gigabyte
     assert peak < 1.5e9
 
 
-def test_copies_are_counted_in_the_bytes():
-    play, (buffer, _) = Play(), make_pair(100)
-    sizes = [buffer.nbytes]
-    for _ in range(50):
-        buffer.add(*play.step([True]))
-        sizes.append(buffer.nbytes)
-    width = 3 * 4 + 2
-    assert np.diff(sizes).min() >= width
-    buffer.add(*play.step([True]))
-    assert sizes[-1] - sizes[0] >= 50 * width
-
-
-def test_memory_that_is_not_there_is_warned_of_only_if_the_compact_buffer_needs_it(
-    monkeypatch, recwarn
-):
-    class Psutil:
-        @staticmethod
-        def virtual_memory():
-            return type("Memory", (), {"available": available})
-
-    monkeypatch.setattr(sb3_buffers, "psutil", Psutil, raising=True)
-    observations = spaces.Box(0, 1, (1000,), np.float32)
-    available = 5_000_000
-    CompactReplayBuffer(1000, observations, ACTIONS, "cpu")  # 4 MB, stock: 8 MB
-    assert not recwarn
-    ReplayBuffer(1000, observations, ACTIONS, "cpu")
-    assert "enough memory" in str(recwarn.pop().message)
-
-
 def test_a_binary_number_that_is_neither_0_nor_1_is_an_error_and_changes_nothing():
     play, pair = Play(n_envs=2), make_pair(4, 2)
     for _ in range(5):
         transition = play.step()
-        for buffer in pair:
-            buffer.add(*transition)
+        add(pair, transition)
     bad = copy.deepcopy(play.step())
     bad[0][1, 5] = 0.75
     with pytest.raises(ConfigError, match=r"column 5 \(in block 'b1'\) of environment 1 is 0.75"):
@@ -339,15 +237,12 @@ def test_a_binary_number_that_is_neither_0_nor_1_is_an_error_and_changes_nothing
 
 
 @pytest.mark.parametrize("kind", [CompactReplayBuffer, CompactNStepReplayBuffer])
-def test_optimize_memory_usage_is_refused(kind):
+def test_what_it_cannot_do_is_refused(kind):
     message = f"optimize_memory_usage is true for a {kind.__name__}: expected false"
     with pytest.raises(ConfigError, match=message):
         kind(10, SPACE, ACTIONS, "cpu", optimize_memory_usage=True)
-
-
-def test_dictionary_observations_are_refused():
     with pytest.raises(ConfigError, match="cannot hold observations of Dict.*FlattenObservation"):
-        CompactReplayBuffer(10, spaces.Dict({"keys": SPACE}), ACTIONS, "cpu")
+        kind(10, spaces.Dict({"keys": SPACE}), ACTIONS, "cpu")
 
 
 def td3(buffer_class, n_envs=2, **kwargs):
@@ -376,35 +271,3 @@ def test_td3_learns_the_same_weights_with_both_buffers(normalize):
     assert not (ours["actor.mu.0.weight"] == untrained["actor.mu.0.weight"]).all()
     for name, weights in theirs.items():
         assert (ours[name] == weights).all(), name
-
-
-@pytest.mark.slow
-def test_a_buffer_saved_by_sb3_is_loaded_equal(tmp_path):
-    model = td3(CompactReplayBuffer).learn(80)
-    stock = td3(ReplayBuffer).learn(80).replay_buffer
-    model.save_replay_buffer(tmp_path / "buffer.pkl")
-    other = td3(CompactReplayBuffer)
-    other.load_replay_buffer(tmp_path / "buffer.pkl")
-    assert_equal(other.replay_buffer, stock)
-
-
-@pytest.mark.slow
-def test_discrete_actions_are_learned_from():
-    settings = {"learning_starts": 20, "buffer_size": 50, "device": "cpu", "seed": 1}
-    weights = []
-    for kind in (CompactReplayBuffer, ReplayBuffer):
-        model = DQN("MlpPolicy", "CartPole-v1", replay_buffer_class=kind, **settings).learn(80)
-        weights.append(model.policy.state_dict())
-    for name, theirs in weights[1].items():
-        assert (weights[0][name] == theirs).all(), name
-
-
-def test_an_algorithms_n_steps_is_left_out_with_a_warning():
-    with pytest.warns(UserWarning, match="`n_steps=3` is ignored because a custom"):
-        td3(CompactReplayBuffer, n_steps=3)
-
-
-def test_the_layout_reaches_the_buffer_through_monitor_and_the_vector():
-    model = td3(CompactReplayBuffer)
-    assert isinstance(model.get_env().envs[0].unwrapped, PianoEnv)
-    assert model.replay_buffer.nbytes < 30 * 2 * 1000 + 10_000  # bytes; stock's rows have 9000

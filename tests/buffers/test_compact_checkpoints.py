@@ -14,7 +14,6 @@ from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
 from transitions import SPACE, Play, assert_equal, make_pair, make_space
 
 from sb3_piano.buffers import CompactNStepReplayBuffer, CompactReplayBuffer
-from sb3_piano.buffers.rows import ArrayRows, buffer_rows
 from sb3_piano.callbacks.replay_segments import (
     ReplayManifest,
     ReplaySegments,
@@ -76,21 +75,6 @@ def test_after_any_checkpoints_and_resumptions_it_equals_a_stock_buffer_that_was
         assert_equal(compact, stock)
 
 
-def test_the_newest_rows_next_observation_outlives_resuming(tmp_path):
-    play, (compact, stock) = Play(), make_pair(4)
-    segments = ReplaySegments(tmp_path, compact)
-    add_to_both((compact, stock), play, 6, segments)
-    expected = play.observations if not stock.dones[1] else stock.next_observations[1]
-    restored, _ = make_pair(4)
-    restore_replay_buffer(restored, tmp_path, save(segments))
-    end_last_episode(restored)
-    play.reset()
-    restored.add(*play.step())
-    found = restored.next_observations[np.array([1]), np.array([0])]
-    assert found.tobytes() == expected.tobytes()
-    assert restored.dones[1] == 1.0
-
-
 def test_rounded_last_observations_outlive_resuming(tmp_path):
     play, (compact, stock) = Play(), make_pair(4)
     segments = ReplaySegments(tmp_path, compact)
@@ -102,43 +86,6 @@ def test_rounded_last_observations_outlive_resuming(tmp_path):
     restored, _ = make_pair(4)
     restore_replay_buffer(restored, tmp_path, save(segments))
     assert_equal(restored, stock)
-
-
-def test_copies_of_rows_that_were_overwritten_are_not_brought_back(tmp_path):
-    play, (compact, _) = Play(), make_pair(6)
-    segments = ReplaySegments(tmp_path, compact)
-    for ends in ([True] * 4, [False] * 5):
-        for done in ends:
-            compact.add(*play.step([done]))
-        saved = save(segments)
-    restored, _ = make_pair(6)
-    restore_replay_buffer(restored, tmp_path, saved)
-    # rows 0 to 3 ended episodes; the rows 6 to 8 stand where the first three of them stood
-    assert compact.next_observations.n_copies == 3
-    assert restored.next_observations.n_copies == 3
-
-
-def test_a_segment_is_as_compact_as_the_buffer(tmp_path):
-    play, (compact, _) = Play(n_envs=2), make_pair(6, 2)
-    segments = ReplaySegments(tmp_path, compact)
-    for _ in range(3):
-        compact.add(*play.step([False, False]))
-    (segment,) = save(segments).segments
-    with np.load(tmp_path / segment.file) as rows:
-        shapes = {name: (array.dtype.name, array.shape) for name, array in rows.items()}
-        assert rows["own_at"].tolist() == [2, 3, 4, 5]  # both newest rows
-    width = 3 * 4 + 2
-    assert shapes == {
-        "actions": ("float32", (3, 2, 2)),
-        "rewards": ("float32", (3, 2)),
-        "dones": ("float32", (3, 2)),
-        "timeouts": ("float32", (3, 2)),
-        "binary_columns": ("bool", (15,)),
-        "packed_observations": ("uint8", (3, 2, width)),
-        "own_at": ("int64", (4,)),
-        "own_sizes": ("int64", (4,)),
-        "own_bytes": ("uint8", (4 * width,)),
-    }
 
 
 @pytest.mark.parametrize(
@@ -186,16 +133,3 @@ def test_arrays_that_do_not_fit_are_named(name, value, text):
     rows = source.take_rows(np.array([0]))
     with pytest.raises(RunError, match=text):
         target.put_rows(np.array([0]), {**rows, name: value})
-
-
-def test_a_buffer_of_one_row_is_refused():
-    compact, stock = make_pair(1)
-    for buffer in (compact, stock):
-        with pytest.raises(RunError, match=r"ReplayBuffer of 1 row.*expected two or more rows"):
-            buffer_rows(buffer)
-
-
-def test_the_compact_buffer_gives_its_rows_itself_and_a_stock_one_by_its_arrays():
-    compact, stock = make_pair(3)
-    assert buffer_rows(compact) is compact
-    assert isinstance(buffer_rows(stock), ArrayRows)

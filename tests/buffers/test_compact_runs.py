@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import pytest
 import torch
 import yaml
 from stable_baselines3 import TD3
 from stable_baselines3.common.callbacks import BaseCallback
 
-from sb3_piano.buffers import CompactNStepReplayBuffer, CompactReplayBuffer
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training import RunFolder, resume, train
 from sb3_piano.training.configuration.yaml_files import load_config
-from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 PIANO = "RoboPianist-debug-CMajorScaleOneHand-v0"
 SETTINGS = {
@@ -91,14 +86,6 @@ def test_a_crashed_and_resumed_run_learns_what_it_learns_with_the_stock_buffer(
         assert torch.equal(compact[name], weights), name
 
 
-def test_the_class_named_in_yaml_holds_the_transitions(tmp_path):
-    for kind in (CompactReplayBuffer, CompactNStepReplayBuffer):
-        named = config(tmp_path, f"sb3_piano.buffers.{kind.__name__}")
-        venv = build_vec_env(named)
-        assert type(build_model(named, venv).replay_buffer) is kind
-        venv.close()
-
-
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
@@ -111,10 +98,3 @@ def test_what_the_buffer_cannot_do_is_refused_before_training(tmp_path, changes,
     asked = config(tmp_path, "sb3_piano.buffers.CompactReplayBuffer", **changes)
     with pytest.raises(ConfigError, match=f"TD3 cannot be made for .*{text}"):
         train(asked, tmp_path / "run", progress_bar=False)
-
-
-@pytest.mark.slow
-def test_importing_the_package_imports_neither_the_buffers_nor_torch():
-    code = "import sys, sb3_piano; print({'torch', 'sb3_piano.buffers'} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "set()\n"

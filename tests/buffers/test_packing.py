@@ -72,13 +72,6 @@ def test_a_number_that_is_neither_0_nor_1_is_noticed_in_binary_columns_only(valu
     assert packing.pack(observations)[1].tolist() == [True, False, True]
 
 
-def test_minus_zero_counts_as_zero():
-    packing = ObservationPacking(make_space((3, True)))
-    packed, exact = packing.pack(np.array([[-0.0, 1.0, 0.0]], np.float32))
-    assert exact.all()
-    assert packing.unpack(packed).tolist() == [[0.0, 1.0, 0.0]]
-
-
 def test_the_error_tells_the_first_number_that_is_neither_its_block_and_environment():
     packing = ObservationPacking(make_space((2, False), (3, True), (4, True)))
     observations = np.full((3, 9), 1.0, np.float32)

@@ -68,6 +68,12 @@ def make_pair(
     return tuple(kind(capacity * n_envs, space, actions, "cpu", n_envs) for kind in kinds)
 
 
+def add(buffers, transition):
+    """Add a transition to each buffer."""
+    for buffer in buffers:
+        buffer.add(*transition)
+
+
 def assert_equal(compact, stock, env=None):
     """Assert that all rows, and samples drawn with one seed, are equal to the last bit."""
     assert (compact.pos, compact.full) == (stock.pos, stock.full)

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import random
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from scripted import NoisyEnv, log_lines, series, tiny_td3, vector_of, with_f1
+from scripted import NoisyEnv, tiny_td3, vector_of, with_f1
 from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import (
+    BaseCallback,
+    CallbackList,
+    ConvertCallback,
+    EvalCallback,
+    EveryNTimesteps,
+)
 from stable_baselines3.common.vec_env import (
     DummyVecEnv,
     SubprocVecEnv,
@@ -20,16 +28,15 @@ from stable_baselines3.common.vec_env import (
 )
 
 import sb3_piano.layers
-from sb3_piano.callbacks import F1Callback
+from sb3_piano.callbacks import F1Callback, OnsetF1Callback
 from sb3_piano.callbacks.own_env import (
     RunContext,
+    hand_over,
     make_own_env,
     preserve_random_state,
     sync_normalization,
 )
-from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Note, Score
 from sb3_piano.vec_env import ThreadVecEnv
 
 
@@ -79,15 +86,6 @@ def test_training_gives_the_same_model_with_and_without_evaluation(make_model, d
     assert len(callback.evaluations_metrics) >= 4
     assert torch.equal(found, expected)
     assert draw == next_draw
-
-
-def test_seeded_evaluations_of_one_model_agree_even_when_it_explores(tmp_path):
-    kwargs = {"n_steps": 100, "batch_size": 10, "n_epochs": 1, "device": "cpu"}
-    model = PPO("MlpPolicy", vector_of(NoisyEnv), **kwargs)
-    lines = log_lines(tmp_path, model, 100, F1Callback(eval_freq=20, deterministic=False))
-    values = list(series(lines, "eval/f1").values())
-    assert len(values) == 5
-    assert len(set(values)) == 1
 
 
 def test_the_global_generators_are_given_back_as_they_were():
@@ -206,13 +204,61 @@ def test_a_wrapper_can_be_put_around_the_bare_environment(training, expected):
     assert "Innermost" not in layers(venv.envs[0])
 
 
-def test_a_piano_is_copied_in_the_midst_of_playing():
-    score = Score(notes=[Note(onset=0.0, offset=0.3, pitch=60)])
-    training = vector_of(lambda: PianoEnv(score=score, physics="fast"))
-    training.reset()
-    training.step(training.envs[0].unwrapped.rest_action[None])
-    copied = own_env(training)
-    copied.reset()
-    assert copied.envs[0].unwrapped.steps_played == 0
-    assert training.envs[0].unwrapped.steps_played == 1
-    assert copied.envs[0].unwrapped.data is not training.envs[0].unwrapped.data
+def no_env(innermost):
+    raise AssertionError("no environment is needed yet")
+
+
+def context(folder="runs/1"):
+    return RunContext(folder=Path(folder), make_env=no_env)
+
+
+class Asking(BaseCallback):
+    run = None
+
+    def use_run(self, run):
+        self.run = run
+
+    def _on_step(self):
+        return True
+
+
+def test_every_callback_that_asks_is_told():
+    asking = [Asking() for _ in range(5)]
+    callbacks = [
+        asking[0],
+        CallbackList([EveryNTimesteps(10, asking[1]), ConvertCallback(lambda *_: True)]),
+        EvalCallback(NoisyEnv(), asking[2], asking[3]),
+        F1Callback(callback_on_new_best=CallbackList([asking[4]])),
+    ]
+    run = context()
+    hand_over(run, callbacks)
+    assert [callback.run for callback in asking] == [run] * 5
+
+
+def test_the_best_model_goes_into_the_runs_folder_unless_told_otherwise():
+    callbacks = [F1Callback(), OnsetF1Callback(), F1Callback(best_model_save_path="mine")]
+    hand_over(context(), callbacks)
+    paths = [callback.best_model_save_path for callback in callbacks]
+    assert paths == [str(Path("runs/1/best_f1")), str(Path("runs/1/best_onset_f1")), "mine"]
+
+
+@pytest.mark.filterwarnings("error:Training and eval env are not of the same type")
+def test_the_environment_is_the_runs_and_closed_at_the_end(tmp_path):
+    made, closed = [], []
+
+    class Env(NoisyEnv):
+        def close(self):
+            closed.append(self)
+
+    def make_env(innermost):
+        assert innermost is None
+        made.append(Env())
+        return vector_of(lambda: made[-1], vec_env_cls=ThreadVecEnv)  # other than the training's
+
+    callback = F1Callback(eval_freq=5)
+    hand_over(RunContext(folder=tmp_path, make_env=make_env), [callback])
+    tiny_td3(NoisyEnv()).learn(10, callback)
+    assert len(callback.evaluations_metrics) == 2
+    assert len(made) == 1
+    assert closed == made
+    assert (tmp_path / "best_f1" / "best_model.zip").is_file()

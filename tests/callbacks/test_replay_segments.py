@@ -94,16 +94,6 @@ def test_a_restored_buffer_has_equal_rows_and_gives_equal_samples(
     assert_same(restored, original)
 
 
-def test_rows_that_were_there_before_training_are_saved_too(tmp_path):
-    rng = np.random.default_rng(1)
-    original = make_buffer()
-    add_rows(original, CAPACITY + 3, rng)
-    manifest = train_and_save(tmp_path, original, (2,), rng)
-    restored = make_buffer()
-    restore_replay_buffer(restored, tmp_path, manifest)
-    assert_same(restored, original)
-
-
 @pytest.mark.parametrize(
     ("additions", "spans"),
     [

@@ -23,7 +23,7 @@ def moved_targets(env, offsets):
     rest = np.zeros(env.action_space.shape)
     found = []
     for offset in offsets:
-        controls = [piano._actions.controls(action)[0] for action in (rest, rest + offset)]
+        controls = [piano.action_map.controls(action)[0] for action in (rest, rest + offset)]
         found.append(controls[1] - controls[0])
     return np.array(found)
 
@@ -41,7 +41,7 @@ def is_forearm(env):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("reduced", [True, False])
-def test_noise_has_its_deviation_in_radians_and_a_twentieth_in_metres(piano, reduced):
+def test_noise_has_its_deviation_in_radians_and_6_cm_for_each_in_metres(piano, reduced):
     env = piano(reduced_action_space=reduced)
     noise, random = ActuatorNoise(env, 0.05), np.random.default_rng(0)
     offsets = np.array([noise.sample(random) for _ in range(20000)])
@@ -50,7 +50,7 @@ def test_noise_has_its_deviation_in_radians_and_a_twentieth_in_metres(piano, red
     forearm = is_forearm(env)
     assert forearm.sum() == 4
     np.testing.assert_allclose(std[~forearm], 0.05, rtol=0.06)
-    np.testing.assert_allclose(std[forearm], 0.0025, rtol=0.06)
+    np.testing.assert_allclose(std[forearm], 0.003, rtol=0.06)
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.2])
@@ -62,19 +62,6 @@ def test_noise_forgets_in_time(piano, memory):
         kept = (offsets[lag:] * offsets[:-lag]).mean()
         expected = 0.0 if memory == 0 else math.exp(-0.05 * lag / memory)
         assert kept == pytest.approx(expected, abs=0.02)
-
-
-def test_noise_is_as_strong_in_the_first_step_and_begins_anew(piano):
-    noise, random = ActuatorNoise(piano(), 0.05), np.random.default_rng(0)
-    firsts, laters = [], []
-    for _ in range(2000):
-        noise.restart()
-        firsts.append(noise.sample(random))
-        laters.append([noise.sample(random) for _ in range(3)][-1])
-    firsts, laters = np.array(firsts)[:, :-1], np.array(laters)[:, :-1]
-    np.testing.assert_allclose(firsts.std(axis=0) / laters.std(axis=0), 1, rtol=0.12)
-    correlation = (laters[:-1] * firsts[1:]).mean() / (firsts.std() * laters.std())
-    assert correlation == pytest.approx(0, abs=0.02)
 
 
 class FewerActions(gym.ActionWrapper):
@@ -114,17 +101,8 @@ def test_a_perturbed_start_moves_the_hands_by_the_deviation_and_no_key(piano):
     forearm = np.isin(names, FOREARMS)
     assert free.sum() > 15
     np.testing.assert_allclose(moves[:, free & ~forearm].std(axis=0), 0.02, rtol=0.25)
-    np.testing.assert_allclose(moves[:, free & forearm].std(axis=0), 0.001, rtol=0.25)
+    np.testing.assert_allclose(moves[:, free & forearm].std(axis=0), 0.0012, rtol=0.25)
     assert (start(env, 0)[1][scene.key_qpos] == 0).all()
-
-
-def test_a_perturbed_start_keeps_to_the_joints_limits(piano):
-    env = PerturbedStart(piano(), 10.0)
-    scene = env.unwrapped.scene
-    qpos = start(env, 0)[1][np.concatenate(scene.joint_qpos)]
-    low, high = np.concatenate(scene.joint_range).T
-    assert ((low <= qpos) & (qpos <= high)).all()
-    assert ((qpos == low) | (qpos == high)).sum() > 30
 
 
 def test_the_first_observation_is_of_the_perturbed_state(piano):
@@ -139,16 +117,6 @@ def test_the_first_observation_is_of_the_perturbed_state(piano):
         )
     np.testing.assert_array_equal(observation, start(env, 3)[0])
     assert not np.array_equal(observation, start(env, 4)[0])
-
-
-def test_the_perturbed_start_comes_after_all_else_that_is_drawn(piano):
-    plain = piano(randomize_hand_positions=True)
-    moved = PerturbedStart(piano(randomize_hand_positions=True), 0.01)
-    where = plain.unwrapped.scene.slider_qpos
-    for seed in range(3):
-        offset = start(moved, seed)[1][where] - start(plain, seed)[1][where]
-        assert (np.abs(offset) < 5 * 0.01 / 20).all()
-        assert (offset != 0).all()
 
 
 def test_a_start_that_cannot_be_perturbed_is_refused(piano):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import gymnasium as gym
 import numpy as np
 import pytest
-from linear_players import Ending, Linear, pendulum
+from linear_players import Ending, pendulum
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.buffers import ReplayBuffer
-from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.callbacks import DemonstrationsCallback
@@ -79,15 +79,6 @@ def test_the_buffer_is_as_if_the_model_had_played(pendulum_data, kind, wrap):
     assert bool(batch.dones.any()) == (steps == 45)
 
 
-def test_a_buffer_may_be_given_by_itself(pendulum_data):
-    dataset = pendulum_data(episodes=1)
-    buffer = ReplayBuffer(30, dataset.observation_space, dataset.action_space, "cpu")
-    assert fill_replay_buffer(buffer, NAME) == 20
-    np.testing.assert_array_equal(buffer.observations[:20, 0], dataset[0].observations[:-1])
-    np.testing.assert_array_equal(buffer.next_observations[:20, 0], dataset[0].observations[1:])
-    np.testing.assert_allclose(buffer.actions[:20, 0], dataset[0].actions / 2, atol=1e-6)
-
-
 @pytest.mark.parametrize("kind", BUFFERS)
 def test_each_of_several_environments_gets_an_unbroken_stretch(pendulum_data, kind):
     dataset = pendulum_data(episodes=3)  # 60 transitions, in episodes of 20
@@ -113,49 +104,6 @@ def test_a_buffer_without_time_limits_is_told_no_end_that_was_none(pendulum_data
     buffer = ReplayBuffer(30, *spaces, "cpu", n_envs=2, handle_timeout_termination=False)
     fill_replay_buffer(buffer, dataset)
     np.testing.assert_array_equal(buffer.dones[:10], [[0, 0]] * 9 + [[0, 1]])
-
-
-def test_normalised_environments_get_observations_as_they_are(pendulum_data):
-    dataset = pendulum_data()
-    model = model_on(VecNormalize(DummyVecEnv([pendulum])))
-    fill_replay_buffer(model, dataset)
-    np.testing.assert_array_equal(
-        model.replay_buffer.observations[:20, 0], dataset[0].observations[:-1]
-    )
-
-
-def test_a_data_set_of_other_observations_is_refused_with_both_shapes(pendulum_data, piano):
-    pendulum_data()
-    with pytest.raises(
-        ConfigError, match=r"observations of shape \(3,\), the model of shape \(130"
-    ):
-        fill_replay_buffer(model_on(piano()), NAME)
-
-
-def scaled(env, low):
-    return gym.wrappers.RescaleAction(env, np.float32(low), np.float32(1))
-
-
-def test_a_data_set_of_other_action_ranges_is_refused(pendulum_data):
-    pendulum_data()
-    with pytest.raises(
-        ConfigError, match=r"actions from -2.0 to 2.0 .* the model from -1.0 to 1.0"
-    ):
-        fill_replay_buffer(model_on(scaled(pendulum(), -1)), NAME)
-
-
-def test_a_data_set_must_fit_the_buffer(pendulum_data):
-    pendulum_data()
-    with pytest.raises(ConfigError, match="has 60 transitions, the replay buffer room for 59"):
-        fill_replay_buffer(model_on(pendulum(), buffer_size=59), NAME)
-    assert fill_replay_buffer(model_on(pendulum(), buffer_size=60), NAME) == 60
-
-
-def test_a_model_without_a_buffer_is_refused(pendulum_data):
-    pendulum_data()
-    model = on_policy_model()
-    with pytest.raises(ConfigError, match="A PPO has no replay buffer: expected"):
-        fill_replay_buffer(model, NAME)
 
 
 def test_a_data_set_of_other_kinds_of_space_is_refused():
@@ -201,9 +149,26 @@ def test_a_training_without_a_buffer_is_told(pendulum_data):
         model_on(pendulum()).learn(8, callback=DemonstrationsCallback("other-v0"))
 
 
-def test_linear_players_are_what_was_recorded(pendulum_data):
-    """The other tests lean on it."""
-    [episode] = pendulum_data(episodes=1)
-    np.testing.assert_array_equal(
-        episode.actions, Linear(pendulum()).act(episode.observations[:-1])
-    )
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (on_policy_model, "A PPO has no replay buffer: expected"),
+        (
+            lambda: model_on(gym.make("MountainCarContinuous-v0")),
+            r"observations of shape \(3,\), the model of shape \(2,\)",
+        ),
+        (
+            lambda: model_on(gym.wrappers.RescaleAction(pendulum(), np.float32(-1), np.float32(1))),
+            "actions from -2.0 to 2.0 .* the model from -1.0 to 1.0",
+        ),
+        (
+            lambda: model_on(pendulum(), buffer_size=59),
+            "has 60 transitions, the replay buffer room for 59",
+        ),
+    ],
+    ids=["no buffer", "other observations", "other action ranges", "too small"],
+)
+def test_a_model_that_does_not_fit_the_data_set_is_refused(pendulum_data, model, message):
+    pendulum_data()
+    with pytest.raises(ConfigError, match=message):
+        fill_replay_buffer(model(), NAME)

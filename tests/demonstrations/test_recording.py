@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import signal
 
 import gymnasium as gym
@@ -76,12 +75,6 @@ def test_the_label_is_what_the_policy_would_do_in_the_disturbed_state(piano):
         assert np.abs(episode.actions).max() <= 1
 
 
-def test_without_noise_the_labels_are_what_was_played(piano):
-    env = piano()
-    [episode] = record(Linear(env), env, NAME).dataset
-    np.testing.assert_array_equal(episode.actions, episode.infos[EXPERT_ACTION][:-1])
-
-
 def test_noises_take_turns_and_are_noted(piano):
     env = piano()
     told = []
@@ -100,16 +93,6 @@ def test_equal_seeds_record_the_same_and_others_something_else(piano):
     for array, again, different in zip(first, same, other, strict=True):
         np.testing.assert_array_equal(array, again)
         assert not np.array_equal(array, different)
-
-
-def test_neighbouring_seeds_share_no_episode():
-    env = pendulum()
-    seeds = {
-        notes["seed"]
-        for seed in range(3)
-        for notes in notes_of(record(Linear(env), env, f"t-v{seed}", episodes=4, seed=seed).dataset)
-    }
-    assert len(seeds) == 12
 
 
 def test_the_environment_for_evaluation_is_undisturbed_and_otherwise_the_same(piano, piece):
@@ -144,33 +127,12 @@ def test_an_episode_that_ends_by_itself_is_not_truncated():
     assert not episode.truncations.any()
 
 
-class OneArray(gym.ObservationWrapper):
-    """Gives the same array again and again, with other numbers in it."""
-
-    def observation(self, observation):
-        self._array = getattr(self, "_array", observation)
-        self._array[:] = observation
-        return self._array
-
-
-def test_an_environment_may_use_its_array_again():
-    env, same = pendulum(), OneArray(pendulum())
-    [expected] = record(Linear(env), env, "t-v0").dataset
-    [episode] = record(Linear(same), same, "t-v1").dataset
-    np.testing.assert_array_equal(episode.observations, expected.observations)
-
-
 def test_a_score_without_a_name_cannot_be_made_again(piece):
     env = gym.make("RoboPianist-v0", score=load_score(piece), physics="fast")
     with pytest.warns(UserWarning, match="Score is not JSON serializable"):
         dataset = record(Linear(env), env, NAME).dataset
     assert dataset.env_spec is None
     assert len(dataset[0]) == 13
-
-
-def test_an_environment_that_was_not_registered_is_recorded_all_the_same(piece):
-    env = PianoEnv(piece, physics="fast")
-    assert len(record(Linear(env), env, NAME).dataset[0]) == 13
 
 
 def test_a_name_that_is_taken_is_refused_unless_it_may_be_overwritten(datasets):
@@ -218,19 +180,14 @@ def test_a_recording_that_fails_leaves_everything_as_it_was(datasets, overwrite)
 
 
 @pytest.mark.usefixtures("ctrl_c")
-def test_ctrl_c_keeps_the_episodes_that_are_finished():
+def test_ctrl_c_keeps_the_episodes_that_are_finished(datasets):
     env = pendulum()
+    with pytest.raises(KeyboardInterrupt):  # in the first one
+        record(Breaking(env, 5, press_ctrl_c), env, NAME)
+    assert list(datasets.iterdir()) == []
     recorded = record(Breaking(env, 50, press_ctrl_c), env, NAME, episodes=9)
     assert recorded.interrupted
     assert len(recorded.episodes) == len(minari.load_dataset(NAME)) == 2
-
-
-@pytest.mark.usefixtures("ctrl_c")
-def test_ctrl_c_before_the_first_episode_is_over_writes_nothing(datasets):
-    env = pendulum()
-    with pytest.raises(KeyboardInterrupt):
-        record(Breaking(env, 5, press_ctrl_c), env, NAME)
-    assert list(datasets.iterdir()) == []
 
 
 @pytest.mark.usefixtures("ctrl_c")
@@ -266,8 +223,8 @@ def test_names_that_minari_cannot_keep_are_refused(name, datasets):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"episodes": 0}, "episodes is 0: expected 1 or more"),
-        ({"seed": -1}, "seed is -1: expected 0 or more"),
+        ({"episodes": 0}, "episodes is 0: expected a whole number, 1 or more"),
+        ({"seed": -1}, "seed is -1: expected a whole number, 0 or more"),
         ({"noise": []}, "no noise given"),
         ({"noise": [0.0, 0.1]}, "0.1 rad cannot be added in a PendulumEnv"),
     ],
@@ -283,12 +240,3 @@ def test_a_data_set_that_is_not_there_is_named_beside_those_that_are(datasets, p
     pendulum_data()
     with pytest.raises(ConfigError, match=r"no data set 'other-v0' in .*\(test/pendulum-v0\)"):
         open_dataset("other-v0")
-
-
-def test_a_damaged_data_set_is_refused(datasets, pendulum_data):
-    pendulum_data()
-    path = datasets / "test" / "pendulum-v0" / "data" / "metadata.json"
-    content = json.loads(path.read_text())
-    path.write_text(json.dumps({**content, "minari_version": "0.0.1"}))
-    with pytest.raises(ConfigError, match=r"'test/pendulum-v0' in .* cannot be read"):
-        open_dataset("test/pendulum-v0")

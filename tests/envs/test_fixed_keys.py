@@ -14,7 +14,6 @@ from sb3_piano.exceptions import ConfigError, EnvStateError
 from sb3_piano.music import Note, Score
 from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.simulation import compile_scene
-from sb3_piano.viewing.film import moments
 
 FIRST, LAST = 30, 50
 MOVING = np.arange(FIRST, LAST + 1)
@@ -91,21 +90,6 @@ def test_keys_that_are_none_are_refused(keys):
     assert env.scene is scene
 
 
-@pytest.mark.parametrize("physics", ["reference", "fast"])
-def test_a_physics_step_from_rest_moves_the_hands_as_with_all_keys(physics):
-    full = compile_scene(physics=physics)
-    fixed = compile_scene(physics=physics, moving_keys=(FIRST, LAST))
-    after = []
-    for scene in (full, fixed):
-        data = mujoco.MjData(scene.model)
-        data.ctrl[:] = 0.3 * scene.ctrl_high + 0.7 * scene.ctrl_low
-        mujoco.mj_step(scene.model, data)
-        after.append([data.qpos[np.concatenate(scene.joint_qpos)], scene.key_angle(data)[MOVING]])
-    assert np.abs(after[0][0]).max() > 1e-3
-    for all_move, some_move in zip(*after, strict=True):
-        np.testing.assert_allclose(some_move, all_move, rtol=0, atol=1e-9)
-
-
 # The environment.
 
 
@@ -127,36 +111,6 @@ def test_rigid_keys_neither_move_nor_sound_and_the_others_do():
     assert played.shape == (len(env.roll), NUM_KEYS)
     np.testing.assert_array_equal(np.flatnonzero(played.any(axis=0)), MOVING)
     assert 0 < info["precision"] < 1
-
-
-def test_the_times_of_presses_are_those_of_the_same_piano_with_all_keys():
-    times = []
-    for env in (PianoEnv(TINY, physics="fast"), fixed_env()):
-        env.reset(seed=0)
-        bodies = env.model.geom_bodyid[env.scene.key_geom[[FIRST, 41, LAST]]]
-        env.data.xfrc_applied[bodies, 2] = [-4.0, -8.0, -20.0]
-        for _ in range(6):
-            env.step(env.rest_action)
-        times.append(env.performance.strike_time)
-    assert len(set(times[0].tolist())) > 1
-    np.testing.assert_array_equal(times[0], times[1])
-
-
-def test_fingers_that_press_a_rigid_key_stay_on_top_of_it(performances):
-    lowest, touched = [], []
-    for last in (NUM_KEYS - 1, 0):
-        env = fixed_env(0, last, performances[1].piece, **performances[1].options)
-        env.reset(seed=0)
-        heights, keys = [], set()
-        for action in performances[1]["action"][:40]:
-            env.step(action)
-            heights.append(env.scene.fingertip_position(env.data)[:, 2].min())
-            keys |= set(env.scene.key_geom) & set(env.data.contact.geom.ravel())
-        lowest.append(min(heights))
-        touched.append(len(keys))
-        assert env.performance.key_active.any() == (last > 0)
-    assert min(touched) >= 5
-    assert lowest[1] > lowest[0] + 0.005  # a key goes down by a centimetre
 
 
 @pytest.mark.slow
@@ -202,20 +156,6 @@ def test_the_next_call_after_fixing_keys_is_reset_and_spaces_and_schedules_stay(
     np.testing.assert_array_equal(back, PianoEnv(TINY, physics="fast").reset(seed=0)[0])
 
 
-@pytest.mark.parametrize("observation", ["roll", "window", "fingers"])
-def test_every_observation_reads_the_joints_of_the_hands_where_they_are_then(observation):
-    everything, few = (
-        PianoEnv("CMajorScaleOneHand", physics="fast", observation=observation) for _ in range(2)
-    )
-    few.fix_keys(50, 60)
-    rng = np.random.default_rng(0)
-    np.testing.assert_array_equal(few.reset(seed=0)[0], everything.reset(seed=0)[0])
-    for _ in range(3):
-        action = rng.uniform(-0.2, 0.2, few.action_space.shape)
-        np.testing.assert_allclose(few.step(action)[0], everything.step(action)[0], atol=1e-5)
-    assert everything.data.qpos.any()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("physics", ["reference", "fast"])
 def test_the_state_goes_back_and_copies_go_on_exactly(physics):
@@ -234,36 +174,3 @@ def test_the_state_goes_back_and_copies_go_on_exactly(physics):
         np.testing.assert_array_equal(other.performance.key_active, env.performance.key_active)
     with pytest.raises(EnvStateError, match="same options"):
         PianoEnv(TINY, physics=physics).set_state(state)
-
-
-def test_films_show_what_sounds_by_all_88_keys():
-    env = fixed_env()
-    env.reset(seed=0)
-    motion = [env.data.qpos.copy()]
-    for _ in range(6):
-        push_all_keys(env)
-        env.step(env.rest_action)
-        motion.append(env.data.qpos.copy())
-    seen = list(moments(env.scene, env.performance, np.array(motion)))
-    assert not seen[0].sounding.any()
-    for moment, sounding in zip(seen[1:], env.performance.key_active, strict=True):
-        np.testing.assert_array_equal(moment.sounding, sounding)
-    np.testing.assert_array_equal(np.flatnonzero(seen[-1].sounding), MOVING)
-
-
-@pytest.mark.slow
-def test_pictures_after_fixing_keys_are_of_the_new_scene():
-    options = {"render_mode": "rgb_array", "width": 64, "height": 48}
-    painted, fresh = PianoEnv(TINY, **options), PianoEnv(TINY, **options)
-    painted.model.geom_rgba[:] = [1.0, 0.0, 1.0, 1.0]
-    pictures = []
-    for env in (painted, fresh):
-        env.reset(seed=0)
-        pictures.append(env.render())
-        env.fix_keys(FIRST, LAST)
-        env.reset(seed=0)
-        pictures.append(env.render())
-        env.close()
-    before, after, fresh_before, fresh_after = pictures
-    assert (before != fresh_before).any()
-    np.testing.assert_array_equal(after, fresh_after)

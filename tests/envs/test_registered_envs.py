@@ -126,18 +126,6 @@ def test_the_same_seed_gives_bitwise_the_same_episode_in_two_processes():
     assert episode_hash() == episode_hash()
 
 
-@pytest.mark.slow
-def test_the_same_seed_gives_bitwise_the_same_episode_in_one_process():
-    episodes = []
-    for _ in range(2):
-        env = gym.make(ENV_IDS[1], randomize_hand_positions=True)
-        env.action_space.seed(5)
-        rows = [env.reset(seed=5)[0]]
-        rows += [env.step(env.action_space.sample())[0] for _ in range(60)]
-        episodes.append(np.array(rows))
-    np.testing.assert_array_equal(*episodes)
-
-
 def test_the_general_id_plays_any_score(tmp_path):
     path = tmp_path / "piece.mid"
     write_midi(Score(notes=[Note(onset=0.5, offset=1.0, pitch=60)]), path)

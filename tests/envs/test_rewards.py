@@ -64,14 +64,8 @@ def test_energy_is_minus_the_sum_of_powers_whatever_their_signs():
 
 
 def test_a_labelled_finger_earns_all_within_a_centimetre_and_a_tenth_eleven_centimetres_off():
-    press = np.zeros((2, 3))
-    tips = np.array([[0.01, 0, 0], [0, 0.11, 0]])
-    assert rewards.labelled_fingering(tips[:1], press[:1]) == 1.0
-    assert rewards.labelled_fingering(tips, press) == pytest.approx((1.0 + 0.1) / 2)
-
-
-def test_without_a_labelled_note_the_fingering_term_is_zero():
-    assert rewards.labelled_fingering(np.zeros((0, 3)), np.zeros((0, 3))) == 0.0
+    assert rewards.labelled_fingering([0.01]) == 1.0
+    assert rewards.labelled_fingering([0.01, 0.11]) == pytest.approx((1.0 + 0.1) / 2)
 
 
 def test_optimal_transport_takes_the_cheapest_assignment_not_the_first():
@@ -79,16 +73,15 @@ def test_optimal_transport_takes_the_cheapest_assignment_not_the_first():
     tips[7], tips[2] = [0, 0, 0], [0, 0.3, 0]
     press = np.array([[0, 0.3, 0], [0, 0, 0]])
     assert rewards.optimal_transport_fingering(tips, press) == 1.0
+    many = np.zeros((12, 3))  # of more keys than fingers the ten nearest count
+    many[10:] = 9.0
+    assert rewards.optimal_transport_fingering(np.zeros((10, 3)), many) == 1.0
 
 
-def test_optimal_transport_earns_one_when_nothing_is_due():
-    assert rewards.optimal_transport_fingering(np.zeros((10, 3)), np.zeros((0, 3))) == 1.0
-
-
-def test_optimal_transport_of_more_keys_than_fingers_scores_the_ten_nearest_pairs():
-    press = np.zeros((12, 3))
-    press[10:] = 9.0
-    assert rewards.optimal_transport_fingering(np.zeros((10, 3)), press) == 1.0
+def test_fingering_terms_where_nothing_is_due():
+    nothing = np.zeros((0, 3))
+    assert rewards.labelled_fingering([]) == 0.0
+    assert rewards.optimal_transport_fingering(np.zeros((10, 3)), nothing) == 1.0
 
 
 def test_the_highest_return_is_that_of_every_term_at_its_upper_end():

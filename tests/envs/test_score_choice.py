@@ -22,10 +22,6 @@ def pitches(env):
     return [note.pitch for note in env.score.notes]
 
 
-def test_without_options_the_default_is_played():
-    assert chosen_score({}, OWN, np.random.default_rng(0)) is OWN
-
-
 def test_a_transform_gets_the_score_that_would_be_played():
     seen = []
 
@@ -63,15 +59,11 @@ def test_the_slots_of_a_vector_transform_their_scores_each_with_its_own_generato
     envs.close()
 
 
-def test_a_transform_that_returns_no_score_is_refused():
-    with pytest.raises(ConfigError, match="'transform' made a NoneType of 'own': expected a func"):
-        chosen_score({"transform": lambda score, random: None}, OWN, np.random.default_rng(0))
-
-
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
         ({"tempo": 2}, ConfigError, "Unknown reset option 'tempo': expected 'score' or 'trans"),
+        ({"transform": lambda score, random: None}, ConfigError, "'transform' made a NoneType of"),
         ({"score": "Nocturn"}, UnknownPieceError, "Unknown piece 'Nocturn'"),
     ],
 )
@@ -88,9 +80,3 @@ def test_control_steps_are_counted_over_episodes():
         env.step(env.rest_action)
     assert env.total_steps == 4
     assert env.steps_played == 2
-
-
-def test_the_default_score_is_told_whatever_is_played():
-    env = PianoEnv(OWN, n_steps_lookahead=0)
-    env.reset(options={"score": OTHER})
-    assert (env.default_score, env.score) == (OWN, OTHER)

@@ -7,8 +7,7 @@ import itertools
 import pytest
 
 from sb3_piano.envs import RETURN_KEYS
-from sb3_piano.metrics import DEFINITIONS, EPISODE_METRICS, FINGER_SHARES, has_value
-from sb3_piano.music import FINGER_NAMES
+from sb3_piano.metrics import DEFINITIONS, EPISODE_METRICS, has_value
 
 
 def test_every_number_of_an_episode_is_defined_and_no_other():
@@ -41,16 +40,6 @@ def test_words_fit_in_a_line_and_end_as_they_should(definition):
         assert len(words) <= 40
     assert (definition.unit == "ms") == definition.name.endswith("_ms")
     assert (definition.unit == "/s") == definition.name.endswith("_per_second")
-
-
-def test_shares_are_called_by_their_fingers_and_stand_in_their_order():
-    assert tuple(name for name in DEFINITIONS if name in FINGER_SHARES) == FINGER_SHARES
-    for name, finger in zip(FINGER_SHARES, FINGER_NAMES, strict=True):
-        assert DEFINITIONS[name].label.startswith(f"share of the {finger}")
-
-
-def test_the_meaning_of_a_hit_has_the_tolerance():
-    assert "within 50 ms of the onset" in DEFINITIONS["onset_recall"].meaning
 
 
 @pytest.mark.parametrize(

@@ -50,11 +50,6 @@ def test_arrays_of_different_shapes_are_refused():
         frame_scores(np.zeros((2, 88)), np.zeros((3, 88)))
 
 
-def test_arrays_without_keys_are_refused():
-    with pytest.raises(ValueError, match=r"one shape, got \(2,\) and \(2,\)"):
-        non_silent_f1(np.zeros(2), np.zeros(2))
-
-
 def test_playing_nothing_scores_the_share_of_silent_steps():
     target = frames({0}, set(), {1, 2}, set())
     assert noop_scores(target) == (1.0, 0.5, 0.5)
@@ -65,24 +60,10 @@ def test_non_silent_f1_is_the_mean_over_the_steps_in_which_the_piece_sounds():
     target = frames({0, 1}, {2}, set(), {3}, set())
     played = frames({0}, set(), set(), {3}, {1})
     assert non_silent_f1(target, played) == pytest.approx((2 / 3 + 0 + 1) / 3)
-
-
-def test_non_silent_f1_is_one_if_the_piece_never_sounds():
     assert non_silent_f1(frames(set(), set()), frames({1}, set())) == 1.0
 
 
 rolls = hnp.arrays(bool, st.tuples(st.integers(1, 6), st.just(5)))
-
-
-@given(rolls)
-def test_perfect_playing_scores_one(target):
-    assert frame_scores(target, target) == (1.0, 1.0, 1.0)
-    assert non_silent_f1(target, target) == 1.0
-
-
-@given(rolls)
-def test_playing_nothing_scores_zero_where_the_piece_sounds(target):
-    assert non_silent_f1(target, np.zeros_like(target)) == (0.0 if target.any() else 1.0)
 
 
 @pytest.mark.slow
@@ -105,22 +86,6 @@ def test_frame_scores_equal_a_plain_python_twin(data):
     )
 
 
-@pytest.mark.slow
-@given(st.data())
-def test_pressing_a_wrong_key_never_raises_precision_or_f1(data):
-    target = data.draw(rolls)
-    played = data.draw(hnp.arrays(bool, target.shape))
-    wrong = np.argwhere(~target & ~played)
-    if len(wrong) == 0:
-        return
-    worse = played.copy()
-    worse[tuple(wrong[0])] = True
-    before, after = frame_scores(target, played), frame_scores(target, worse)
-    assert after.precision <= before.precision
-    assert after.f1 <= before.f1
-    assert non_silent_f1(target, worse) <= non_silent_f1(target, played)
-
-
 def multipitch(target, played):
     """Return precision and recall of mir_eval, which weighs all keys alike, not all steps."""
     times = np.arange(len(target)) * 0.05
@@ -131,19 +96,6 @@ def multipitch(target, played):
     return mir_eval.multipitch.metrics(times, target, times, played)[:2]
 
 
-@pytest.mark.slow
-@given(st.data())
-def test_mir_eval_s_multipitch_is_the_mean_weighted_by_the_keys_of_each_step(data):
-    target = data.draw(rolls)
-    played = data.draw(hnp.arrays(bool, target.shape))
-    if not (target.any() and played.any()):
-        return  # mir_eval warns and gives 0
-    steps = [frame_scores(target[i : i + 1], played[i : i + 1]) for i in range(len(target))]
-    precision = np.average([step.precision for step in steps], weights=played.sum(axis=1))
-    recall = np.average([step.recall for step in steps], weights=target.sum(axis=1))
-    assert multipitch(target, played) == pytest.approx((precision, recall))
-
-
 def test_frame_scores_are_another_number_than_mir_eval_s_multipitch():
     # One key is due and one sounds, rightly; then three of four that sound are wrong.
     target, played = frames({0}, {1}), frames({0}, {0, 1, 2, 3})
@@ -151,20 +103,10 @@ def test_frame_scores_are_another_number_than_mir_eval_s_multipitch():
     assert multipitch(target, played)[0] == pytest.approx(2 / 5)
 
 
-def recorded_scores(recording):
-    """Return the scores of a recording from its own notes and keys, and those stored with it."""
-    target = np.zeros_like(recording["key_active"], dtype=bool)
-    step, key, _ = recording["roll_notes"].T
-    target[step, key] = True
-    stored = [float(recording[name]) for name in ("precision", "recall", "f1")]
-    return frame_scores(target, recording["key_active"]), stored
-
-
-def test_the_scores_stored_with_a_recorded_rollout_come_out(rollout):
-    ours, stored = recorded_scores(rollout)
-    assert ours == pytest.approx(stored, rel=0, abs=1e-9)
-
-
 def test_the_scores_stored_with_a_recorded_performance_come_out(performance):
-    ours, stored = recorded_scores(performance)
+    target = np.zeros_like(performance["key_active"], dtype=bool)
+    step, key, _ = performance["roll_notes"].T
+    target[step, key] = True
+    stored = [float(performance[name]) for name in ("precision", "recall", "f1")]
+    ours = frame_scores(target, performance["key_active"])
     assert ours == pytest.approx(stored, rel=0, abs=1e-9)

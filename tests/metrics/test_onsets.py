@@ -7,7 +7,7 @@ import itertools
 import mir_eval
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
@@ -48,17 +48,6 @@ class TestMatching:
         assert onset_scores(target, played, tolerance).recall == hits
         assert timing_error(target, played, tolerance).mean == pytest.approx(100 * hits)
 
-    def test_another_key_is_never_hit(self):
-        assert match_onsets(onsets((0.0, 40)), onsets((0.0, 41), (0.0, 39))).tolist() == []
-
-    def test_one_strike_hits_one_note_and_one_note_is_hit_once(self):
-        assert match_onsets(onsets((0.1, 5), (0.12, 5)), onsets((0.11, 5))).shape == (1, 2)
-        assert match_onsets(onsets((0.1, 5)), onsets((0.09, 5), (0.11, 5))).shape == (1, 2)
-
-    def test_a_note_is_hit_by_the_nearest_of_several_strikes(self):
-        target, played = onsets((0.10, 5)), onsets((0.06, 5), (0.09, 5), (0.12, 5))
-        assert match_onsets(target, played).tolist() == [[0, 1]]
-
     def test_more_hits_are_worth_more_than_nearer_ones(self):
         # 0.05 is nearest to 0.05, but then 0.0 and 0.1 would both be left without a partner.
         target, played = onsets((0.05, 5), (0.10, 5)), onsets((0.0, 5), (0.05, 5))
@@ -72,11 +61,6 @@ class TestMatching:
         target = onsets((1.0, 7), (0.5, 2), (0.0, 9), (0.0, 2))
         played = onsets((0.51, 2), (0.0, 9), (1.01, 7), (3.0, 0))
         assert match_onsets(target, played).tolist() == [[0, 2], [1, 0], [2, 1]]
-
-    @pytest.mark.parametrize(("target", "played"), [((), ()), (((0, 1),), ()), ((), ((0, 1),))])
-    def test_nothing_pairs_with_nothing(self, target, played):
-        pairs = match_onsets(onsets(*target), onsets(*played))
-        assert (pairs.shape, pairs.dtype) == ((0, 2), np.intp)
 
     def test_a_tremolo_of_thousands_is_matched_note_by_note(self):
         # Each strike is as near to its own note as to the next, so that all hang together.
@@ -195,14 +179,18 @@ class TestScores:
         assert onset_scores(target, played) == pytest.approx((2 / 5, 2 / 3, 4 / 8))
         assert onset_f1(target, played) == pytest.approx(4 / 8)
 
-    def test_playing_nothing_has_precision_one(self):
-        assert onset_scores(onsets((0.0, 1)), NOTHING) == (1.0, 0.0, 0.0)
-
-    def test_where_nothing_is_due_recall_is_one(self):
-        assert onset_scores(NOTHING, onsets((0.0, 1))) == (0.0, 1.0, 0.0)
-
-    def test_silence_where_silence_is_due_scores_one(self):
-        assert onset_scores(NOTHING, NOTHING) == (1.0, 1.0, 1.0)
+    @pytest.mark.parametrize(
+        ("target", "played", "scores"),
+        [
+            (NOTHING, NOTHING, (1.0, 1.0, 1.0)),
+            (onsets((0.0, 1)), NOTHING, (1.0, 0.0, 0.0)),
+            (NOTHING, onsets((0.0, 1)), (0.0, 1.0, 0.0)),
+        ],
+    )
+    def test_where_nothing_is_due_or_struck(self, target, played, scores):
+        assert onset_scores(target, played) == scores
+        assert match_onsets(target, played).shape == (0, 2)
+        assert timing_error(target, played) == (0.0, 0.0)
 
     def test_timing_errors_are_positive_where_strikes_are_late(self):
         target = onsets((0.0, 1), (0.5, 1), (1.0, 2), (1.5, 2))
@@ -210,22 +198,6 @@ class TestScores:
         # +40, +10 and -20 ms; the fourth is no hit.
         mean, std = 10.0, np.sqrt((30**2 + 0**2 + 30**2) / 3)
         assert timing_error(target, played) == pytest.approx((mean, std))
-
-    def test_without_a_hit_there_is_no_timing_error(self):
-        assert timing_error(onsets((0.0, 1)), onsets((0.0, 2))) == (0.0, 0.0)
-
-    @pytest.mark.slow
-    @given(random_onsets(max_size=15), random_onsets(max_size=15), times, st.integers(0, 5))
-    def test_a_strike_that_can_hit_nothing_never_raises_precision_or_f1(
-        self, target, played, time, key
-    ):
-        wrong = onsets((time, key))
-        assume(len(match_onsets(target, wrong)) == 0)
-        worse = Onsets(*(np.concatenate(fields) for fields in zip(played, wrong, strict=True)))
-        before, after = onset_scores(target, played), onset_scores(target, worse)
-        assert after.precision <= before.precision
-        assert after.f1 <= before.f1
-        assert after.recall == before.recall
 
 
 class TestWholeSteps:
@@ -245,10 +217,3 @@ class TestWholeSteps:
     def test_one_step_early_or_late_is_a_hit_and_two_are_not(self, steps, f1):
         target, played = (onsets_of(self.active(*s), 0.05) for s in ((4, 5), steps))
         assert onset_f1(target, played) == f1
-
-    def test_joining_two_presses_by_a_wrong_step_may_raise_onset_precision(self):
-        # The reason why the property of wrong keys is one of strikes: two presses became one.
-        target = onsets_of(self.active(2), 0.05)
-        apart, joined = self.active(2, 4), self.active(2, 3, 4)
-        assert onset_scores(target, onsets_of(apart, 0.05)).precision == 1 / 2
-        assert onset_scores(target, onsets_of(joined, 0.05)).precision == 1

@@ -37,18 +37,9 @@ def test_presses_are_ordered_by_first_step_then_key():
     ]
 
 
-def test_a_press_that_outlasts_the_data_ends_with_it_and_not_on_the_next_key():
-    assert listed(presses_of(keys_of("..xx xx..  ...."))) == [(1, 0, 2), (0, 2, 4)]
-
-
 @pytest.mark.parametrize("shape", [(0, 88), (5, 88), (5, 0)])
 def test_silence_has_no_press(shape):
     assert [field.shape for field in presses_of(np.zeros(shape))] == [(0,), (0,), (0,)]
-
-
-def test_presses_are_not_found_in_an_array_without_keys():
-    with pytest.raises(ValueError, match=r"\(steps, keys\) array, got shape \(4,\)"):
-        presses_of(np.zeros(4))
 
 
 rolls = hnp.arrays(bool, st.tuples(st.integers(0, 8), st.integers(1, 4)))
@@ -67,13 +58,6 @@ def plain_presses(active):
 def test_presses_equal_a_plain_python_twin(active):
     expected = sorted(plain_presses(active), key=lambda press: (press[1], press[0]))
     assert listed(presses_of(active)) == expected
-
-
-@given(rolls)
-def test_presses_stand_in_the_order_of_argwhere_of_their_first_steps(active):
-    onset = active & ~np.vstack([np.zeros((1, active.shape[1]), dtype=bool), active[:-1]])
-    presses = presses_of(active)
-    np.testing.assert_array_equal(np.column_stack([presses.first, presses.key]), np.argwhere(onset))
 
 
 def test_a_press_is_wrong_if_its_key_is_due_in_none_of_its_steps():

@@ -103,7 +103,7 @@ def test_the_forearm_is_where_mujoco_has_it(options, hand):
     scene = scene_of(**options)
     kinematics = hand_of(scene, hand)
     positions = random_positions(kinematics, 5, seed=4)
-    forearm = int(np.flatnonzero(scene.forearm_of_geom == hand + 1)[0])
+    forearm = scene.forearm_geoms[hand][0]
     body = scene.model.geom_bodyid[forearm]
     for one, place in zip(positions, kinematics.arm(positions), strict=True):
         data = data_at(scene, *((one,) if hand == 0 else (np.zeros_like(one), one)))

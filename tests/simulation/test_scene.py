@@ -126,3 +126,18 @@ def test_actuators_are_where_the_joints_that_they_drive_are(reduced):
         row = scene.model.actuator(f"{hand}_shadow_hand/{hand}_A_{finger[-2:]}J0").id
         driven = [names[j] for j in np.flatnonzero(scene.actuator_of_joint[row])]
         assert sorted(driven) == [f"{finger}J1", f"{finger}J2"]
+
+
+@pytest.mark.parametrize("physics", ["reference", "fast"])
+def test_forearms_touch_where_mujoco_finds_a_contact_of_theirs(physics):
+    scene = compile_scene(physics=physics)
+    model, data = scene.model, mujoco.MjData(scene.model)
+    forearm = [model.body(f"{side}h_shadow_hand/{side}h_forearm").id for side in "rl"]
+    found = []
+    for offset in np.linspace(-0.4, 0.4, 161):  # the hands meet, and pass each other
+        data.qpos[scene.slider_qpos] = [0.0, offset]
+        mujoco.mj_forward(model, data)
+        bodies = model.geom_bodyid[data.contact.geom]
+        found.append(any(sorted(pair) == sorted(forearm) for pair in bodies.tolist()))
+        assert scene.forearms_touch(data) == found[-1]
+    assert 5 < sum(found) < 100

@@ -149,10 +149,10 @@ def test_the_constants_of_a_plan_are_settings_of_its_run():
     assert PlannedConfig.from_mapping(mapping) == config
     former = {**mapping, "n_timesteps": 1, "normalize": False, "callback": []}
     assert PlannedConfig.from_mapping(former) == config  # what folders of version 0.1 have
-    config = planner_config("tune.mid", env_kwargs=FAST, settings={"leap_more": [0.1, 0.2]})
+    config = planner_config("tune.mid", env_kwargs=FAST, settings={"rounds": 2})
     run = RunFolder.create(config, "run")
     with SavedPlayer.open(run.path) as player:
-        assert player.model.settings == PlanSettings(leap_more=(0.1, 0.2))
+        assert player.model.settings == PlanSettings(rounds=2)
 
 
 @pytest.mark.slow

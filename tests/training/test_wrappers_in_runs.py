@@ -237,7 +237,7 @@ OctaveShift: {octaves: [-1, 1]}
 PitchShift: {semitones: [-2, 2]}
 PreviousActionReward:
 RandomPiece: {pieces: [CMajorScaleOneHand, TwinkleTwinkleLittleStar], weights: [1, 2]}
-ResidualAction: {scale: 0.05, lookahead: 1, settings: {leap_more: [0.05, 0.1], rounds: 2}}
+ResidualAction: {scale: 0.05, lookahead: 1, settings: {hover: 0.02, rounds: 2}}
 RewardTiering: {threshold: 1}
 RewardWeights: {weights: {energy: 0}}
 TemporalStretch: {factor: [1, 2]}

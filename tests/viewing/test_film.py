@@ -58,26 +58,19 @@ def test_every_picture_is_that_of_the_environments_render(camera):
     np.testing.assert_array_equal(drawn, rendered)
 
 
-def test_the_first_moment_has_the_keys_of_the_first_step_due_and_later_ones_those_just_played():
+def test_moments_have_the_keys_that_are_due_and_those_that_sound():
     env, recording, _ = episode()
-    seen = list(moments(env.scene, recording.performance, recording.motion.qpos))
+    arguments = env.scene, recording.performance, recording.motion.qpos
+    seen = list(moments(*arguments))
+    # At first the keys of the first step are due, later those of the step just played.
     assert [moment.due.tolist() for moment in seen] == [[27], [27], [27], [39], [39], []]
     assert [moment.fingers.tolist() for moment in seen] == [[0], [0], [0], [-1], [-1], []]
-
-
-def test_the_keys_shown_as_sounding_are_those_that_the_performance_has():
-    env, recording, _ = episode()
-    seen = list(moments(env.scene, recording.performance, recording.motion.qpos))
-    assert not seen[0].sounding.any()
-    shown = np.array([moment.sounding for moment in seen[1:]])
+    shown = np.array([moment.sounding for moment in seen])
     assert shown.any()
-    np.testing.assert_array_equal(shown, recording.performance.key_active)
-
-
-def test_sounding_keys_can_be_left_unmarked():
-    env, recording, _ = episode()
-    seen = moments(env.scene, recording.performance, recording.motion.qpos, mark_sounding=False)
-    assert not any(moment.sounding.any() for moment in seen)
+    assert not shown[0].any()
+    np.testing.assert_array_equal(shown[1:], recording.performance.key_active)
+    unmarked = moments(*arguments, mark_sounding=False)
+    assert not any(moment.sounding.any() for moment in unmarked)
 
 
 @pytest.mark.parametrize("cut", [(slice(1, None), slice(None)), (slice(None), slice(1, None))])

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from report_parts import C4, D4, E4, STEP, long_performance, note, performance, resting, three_notes
+from report_parts import C4, D4, E4, STEP, note, performance, three_notes
 
-from sb3_piano.metrics import FINGER_SHARES
-from sb3_piano.viewing.report import Curve, judge, note_name
+from sb3_piano.viewing.report import Curve, judge
 from sb3_piano.viewing.report.piano_roll import piano_roll
 from sb3_piano.viewing.report.report import (
     MOST_POINTS,
@@ -31,11 +30,6 @@ def bars(roll, mark):
         (int(key), pytest.approx(onset), pytest.approx(onset + length))
         for key, onset, length in zip(of["key"], of["onset"], of["length"], strict=True)
     ]
-
-
-def test_keys_have_the_names_of_their_pitches():
-    assert [note_name(key) for key in (0, 1, 2, 3, 39, 87)] == ["A0", "A♯0", "B0", "C1", "C4", "C8"]
-    assert roll_of(three_notes())["keys"] == [note_name(key) for key in range(88)]
 
 
 def test_each_note_due_is_a_bar_of_its_finger():
@@ -77,13 +71,6 @@ def test_pointing_at_a_bar_tells_pitch_result_fingers_times_and_error():
     assert texts("wrong") == [["F4", "wrong", NONE, "left little", NONE, "0.720 s", NONE]]
 
 
-def test_an_early_strike_and_a_note_without_a_label_are_told_as_such():
-    roll = roll_of(performance([note(C4, 0.5, 1.0)], [(C4, 0.4, 0.9, 0)]))
-    (early,) = roll["bars"]["early"]["texts"]
-    assert early[1:3] == ["early", "not said"]
-    assert early[-1] == "-100 ms"
-
-
 def test_the_pedal_has_what_is_due_and_what_was_played_rightly_and_wrongly():
     pedal = roll_of(three_notes())["pedal"]
     expected = {"due": [0.5, 1.0], "hit": [0.75, 1.0], "wrong": [1.0, 1.25]}
@@ -98,13 +85,6 @@ def test_an_episode_that_ended_early_shows_where():
     assert "due-index-finger" not in roll["bars"]
     assert roll["end"] == pytest.approx(12 * STEP)
     assert roll_of(three_notes())["end"] is None
-
-
-def test_of_thousands_of_notes_none_is_left_out():
-    played = long_performance(3000)
-    of = roll_of(played)["bars"]
-    due = sum(len(rows["key"]) for mark, rows in of.items() if mark.startswith("due-"))
-    assert due == len(played.roll.onset_time)
 
 
 def test_fingers_stand_as_on_the_keyboard_beside_what_the_score_asks_for():
@@ -123,13 +103,6 @@ def test_fingers_stand_as_on_the_keyboard_beside_what_the_score_asks_for():
     assert due == pytest.approx(
         {"left middle": 100 / 3, "right thumb": 100 / 3, "right index": 100 / 3}
     )
-
-
-def test_without_a_fingering_only_what_was_played_is_shown():
-    played = performance([note(C4, 0.5, 1.0)], [(C4, 0.5, 1.0, 2)])
-    assert finger_usage(played, played.metrics())["due"] is None
-    silent = finger_usage(resting(played), dict.fromkeys(FINGER_SHARES, 0.0))
-    assert set(silent["played"]) == {0.0}
 
 
 def test_reward_terms_stand_beside_those_of_resting_hands():

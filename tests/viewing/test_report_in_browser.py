@@ -10,19 +10,14 @@ from report_parts import (
     C4,
     D4,
     E4,
-    STEP,
     long_performance,
     metrics_of,
-    note,
-    performance,
     resting,
     three_notes,
 )
 
 from sb3_piano.training import RunConfig, train, write_report
-from sb3_piano.viewing.frame_renderer import FINGER_COLORS, PRESSED_COLOR
 from sb3_piano.viewing.report import Curve, Report, report_html
-from sb3_piano.viewing.report.page import css_color
 
 pytestmark = pytest.mark.slow
 
@@ -98,45 +93,6 @@ def test_all_figures_are_drawn_with_all_their_marks(tab, roll, page_of_three_not
     lines = "node => node.querySelectorAll('.scatterlayer .js-line').length"
     assert tab.page.eval_on_selector("#training-1", lines) == 2
     assert tab.page.title() == "study · sb3-piano"
-
-
-def test_bars_have_the_colours_of_their_fingers_and_legends_the_same(tab, page_of_three_notes):
-    tab.open(page_of_three_notes)
-    traces = {trace["meta"]: trace for trace in tab.page.evaluate(TRACES)[:-3]}  # the pedal's
-    for mark, finger in (("due-thumb", 0), ("due-index-finger", 1), ("due-middle-finger", 7)):
-        color = css_color(FINGER_COLORS[finger])
-        assert traces[mark]["marker"]["line"]["color"] == color
-        assert traces[mark]["width"] > traces["hit"]["width"]
-        swatch = tab.page.locator(f"button[data-mark={mark}] .swatch")
-        border = swatch.evaluate("node => getComputedStyle(node).borderColor")
-        assert border.replace(" ", "") == color
-    assert traces["hit"]["marker"]["color"] == css_color(PRESSED_COLOR)
-
-
-def test_all_keys_that_are_used_are_in_view_and_named(tab, tmp_path):
-    wide = performance([note(C4, 0.5, 1.0)], [(87, 0.1, 0.3, 4), (0, 0.1, 0.3, 5)])
-    narrow = performance([note(C4, 0.5, 1.0)], [])
-    for played, low, high in ((wide, -0.5, 87.5), (narrow, C4 - 6.5, C4 + 6.5)):
-        tab.open(written(tmp_path / "keys.html", played))
-        axis = tab.page.evaluate(LAYOUT)["yaxis"]
-        assert axis["range"] == [low, high]
-        labels = dict(zip(axis["tickvals"], axis["ticktext"], strict=True))
-        assert labels[C4] == "C4"
-        assert (D4 in labels) is (played is narrow)
-        assert not [name for name in labels.values() if "♯" in name]
-
-
-def test_an_episode_that_ended_early_has_a_line_there(tab, roll, tmp_path):
-    def ends(played):
-        tab.open(written(tmp_path / "end.html", played))
-        shapes = tab.page.evaluate(LAYOUT)["shapes"]
-        assert len(shapes) < 60
-        return [shape["x0"] for shape in shapes if "label" in shape]
-
-    short = performance([note(C4, 0.0, 0.5, 0), note(D4, 1.0, 1.5, 1)], [], steps=12)
-    assert ends(short) == [pytest.approx(12 * STEP)]
-    assert roll.count("not-reached") == 1
-    assert ends(three_notes()) == []
 
 
 def test_pointing_at_a_bar_shows_pitch_finger_onsets_error_and_result(
@@ -231,30 +187,6 @@ def test_on_a_phone_nothing_is_wider_than_the_screen_and_fingers_scroll_the_page
     assert tab.page.evaluate("document.getElementById('piano-roll').layout.dragmode") is False
     tab.page.tap("button[data-view=later]")
     assert roll.view()[0] > first
-
-
-def test_a_window_can_be_made_narrower(tab, page_of_three_notes):
-    tab.open(page_of_three_notes)
-    for width in (900, 700):
-        tab.page.set_viewport_size({"width": width, "height": 800})
-        figures = "f => [...document.querySelectorAll('.plotly-graph-div')].every(f => "
-        inside = "f.querySelector('svg').getBoundingClientRect().right <= innerWidth - 20)"
-        tab.page.wait_for_function(f"{figures}{inside}", timeout=5000)
-        assert tab.page.evaluate("document.documentElement.scrollWidth") == width
-
-
-def test_a_piece_named_like_a_script_does_nothing(tab, tmp_path):
-    name = "<script>alert(1)</script><img src=x onerror=alert(2)>"
-    curves = {f"reward/{name}": Curve(np.arange(2), np.arange(2.0))}
-    metrics = {**metrics_of(three_notes()), f"return_{name}": 1.0}
-    played = three_notes(title=name)
-    settings = {"metrics": metrics, "baseline": None, "curves": curves}
-    report = Report(performance=played, subtitle=name, facts=[(name, name)], **settings)
-    path = tmp_path / "report.html"
-    path.write_text(report_html(report), encoding="utf-8")
-    tab.open(path)
-    assert tab.page.locator("h1").inner_text() == name
-    assert tab.page.locator("main img").count() == 0
 
 
 def test_the_report_of_a_run_opens(tab, roll, tmp_path):

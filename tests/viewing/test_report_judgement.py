@@ -51,30 +51,12 @@ def test_a_note_after_the_end_of_the_episode_is_neither_hit_nor_missed():
     assert notes.fate.tolist() == [HIT, NOT_REACHED, NOT_REACHED]
 
 
-def test_a_note_of_the_last_step_that_was_played_can_be_missed():
-    notes, _ = judge(performance([note(C4, 0.5, 1.0)], [], steps=11))
-    assert notes.fate.tolist() == [MISSED]
-
-
 def test_a_press_over_two_notes_belongs_to_the_one_whose_onset_is_nearer():
     due = [note(C4, 0.2, 0.5), note(C4, 0.6, 0.9)]
     for strike, owner in ((0.30, 0), (0.46, 1)):
         notes, presses = judge(performance(due, [(C4, strike, 0.9, 0)]))
         assert presses.note.tolist() == [owner]
         assert notes.press.tolist() == [0 if i == owner else -1 for i in range(2)]
-
-
-def test_of_several_presses_a_note_names_the_one_that_hits_it_or_the_nearest():
-    hit = performance([note(C4, 0.5, 1.2)], [(C4, 0.54, 0.7, 0), (C4, 0.8, 1.0, 0)])
-    late = performance(
-        [note(C4, 0.5, 1.2)], [(C4, 0.6, 0.7, 0), (C4, 0.8, 0.9, 0), (C4, 1.0, 1.1, 0)]
-    )
-    assert judge(hit)[0].press.tolist() == [0]
-    assert judge(late)[0].press.tolist() == [0]
-    equally_far = performance([note(C4, 0.5, 1.2)], [(C4, 0.44996, 0.48, 0), (C4, 0.55, 0.9, 0)])
-    notes, presses = judge(equally_far)
-    assert presses.verdict[notes.press].tolist() == [RIGHT]
-    assert set(presses.verdict.tolist()) == {RIGHT, AGAIN}
 
 
 def test_times_and_fingers_are_those_of_score_and_playing():

@@ -60,17 +60,6 @@ def test_due_and_sounding_keys_and_fingertips_are_coloured_until_they_no_longer_
 
 
 @needs_screen
-def test_a_window_runs_until_it_is_closed_and_then_shows_nothing_more():
-    scene = compile_scene()
-    window = SceneWindow(scene)
-    assert window.is_running
-    window.close()
-    window.close()
-    assert not window.is_running
-    window.show(moment(scene))
-
-
-@needs_screen
 def test_a_replay_takes_its_time_and_shows_every_moment():
     scene = compile_scene()
     drawn = []

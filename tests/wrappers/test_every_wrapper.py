@@ -10,11 +10,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env as gymnasium_check
+from gymnasium.wrappers import RescaleAction, RescaleObservation
 from stable_baselines3.common.env_checker import check_env as sb3_check
 
 import sb3_piano.wrappers
 from sb3_piano.envs import ObservationSpace
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
+from sb3_piano.layers import layers
 from sb3_piano.music import Note, Score
 from sb3_piano.wrappers import (
     Excerpt,
@@ -196,13 +198,6 @@ def test_the_spec_makes_the_same_stack_again(env):
     assert_equal_playing(env, made)
 
 
-def layers(env):
-    found = [env]
-    while isinstance(found[-1], gym.Wrapper):
-        found.append(found[-1].env)
-    return found
-
-
 @pytest.mark.slow
 def test_observations_lie_in_the_space_and_have_memory_of_their_own(env):
     observation, _ = env.reset(seed=0)
@@ -248,3 +243,101 @@ def test_a_score_given_to_reset_arrives_and_is_played_once(env):
 def test_what_is_no_piano_is_refused(wrapper, env_id):
     with pytest.raises(ConfigError, match=rf"{wrapper.__name__} cannot wrap a \w+Env: expected a"):
         wrapper(gym.make(env_id), **ARGUMENTS[wrapper])
+
+
+INF = float("inf")
+REFUSED = [
+    (PitchShift, {"semitones": "3"}, "semitones is '3': expected a whole number"),
+    (PitchShift, {"semitones": True}, "semitones is True: expected a whole number"),
+    (PitchShift, {"semitones": [1, 2, 3]}, r"semitones is \[1, 2, 3\]: expected one number, or a"),
+    (PitchShift, {"semitones": [0, "1"]}, r"semitones\[1\] is '1': expected a whole number"),
+    (OctaveShift, {"octaves": [2, 1]}, r"octaves is \[2, 1\]: expected the lower end first"),
+    (TemporalStretch, {"factor": INF}, "factor is inf: expected a finite number above 0"),
+    (
+        TemporalStretch,
+        {"factor": [0.0, 1]},
+        r"factor\[0\] is 0.0: expected a finite number",
+    ),
+    (RandomPiece, {"pieces": []}, "pieces is .*: expected a list of one or more"),
+    (RandomPiece, {"pieces": "CMajorScaleOneHand"}, "pieces is .*: expected a list of one or more"),
+    (RandomPiece, {"pieces": ["CMajorScaleOneHnd"]}, "Did you mean 'CMajorScaleOneHand'"),
+    (RandomPiece, {"pieces": ["none.mid"]}, "There is no MIDI file 'none.mid'"),
+    (RandomPiece, {"weights": [1]}, r"weights is \[1\]: expected a list of 2, one for each piece"),
+    (RandomPiece, {"weights": "12"}, "weights is '12': expected a list of 2"),
+    (RandomPiece, {"weights": [1, -0.1]}, "expected numbers from 0 on, not all of them 0"),
+    (RandomPiece, {"weights": [0, 0.0]}, "not all of them 0"),
+    (RandomPiece, {"weights": [1, INF]}, r"weights\[1\] is inf: expected a finite number"),
+    (Excerpt, {"unit": "beats"}, "unit is 'beats': expected one of 'seconds', 'bars'"),
+    (Excerpt, {"start": "anywhere"}, "start is 'anywhere': expected a number of seconds or 'ran"),
+    (Excerpt, {"start": -1}, "start is -1: expected a finite number, 0 seconds or more"),
+    (Excerpt, {"length": 0}, "length is 0: expected a finite number above 0 seconds"),
+    (Excerpt, {"length": 1.5, "unit": "bars"}, "length is 1.5: expected a whole number above 0"),
+    (Excerpt, {"start": 0.5, "length": 1, "unit": "bars"}, "start is 0.5: expected a whole number"),
+    (KeyRange, {"keys": 48}, r"keys is 48: expected 12, 24, 36, 88, \"piece\""),
+    (KeyRange, {"keys": True}, "keys is True"),
+    (KeyRange, {"keys": "all"}, "keys is 'all'"),
+    (KeyRange, {"keys": [48]}, r"keys is \[48\]"),
+    (KeyRange, {"keys": [60, 48]}, r"keys is \[60, 48\]"),
+    (KeyRange, {"keys": [20, 48]}, "from 21 to 108"),
+    (KeyRange, {"keys": [48, 109]}, "from 21 to 108"),
+    (KeyRange, {"keys": [48.0, 60.5]}, r"keys is \[48.0, 60.5\]"),
+    (KeyRange, {"margin": -1}, "margin is -1: expected a whole number, 0 or more"),
+    (KeyRange, {"outside": "ignore"}, "outside is 'ignore': expected one of 'error', 'hide'"),
+    (KeyRange, {"simulated": 1}, "simulated is 1: expected true or false"),
+    (KeyRange, {"outside": "hide", "simulated": True}, "expected one of them only"),
+    (Lookahead, {"steps": None}, "steps is None and seconds is None: expected exactly one"),
+    (Lookahead, {"seconds": 0.5}, "steps is 4 and seconds is 0.5: expected exactly one"),
+    (Lookahead, {"steps": -1}, "steps is -1: expected a whole number from 0 to 10000 control"),
+    (Lookahead, {"steps": None, "seconds": 0.52}, r"0.52.*0.05 s: expected 0.5 or 0.55"),
+    (Lookahead, {"steps": None, "seconds": 0.5 + 1e-8}, "expected 0.5 or 0.55"),
+    (Lookahead, {"steps": None, "seconds": -0.5}, "expected a finite number, 0 s or more"),
+    (Lookahead, {"stride": 0}, "stride is 0: expected a whole number, 1 or more"),
+    (Lookahead, {"steps": 10, "stride": 4}, "stride 4: expected a multiple of it, such as 8 or 12"),
+    (Lookahead, {"fingers": "yes"}, "fingers is 'yes': expected true or false"),
+    (ResidualAction, {"scale": 0}, "scale is 0: expected a finite number above 0"),
+    (ResidualAction, {"lookahead": 0}, "lookahead is 0: expected a whole number, 1 or more"),
+    (ResidualAction, {"settings": 3}, "settings is 3: expected a mapping"),
+    (ResidualAction, {"settings": {"feedbak": 1}}, "'feedbak'.* Did you mean 'feedback'"),
+    (ResidualAction, {"settings": {"feedback": "much"}}, "feedback is 'much': expected a finite"),
+    (RewardWeights, {"weights": {"fingring": 1}}, "term 'fingring'. Did you mean 'fingering'"),
+    (RewardWeights, {"weights": {7: 1.0}}, "weights is 7: expected text"),
+    (RewardWeights, {"weights": {"energy": "1e-3"}}, r"weights\['energy'\] is '1e-3': expected a"),
+    (RewardWeights, {"weights": {"energy": 1e308}}, r"finite number from -1e\+06 to 1e\+06"),
+    (RewardWeights, {"weights": None}, "weights is None: expected a mapping"),
+    (FingeringDecay, {"n_steps": 0}, "n_steps is 0: expected a whole number, 1 or more"),
+    (FingeringDecay, {"start": -1}, "start is -1: expected a whole number, 0 or more"),
+    (FingeringDecay, {"final": INF}, "final is inf: expected a finite number"),
+    (RewardTiering, {"threshold": 1.01}, "threshold is 1.01: expected a finite number from 0 to 1"),
+]
+
+
+@pytest.mark.parametrize(("wrapper", "changes", "message"), REFUSED)
+def test_a_wrong_argument_is_refused_by_name_and_value(wrapper, changes, message):
+    with pytest.raises((ConfigError, ScoreError, UnknownPieceError), match=message):
+        wrapper(piano(), **{**ARGUMENTS[wrapper], **changes})
+
+
+@pytest.mark.parametrize(
+    ("inside", "wrapper", "message"),
+    [
+        (KeyRewardTiering, KeyRewardTiering, "KeyRewardTiering wraps another one"),
+        (ResidualAction, ResidualAction, "ResidualAction is there already"),
+        (lambda env: RescaleAction(env, 0.0, 1.0), ResidualAction, "cannot add to actions of Box"),
+        (
+            lambda env: RescaleObservation(env, np.float32(0), np.float32(1)),
+            KeyRange,
+            "KeyRange cannot tell which numbers of a Box mean what",
+        ),
+    ],
+)
+def test_a_wrapper_that_cannot_go_around_another_says_why(inside, wrapper, message):
+    bounded = KeyRange(piano(), 88)
+    with pytest.raises(ConfigError, match=message):
+        wrapper(RewardWeights(inside(bounded), {}), **ARGUMENTS[wrapper])
+
+
+@pytest.mark.parametrize("wrapper", [KeyRange, Lookahead, HideFingering])
+def test_what_needs_keys_in_the_observation_says_so(wrapper):
+    fingers = gym.make("RoboPianist-v0", score=PIECE, observation="fingers")
+    with pytest.raises(ConfigError, match=r'targets.*expected .*"roll" or "window"'):
+        wrapper(fingers, **ARGUMENTS[wrapper])

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from side_by_side import TINY, block, episode
-from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Score
 from sb3_piano.wrappers import HideFingering, KeyRange, Lookahead, PreviousActionReward
 
@@ -67,17 +63,6 @@ def test_the_labels_are_zeros_and_everything_else_is_there_in_its_place():
     assert labels_were_shown
 
 
-def test_what_the_inner_environment_hands_out_is_not_changed():
-    class Keep(gym.ObservationWrapper):
-        def observation(self, observation):
-            self.kept = observation
-            return observation
-
-    inner = Keep(PianoEnv(TINY))
-    HideFingering(inner).reset()
-    assert block(inner, inner.kept, "fingering").any()
-
-
 def test_the_reward_still_tells_labels_unless_it_does_not_ask_for_them():
     def rewards(fingers, **options):
         env = PreviousActionReward(
@@ -92,15 +77,3 @@ def test_the_reward_still_tells_labels_unless_it_does_not_ask_for_them():
     for fingering_reward in ("off", "optimal-transport"):
         options = {"fingering_reward": fingering_reward}
         assert rewards(labels, **options) == rewards(others, **options)
-
-
-def test_an_observation_made_of_labels_cannot_be_hidden():
-    with pytest.raises(ConfigError, match=r"no block 'fingering' among targets"):
-        HideFingering(PianoEnv("CMajorScaleOneHand", observation="fingers"))
-
-
-@pytest.mark.filterwarnings("ignore:.*render", "ignore:.*wrapper")
-def test_it_passes_both_env_checkers():
-    env = HideFingering(PianoEnv(TINY, physics="fast"))
-    check_env(env, skip_render_check=True)
-    sb3_check_env(env, warn=True)

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
-
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
-from gymnasium.wrappers import RescaleObservation
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from side_by_side import TINY, block, episode
-from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from sb3_piano.envs import KeyWindow, PianoEnv
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music import Note, Score, load_score
-from sb3_piano.wrappers import HideFingering, KeyRange
+from sb3_piano.music import Note, Score
+from sb3_piano.wrappers import KeyRange
 from sb3_piano.wrappers.score_wrapper import ScoreWrapper
 
 UNCUT = ("fingering", "sustain", "right_joints", "left_joints")
@@ -93,11 +86,6 @@ def test_the_range_of_the_piece_holds_all_that_score_wrappers_inside_may_make_of
     assert played == {1, 25}  # an octave down and one up, each a key from the end of the range
 
 
-def test_a_margin_ends_with_the_keyboard():
-    assert KeyRange(PianoEnv(TINY), "piece", margin=2).window == KeyWindow(39 - 21 - 2, 87)
-    assert KeyRange(PianoEnv(MIDDLE), "piece", margin=0).window == KeyWindow(39, 39)
-
-
 # What was cut before.
 
 
@@ -111,27 +99,6 @@ def test_ranges_can_be_nested_and_the_inner_one_decides_what_is_left_to_cut():
     assert columns.tolist() == [*range(27, 51), 88]
     with pytest.raises(ConfigError, match=r"pitch 48 to 83.*'goal'.*12 of them.*such as C5"):
         KeyRange(once, 36)
-
-
-def test_a_window_can_be_cut_further_but_not_widened():
-    piece = Score(notes=[Note(onset=0.0, offset=0.1, pitch=p) for p in (60, 65)])
-    whole_env = PianoEnv(piece, physics="fast")
-    env = KeyRange(PianoEnv(piece, observation="window", physics="fast"), [59, 66])
-    for whole, cut in episode(whole_env, env):
-        assert_only_these_keys_are_seen(env, cut, whole_env, whole, 59, 66)
-    with pytest.raises(ConfigError, match=r"pitch 56 to 60 \(G#3 to C4\).*1 of them.*G#3"):
-        KeyRange(PianoEnv(piece, observation="window"), [56, 60], outside="hide")
-
-
-def test_a_range_without_a_block_for_keys_is_refused():
-    with pytest.raises(ConfigError, match=r"targets.*expected .*\"roll\" or \"window\""):
-        KeyRange(PianoEnv("CMajorScaleOneHand", observation="fingers"))
-
-
-def test_a_range_around_an_unknown_layout_is_refused():
-    rescaled = RescaleObservation(KeyRange(PianoEnv(MIDDLE), 12), np.float32(0), np.float32(1))
-    with pytest.raises(ConfigError, match="KeyRange cannot tell"):
-        KeyRange(rescaled, 12)
 
 
 # Notes beyond the range.
@@ -172,29 +139,6 @@ def test_hidden_notes_are_played_without_being_seen():
     assert set(np.flatnonzero(block(env, observation, "goal")[0])) == {64 - 48}  # not C8
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"keys": 48}, r"keys is 48: expected 12, 24, 36, 88, \"piece\""),
-        ({"keys": True}, "keys is True"),
-        ({"keys": "all"}, "keys is 'all'"),
-        ({"keys": [48]}, r"keys is \[48\]"),
-        ({"keys": [60, 48]}, r"keys is \[60, 48\]"),
-        ({"keys": [20, 48]}, r"from 21 to 108"),
-        ({"keys": [48, 109]}, r"from 21 to 108"),
-        ({"keys": [48.0, 60.5]}, r"keys is \[48.0, 60.5\]"),
-        ({"margin": -1}, "margin is -1"),
-        ({"margin": 1.5}, "margin is 1.5"),
-        ({"outside": "ignore"}, "outside is 'ignore'"),
-        ({"simulated": 1}, "simulated is 1"),
-        ({"outside": "hide", "simulated": True}, "expected one of them only"),
-    ],
-)
-def test_a_wrong_argument_is_named_with_what_was_expected(arguments, message):
-    with pytest.raises(ConfigError, match=message):
-        KeyRange(PianoEnv(MIDDLE), **arguments)
-
-
 # The simulated keys.
 
 
@@ -219,27 +163,3 @@ def test_a_range_that_is_refused_leaves_the_simulation_as_it_was():
     with pytest.raises(ConfigError, match="such as"):
         KeyRange(inner, 88, simulated=True)
     assert env.scene is scene
-
-
-# As a wrapper among others.
-
-
-@pytest.mark.filterwarnings("ignore:.*render", "ignore:.*wrapper")
-def test_it_passes_both_env_checkers():
-    for simulated in (False, True):
-        env = KeyRange(PianoEnv(MIDDLE, physics="fast"), 24, simulated=simulated)
-        check_env(env, skip_render_check=True)
-        sb3_check_env(env, warn=True)
-
-
-@pytest.mark.slow
-def test_it_is_made_again_from_its_spec_and_copied_with_its_keys():
-    made = gym.make("RoboPianist-v0", score=load_score("CMajorScaleOneHand"), physics="fast")
-    env = HideFingering(KeyRange(made, [69, 90], simulated=True))
-    again = gym.make(env.spec)
-    others = [again, copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
-    for other in others:
-        assert other.unwrapped.scene.moving_keys == slice(48, 70)
-    for first, *rest in episode(env, *others):
-        for observation in rest:
-            np.testing.assert_array_equal(observation, first)

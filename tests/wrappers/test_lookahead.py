@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
-
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from side_by_side import TINY, block, episode
-from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
-from sb3_piano.buffers.ring_observations import ObservationPacking
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score
@@ -99,16 +92,6 @@ def test_a_hundred_steps_in_strides_of_ten_are_eleven_rows_as_in_robovirtuoso():
     assert "control steps." not in Lookahead(PianoEnv(TINY), 5).observation_layout["goal"].meaning
 
 
-def test_the_new_blocks_take_one_bit_a_number_in_a_compact_buffer():
-    env = Lookahead(PianoEnv(TINY, physics="fast"), 20, stride=5, fingers=True)
-    packing = ObservationPacking(env.observation_space)
-    binary = [name for name, b in env.observation_layout.items() if packing.binary[b.slice].all()]
-    assert binary == ["goal", "fingering", "lookahead_fingering"]
-    for (observation,) in episode(env):
-        _, exact = packing.pack(observation[None])
-        assert exact.all()
-
-
 @pytest.mark.parametrize("stride", [1, 3])
 def test_it_commutes_with_a_range_of_keys(stride):
     def piano():
@@ -141,67 +124,8 @@ def test_each_episode_shows_its_own_piece():
             np.testing.assert_array_equal(seen[:size], expected)
 
 
-def test_it_sees_the_piece_that_keys_made_rigid_further_out_begin_anew():
-    env = KeyRange(Lookahead(PianoEnv(TINY, physics="fast"), 4), "piece", simulated=True)
-    seen_only = KeyRange(Lookahead(PianoEnv(TINY, physics="fast"), 4), "piece")
-    first, second = env.reset(seed=0)[0], seen_only.reset(seed=0)[0]
-    np.testing.assert_array_equal(first, second)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({}, "steps is None and seconds is None: expected exactly one"),
-        ({"steps": 10, "seconds": 0.5}, "steps is 10 and seconds is 0.5"),
-        ({"steps": -1}, "steps is -1"),
-        ({"steps": 2.0}, "steps is 2.0"),
-        (
-            {"steps": 10**9},
-            "expected a whole number from 0 to 10000 control steps",
-        ),
-        ({"steps": True}, "steps is True"),
-        ({"seconds": 0.52}, r"seconds is 0.52.*0.05 s: expected 0.5 or 0.55"),
-        ({"seconds": 0.5 + 1e-8}, r"expected 0.5 or 0.55"),
-        ({"seconds": -0.5}, "seconds is -0.5: expected a finite number, 0 s or more"),
-        ({"seconds": "1"}, "seconds is '1'"),
-        ({"seconds": float("inf")}, "seconds is inf"),
-        ({"steps": 10, "stride": 0}, "stride is 0"),
-        ({"steps": 10, "stride": 4}, "stride 4: expected a multiple of it, such as 8 or 12"),
-        ({"steps": 10, "fingers": "yes"}, "fingers is 'yes'"),
-    ],
-)
-def test_a_wrong_argument_is_named_with_what_was_expected(arguments, message):
-    with pytest.raises(ConfigError, match=message):
-        Lookahead(PianoEnv(TINY), **arguments)
-
-
-def test_fingers_that_observe_their_own_targets_cannot_look_ahead():
-    with pytest.raises(ConfigError, match=r"no block 'goal' among targets"):
-        Lookahead(PianoEnv("CMajorScaleOneHand", observation="fingers"), 10)
-
-
 def test_labels_that_are_hidden_inside_are_not_shown_again():
     hidden = KeyRange(HideFingering(PianoEnv(TINY)), 88)
     with pytest.raises(ConfigError, match="HideFingering outside, or fingers=False"):
         Lookahead(hidden, 10, fingers=True)
     assert "lookahead_fingering" not in Lookahead(hidden, 20).observation_layout
-
-
-@pytest.mark.filterwarnings("ignore:.*render", "ignore:.*wrapper")
-def test_it_passes_both_env_checkers():
-    env = Lookahead(PianoEnv(TINY, physics="fast"), 100, stride=10, fingers=True)
-    check_env(env, skip_render_check=True)
-    sb3_check_env(env, warn=True)
-
-
-def test_it_is_made_again_from_its_spec_and_copied_in_the_middle_of_an_episode():
-    made = gym.make("RoboPianist-v0", score=TINY, physics="fast")
-    env = Lookahead(made, seconds=1, stride=2, fingers=True)
-    for first, second in episode(env, gym.make(env.spec)):
-        np.testing.assert_array_equal(first, second)
-    env.reset(options={"score": OTHER})
-    env.step(env.unwrapped.rest_action)
-    others = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
-    expected, *_ = env.step(env.unwrapped.rest_action)
-    for other in others:
-        np.testing.assert_array_equal(other.step(env.unwrapped.rest_action)[0], expected)

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
-
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RescaleAction, TransformReward
 from side_by_side import TINY, block
-from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
@@ -45,14 +39,6 @@ def test_the_observation_is_followed_by_the_action_as_it_was_clipped_and_its_rew
             assert reward != 0.0
 
 
-def test_its_blocks_are_described_at_the_end_of_the_layout():
-    layout = PreviousActionReward(piano()).observation_layout
-    assert list(layout)[-2:] == ["previous_action", "previous_reward"]
-    assert layout["previous_action"].shape == (39,)
-    assert (layout["previous_action"].low, layout["previous_action"].high) == (-1.0, 1.0)
-    assert (layout["previous_reward"].low, layout["previous_reward"].high) == (-np.inf, np.inf)
-
-
 def test_the_reward_is_the_one_of_the_environment_inside():
     inside = PreviousActionReward(TransformReward(piano(), lambda reward: 100 * reward))
     outside = TransformReward(PreviousActionReward(piano()), lambda reward: 100 * reward)
@@ -79,11 +65,6 @@ def test_an_action_that_its_owner_changes_later_is_remembered_as_it_was():
     assert (block(env, again, "previous_action") == -1.0).all()
 
 
-def test_it_follows_every_kind_of_observation():
-    env = PreviousActionReward(PianoEnv("CMajorScaleOneHand", observation="fingers"))
-    assert env.observation_space.shape == (130 + 39 + 1,)
-
-
 def test_it_can_be_there_only_once():
     with pytest.raises(ConfigError, match="Two blocks.*'previous_action'"):
         PreviousActionReward(HideFingering(PreviousActionReward(piano())))
@@ -94,25 +75,3 @@ def test_actions_of_another_range_are_refused(low, high):
     rescaled = RescaleAction(piano(), np.float32(low), np.float32(high))
     with pytest.raises(ConfigError, match=rf"actions of Box\({low:.1f}, {high:.1f}.*from -1 to 1"):
         PreviousActionReward(rescaled)
-
-
-@pytest.mark.filterwarnings("ignore:.*render", "ignore:.*wrapper", "ignore:.*infinity")
-def test_it_passes_both_env_checkers():
-    env = PreviousActionReward(piano())
-    check_env(env, skip_render_check=True)
-    sb3_check_env(env, warn=True)
-
-
-def test_it_is_made_again_from_its_spec_and_copied_with_what_was_done():
-    made = gym.make("RoboPianist-v0", score=TINY, physics="fast")
-    env = PreviousActionReward(made)
-    again = gym.make(env.spec)
-    assert again.observation_space == env.observation_space
-    env.reset(seed=0)
-    env.action_space.seed(0)
-    env.step(env.action_space.sample())
-    others = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
-    action = env.action_space.sample()
-    expected, *_ = env.step(action)
-    for other in others:
-        np.testing.assert_array_equal(other.step(action)[0], expected)

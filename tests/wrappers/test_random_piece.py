@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from playing_scores import melody, piano, played, titles
 
-from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
-from sb3_piano.music import load_score, write_midi
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.music import write_midi
 from sb3_piano.wrappers import Excerpt, PitchShift, RandomPiece, TemporalStretch
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
@@ -84,11 +84,6 @@ class TestPlaceInTheStack:
         assert played(env, score=C).notes[0].pitch == 65
         assert played(env).title in "ab"
 
-    def test_a_transform_given_to_reset_changes_the_chosen_piece(self):
-        env = RandomPiece(piano(), [A])
-        score = played(env, transform=lambda score, random: score.transpose(2))
-        assert (score.title, score.notes[0].pitch) == ("a", 62)
-
     def test_only_pieces_with_a_chance_count_as_possible(self):
         env = PitchShift(RandomPiece(piano(), [A, B, C], [1, 0, 1]), 1)
         assert [(s.title, s.notes[0].pitch) for s in possible_scores(env)] == [("a", 61), ("c", 65)]
@@ -96,36 +91,6 @@ class TestPlaceInTheStack:
 
 
 class TestErrors:
-    @pytest.mark.parametrize("pieces", [[], "CMajorScaleOneHand", A, None])
-    def test_what_is_no_list_of_pieces_is_refused(self, pieces):
-        with pytest.raises(ConfigError, match="pieces is .*: expected a list of one or more"):
-            RandomPiece(piano(), pieces)
-
-    def test_an_unknown_piece_is_refused_at_once(self):
-        with pytest.raises(UnknownPieceError, match="Did you mean 'CMajorScaleOneHand'"):
-            RandomPiece(piano(), [A, "CMajorScaleOneHnd"])
-
-    def test_a_missing_file_is_refused_at_once(self):
-        with pytest.raises(ScoreError, match="There is no MIDI file 'none.mid'"):
-            RandomPiece(piano(), ["none.mid"])
-
-    @pytest.mark.parametrize(
-        ("weights", "message"),
-        [
-            ([1], r"weights is \[1\]: expected a list of 2, one for each piece"),
-            ([1, 2, 3], "expected a list of 2"),
-            ("12", "weights is '12': expected a list of 2"),
-            (0.5, "weights is 0.5: expected a list of 2"),
-            ([1, -0.1], r"weights is \[1, -0.1\]: expected numbers from 0 on, not all of them 0"),
-            ([0, 0.0], "not all of them 0"),
-            ([1, float("inf")], r"weights\[1\] is inf: expected a finite number"),
-            (["1", 1], r"weights\[0\] is '1': expected a finite number"),
-        ],
-    )
-    def test_bad_weights_are_refused_by_value(self, weights, message):
-        with pytest.raises(ConfigError, match=message):
-            RandomPiece(piano(), [A, B], weights)
-
     def test_a_piece_that_a_wrapper_inside_cannot_change_is_refused_at_once(self):
         with pytest.raises(ScoreError, match="Transposing 'high' by 5 semitones"):
             RandomPiece(PitchShift(piano(), 5), [A, melody(104, title="high")])
@@ -133,8 +98,3 @@ class TestErrors:
             RandomPiece(
                 Excerpt(piano(), length=1, unit="bars"), [A, melody(60, title="plain", bars=())]
             )
-
-    def test_a_study_has_the_title_by_which_it_is_told(self):
-        assert played(RandomPiece(piano(), ["CMajorScaleOneHand"])) == load_score(
-            "CMajorScaleOneHand"
-        )

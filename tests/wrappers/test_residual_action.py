@@ -8,17 +8,15 @@ import pickle
 import gymnasium as gym
 import numpy as np
 import pytest
-import yaml
 from side_by_side import block
-from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.exceptions import ConfigError, InvalidActionError
+from sb3_piano.exceptions import InvalidActionError
 from sb3_piano.music import Note, Pedal, Score
 from sb3_piano.planning import PlannedPianist, PlanSettings, plan
 from sb3_piano.training import SavedPlayer, evaluate, play_run, train
 from sb3_piano.training.configuration.config import RunConfig
-from sb3_piano.wrappers import PitchShift, PreviousActionReward, ResidualAction
+from sb3_piano.wrappers import PitchShift, ResidualAction
 
 # A second and a half with half a second to get there: the right hand steps up a third, the left
 # one holds a key; the pedal is down in the middle.
@@ -132,24 +130,6 @@ def checked_action(action):
     return action
 
 
-def test_actions_beyond_one_count_as_one(env):
-    env.reset()
-    twin = copy.deepcopy(env)
-    env.step(still(env) + 1)
-    twin.step(still(twin) + 7)
-    np.testing.assert_array_equal(commands(twin), commands(env))
-
-
-def test_the_pedal_is_the_plan_s_whatever_the_agent_does(env):
-    random = np.random.default_rng(0)
-    _, info, _ = play(env, lambda _: random.uniform(-1, 1, 44).astype(np.float32))
-    performance = env.unwrapped.performance
-    np.testing.assert_array_equal(performance.sustain, env.unwrapped.roll.sustain)
-    assert performance.sustain.any()
-    assert not performance.sustain.all()
-    assert info["return_sustain"] == len(performance.sustain)
-
-
 # What is seen.
 
 
@@ -173,17 +153,6 @@ def test_the_plan_is_shown_as_the_way_to_its_next_positions():
         step += 1
 
 
-def test_the_block_is_named_described_and_follows_what_was_observed(env):
-    inner = env.env.observation_space.layout
-    layout = env.observation_space.layout
-    assert list(layout) == [*inner, "plan"]
-    assert layout["plan"].shape == (2, 44)
-    assert layout["plan"].meaning
-    assert np.isfinite([layout["plan"].low, layout["plan"].high]).all()
-    observation, _ = env.reset()
-    np.testing.assert_array_equal(observation[: inner.size], env.env.reset()[0])
-
-
 # Pieces.
 
 
@@ -204,20 +173,6 @@ def test_another_piece_is_planned_at_its_reset_and_the_first_one_is_not_forgotte
     np.testing.assert_array_equal(again, before)
 
 
-@pytest.mark.slow
-def test_a_state_put_back_into_the_bare_environment_is_followed(env):
-    env.reset()
-    for _ in range(5):
-        env.step(still(env))
-    state = env.unwrapped.get_state()
-    env.step(still(env))
-    expected = commands(env)
-    env.reset(options={"score": OTHER})
-    env.unwrapped.set_state(state)
-    env.step(still(env))
-    np.testing.assert_array_equal(commands(env), expected)
-
-
 @pytest.mark.parametrize(
     "clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["deep", "pickle"]
 )
@@ -232,80 +187,7 @@ def test_a_copy_has_the_plan_with_it(env, clone, monkeypatch):
     np.testing.assert_array_equal(twin.unwrapped.data.qpos, env.unwrapped.data.qpos)
 
 
-@pytest.mark.slow
-def test_a_copy_takes_the_plan_of_the_present_piece_only(env):
-    size = len(pickle.dumps(env))
-    env.reset(options={"score": OTHER})
-    env.reset()
-    assert len(pickle.dumps(env)) < size + 20_000  # another plan has some 100,000 bytes
-
-
-# With other wrappers.
-
-
-@pytest.mark.slow
-def test_inside_the_previous_action_is_what_was_played_outside_the_correction(env):
-    played = ResidualAction(PreviousActionReward(piano()), settings=QUICK)
-    corrected = PreviousActionReward(env)
-    pedal_too, own = block_of_previous(played), block_of_previous(corrected)
-    assert (len(pedal_too), len(own)) == (45, 44)
-    np.testing.assert_array_equal(own, np.full(44, 0.5, dtype=np.float32))
-    scene = played.unwrapped.scene
-    middle, half = (scene.ctrl_high + scene.ctrl_low) / 2, (scene.ctrl_high - scene.ctrl_low) / 2
-    np.testing.assert_allclose(middle + half * pedal_too[:44], commands(played), atol=1e-6)
-    assert pedal_too[44] == -1
-
-
-def block_of_previous(env):
-    env.reset()
-    observation, *_ = env.step(still(env) + 0.5)
-    return block(env, observation, "previous_action")
-
-
-def test_vec_normalize_takes_it(planned_once):
-    venv = VecNormalize(DummyVecEnv([lambda: copy.deepcopy(planned_once)]))
-    observations = [venv.reset()]
-    for _ in range(30):
-        observations.append(venv.step(np.zeros((1, 44), dtype=np.float32))[0])
-    assert np.isfinite(observations).all()
-    assert np.abs(observations).max() <= 10
-
-
 # What is refused.
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"scale": 0}, "scale is 0: expected a finite number above 0"),
-        ({"scale": -0.1}, "scale is -0.1: expected a finite number above 0"),
-        ({"scale": "0.1"}, "scale is '0.1': expected a finite number"),
-        ({"lookahead": 0}, "lookahead is 0: expected a whole number, 1 or more"),
-        ({"settings": 3}, "settings is 3: expected a mapping"),
-        ({"settings": {"feedbak": 1}}, "unknown name 'feedbak'. Did you mean 'feedback'"),
-        ({"settings": {"feedback": "much"}}, "feedback is 'much': expected a finite number"),
-    ],
-)
-def test_wrong_arguments_are_refused(arguments, message):
-    with pytest.raises(ConfigError, match=message):
-        ResidualAction(piano(), **arguments)
-
-
-def test_settings_from_yaml_are_those_of_the_plan():
-    settings = yaml.safe_load("{leap_more: [0.05, 0.1], feedback: 0.0}")
-    env = ResidualAction(piano(), settings=settings)
-    assert env._trackers.settings == PlanSettings(leap_more=(0.05, 0.1), feedback=0.0)
-
-
-def test_a_second_one_is_refused(env):
-    with pytest.raises(ConfigError, match="ResidualAction is there already"):
-        ResidualAction(PreviousActionReward(env))
-
-
-def test_actions_that_are_not_the_piano_s_are_refused():
-    rescaled = gym.wrappers.RescaleAction(piano(), 0.0, 1.0)
-    with pytest.raises(ConfigError, match="cannot add to actions of Box.0.0, 1.0"):
-        ResidualAction(rescaled)
 
 
 @pytest.mark.parametrize("shape", [(45,), (1, 44), ()])

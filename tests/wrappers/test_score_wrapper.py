@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
-
 import gymnasium as gym
 import numpy as np
 import playing_scores
@@ -13,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from playing_scores import melody, piano, played
 
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Score
 from sb3_piano.wrappers import Excerpt, OctaveShift, PitchShift, RandomPiece, TemporalStretch
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper, possible_scores
@@ -51,19 +47,6 @@ class TestSeeds:
         assert sequence(env, 2) != first
         assert len({score.notes for score in first}) > 2
 
-    def test_a_stack_repeats_its_pieces_observations_and_generator(self):
-        ours, twin = stack(debug_env()), stack(debug_env())
-        for seed in (7, None, None, None):
-            observation, _ = ours.reset(seed=seed)
-            assert np.array_equal(observation, twin.reset(seed=seed)[0])
-            assert ours.unwrapped.score == twin.unwrapped.score
-        assert ours.np_random.random() == twin.np_random.random()
-
-    def test_two_wrappers_of_one_seed_draw_independently(self):
-        env = OctaveShift(PitchShift(piano(melody(60)), [0, 5]), [0, 1])
-        seen = {played(env, seed=0 if i == 0 else None).notes[0].pitch - 60 for i in range(100)}
-        assert seen == {*range(6), *range(12, 18)}
-
     def test_fixed_changes_leave_the_generator_alone(self):
         env = Excerpt(TemporalStretch(OctaveShift(PitchShift(piano(), 1), 1), 0.5), length=2)
         env.reset(seed=3)
@@ -91,15 +74,6 @@ class TestOrderAndOptions:
         env.reset(seed=5, options={"transform": last_note})
         assert [note.pitch for note in env.unwrapped.score.notes] == [71]
         assert env.unwrapped.score.title == str(np.random.default_rng(5).integers(1000))
-
-    def test_options_are_not_changed(self):
-        options = {"score": melody(50)}
-        stack(debug_env()).reset(options=options)
-        assert list(options) == ["score"]
-
-    def test_an_unknown_option_is_refused_as_ever(self):
-        with pytest.raises(ConfigError, match="Unknown reset option 'piece'"):
-            PitchShift(piano(), 1).reset(options={"piece": "a"})
 
     def test_the_environment_inside_stays_as_it_was(self):
         env = piano()
@@ -132,44 +106,6 @@ class TestSameObject:
     def test_a_drawn_value_that_repeats_gives_the_same_object(self):
         env = PitchShift(piano(), [-1, 1])
         assert len({id(score) for score in sequence(env, 0, count=30)}) == 3
-
-    def test_equal_values_for_different_scores_are_kept_apart(self):
-        env = PitchShift(piano(), 1)
-        for _ in range(2):
-            assert played(env, score=melody(40)).notes[0].pitch == 41
-            assert played(env, score=melody(50)).notes[0].pitch == 51
-
-    def test_no_more_than_a_few_scores_are_kept(self):
-        env = TemporalStretch(piano(), [0.5, 2])
-        sequence(env, 0, count=40)
-        assert len(env._recent) == 16
-
-
-class TestCopies:
-    @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-    def test_a_copy_goes_on_as_the_original_does(self, clone):
-        env = stack(debug_env())
-        sequence(env, 3)
-        twin = clone(env)
-        assert sequence(twin, None) == sequence(env, None)
-
-    def test_a_copy_changes_other_scores_correctly(self):
-        env = PitchShift(piano(), 1)
-        sequence(env, 0)
-        twin = pickle.loads(pickle.dumps(env))
-        for pitch in range(40, 60):
-            assert played(twin, score=melody(pitch)).notes[0].pitch == pitch + 1
-
-    def test_the_spec_makes_the_stack_again(self):
-        env = stack(debug_env())
-        twin = gym.make(env.spec)
-        assert str(twin) == str(env)
-        assert sequence(twin, 2) == sequence(env, 2)
-
-    @pytest.mark.parametrize("name", DRAWN)
-    def test_only_a_piano_is_wrapped(self, name):
-        with pytest.raises(ConfigError, match=f"{name} cannot wrap a CartPoleEnv"):
-            DRAWN[name](gym.make("CartPole-v1"))
 
 
 def drawn_by(env, random):
@@ -220,11 +156,3 @@ class TestPossibleScores:
             108,
         }
         assert max(score.pitch_range[1] for score in possible_scores(env)) == 108
-
-    def test_of_a_bare_environment_it_is_its_own_score(self):
-        assert possible_scores(piano(melody(60))) == [melody(60)]
-
-    def test_those_of_a_range_have_its_extreme_shifts_and_tempi(self):
-        env = TemporalStretch(PitchShift(piano(melody(60)), [-2, 9]), [0.5, 2])
-        found = {(s.notes[0].pitch, s.duration) for s in possible_scores(env)}
-        assert found == {(58, 0.5), (58, 2), (69, 0.5), (69, 2)}

@@ -33,10 +33,10 @@ FILE_NAME = "performance"
 PLANNED_IN: Mapping[str, Any] = {
     "reduced_action_space": False,
     "initial_buffer_time": 0.5,
-    "fingering": "ergonomic",
+    "fingering": "robot",
 }
 """Options of the environments in which planners play unless told otherwise: all joints, half a
-second to get to the first note, and fingers for notes that have none."""
+second to get to the first note, and the fingers that suit the hands."""
 
 
 def play_run(

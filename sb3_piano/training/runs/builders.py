@@ -32,12 +32,7 @@ from sb3_piano.planning import PianoPolicy
 from sb3_piano.training.configuration.names import planner_class
 from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
 from sb3_piano.training.configuration.names import import_class, registered_id
-from sb3_piano.training.configuration.values import (
-    classes_made,
-    dataclass_made,
-    linear_start,
-    parameters_of,
-)
+from sb3_piano.training.configuration.values import classes_made, dataclass_made, linear_start, parameters_of
 from sb3_piano.vec_env import ThreadVecEnv
 
 Env = gym.Env[Any, Any]

@@ -22,7 +22,7 @@ _TERM_PREFIX = "return_"
 
 
 def definition_of(name: str) -> Definition:
-    """Return what is known of a number, its label as it begins a line.
+    """Return the definition of a number, its label as it begins a line.
 
     Reward terms stand under a heading everywhere, and go by their short names; a number that nobody
     defined is called by its name.

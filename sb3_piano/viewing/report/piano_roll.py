@@ -86,7 +86,7 @@ def legends(notes: DueNotes, presses: PlayedPresses) -> dict[str, Legend]:
 
 
 def piano_roll(performance: Performance, notes: DueNotes, presses: PlayedPresses) -> dict[str, Any]:
-    """Return what the page's script draws as a piano roll, with the pedal below.
+    """Return the contents of the page's piano roll, with the pedal below.
 
     Args:
         performance: What was played.
@@ -156,7 +156,7 @@ def _pedal(performance: Performance) -> dict[str, np.ndarray]:
 def _hover_texts(
     notes: DueNotes, presses: PlayedPresses
 ) -> tuple[list[list[str]], list[list[str]]]:
-    """Return what is shown of each note and of each press: pitch, result, fingers, times, error."""
+    """Return the texts of each note and each press: pitch, result, fingers, times, error."""
 
     def texts(note: int, press: int, result: str) -> list[str]:
         """Return the texts of a note and the press that belongs to it; one of them may be -1."""

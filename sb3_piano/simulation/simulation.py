@@ -1,0 +1,113 @@
+"""A scene in motion, control step by control step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.simulation.scene import PianoScene
+
+FloatArray = npt.NDArray[np.float64]
+
+# Neighbours in MuJoCo's list of warnings: bad positions, velocities, accelerations.
+_INSTABILITIES = slice(
+    int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1
+)
+
+
+class Simulation:
+    """MuJoCo's data of a scene, and what every control step does with it.
+
+    After the physics no code of Python is in the processor's caches: what counts is how many
+    different things are done. So arrays of ``MjData`` are looked up once, and what is small is
+    handled as plain numbers or bytes.
+    """
+
+    def __init__(self, scene: PianoScene, n_substeps: int):
+        """Make the data of a scene at rest.
+
+        Args:
+            scene: What is simulated.
+            n_substeps: Physics steps in a control step, at least 1.
+        """
+        self.scene = scene
+        self.data = mujoco.MjData(scene.model)
+        self._n_substeps = n_substeps
+        self.key_angles: list[bytes] = []
+        """Angles of the moving keys after each physics step of the last control step, rad; see
+        :meth:`PianoScene.sounding_at`."""
+        self._look()
+        self.read()
+
+    def _look(self) -> None:
+        data = self.data
+        self.qpos: FloatArray = data.qpos
+        """(nq,) joint positions, rad or m; a view."""
+        self.geom_xpos: FloatArray = data.geom_xpos
+        """(ngeom, 3) positions of all shapes in the world, m; a view."""
+        self.actuator_force: FloatArray = data.actuator_force
+        """(nu,) forces of the actuators, N or N m; a view."""
+        self.actuator_velocity: FloatArray = data.actuator_velocity
+        """(nu,) velocities of the actuators, m/s or rad/s; a view."""
+        self._ctrl = data.ctrl
+        self._site_xpos = data.site_xpos
+        self._keys = self.qpos[self.scene.key_slice]
+        self._instabilities = data.warning.number[_INSTABILITIES]
+        offsets = self.scene.key_press_offset.tolist()
+        self._press = list(zip(self.scene.key_geom.tolist(), offsets, strict=True))
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A copied view would be an array of its own.
+        kept = ("scene", "data", "_n_substeps", "key_angles")
+        return {name: self.__dict__[name] for name in kept}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._look()
+        self.read()
+
+    def advance(self, controls: FloatArray) -> bool:
+        """Simulate a control step.
+
+        The position and velocity stages of the last state must be done already (by the last call,
+        or by ``mj_step1``), so that the first physics step is MuJoCo's second stage and the call
+        ends with the first stage: fingertips and velocities are then those of the new state, at no
+        extra cost.
+
+        Args:
+            controls: (nu,) what the actuators are told.
+
+        Returns:
+            Whether the physics remained stable.
+        """
+        model, data, keys = self.scene.model, self.data, self._keys
+        self._ctrl[:] = controls
+        mujoco.mj_step2(model, data)
+        angles = [keys.tobytes()]  # the fastest copy
+        for _ in range(1, self._n_substeps):
+            mujoco.mj_step(model, data)
+            angles.append(keys.tobytes())
+        mujoco.mj_step1(model, data)
+        self.key_angles = angles
+        # MuJoCo answers NaN and huge numbers with a warning and starts the simulation anew.
+        return not any(self._instabilities.tobytes())
+
+    def read(self) -> None:
+        """Look at the present state, for all who need it."""
+        scene = self.scene
+        angle = scene.clipped_key_angle(self._keys)
+        self.key_state: FloatArray = angle / scene.key_max_angle
+        """(88,) key angle over its largest angle, in [0, 1]."""
+        self.sounding = (angle >= scene.key_sounding_angle).tobytes()
+        """Keys that sound, one byte each, 1 or 0: quickly compared and stored."""
+        self.fingertips: FloatArray = self._site_xpos.take(scene.fingertip_site, axis=0)
+        """(10, 3) positions of the fingertips in the world, m."""
+
+    def press_point(self, key: int) -> tuple[float, float, float]:
+        """Return where a finger should press a key, as plain numbers, m."""
+        geom, (dx, dy, dz) = self._press[key]
+        x, y, z = self.geom_xpos[geom].tolist()
+        return x + dx, y + dy, z + dz

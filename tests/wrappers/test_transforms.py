@@ -1,0 +1,176 @@
+"""Pieces shifted along the keyboard, by semitones and by octaves, and stretched."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter
+
+import numpy as np
+import playing_scores
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from playing_scores import melody, piano, played
+
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.music import MAX_PITCH, MIN_PITCH, Note, Score
+from sb3_piano.wrappers import OctaveShift, PitchShift, TemporalStretch
+
+
+def shifts(env, score, count):
+    """Return by how much a piece is shifted in several episodes."""
+    random = np.random.default_rng(0)
+    return [env.change(score, random).notes[0].pitch - score.notes[0].pitch for _ in range(count)]
+
+
+class TestFixedShift:
+    def test_all_notes_move_and_nothing_else_changes(self):
+        before, after = melody(60, 64), played(PitchShift(piano(melody(60, 64)), 3))
+        assert [note.pitch for note in after.notes] == [63, 67]
+        assert [dataclasses.replace(note, pitch=note.pitch - 3) for note in after.notes] == list(
+            before.notes
+        )
+
+    @settings(max_examples=30, deadline=None)
+    @given(score=playing_scores.scores(), data=st.data())
+    def test_a_shift_and_its_opposite_play_the_piece_itself(self, score, data):
+        low, high = score.pitch_range
+        shift = data.draw(st.integers(max(MIN_PITCH - low, -43), min(MAX_PITCH - high, 43)))
+        env = PitchShift(piano(melody(64)), shift)
+        assert (played(env, score=score) == score) == (shift == 0)
+        env = PitchShift(PitchShift(piano(melody(64)), -shift), shift)  # the outer one acts first
+        assert played(env, score=score) == score
+        assert env.unwrapped.score.bars == score.bars
+
+    @settings(max_examples=20, deadline=None)
+    @given(octaves=st.integers(-3, 4))
+    def test_an_octave_is_twelve_semitones(self, octaves):
+        by_octaves = played(OctaveShift(piano(melody(60)), octaves))
+        assert by_octaves == played(PitchShift(piano(melody(60)), 12 * octaves))
+        assert by_octaves.notes[0].pitch == 60 + 12 * octaves
+
+    @pytest.mark.parametrize("wrapper", [PitchShift, OctaveShift])
+    def test_off_the_keyboard_is_an_error_at_once_for_the_own_piece(self, wrapper):
+        steps = {PitchShift: 48, OctaveShift: 4}[wrapper]
+        message = r"Transposing 'melody' by 48 semitones takes 1 of its 2 notes .* first note 1"
+        with pytest.raises(ScoreError, match=message):
+            wrapper(piano(melody(60, 61)), steps)
+        assert wrapper(piano(melody(60)), steps)
+
+    def test_off_the_keyboard_is_an_error_at_reset_for_another_piece(self):
+        env = PitchShift(piano(), -5)
+        with pytest.raises(ScoreError, match=r"by -5 semitones .*pitch 25 to 20"):
+            env.reset(options={"score": melody(25)})
+        assert played(env, score=melody(26)).notes[0].pitch == 21
+
+
+class TestDrawnShift:
+    def test_every_shift_of_the_range_is_equally_likely(self):
+        drawn = Counter(shifts(PitchShift(piano(), [-2, 2]), melody(60), 1000))
+        assert sorted(drawn) == [-2, -1, 0, 1, 2]
+        assert all(150 < count < 250 for count in drawn.values())
+
+    @pytest.mark.parametrize(
+        ("wrapper", "steps", "score", "drawn"),
+        [
+            (PitchShift, [-7, 7], melody(60, 106), range(-7, 3)),
+            (PitchShift, [-7, 7], melody(25, 60), range(-4, 8)),
+            (PitchShift, [-7, 7], melody(22, 107), range(-1, 2)),
+            (OctaveShift, [-3, 3], melody(60, 96), range(-36, 13, 12)),
+            (OctaveShift, [-3, 3], melody(60, 97), range(-36, 1, 12)),
+            (OctaveShift, [-3, 3], melody(33, 60), range(-12, 37, 12)),
+            (OctaveShift, [-3, 3], melody(32, 60), range(0, 37, 12)),
+        ],
+    )
+    def test_only_shifts_that_fit_the_piece_are_drawn(self, wrapper, steps, score, drawn):
+        assert set(shifts(wrapper(piano(), steps), score, 100)) == {*drawn}
+
+    @pytest.mark.parametrize(
+        ("wrapper", "steps", "score", "shift"),
+        [
+            (PitchShift, [5, 7], melody(60, 106), 2),
+            (PitchShift, [-9, -7], melody(25, 60), -4),
+            (OctaveShift, [2, 3], melody(60, 90), 12),
+            (OctaveShift, [1, 2], melody(60, 100), 0),
+            (OctaveShift, [-3, -2], melody(40, 60), -12),
+            (PitchShift, [50, 50], melody(60), 48),
+        ],
+    )
+    def test_where_none_fits_the_nearest_that_does_is_played(self, wrapper, steps, score, shift):
+        assert set(shifts(wrapper(piano(), steps), score, 10)) == {shift}
+        assert set(shifts(wrapper(piano(score), steps), score, 10)) == {shift}
+
+    def test_is_drawn_from_the_generator_of_the_environment(self):
+        env = PitchShift(piano(melody(60)), [-9, 9])
+        twin = np.random.default_rng(4)
+        for episode in range(5):
+            score = played(env, seed=4 if episode == 0 else None)
+            assert score.notes[0].pitch == 60 + twin.integers(-9, 10)
+        assert env.unwrapped.np_random.random() == twin.random()
+
+
+FACTORS = st.floats(0.1, 10.0)
+
+
+def factors(env, count, *, seed=0):
+    random, score = np.random.default_rng(seed), melody(60)
+    return [env.change(score, random).duration for _ in range(count)]
+
+
+def test_two_is_twice_as_slow_and_the_episode_twice_as_long():
+    env = TemporalStretch(piano(melody(60, 62)), 2)
+    score = played(env)
+    assert [(note.onset, note.offset, note.pitch) for note in score.notes] == [
+        (0, 2, 60),
+        (2, 4, 62),
+    ]
+    assert len(env.unwrapped.roll) - 1 == 2 * 40
+
+
+@settings(max_examples=30, deadline=None)
+@given(score=playing_scores.scores(), factor=FACTORS)
+def test_every_time_is_multiplied_and_nothing_else_changes(score, factor):
+    slow = played(TemporalStretch(piano(melody(60)), factor), score=score)
+    for after, before in zip(slow.notes, score.notes, strict=True):
+        assert (after.onset, after.offset) == (before.onset * factor, before.offset * factor)
+        assert (after.pitch, after.velocity, after.finger) == (
+            before.pitch,
+            before.velocity,
+            before.finger,
+        )
+    assert slow.bars == tuple(line * factor for line in score.bars)
+    assert slow.pedals[0].offset == 1.5 * factor
+
+
+@settings(max_examples=30, deadline=None)
+@given(inner=FACTORS, outer=FACTORS)
+def test_factors_of_a_stack_multiply(inner, outer):
+    env = TemporalStretch(TemporalStretch(piano(melody(60, 62)), inner), outer)
+    assert played(env).duration == pytest.approx(2 * inner * outer)
+
+
+def test_drawn_factors_fill_the_range_evenly_on_a_logarithmic_scale():
+    drawn = np.log2(factors(TemporalStretch(piano(), [0.5, 4]), 900))
+    assert drawn.min() >= -1
+    assert drawn.max() <= 2
+    thirds = np.histogram(drawn, bins=3, range=(-1, 2))[0]
+    assert all(250 < count < 350 for count in thirds)
+
+
+def test_is_drawn_from_the_generator_of_the_environment():
+    env = TemporalStretch(piano(melody(60)), (0.5, 2))
+    twin = np.random.default_rng(6)
+    expected = [math.exp(twin.uniform(math.log(0.5), math.log(2))) for _ in range(3)]
+    drawn = [played(env, seed=6 if i == 0 else None).duration for i in range(3)]
+    assert drawn == pytest.approx(expected)
+    assert len(set(drawn)) == 3
+
+
+@pytest.mark.parametrize("factor", [1e-320, [1e-320, 1.0]])
+def test_a_note_left_without_length_is_an_error_at_once_for_the_own_piece(factor):
+    short = Score(notes=[Note(onset=1.0, offset=1.0000001, pitch=60)], title="short")
+    with pytest.raises(ScoreError, match="Note 0 of 'short' stretched by 1e-320"):
+        TemporalStretch(piano(short), factor)
+    with pytest.raises(ScoreError, match="Note 0 of 'short' stretched by 1e-320"):
+        TemporalStretch(piano(), 1e-320).reset(options={"score": short})

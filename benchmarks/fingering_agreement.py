@@ -31,8 +31,9 @@ from rich.console import Console
 from rich.progress import track
 
 from sb3_piano.music import BUILT_IN, MAX_PITCH, MIN_PITCH, Note, Score, read_score
+from sb3_piano.music.constants import FINGERS_PER_HAND
 from sb3_piano.music.fingering import Agreement, agreement, finger_score, without_fingers
-from sb3_piano.music.hands import FINGERS_PER_HAND, HANDS, Hand, finger_of
+from sb3_piano.music.hands import HANDS, Hand, finger_of
 
 Method = Callable[[Score], Score]
 

@@ -7,8 +7,8 @@
 The real command runs in processes of its own, in a temporary folder. Each gets SIGKILL at a random
 moment, every other training while it writes a file; where nothing goes on by itself, the same
 command, or ``--resume``, is given again. Of a training the steps are counted that were done and are
-in no checkpoint; at most one interval between two checkpoints may be lost. Of a study a supervisor,
-a worker or all of them are killed; every trial that was finished has to stay as it was, and all
+in no checkpoint; at most one interval between two checkpoints may be lost. Of a study the parent, a
+worker or all of them are killed; every trial that was finished has to stay as it was, and all
 settings that were drawn have to be tried to the end. Prints a table in Markdown and fails if
 anything is lost. ``--storage`` takes a database's URL, or ``postgresql`` for a server that is
 started here.
@@ -36,9 +36,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.training import RunFolder
 from sb3_piano.tuning import StudyFolder
-from sb3_piano.tuning.attributes import counting
-from sb3_piano.tuning.store.locks import any_held, is_held
-from sb3_piano.tuning.store.storage import open_storage
+from sb3_piano.tuning.storage import open_storage
+from sb3_piano.tuning.trials import counting
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "tuning"))
 from postgresql_server import postgresql_server
@@ -161,7 +160,7 @@ def kill_studies(
     arguments += ["--workers", "2", *(() if url is None else ("--storage", url))]
     folder = StudyFolder(place / "studies" / name)
     command = Command(place, place / "log")
-    killed = dict.fromkeys(("supervisor", "worker", "all"), 0)
+    killed = dict.fromkeys(("parent", "worker", "all"), 0)
     finished: dict[int, FrozenTrial] = {}
     for _ in range(kills):
         if not command.runs:
@@ -173,7 +172,7 @@ def kill_studies(
         victim = rng.choice(list(killed))
         killed[victim] += 1
         workers = _workers(folder)
-        for worker in {"supervisor": [], "worker": workers[:1], "all": workers}[victim]:
+        for worker in {"parent": [], "worker": workers[:1], "all": workers}[victim]:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(worker, signal.SIGKILL)
         if victim != "worker":
@@ -182,9 +181,9 @@ def kill_studies(
         finished |= {trial.number: trial for trial in trials if _is_complete(trial)}
     command.kill()
     deadline = time.monotonic() + PATIENCE
-    while any_held(folder):
+    while _workers(folder):
         if time.monotonic() > deadline:
-            raise SystemExit(f"Workers go on without a supervisor: {_workers(folder)}")
+            raise SystemExit(f"Workers go on without a parent: {_workers(folder)}")
         time.sleep(0.1)
     so_far = len(counting(_study(name, folder, url)))
     whole = command.finish(*arguments, "--trials", str(so_far + 2))
@@ -211,9 +210,17 @@ def _judged(folder: StudyFolder) -> int:
 
 
 def _workers(folder: StudyFolder) -> list[int]:
-    """Return the process ids of the workers that live, which the names of their locks tell."""
-    names = [file.stem for file in folder.workers_dir.glob("*-*.lock")]
-    return [int(name.split("-")[-2]) for name in names if is_held(folder, name)]
+    """Return the process ids of the workers that live; the names of their logs have them."""
+    ids = [int(log.stem.rpartition("-")[2]) for log in folder.workers_dir.glob("*.log")]
+    commands = {pid: Path(f"/proc/{pid}/cmdline") for pid in ids}
+    return [pid for pid, file in commands.items() if file.exists() and b"spawn" in _read(file)]
+
+
+def _read(file: Path) -> bytes:
+    try:
+        return file.read_bytes()
+    except OSError:  # the process has just ended
+        return b""
 
 
 def _study(name: str, folder: StudyFolder, url: str | None) -> optuna.Study:

@@ -34,8 +34,8 @@ from rich.progress import MofNCompleteColumn, Progress
 
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import BUILT_IN
-from sb3_piano.training.planned import planner_config, take_of_planner
-from sb3_piano.training.recording import env_to_record
+from sb3_piano.training.playing.player import env_to_record
+from sb3_piano.training.playing.takes import planner_config, take_of_planner
 
 _REHEARSED = {"rehearsals": 32}
 COLUMNS: Mapping[str, tuple[str, dict[str, Any]]] = {

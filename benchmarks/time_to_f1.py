@@ -25,7 +25,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.training import RunConfig, load_config
-from sb3_piano.training.builders import build_model, build_vec_env
+from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 

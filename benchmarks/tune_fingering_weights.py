@@ -22,24 +22,19 @@ from typing import Any
 from rich.console import Console
 
 from sb3_piano.music import BUILT_IN, Note
+from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, PARNCUTT_WEIGHTS, FingeringWeights
 from sb3_piano.music.fingering.search import finger_hand
-from sb3_piano.music.fingering.weights import (
-    DEFAULT_WEIGHTS,
-    MEDIUM_REACHES,
-    PARNCUTT_WEIGHTS,
-    FingeringWeights,
-)
 from sb3_piano.music.hands import HANDS, Hand
 
 SHARES = {"scale": 0.35, "arpeggio": 0.2, "hanon": 0.25, "pattern": 0.2}
 """How much each kind of study counts."""
 
-FIXED = ("reaches", "pace", "haste", "rest")
+FIXED = ("hand", "pace", "haste", "rest")
 """What studies of even notes cannot tell."""
 
 LITERATURE = replace(
     PARNCUTT_WEIGHTS,
-    reaches=MEDIUM_REACHES,
+    hand="medium",
     physical=0.5,
     impractical=10.0,
     place=0.3,

@@ -14,7 +14,7 @@ from pathlib import Path
 import imageio_ffmpeg
 
 from sb3_piano.music import load_score, write_midi
-from sb3_piano.training.planned import planner_config, take_of_planner
+from sb3_piano.training.playing.takes import planner_config, take_of_planner
 from sb3_piano.viewing import Picture, write_take
 
 PIECE, SECONDS = "BachMinuetG", 8.0

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import inspect
 import os
 import reprlib
 import typing
@@ -108,6 +109,11 @@ def settings(cls: type[T]) -> type[T]:
             ) from None
 
     checked.__init__ = init
+    # Who converts values before they get here, such as text from YAML, wants the bare types.
+    bare, signature = typing.get_type_hints(cls), inspect.signature(checked)
+    checked.__signature__ = signature.replace(
+        parameters=[p.replace(annotation=bare[name]) for name, p in signature.parameters.items()]
+    )
     return checked
 
 

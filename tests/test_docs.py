@@ -19,7 +19,7 @@ from sb3_piano.music import Note, Score, load_score, repertoire, write_midi
 from sb3_piano.music.library import user_library
 from sb3_piano.music.repertoire import REPERTOIRE
 from sb3_piano.training import load_config
-from sb3_piano.training.builders import build_callbacks
+from sb3_piano.training.runs.builders import build_callbacks
 
 ROOT = Path(__file__).parents[1]
 IDS = (ROOT / "docs" / "environments.md").read_text(encoding="utf-8")

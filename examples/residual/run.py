@@ -24,7 +24,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.planning import PlannedPianist
 from sb3_piano.training import RunConfig, evaluate, load_config, resume, train
-from sb3_piano.training.builders import build_model, build_vec_env
+from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 SETTINGS = Path(__file__).with_name("td3.yml")
 

@@ -19,7 +19,7 @@ import yaml
 from cells import HERE, RUNS, Cell, find_cells
 
 from sb3_piano.training import RunFolder, training_curves
-from sb3_piano.training.builders import build_vec_env
+from sb3_piano.training.runs.builders import build_vec_env
 
 COLUMNS = {
     "return": "{:.1f}",

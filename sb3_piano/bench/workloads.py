@@ -31,7 +31,7 @@ from sb3_piano.envs.config import ObservationKind
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.simulation import PHYSICS_PROFILES
 from sb3_piano.training import RunConfig, load_config
-from sb3_piano.training.builders import build_model, build_vec_env
+from sb3_piano.training.runs.builders import build_model, build_vec_env
 from sb3_piano.wrappers import KeyRange
 
 ENV_ID = "RoboPianist-debug-CMajorScaleTwoHands-v0"

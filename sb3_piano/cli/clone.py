@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import shlex
-from collections.abc import Callable, Iterator
 from typing import Any
 
-from sb3_piano.cli.common import EXIT_OK, TRUST, whole_number
+from sb3_piano.cli.common import EXIT_OK, TRUST, add_shared, progress_bar, whole_number
 from sb3_piano.cli.evaluate import evaluate_run
 from sb3_piano.cli.record import with_minari
 
@@ -21,7 +19,7 @@ def add_parser(commands: Any) -> None:
     add = clone.add_argument
     add("dataset", metavar="DATASET", help="name of a data set, such as 'sb3-piano record' writes")
     add("--algo", default="sac", metavar="NAME", help="sac (default), td3, tqc or ddpg")
-    add("--config", metavar="FILE.yml", help="hyperparameters; default: the algorithm's preset")
+    add_shared(add, "--config")
     add("--epochs", type=whole_number, default=60, metavar="N", help="default: 60")
     add("--batch-size", type=whole_number, default=256, metavar="N", help="default: 256")
     add("--learning-rate", type=float, default=1e-3, metavar="X", help="at first; default: 0.001")
@@ -40,18 +38,22 @@ def add_parser(commands: Any) -> None:
         help="let training on begin with the data set in the replay buffer",
     )
     add("--seed", type=int, metavar="N", help="default: drawn, and noted in the run's folder")
-    add("--runs-dir", default="runs", metavar="DIR", help="where runs are kept; default: runs")
-    add("--run", metavar="DIR", help="the run's folder, in place of one in --runs-dir")
-    add("--no-progress", action="store_true", help="show no progress bar")
+    add_shared(add, "--runs-dir", default="runs")
+    add_shared(add, "--run")
+    add_shared(add, "--no-progress")
     add("--evaluate", action="store_true", help="evaluate the model afterwards")
     clone.set_defaults(command=_clone)
 
 
 def _clone(arguments: argparse.Namespace) -> int:
     with_minari()
-    from sb3_piano.training.cloning import clone
+    from rich.progress import TextColumn
 
-    with _progress(arguments) as on_epoch:
+    from sb3_piano.training import clone
+
+    told = TextColumn("loss {task.fields[loss]:.2g}")
+    with progress_bar(arguments, "epochs", [told]) as tell:
+        tell(total=arguments.epochs, loss=float("nan"))
         result = clone(
             arguments.dataset,
             arguments.algo,
@@ -65,7 +67,7 @@ def _clone(arguments: argparse.Namespace) -> int:
             epochs=arguments.epochs,
             batch_size=arguments.batch_size,
             learning_rate=arguments.learning_rate,
-            on_epoch=on_epoch,
+            on_epoch=lambda loss: tell(advance=1, loss=loss),
         )
     path, cloning = shlex.quote(str(result.folder.path)), result.cloning
     print(f"Cloned {cloning.n_transitions} transitions, to a loss of {cloning.losses[-1]:.2g}.")
@@ -74,22 +76,5 @@ def _clone(arguments: argparse.Namespace) -> int:
     print(f"Evaluate:    sb3-piano evaluate {path}")
     print(f"Train on:    sb3-piano train --resume {path}")
     if arguments.evaluate:
-        evaluate_run(str(result.folder.path), 1, 0)
+        evaluate_run(str(result.folder.path))
     return EXIT_OK
-
-
-@contextlib.contextmanager
-def _progress(arguments: argparse.Namespace) -> Iterator[Callable[[float], object]]:
-    """Show a bar with the loss on a terminal's standard error."""
-    from rich.console import Console
-    from rich.progress import MofNCompleteColumn, Progress, TextColumn
-
-    console = Console(stderr=True)
-    if arguments.no_progress or not console.is_terminal:
-        yield lambda loss: None
-        return
-    told = TextColumn("loss {task.fields[loss]:.2g}")
-    columns = (*Progress.get_default_columns(), MofNCompleteColumn(), told)
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("epochs", total=arguments.epochs, loss=float("nan"))
-        yield lambda loss: progress.update(task, advance=1, loss=loss)

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable
+import contextlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sb3_piano.exceptions import ConfigError, near_names
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 TRUST = (
     "Trust: the model.zip and vecnormalize.pkl of a run are Python pickles, and loading one runs "
@@ -25,8 +29,31 @@ NUM_THREADS_HELP = "threads of torch; default: 1, or as OMP_NUM_THREADS or MKL_N
 _FILE_WIDTH = 160
 """Room for a table in a file, in characters."""
 
-# See sb3_piano.training.statistics.bootstrap_interval, where the figures come from.
+# See sb3_piano.training.evaluation.statistics.bootstrap_interval, where the figures come from.
 _FEW_VALUES = 10
+
+_SHARED: dict[str, dict[str, Any]] = {
+    "--best": {
+        "metavar": "METRIC", "help": "play the best model by f1 or onset_f1, not the last one"
+    },
+    "--physics": {
+        "metavar": "NAME", "help": "reference or fast; default: what it was trained on"
+    },
+    "--config": {
+        "metavar": "FILE.yml", "help": "hyperparameters; default: the algorithm's preset"
+    },
+    "--runs-dir": {"metavar": "DIR", "help": "where runs are kept; default: runs"},
+    "--run": {"metavar": "DIR", "help": "the run's folder, in place of one in --runs-dir"},
+    "--set": {
+        "action": "append", "default": [], "metavar": "NAME=VALUE",
+        "help": "an option of the environment, such as physics=fast; may be given several times",
+    },
+    "--csv": {"type": Path, "metavar": "FILE"},
+    "--json": {
+        "type": Path, "metavar": "FILE", "help": "write everything, statistics included"
+    },
+    "--no-progress": {"action": "store_true", "help": "show no progress bar"},
+}  # fmt: skip
 
 
 def whole_number(text: str) -> int:
@@ -42,20 +69,21 @@ def whole_number(text: str) -> int:
     return int(number)
 
 
+def add_shared(add: Callable[..., Any], name: str, **changes: Any) -> None:
+    """Add an option that several commands have, with other words where this one needs them."""
+    add(name, **{**_SHARED[name], **changes})
+
+
 def add_piece_arguments(add: Callable[..., Any]) -> None:
     """Add the arguments that say what is played: ``--env``, ``--midi`` and ``--fingering``."""
     add("--env", metavar="ID", help="environment id; 'sb3-piano envs' lists ours")
-    add(
-        "--midi",
-        "--score",
-        metavar="FILE",
-        help="play a file, such as MIDI, or a piece by its name",
-    )
+    file_help = "play a file, such as MIDI, or a piece by its name"
+    add("--midi", "--score", metavar="FILE", help=file_help)
     add(
         "--fingering",
         metavar="HOW",
         help="keep (default): labels as they are; ergonomic: find fingers for notes without; "
-        "optimal-transport: no labels; or a file of labels",
+        "robot: those that suit the simulated hands; optimal-transport: no labels; or a file",
     )
 
 
@@ -91,7 +119,7 @@ def env_options(settings: Iterable[str]) -> dict[str, Any]:
     Raises:
         ConfigError: If one has another form, or a value that is no YAML.
     """
-    from sb3_piano.training.yaml_config import parse_yaml
+    from sb3_piano.training.configuration.yaml_files import parse_yaml
 
     found = {}
     for setting in settings:
@@ -133,6 +161,23 @@ def check_collection(collection: str, known: Iterable[str]) -> None:
         )
 
 
+def new_table(*headings: str, left: int = 1, **options: Any) -> Table:
+    """Return a table of rich's without rows, whose first columns are aligned to the left."""
+    from rich.table import Table
+
+    table = Table(**options)
+    for index, heading in enumerate(headings):
+        table.add_column(heading, justify="left" if index < left else "right", overflow="fold")
+    return table
+
+
+def add_row(table: Table, *cells: str, style: str = "") -> None:
+    """Add a row of plain text, in which no markup is looked for."""
+    from rich.text import Text
+
+    table.add_row(*(Text(cell, style=style) for cell in cells))
+
+
 def print_table(table: Any) -> None:
     """Print a table of rich's, with all the room it needs where no terminal limits it."""
     from rich.console import Console
@@ -150,3 +195,35 @@ def print_narrowness(n_values: int) -> None:
             f"An interval from so few values ({n_values}) is too narrow: 3 cover the mean in "
             "73 % of cases, 5 in 82 %."
         )
+
+
+@contextlib.contextmanager
+def progress_bar(
+    arguments: argparse.Namespace, text: str, columns: Sequence[Any] = ()
+) -> Iterator[Callable[..., Any]]:
+    """Show a bar on a terminal's standard error, unless ``--no-progress`` is given.
+
+    Gives a function that takes what ``rich.progress.Progress.update`` does, such as ``advance``,
+    ``completed`` and ``total``; the first call brings up the bar.
+    """
+    from rich.console import Console
+    from rich.progress import MofNCompleteColumn, Progress
+
+    console = Console(stderr=True)
+    if arguments.no_progress or not console.is_terminal:
+        yield lambda **changes: None
+        return
+    shown = (*Progress.get_default_columns(), MofNCompleteColumn(), *columns)
+    bar = Progress(*shown, console=console, transient=True)
+
+    def tell(**changes: Any) -> None:
+        if not bar.tasks:
+            bar.start()  # not before: without a task it would leave an empty line
+            bar.add_task(text, total=None, **{k: v for k, v in changes.items() if k == "loss"})
+        bar.update(bar.task_ids[0], **changes)
+
+    try:
+        yield tell
+    finally:
+        if bar.tasks:
+            bar.stop()

@@ -185,7 +185,7 @@ def _share(value: float | None) -> str:
 
 
 def _write(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, object]]) -> None:
-    from sb3_piano.training.csv_files import write_csv
+    from sb3_piano.files import write_csv
 
     write_csv(path, columns, rows)
     print(f"Pieces: {path}")

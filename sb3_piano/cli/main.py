@@ -16,36 +16,20 @@ from sb3_piano.cli import (
     clone,
     compare,
     evaluate,
-    listing,
     pieces,
     plan,
     play,
     record,
     report,
-    share,
     train,
     tune,
 )
-from sb3_piano.cli.common import EXIT_ERROR, EXIT_INTERRUPTED
+from sb3_piano.cli.common import EXIT_ERROR, EXIT_INTERRUPTED, EXIT_OK
 from sb3_piano.exceptions import PlanWarning, SB3PianoError, ScoreWarning
 from sb3_piano.files import disk_refusal
 
 # torch and the simulator are imported by the commands that need them, so that --help is instant.
-_COMMANDS = (
-    train,
-    plan,
-    tune,
-    evaluate,
-    compare,
-    play,
-    report,
-    share,
-    record,
-    clone,
-    pieces,
-    bench,
-    listing,
-)
+_COMMANDS = (train, plan, tune, evaluate, compare, play, report, record, clone, pieces, bench)
 
 _OURS = (PlanWarning, ScoreWarning)
 
@@ -117,4 +101,27 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for module in _COMMANDS:
         module.add_parser(commands)
+    presets = commands.add_parser("presets", help="list the YAML files that come with the package")
+    presets.set_defaults(command=_presets)
+    envs = commands.add_parser("envs", help="list the environment ids")
+    envs.set_defaults(command=_envs)
     return parser
+
+
+def _presets(arguments: argparse.Namespace) -> int:
+    from sb3_piano.hyperparams import PRESETS
+
+    del arguments  # every command gets them
+    for path in PRESETS.values():
+        print(path)
+    return EXIT_OK
+
+
+def _envs(arguments: argparse.Namespace) -> int:
+    from sb3_piano.envs import ENV_IDS
+    from sb3_piano.envs.registration import imported_ids
+
+    del arguments  # every command gets them
+    for env_id in (*ENV_IDS, *imported_ids()):
+        print(env_id)
+    return EXIT_OK

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sb3_piano.cli.common import EXIT_ERROR, EXIT_OK, TRUST
-from sb3_piano.cli.planned_take import check_planned, planned_take
-from sb3_piano.cli.planner_arguments import add_planner_arguments
+from sb3_piano.cli.common import EXIT_ERROR, EXIT_OK, TRUST, add_shared, progress_bar
+from sb3_piano.cli.plan import add_planner_arguments, check_planned, planned_take
 from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
-    from sb3_piano.viewing import Picture, Played, Progress, Take
+    from sb3_piano.viewing import Picture, Take
 
 
 def add_parser(commands: Any) -> None:
@@ -30,22 +27,22 @@ def add_parser(commands: Any) -> None:
     add("--out", metavar="DIR", help="default: RUN/play, or play/<title> for a piece")
     add("--score", metavar="PIECE", help="let the run's model play another piece")
     add("--seed", type=int, metavar="N", help="seed of the run's environment; default: 0")
-    add("--physics", metavar="NAME", help="reference or fast; default: what it was trained on")
-    add("--best", metavar="METRIC", help="play the best model by f1 or onset_f1, not the last one")
+    add_shared(add, "--physics")
+    add_shared(add, "--best")
     add("--camera", choices=("overview", "topdown"), default="overview", help="default: overview")
     add("--size", default="640x360", metavar="WxH", help="pixels of the video; default: 640x360")
     add("--human", action="store_true", help="show it in a window first, in real time")
     add("--no-video", action="store_true", help="write only the MIDI file and the sound")
-    add("--no-progress", action="store_true", help="show no progress bar")
+    add_shared(add, "--no-progress")
     play.set_defaults(command=_play)
 
 
-def play_run(run: str, *, progress: bool) -> int:
+def play_run(run: str, arguments: argparse.Namespace) -> int:
     """Let a run's model play, write what there is to see and hear, and return the exit status."""
-    from sb3_piano.training.play import default_folder, take_of_run
+    from sb3_piano.training.playing.takes import default_folder, take_of_run
     from sb3_piano.viewing import DEFAULT_PICTURE
 
-    return _write(take_of_run(run), default_folder(run, None), DEFAULT_PICTURE, progress)
+    return _write(take_of_run(run), default_folder(run, None), DEFAULT_PICTURE, arguments)
 
 
 def _play(arguments: argparse.Namespace) -> int:
@@ -57,16 +54,25 @@ def _play(arguments: argparse.Namespace) -> int:
     take, folder = _take(arguments)
     if arguments.human:
         show_take(take, camera=arguments.camera)
-    return _write(take, folder, picture, not arguments.no_progress)
+    return _write(take, folder, picture, arguments)
 
 
-def _write(take: Take, folder: Path, picture: Picture | None, progress: bool) -> int:
-    from sb3_piano.training.play import FILE_NAME
+def _write(take: Take, folder: Path, picture: Picture | None, arguments: argparse.Namespace) -> int:
+    from sb3_piano.training.playing.takes import FILE_NAME
     from sb3_piano.viewing import write_take
 
-    with _progress_bar() if progress else contextlib.nullcontext() as tell:
-        played = write_take(take, folder / FILE_NAME, picture, tell)
-    _report(played)
+    with progress_bar(arguments, "Video") as tell:
+        played = write_take(
+            take,
+            folder / FILE_NAME,
+            picture,
+            lambda done, total: tell(completed=done, total=total),
+        )
+    silent = "no key was pressed, so there is no MIDI file and nothing to hear"
+    print(f"MIDI:  {silent if played.midi is None else played.midi}")
+    print(f"Sound: {played.wav}")
+    if played.video is not None:
+        print(f"Video: {played.video}")
     if played.problem is None:
         return EXIT_OK
     print(f"sb3-piano: error: There is no video. {played.problem}", file=sys.stderr)
@@ -85,7 +91,7 @@ def _picture(arguments: argparse.Namespace) -> Picture:
 def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     """Let the run or the piece play; return that, and the folder to write it into."""
     from sb3_piano.music import load_score
-    from sb3_piano.training.play import default_folder, take_of_run, take_of_score
+    from sb3_piano.training.playing.takes import default_folder, take_of_run, take_of_score
 
     what, score = arguments.what, None
     check_planned(arguments)
@@ -122,34 +128,3 @@ def _check_piece(arguments: argparse.Namespace, *of_runs: str) -> None:
                 f"--{name} cannot be given with a piece, which {what!r} is. Expected a run's "
                 f"folder, or no --{name}."
             )
-
-
-def _report(played: Played) -> None:
-    if played.midi is not None:
-        print(f"MIDI:  {played.midi}")
-    else:
-        print("MIDI:  no key was pressed, so there is no MIDI file and nothing to hear")
-    print(f"Sound: {played.wav}")
-    if played.video is not None:
-        print(f"Video: {played.video}")
-
-
-@contextlib.contextmanager
-def _progress_bar() -> Iterator[Progress]:
-    """Show a bar for the video on standard error, once it is under way."""
-    from rich.console import Console
-    from rich.progress import Progress as Bar
-
-    bar = Bar(console=Console(stderr=True), transient=True)
-
-    def tell(done: int, total: int) -> None:
-        if not bar.tasks:
-            bar.start()  # not before: without a task it would leave an empty line
-            bar.add_task("Video", total=total)
-        bar.update(bar.task_ids[0], completed=done)
-
-    try:
-        yield tell
-    finally:
-        if bar.tasks:
-            bar.stop()

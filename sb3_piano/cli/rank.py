@@ -13,9 +13,13 @@ from typing import TYPE_CHECKING, Any
 from sb3_piano.cli.common import (
     EXIT_ERROR,
     EXIT_OK,
+    add_row,
+    add_shared,
     check_collection,
     check_output_file,
+    new_table,
     print_table,
+    progress_bar,
 )
 from sb3_piano.exceptions import ConfigError, SB3PianoError
 
@@ -55,8 +59,8 @@ def add_parser(commands: Any) -> None:
         help="recorded performances, which 'evaluate --motion' writes: files, or folders such as "
         "those of runs; pieces without one are left out",
     )
-    add("--csv", type=Path, metavar="FILE", help="write a row for each piece")
-    add("--no-progress", action="store_true", help="show no progress bar")
+    add_shared(add, "--csv", help="write a row for each piece")
+    add_shared(add, "--no-progress")
     rank.set_defaults(command=_rank)
 
 
@@ -94,21 +98,16 @@ def _chosen(names: Sequence[str], collection: str | None) -> dict[str, Piece]:
 def _features(
     pieces: Mapping[str, Piece], arguments: argparse.Namespace, failures: list[str]
 ) -> dict[str, Features]:
-    from rich.console import Console
-    from rich.progress import track
-
     from sb3_piano.music.library import piece_features
 
-    console = Console(stderr=True)
-    hidden = arguments.no_progress or not console.is_terminal
     found = {}
-    for name, piece in track(
-        pieces.items(), "pieces", len(pieces), console=console, transient=True, disable=hidden
-    ):
-        try:
-            found[name] = piece_features(piece)
-        except SB3PianoError as error:
-            failures.append(f"Piece {name!r} was not ranked: {error}")
+    with progress_bar(arguments, "pieces") as tell:
+        for done, (name, piece) in enumerate(pieces.items()):
+            tell(completed=done, total=len(pieces))
+            try:
+                found[name] = piece_features(piece)
+            except SB3PianoError as error:
+                failures.append(f"Piece {name!r} was not ranked: {error}")
     return found
 
 
@@ -152,19 +151,14 @@ def _show(
     found: Mapping[str, Features],
     motion: Mapping[str, MotionFeatures] | None,
 ) -> None:
-    from rich.table import Table
-
-    table = Table()
-    table.add_column("", justify="right")
-    table.add_column("piece", overflow="fold", min_width=18)
     columns = [*_SCORE_COLUMNS, *(_MOTION_COLUMNS if motion is not None else ())]
-    for heading in ("%", *(heading for _, heading, _ in columns)):
-        table.add_column(heading, justify="right")
+    table = new_table("", "piece", "%", *(heading for _, heading, _ in columns), left=0)
+    table.columns[1].justify, table.columns[1].min_width = "left", 18
     for name, place in places.items():
         cells = _cells(found[name], _SCORE_COLUMNS)
         if motion is not None:
             cells += _cells(motion[name], _MOTION_COLUMNS)
-        table.add_row(str(place.rank), name, f"{place.percentile:.1f}", *cells)
+        add_row(table, str(place.rank), name, f"{place.percentile:.1f}", *cells)
     print_table(table)
     terms = "the score and recorded performances" if motion is not None else "the score alone"
     print(
@@ -183,7 +177,7 @@ def _write(
     found: Mapping[str, Features],
     motion: Mapping[str, MotionFeatures] | None,
 ) -> None:
-    from sb3_piano.training.csv_files import write_csv
+    from sb3_piano.files import write_csv
 
     rows = [
         {

@@ -7,11 +7,19 @@ import contextlib
 import re
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, TRUST, env_options, whole_number
+from sb3_piano.cli.common import (
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    TRUST,
+    add_shared,
+    env_options,
+    progress_bar,
+    whole_number,
+)
 from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
@@ -21,9 +29,8 @@ if TYPE_CHECKING:
     from sb3_piano.demonstrations.recording import Predictor
 
 _POLICIES = ("planned", "sampling")
-_OBSERVED = {"observation": "fingers", "fingering": "ergonomic"}
+_OBSERVED = {"observation": "fingers", "fingering": "robot"}
 """What an environment that is made here observes unless told otherwise: little, and by finger."""
-_NEW_ENV_ONLY = ("policy", "fingering")
 
 
 def add_parser(commands: Any) -> None:
@@ -58,17 +65,15 @@ def add_parser(commands: Any) -> None:
         help="standard deviation of the joints at the start; default: 0",
     )
     add("--seed", type=int, default=0, metavar="N", help="default: 0")
-    add("--fingering", metavar="HOW", help="as for train, of no run; default: ergonomic")
-    add(
+    add("--fingering", metavar="HOW", help="as for train, of no run; default: robot")
+    add_shared(
+        add,
         "--set",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
         help="an option of the environment, such as initial_buffer_time=0.5; of no run; may be "
         "given several times; by default it observes by finger",
     )
-    add("--best", metavar="METRIC", help="the run's best model by f1 or onset_f1, not the last one")
-    add("--no-progress", action="store_true", help="show no progress bar")
+    add_shared(add, "--best", help="the run's best model by f1 or onset_f1, not the last one")
+    add_shared(add, "--no-progress")
     record.set_defaults(command=_record)
 
 
@@ -76,7 +81,11 @@ def _record(arguments: argparse.Namespace) -> int:
     with_minari()
     from sb3_piano.demonstrations import record
 
-    with _player(arguments) as (policy, env, default_id), _progress(arguments) as on_episode:
+    with (
+        _player(arguments) as (policy, env, default_id),
+        progress_bar(arguments, "performances") as tell,
+    ):
+        tell(total=arguments.episodes)
         recorded = record(
             policy,
             env,
@@ -86,7 +95,7 @@ def _record(arguments: argparse.Namespace) -> int:
             seed=arguments.seed,
             overwrite=arguments.overwrite,
             policy_name=default_id.rpartition("/")[2].partition("-v")[0],
-            on_episode=on_episode,
+            on_episode=lambda notes: tell(advance=1),
         )
     _report(recorded)
     if recorded.interrupted:
@@ -115,43 +124,37 @@ def _player(
 ) -> Iterator[tuple[Predictor, gym.Env[Any, Any], str]]:
     """Give who plays, where, and what the data set is called by default."""
     if Path(arguments.what).is_dir():
-        with _player_of_run(arguments) as player:
-            yield player
+        from sb3_piano.training.playing.player import run_to_record
+
+        _refuse_new_env_options(arguments)
+        with run_to_record(arguments.what, best=arguments.best, start=arguments.start) as found:
+            policy, env, config = found
+            yield policy, env, _default_id(env, config.algo)
         return
     if arguments.best is not None:
         raise ConfigError(
             f"--best cannot be given with {arguments.what!r}: only a run has models. Expected a "
             "run's folder, or no --best."
         )
-    env = _new_env(arguments)
-    with contextlib.closing(env):
+    with contextlib.closing(_new_env(arguments)) as env:
         name = arguments.policy or _POLICIES[0]
-        yield _pianist(name, env), env, _default_id(_piece(env), name)
+        yield _pianist(name, env), env, _default_id(env, name)
 
 
-@contextlib.contextmanager
-def _player_of_run(
-    arguments: argparse.Namespace,
-) -> Iterator[tuple[Predictor, gym.Env[Any, Any], str]]:
-    from sb3_piano.training.recording import run_to_record
-
-    for name in _NEW_ENV_ONLY:
-        if getattr(arguments, name) is not None or arguments.set:
-            option = "set" if arguments.set else name
+def _refuse_new_env_options(arguments: argparse.Namespace) -> None:
+    for option in ("set", "policy", "fingering"):
+        if getattr(arguments, option):
             raise ConfigError(
                 f"--{option} cannot be given with the run '{arguments.what}': its own model plays "
                 f"in its own environment. Expected no --{option}."
             )
-    with run_to_record(arguments.what, best=arguments.best, start=arguments.start) as found:
-        policy, env, config = found
-        yield policy, env, _default_id(_piece(env), config.algo)
 
 
 def _new_env(arguments: argparse.Namespace) -> gym.Env[Any, Any]:
     from sb3_piano.music import is_path
-    from sb3_piano.training import RunConfig
-    from sb3_piano.training.planned import where_played
-    from sb3_piano.training.recording import env_to_record
+    from sb3_piano.training import PlannedConfig
+    from sb3_piano.training.playing.player import env_to_record
+    from sb3_piano.training.playing.takes import where_played
 
     env_id, options = where_played(arguments.what)
     if "score" in options and is_path(options["score"]):
@@ -159,46 +162,24 @@ def _new_env(arguments: argparse.Namespace) -> gym.Env[Any, Any]:
     options |= {**_OBSERVED, **env_options(arguments.set)}
     if arguments.fingering is not None:
         options["fingering"] = arguments.fingering
-    config = RunConfig(algo=_POLICIES[0], env_id=env_id, n_timesteps=1, env_kwargs=options)
+    config = PlannedConfig(algo=_POLICIES[0], env_id=env_id, env_kwargs=options)
     return env_to_record(config, arguments.start)
 
 
 def _pianist(name: str, env: gym.Env[Any, Any]) -> Predictor:
-    from sb3_piano.planning.settings import AS_WRITTEN
-    from sb3_piano.training.algorithms import planner_class
+    from sb3_piano.training.configuration.names import planner_class
 
-    # The observation tells the score's fingers: who learns from it has to see these play.
-    option = "settings" if name == "planned" else "plan_settings"
-    return planner_class(name)(env, **{option: AS_WRITTEN})
+    return planner_class(name)(env)
 
 
-def _piece(env: gym.Env[Any, Any]) -> str:
+def _default_id(env: gym.Env[Any, Any], policy: str) -> str:
     from sb3_piano.envs import PianoEnv
 
+    piece = "" if env.spec is None else env.spec.id
     if isinstance(env.unwrapped, PianoEnv):
-        return env.unwrapped.default_score.title
-    return "" if env.spec is None else env.spec.id
-
-
-def _default_id(piece: str, policy: str) -> str:
+        piece = env.unwrapped.default_score.title
     part = re.sub(r"[^\w-]+", "-", piece, flags=re.ASCII).strip("-") or "piece"
     return f"robopianist/{part}/{policy}-v0"
-
-
-@contextlib.contextmanager
-def _progress(arguments: argparse.Namespace) -> Iterator[Callable[[object], object]]:
-    """Show a bar on a terminal's standard error."""
-    from rich.console import Console
-    from rich.progress import MofNCompleteColumn, Progress
-
-    console = Console(stderr=True)
-    if arguments.no_progress or not console.is_terminal:
-        yield lambda notes: None
-        return
-    columns = (*Progress.get_default_columns(), MofNCompleteColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("performances", total=arguments.episodes)
-        yield lambda notes: progress.advance(task)
 
 
 def _report(recorded: Recorded) -> None:

@@ -1,36 +1,40 @@
-"""``sb3-piano report``: an HTML page of what a trained model plays."""
+"""``sb3-piano report`` and ``share``: a run for others, as a page and as plain files."""
 
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 import webbrowser
 from pathlib import Path
 from typing import Any
 
-from sb3_piano.cli.common import EXIT_OK, TRUST, check_output_file
+from sb3_piano.cli.common import EXIT_OK, TRUST, add_shared, check_output_file
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command and its arguments."""
-    report = commands.add_parser(
-        "report",
-        help="write an HTML page: piano roll, fingers, reward, training",
-        epilog=TRUST,
-    )
+    """Add both commands and their arguments."""
+    report_help = "write an HTML page: piano roll, fingers, reward, training"
+    report = commands.add_parser("report", help=report_help, epilog=TRUST)
     add = report.add_argument
     add("run", metavar="RUN", help="the folder that train made")
     add("--out", type=Path, metavar="FILE.html", help="default: RUN/evaluation/report.html")
     add("--seed", type=int, default=0, metavar="N", help="default: 0")
-    add("--physics", metavar="NAME", help="reference or fast; default: what it was trained on")
-    add("--best", metavar="METRIC", help="play the best model by f1 or onset_f1, not the last one")
+    add_shared(add, "--physics")
+    add_shared(add, "--best")
     add("--open", action="store_true", help="open it in the web browser")
     report.set_defaults(command=_report)
+    share = commands.add_parser("share", help="write a run for others to play, as plain files")
+    add = share.add_argument
+    add("run", metavar="RUN", help="the folder that train made")
+    add("folder", metavar="FOLDER", help="where to, new or empty")
+    add_shared(add, "--best", help="share the best model by f1 or onset_f1, not the last one")
+    share.set_defaults(command=_share)
 
 
 def _report(arguments: argparse.Namespace) -> int:
     check_output_file("--out", arguments.out)
-    from sb3_piano.training.report import write_report
+    from sb3_piano.training import write_report
 
     path = write_report(
         arguments.run,
@@ -42,4 +46,16 @@ def _report(arguments: argparse.Namespace) -> int:
     print(f"Report: {path}")
     if arguments.open and not webbrowser.open(path.resolve().as_uri()):
         print("No web browser could be started: open the file in one.", file=sys.stderr)
+    return EXIT_OK
+
+
+def _share(arguments: argparse.Namespace) -> int:
+    from sb3_piano.training import share
+
+    shared = share(arguments.run, arguments.folder, best=arguments.best)
+    print(f"Shared:   {shared.path}")
+    print(
+        "          no file in it is a pickle; run.yml tells the command and paths of its training"
+    )
+    print(f"Evaluate: sb3-piano evaluate {shlex.quote(str(shared.path))}")
     return EXIT_OK

@@ -12,6 +12,7 @@ from sb3_piano.cli.common import (
     NUM_THREADS_HELP,
     TRUST,
     add_piece_arguments,
+    add_shared,
     what_is_played,
     whole_number,
 )
@@ -23,17 +24,8 @@ if TYPE_CHECKING:
     from sb3_piano.training import RunConfig, TrainResult
 
 _VEC_ENV_HELP = "dummy (one process), threads or subproc (one process for each)"
-_NEW_RUN_ONLY = (
-    "midi",
-    "fingering",
-    "config",
-    "seed",
-    "n_envs",
-    "vec_env",
-    "num_threads",
-    "run",
-    "runs_dir",
-)
+_OF_CONFIG = ("seed", "n_envs", "vec_env", "num_threads")
+_NEW_RUN_ONLY = ("midi", "fingering", "config", *_OF_CONFIG, "run", "runs_dir")
 
 
 def add_parser(commands: Any) -> None:
@@ -42,17 +34,17 @@ def add_parser(commands: Any) -> None:
     add = train.add_argument
     add("--algo", metavar="NAME", help="td3 (default), sac, tqc, ddpg, ppo, a2c, crossq or trpo")
     add_piece_arguments(add)
-    add("--config", metavar="FILE.yml", help="hyperparameters; default: the algorithm's preset")
+    add_shared(add, "--config")
     add("--steps", type=whole_number, metavar="N", help="environment steps in all, such as 1e6")
     add("--seed", type=int, metavar="N", help="default: drawn, and noted in the run's folder")
     add("--n-envs", type=whole_number, metavar="N", help="environments that play at the same time")
     add("--vec-env", metavar="KIND", help=_VEC_ENV_HELP)
     add("--num-threads", type=whole_number, metavar="N", help=NUM_THREADS_HELP)
     add("--checkpoint-every", type=whole_number, metavar="N", help="default: 10000 steps")
-    add("--runs-dir", metavar="DIR", help="where runs are kept; default: runs")
-    add("--run", metavar="DIR", help="the run's folder, in place of one in --runs-dir")
+    add_shared(add, "--runs-dir")
+    add_shared(add, "--run")
     add("--resume", metavar="RUN", help="go on with the run in this folder")
-    add("--no-progress", action="store_true", help="show no progress bar")
+    add_shared(add, "--no-progress")
     add("--evaluate", action="store_true", help="evaluate the model afterwards")
     add("--play", action="store_true", help="write a video of the model afterwards")
     train.set_defaults(command=_train)
@@ -81,10 +73,10 @@ def _train(arguments: argparse.Namespace) -> int:
     if result.interrupted:
         return EXIT_INTERRUPTED
     if arguments.evaluate:
-        evaluate_run(str(result.folder.path), 1, 0)
+        evaluate_run(str(result.folder.path))
     if arguments.play:
         # A machine that cannot draw says so; the training has succeeded all the same.
-        play_run(str(result.folder.path), progress=not arguments.no_progress)
+        play_run(str(result.folder.path), arguments)
     return EXIT_OK
 
 
@@ -101,17 +93,8 @@ def _config(arguments: argparse.Namespace) -> RunConfig:
     from sb3_piano.training import load_config
 
     env_id, overrides = what_is_played(arguments, ", --midi FILE or --resume RUN")
-    overrides |= {
-        name: value
-        for name, value in {
-            "n_timesteps": arguments.steps,
-            "seed": arguments.seed,
-            "n_envs": arguments.n_envs,
-            "vec_env": arguments.vec_env,
-            "num_threads": arguments.num_threads,
-        }.items()
-        if value is not None
-    }
+    given = {"n_timesteps": arguments.steps, **{n: getattr(arguments, n) for n in _OF_CONFIG}}
+    overrides |= {name: value for name, value in given.items() if value is not None}
     algo = "td3" if arguments.algo is None else arguments.algo
     return load_config(algo, env_id, arguments.config, **overrides)
 

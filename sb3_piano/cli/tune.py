@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,32 @@ from sb3_piano.cli.common import (
 if TYPE_CHECKING:
     from sb3_piano.tuning import StudyConfig, TuneResult
 
-_TRIALS, _STEPS, _EVALUATIONS = 20, 20_000, 5
+_Option = tuple[str, str, Callable[[str], Any], Any, str]
+
+# Option, what its value is called, its type, its default, and what it is.
+_TRIAL_OPTIONS: list[_Option] = [
+    ("--trials", "N", whole_number, 20, "in all"),
+    ("--steps", "N", whole_number, 20_000, "of a training"),
+    ("--minutes", "M", float, None, "longest time of a trial; default: no limit"),
+    ("--seeds", "N", whole_number, 1, "trainings of a trial"),
+    ("--metric", "NAME", str, "f1", "f1 or onset_f1"),
+    ("--objective", "WHICH", str, "final", "final or best model"),
+    ("--evaluations", "N", whole_number, 5, "of a training"),
+    ("--eval-episodes", "N", whole_number, 1, "of an evaluation"),
+    ("--eval-seed", "N", int, 1000, "held out"),
+]
+_SEARCH_OPTIONS: list[_Option] = [
+    ("--sampler", "NAME", str, "tpe", "tpe, cmaes, gp or random"),
+    ("--pruner", "NAME", str, "median", "median, hyperband, halving or none"),
+    ("--startup-trials", "N", whole_number, 10, "at random first"),
+    ("--seed", "N", int, None, "seed of the sampler; default: drawn"),
+]
+_PLACE_OPTIONS: list[_Option] = [
+    ("--workers", "N", whole_number, 1, "processes"),
+    ("--storage", "URL", str, None, "a database, such as postgresql+psycopg://user@host/name"),
+    ("--name", "NAME", str, None, "the study's name; default: algorithm and environment"),
+    ("--studies-dir", "DIR", str, "studies", "where studies are"),
+]
 
 
 def add_parser(commands: Any) -> None:
@@ -34,63 +60,26 @@ def add_parser(commands: Any) -> None:
     add("--algo", default="td3", metavar="NAME", help="td3 (default), sac, tqc, ...")
     add_piece_arguments(add)
     add("--config", metavar="FILE.yml", help="settings to depart from; default: the preset")
-    _add_trial_arguments(tune.add_argument_group("trials"))
-    _add_search_arguments(tune.add_argument_group("search"))
-    _add_place_arguments(tune.add_argument_group("where"))
-    tune.set_defaults(command=_tune)
-
-
-def _add_trial_arguments(group: Any) -> None:
-    add = group.add_argument
-    add("--trials", type=whole_number, default=_TRIALS, metavar="N", help="in all; default: 20")
-    add("--steps", type=whole_number, default=_STEPS, metavar="N", help="of a training; 20,000")
-    add("--minutes", type=float, metavar="M", help="longest time of a trial; default: no limit")
-    add("--seeds", type=whole_number, default=1, metavar="N", help="trainings of a trial; 1")
-    add("--metric", default="f1", metavar="NAME", help="f1 (default) or onset_f1")
-    add("--objective", default="final", metavar="WHICH", help="final (default) or best model")
-    add(
-        "--evaluations",
-        type=whole_number,
-        default=_EVALUATIONS,
-        metavar="N",
-        help="of a training; 5",
-    )
-    add("--eval-episodes", type=whole_number, default=1, metavar="N", help="of an evaluation; 1")
-    add("--eval-seed", type=int, default=1000, metavar="N", help="held out; default: 1000")
-
-
-def _add_search_arguments(group: Any) -> None:
-    add = group.add_argument
-    space_help = "a space by its name (sac, env, reward, ...) or a YAML file; may be given several "
-    add(
+    _add(tune.add_argument_group("trials"), _TRIAL_OPTIONS)
+    search = tune.add_argument_group("search")
+    search.add_argument(
         "--space",
         action="append",
         metavar="SPACE",
-        help=space_help + "times; default: the algorithm's",
+        help="a space by its name (sac, env, reward, ...) or a YAML file; may be given several "
+        "times; default: the algorithm's",
     )
-    add("--sampler", default="tpe", metavar="NAME", help="tpe (default), cmaes, gp or random")
-    add(
-        "--pruner",
-        default="median",
-        metavar="NAME",
-        help="median (default), hyperband, ... or none",
-    )
-    add("--startup-trials", type=whole_number, default=10, metavar="N", help="at random first; 10")
-    add("--seed", type=int, metavar="N", help="seed of the sampler; default: drawn")
+    _add(search, _SEARCH_OPTIONS)
+    place = tune.add_argument_group("where")
+    _add(place, _PLACE_OPTIONS)
+    place.add_argument("--no-progress", action="store_true", help="show no progress bar")
+    tune.set_defaults(command=_tune)
 
 
-def _add_place_arguments(group: Any) -> None:
-    add = group.add_argument
-    add("--workers", type=whole_number, default=1, metavar="N", help="processes; default: 1")
-    add("--storage", metavar="URL", help="a database, such as postgresql+psycopg://user@host/name")
-    add("--name", metavar="NAME", help="the study's name; default: algorithm and environment")
-    add(
-        "--studies-dir",
-        default="studies",
-        metavar="DIR",
-        help="where studies are; default: studies",
-    )
-    add("--no-progress", action="store_true", help="show no progress bar")
+def _add(group: Any, options: list[_Option]) -> None:
+    for option, metavar, kind, default, text in options:
+        text += "" if default is None else f"; default: {default}"
+        group.add_argument(option, metavar=metavar, type=kind, default=default, help=text)
 
 
 def _tune(arguments: argparse.Namespace) -> int:
@@ -150,8 +139,8 @@ def _default_name(arguments: argparse.Namespace, config: StudyConfig) -> str:
 
 
 def _show(result: TuneResult, config: StudyConfig, arguments: argparse.Namespace) -> None:
-    from sb3_piano.tuning.progress import summary
-    from sb3_piano.tuning.store.database import shown_url
+    from sb3_piano.tuning.storage import shown_url
+    from sb3_piano.tuning.trials import summary
 
     label = f"{config.objective} {config.metric}"
     print(f"Study:      {result.folder.path}, {summary(result.trials, label)}")

@@ -6,7 +6,6 @@ import math
 from typing import Annotated, Any
 
 import gymnasium as gym
-import mujoco
 import numpy as np
 import numpy.typing as npt
 from annotated_types import Ge
@@ -14,45 +13,10 @@ from annotated_types import Ge
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.settings import Number, Unit, checked
-from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation import TIP_TRAVEL
 
 DEFAULT_MEMORY = 0.2
 """Time in which the noise loses most (1 - 1/e) of its memory, s."""
-
-
-METRES_PER_RADIAN = 0.05
-"""Travel of a forearm, m, that counts as 1 rad of a joint: a twentieth, about what a finger
-joint moves its tip."""
-
-FloatArray = npt.NDArray[np.float64]
-
-
-def disturbance_units(scene: PianoScene) -> FloatArray:
-    """Return what a disturbance of 1 rad means for each actuator, (nu,): 1 rad, or 0.05 m."""
-    return np.where(_slides(scene), METRES_PER_RADIAN, 1.0)
-
-
-def disturbance_units_of_joints(scene: PianoScene) -> FloatArray:
-    """Return the same for the joints of both hands, (n,), right hand first, sliders last in each.
-
-    The order is that of ``scene.joint_qpos``.
-    """
-    model = scene.model
-    slides = model.jnt_type == int(mujoco.mjtJoint.mjJNT_SLIDE)
-    slide_qpos = model.jnt_qposadr[slides]
-    return np.where(np.isin(np.concatenate(scene.joint_qpos), slide_qpos), METRES_PER_RADIAN, 1.0)
-
-
-def half_ranges(scene: PianoScene) -> FloatArray:
-    """Return by how much an action's change of 1 moves each actuator's target, (nu,) rad or m."""
-    return np.asarray((scene.ctrl_high - scene.ctrl_low) / 2)
-
-
-def _slides(scene: PianoScene) -> npt.NDArray[np.bool_]:
-    model = scene.model
-    on_joint = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
-    joint = np.where(on_joint, model.actuator_trnid[:, 0], 0)
-    return on_joint & (model.jnt_type[joint] == int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
 class ActuatorNoise:
@@ -63,8 +27,8 @@ class ActuatorNoise:
 
     Args:
         env: A piano environment, wrapped or not, whose actions are those of the bare one.
-        std: Standard deviation of the actuators' targets, rad, at least 0; for the forearms a
-            twentieth of it, in m.
+        std: Standard deviation of the actuators' targets, rad, at least 0; for the forearms 6 cm
+            for each rad.
         memory: Time in which the correlation falls to 1/e, s; 0 for noise without memory.
 
     Raises:
@@ -85,8 +49,8 @@ class ActuatorNoise:
                 f"Noise of {std} rad cannot be added to actions of shape {env.action_space.shape}: "
                 f"expected those of the piano itself, {piano.action_space.shape}, or no noise."
             )
-        scene = piano.scene
-        self._std = np.append(std * disturbance_units(scene) / half_ranges(scene), 0.0)
+        units = np.where(piano.scene.actuator_kind == "forearm", TIP_TRAVEL, 1.0)
+        self._std = np.append(piano.action_map.change(std * units), 0.0)
         timestep = piano.config.control_timestep
         self._kept = 0.0 if memory == 0 else math.exp(-timestep / memory)
         self._last: npt.NDArray[np.float64] | None = None
@@ -113,8 +77,8 @@ class PerturbedStart(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
 
     Args:
         env: A bare piano environment, or what ``gymnasium.make`` returns for one.
-        std: Standard deviation of each joint, rad, at least 0; for the forearms a twentieth of it,
-            in m.
+        std: Standard deviation of each joint, rad, at least 0; for the forearms 6 cm for each
+            rad.
 
     Raises:
         ConfigError: If ``std`` is out of range, or ``env`` is no piano or has wrappers that change
@@ -143,10 +107,11 @@ class PerturbedStart(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
         """Begin an episode."""
         _, info = self.env.reset(seed=seed, options=options)
         scene, data = self._piano.scene, self._piano.data
-        where = np.concatenate(scene.joint_qpos)
+        where = scene.hand_qpos
+        slides = ["forearm" in name for names in scene.joint_names for name in names]
         low, high = np.concatenate(scene.joint_range).T
         offsets = self._piano.np_random.normal(size=len(where)) * self._std
-        moved = data.qpos[where] + offsets * disturbance_units_of_joints(scene)
+        moved = data.qpos[where] + offsets * np.where(slides, TIP_TRAVEL, 1.0)
         data.qpos[where] = np.clip(moved, low, high)
         # Putting the state back makes everything that follows from the positions.
         return self._piano.set_state(self._piano.get_state()), info

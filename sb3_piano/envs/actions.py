@@ -1,4 +1,4 @@
-"""Map from actions to target positions of all actuators, and the pedal."""
+"""Map from actions to target positions of all actuators and the pedal, and back."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from gymnasium import spaces
 
 from sb3_piano.exceptions import InvalidActionError
 from sb3_piano.simulation import PianoScene
+
+ActionArray = npt.NDArray[np.float32]
 
 
 class ActionMap:
@@ -40,6 +42,20 @@ class ActionMap:
         """
         clipped = np.minimum(np.maximum(self._checked(action), self._low), self._high)
         return self._middle + self._half_range * clipped[:-1], (clipped.item(-1) + 1.0) / 2.0
+
+    def action(self, controls: npt.NDArray[np.float64], *, pedal_down: bool) -> ActionArray:
+        """Return the action that commands this, in [-1, 1] within the control ranges.
+
+        Args:
+            controls: (nu,) the actuators' targets, rad or m.
+            pedal_down: Whether the sustain pedal is to be down.
+        """
+        hands = (controls - self._middle) / self._half_range
+        return np.append(hands.astype(np.float32), np.float32(1.0 if pedal_down else -1.0))
+
+    def change(self, controls: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Return by how much an action changes where the actuators' targets do, (nu,)."""
+        return controls / self._half_range
 
     def _checked(self, action: npt.ArrayLike) -> npt.NDArray[np.float64]:
         try:

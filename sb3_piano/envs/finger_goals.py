@@ -61,7 +61,7 @@ class FingerGoals:
 def _held_keys(roll: PianoRoll) -> IntArray:
     """Return the key that each finger holds, (T, 10), -1 where it holds none."""
     held = np.full((len(roll), NUM_FINGERS), -1, dtype=np.intp)
-    steps, keys = np.nonzero(roll.active)
+    steps, keys = np.nonzero(roll.active & (roll.finger >= 0))
     # From the highest key to the lowest, so that the lowest remains.
     order = np.argsort(-keys, kind="stable")
     steps, keys = steps[order], keys[order]
@@ -80,11 +80,11 @@ def _ends(held: IntArray, step: int) -> npt.NDArray[np.bool_]:
 
 
 def _check_labels(roll: PianoRoll) -> None:
-    unlabelled = np.argwhere(roll.active & (roll.finger < 0))
+    unlabelled = np.argwhere(roll.unlabelled)
     if len(unlabelled) > 0:
         step, key = unlabelled[0]
         raise ScoreError(
             f"The note of pitch {key + MIN_PITCH} at control step {step} has no finger label: "
             "the observation 'fingers' expects one for every note. Let fingers be found with "
-            "fingering='ergonomic', or choose the observation 'roll' or 'window'."
+            "fingering='ergonomic' or 'robot', or choose the observation 'roll' or 'window'."
         )

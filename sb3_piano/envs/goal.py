@@ -11,6 +11,7 @@ from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.rewards import highest_return
 from sb3_piano.envs.score_choice import fingered
 from sb3_piano.music import PianoRoll, Score
+from sb3_piano.music.fingering.robot import release_early
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -45,12 +46,8 @@ class Goal:
         """
         self.source = score
         """The score as it was handed in."""
-        self.score = score = fingered(score, config.fingering)
-        self.roll = PianoRoll.from_score(
-            score.trim_silence() if config.trim_silence else score,
-            config.control_timestep,
-            initial_buffer_time=config.initial_buffer_time,
-        )
+        self.score = score = fingered(score, config.fingering, config.control_timestep)
+        self.roll = roll_of(score, config)
         self.fingering_reward = config.fingering_reward
         if config.fingering_reward == "auto":
             self.fingering_reward = "labels" if score.has_fingering else "optimal-transport"
@@ -76,6 +73,16 @@ class Goal:
             n_fingering=n_fingering[self.fingering_reward],
             forearm=config.forearm_reward,
         )
+
+
+def roll_of(score: Score, config: PianoEnvConfig) -> PianoRoll:
+    """Return a score cut into control steps as an environment with these settings plays it."""
+    roll = PianoRoll.from_score(
+        score.trim_silence() if config.trim_silence else score,
+        config.control_timestep,
+        initial_buffer_time=config.initial_buffer_time,
+    )
+    return release_early(roll) if config.fingering == "robot" else roll
 
 
 def _step_goal(roll: PianoRoll, step: int) -> StepGoal:

@@ -111,8 +111,12 @@ class PianoEnv(gym.Env[Any, Any]):
         own, options = own_score(score, options)
         self.config = PianoEnvConfig.from_options(options)
         # Here with labels from a file, too, which only this score is known to belong to; other
-        # scores get their fingers as goals.
-        self._default_score = apply_fingering(own, self.config.fingering)
+        # scores get their fingers as goals, and so do all those of the robot, which fit the tempo
+        # at which a piece is played.
+        fingering = self.config.fingering
+        self._default_score = apply_fingering(
+            own, "ergonomic" if fingering == "robot" else fingering
+        )
         self.render_mode = render_mode
         render_fps = round(1 / self.config.control_timestep)
         self.metadata = {**type(self).metadata, "render_fps": render_fps}
@@ -120,7 +124,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self._renderer: FrameRenderer | None = None
         self._build(ALL_KEYS)
         self._finished = True  # until the first reset
-        self.action_space = self._actions.space
+        self.action_space = self.action_map.space
         self.observation_space = ObservationSpace(self._encoding.layout)
         self.total_steps = 0
         """Control steps played since this environment was made. Schedules go by it; a training that
@@ -172,7 +176,7 @@ class PianoEnv(gym.Env[Any, Any]):
     @property
     def rest_action(self) -> npt.NDArray[np.float32]:
         """The action that plays nothing: it holds all joints at 0 (or as near as they can be)."""
-        return self._actions.rest
+        return self.action_map.rest
 
     def fix_keys(self, first: int, last: int) -> None:
         """Let only the keys from ``first`` to ``last`` move; all others are rigid from now on.
@@ -239,7 +243,7 @@ class PianoEnv(gym.Env[Any, Any]):
         """
         if self._finished:
             raise EnvStateError("No episode is under way: call reset() before step().")
-        controls, self._pedal = self._actions.controls(action)
+        controls, self._pedal = self.action_map.controls(action)
         if not self._simulation.advance(controls):
             self._finished = True
             raise SimulationDivergedError(
@@ -363,7 +367,8 @@ class PianoEnv(gym.Env[Any, Any]):
         self.model = self.scene.model
         self._simulation = Simulation(self.scene, config.n_substeps)
         self.data = self._simulation.data
-        self._actions = ActionMap(self.scene)
+        self.action_map = ActionMap(self.scene)
+        """Map from actions to the actuators' targets and the pedal, and back."""
         self._goal = Goal(self._default_score, config)
         roll, lookahead = self._goal.roll, config.n_steps_lookahead
         self._encoding = make_encoding(

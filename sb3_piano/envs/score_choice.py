@@ -5,13 +5,14 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Score, find_piece, is_path, load_score
-from sb3_piano.music.fingering.apply import apply_fingering
+from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
 
 ScoreSource = Score | str | os.PathLike[str]
 """Whatever :func:`~sb3_piano.music.load_score` makes a score of."""
@@ -44,21 +45,19 @@ ScoreTransform = Callable[[Score, np.random.Generator], Score]
 """Makes the score that is played of the one that would be, with a given source of randomness."""
 
 
-@functools.lru_cache(maxsize=32)
-def _fingered(score: Score, fingering: str) -> Score:
-    return apply_fingering(score, fingering)
+_fingered = functools.lru_cache(maxsize=32)(apply_fingering)
 
 
-def fingered(score: Score, fingering: str) -> Score:
+def fingered(score: Score, fingering: str, control_timestep: float) -> Score:
     """Return a score with the fingering that the environment's option of this name asks for.
 
     Labels from a file are left to whoever knows the score that they belong to.
     """
-    if fingering not in ("ergonomic", "optimal-transport"):
+    if fingering not in FINGERINGS:
         return score
     # Equal scores may differ in their bars, which make no difference to the fingers.
-    notes = _fingered(score, fingering).notes
-    return Score(notes=notes, pedals=score.pedals, title=score.title, bars=score.bars)
+    notes = _fingered(score, fingering, control_timestep).notes
+    return score if notes is score.notes else replace(score, notes=notes)
 
 
 def chosen_score(options: Mapping[str, Any], default: Score, random: np.random.Generator) -> Score:

@@ -1,6 +1,6 @@
 """Music: scores, piano rolls, files, pieces."""
 
-from sb3_piano.music.catalogue import BUILT_IN, find_piece, pieces
+from sb3_piano.music.catalogue import BUILT_IN, find_piece, is_path, load_score, pieces
 from sb3_piano.music.constants import (
     DEFAULT_VELOCITY,
     FINGER_NAMES,
@@ -20,7 +20,6 @@ from sb3_piano.music.formats import (
     write_pig,
     write_score,
 )
-from sb3_piano.music.load import is_path, load_score
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.roll import PianoRoll

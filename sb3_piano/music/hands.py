@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import Literal
 
-from sb3_piano.music.constants import UNKNOWN_FINGER
+from sb3_piano.music.constants import FINGERS_PER_HAND, UNKNOWN_FINGER
 
 Hand = Literal["right", "left"]
 
 HANDS: tuple[Hand, Hand] = ("right", "left")
 """Both hands, in the order of their fingers: 0-4 are the right hand's, 5-9 the left hand's."""
-
-FINGERS_PER_HAND = 5
 
 
 def hand_of_finger(finger: int) -> Hand | None:

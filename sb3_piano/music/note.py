@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from numbers import Integral, Real
+from typing import Any
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import (
@@ -16,6 +17,12 @@ from sb3_piano.music.constants import (
     UNKNOWN_FINGER,
 )
 from sb3_piano.music.hands import HANDS, Hand, hand_of_finger
+
+_RANGES = {
+    "pitch": (MIN_PITCH, MAX_PITCH, "21 (A0) to 108 (C8)"),
+    "velocity": (1, 127, "1 to 127"),
+    "finger": (UNKNOWN_FINGER, NUM_FINGERS - 1, "0-4 (right), 5-9 (left) or -1 (unknown)"),
+}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -44,11 +51,19 @@ class Note:
 
     def __post_init__(self) -> None:
         _check_times(self)
-        _check_integer(self, "pitch", MIN_PITCH, MAX_PITCH, "21 (A0) to 108 (C8)")
-        _check_integer(self, "velocity", 1, 127, "1 to 127")
-        fingers = "0-4 (right), 5-9 (left) or -1 (unknown)"
-        _check_integer(self, "finger", UNKNOWN_FINGER, NUM_FINGERS - 1, fingers)
-        _settle_hand(self)
+        for name, (low, high, expected) in _RANGES.items():
+            value = getattr(self, name)
+            if not isinstance(value, Integral):
+                problem = "is no whole number"
+            elif not low <= int(value) <= high:
+                problem = "is out of range"
+            else:
+                object.__setattr__(self, name, int(value))
+                continue
+            raise ScoreError(f"{name.capitalize()} {value!r} {problem}: expected {expected}.")
+        if self.hand is not None and self.hand not in HANDS:
+            raise ScoreError(f"Hand {self.hand!r} is not valid: expected 'right', 'left' or None.")
+        object.__setattr__(self, "hand", hand_of_finger(self.finger) or self.hand)
 
     @property
     def key(self) -> int:
@@ -80,34 +95,18 @@ class Pedal:
         _check_times(self)
 
 
-def located_note(
-    where: str,
-    *,
-    onset: float,
-    offset: float,
-    pitch: int,
-    velocity: int = DEFAULT_VELOCITY,
-    finger: int = UNKNOWN_FINGER,
-    hand: Hand | None = None,
-) -> Note:
+def located_note(where: str, **fields: Any) -> Note:
     """Make a note whose error, if it is refused, says which note of which piece it was.
 
     Args:
         where: The place, such as ``"Note 3 of 'etude'"``.
-        onset: As in `Note`, in s.
-        offset: As in `Note`, in s.
-        pitch: As in `Note`.
-        velocity: As in `Note`.
-        finger: As in `Note`.
-        hand: As in `Note`.
+        **fields: As in `Note`.
 
     Raises:
         ScoreError: If `Note` refuses the values.
     """
     try:
-        return Note(
-            onset=onset, offset=offset, pitch=pitch, velocity=velocity, finger=finger, hand=hand
-        )
+        return Note(**fields)
     except ScoreError as error:
         text = str(error)
         raise ScoreError(f"{where}: {text[0].lower()}{text[1:]}") from error
@@ -134,18 +133,3 @@ def _check_times(event: Note | Pedal) -> None:
         object.__setattr__(event, name, float(value))
     if event.offset <= event.onset:
         raise ScoreError(f"Offset {event.offset} s is not after onset {event.onset} s.")
-
-
-def _check_integer(note: Note, name: str, low: int, high: int, expected: str) -> None:
-    value = getattr(note, name)
-    if not isinstance(value, Integral):
-        raise ScoreError(f"{name.capitalize()} {value!r} is no whole number: expected {expected}.")
-    if not low <= int(value) <= high:
-        raise ScoreError(f"{name.capitalize()} {value} is out of range: expected {expected}.")
-    object.__setattr__(note, name, int(value))
-
-
-def _settle_hand(note: Note) -> None:
-    if note.hand is not None and note.hand not in HANDS:
-        raise ScoreError(f"Hand {note.hand!r} is not valid: expected 'right', 'left' or None.")
-    object.__setattr__(note, "hand", hand_of_finger(note.finger) or note.hand)

@@ -7,14 +7,37 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
-from sb3_piano.music.grid import MAX_STEPS, Sheet, ceil_steps, floor_steps
+from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS, UNKNOWN_FINGER
 from sb3_piano.music.score import Score
 
 _ARRAYS = ("active", "finger", "onset", "sustain", "onset_time")
+
+_MAX_STEPS = 1_000_000
+"""Longest grid, in control steps: 13.9 hours at 0.05 s, 260 MB. Longer ones are broken files."""
+
+_DECIMALS = 6
+"""Decimals kept of a time in steps: 0.15 s / 0.05 s is 2.9999999999999996, meant as 3."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EarlyRelease:
+    """A note that its hand does not hold to its end, or does not strike, to play another."""
+
+    key: int
+    """0 to 87."""
+    finger: int
+    """The finger that would hold it, 0 to 9."""
+    onset: int
+    """Its first control step."""
+    offset: int
+    """The control step after its last one."""
+    release: int
+    """From this control step on no finger holds it; ``onset`` if it is not struck at all."""
+    for_key: int
+    """The key that is played instead, 0 to 87."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -45,6 +68,8 @@ class PianoRoll:
             step. Left out, it is the beginning of that step for all.
         sustain: (T,) bool, whether the sustain pedal should be down: from step
             floor(onset / dt) until before step floor(offset / dt).
+        early_releases: Notes that have no finger label in (a part of) their steps, as the hands
+            cannot hold them beside others.
     """
 
     control_timestep: float
@@ -53,6 +78,7 @@ class PianoRoll:
     onset: NDArray[np.bool_]
     sustain: NDArray[np.bool_]
     onset_time: NDArray[np.float64] = None  # type: ignore[assignment]  # never None once made
+    early_releases: tuple[EarlyRelease, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "active", np.array(self.active, dtype=bool))
@@ -90,8 +116,8 @@ class PianoRoll:
         lead = _lead_steps(initial_buffer_time, control_timestep)
         steps = _count_steps(score, control_timestep, lead)
         starts = lead + floor_steps([note.onset for note in score.notes], control_timestep)
-        ends = lead + ceil_steps([note.offset for note in score.notes], control_timestep)
-        sheet = Sheet(steps)
+        ends = lead + _ceil_steps([note.offset for note in score.notes], control_timestep)
+        sheet = _Sheet(steps)
         due: dict[tuple[int, int], float] = {}
         for note, start, end in zip(score.notes, starts.tolist(), ends.tolist(), strict=True):
             first = sheet.lay(note.key, start, max(end, start + 1), note.finger)
@@ -125,6 +151,14 @@ class PianoRoll:
     def duration(self) -> float:
         """Length of all steps together, in s."""
         return len(self) * self.control_timestep
+
+    @property
+    def unlabelled(self) -> NDArray[np.bool_]:
+        """Due keys without a finger label, but for notes that are released early, (T, 88) bool."""
+        missing = self.active & (self.finger < 0)
+        for one in self.early_releases:
+            missing[one.release : one.offset, one.key] = False
+        return missing
 
     def equals(self, other: PianoRoll) -> bool:
         """Return whether another roll says the same; ``==`` asks whether it is the same object."""
@@ -174,19 +208,19 @@ def _sustain_steps(
 
 def _count_steps(score: Score, control_timestep: float, lead: int) -> int:
     length = score.duration / control_timestep
-    if not lead + length < MAX_STEPS:
+    if not lead + length < _MAX_STEPS:
         raise ScoreError(
             f"Score {score.title!r} lasts {score.duration:g} s, too long for control steps of "
-            f"{control_timestep:g} s: expected fewer than {MAX_STEPS} steps."
+            f"{control_timestep:g} s: expected fewer than {_MAX_STEPS} steps."
         )
     return lead + int(floor_steps(score.duration, control_timestep)) + 1
 
 
 def _lead_steps(initial_buffer_time: float, control_timestep: float) -> int:
-    if not 0 <= initial_buffer_time < MAX_STEPS * control_timestep:
+    if not 0 <= initial_buffer_time < _MAX_STEPS * control_timestep:
         raise ConfigError(
             f"Initial buffer time {initial_buffer_time} s is out of range: expected 0 or more, and "
-            f"fewer than {MAX_STEPS} control steps of {control_timestep:g} s."
+            f"fewer than {_MAX_STEPS} control steps of {control_timestep:g} s."
         )
     return round(initial_buffer_time / control_timestep)
 
@@ -201,3 +235,63 @@ def _check_control_timestep(control_timestep: float) -> None:
 def _check_shape(name: str, array: NDArray[Any], expected: tuple[int, ...]) -> None:
     if array.shape != expected:
         raise ScoreError(f"Array {name!r} has shape {array.shape}: expected {expected}.")
+
+
+class _Sheet:
+    """The arrays of a roll while its notes are laid, in order of onset."""
+
+    def __init__(self, steps: int) -> None:
+        self.active = np.zeros((steps, NUM_KEYS), dtype=bool)
+        self.finger = np.full((steps, NUM_KEYS), UNKNOWN_FINGER, dtype=np.int8)
+        self.onset = np.zeros((steps, NUM_KEYS), dtype=bool)
+        self._last_onset = [-1] * NUM_KEYS
+
+    def lay(self, key: int, start: int, end: int, finger: int) -> int | None:
+        """Let `key` sound from step `start` until before `end`, as a strike of its own if it can.
+
+        Whether a note is a new strike is seen from the step before it; `first` is the step at
+        which that strike becomes audible.
+
+        Returns:
+            The first step of the strike, or None if the note is none of its own.
+        """
+        last = self._last_onset[key]
+        if start < last:
+            # A strike at this very step was laid before, and its silent step is this one.
+            first, strikes = last, False
+        elif start == 0 or not self.active[start - 1, key]:
+            first, strikes = start, True
+        elif end - start > 1:
+            first, strikes = start + 1, True
+            self._silence(start, key)
+        elif start - 1 > last:
+            first, strikes = start, True
+            self._silence(start - 1, key)
+        else:
+            first, strikes = start, False
+        self.active[first:end, key] = True
+        self.finger[first:end, key] = finger
+        if not strikes:
+            return None
+        self.onset[first, key] = True
+        self._last_onset[key] = first
+        return first
+
+    def _silence(self, step: int, key: int) -> None:
+        self.active[step, key] = False
+        self.finger[step, key] = UNKNOWN_FINGER
+
+
+def _in_steps(times: ArrayLike, control_timestep: float) -> NDArray[np.float64]:
+    """Return times (s) as multiples of the control time step, rid of rounding noise."""
+    return np.round(np.asarray(times, dtype=float) / control_timestep, _DECIMALS)
+
+
+def floor_steps(times: ArrayLike, control_timestep: float) -> NDArray[np.int64]:
+    """Return the steps in which the given times (s) lie; `_MAX_STEPS` for what lies beyond."""
+    return np.floor(np.minimum(_in_steps(times, control_timestep), _MAX_STEPS)).astype(np.int64)
+
+
+def _ceil_steps(times: ArrayLike, control_timestep: float) -> NDArray[np.int64]:
+    """Return the first steps that begin at or after the given times (s)."""
+    return np.ceil(np.minimum(_in_steps(times, control_timestep), _MAX_STEPS)).astype(np.int64)

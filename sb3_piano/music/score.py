@@ -103,19 +103,20 @@ class Score:
             raise ScoreError(
                 f"Cannot stretch {self.title!r} by {factor}: expected a finite factor above 0."
             )
+        notes = [
+            located_note(
+                f"Note {index} of {self.title!r} stretched by {factor}",
+                onset=note.onset * factor,
+                offset=note.offset * factor,
+                pitch=note.pitch,
+                velocity=note.velocity,
+                finger=note.finger,
+                hand=note.hand,
+            )
+            for index, note in enumerate(self.notes)
+        ]
         return Score(
-            notes=[
-                located_note(
-                    f"Note {index} of {self.title!r} stretched by {factor}",
-                    onset=note.onset * factor,
-                    offset=note.offset * factor,
-                    pitch=note.pitch,
-                    velocity=note.velocity,
-                    finger=note.finger,
-                    hand=note.hand,
-                )
-                for index, note in enumerate(self.notes)
-            ],
+            notes=notes,
             pedals=[Pedal(onset=p.onset * factor, offset=p.offset * factor) for p in self.pedals],
             title=self.title,
             bars=[line * factor for line in self.bars],

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.files import write_atomically
-from sb3_piano.music.formats.midi_events import SUSTAIN_CONTROLLER
+from sb3_piano.music.formats.midi_reading import SUSTAIN_CONTROLLER
 from sb3_piano.music.score import Score
 
 SAMPLE_RATE = 48_000

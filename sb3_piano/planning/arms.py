@@ -7,11 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.music.constants import MIDDLE
+from sb3_piano.music.fingering.robot import KEY_SPACING
 from sb3_piano.planning.key_frames import KeyFrames
-from sb3_piano.planning.key_places import KeyPlaces
-from sb3_piano.planning.leaps import MIDDLE_FINGER
-from sb3_piano.planning.posture import Posture
-from sb3_piano.planning.settings import PlanSettings
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -19,17 +17,16 @@ BoolArray = npt.NDArray[np.bool_]
 # A hand counts as busy so many states before and after it plays.
 _BUSY_STATES = 6
 
+_IDLE_APART = 0.05  # additional distance of an arm that plays nothing, m
 
-def wanted_places(
-    frames: KeyFrames, sign: int, posture: Posture, keys: KeyPlaces
-) -> tuple[FloatArray, BoolArray]:
+
+def wanted_places(frames: KeyFrames, sign: int, rest: float) -> tuple[FloatArray, BoolArray]:
     """Return where across the keys a hand would be if it were alone.
 
     Args:
         frames: What is asked of its fingertips, of s states.
         sign: 1 for the right hand, -1 for the left one.
-        posture: The hand at rest, where it remains if it plays nothing.
-        keys: The keyboard.
+        rest: Place of the middle finger of a hand that plays nothing, m.
 
     Returns:
         (s,) places of the middle finger, m; (s,) whether the hand is busy.
@@ -37,9 +34,9 @@ def wanted_places(
     weight = frames.weight[..., 1]  # (s, 5)
     asked: BoolArray = np.asarray(weight.any(axis=1))
     if not asked.any():
-        return np.full(len(asked), posture.middle), asked
-    fingers = np.arange(frames.target.shape[1]) - MIDDLE_FINGER
-    place = frames.target[..., 1] - sign * keys.spacing * fingers
+        return np.full(len(asked), rest), asked
+    fingers = np.arange(frames.target.shape[1]) - MIDDLE
+    place = frames.target[..., 1] - sign * KEY_SPACING * fingers
     known = np.flatnonzero(asked)
     mean = (weight * place).sum(axis=1)[known] / weight.sum(axis=1)[known]
     window = np.ones(2 * _BUSY_STATES + 1)
@@ -48,7 +45,7 @@ def wanted_places(
 
 
 def dividing_line(
-    places: Sequence[FloatArray], busy: Sequence[BoolArray], settings: PlanSettings
+    places: Sequence[FloatArray], busy: Sequence[BoolArray], apart: float
 ) -> FloatArray:
     """Return a first line between the arms, (s,) m.
 
@@ -57,15 +54,15 @@ def dividing_line(
     Args:
         places: Where the right and the left hand want to be, (s,) m each.
         busy: Whether they play, (s,) bool each.
-        settings: The plan's constants.
+        apart: Least distance of the arms, m.
     """
     right, left = places
-    extra = np.where(busy[0] & busy[1], 0.0, settings.idle_arm_apart)
-    short = np.maximum(left + settings.arms_apart + extra - right, 0)
+    extra = np.where(busy[0] & busy[1], 0.0, _IDLE_APART)
+    short = np.maximum(left + apart + extra - right, 0)
     share = np.where(busy[0] == busy[1], 0.5, np.where(busy[0], 0.0, 1.0))
     return np.asarray(((right + share * short) + (left - (1 - share) * short)) / 2)
 
 
-def bounds_of(line: FloatArray, settings: PlanSettings) -> tuple[FloatArray, FloatArray]:
+def bounds_of(line: FloatArray, apart: float) -> tuple[FloatArray, FloatArray]:
     """Return beyond which places the right and the left arm must be, (s,) m each."""
-    return line + settings.arms_apart / 2, line - settings.arms_apart / 2
+    return line + apart / 2, line - apart / 2

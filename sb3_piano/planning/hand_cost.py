@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.music.hands import FINGERS_PER_HAND
+from sb3_piano.music.constants import FINGERS_PER_HAND
 from sb3_piano.planning.key_frames import KeyFrames
 from sb3_piano.planning.kinematics import HandKinematics
-from sb3_piano.planning.settings import PlanSettings
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -21,6 +20,15 @@ _WALL = slice(20, 25)
 _SPACING = slice(25, 29)
 _ARMS = 29
 _N_RESIDUALS = 30
+
+# A black key's top is at a height of 0.035 m.
+_IDLE_HEIGHT, _IDLE_WEIGHT = 0.047, 5.0  # least height of fingertips that play nothing, m; per m
+_IDLE_X, _IDLE_X_HEIGHT = 0.030, 0.052  # nearer to the hinges than this, m, they are higher, m
+_WALL_X, _WALL_HEIGHT = 0.0235, 0.037  # the same of those that play, and their radius more
+_WALL_WEIGHT = 5.0  # of coming nearer, per m
+_SPACINGS = np.array([0.012, 0.016, 0.016, 0.016])  # least gaps of neighbours: no thumb passes; m
+_SPACING_WEIGHT = 3.0  # of falling short of these, per m
+_ARMS_WEIGHT = 40.0  # of an arm beyond its bound, per m
 
 
 @dataclass(eq=False)
@@ -35,7 +43,6 @@ class HandCost:
     kinematics: HandKinematics
     frames: KeyFrames
     """Targets of the s states."""
-    settings: PlanSettings
     bound: FloatArray
     """(s,) beyond which the arm must be (in the hand's own direction), m."""
 
@@ -69,43 +76,40 @@ class HandCost:
         return transposed @ slopes, (transposed @ values[..., None])[..., 0]
 
     def _values(self, positions: FloatArray, tips: FloatArray) -> FloatArray:
-        settings, frames = self.settings, self.frames
+        frames = self.frames
         values = np.empty((len(tips), _N_RESIDUALS))
         values[:, _TARGETS] = (frames.weight * (tips - frames.target)).reshape(len(tips), -1)
-        hanging = np.maximum(settings.idle_height - tips[..., _Z], 0)
-        values[:, _IDLE] = settings.weight_idle * hanging * self.idle
+        hanging = np.maximum(_IDLE_HEIGHT - tips[..., _Z], 0)
+        values[:, _IDLE] = _IDLE_WEIGHT * hanging * self.idle
         too_near, too_low, forwards, upwards = self._inside_wall(tips)
-        values[:, _WALL] = settings.weight_wall * (too_near * forwards + too_low * upwards)
-        values[:, _SPACING] = settings.weight_spacing * self._too_close(tips)
-        values[:, _ARMS] = settings.weight_arms * self.bound_violation(positions)
+        values[:, _WALL] = _WALL_WEIGHT * (too_near * forwards + too_low * upwards)
+        values[:, _SPACING] = _SPACING_WEIGHT * self._too_close(tips)
+        values[:, _ARMS] = _ARMS_WEIGHT * self.bound_violation(positions)
         return values
 
     def _slopes(self, tips: FloatArray, jacobian: FloatArray, values: FloatArray) -> FloatArray:
         """Return the residuals' derivatives, (s, 30, n)."""
-        settings = self.settings
         count, size = len(tips), jacobian.shape[-1]
         slopes = np.empty((count, _N_RESIDUALS, size))
         weighted = self.frames.weight[..., None] * jacobian
         slopes[:, _TARGETS] = weighted.reshape(count, -1, size)
         active = (values[:, _IDLE] > 0)[..., None]
-        slopes[:, _IDLE] = -settings.weight_idle * active * jacobian[:, :, _Z]
+        slopes[:, _IDLE] = -_IDLE_WEIGHT * active * jacobian[:, :, _Z]
         _, _, forwards, upwards = self._inside_wall(tips)
-        slopes[:, _WALL] = -settings.weight_wall * (
+        slopes[:, _WALL] = -_WALL_WEIGHT * (
             forwards[..., None] * jacobian[:, :, _X] + upwards[..., None] * jacobian[:, :, _Z]
         )
         active = (values[:, _SPACING] > 0)[..., None]
         apart = self.sign * np.diff(jacobian[:, :, _Y], axis=1)
-        slopes[:, _SPACING] = -settings.weight_spacing * active * apart
+        slopes[:, _SPACING] = -_SPACING_WEIGHT * active * apart
         active = (values[:, _ARMS] > 0)[:, None]
-        slopes[:, _ARMS] = -settings.weight_arms * self.sign * active * self.kinematics.arm_slope
+        slopes[:, _ARMS] = -_ARMS_WEIGHT * self.sign * active * self.kinematics.arm_slope
         return slopes
 
     def _too_close(self, tips: FloatArray) -> FloatArray:
         """Return how much neighbours are too close: thumb and index, then the fingers, (s, 4)."""
         gaps = self.sign * np.diff(tips[..., _Y], axis=1)
-        least = np.full(FINGERS_PER_HAND - 1, self.settings.spacing)
-        least[0] = self.settings.thumb_spacing
-        return np.maximum(least - gaps, 0)
+        return np.maximum(_SPACINGS - gaps, 0)
 
     def _inside_wall(
         self, tips: FloatArray
@@ -115,11 +119,8 @@ class HandCost:
         Returns:
             Depths along x and z, (s, 5) m; and which fingers should go forwards or upwards.
         """
-        settings = self.settings
-        near = np.where(self.idle, settings.idle_x, settings.wall_x)
-        low = np.where(
-            self.idle, settings.idle_x_height, settings.wall_height + self.kinematics.radius
-        )
+        near = np.where(self.idle, _IDLE_X, _WALL_X)
+        low = np.where(self.idle, _IDLE_X_HEIGHT, _WALL_HEIGHT + self.kinematics.radius)
         too_near = np.maximum(near - tips[..., _X], 0)
         too_low = np.maximum(low - tips[..., _Z], 0)
         inside = (too_near > 0) & (too_low > 0) & ~self.frames.on_black

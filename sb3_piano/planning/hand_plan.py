@@ -1,161 +1,255 @@
-"""The plan of one hand, made stretch by stretch."""
+"""The motion of both hands through a piece, planned stretch by stretch, and planned again."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.music import PianoRoll
-from sb3_piano.planning.dynamics import HandDynamics
+from sb3_piano.music.constants import THUMB
+from sb3_piano.planning.arms import bounds_of
+from sb3_piano.planning.hand import Hand
 from sb3_piano.planning.hand_cost import HandCost
-from sb3_piano.planning.key_frames import key_frames
-from sb3_piano.planning.key_places import THUMB, KeyPlaces
-from sb3_piano.planning.kinematics import HandKinematics
-from sb3_piano.planning.leaps import TimedPress, time_presses
-from sb3_piano.planning.least_squares import HandProblem
-from sb3_piano.planning.posture import resting_posture
-from sb3_piano.planning.presses import presses_of_hand
-from sb3_piano.planning.problems import Problem, unmovable, unreached
+from sb3_piano.planning.key_frames import KeyFrames, key_frames
+from sb3_piano.planning.least_squares import HandProblem, Smoothness
+from sb3_piano.planning.presses import TimedPress
 from sb3_piano.planning.settings import PlanSettings
-from sb3_piano.planning.smoothness import Smoothness
 from sb3_piano.planning.tracking_control import TrackingControl
-from sb3_piano.simulation import PianoScene
 
 FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
 
 _UP = 2
 
 
-class HandPlanner:
-    """Knows what a hand has to do, and collects how it does it.
+@dataclass(frozen=True, eq=False)
+class HandTask:
+    """What one hand has to do."""
+
+    hand: Hand
+    presses: tuple[TimedPress, ...]
+    """The presses as they are planned."""
+    frames: KeyFrames
+    """Targets of the fingertips in all T + 1 states."""
+
+    @classmethod
+    def of(
+        cls, hand: Hand, presses: Iterable[TimedPress], n_states: int, settings: PlanSettings
+    ) -> HandTask:
+        """Find the key frames that belong to presses."""
+        timed, kinematics = tuple(presses), hand.kinematics
+        return cls(
+            hand,
+            timed,
+            key_frames(timed, kinematics.sign, n_states, kinematics.radius, hand.keys, settings),
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HandPlan:
+    """Motion of one hand through T control steps; n are its actuators, rad, or m for sliders."""
+
+    task: HandTask
+    """What the hand has to do."""
+    weightless: FloatArray
+    """(T + 1, n) where the actuators would be if they had no inertia."""
+    positions: FloatArray
+    """(T + 1, n) where they should be."""
+    commands: FloatArray
+    """(T, n) what they are told for that."""
+    gains: npt.NDArray[np.float32]
+    """(T, n, n) by how much less that is per unit of positions that are ahead of the plan."""
+
+
+Both = tuple[HandPlan, HandPlan]
+
+
+def plan_hands(
+    tasks: Sequence[HandTask],
+    wanted: Sequence[FloatArray],
+    line: FloatArray,
+    settings: PlanSettings,
+    control_timestep: float,
+) -> tuple[Both, FloatArray]:
+    """Return the plans of the right and the left hand, and the line between the arms.
 
     Args:
-        roll: The piece, all notes with fingers.
-        scene: The piano and the hands.
-        hand: 0 for the right hand, 1 for the left one.
-        keys: The keyboard.
-        settings: The plan's constants.
-        n_substeps: Physics steps in a control step.
+        tasks: What each hand has to do.
+        wanted: (T + 1,) where across the keys each would be if it were alone, m.
+        line: (T + 1,) where the line between the arms may begin, m.
+        settings: The plan's settings.
+        control_timestep: Length of a control step, s.
     """
+    motions = [_Motion(task, settings) for task in tasks]
+    line = line.copy()
+    for start, stop, keep in _stretches(len(line), settings, control_timestep):
+        here = line[start:stop]
+        problems = [
+            motion.problem(start, stop, bound, _guess(motion.task.hand, places[start:stop], bound))
+            for motion, places, bound in zip(
+                motions, wanted, bounds_of(here, settings.arms_apart), strict=True
+            )
+        ]
+        here = _share_room(problems, here, settings)
+        line[start:keep] = here[: keep - start]
+        for motion, problem in zip(motions, problems, strict=True):
+            motion.extend(problem, keep)
+    right, left = (motion.plan() for motion in motions)
+    return (right, left), line
 
-    def __init__(
-        self,
-        roll: PianoRoll,
-        scene: PianoScene,
-        hand: int,
-        keys: KeyPlaces,
-        settings: PlanSettings,
-        n_substeps: int,
-    ):
-        self._roll, self._scene, self._keys, self._settings = roll, scene, keys, settings
-        self.kinematics = HandKinematics(scene, hand)
-        self.posture = resting_posture(self.kinematics, keys, settings)
-        sign = self.kinematics.sign
-        n_states, size = len(roll) + 1, self.kinematics.size
-        self.take(time_presses(presses_of_hand(roll, hand), sign, keys, settings))
-        self._dynamics = HandDynamics.of(scene, self.kinematics, self.posture.rest, n_substeps)
-        self._start = np.zeros(2 * size)
-        self.planned = np.zeros((n_states, size))
-        """(T + 1, n) where they would be if they had no inertia."""
-        self.positions = np.zeros((n_states, size))
-        """(T + 1, n) where the hand's actuators should be."""
-        self.commands = np.zeros((n_states - 1, size))
-        """(T, n) what they are told for that."""
-        self.gains = np.zeros((n_states - 1, size, size), dtype=np.float32)
-        """(T, n, n) feedback."""
 
-    def take(self, timed: list[TimedPress]) -> None:
-        """Take over when and how keys are pressed."""
-        kinematics = self.kinematics
-        self.timed = timed
-        """The presses as they are planned."""
-        self.frames = key_frames(
-            timed,
-            kinematics.sign,
-            len(self._roll) + 1,
-            kinematics.radius,
-            self._keys,
-            self._settings,
-        )
-        """Targets of the fingertips, by state."""
+def replan_hands(
+    before: Both,
+    presses: Sequence[Iterable[TimedPress]],
+    line: FloatArray,
+    free: BoolArray,
+    settings: PlanSettings,
+    control_timestep: float,
+) -> Both:
+    """Return plans of both hands for other presses, adapted from earlier plans.
 
-    def begin(
-        self, start: int, stop: int, bound: FloatArray, wanted: FloatArray | None
-    ) -> HandProblem:
-        """Return the problem of a stretch.
+    Args:
+        before: The earlier plans.
+        presses: What each hand has to do now.
+        line: (T + 1,) the line between the arms, m.
+        free: (T + 1,) bool, the states in which the hands may move otherwise than before.
+        settings: The plan's settings.
+        control_timestep: Length of a control step, s.
+    """
+    motions = [
+        _Motion(HandTask.of(plan.task.hand, timed, len(line), settings), settings)
+        for plan, timed in zip(before, presses, strict=True)
+    ]
+    for start, stop, keep in _stretches(len(line), settings, control_timestep):
+        bounds = bounds_of(line[start:stop], settings.arms_apart)
+        for motion, plan, bound in zip(motions, before, bounds, strict=True):
+            problem = motion.problem(start, stop, bound, plan.weightless[start:stop].copy())
+            if free[start:stop].any():
+                problem.improve(settings.iterations, free[start:stop])
+            motion.extend(problem, keep)
+    right, left = (motion.plan() for motion in motions)
+    return right, left
 
-        Args:
-            start: Its first state, 1 or more.
-            stop: The state after its last.
-            bound: Beyond which the arm must be, m.
-            wanted: Where the hand would be if it were alone, m; ``None`` to start from the last
-                plan.
-        """
-        if start == 1:
-            self._start = np.zeros_like(self._start)
-        kinematics = self.kinematics
-        cost = HandCost(kinematics, self.frames.between(start, stop), self._settings, bound)
-        before = self.planned[[max(start - 2, 0), start - 1]]
-        smoothness = Smoothness(kinematics, self._settings, before, stop - start)
-        guess = self.planned[start:stop].copy() if wanted is None else self._guess(wanted, bound)
-        return HandProblem(cost, smoothness, self.posture, self._settings, guess)
 
-    def _guess(self, wanted: FloatArray, bound: FloatArray) -> FloatArray:
-        """Return the resting posture wherever the hand has to be, (s, n)."""
-        kinematics = self.kinematics
-        guess = np.tile(self.posture.rest, (len(wanted), 1))
-        place = kinematics.sign * np.maximum(kinematics.sign * wanted, kinematics.sign * bound)
-        guess[:, kinematics.index("forearm_tx")] = kinematics.slider_for_arm(place)
-        return guess
+class _Motion:
+    """The motion of a hand up to some state."""
 
-    def finish(self, problem: HandProblem, start: int, keep: int) -> None:
-        """Take over the first states of a stretch, now with the hand's inertia.
+    def __init__(self, task: HandTask, settings: PlanSettings):
+        self.task, self._settings = task, settings
+        size = task.hand.kinematics.size
+        self._stop = 1
+        self._weightless = [np.zeros((1, size))]
+        self._states = [np.zeros((1, 2 * size))]
+        self._commands: list[FloatArray] = []
+        self._gains: list[npt.NDArray[np.float32]] = []
+
+    def problem(self, start: int, stop: int, bound: FloatArray, guess: FloatArray) -> HandProblem:
+        """Return the least squares of the stretch that comes next.
 
         Args:
-            problem: The stretch, solved.
             start: Its first state.
+            stop: The state after its last.
+            bound: (s,) beyond which the arm must be, m.
+            guess: (s, n) positions to start from.
+        """
+        task, kinematics = self.task, self.task.hand.kinematics
+        cost = HandCost(kinematics, task.frames.between(start, stop), bound)
+        # Before the first state the hand is where it is in it.
+        before = np.concatenate([self._weightless[0], *self._weightless[-2:]])[-2:]
+        return HandProblem(cost, Smoothness(kinematics, before, stop - start), task.hand, guess)
+
+    def extend(self, problem: HandProblem, keep: int) -> None:
+        """Append the first states of a stretch that is solved, now with the hand's inertia.
+
+        Args:
+            problem: The stretch.
             keep: The state after the last one to be kept.
         """
-        planned = problem.positions
+        task, planned, count = self.task, problem.positions, keep - self._stop
+        forces = _key_forces(task, planned, self._stop, self._settings)
         control = TrackingControl(
             problem.cost,
-            self._dynamics,
+            task.hand.dynamics,
             planned,
-            self._key_forces(planned, start),
-            self._start,
-            self._settings,
+            forces,
+            self._states[-1][-1],
+            self._settings.dynamic_iterations,
         ).solve()
-        count = keep - start
-        self.planned[start:keep] = planned[:count]
-        self.positions[start:keep] = control.states[:count, : self.kinematics.size]
-        self.commands[start - 1 : keep - 1] = control.commands[:count]
-        self.gains[start - 1 : keep - 1] = control.gains[:count]
-        self._start = control.states[count - 1]
+        self._weightless.append(planned[:count])
+        self._states.append(control.states[:count].copy())
+        self._commands.append(control.commands[:count].copy())
+        self._gains.append(control.gains[:count].astype(np.float32))
+        self._stop = keep
 
-    def fingertips(self) -> FloatArray:
-        """Return where the fingertips are planned to be, (T + 1, 5, 3) m."""
-        return self.kinematics.fingertips(self.positions)
+    def plan(self) -> HandPlan:
+        """Return what there is."""
+        size = self.task.hand.kinematics.size
+        return HandPlan(
+            task=self.task,
+            weightless=np.concatenate(self._weightless),
+            positions=np.concatenate(self._states)[:, :size],
+            commands=np.concatenate(self._commands),
+            gains=np.concatenate(self._gains),
+        )
 
-    def problems(self) -> list[Problem]:
-        """Return what the hand cannot do."""
-        hand, timestep = self.kinematics.hand, self._roll.control_timestep
-        tips = self.kinematics.fingertips(self.planned)
-        found = unmovable(self.timed, hand, self._scene.moving_keys, timestep)
-        return found + unreached(self.timed, hand, self.frames, tips, timestep)
 
-    def _key_forces(self, positions: FloatArray, start: int) -> FloatArray:
-        """Return the forces on the actuators of keys that are held, (s, n)."""
-        settings, keys = self._settings, self._keys
-        tips, jacobian = self.kinematics.fingertips_and_jacobian(positions)
-        forces = np.zeros_like(positions)
-        for one in self.timed:
-            key, finger = one.press.key, one.press.finger
-            first, stop = max(one.first - start, 0), min(one.last + 1 - start, len(positions))
-            if first >= stop:
-                continue
-            firmness = settings.press_force_thumb if finger == THUMB else settings.press_force
-            torque = keys.holding_torque[key]
-            lever = tips[first:stop, finger, 0] - keys.hinge[key]
-            force = one.adjustment.firmness * firmness * torque / lever
-            forces[first:stop] += force[:, None] * jacobian[first:stop, finger, _UP]
-        return forces
+def _share_room(
+    problems: Sequence[HandProblem], line: FloatArray, settings: PlanSettings
+) -> FloatArray:
+    """Solve both hands' problems in turns, and return the line between the arms, (s,) m."""
+    for turn in range(settings.rounds):
+        if turn > 0:
+            # Who is pressed harder against the line gets more room.
+            right, left = (one.cost.bound_violation(one.positions) for one in problems)
+            line = line - (right - left)
+            for problem, bound in zip(problems, bounds_of(line, settings.arms_apart), strict=True):
+                problem.rebound(bound)
+        for problem in problems:
+            problem.improve(settings.iterations)
+    return line
+
+
+def _guess(hand: Hand, wanted: FloatArray, bound: FloatArray) -> FloatArray:
+    """Return the resting posture wherever the hand has to be, (s, n)."""
+    kinematics = hand.kinematics
+    guess = np.tile(hand.rest, (len(wanted), 1))
+    place = kinematics.sign * np.maximum(kinematics.sign * wanted, kinematics.sign * bound)
+    guess[:, kinematics.index("forearm_tx")] = kinematics.slider_for_arm(place)
+    return guess
+
+
+def _key_forces(
+    task: HandTask, positions: FloatArray, start: int, settings: PlanSettings
+) -> FloatArray:
+    """Return the forces of keys that are held on the actuators, (s, n), from state ``start`` on."""
+    keys = task.hand.keys
+    tips, jacobian = task.hand.kinematics.fingertips_and_jacobian(positions)
+    forces = np.zeros_like(positions)
+    for one in task.presses:
+        key, finger = one.press.key, one.press.finger
+        first, stop = max(one.first - start, 0), min(one.last + 1 - start, len(positions))
+        if first >= stop:
+            continue
+        firmness = settings.press_force_thumb if finger == THUMB else settings.press_force
+        torque = keys.holding_torque[key]
+        lever = tips[first:stop, finger, 0] - keys.hinge[key]
+        force = one.adjustment.firmness * firmness * torque / lever
+        forces[first:stop] += force[:, None] * jacobian[first:stop, finger, _UP]
+    return forces
+
+
+def _stretches(
+    n_states: int, settings: PlanSettings, control_timestep: float
+) -> Iterator[tuple[int, int, int]]:
+    """Yield the first state of each stretch, the one after its last, and after those kept."""
+    window = max(round(settings.window / control_timestep), 1)
+    overlap = max(round(settings.overlap / control_timestep), 1)
+    start = 1
+    while start < n_states:
+        keep = start + window
+        if keep + overlap >= n_states:  # what little would remain is done at once
+            keep = n_states
+        yield start, min(keep + overlap, n_states), keep
+        start = keep

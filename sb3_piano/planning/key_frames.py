@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.music.hands import FINGERS_PER_HAND
-from sb3_piano.planning.key_places import KeyPlaces, press_x
-from sb3_piano.planning.leaps import TimedPress, hand_place
+from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK
+from sb3_piano.music.fingering.robot import hand_place
+from sb3_piano.planning.keyboard import KeyPlaces, press_x
+from sb3_piano.planning.presses import TimedPress
 from sb3_piano.planning.settings import PlanSettings
-from sb3_piano.simulation import KEY_IS_BLACK
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -20,7 +20,20 @@ BoolArray = npt.NDArray[np.bool_]
 # What may replace what: a finger that lets go a key has the right of way over its next approach.
 _HOVER, _LIFT, _READY, _RELEASE, _HOLD = range(1, 6)
 
-# How much each of them counts, as shares of the weights along x, y and z.
+_HOVER_STATES = 8  # for so many states a finger hovers over its next key
+_REACH = 0.06  # distance of a hand from a key within which a finger already moves towards it, m
+
+# Depths of a key: two states before it is down; in the state before, well on its way but not yet
+# sounding; in the state before after a leap, when there is less time; between two strikes of it by
+# the same finger, if there is no more time; in the state after; there, if the hand moves elsewhere.
+_LIFT_DEPTH, _READY_DEPTH, _LEAP_READY_DEPTH = -0.5, 0.6, -0.2
+_REPEAT_DEPTH, _RELEASE_DEPTH, _LEAP_RELEASE_DEPTH = 0.45, 0.2, -1.2
+
+# Weights along x, y and z, per m, when a rad of posture counts some 0.01. From a black key a finger
+# slips off.
+_WEIGHT, _WEIGHT_BLACK = np.array([4.0, 10.0, 10.0]), np.array([20.0, 10.0, 10.0])
+
+# How much each of the targets counts, as shares of these.
 _READY_SHARE = 0.8
 _LIFT_SHARE = 0.6
 _LEAST_HOVER_SHARE = 0.1
@@ -69,20 +82,20 @@ def key_frames(
         n_states: How many states there are.
         radius: (5,) radius of the fingertips, m.
         keys: The keyboard.
-        settings: The plan's constants.
+        settings: The plan's settings.
     """
     arrays = _FrameArrays(n_states)
-    held = _held_places(timed, sign, n_states, keys)
+    held = _held_places(timed, sign, n_states)
     mixed = _mixed(timed)
     last = [0] * FINGERS_PER_HAND  # until when each finger holds its note before
     for index, one in enumerate(timed):
         finger = one.press.finger
-        place = hand_place(one.press.key, one.press.finger, sign, keys)
-        x = press_x(one.press.key, finger, mixed[index], settings) + one.adjustment.along
+        place = hand_place(one.press.key, finger, sign)
+        x = press_x(one.press.key, finger, mixed[index]) + one.adjustment.along
         goal = _Goal(one, x, float(radius[finger]), keys, settings)
-        start = max(last[finger] + 2, one.first - settings.hover_states)
+        start = max(last[finger] + 2, one.first - _HOVER_STATES)
         free = {
-            state: _is_free(held[state], finger, place, settings.reach)
+            state: _is_free(held[state], finger, place)
             for state in range(max(start, 0), min(one.first - 1, n_states))
         }
         goal.write(arrays, start, free)
@@ -131,34 +144,28 @@ class _Goal:
         """
         one, settings, finger = self.one, self.settings, self.one.press.finger
         black = bool(KEY_IS_BLACK[one.press.key])
-        full = np.array(
-            [
-                settings.weight_x_black if black else settings.weight_x,
-                settings.weight_y,
-                settings.weight_z,
-            ]
-        )
+        full = _WEIGHT_BLACK if black else _WEIGHT
         strike = one.first - 1  # the state before the key is down
         for state in range(max(start, 0), strike - 1):
-            near = 1 - (strike - state) / settings.hover_states
+            near = 1 - (strike - state) / _HOVER_STATES
             share = max(_LEAST_HOVER_SHARE, near**3)
             if free.get(state, False):
                 arrays.put(state, finger, _HOVER, self._at(0.0, settings.hover), full * share)
         if free.get(strike - 1, False):
-            place = self._at(settings.lift_depth)
+            place = self._at(_LIFT_DEPTH)
             arrays.put(strike - 1, finger, _LIFT, place, full * _LIFT_SHARE)
-        ready = settings.leap_ready_depth if one.leapt else settings.ready_depth
+        ready = _LEAP_READY_DEPTH if one.leapt else _READY_DEPTH
         ready += one.adjustment.ready
         arrays.put(strike, finger, _READY, self._at(ready), full * _READY_SHARE)
         for state in range(one.first, one.last + 1):
             arrays.put(state, finger, _HOLD, self._at(settings.hold_depth), full)
-        depth = settings.leap_release_depth if one.leaps else settings.release_depth
+        depth = _LEAP_RELEASE_DEPTH if one.leaps else _RELEASE_DEPTH
         if one.repeated:
-            depth = settings.repeat_depth
+            depth = _REPEAT_DEPTH
         share_of = _LEAP_RELEASE_SHARE if one.leaps else _RELEASE_SHARE
         arrays.put(one.last + 1, finger, _RELEASE, self._at(depth), full * share_of)
         if black:
-            arrays.to_black[max(one.first - settings.hover_states, 0) : one.last + 2, finger] = True
+            arrays.to_black[max(one.first - _HOVER_STATES, 0) : one.last + 2, finger] = True
             arrays.on_black[max(strike, 0) : one.last + 1, finger] = True
 
     def _at(self, depth: float, above: float = 0.0) -> FloatArray:
@@ -169,20 +176,20 @@ class _Goal:
 
 
 def _held_places(
-    timed: Sequence[TimedPress], sign: int, n_states: int, keys: KeyPlaces
+    timed: Sequence[TimedPress], sign: int, n_states: int
 ) -> list[list[tuple[int, float]]]:
     """Return for each state which fingers hold keys, and where that wants the hand to be."""
     held: list[list[tuple[int, float]]] = [[] for _ in range(n_states)]
     for one in timed:
-        place = hand_place(one.press.key, one.press.finger, sign, keys)
+        place = hand_place(one.press.key, one.press.finger, sign)
         for state in range(one.first, min(one.last + 1, n_states)):
             held[state].append((one.press.finger, place))
     return held
 
 
-def _is_free(held: list[tuple[int, float]], finger: int, place: float, reach: float) -> bool:
+def _is_free(held: list[tuple[int, float]], finger: int, place: float) -> bool:
     """Return whether no other finger holds the hand too far away from a place."""
-    return all(abs(place - there) <= reach for other, there in held if other != finger)
+    return all(abs(place - there) <= _REACH for other, there in held if other != finger)
 
 
 def _mixed(timed: Sequence[TimedPress]) -> list[bool]:

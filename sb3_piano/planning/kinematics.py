@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.music.hands import FINGERS_PER_HAND
+from sb3_piano.music.constants import FINGERS_PER_HAND
 from sb3_piano.simulation import PianoScene
 
 FloatArray = npt.NDArray[np.float64]
@@ -77,6 +77,8 @@ class HandKinematics:
         self._joints = [_joint(model, int(j)) for j in self.joint_ids]
         self._build_chains(scene)
         self._place_arm(scene)
+        self.middle = float(self.arm(np.zeros((1, self.size)))[0])
+        """Place of the forearm, and of the middle finger, where all joints are at 0, m."""
 
     @property
     def size(self) -> int:

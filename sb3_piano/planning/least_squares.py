@@ -6,7 +6,7 @@ banded, and LAPACK's banded Cholesky factorisation (through SciPy) solves them i
 that grow with the length of the stretch. General sparse solvers order and analyse what is known
 here; differential inverse kinematics (such as mink) solves one posture after the other and cannot
 begin to move before it must; Crocoddyl's shooting methods were not needed, as the hands' dynamics
-are nearly linear (:mod:`sb3_piano.planning.dynamics`).
+are nearly linear (:mod:`sb3_piano.planning.tracking_control`).
 """
 
 from __future__ import annotations
@@ -15,10 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
+from sb3_piano.planning.hand import Hand
 from sb3_piano.planning.hand_cost import HandCost
-from sb3_piano.planning.posture import Posture
-from sb3_piano.planning.settings import PlanSettings
-from sb3_piano.planning.smoothness import Smoothness
+from sb3_piano.planning.kinematics import HandKinematics
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -27,6 +26,10 @@ _FIRST_DAMPING = 1e-2
 _LEAST_DAMPING, _MOST_DAMPING = 1e-7, 30.0
 _FIXING = 1e12  # damping of states that stay as they are
 _SHARES = (1.0, 0.5, 0.25)  # of a step that are tried
+
+_VELOCITY = 0.002  # weight of a velocity, per rad or m and control step
+_JERK_FINGER = 0.01  # weight of a change of a velocity, per rad or m and squared control step
+_JERK = {"WRJ1": 0.02, "WRJ2": 0.02, "forearm_tx": 0.12, "forearm_ty": 0.2}
 
 
 class HandProblem:
@@ -37,8 +40,7 @@ class HandProblem:
     Args:
         cost: What is wrong with the states.
         smoothness: What it costs to get from one to the next.
-        posture: The hand at rest, to which fingers return.
-        settings: The plan's constants.
+        hand: The hand, to whose resting posture fingers return.
         start: (s, n) actuator positions to start from.
     """
 
@@ -46,16 +48,15 @@ class HandProblem:
         self,
         cost: HandCost,
         smoothness: Smoothness,
-        posture: Posture,
-        settings: PlanSettings,
+        hand: Hand,
         start: FloatArray,
     ):
         self.cost = cost
         self.positions = start
         """(s, n) the best positions so far."""
         self._smoothness = smoothness
-        self._rest = posture.rest
-        self._pull = posture.pull(settings) ** 2
+        self._rest = hand.rest
+        self._pull = hand.pull**2
         self._damping = np.full(len(start), _FIRST_DAMPING)
         self._normal: tuple[FloatArray, FloatArray] | None = None
         self._fixed: npt.NDArray[np.bool_] | None = None
@@ -144,3 +145,51 @@ class HandProblem:
     def _evaluate(self) -> None:
         self._state_cost = self._by_state(self.positions)
         self._total = float(self._state_cost.sum()) + self._smoothness.cost(self.positions)
+
+
+class Smoothness:
+    """The sum of squared first and second differences, weighted by actuator.
+
+    Args:
+        kinematics: The hand.
+        before: (2, n) actuator positions in the two states before the stretch.
+        n_states: How many states the stretch has.
+    """
+
+    def __init__(self, kinematics: HandKinematics, before: FloatArray, n_states: int):
+        jerk = [_JERK.get(name, _JERK_FINGER) for name in kinematics.names]
+        self._second = np.array(jerk) ** 2
+        self._first = np.full(kinematics.size, _VELOCITY**2)
+        self._before = before
+        self.band = self._band(n_states, kinematics.size)
+        """(2 n + 1, s n) the Hessian of half the cost: its lower diagonals, as LAPACK has them."""
+
+    def cost(self, positions: FloatArray) -> float:
+        """Return the cost of (s, n) actuator positions."""
+        speed, change = self._differences(positions)
+        return float((self._first * speed**2).sum() + (self._second * change**2).sum())
+
+    def gradient(self, positions: FloatArray) -> FloatArray:
+        """Return the gradient of half the cost, (s, n)."""
+        speed, change = self._differences(positions)
+        result = self._first * speed + self._second * change
+        result[:-1] -= self._first * speed[1:] + 2 * self._second * change[1:]
+        result[:-2] += self._second * change[2:]
+        return np.asarray(result)
+
+    def _differences(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        whole = np.concatenate([self._before, positions])
+        speed = np.diff(whole, axis=0)
+        return speed[1:], np.diff(speed, axis=0)
+
+    def _band(self, count: int, size: int) -> FloatArray:
+        here, one_on, two_on = (np.zeros((count, size)) for _ in range(3))
+        here += self._first + self._second
+        here[:-1] += self._first + 4 * self._second
+        here[:-2] += self._second
+        one_on[:-1] -= self._first + 2 * self._second
+        one_on[:-2] -= 2 * self._second
+        two_on[:-2] += self._second
+        band = np.zeros((2 * size + 1, count * size))
+        band[0], band[size], band[2 * size] = here.ravel(), one_on.ravel(), two_on.ravel()
+        return band

@@ -12,15 +12,15 @@ import numpy.typing as npt
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.envs import PianoEnv
+from sb3_piano.envs.goal import roll_of
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import PianoRoll
-from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.fingering import finger_score
+from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.planning.plan import plan
 from sb3_piano.planning.policy import PianoPolicy
 from sb3_piano.planning.problems import summary
 from sb3_piano.planning.settings import PlanSettings
-from sb3_piano.planning.tracker import Tracker, hands_of_action, observed_positions
+from sb3_piano.planning.tracker import Tracker
 from sb3_piano.simulation import SIDES, PianoScene
 
 _PLANS_KEPT = 8
@@ -61,7 +61,7 @@ class PlannedPianist(PianoPolicy):
         if layout is None:  # a wrapper shows something else
             return np.asarray(piano.data.actuator_length)
         joints = np.concatenate([observation[layout[f"{side}_joints"].slice] for side in SIDES])
-        return observed_positions(piano.scene, joints)
+        return piano.scene.actuator_positions(joints)
 
 
 class Trackers:
@@ -125,18 +125,13 @@ def action_of(
     """Return commands, and the pedal of the score, as an action of the environment."""
     sustain = tracker.plan.roll.sustain
     down = bool(sustain[min(step, len(sustain) - 1)])
-    hands = hands_of_action(piano.scene, controls)
-    return np.append(hands, np.float32(1.0 if down else -1.0))
+    return piano.action_map.action(controls, pedal_down=down)
 
 
 def _with_fingers(piano: PianoEnv) -> PianoRoll:
     """Return what an environment plays as a roll in which every note has a finger."""
-    roll = piano.roll
-    if not (roll.active & (roll.finger == UNKNOWN_FINGER)).any():
+    roll, config = piano.roll, piano.config
+    if not roll.unlabelled.any():
         return roll
-    score, config = finger_score(piano.score), piano.config
-    return PianoRoll.from_score(
-        score.trim_silence() if config.trim_silence else score,
-        config.control_timestep,
-        initial_buffer_time=config.initial_buffer_time,
-    )
+    fingering = "ergonomic" if piano.score.has_fingering else "robot"
+    return roll_of(apply_fingering(piano.score, fingering, config.control_timestep), config)

@@ -1,8 +1,13 @@
-"""From a score to a motion of two hands that plays it."""
+"""From a score to a motion of two hands that plays it.
+
+A roll with its final fingers becomes presses, presses become key frames, key frames the plans of
+two hands, and these a plan. Each is a value made by a function; all but the hands' plans are cheap.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import functools
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -10,12 +15,16 @@ import numpy.typing as npt
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.fingering import finger_score
-from sb3_piano.planning.fingers import fit_fingers
-from sb3_piano.planning.key_places import KeyPlaces
-from sb3_piano.planning.piece_planner import PiecePlanner
-from sb3_piano.planning.problems import Problem, fingerless, not_held
-from sb3_piano.planning.rehearsal import rehearse
+from sb3_piano.music.fingering import apply_fingering
+from sb3_piano.music.fingering.robot import release_early
+from sb3_piano.music.presses import presses_of_hand
+from sb3_piano.planning.arms import dividing_line, wanted_places
+from sb3_piano.planning.hand import Hand
+from sb3_piano.planning.hand_plan import HandPlan, HandTask, plan_hands
+from sb3_piano.planning.keyboard import KeyPlaces
+from sb3_piano.planning.presses import time_presses
+from sb3_piano.planning.problems import Problem, problems_of
+from sb3_piano.planning.refinement import refine_hands
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.simulation import PianoScene
 
@@ -30,21 +39,40 @@ class Plan:
 
     roll: PianoRoll
     """The piece, with the fingers that play it; without, where a hand lets go of a note."""
-    positions: FloatArray
-    """(T + 1, n) where the actuators should be before the first control step and after each one,
-    rad, or m for the sliders."""
-    commands: FloatArray
-    """(T, n) what they are told for that, if all goes as planned."""
-    gains: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
-    """For the right and the left hand: (T, n / 2, n / 2), by how much less commands are per unit of
-    positions that are ahead of the plan."""
-    fingertips: FloatArray
-    """(T + 1, 10, 3) where the fingertips then are: centres of their round ends, m."""
+    hands: tuple[HandPlan, HandPlan]
+    """The plans of the right and of the left hand."""
+    arm_line: FloatArray
+    """(T + 1,) line between the arms, m."""
     problems: tuple[Problem, ...]
     """Notes that cannot be played as written, in order of time."""
 
     def __len__(self) -> int:
-        return len(self.commands)
+        return len(self.roll)
+
+    @functools.cached_property
+    def positions(self) -> FloatArray:
+        """(T + 1, n) where the actuators should be before the first control step and after each.
+
+        In rad, or m for the sliders.
+        """
+        return np.concatenate([hand.positions for hand in self.hands], axis=1)
+
+    @functools.cached_property
+    def commands(self) -> FloatArray:
+        """(T, n) what they are told for that, if all goes as planned."""
+        return np.concatenate([hand.commands for hand in self.hands], axis=1)
+
+    @functools.cached_property
+    def fingertips(self) -> FloatArray:
+        """(T + 1, 10, 3) where the fingertips are in each state: centres of their round ends, m."""
+        tips = [hand.task.hand.kinematics.fingertips(hand.positions) for hand in self.hands]
+        return np.concatenate(tips, axis=1)
+
+    @property
+    def gains(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        """(T, n / 2, n / 2) each: the hands' feedback, :attr:`HandPlan.gains`."""
+        right, left = self.hands
+        return right.gains, left.gains
 
 
 def plan(
@@ -64,9 +92,9 @@ def plan(
     ``problems``.
 
     Args:
-        piece: A score, whose notes without fingers get some; or a roll with fingers.
+        piece: A score, which gets the fingers that suit the hands; or a roll with fingers.
         scene: The piano and the hands.
-        settings: The plan's constants.
+        settings: The plan's settings.
         control_timestep: Length of a control step, s; a whole number of physics steps. A roll
             brings its own.
 
@@ -75,37 +103,48 @@ def plan(
     """
     settings = settings or PlanSettings()
     if isinstance(piece, Score):
-        piece = PianoRoll.from_score(finger_score(piece), control_timestep)
+        score = apply_fingering(piece, "robot", control_timestep)
+        piece = PianoRoll.from_score(score, control_timestep)
     _check_fingers(piece)
-    fitted = fit_fingers(piece, KeyPlaces.of(scene), settings)
-    planner = PiecePlanner(fitted.roll, scene, settings)
-    planner.plan()
-    if settings.rehearsals > 0:
-        rehearse(planner, fitted.roll, scene, settings)
-    problems = fingerless(piece)
-    for hand, gone in enumerate(fitted.early_releases):
-        problems += not_held(gone, hand, piece.control_timestep)
-    return _collect(planner, fitted.roll, problems)
+    made = _plan_roll(release_early(piece), scene, settings)
+    return refine(made, scene, settings) if settings.rehearsals > 0 else made
 
 
-def _collect(planner: PiecePlanner, roll: PianoRoll, problems: list[Problem]) -> Plan:
-    right, left = planner.hands
-    told = {(problem.pitch, problem.time) for problem in problems}
-    of_hands = [*right.problems(), *left.problems()]
-    problems += [one for one in of_hands if (one.pitch, one.time) not in told]
-    return Plan(
-        roll=roll,
-        positions=np.concatenate([right.positions, left.positions], axis=1),
-        commands=np.concatenate([right.commands, left.commands], axis=1),
-        gains=(right.gains, left.gains),
-        fingertips=np.concatenate([right.fingertips(), left.fingertips()], axis=1),
-        problems=tuple(sorted(problems, key=lambda problem: problem.time)),
-    )
+def _plan_roll(roll: PianoRoll, scene: PianoScene, settings: PlanSettings) -> Plan:
+    keys, n_states = KeyPlaces.of(scene), len(roll) + 1
+    n_substeps = round(roll.control_timestep / scene.model.opt.timestep)
+    tasks, places, busy = [], [], []
+    for side in (0, 1):
+        hand = Hand.of(scene, side, keys, n_substeps)
+        sign = hand.kinematics.sign
+        presses = time_presses(presses_of_hand(roll, side), sign)
+        task = HandTask.of(hand, presses, n_states, settings)
+        place, plays = wanted_places(task.frames, sign, hand.kinematics.middle)
+        tasks.append(task)
+        places.append(place)
+        busy.append(plays)
+    line = dividing_line(places, busy, settings.arms_apart)
+    hands, line = plan_hands(tasks, places, line, settings, roll.control_timestep)
+    return Plan(roll=roll, hands=hands, arm_line=line, problems=problems_of(roll, hands, scene))
 
 
 def _check_fingers(roll: PianoRoll) -> None:
     if roll.active.any() and (roll.finger[roll.active] == UNKNOWN_FINGER).all():
         raise ScoreError(
             "No note of the roll has a finger: expected fingers to plan with. Plan the score "
-            "itself, or give it fingers with sb3_piano.music.fingering.finger_score."
+            "itself, or give it fingers with sb3_piano.music.fingering.apply_fingering."
         )
+
+
+def refine(plan: Plan, scene: PianoScene, settings: PlanSettings) -> Plan:
+    """Improve a plan by playing it in a simulation of its own.
+
+    The same plan and settings give the same result.
+
+    Args:
+        plan: The plan.
+        scene: Where it is played.
+        settings: Its settings; :attr:`PlanSettings.rehearsals` rounds of refinement are made.
+    """
+    hands = refine_hands(plan.hands, plan.arm_line, plan.roll, scene, settings)
+    return replace(plan, hands=hands, problems=problems_of(plan.roll, hands, scene))

@@ -1,49 +1,99 @@
-"""Presses: keys with the fingers that hold them, from state to state."""
+"""Presses of a hand as they are planned: shortened where it has to leap."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import bisect
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-import numpy as np
-
-from sb3_piano.music import PianoRoll
-from sb3_piano.music.hands import FINGERS_PER_HAND
+from sb3_piano.music.fingering.robot import LEAP_REST, hand_place, is_leap, lost_to_leap
+from sb3_piano.music.presses import Press
 
 
 @dataclass(frozen=True)
-class Press:
-    """A key held by a finger.
+class PressAdjustment:
+    """Deviation of a press from the settings, found by refinement."""
 
-    Control step t leads from state t to state t + 1, and what sounds in state t + 1 is compared
-    with the goal of step t: the key must be down in the states ``first`` to ``last``.
-    """
+    ready: float = 0.0
+    """Added to the depth in the state before the key is down."""
+    firmness: float = 1.0
+    """Times the force on the key."""
+    along: float = 0.0
+    """Farther from the hinge by so much, m."""
+    across: float = 0.0
+    """Farther to the right by so much, m."""
 
-    key: int
-    """0 to 87."""
-    finger: int
-    """0 (thumb) to 4 (little finger) of the hand."""
+
+@dataclass(frozen=True)
+class TimedPress:
+    """A press as it is planned."""
+
+    press: Press
+    """The press of the score."""
     first: int
-    """First state in which the key is down, 1 or more."""
+    """First state in which the key is to be down."""
     last: int
-    """Last one, ``first`` or more."""
+    """Last one."""
+    leaps: bool = False
+    """Whether the hand leaves for another place after it."""
+    leapt: bool = False
+    """Whether it came from another place."""
+    repeated: bool = False
+    """Whether the same finger strikes the same key again right after it."""
+    adjustment: PressAdjustment = PressAdjustment()
+    """Its deviation from the settings."""
 
 
-def presses_of_hand(roll: PianoRoll, hand: int) -> list[Press]:
-    """Return what a hand has to play, in order of time, then key.
+def time_presses(presses: Sequence[Press], sign: int) -> tuple[TimedPress, ...]:
+    """Return the presses of a hand, shortened around its leaps.
+
+    A finger that is pressed down stands in the gap between the neighbouring keys: it has to come
+    up before it can move sideways, and the next one has to arrive before it can go down. Half of
+    the time for that is taken from the beginning of the later note, the rest from the end of the
+    earlier one.
 
     Args:
-        roll: The piece, with fingers.
-        hand: 0 for the right hand, 1 for the left one.
+        presses: What the hand plays, in order of time.
+        sign: 1 for the right hand, -1 for the left one.
     """
-    presses = []
-    for key in np.flatnonzero((roll.finger // FINGERS_PER_HAND == hand).any(axis=0)).tolist():
-        # A note that outlasts another one on its key sounds on with its own label: a new press.
-        finger = np.where(roll.active[:, key], roll.finger[:, key], -1)
-        changes = np.flatnonzero((np.diff(finger) != 0) | roll.onset[1:, key]) + 1
-        starts = np.concatenate([[0], changes]).tolist()
-        ends = np.concatenate([changes, [len(finger)]]).tolist()
-        for start, end in zip(starts, ends, strict=True):
-            label = int(finger[start])
-            if label >= 0 and label // FINGERS_PER_HAND == hand:
-                presses.append(Press(key, label % FINGERS_PER_HAND, start + 1, end))
-    return sorted(presses, key=lambda press: (press.first, press.key))
+    timed = [TimedPress(press, press.first, press.last) for press in presses]
+    places = [hand_place(press.key, press.finger, sign) for press in presses]
+    for later, earlier in _neighbours(presses):
+        before, after = presses[earlier], presses[later]
+        distance = abs(places[earlier] - places[later])
+        rest = after.first - before.last - 1
+        same_finger = before.finger == after.finger
+        if same_finger and before.key == after.key:
+            timed[earlier] = replace(timed[earlier], repeated=rest <= 1)
+        elif is_leap(distance, same_finger):
+            late, early = lost_to_leap(distance, rest)
+            first, last = timed[later].first, timed[earlier].last
+            if late > 0:
+                first = max(first, min(after.first + late, after.last))
+                last = min(last, max(before.last - early, before.first))
+            timed[later] = replace(timed[later], leapt=True, first=first)
+            timed[earlier] = replace(timed[earlier], leaps=True, last=last)
+    # A very short note keeps one state.
+    return tuple(
+        replace(one, first=min(one.first, one.last), last=max(one.first, one.last)) for one in timed
+    )
+
+
+def _neighbours(presses: Sequence[Press]) -> list[tuple[int, int]]:
+    """Return pairs (later, earlier) of notes between whose sounding the hand strikes no other."""
+    onsets = sorted({press.first for press in presses})
+    pairs = []
+    recent: list[int] = []
+    for later, press in enumerate(presses):
+        recent = [i for i in recent if press.first - presses[i].last - 1 <= LEAP_REST]
+        for earlier in recent:
+            before = presses[earlier]
+            if before.last < press.first and not _any_between(onsets, before.last, press.first):
+                pairs.append((later, earlier))
+        recent.append(later)
+    return pairs
+
+
+def _any_between(onsets: list[int], low: int, high: int) -> bool:
+    """Return whether a note begins after ``low`` and before ``high``."""
+    return bisect.bisect_right(onsets, low) < bisect.bisect_left(onsets, high)

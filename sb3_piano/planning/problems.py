@@ -7,17 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from sb3_piano.music import MIN_PITCH, PianoRoll
-from sb3_piano.music.constants import FINGER_NAMES, UNKNOWN_FINGER
-from sb3_piano.music.hands import FINGERS_PER_HAND
+from sb3_piano.music.constants import FINGER_NAMES, FINGERS_PER_HAND, UNKNOWN_FINGER
 from sb3_piano.music.pitch import pitch_name
-from sb3_piano.planning.grips import EarlyRelease
-from sb3_piano.planning.key_frames import KeyFrames
-from sb3_piano.planning.leaps import TimedPress
-
-FloatArray = npt.NDArray[np.float64]
+from sb3_piano.planning.hand_plan import HandPlan
+from sb3_piano.simulation import PianoScene
 
 # From how far off on a note counts as out of reach: a white key is 23.5 mm wide, a fingertip 13 mm.
 _TOLERANCE = 0.006
@@ -44,88 +39,71 @@ class Problem:
         return f"{note}{who}: {self.reason}"
 
 
-def unreached(
-    timed: Sequence[TimedPress],
-    hand: int,
-    frames: KeyFrames,
-    fingertips: FloatArray,
-    control_timestep: float,
-) -> list[Problem]:
-    """Return the notes whose keys the planned fingertips do not reach.
+def problems_of(
+    roll: PianoRoll, hands: Sequence[HandPlan], scene: PianoScene
+) -> tuple[Problem, ...]:
+    """Return the notes that are not played as written, in order of time, one problem for each.
 
     Args:
-        timed: The hand's presses.
-        hand: 0 for the right hand, 1 for the left one.
-        frames: What was asked, of s states.
-        fingertips: (s, 5, 3) where the fingertips are planned to be, m.
-        control_timestep: Length of a control step, s.
+        roll: The piece, with the fingers that play it.
+        hands: The plans of the right and of the left hand.
+        scene: Where it is played.
     """
-    problems = []
-    for one in timed:
-        press = one.press
-        states = slice(one.first, one.last + 1)
-        off = fingertips[states, press.finger, 1:] - frames.target[states, press.finger, 1:]
+    found = [*_fingerless(roll), *_released(roll)]
+    told = {(problem.pitch, problem.time) for problem in found}
+    of_hands = [
+        problem
+        for side, plan in enumerate(hands)
+        for problem in _unplayed(plan, side, roll.control_timestep, scene.moving_keys)
+    ]
+    found += [one for one in of_hands if (one.pitch, one.time) not in told]
+    return tuple(sorted(found, key=lambda problem: problem.time))
+
+
+def _fingerless(roll: PianoRoll) -> list[Problem]:
+    """Return the notes that have no finger: more sound at once than a hand can hold."""
+    left_out = {(one.release, one.key) for one in roll.early_releases}
+    return [
+        _problem(roll.control_timestep, key, step, UNKNOWN_FINGER, "no finger is left for it")
+        for step, key in np.argwhere(roll.onset & (roll.finger == UNKNOWN_FINGER)).tolist()
+        if (step, key) not in left_out
+    ]
+
+
+def _released(roll: PianoRoll) -> list[Problem]:
+    """Return the notes that are let go before their end, or not struck."""
+    timestep, problems = roll.control_timestep, []
+    for one in roll.early_releases:
+        instead = pitch_name(MIN_PITCH + one.for_key)
+        reason = f"let go early by {(one.offset - one.release) * timestep:.2f} s for {instead}"
+        if one.release <= one.onset:
+            reason = f"left out by the hand, which plays {instead}"
+        problems.append(_problem(timestep, one.key, one.onset, one.finger, reason))
+    return problems
+
+
+def _unplayed(plan: HandPlan, side: int, timestep: float, moving: slice) -> list[Problem]:
+    """Return the notes of a hand whose keys are rigid, then those that its fingers do not reach."""
+    rigid, unreached = [], []
+    frames = plan.task.frames
+    tips = plan.task.hand.kinematics.fingertips(plan.weightless)
+    for one in plan.task.presses:
+        press, states = one.press, slice(one.first, one.last + 1)
+        note = press.key, press.first - 1, side * FINGERS_PER_HAND + press.finger
+        if not moving.start <= press.key < moving.stop:
+            rigid.append(_problem(timestep, *note, "its key is rigid in this scene"))
+        off = tips[states, press.finger, 1:] - frames.target[states, press.finger, 1:]
         error = float(np.abs(off).max(initial=0.0))
         if error > _TOLERANCE:
-            problems.append(
-                Problem(
-                    pitch=MIN_PITCH + press.key,
-                    time=(press.first - 1) * control_timestep,
-                    finger=hand * FINGERS_PER_HAND + press.finger,
-                    reason=f"out of reach by {1000 * error:.0f} mm",
-                    error=error,
-                )
-            )
-    return problems
+            reason = f"out of reach by {1000 * error:.0f} mm"
+            unreached.append(_problem(timestep, *note, reason, error))
+    return rigid + unreached
 
 
-def not_held(gone: Sequence[EarlyRelease], hand: int, control_timestep: float) -> list[Problem]:
-    """Return the notes that are let go before their end, or not struck."""
-    problems = []
-    for one in gone:
-        press, instead = one.press, pitch_name(MIN_PITCH + one.for_key)
-        early = (press.last - one.last) * control_timestep
-        reason = f"let go early by {early:.2f} s for {instead}"
-        if one.last < press.first:
-            reason = f"left out by the hand, which plays {instead}"
-        problems.append(
-            Problem(
-                pitch=MIN_PITCH + press.key,
-                time=(press.first - 1) * control_timestep,
-                finger=hand * FINGERS_PER_HAND + press.finger,
-                reason=reason,
-            )
-        )
-    return problems
-
-
-def fingerless(roll: PianoRoll) -> list[Problem]:
-    """Return the notes that have no finger: more sound at once than a hand can hold."""
-    return [
-        Problem(
-            pitch=MIN_PITCH + int(key),
-            time=int(step) * roll.control_timestep,
-            finger=UNKNOWN_FINGER,
-            reason="no finger is left for it",
-        )
-        for step, key in np.argwhere(roll.onset & (roll.finger == UNKNOWN_FINGER))
-    ]
-
-
-def unmovable(
-    timed: Sequence[TimedPress], hand: int, moving: slice, control_timestep: float
-) -> list[Problem]:
-    """Return the notes whose keys are rigid in the scene."""
-    return [
-        Problem(
-            pitch=MIN_PITCH + one.press.key,
-            time=(one.press.first - 1) * control_timestep,
-            finger=hand * FINGERS_PER_HAND + one.press.finger,
-            reason="its key is rigid in this scene",
-        )
-        for one in timed
-        if not moving.start <= one.press.key < moving.stop
-    ]
+def _problem(
+    timestep: float, key: int, step: int, finger: int, reason: str, error: float = 0.0
+) -> Problem:
+    return Problem(MIN_PITCH + key, step * timestep, finger, reason, error)
 
 
 def summary(problems: Sequence[Problem], shown: int = 5) -> str:

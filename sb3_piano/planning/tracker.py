@@ -73,20 +73,3 @@ def corrected(
     right, left = gains
     change = np.concatenate([ahead[..., :half] @ right.T, ahead[..., half:] @ left.T], axis=-1)
     return np.asarray(commands - feedback * change)
-
-
-def hands_of_action(scene: PianoScene, commands: FloatArray) -> npt.NDArray[np.float32]:
-    """Return commands as the part of an action that moves the hands, (n,) in [-1, 1]."""
-    middle = (scene.ctrl_high + scene.ctrl_low) / 2
-    hands = (commands - middle) / ((scene.ctrl_high - scene.ctrl_low) / 2)
-    return np.asarray(hands, dtype=np.float32)
-
-
-def observed_positions(scene: PianoScene, joints: npt.NDArray[np.float32]) -> FloatArray:
-    """Return where the actuators are, (n,) rad or m.
-
-    Args:
-        scene: The scene.
-        joints: Both hands' joint positions as they are observed, in single precision.
-    """
-    return np.asarray(scene.actuator_of_joint @ joints)

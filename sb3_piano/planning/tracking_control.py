@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.planning.dynamics import HandDynamics
 from sb3_piano.planning.hand_cost import HandCost
-from sb3_piano.planning.settings import PlanSettings
+from sb3_piano.planning.kinematics import HandKinematics
+from sb3_piano.simulation import PianoScene
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -25,7 +26,87 @@ FloatArray = npt.NDArray[np.float64]
 _FAITH, _FAITH_ARM = 0.01, 1.0
 _SPEED, _SPEED_ARM = 1e-4, 1e-2
 _OUTSIDE, _OUTSIDE_ARM = 0.1, 10.0
+_EFFORT, _EFFORT_ARM = 1e-4, 1e-2  # of a command that differs from the planned position
 _STEPS = (1.0, 0.5, 0.25, 0.1)
+
+
+@dataclass(frozen=True, eq=False)
+class HandDynamics:
+    """``x' = A x + B u + E w`` over a control step.
+
+    x are the positions and velocities of the hand's n actuators, u their commands, w generalised
+    forces on them.
+    """
+
+    transition: FloatArray
+    """A, (2 n, 2 n)."""
+    control: FloatArray
+    """B, (2 n, n)."""
+    force: FloatArray
+    """E, (2 n, n)."""
+    weight: FloatArray
+    """(n,) the constant force of the hand's weight; 0 where it is compensated."""
+
+    @classmethod
+    def of(
+        cls,
+        scene: PianoScene,
+        kinematics: HandKinematics,
+        posture: FloatArray,
+        n_substeps: int,
+    ) -> HandDynamics:
+        """Linearise a hand around a posture.
+
+        The simulator's step is repeated as it is: semi-implicit Euler with implicit damping.
+        Friction of joints and all contacts are left out.
+
+        Args:
+            scene: The scene that the hand is in.
+            kinematics: The hand.
+            posture: (n,) actuator positions.
+            n_substeps: Physics steps in a control step.
+        """
+        model = scene.model
+        data = mujoco.MjData(model)
+        coupling = kinematics.joint_of_actuator
+        data.qpos[model.jnt_qposadr[kinematics.joint_ids]] = coupling @ posture
+        mujoco.mj_forward(model, data)
+        dofs = model.jnt_dofadr[kinematics.joint_ids]
+        full = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, full)
+        inertia = coupling.T @ full[np.ix_(dofs, dofs)] @ coupling
+        damping = coupling.T @ (model.dof_damping[dofs, None] * coupling)
+        stiffness = np.diag(model.actuator_gainprm[kinematics.actuators, 0])
+        transition, force = _discretise(inertia, damping, stiffness, model.opt.timestep, n_substeps)
+        weight = coupling.T @ (data.qfrc_gravcomp - data.qfrc_bias)[dofs]
+        return cls(transition, force @ stiffness, force, weight)
+
+
+def _discretise(
+    inertia: FloatArray,
+    damping: FloatArray,
+    stiffness: FloatArray,
+    timestep: float,
+    n_substeps: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Return A and E over some physics steps during which the force is constant."""
+    size = len(inertia)
+    inverse = np.linalg.inv(inertia + timestep * damping)
+    by_velocity = inverse @ inertia
+    by_position = -timestep * inverse @ stiffness
+    by_force = timestep * inverse
+    step = np.block(
+        [
+            [np.eye(size) + timestep * by_position, timestep * by_velocity],
+            [by_position, by_velocity],
+        ]
+    )
+    push = np.concatenate([timestep * by_force, by_force])
+    transition, force = np.eye(2 * size), np.zeros((2 * size, size))
+    for _ in range(n_substeps):
+        force = step @ force + push
+        transition = step @ transition
+    return transition, force
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +130,7 @@ class TrackingControl:
         plan: (t, n) positions that were planned without inertia.
         forces: (t, n) generalised forces of keys that are held.
         start: (2 n,) positions and velocities before the stretch.
-        settings: The plan's constants.
+        iterations: How many models of the costs are solved.
     """
 
     def __init__(
@@ -59,7 +140,7 @@ class TrackingControl:
         plan: FloatArray,
         forces: FloatArray,
         start: FloatArray,
-        settings: PlanSettings,
+        iterations: int,
     ):
         self._cost, self._dynamics, self._plan, self._start = cost, dynamics, plan, start
         self._drift = (forces + dynamics.weight) @ dynamics.force.T  # (t, 2 n)
@@ -67,10 +148,10 @@ class TrackingControl:
         arm = np.array([name.startswith("forearm") for name in cost.kinematics.names])
         self._faith = np.where(arm, _FAITH_ARM, _FAITH)
         self._speed = np.where(arm, _SPEED_ARM, _SPEED)
-        self._effort = np.where(arm, settings.effort_arm, settings.effort)
+        self._effort = np.where(arm, _EFFORT_ARM, _EFFORT)
         self._hard = np.where(arm, _OUTSIDE_ARM, _OUTSIDE)
         self._size = size
-        self._iterations = settings.dynamic_iterations
+        self._iterations = iterations
 
     def solve(self) -> HandControl:
         """Return the best motion that was found."""

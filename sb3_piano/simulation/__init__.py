@@ -1,9 +1,17 @@
 """The simulated piano and its two Shadow hands."""
 
+from sb3_piano.music.constants import KEY_IS_BLACK
 from sb3_piano.simulation.gl import find_gl_backend
-from sb3_piano.simulation.keyboard import KEY_COLORS, KEY_IS_BLACK, pedal_threshold
+from sb3_piano.simulation.keyboard import KEY_COLORS, pedal_threshold
 from sb3_piano.simulation.physics import PHYSICS_PROFILES, PhysicsProfile, Solver, physics_profile
-from sb3_piano.simulation.scene import SIDES, PianoScene, compile_scene, scene_parts
+from sb3_piano.simulation.scene import (
+    SIDES,
+    TIP_TRAVEL,
+    WRIST_UNIT,
+    PianoScene,
+    compile_scene,
+    scene_parts,
+)
 from sb3_piano.simulation.simulation import Simulation
 
 __all__ = [
@@ -11,6 +19,8 @@ __all__ = [
     "KEY_IS_BLACK",
     "PHYSICS_PROFILES",
     "SIDES",
+    "TIP_TRAVEL",
+    "WRIST_UNIT",
     "PhysicsProfile",
     "PianoScene",
     "Simulation",

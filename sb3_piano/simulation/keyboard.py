@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import mujoco
-import numpy as np
 
 from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.simulation.tables import load_table
@@ -21,10 +20,6 @@ _BALANCED_LOWER_LIMIT = -0.1
 
 # MuJoCo's default, m/s^2.
 _GRAVITY = 9.81
-
-KEY_IS_BLACK = np.array([key["color"] == "black" for key in load_table("keyboard")["keys"]])
-"""(88,) bool, which keys are black."""
-
 
 ALL_KEYS_MOVE = (0, NUM_KEYS - 1)
 """The lowest and the highest key that move, where none is rigid."""

@@ -26,6 +26,13 @@ IntArray = npt.NDArray[np.intp]
 
 SIDES = ("right", "left")
 
+TIP_TRAVEL = 0.06
+"""Way of a fingertip when a finger's joint turns by a rad, about, m, and so what a forearm's slider
+has to move to matter as much."""
+
+WRIST_UNIT = 1 / 3
+"""Angle of a wrist's joint that moves the fingertips about as far, rad."""
+
 # Where a finger should press, seen from the centre of a key's top: RoboPianist moves it by these
 # shares of the half length (away from the hinge) and of the half height (up).
 _PRESS_POINT_X = 0.35
@@ -88,6 +95,34 @@ class PianoScene:
     def ctrl_high(self) -> FloatArray:
         """(nu,) upper ends of the control ranges; rad, or m for the sliders."""
         return np.asarray(self.model.actuator_ctrlrange[:, 1])
+
+    @functools.cached_property
+    def hand_qpos(self) -> IntArray:
+        """(m,) addresses in ``qpos`` of both hands' joints, in the order of ``joint_qpos``."""
+        return np.concatenate(self.joint_qpos)
+
+    @functools.cached_property
+    def actuator_kind(self) -> npt.NDArray[np.str_]:
+        """(nu,) what each actuator moves: ``"finger"``, ``"wrist"`` or ``"forearm"`` (a slider)."""
+        names = [self.model.actuator(index).name for index in range(self.model.nu)]
+        kinds = [
+            "forearm" if "forearm" in n else "wrist" if "WRJ" in n else "finger" for n in names
+        ]
+        return np.array(kinds)
+
+    @property
+    def actuator_unit(self) -> FloatArray:
+        """(nu,) what moves a fingertip about as far as a rad of a finger's joint; rad, or m."""
+        unit = {"finger": 1.0, "wrist": WRIST_UNIT, "forearm": TIP_TRAVEL}
+        return np.array([unit[str(kind)] for kind in self.actuator_kind])
+
+    def actuator_positions(self, joints: npt.NDArray[np.floating]) -> FloatArray:
+        """Return where the actuators are, (nu,) rad or m.
+
+        Args:
+            joints: (m,) positions of both hands' joints, in the order of ``hand_qpos``.
+        """
+        return np.asarray(self.actuator_of_joint @ joints)
 
     @property
     def joint_range(self) -> tuple[FloatArray, FloatArray]:

@@ -1,20 +1,16 @@
 """Training runs: YAML to environments, model and files; resuming and evaluating them."""
 
-from sb3_piano.training.algorithms import ALGORITHMS, PLANNERS
-from sb3_piano.training.cloning import CloneResult, clone
-from sb3_piano.training.compare import MAIN_METRICS, Comparison, compare
-from sb3_piano.training.config import RunConfig
-from sb3_piano.training.evaluate import Evaluation, evaluate
-from sb3_piano.training.evaluations import Evaluations, evaluate_runs
-from sb3_piano.training.play import play_run, play_score
-from sb3_piano.training.playing import SavedPlayer
-from sb3_piano.training.plugins import Plugin
-from sb3_piano.training.report import training_curves, write_report
-from sb3_piano.training.run_folder import RunFolder
-from sb3_piano.training.session import TrainResult
-from sb3_piano.training.share import share
-from sb3_piano.training.train import resume, train
-from sb3_piano.training.yaml_config import entry_config, load_config, load_entry
+from sb3_piano.training.configuration.config import PlannedConfig, Plugin, RunConfig
+from sb3_piano.training.configuration.names import ALGORITHMS, PLANNERS
+from sb3_piano.training.configuration.yaml_files import entry_config, load_config, load_entry
+from sb3_piano.training.evaluation.comparison import MAIN_METRICS, Comparison, compare
+from sb3_piano.training.evaluation.evaluate import Evaluation, Evaluations, evaluate, evaluate_runs
+from sb3_piano.training.evaluation.report import training_curves, write_report
+from sb3_piano.training.playing.player import SavedPlayer, share
+from sb3_piano.training.playing.takes import play_run, play_score
+from sb3_piano.training.runs.clone import CloneResult, clone
+from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.runs.train import TrainResult, resume, train
 from sb3_piano.viewing import Picture, Played
 
 __all__ = [
@@ -26,6 +22,7 @@ __all__ = [
     "Evaluation",
     "Evaluations",
     "Picture",
+    "PlannedConfig",
     "Played",
     "Plugin",
     "RunConfig",

@@ -8,24 +8,23 @@ import platform
 import shutil
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 import numpy as np
 import optuna
+from optuna.trial import BaseTrial
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.exceptions import RunError
 from sb3_piano.training import Plugin, RunConfig, RunFolder, entry_config, evaluate, train
-from sb3_piano.training.import_names import import_name
-from sb3_piano.tuning import attributes
-from sb3_piano.tuning.attributes import result_name
-from sb3_piano.tuning.reporting import AfterEvaluation, TimeLimit
-from sb3_piano.tuning.study_config import METRICS, StudyConfig
-from sb3_piano.tuning.study_folder import StudyFolder
+from sb3_piano.training.configuration.names import import_name
+from sb3_piano.tuning import trials
+from sb3_piano.tuning.entries import with_settings
+from sb3_piano.tuning.study import METRICS, OBJECTIVES, StudyConfig, StudyFolder
 
-
-class TrialInterrupted(KeyboardInterrupt):
-    """Someone stopped the training of a trial, which is to be run again."""
+RESULTS = tuple(f"{objective}_{metric}" for objective in OBJECTIVES for metric in METRICS)
+"""Names of all results of a trial, such as ``best_onset_f1``: means over the seeds."""
 
 
 class Objective:
@@ -44,76 +43,58 @@ class Objective:
     Args:
         config: The study.
         folder: Where its runs are kept.
-        worker: The name by which others know whether this process is alive, if there are any.
-        on_start: Is called when a trial has noted who runs it and what its settings are.
     """
 
-    def __init__(
-        self,
-        config: StudyConfig,
-        folder: StudyFolder,
-        worker: str | None = None,
-        on_start: Callable[[], object] = lambda: None,
-    ):
+    def __init__(self, config: StudyConfig, folder: StudyFolder):
         self.config = config
         self.folder = folder
-        self.worker = worker
-        self.on_start = on_start
 
-    def __call__(self, trial: optuna.Trial) -> float:
+    def __call__(self, trial: BaseTrial) -> float:
         """Run a trial and return its value.
 
         Raises:
             optuna.TrialPruned: If the study's pruner ends it early.
-            TrialInterrupted: If Ctrl-C or SIGTERM ended a training.
+            KeyboardInterrupt: If Ctrl-C or SIGTERM ended a training.
             Exception: Whatever a training or an evaluation raises, with the reason noted.
         """
         started = time.monotonic()
+        note_place(trial, self.folder)
         progress = _Progress(self.config, trial)
         try:
-            if self.worker is not None:
-                trial.set_user_attr(attributes.WORKER, self.worker)
-            trial.set_user_attr(attributes.HOST, platform.node())
-            trial.set_user_attr(attributes.FOLDER, str(self.folder.trial_dir(trial.number)))
-            settings = self.config.space.suggest(trial)
-            self.on_start()
-            entry = self.config.space.apply(self.config.entry, settings)
-            config = _without_evaluations(entry_config(self.config.algo, self.config.env_id, entry))
+            entry = with_settings(self.config.entry, self.config.space.suggest(trial))
+            config = entry_config(self.config.algo, self.config.env_id, entry)
+            callbacks = tuple(plugin for plugin in config.callback if not _evaluates(plugin))
             for seed in self.config.seeds:
-                self._train(dataclasses.replace(config, seed=seed), progress)
-        except TrialInterrupted:
-            trial.set_user_attr(attributes.INTERRUPTED, True)
-            trial.set_user_attr(attributes.FAILURE, "it was interrupted")
-            raise
+                run = dataclasses.replace(config, seed=seed, callback=callbacks)
+                self._train(run, self.folder.trial_dir(trial.number) / f"seed_{seed}", progress)
         except optuna.TrialPruned:
             raise
         except Exception as error:
-            trial.set_user_attr(attributes.FAILURE, reason_of(error))
+            trial.set_user_attr(trials.FAILURE, reason_of(error))
             raise
         finally:
-            progress.note(time.monotonic() - started)
+            trial.set_user_attr(trials.SECONDS, round(time.monotonic() - started, 1))
+            progress.note()
         return progress.value
 
-    def _train(self, config: RunConfig, progress: _Progress) -> None:
+    def _train(self, config: RunConfig, path: Path, progress: _Progress) -> None:
         """Train and judge one model."""
-        assert config.seed is not None, "seeds of a study are numbers"
-        path = self.folder.trial_dir(progress.trial.number) / f"seed_{config.seed}"
         judge = METRICS[self.config.metric](
-            callback_after_eval=AfterEvaluation(lambda: progress.evaluated(judge)),
+            callback_after_eval=_AfterEvaluation(lambda: progress.evaluated(judge)),
             eval_freq=max(1, config.n_timesteps // self.config.n_evaluations // config.n_envs),
             n_eval_episodes=self.config.eval_episodes,
             seed=self.config.eval_seed,
         )
         callbacks: list[BaseCallback] = [judge]
         if self.config.minutes is not None:
-            callbacks.append(TimeLimit(60 * self.config.minutes / len(self.config.seeds)))
+            callbacks.append(_TimeLimit(60 * self.config.minutes / len(self.config.seeds)))
         try:
             result = train(config, path, callbacks=callbacks, progress_bar=False)
         finally:
             # The replay buffer would fill the disk; a trial is not resumed but run again.
             shutil.rmtree(RunFolder(path).checkpoint_dir, ignore_errors=True)
         if result.interrupted:
-            raise TrialInterrupted
+            raise KeyboardInterrupt
         progress.steps += result.num_timesteps
         if progress.pruned:
             raise optuna.TrialPruned
@@ -124,19 +105,22 @@ class Objective:
 class _Progress:
     """What a trial has reached so far."""
 
-    def __init__(self, config: StudyConfig, trial: optuna.Trial):
+    def __init__(self, config: StudyConfig, trial: BaseTrial):
         self.trial = trial
         self.steps = 0
         self.pruned = False
         self._config = config
-        self._name = result_name(config.objective, config.metric)
-        self._length = config.config.n_timesteps
+        self._name = f"{config.objective}_{config.metric}"
         self._results: list[Mapping[str, float]] = []  # of each training that has ended
 
     @property
     def value(self) -> float:
         """The mean over the trainings that have ended."""
-        return float(np.mean([found[self._name] for found in self._results]))
+        return float(np.mean(self._values))
+
+    @property
+    def _values(self) -> list[float]:
+        return [found[self._name] for found in self._results]
 
     def evaluated(self, judge: MetricEvalCallback) -> bool:
         """Report an evaluation during training; return whether the training goes on."""
@@ -144,9 +128,7 @@ class _Progress:
         if number >= self._config.n_evaluations:
             return True  # the finished model is judged in its place
         found = results_of({}, judge)[self._name]
-        values = [*(result[self._name] for result in self._results), found]
-        interval = self._length // self._config.n_evaluations
-        self._report(float(np.mean(values)), number * interval)
+        self._report(float(np.mean([*self._values, found])), number * self._config.interval)
         return not self.pruned
 
     def trained(self, last: Mapping[str, float], judge: MetricEvalCallback) -> None:
@@ -166,23 +148,53 @@ class _Progress:
 
     def _report(self, value: float, steps: int) -> None:
         """Report a value after some steps of the present training; see if that is the end."""
-        self.trial.report(value, len(self._results) * self._length + steps)
+        before = len(self._results) * self._config.config.n_timesteps
+        self.trial.report(value, before + steps)
         self.pruned = self.trial.should_prune()
 
-    def note(self, seconds: float) -> None:
+    def note(self) -> None:
         """Note with the trial what it has reached."""
-        noted = {attributes.STEPS: self.steps, attributes.SECONDS: round(seconds, 1)}
-        values = [found[self._name] for found in self._results]
-        results = {
-            name: float(np.mean([found[name] for found in self._results]))
-            for name in (self._results[0] if self._results else ())
-        }
-        for name, value in {**noted, attributes.VALUES: values, **results}.items():
-            self.trial.set_user_attr(name, value)
+        self.trial.set_user_attr(trials.STEPS, self.steps)
+        self.trial.set_user_attr(trials.VALUES, self._values)
+        for name in RESULTS if self._results else ():
+            mean = float(np.mean([found[name] for found in self._results]))
+            self.trial.set_user_attr(name, mean)
+
+
+class _AfterEvaluation(BaseCallback):
+    """Calls a function after each evaluation, and ends the training if that returns ``False``."""
+
+    def __init__(self, goes_on: Callable[[], bool]) -> None:
+        super().__init__()
+        self._goes_on = goes_on
+
+    def _on_step(self) -> bool:
+        return self._goes_on()
+
+
+class _TimeLimit(BaseCallback):
+    """Ends the training after some seconds."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__()
+        self._seconds = seconds
+        self._end = math.inf
+
+    def _on_training_start(self) -> None:
+        self._end = time.monotonic() + self._seconds
+
+    def _on_step(self) -> bool:
+        return time.monotonic() < self._end
+
+
+def note_place(trial: BaseTrial, folder: StudyFolder) -> None:
+    """Note with a trial where it is run."""
+    trial.set_user_attr(trials.HOST, platform.node())
+    trial.set_user_attr(trials.FOLDER, str(folder.trial_dir(trial.number)))
 
 
 def results_of(last: Mapping[str, float], judge: MetricEvalCallback) -> dict[str, float]:
-    """Return final and best value of each metric of a training, by :func:`result_name`.
+    """Return final and best value of each metric of a training, by the names of :data:`RESULTS`.
 
     Args:
         last: Metrics of the model at its end; empty for those of the last evaluation.
@@ -195,15 +207,9 @@ def results_of(last: Mapping[str, float], judge: MetricEvalCallback) -> dict[str
             for episodes in judge.evaluations_metrics
         ]
         values += [last[metric]] if metric in last else []
-        results[result_name("final", metric)] = values[-1]
-        results[result_name("best", metric)] = max(values)
+        results[f"final_{metric}"] = values[-1]
+        results[f"best_{metric}"] = max(values)
     return results
-
-
-def _without_evaluations(config: RunConfig) -> RunConfig:
-    return dataclasses.replace(
-        config, callback=tuple(plugin for plugin in config.callback if not _evaluates(plugin))
-    )
 
 
 def _evaluates(plugin: Plugin) -> bool:

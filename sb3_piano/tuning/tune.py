@@ -3,32 +3,43 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import os
+import platform
+import zlib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import optuna
 from optuna.exceptions import StorageInternalError
 from optuna.trial import FrozenTrial, TrialState
+from rich.console import Console
+from rich.progress import Progress
 
-from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.tuning.attributes import FAILURE, counting
-from sb3_piano.tuning.outcome.best import best_trial, preset_trial, write_best
-from sb3_piano.tuning.outcome.report import write_report
-from sb3_piano.tuning.outcome.table import write_table
-from sb3_piano.tuning.progress import progress_bar as progress_bar_of
-from sb3_piano.tuning.samplers import Search
-from sb3_piano.tuning.store.database import why_refused
-from sb3_piano.tuning.store.storage import open_study
-from sb3_piano.tuning.study_config import StudyConfig
-from sb3_piano.tuning.study_folder import StudyFolder
-from sb3_piano.tuning.supervisor import supervise
-from sb3_piano.tuning.worker import Job
+from sb3_piano.exceptions import RunError
+from sb3_piano.locks import LOCK_SUFFIX, hold
+from sb3_piano.settings import Count, checked
+from sb3_piano.tuning.best import write_best
+from sb3_piano.tuning.report import write_report, write_table
+from sb3_piano.tuning.search import Search, make_sampler
+from sb3_piano.tuning.space import check_space
+from sb3_piano.tuning.storage import mend_journal, open_storage, open_study, why_refused
+from sb3_piano.tuning.study import StudyConfig, StudyFolder
+from sb3_piano.tuning.team import Heart, Team
+from sb3_piano.tuning.trials import (
+    best_trial,
+    counting,
+    failure_of,
+    preset_trial,
+    summary,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TuneResult:
-    """How a study stands."""
+    """The state of a study."""
 
     folder: StudyFolder
     """Where everything is."""
@@ -46,8 +57,7 @@ class TuneResult:
     @property
     def failures(self) -> set[str]:
         """Why trials failed."""
-        failed = (trial for trial in self.trials if trial.state is TrialState.FAIL)
-        return {trial.user_attrs.get(FAILURE, "unknown") for trial in failed}
+        return {reason for reason in map(failure_of, self.trials) if reason is not None}
 
 
 def tune(
@@ -84,47 +94,62 @@ def tune(
 
     Raises:
         ConfigError: If a setting is unknown or out of range, or the study exists with others.
-        RunError: If folder or store cannot be used, or workers die again and again.
+        RunError: If folder or store cannot be used, another process runs the study in this folder,
+            or workers die again and again.
     """
-    for what, value in (("n_trials", n_trials), ("workers", workers)):
-        if value < 1:
-            raise ConfigError(f"{what} is {value}: expected 1 or more.")
+    checked("n_trials", n_trials, Count)
+    checked("workers", workers, Count)
     place = StudyFolder(Path(folder))
-    config.space.check(config.algo, config.env_id, config.entry)
-    _make(place)
+    check_space(config.space, config.algo, config.env_id, config.entry)
     name = place.path.resolve().name if name is None else name
-    study = open_study(config, place, name=name, url=storage, search=search)
-    _check_runs(study, place)
-    job = Job(
-        name=name,
-        config=config,
-        folder=place,
-        n_trials=n_trials,
-        storage=storage,
-        search=search,
-    )
-    label = f"{config.objective} {config.metric}"
-    bar = progress_bar_of(n_trials, label) if progress_bar else contextlib.nullcontext()
-    try:
-        with bar as on_progress:
-            options = {} if on_progress is None else {"on_progress": on_progress}
-            interrupted = supervise(study, job, workers, **options)
-        return _finished(study, config, place, interrupted)
-    except StorageInternalError as error:
-        raise RunError(
-            f"The database of study {name!r} cannot be used any more: {why_refused(error)}. What "
-            "is in it stays: when it is back, the same command goes on."
-        ) from error
+    with _owned(place, embedded=storage is None):
+        store = open_storage(storage, place)
+        study = open_study(config, store, name=name, search=search)
+        seed = sampler_seed(study, search, embedded=storage is None)
+        study.sampler = make_sampler(dataclasses.replace(search, seed=seed))
+        _check_runs(study, place)
+        label = f"{config.objective} {config.metric}"
+        try:
+            with _progress_bar(n_trials, label, shown=progress_bar) as on_progress:
+                heart = None if storage is None else Heart(study, store)
+                team = Team(study, config, place, heart=heart, n_trials=n_trials, n_workers=workers)
+                interrupted = team.run(on_progress)
+            return _finished(study, config, place, interrupted)
+        except StorageInternalError as error:
+            raise RunError(
+                f"The database of study {name!r} cannot be used any more: {why_refused(error)}. "
+                "What is in it stays: when it is back, the same command goes on."
+            ) from error
 
 
-def _make(folder: StudyFolder) -> None:
-    try:
-        folder.workers_dir.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RunError(
-            f"Folder '{folder.path}' cannot be made: {error.strerror}. Expected a place in which "
-            "files can be made."
-        ) from error
+@contextlib.contextmanager
+def _owned(folder: StudyFolder, *, embedded: bool) -> Iterator[None]:
+    """Keep other processes from running the study in this folder; all may read it meanwhile.
+
+    A folder with a journal has one owner. Machines that share a disk and work on one study in a
+    database may also share the study's folder, as no trial is on two of them.
+    """
+
+    def busy(owner: str) -> RunError:
+        return RunError(
+            f"Study '{folder.path}' is being run by {owner}: expected one command in a folder. For "
+            "more processes give that one more --workers, once it has ended or was stopped."
+        )
+
+    name = "study" if embedded else platform.node()
+    with hold(folder.workers_dir / f"{name}{LOCK_SUFFIX}", busy):
+        if embedded:
+            mend_journal(folder)
+        yield
+
+
+def sampler_seed(study: optuna.Study, search: Search, *, embedded: bool) -> int | None:
+    """Return the seed of the sampler: another one on each machine, and each time it goes on."""
+    if search.seed is None:
+        return None
+    machine = 0 if embedded else zlib.crc32(platform.node().encode())
+    entropy = (search.seed, machine, len(study.get_trials(deepcopy=False)))
+    return int(np.random.SeedSequence(entropy).generate_state(1)[0])
 
 
 def _check_runs(study: optuna.Study, folder: StudyFolder) -> None:
@@ -151,3 +176,18 @@ def _finished(
         trials=tuple(counting(study)),
         interrupted=interrupted,
     )
+
+
+@contextlib.contextmanager
+def _progress_bar(
+    n_trials: int, label: str, *, shown: bool
+) -> Iterator[Callable[[Sequence[FrozenTrial]], object]]:
+    """Give a function that shows how many trials are finished on standard error, if at all."""
+    with Progress(console=Console(stderr=True), disable=not shown) as progress:
+        task = progress.add_task("trials", total=n_trials)
+
+        def show(trials: Sequence[FrozenTrial]) -> None:
+            finished = sum(trial.state.is_finished() for trial in trials)
+            progress.update(task, completed=finished, description=summary(trials, label))
+
+        yield show

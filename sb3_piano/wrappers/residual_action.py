@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any, SupportsFloat
 
@@ -16,15 +15,11 @@ from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning import PlanSettings, Tracker, Trackers
 from sb3_piano.planning.pianist import action_of
-from sb3_piano.settings import Count, Positive, checked, refuse_unknown
-from sb3_piano.simulation import PianoScene
+from sb3_piano.settings import Count, Positive, checked
+from sb3_piano.simulation import TIP_TRAVEL, WRIST_UNIT
 from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, piano_of
 
 FloatArray = npt.NDArray[np.float64]
-
-# What moves a fingertip about as far as a rad of a finger's joint does, which is some 6 cm.
-_WRIST = 1 / 3  # rad
-_SLIDER = 0.06  # m
 
 # Units and bounds of the plan that is shown: a finger that strikes turns its joint by about one
 # unit in a control step.
@@ -84,10 +79,9 @@ class ResidualAction(LayoutWrapper, gym.utils.RecordConstructorArgs):
         self._lookahead = checked("lookahead", lookahead, Count)
         self._trackers = Trackers(_settings(settings))
         self._planned: tuple[PianoRoll, Tracker] | None = None
-        scene = self._piano.scene
-        self._units = _units(scene)
-        half_range = (scene.ctrl_high - scene.ctrl_low) / 2
-        self._reach = (self._scale * self._units / half_range).astype(np.float32)
+        self._units = self._piano.scene.actuator_unit
+        reach = self._piano.action_map.change(self._scale * self._units)
+        self._reach = reach.astype(np.float32)
         shape = (self._lookahead, len(self._units))
         super().__init__(env, ObservationLayout([*layout.values(), _block(shape)]))
         self.action_space = gym.spaces.Box(-1.0, 1.0, shape[1:], dtype=np.float32)
@@ -140,8 +134,8 @@ class ResidualAction(LayoutWrapper, gym.utils.RecordConstructorArgs):
     def _positions(self) -> FloatArray:
         """Return where the actuators are, (n,) rad or m, as exactly as an observation tells it."""
         scene = self._piano.scene
-        joints = self._piano.data.qpos[np.concatenate(scene.joint_qpos)]
-        return np.asarray(scene.actuator_of_joint @ joints.astype(np.float32))
+        joints = self._piano.data.qpos[scene.hand_qpos]
+        return scene.actuator_positions(joints.astype(np.float32))
 
 
 def _check_actions(env: gym.Env[Any, Any]) -> None:
@@ -162,28 +156,15 @@ def _check_actions(env: gym.Env[Any, Any]) -> None:
 def _settings(given: Any) -> PlanSettings:
     if given is None:
         return PlanSettings()
-    checked("settings", given, Mapping)
-    known = [field.name for field in dataclasses.fields(PlanSettings)]
-    refuse_unknown(given, known, "name", "settings")
-    # YAML has lists only.
-    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in given.items()}
-    return PlanSettings(**values)
-
-
-def _units(scene: PianoScene) -> FloatArray:
-    """Return what moves a fingertip about as far as a rad of a finger's joint, (n,) rad or m."""
-    names = [scene.model.actuator(index).name for index in range(scene.model.nu)]
-    wrist = ["_WRJ" in name for name in names]
-    slider = ["forearm_t" in name for name in names]
-    return np.select([wrist, slider], [_WRIST, _SLIDER], 1.0)
+    return PlanSettings(**checked("settings", given, Mapping))
 
 
 def _block(shape: tuple[int, int]) -> ObservationBlock:
     return ObservationBlock(
         name="plan",
         shape=shape,
-        unit=f"{_SHOWN_UNIT} rad, {_SHOWN_UNIT * _WRIST:.3f} rad (wrists), "
-        f"{_SHOWN_UNIT * _SLIDER:.3f} m (sliders)",
+        unit=f"{_SHOWN_UNIT} rad, {_SHOWN_UNIT * WRIST_UNIT:.3f} rad (wrists), "
+        f"{_SHOWN_UNIT * TIP_TRAVEL:.3f} m (sliders)",
         meaning="for each of the next control steps, where the planned pianist wants the actuators "
         f"after it, less where they are now, cut at {_SHOWN_MOST:g}",
         low=-_SHOWN_MOST,

@@ -11,7 +11,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training import RunFolder, resume, train
-from sb3_piano.training.yaml_config import load_config
+from sb3_piano.training.configuration.yaml_files import load_config
 
 PIANO = "RoboPianist-debug-CMajorScaleOneHand-v0"
 SETTINGS = {

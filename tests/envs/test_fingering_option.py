@@ -9,7 +9,8 @@ import pytest
 from sb3_piano.envs import PianoEnv, PianoVectorEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import BUILT_IN, Note, Score, load_score, write_midi
-from sb3_piano.music.fingering import finger_score
+from sb3_piano.music.fingering import apply_fingering, finger_score
+from sb3_piano.planning import PlanSettings, plan
 
 PLAIN = Score(
     notes=[Note(onset=0.5 * i, offset=0.5 * i + 0.4, pitch=60 + i) for i in range(5)],
@@ -47,6 +48,49 @@ def test_a_score_named_at_reset_gets_fingers_too_and_so_does_a_changed_one():
     higher = PLAIN.transpose(1)
     env.reset(options={"transform": lambda score, random: higher})
     assert env.score == finger_score(higher)
+
+
+# A thumb on a black key; then an octave that has to be left for another one far away.
+AWKWARD = Score(
+    notes=[
+        Note(onset=0.0, offset=0.4, pitch=78, finger=0),
+        Note(onset=0.5, offset=1.5, pitch=60, finger=0),
+        Note(onset=1.0, offset=1.5, pitch=84, finger=4),
+    ]
+)
+
+
+@pytest.mark.parametrize("observation", ["roll", "fingers"])
+def test_the_robots_fingers_are_chosen_before_anything_is_observed_or_rewarded(observation):
+    env = PianoEnv(AWKWARD, fingering="robot", observation=observation)
+    env.reset(seed=0)
+    assert env.default_score == AWKWARD
+    assert env.score == apply_fingering(AWKWARD, "robot")
+    assert env.score.notes[0].finger not in (0, -1)
+    (released,) = env.roll.early_releases
+    assert (released.key, released.release) == (60 - 21, 20)
+    assert (env.roll.finger[20:30, 60 - 21] == -1).all()
+    assert env.roll.active[20:30, 60 - 21].all(), "it is due all the same"
+    labelled = env.roll.finger[env.roll.active]
+    assert set(labelled.tolist()) - {-1} <= {note.finger for note in env.score.notes}
+
+
+def test_the_robots_fingers_are_those_for_the_tempo_at_which_a_piece_is_played():
+    env = PianoEnv(AWKWARD, fingering="robot")
+    slower = AWKWARD.stretch(3.0)
+    env.reset(options={"transform": lambda score, random: slower})
+    assert env.score == apply_fingering(slower, "robot")
+
+
+def test_planned_pianists_play_the_fingers_that_the_environment_shows():
+    for fingering, thumb_plays in (("keep", True), ("robot", False)):
+        env = PianoEnv(AWKWARD, fingering=fingering, physics="fast")
+        env.reset(seed=0)
+        made = plan(env.roll, env.scene, PlanSettings(rounds=1, iterations=1))
+        assert (made.roll.finger[0, 78 - 21] == 0) == thumb_plays
+        assert (made.roll.finger[env.roll.finger < 0] < 0).all()
+        told = [problem.reason for problem in made.problems]
+        assert "let go early by 0.50 s for C6" in told
 
 
 def test_optimal_transport_takes_the_labels_away():

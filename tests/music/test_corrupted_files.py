@@ -124,18 +124,14 @@ def test_a_whole_file_is_read_and_half_of_it_is_not_the_same(whole):
     assert isinstance(half, ScoreError) or len(half.notes) < len(SCORE.notes)
 
 
-@pytest.mark.parametrize(("count", "is_read"), [(40, True), (60, False)])
-def test_so_many_repeats_are_played_or_refused(count, is_read, tmp_path):
+def test_any_number_of_repeats_is_played(tmp_path):
     write_score(SCORE, tmp_path / "a.musicxml")
     text = (tmp_path / "a.musicxml").read_text("utf-8")
     repeated = (
         "<measure><note><pitch><step>C</step><octave>4</octave></pitch><duration>9</duration>"
         '</note><barline><repeat direction="backward"/></barline></measure>'
     )
-    text = text.replace("</part>", repeated * count + "</part>")
-    result = outcome(tmp_path / "b.musicxml", text.encode())
-    if is_read:
-        # The first one goes back to the start.
-        assert len(result.notes) == 2 * (len(SCORE.notes) + count)
-    else:
-        assert "its repeats are too many, or wrong" in str(result)
+    result = outcome(
+        tmp_path / "b.musicxml", text.replace("</part>", repeated * 60 + "</part>").encode()
+    )
+    assert len(result.notes) == 2 * (len(SCORE.notes) + 60)  # the first one goes back to the start

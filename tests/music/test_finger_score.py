@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from sb3_piano.music import BUILT_IN, Note, Pedal, Score
 from sb3_piano.music.fingering import agreement, finger_score
-from sb3_piano.music.fingering.weights import FingeringWeights
+from sb3_piano.music.fingering.cost import FingeringWeights
 
 KEYS = ("C", "Db", "D", "Eb", "E", "F", "Gb", "G", "Ab", "A", "Bb", "B")
 

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sb3_piano.music import Note
+from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, PARNCUTT_WEIGHTS
 from sb3_piano.music.fingering.search import WIDEST, finger_hand
-from sb3_piano.music.fingering.slices import OVERLAP
-from sb3_piano.music.fingering.weights import DEFAULT_WEIGHTS, PARNCUTT_WEIGHTS
+from sb3_piano.music.fingering.states import OVERLAP
 
 W = DEFAULT_WEIGHTS
 BLACK = {1, 3, 6, 8, 10}

@@ -11,7 +11,7 @@ from sb3_piano.music.hands import finger_number
 from sb3_piano.music.pitch import pitch_number
 from sb3_piano.music.studies import HANON
 
-# For each number the first two bars, the last bar up, the first and the last bar down: what the
+# Of some exercises the first two bars, the last bar up, the first and the last bar down: what the
 # right hand plays (the left is an octave below), and the fingers of the right and the left hand.
 BARS = """
 1  C3 E3 F3 G3 A3 G3 F3 E3  12345432 54321234
@@ -20,65 +20,11 @@ BARS = """
    G5 E5 D5 C5 B4 C5 D5 E5  54321234 12345432
    G3 E3 D3 C3 B2 C3 D3 E3  54321234 12345432
 
-2  C3 E3 A3 G3 F3 G3 F3 E3  12543432 53123234
-   D3 F3 B3 A3 G3 A3 G3 F3  12543432 53123234
-   B4 D5 G5 F5 E5 F5 E5 D5  12543432 53123234
-   G5 D5 B4 C5 D5 C5 D5 E5  52123234 13543432
-   A3 E3 C3 D3 E3 D3 E3 F3  52123234 13543432
-
-3  C3 E3 A3 G3 F3 E3 F3 G3  12543234 53123432
-   D3 F3 B3 A3 G3 F3 G3 A3  12543234 53123432
-   B4 D5 G5 F5 E5 D5 E5 F5  12543234 53123432
-   G5 D5 B4 C5 D5 E5 D5 C5  52123432 13543234
-   A3 E3 C3 D3 E3 F3 E3 D3  52123432 13543234
-
-4  C3 D3 C3 E3 A3 G3 F3 E3  12125432 54531234
-   D3 E3 D3 F3 B3 A3 G3 F3  12125432 54531234
-   B4 C5 B4 D5 G5 F5 E5 D5  12125432 54531234
-   G5 F5 G5 D5 B4 C5 D5 E5  54521234 12135432
-   A3 G3 A3 E3 C3 D3 E3 F3  54521234 12135432
-
-5  C3 A3 G3 A3 F3 G3 E3 F3  15453423 51213243
-   D3 B3 A3 B3 G3 A3 F3 G3  15453423 51213243
-   B4 G5 F5 G5 E5 F5 D5 E5  15453423 51213243
-   C5 D5 C5 E5 D5 F5 E5 G5  12132435 54534231
-   D3 E3 D3 F3 E3 G3 F3 A3  12132435 54534231
-
 6  C3 A3 G3 A3 F3 A3 E3 A3  15453525 51213141
    D3 B3 A3 B3 G3 B3 F3 B3  15453525 51213141
    B4 G5 F5 G5 E5 G5 D5 C5  15453521 51213145
    G5 B4 C5 B4 D5 B4 E5 B4  51213141 15453525
    A3 C3 D3 C3 E3 C3 F3 E3  51213143 15453523
-
-7  C3 E3 D3 F3 E3 G3 F3 E3  13243543 53423134
-   D3 F3 E3 G3 F3 A3 G3 F3  13243543 53423134
-   B4 D5 C5 E5 D5 F5 E5 D5  13243532 53423134
-   G5 E5 F5 D5 E5 C5 D5 E5  53423134 13243543
-   A3 F3 G3 E3 F3 D3 E3 F3  53423134 13243532
-
-8  C3 E3 G3 A3 F3 G3 E3 F3  12453423 54213243
-   D3 F3 A3 B3 G3 A3 F3 G3  12453423 54213243
-   B4 D5 F5 G5 E5 F5 D5 E5  12453423 54213243
-   G5 E5 C5 B4 D5 C5 E5 D5  54213243 12453423
-   A3 F3 D3 C3 E3 D3 F3 E3  54213243 12453423
-
-9  C3 E3 F3 E3 G3 F3 A3 G3  12324354 54342312
-   D3 F3 G3 F3 A3 G3 B3 A3  12324354 54342312
-   B4 D5 E5 D5 F5 E5 G5 F5  12324354 54342312
-   G5 E5 D5 E5 C5 D5 B4 C5  54342312 12324354
-   A3 F3 E3 F3 D3 E3 D3 E3  54342323 12324343
-
-10 C3 A3 G3 F3 E3 F3 E3 F3  15432323 51234343
-   D3 B3 A3 G3 F3 G3 F3 G3  15432323 51234343
-   B4 G5 F5 E5 D5 E5 D5 E5  15432323 51234343
-   G5 B4 C5 D5 E5 D5 E5 D5  51234343 15432323
-   A3 C3 D3 E3 F3 E3 F3 E3  51234343 15432323
-
-11 C3 E3 A3 G3 A3 G3 F3 G3  12545434 53121232
-   D3 F3 B3 A3 B3 A3 G3 A3  12545434 53121232
-   B4 D5 G5 F5 G5 F5 E5 F5  12545434 53121232
-   G5 D5 B4 C5 B4 C5 D5 C5  52121232 13545434
-   A3 E3 C3 D3 C3 D3 E3 D3  52121232 13545434
 
 12 G3 C3 E3 D3 C3 D3 E3 C3  51321231 15345435
    B3 D3 F3 E3 D3 E3 F3 D3  51321231 15345435
@@ -86,47 +32,11 @@ BARS = """
    B4 G5 E5 F5 G5 F5 E5 G5  15345435 51321231
    C3 G3 E3 F3 G3 F3 E3 F3  15345434 51321232
 
-13 E3 C3 F3 D3 G3 E3 F3 G3  31425345 35241321
-   F3 D3 G3 E3 A3 F3 G3 A3  31425345 35241321
-   D5 B4 E5 C5 F5 D5 E5 F5  31425345 35241321
-   E5 G5 D5 F5 E5 C5 D5 E5  35243134 31423532
-   F3 A3 E3 G3 F3 D3 E3 F3  35243134 31423532
-
-14 C3 D3 F3 E3 F3 E3 G3 F3  12434354 54232313
-   D3 E3 G3 F3 G3 F3 A3 G3  12434354 54232313
-   B4 C5 E5 D5 E5 D5 F5 E5  12434353 54232313
-   G5 F5 D5 E5 D5 E5 C5 D5  54232313 12434354
-   A3 G3 E3 F3 E3 F3 D3 E3  54232313 12434353
-
-15 C3 E3 D3 F3 E3 G3 F3 A3  12132435 53423121
-   D3 F3 E3 G3 F3 A3 G3 B3  12132435 53423121
-   B4 D5 C5 E5 D5 F5 E5 F5  12132434 53423121
-   G5 E5 F5 D5 E5 C5 D5 B4  53423121 12132435
-   A3 F3 G3 E3 F3 D3 E3 D3  53423132 12132434
-
-16 C3 E3 D3 E3 A3 G3 F3 G3  13235434 53431232
-   D3 F3 E3 F3 B3 A3 G3 A3  13235434 53431232
-   B4 D5 C5 D5 G5 F5 E5 F5  13235434 53431232
-   G5 D5 E5 D5 B4 C5 D5 C5  52321232 13235434
-   A3 E3 F3 E3 C3 D3 E3 D3  52321232 13235434
-
 17 C3 E3 A3 G3 B3 A3 G3 A3  12435434 54231232
    D3 F3 B3 A3 C4 B3 A3 B3  12435434 54231232
    B4 D5 G5 F5 A5 G5 F5 E5  12435432 54231234
    G5 D5 B4 C5 A4 B4 C5 A4  53231231 12435435
    B3 F3 D3 E3 C3 D3 E3 D3  53231232 12435434
-
-18 C3 D3 F3 E3 G3 F3 D3 E3  12435423 54231243
-   D3 E3 G3 F3 A3 G3 E3 F3  12435423 54231243
-   B4 C5 E5 D5 F5 E5 C5 D5  12435412 54231254
-   G5 F5 D5 E5 C5 D5 F5 E5  54231243 12435423
-   A3 G3 E3 F3 D3 E3 G3 F3  54231354 12435412
-
-19 C3 A3 F3 G3 A3 F3 E3 G3  15345324 51321342
-   D3 B3 G3 A3 B3 G3 F3 A3  15345324 51321342
-   B4 G5 E5 F5 G5 E5 D5 F5  15345324 51321342
-   G5 B4 D5 C5 B4 D5 E5 C5  51321342 15345324
-   A3 C3 E3 D3 C3 E3 F3 D3  51321342 15345324
 
 20 E3 G3 C4 E4 C4 B3 C4 A3  12454342 54212324
    F3 A3 D4 F4 D4 C4 D4 B3  12454342 54212324
@@ -185,20 +95,12 @@ def test_there_are_twenty():
     assert list(HANON) == [f"hanon-{number:02}" for number in NUMBERS]
 
 
-@pytest.mark.parametrize("number", NUMBERS)
-def test_the_first_two_bars_are_the_written_ones(number):
-    score = hanon(number)
-    for index, (pitches, right, left) in enumerate(WRITTEN[number][:2]):
-        assert bars_of(score, "right")[index] == (pitches, right)
-        assert bars_of(score, "left")[index] == ([pitch - 12 for pitch in pitches], left)
-
-
-@pytest.mark.parametrize("number", NUMBERS)
-def test_the_bars_at_the_turns_are_the_written_ones(number):
+@pytest.mark.parametrize("number", WRITTEN)
+def test_the_first_two_bars_and_those_at_the_turns_are_the_written_ones(number):
     score = hanon(number)
     up, down = BAR_COUNTS[number]
-    places = (up - 1, up, up + down - 1)
-    for index, (pitches, right, left) in zip(places, WRITTEN[number][2:], strict=True):
+    places = (0, 1, up - 1, up, up + down - 1)
+    for index, (pitches, right, left) in zip(places, WRITTEN[number], strict=True):
         assert bars_of(score, "right")[index] == (pitches, right)
         assert bars_of(score, "left")[index] == ([pitch - 12 for pitch in pitches], left)
 
@@ -311,12 +213,10 @@ def test_octaves_go_as_far_as_the_keyboard(number, options, most):
 @pytest.mark.parametrize(
     ("option", "value", "message"),
     [
-        ("key", "H", "key is 'H'. Expected one of 'C', 'Db', 'D', .*, 'B'. Leave it out for C maj"),
-        ("key", "bb", "key is 'bb'. Did you mean 'Bb'"),
-        ("key", 3, "key is 3. Expected one of"),
-        ("key", ["C"], r"key is \['C'\]."),
-        ("tempo", -60, "tempo is -60: expected quarter notes a minute"),
-        ("hands", "none", "hands is 'none'."),
+        ("key", "bb", "key is 'bb': expected one of 'C', 'Db', 'D', .*, 'B'. Did you mean 'Bb'"),
+        ("key", ["C"], r"key is \['C'\]: expected one of"),
+        ("tempo", -60, "tempo is -60: expected a finite number from 1 to 1000"),
+        ("hands", "none", "hands is 'none': expected"),
         ("repeats", 0, "repeats is 0: expected a whole number, 1 or more"),
         ("octaves", 0, "octaves is 0: expected a whole number from 1 to 4"),
         ("title", "x", "Piece 'hanon-01' has no option 'title'"),

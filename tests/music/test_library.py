@@ -1,8 +1,4 @@
 import json
-import os
-import subprocess
-import sys
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -123,11 +119,6 @@ def test_what_is_known_about_a_piece_comes_back(library):
     assert (info.n_notes, info.duration) == (2, 1.0)
 
 
-def test_a_piece_is_loaded_by_its_name(library):
-    library.add(TWO_NOTES, "my-etude", **FROM_NOWHERE)
-    assert load_score("my-etude") == with_title(TWO_NOTES, "my-etude")
-
-
 def test_the_data_folder_is_the_variables_and_without_it_that_of_the_system(monkeypatch, data):
     assert (data_folder(), pieces_folder()) == (data, data / "pieces")
     monkeypatch.delenv(DATA_VARIABLE)
@@ -161,15 +152,6 @@ def test_a_folder_that_cannot_be_read_has_no_pieces_and_fails_nobody(data, libra
     assert dict(imported_pieces()) == {}
     with pytest.raises(NotADirectoryError):
         library.names()
-
-
-@pytest.mark.slow
-def test_the_package_is_imported_quietly_whatever_is_in_the_folder(data):
-    (data / "pieces").mkdir(parents=True)
-    (data / "pieces" / "broken.npz").write_text("no archive")
-    command = [sys.executable, "-W", "error", "-c", "import sb3_piano"]
-    done = subprocess.run(command, capture_output=True, text=True, env=dict(os.environ))
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
 @pytest.mark.parametrize("name", ["debug-CMajorScaleTwoHands", *list(BUILT_IN)[-1:]])
@@ -226,31 +208,6 @@ class TestDamage:
         with pytest.raises(ScoreError, match=r"evil\.npz' is damaged \(.*allow_pickle"):
             load_score("evil")
 
-    def test_a_value_out_of_range_is_damage(self, library, data):
-        library.add(ONE_NOTE, "piece", **FROM_NOWHERE)
-        path = data / "pieces" / "piece.npz"
-        with np.load(path) as archive:
-            arrays = dict(archive)
-        write_file(path, **{**arrays, "pitch": np.array([12], dtype=np.uint8)})
-        with pytest.raises(ScoreError, match=r"piece\.npz' is damaged \(Pitch 12 is out of"):
-            load_score("piece")
-
-    def test_a_missing_array_is_damage(self, library, data):
-        library.add(ONE_NOTE, "piece", **FROM_NOWHERE)
-        path = data / "pieces" / "piece.npz"
-        with np.load(path) as archive:
-            arrays = {name: archive[name] for name in archive.files if name != "bars"}
-        write_file(path, **arrays)
-        with pytest.raises(ScoreError, match=r"piece\.npz' is damaged \(.*bars"):
-            load_score("piece")
-
-    def test_a_file_that_vanishes_is_named(self, library, data):
-        library.add(ONE_NOTE, "piece", **FROM_NOWHERE)
-        piece = library.pieces()["piece"]
-        library.path("piece").unlink()
-        with pytest.raises(ScoreError, match=r"There is no imported piece '.*piece\.npz'"):
-            piece.score()
-
 
 @pytest.mark.slow
 @settings(max_examples=150, deadline=None)
@@ -274,17 +231,6 @@ def test_a_changed_byte_gives_the_very_score_or_our_error(position, value, cut, 
     else:
         outcome = f"{path}" if score == with_title(TWO_NOTES, "piece") else "another score"
     assert str(path) in outcome
-
-
-def test_the_file_is_an_archive_that_numpy_reads_alone(library):
-    library.add(TWO_NOTES, "piece", **FROM_NOWHERE)
-    assert zipfile.is_zipfile(library.path("piece"))
-    with np.load(library.path("piece"), allow_pickle=False) as archive:
-        assert archive["onset"].dtype == np.float64
-        assert archive["offset"].tolist() == [1.0, 1 / 3]
-        assert archive["finger"].tolist() == [0, -1]
-        assert archive["hand"].tolist() == [0, 1]
-        assert json.loads(archive["header"].tobytes())["name"] == "piece"
 
 
 def test_two_imports_at_a_time_are_refused(library, data):

@@ -10,10 +10,6 @@ SCORE = Score(notes=[Note(onset=0, offset=1, pitch=60)], title="piece")
 PIG_LINE = "0\t0.0\t1.0\tC4\t80\t80\t0\t1\n"
 
 
-def test_a_score_is_returned_as_it_is():
-    assert load_score(SCORE) is SCORE
-
-
 def test_the_name_of_a_piece_makes_the_piece_with_or_without_its_collection():
     score = load_score("debug-TwinkleTwinkleLittleStar")
     assert score == BUILT_IN["debug-TwinkleTwinkleLittleStar"].score()
@@ -25,11 +21,6 @@ def test_the_name_of_a_piece_makes_the_piece_with_or_without_its_collection():
 def test_a_midi_file_is_read(tmp_path, name, as_type):
     write_midi(SCORE, tmp_path / name)
     assert load_score(as_type(tmp_path / name)) == SCORE
-
-
-def test_a_fingering_file_is_read(tmp_path):
-    (tmp_path / "etude.txt").write_text(PIG_LINE)
-    assert load_score(tmp_path / "etude.txt").notes[0].finger == 0
 
 
 def test_a_file_in_the_current_folder_needs_no_separator(tmp_path, monkeypatch):
@@ -45,11 +36,6 @@ def test_an_unknown_name_is_answered_with_near_names_and_what_is_accepted():
     )
     with pytest.raises(UnknownPieceError, match=message):
         load_score("CMajorScaleTwoHand")
-
-
-def test_an_empty_name_is_unknown():
-    with pytest.raises(UnknownPieceError, match="Unknown piece ''"):
-        load_score("")
 
 
 @pytest.mark.parametrize("source", ["music/etude.wav", Path("etude.wav"), Path("etude")])

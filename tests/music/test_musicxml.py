@@ -1,6 +1,5 @@
 """Reading MusicXML that is written here by hand; a quarter note lasts 0.5 s."""
 
-import warnings
 import zipfile
 
 import pytest
@@ -143,12 +142,6 @@ class TestTime:
         music[2] += note("C4", 8)
         assert played(read(*music)) == [(60, 0, 5), (60, 5, 6)]
 
-    def test_two_tied_notes_of_one_pitch_keep_to_their_voices(self, read):
-        start, stop = '<tie type="start"/>', '<tie type="stop"/>'
-        first = note("C4", 16, start) + backup(8) + note("C4", 8, start, voice=2)
-        second = note("C4", 4, stop, voice=2) + backup(4) + note("C4", 8, stop)
-        assert played(read(first, second)) == [(60, 0, 3), (60, 1, 2.5)]
-
     def test_a_tie_that_ends_nowhere_ends_its_note(self, read):
         music = note("C4", 4, '<tie type="start"/>') + note("D4", 4, '<tie type="stop"/>')
         assert played(read(music)) == [(60, 0, 0.5), (62, 0.5, 1)]
@@ -156,10 +149,6 @@ class TestTime:
     def test_a_staccato_dot_halves_a_note(self, read):
         dot = "<notations><articulations><staccato/></articulations></notations>"
         assert played(read(note("C4", 4, dot) + note("D4", 4))) == [(60, 0, 0.25), (62, 0.5, 1)]
-
-    def test_a_fermata_changes_nothing(self, read):
-        music = note("C4", 4, "<notations><fermata/></notations>") + note("D4", 4)
-        assert played(read(music))[1] == (62, 0.5, 1)
 
 
 def pitches(score):
@@ -187,17 +176,38 @@ class TestRepeats:
         second = ending(2, "start", "left") + note("E4", 16) + ending(2, "stop", "right")
         assert pitches(read(note("C4", 16), first, second)) == [0, 2, 0, 4]
 
+    def test_a_lone_first_ending_is_left_out_the_second_time(self, read):
+        start = '<barline location="left"><ending number="1" type="start"/></barline>'
+        stop = self.BACK.replace("<repeat", '<ending number="1" type="stop"/><repeat')
+        music = [note("C4", 16), start + note("D4", 16) + stop, note("E4", 16)]
+        assert pitches(read(*music)) == [0, 2, 0, 4]
+
+    def test_dal_segno_in_one_part_goes_to_the_sign_and_to_the_coda_in_both(self, read):
+        sign = direction("<segno/>", '<sound segno="a"/>')
+        to_coda = direction("<words>To Coda</words>", '<sound tocoda="b"/>')
+        leap = direction("<words>D.S.</words>", '<sound dalsegno="a"/>')
+        coda = direction("<coda/>", '<sound coda="b"/>')
+        names = ["C", "D", "E", "F", "G"]
+        upper = [note(f"{name}5", 16) for name in names]
+        upper[1] = sign + upper[1]
+        upper[2] += to_coda
+        upper[3] += leap
+        upper[4] = coda + upper[4]
+        parts = {"A": part(*upper), "B": part(*(note(f"{name}4", 16) for name in names))}
+        score = read(parts=parts)
+        assert [n.pitch - 60 for n in score.notes if n.pitch < 72] == [0, 2, 4, 5, 2, 4, 7]
+        assert len(score.notes) == 14
+        assert score.duration == 14
+
+    def test_the_tempo_is_that_of_the_place(self, read):
+        score = read(note("C4", 8) + tempo(60) + note("D4", 8) + self.BACK)
+        assert played(score) == [(60, 0, 1), (62, 1, 3), (60, 3, 4), (62, 4, 6)]
+
     def test_da_capo_goes_to_the_fine_without_repeats(self, read):
         fine = direction("<words>Fine</words>", '<sound fine="yes"/>')
         da_capo = direction("<words>D.C. al Fine</words>", '<sound dacapo="yes"/>')
         music = [note("C4", 16) + fine + self.BACK, note("D4", 16) + da_capo]
         assert pitches(read(*music)) == [0, 0, 2, 0]
-
-    def test_labels_and_velocities_are_those_of_the_first_time(self, read):
-        music = note("C4", 16, fingering(3), attributes='dynamics="50"') + self.BACK
-        score = read(music)
-        assert labels(score) == [(60, "right", 2)] * 2
-        assert [note.velocity for note in score.notes] == [45, 45]
 
 
 class TestGraceNotes:
@@ -216,10 +226,6 @@ class TestGraceNotes:
     def test_take_at_most_half_of_the_time_since_the_last_note(self, read):
         music = note("C4", 1) + self.grace("D4") + self.grace("E4") + note("F4", 4)
         assert played(read(music))[1:3] == [(62, 0.0625, 0.09375), (64, 0.09375, 0.125)]
-
-    def test_of_one_chord_are_played_together(self, read):
-        music = note("C4", 4) + self.grace("D4") + self.grace("G4", chord=True) + note("F4", 4)
-        assert [event[1:] for event in played(read(music))[1:3]] == [(0.4, 0.5)] * 2
 
     def test_of_a_run_may_be_chords(self, read):
         music = note("C4", 4) + self.grace("D4") + self.grace("G4", chord=True)
@@ -286,9 +292,6 @@ class TestHands:
         music = note("C4", 4) + backup(4) + note("C3", 4, staff=2)
         assert labels(read(music, staves=2)) == [(48, "left", -1), (60, "right", -1)]
 
-    def test_a_second_staff_without_notes_counts(self, read):
-        assert labels(read(note("C4", 4), staves=2)) == [(60, "right", -1)]
-
     def test_two_parts_are_the_two_hands(self, read):
         parts = {"A": part(note("C4", 4)), "B": part(note("C3", 4))}
         assert labels(read(parts=parts)) == [(48, "left", -1), (60, "right", -1)]
@@ -315,10 +318,6 @@ class TestHands:
         score = read(parts={name: part(note("C4", 4, extra), clef=clef)})
         assert labels(score) == [(60, *label)]
 
-    def test_three_staves_are_nobodys(self, read):
-        music = note("C4", 4, fingering(1)) + backup(4) + note("C3", 4, staff=3)
-        assert labels(read(music, staves=3)) == [(48, None, -1), (60, None, -1)]
-
 
 class TestPedal:
     def test_is_down_from_start_to_stop(self, read):
@@ -329,9 +328,6 @@ class TestPedal:
     def test_is_up_for_a_moment_where_it_is_changed(self, change, read):
         music = pedal("start") + note("C4", 8) + change + note("D4", 8) + pedal("stop")
         assert read(music).pedals == (Pedal(onset=0, offset=1), Pedal(onset=1.1, offset=2))
-
-    def test_a_stop_without_a_start_is_nothing(self, read):
-        assert read(note("C4", 8) + pedal("stop") + note("D4", 4)).pedals == ()
 
 
 class TestPitchAndVelocity:
@@ -368,10 +364,6 @@ class TestBars:
     def test_do_not_begin_with_an_upbeat(self, read):
         assert read(note("C4", 4), note("D4", 16), first=0).bars == (0.5,)
 
-    def test_end_with_the_notes(self, read):
-        rest = "<note><rest/><duration>16</duration></note>"
-        assert read(note("C4", 16), rest, rest).bars == (0,)
-
 
 class TestLeftOut:
     def test_cue_notes_and_notes_without_a_pitch_are_silent(self, read):
@@ -392,10 +384,6 @@ class TestLeftOut:
     def test_a_file_of_which_nothing_remains_is_refused(self, read):
         with pytest.raises(ScoreError, match=r"has no notes to play, only 1 note off the keyboard"):
             read(note("C9", 4))
-
-    def test_a_file_of_rests_is_refused(self, read):
-        with pytest.raises(ScoreError, match=r"piece\.musicxml' has no notes with a pitch"):
-            read("<note><rest/><duration>16</duration></note>")
 
 
 class TestParts:
@@ -421,17 +409,6 @@ class TestParts:
         with pytest.raises(ScoreError, match=message):
             read(parts=parts)
 
-    def test_two_pianos_are_refused(self, read):
-        music = note("C4", 4) + backup(4) + note("C3", 4, staff=2)
-        parts = {"Piano_1": part(music, staves=2), "Piano_2": part(music, staves=2)}
-        with pytest.raises(ScoreError, match=r"has 2 parts \('Piano 1', 'Piano 2'\)"):
-            read(parts=parts)
-
-    def test_parts_without_notes_do_not_count(self, read):
-        rest = "<note><rest/><duration>16</duration></note>"
-        parts = {"A": part(note("C4", 4)), "B": part(rest), "C": part(note("C3", 4))}
-        assert labels(read(parts=parts)) == [(48, "left", -1), (60, "right", -1)]
-
 
 CONTAINER = '<container><rootfiles><rootfile full-path="music/a.xml"/></rootfiles></container>'
 
@@ -441,6 +418,10 @@ def packed(path, **files):
         for name, content in files.items():
             archive.writestr(name.replace("__", "/"), content)
     return path
+
+
+ENTITIES = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10}">' for i in range(1, 12))
+BOMB = f'<!DOCTYPE a [<!ENTITY e0 "{"lol" * 9}">{ENTITIES}]><a>&e11;</a>'.encode()
 
 
 class TestFiles:
@@ -453,16 +434,12 @@ class TestFiles:
         score = read_musicxml(packed(tmp_path / name, **files))
         assert (score.title, played(score)) == ("piece", [(60, 0, 0.5)])
 
-    def test_nothing_is_said_about_notation_that_is_not_played(self, read):
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            read(direction("<words>dolce</words>") + "<harmony/>" + note("C4", 4))
-
     @pytest.mark.parametrize(
         ("content", "reason"),
         [
             (b"", "no element found"),
             (b"not XML at all", "syntax error"),
+            (BOMB, "limit on input amplification factor"),
             (b"<svg/>", r"its root is <svg>, not <score-partwise>"),
             (b"<score-timewise/>", r"its root is <score-timewise>"),
             (b"PK\x03\x04", "zip"),

@@ -98,12 +98,6 @@ class TestImport:
         status, _, err = run("import", *(text.format(music=music) for text in arguments))
         assert (status, message in err) == (2, True)
 
-    def test_many_names_are_counted(self, run, tmp_path):
-        for number in range(12):
-            save(tmp_path / "many" / f"p{number:02d}.mid", 40 + number)
-        _, out, _ = run("import", tmp_path / "many", "--jobs", "1")
-        assert "p08, p09 and 2 more\n" in out
-
     @pytest.mark.slow
     @pytest.mark.parametrize(
         ("jobs", "moment"), [(1, "a piece is there"), (2, "a piece is there"), (2, "it has begun")]
@@ -158,18 +152,6 @@ class TestList:
             "ergonomic",
         ]
         assert 0 <= float(row[6]) <= 100
-
-    @pytest.mark.slow
-    def test_a_collection_is_shown_alone_ranked_among_all(self, run, music):
-        run("import", music, "--jobs", "1")
-        everything = {row[0]: row for row in rows_of(run("list")[1])}
-        shown = rows_of(run("list", "--collection", "debug")[1])
-        assert shown == [row for name, row in everything.items() if name.startswith("debug-")]
-        status, _, err = run("list", "--collection", "debugs")
-        assert (status, "No piece is of the collection 'debugs'. Did you mean 'debug'" in err) == (
-            2,
-            True,
-        )
 
     @pytest.mark.slow
     def test_it_is_written_as_csv_and_json(self, run, music, tmp_path):
@@ -247,10 +229,6 @@ class TestShow:
         assert f"Source:     {file}\n" in out
         assert ["1", "0.00", "C4"] in rows_of(out)
 
-    def test_a_file_that_is_not_there_is_named(self, run):
-        status, _, err = run("show", "no/such.mid")
-        assert (status, "'no/such.mid'" in err) == (2, True)
-
     @pytest.mark.parametrize("name", ["nothing", "etude-12-WaltzOp64No1"])
     def test_a_piece_that_is_not_there_is_refused(self, run, name):
         status, _, err = run("show", name)
@@ -294,10 +272,3 @@ class TestExport:
         ):
             status, _, err = run("export", TWINKLE, file)
             assert (status, message in err) == (2, True)
-
-
-def test_the_other_commands_are_there(run, capsys):
-    for command in ("rank", "fingering"):
-        with pytest.raises(SystemExit):
-            main(["pieces", command, "--help"])
-        assert f"pieces {command}" in capsys.readouterr().out

@@ -11,7 +11,7 @@ from sb3_piano.exceptions import ScoreError, UnknownPieceError
 from sb3_piano.music import Note, PianoRoll, Score, load_score, read_midi, write_midi
 from sb3_piano.music.formats import write_pig
 from sb3_piano.music.library import DATA_VARIABLE, PIG_PIECES, import_path, user_library
-from sb3_piano.music.library.pig import robopianist_name
+from sb3_piano.music.library.datasets import robopianist_name
 
 VERSION = "//Version: PianoFingering_v170101"
 ETUDES = [
@@ -154,34 +154,34 @@ def test_a_title_becomes_robopianists_name(title, name):
     assert robopianist_name(title) == name
 
 
-class TestRefusals:
-    def test_no_fingering_files(self, pig):
-        for file in (pig / "FingeringFiles").iterdir():
-            file.unlink()
-        with pytest.raises(ScoreError, match="has no fingering files: expected names such as 001"):
-            import_path(pig)
-
-    def test_no_list(self, pig):
-        (pig / "List.csv").unlink()
-        with pytest.raises(ScoreError, match=r"Cannot read '.*List\.csv', the list of the PIG"):
-            import_path(pig)
-
-    def test_a_list_without_titles(self, pig):
-        (pig / "List.csv").write_text("Id,Composer\n001,Bach\n")
-        with pytest.raises(ScoreError, match=r"List\.csv' does not name each piece"):
-            import_path(pig)
-
-    def test_a_list_that_is_too_short(self, pig):
-        write_list(pig, "One", "Two")
-        with pytest.raises(ScoreError, match="has 2 pieces, but .* of pieces 1 to 3"):
-            import_path(pig)
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (
+            lambda pig: [file.unlink() for file in (pig / "FingeringFiles").iterdir()],
+            "has no fingering files: expected names such as 001",
+        ),
+        (
+            lambda pig: (pig / "List.csv").unlink(),
+            r"Cannot read '.*List\.csv', the list of the PIG",
+        ),
+        (
+            lambda pig: (pig / "List.csv").write_text("Id,Composer\n001,Bach\n"),
+            r"List\.csv' does not name each piece",
+        ),
+        (lambda pig: write_list(pig, "One", "Two"), "has 2 pieces, but .* of pieces 1 to 3"),
+    ],
+)
+def test_a_folder_that_is_not_whole_is_refused(pig, spoil, message):
+    spoil(pig)
+    with pytest.raises(ScoreError, match=message):
+        import_path(pig)
 
 
 class TestBeforeTheImport:
     def test_the_etudes_are_known_under_both_names(self):
-        for etude in ETUDES:
-            assert PIG_PIECES[f"etude-12-{etude}"].collection == "etude-12"
-            assert PIG_PIECES[f"repertoire-150-{etude}"].collection == "repertoire-150"
+        for collection in ("etude-12", "repertoire-150"):
+            assert {f"{collection}-{etude}" for etude in ETUDES} <= set(PIG_PIECES)
 
     def test_a_piece_says_how_to_get_it(self):
         for name, piece in PIG_PIECES.items():

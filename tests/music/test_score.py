@@ -24,14 +24,12 @@ def three_notes(**fields):
 
 
 class TestNote:
-    def test_defaults_are_velocity_80_and_no_finger(self):
-        assert (note(0, 1).velocity, note(0, 1).finger) == (80, -1)
-
-    def test_lowest_and_highest_pitch_are_keys_0_and_87(self):
-        assert [note(0, 1, 21).key, note(0, 1, 108).key] == [0, 87]
-
-    def test_duration_is_the_time_from_onset_to_offset(self):
-        assert note(1.5, 3.75).duration == 2.25
+    def test_what_it_knows(self):
+        low, high = note(1.5, 3.75, 21), note(0, 1, 108, velocity=127, finger=9)
+        assert (low.key, high.key, low.duration) == (0, 87, 2.25)
+        assert (low.velocity, low.finger) == (80, -1)
+        with pytest.raises(dataclasses.FrozenInstanceError, match="pitch"):
+            low.pitch = 61
 
     def test_numpy_numbers_become_plain_numbers(self):
         made = note(np.float32(0.5), np.float64(1.0), np.int64(60), velocity=np.int32(7))
@@ -44,10 +42,6 @@ class TestNote:
         assert note(0, 1, finger=5, hand="right").hand == "left"
         assert note(0, 1, hand="left").hand == "left"
         assert note(0, 1).hand is None
-
-    def test_cannot_be_changed(self):
-        with pytest.raises(dataclasses.FrozenInstanceError, match="pitch"):
-            note(0, 1).pitch = 61
 
     @pytest.mark.parametrize(
         ("fields", "message"),
@@ -72,26 +66,15 @@ class TestNote:
         with pytest.raises(ScoreError, match=message):
             Note(**{"onset": 0.0, "offset": 1.0, "pitch": 60, **fields})
 
-    @pytest.mark.parametrize("fields", [{"velocity": 1}, {"velocity": 127}, {"finger": 9}])
-    def test_the_ends_of_the_ranges_are_valid(self, fields):
-        assert dataclasses.replace(note(0, 1), **fields)
-
 
 class TestConstruction:
     def test_notes_are_sorted_by_onset_then_pitch(self):
         assert [n.pitch for n in three_notes().notes] == [60, 64, 67]
 
-    def test_any_iterable_of_notes_is_stored_as_a_tuple(self):
-        assert Score(notes=(note(t, t + 1) for t in (2, 0))).notes == (note(0, 1), note(2, 3))
-
     def test_overlapping_and_touching_pedals_are_merged(self):
         pedals = [(3, 4), (0, 1), (1, 2), (3.5, 3.75), (5, 6)]
         merged = three_notes(pedals=[Pedal(onset=a, offset=b) for a, b in pedals]).pedals
         assert [(p.onset, p.offset) for p in merged] == [(0, 2), (3, 4), (5, 6)]
-
-    def test_a_pedal_must_end_after_it_starts(self):
-        with pytest.raises(ScoreError, match=r"Offset 1.0 s is not after onset 2.0 s"):
-            Pedal(onset=2, offset=1)
 
     def test_an_empty_score_is_refused_by_title(self):
         with pytest.raises(ScoreError, match="Score 'etude' has no notes"):
@@ -110,33 +93,16 @@ class TestConstruction:
         short, long = note(0, 1, finger=1), note(0, 2, finger=0)
         assert Score(notes=[short, long]) == Score(notes=[long, short])
 
-    def test_the_title_is_part_of_equality(self):
-        assert dataclasses.replace(three_notes(), title="other") != three_notes()
-
-    def test_survives_pickling_and_deep_copying(self):
-        score = three_notes(pedals=[Pedal(onset=0, offset=1)])
-        assert pickle.loads(pickle.dumps(score)) == score
-        assert copy.deepcopy(score) == score
-
-    def test_cannot_be_changed(self):
-        with pytest.raises(dataclasses.FrozenInstanceError, match="title"):
-            three_notes().title = "other"
-
     def test_repr_tells_title_count_and_length(self):
         assert repr(three_notes()) == "Score('etude', 3 notes, 4 s)"
         assert repr(Score(notes=[note(0, 0.5)])) == "Score('', 1 note, 0.5 s)"
 
 
-class TestProperties:
-    def test_duration_is_the_latest_offset_not_that_of_the_last_note(self):
-        assert Score(notes=[note(0, 9), note(1, 2)]).duration == 9
-
-    def test_has_fingering_needs_one_label(self):
-        assert three_notes().has_fingering
-        assert not Score(notes=[note(0, 1)]).has_fingering
-
-    def test_pitch_range_is_lowest_and_highest(self):
-        assert three_notes().pitch_range == (60, 67)
+def test_duration_is_the_latest_offset_and_one_label_is_a_fingering():
+    assert Score(notes=[note(0, 9), note(1, 2)]).duration == 9
+    assert three_notes().has_fingering
+    assert not Score(notes=[note(0, 1)]).has_fingering
+    assert three_notes().pitch_range == (60, 67)
 
 
 class TestTranspose:
@@ -148,10 +114,6 @@ class TestTranspose:
             three_notes().notes
         )
         assert (moved.pedals, moved.title) == (tuple(pedals), "etude")
-
-    @pytest.mark.parametrize("semitones", [-39, 41])
-    def test_reaches_both_ends_of_the_keyboard(self, semitones):
-        assert three_notes().transpose(semitones).transpose(-semitones) == three_notes()
 
     def test_off_the_keyboard_names_the_notes_and_the_range_that_fits(self):
         message = (
@@ -198,14 +160,19 @@ class TestTrimSilence:
         trimmed = three_notes(pedals=[Pedal(onset=a, offset=b) for a, b in pedals]).trim_silence()
         assert [(p.onset, p.offset) for p in trimmed.pedals] == [(0, 0.5), (1, 2)]
 
-    def test_a_score_without_leading_silence_stays_as_it_is(self):
-        once = three_notes().trim_silence()
-        assert once.trim_silence() == once
-
 
 class TestBars:
-    def test_a_score_knows_none_unless_told(self):
-        assert three_notes().bars == ()
+    @pytest.mark.parametrize(
+        ("change", "bars"),
+        [
+            (lambda score: score.transpose(3), (0, 1, 1.5, 2, 3, 4)),
+            (lambda score: score.stretch(3), (0, 3, 4.5, 6, 9, 12)),
+            (lambda score: score.excerpt(1.5, 4), (0, 0.5, 1.5)),
+            (lambda score: score.trim_silence(), (0, 0.5, 1, 2, 3)),
+        ],
+    )
+    def test_move_with_the_notes(self, change, bars):
+        assert change(three_notes(bars=[0, 1, 1.5, 2, 3, 4])).bars == bars
 
     def test_numbers_become_plain_ones(self):
         bars = three_notes(bars=np.arange(3, dtype=np.float32)).bars
@@ -230,21 +197,9 @@ class TestBars:
         with pytest.raises(ScoreError, match=message):
             three_notes(bars=bars)
 
-    def test_transposing_keeps_them(self):
-        assert three_notes(bars=[0, 2]).transpose(3).bars == (0, 2)
-
-    def test_stretching_scales_them(self):
-        assert three_notes(bars=[0.5, 2]).stretch(3).bars == (1.5, 6)
-
-    def test_an_excerpt_keeps_those_from_its_start_up_to_but_not_including_its_end(self):
-        bars = [0, 1, 1.5, 2, 3, 4]
-        assert three_notes(bars=bars).excerpt(1.5, 4).bars == (0, 0.5, 1.5)
-
-    def test_trimming_moves_them_along_and_drops_those_before(self):
-        assert three_notes(bars=[0, 1.25, 3]).trim_silence().bars == (0.25, 2)
-
     def test_survive_replacing_pickling_and_deep_copying(self):
-        score = three_notes(bars=[0, 2])
+        score = three_notes(bars=[0, 2], pedals=[Pedal(onset=0, offset=1)])
+        assert pickle.loads(pickle.dumps(score)) == copy.deepcopy(score) == score
         for copied in (
             dataclasses.replace(score, title="other"),
             pickle.loads(pickle.dumps(score)),
@@ -254,10 +209,6 @@ class TestBars:
 
 
 class TestExcerpt:
-    def test_keeps_onsets_from_start_up_to_but_not_including_end(self):
-        score = Score(notes=[note(0, 1), note(1, 2, 61), note(2, 3, 62), note(3, 4, 63)])
-        assert [n.pitch for n in score.excerpt(1, 3).notes] == [61, 62]
-
     def test_cuts_notes_at_the_end_and_shifts_the_start_to_zero(self):
         cut = three_notes().excerpt(1.5, 3)
         assert [(n.onset, n.offset, n.pitch) for n in cut.notes] == [(0.5, 1.5, 64), (0.5, 1, 67)]
@@ -267,9 +218,6 @@ class TestExcerpt:
         score = three_notes(pedals=[Pedal(onset=a, offset=b) for a, b in pedals])
         cut = score.excerpt(1.0, 3.0).pedals
         assert [(p.onset, p.offset) for p in cut] == [(0, 0.5), (0.75, 1), (1.5, 2)]
-
-    def test_an_infinite_end_means_the_end_of_the_piece(self):
-        assert three_notes().excerpt(0, math.inf) == three_notes()
 
     def test_an_empty_result_names_where_the_onsets_lie(self):
         with pytest.raises(ScoreError, match=r"No note of 'etude' .* between 1.0 s and 2.0 s"):

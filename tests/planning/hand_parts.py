@@ -6,14 +6,11 @@ import functools
 
 import mujoco
 import numpy as np
-from hypothesis import strategies as st
 
-from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.planning import PlanSettings
-from sb3_piano.planning.key_places import KeyPlaces
+from sb3_piano.planning.hand import Hand, resting_posture
+from sb3_piano.planning.keyboard import KeyPlaces
 from sb3_piano.planning.kinematics import HandKinematics
-from sb3_piano.planning.posture import resting_posture
-from sb3_piano.planning.presses import Press
 from sb3_piano.simulation import SIDES, compile_scene
 
 SETTINGS = PlanSettings()
@@ -35,15 +32,20 @@ def hand_of(scene, hand):
     return HandKinematics(scene, hand)
 
 
-def posture_of(scene, hand):
-    """Return a hand at rest; physics has no say in it, so that few are enough."""
-    return _posture(scene.model.nu == scene_of().model.nu, hand)
+def rest_of(scene, hand):
+    """Return where a hand's actuators rest; physics has no say in it, so that few are enough."""
+    return _rest(scene.model.nu == scene_of().model.nu, hand)
 
 
 @functools.cache
-def _posture(full, hand):
+def _rest(full, hand):
     scene = scene_of(full=full)
-    return resting_posture(hand_of(scene, hand), keys_of(scene), SETTINGS)
+    return resting_posture(hand_of(scene, hand), keys_of(scene))
+
+
+@functools.cache
+def whole_hand(scene, hand):
+    return Hand.of(scene, hand, keys_of(scene), n_substeps=10)
 
 
 def random_positions(kinematics, count, seed=0):
@@ -111,21 +113,3 @@ def over_the_top(scene, point, key, share):
 def sounding_share(scene, key):
     """Return from which share of its travel on a key sounds."""
     return float(scene.key_sounding_angle[key] / scene.key_max_angle[key])
-
-
-@st.composite
-def hand_presses(draw, longest=12, most=10, rests=4):
-    """Draw what a hand plays, in order of time: chords and lines, each finger on one key a time."""
-    free_from = [1] * 5  # the first state in which each finger and ...
-    silent_from: dict[int, int] = {}  # ... each key may be struck
-    presses = []
-    for _ in range(draw(st.integers(1, most))):
-        finger = draw(st.integers(0, 4))
-        key = draw(st.integers(0, NUM_KEYS - 1))
-        earliest = max(free_from[finger], silent_from.get(key, 1))
-        first = earliest + draw(st.integers(0, rests))
-        last = first + draw(st.integers(0, longest))
-        presses.append(Press(key, finger, first, last))
-        free_from[finger] = last + 1
-        silent_from[key] = last + 2
-    return sorted(presses, key=lambda press: (press.first, press.key))

@@ -12,10 +12,8 @@ from sb3_piano.planning.sampling import (
     PredictiveSampling,
     SamplingCost,
 )
-from sb3_piano.planning.sampling.candidates import Candidates
-from sb3_piano.planning.sampling.nominal import Rest
-from sb3_piano.planning.sampling.search import CandidateSearch
-from sb3_piano.planning.sampling.simulations import Simulations
+from sb3_piano.planning.sampling.noise import Candidates
+from sb3_piano.planning.sampling.search import CandidateSearch, Simulations
 
 # Keys near where the hands begin.
 TUNE = Score(
@@ -71,10 +69,9 @@ def play_episode(env, player):
     return info
 
 
-def make_search(env, physics=None, noise=NOISE_FROM_ZERO, horizon=4, n=3, nominal=None, **cost):
+def make_search(env, physics=None, noise=NOISE_FROM_ZERO, horizon=4, n=3, tracker=None, **cost):
     candidates = Candidates(noise, env.scene, horizon)
     simulations = Simulations(env, physics, n, 1)
-    nominal = Rest(env.scene) if nominal is None else nominal
     return candidates, CandidateSearch(
-        env.roll, simulations, nominal, candidates, SamplingCost(**cost)
+        env.roll, simulations, tracker, candidates, SamplingCost(**cost)
     )

@@ -10,8 +10,8 @@ from hand_parts import SETTINGS, hand_of, keys_of, over_the_top, scene_of, sound
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.music import MIN_PITCH, Note, PianoRoll, Score
+from sb3_piano.music.presses import presses_of_hand
 from sb3_piano.planning import plan
-from sb3_piano.planning.presses import presses_of_hand
 
 # Enough for these pieces.
 QUICK = dataclasses.replace(SETTINGS, rounds=2, iterations=8, dynamic_iterations=4)

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
-from hand_parts import SETTINGS, hand_of, keys_of, posture_of, scene_of
+from hand_parts import SETTINGS, hand_of, keys_of, scene_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sb3_piano.music.fingering.robot import KEY_SPACING
+from sb3_piano.music.presses import Press
+from sb3_piano.planning import arms
 from sb3_piano.planning.arms import bounds_of, dividing_line, wanted_places
 from sb3_piano.planning.key_frames import key_frames
-from sb3_piano.planning.leaps import TimedPress
-from sb3_piano.planning.presses import Press
+from sb3_piano.planning.presses import TimedPress
 
 SCENE = scene_of()
 KEYS = keys_of(SCENE)
 BOTH_HANDS = pytest.mark.parametrize("hand", [0, 1])
+
+APART = 0.16  # m
 
 places = st.floats(-0.6, 0.6, allow_nan=False)
 
@@ -27,9 +29,9 @@ def bounds(right, left, right_busy, left_busy):
     line = dividing_line(
         [np.array([right]), np.array([left])],
         [np.array([right_busy]), np.array([left_busy])],
-        SETTINGS,
+        APART,
     )
-    right_bound, left_bound = bounds_of(line, SETTINGS)
+    right_bound, left_bound = bounds_of(line, APART)
     return float(right_bound[0]), float(left_bound[0])
 
 
@@ -37,7 +39,7 @@ def bounds(right, left, right_busy, left_busy):
 @given(places, places, st.booleans(), st.booleans())
 def test_the_bounds_keep_the_arms_apart_the_right_one_to_the_right(right, left, busy, other_busy):
     right_bound, left_bound = bounds(right, left, busy, other_busy)
-    assert right_bound - left_bound == pytest.approx(SETTINGS.arms_apart)
+    assert right_bound - left_bound == pytest.approx(APART)
 
 
 @settings(max_examples=40, deadline=None)
@@ -56,15 +58,13 @@ def test_two_hands_that_play_share_what_is_missing(right, left):
     right_bound, left_bound = bounds(right, left, True, True)
     pushed_right, pushed_left = max(right_bound - right, 0), max(left - left_bound, 0)
     assert pushed_right == pytest.approx(pushed_left, abs=1e-9)
-    assert pushed_right + pushed_left == pytest.approx(
-        max(left + SETTINGS.arms_apart - right, 0), abs=1e-9
-    )
+    assert pushed_right + pushed_left == pytest.approx(max(left + APART - right, 0), abs=1e-9)
 
 
 @settings(max_examples=40, deadline=None)
 @given(places, places, st.booleans(), st.booleans())
 def test_hands_that_are_far_apart_are_not_pushed_at_all(middle, extra, busy, other_busy):
-    apart = SETTINGS.arms_apart + SETTINGS.idle_arm_apart + abs(extra)
+    apart = APART + arms._IDLE_APART + abs(extra)
     right, left = middle + apart / 2, middle - apart / 2
     right_bound, left_bound = bounds(right, left, busy, other_busy)
     assert right_bound <= right + 1e-9
@@ -78,8 +78,8 @@ def frames_of(hand, presses, n_states=60):
 
 
 def wanted(hand, presses):
-    sign = hand_of(SCENE, hand).sign
-    return wanted_places(frames_of(hand, presses), sign, posture_of(SCENE, hand), KEYS)
+    kinematics = hand_of(SCENE, hand)
+    return wanted_places(frames_of(hand, presses), kinematics.sign, kinematics.middle)
 
 
 @BOTH_HANDS
@@ -96,7 +96,7 @@ def test_a_hand_that_plays_wants_to_be_where_its_finger_is_over_the_key(hand, fi
     key = 45
     place, _ = wanted(hand, [Press(key, finger, 30, 34)])
     sign = hand_of(SCENE, hand).sign
-    assert place[32] + sign * (finger - 2) * KEYS.spacing == pytest.approx(KEYS.y[key])
+    assert place[32] + sign * (finger - 2) * KEY_SPACING == pytest.approx(KEYS.y[key])
 
 
 @BOTH_HANDS
@@ -115,10 +115,9 @@ def test_a_hand_is_busy_a_little_before_and_after_it_plays():
 
 
 def test_an_arm_that_rests_keeps_farther_away():
-    near = dataclasses.replace(SETTINGS, idle_arm_apart=0.0)
-    lines = [
-        dividing_line([np.zeros(1)] * 2, [np.ones(1, bool), np.zeros(1, bool)], options)
-        for options in (SETTINGS, near)
-    ]
+    both = [np.zeros(1), np.zeros(1)]
+    playing, resting = np.ones(1, bool), np.zeros(1, bool)
     # The right hand plays: the line moves to the left, and the left arm with it.
-    assert lines[0] < lines[1]
+    assert dividing_line(both, [playing, resting], APART) < dividing_line(
+        both, [playing] * 2, APART
+    )

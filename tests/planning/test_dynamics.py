@@ -7,9 +7,9 @@ import functools
 import mujoco
 import numpy as np
 import pytest
-from hand_parts import data_at, hand_of, joints_by_name, posture_of, scene_of
+from hand_parts import data_at, hand_of, joints_by_name, rest_of, scene_of
 
-from sb3_piano.planning.dynamics import HandDynamics
+from sb3_piano.planning.tracking_control import HandDynamics
 
 CONTROL_TIMESTEP = 0.05
 CASES = pytest.mark.parametrize(
@@ -48,8 +48,8 @@ class Stepping:
         self.model = self.scene.model
         self.kinematics = hand_of(scene, hand)
         self.by_actuator = joints_by_name(scene, hand)
-        self.rest = posture_of(scene, hand).rest
-        self.start = data_at(self.scene, *(posture_of(scene, one).rest for one in (0, 1)))
+        self.rest = rest_of(scene, hand)
+        self.start = data_at(self.scene, *(rest_of(scene, one) for one in (0, 1)))
         self.data, self.trial = mujoco.MjData(self.model), mujoco.MjData(self.model)
         side = f"{'rl'[hand]}h"
         coupled = [name[:-2] for name in self.kinematics.names if name.endswith("J0")]

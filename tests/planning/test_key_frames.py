@@ -6,10 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from drawn_presses import hand_presses
 from hand_parts import (
     SETTINGS,
     hand_of,
-    hand_presses,
     keys_of,
     over_the_top,
     scene_of,
@@ -19,10 +19,17 @@ from hand_parts import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sb3_piano.planning.key_frames import key_frames
-from sb3_piano.planning.leaps import TimedPress, time_presses
-from sb3_piano.planning.presses import Press
-from sb3_piano.simulation import KEY_IS_BLACK
+from sb3_piano.music.constants import KEY_IS_BLACK
+from sb3_piano.music.fingering.robot import KEY_SPACING
+from sb3_piano.music.presses import Press
+from sb3_piano.planning.key_frames import (
+    _HOVER_STATES,
+    _REACH,
+    _READY_DEPTH,
+    _RELEASE_DEPTH,
+    key_frames,
+)
+from sb3_piano.planning.presses import TimedPress, time_presses
 
 SCENE = scene_of()
 KEYS = keys_of(SCENE)
@@ -64,10 +71,10 @@ def test_a_key_is_let_down_far_enough_to_sound_in_all_its_states_and_no_other(ke
 def test_fingertips_touch_keys_at_the_depths_of_the_settings(key, finger):
     frames = frames_of([held(key, finger, leaps=False)])
     depths = {
-        19: SETTINGS.ready_depth,
+        19: _READY_DEPTH,
         20: SETTINGS.hold_depth,
         24: SETTINGS.hold_depth,
-        25: SETTINGS.release_depth,
+        25: _RELEASE_DEPTH,
     }
     for state, depth in depths.items():
         point = lowest_point(frames, state, finger)
@@ -100,7 +107,7 @@ def test_a_hand_that_plays_black_keys_too_plays_white_ones_nearer_to_them():
 @pytest.mark.parametrize("key", [C4, C4 + 1])
 def test_a_finger_comes_from_above_with_growing_weight(key):
     frames = frames_of([held(key, 2)])
-    hovering = range(20 - SETTINGS.hover_states, 19)
+    hovering = range(20 - _HOVER_STATES, 19)
     heights = [over_the_top(SCENE, lowest_point(frames, s, 2), key, 0.0) for s in hovering]
     assert min(heights) > 0
     weights = frames.weight[list(hovering), 2, 1]
@@ -130,7 +137,7 @@ def test_a_finger_that_then_leaps_is_lifted_off_the_key():
 @given(hand_presses(rests=2), st.sampled_from([1, -1]), st.booleans())
 def test_a_key_that_is_held_is_never_left_for_another_one(presses, sign, leaping):
     if leaping:
-        timed = time_presses(presses, sign, KEYS, SETTINGS)
+        timed = time_presses(presses, sign)
     else:
         timed = [TimedPress(press, press.first, press.last) for press in presses]
     n_states = max(one.last for one in timed) + 3
@@ -151,7 +158,7 @@ def test_a_target_belongs_to_a_press_of_its_finger_and_time(presses):
     frames = frames_of(timed, max(one.last for one in timed) + 15)
     for state, finger in np.argwhere(frames.weight.any(axis=2)).tolist():
         mine = [one.press for one in timed if one.press.finger == finger]
-        near = [p for p in mine if p.first - SETTINGS.hover_states <= state <= p.last + 1]
+        near = [p for p in mine if p.first - _HOVER_STATES <= state <= p.last + 1]
         assert frames.target[state, finger, 1] in [KEYS.y[press.key] for press in near]
 
 
@@ -171,8 +178,8 @@ def test_a_finger_does_not_hover_over_the_next_key_before_it_has_played_the_one_
 def test_a_finger_moves_early_only_if_no_other_one_holds_the_hand_far_away():
     near = frames_of([held(WHITE[23], 0, 5, 19), held(WHITE[27], 4, 20, 24)])
     far = frames_of([held(WHITE[23], 0, 5, 19), held(WHITE[45], 4, 20, 24)])
-    distance = KEYS.y[WHITE[45]] - KEYS.y[WHITE[23]] - 4 * KEYS.spacing
-    assert distance > SETTINGS.reach
+    distance = KEYS.y[WHITE[45]] - KEYS.y[WHITE[23]] - 4 * KEY_SPACING
+    assert distance > _REACH
     assert near.weight[16, 4].any()
     assert not far.weight[:19, 4].any()
     assert far.weight[19:25, 4].all()

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import pytest
-from hand_parts import SETTINGS, hand_presses, keys_of, scene_of
+from drawn_presses import hand_presses
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sb3_piano.planning.leaps import hand_place, time_presses
-from sb3_piano.planning.presses import Press
-from sb3_piano.simulation import KEY_IS_BLACK
+from sb3_piano.music.constants import KEY_IS_BLACK
+from sb3_piano.music.fingering import robot
+from sb3_piano.music.fingering.robot import hand_place
+from sb3_piano.music.presses import Press
+from sb3_piano.planning.presses import time_presses
 
-KEYS = keys_of(scene_of())
 WHITE = [key for key in range(88) if not KEY_IS_BLACK[key]]
 MIDDLE = 23  # of the white keys: C4
 
@@ -30,16 +29,16 @@ def white_keys(*distances, sign=1, rest=0):
     ]
 
 
-def gap(presses, sign=1, options=SETTINGS):
+def gap(presses, sign=1):
     """Return how many states lie between the first press and the second one, as they are timed."""
-    first, second = time_presses(presses, sign, KEYS, options)
+    first, second = time_presses(presses, sign)
     return second.first - first.last - 1
 
 
 @settings(max_examples=60, deadline=None)
 @given(hand_presses(), st.sampled_from([1, -1]))
 def test_no_press_is_empty_and_none_is_longer_than_asked(presses, sign):
-    timed = time_presses(presses, sign, KEYS, SETTINGS)
+    timed = time_presses(presses, sign)
     assert [one.press for one in timed] == presses
     for one in timed:
         assert one.press.first <= one.first <= one.last <= one.press.last
@@ -47,7 +46,7 @@ def test_no_press_is_empty_and_none_is_longer_than_asked(presses, sign):
 
 def test_a_step_of_neighbouring_fingers_on_neighbouring_keys_is_free():
     presses = [Press(WHITE[MIDDLE + i], i, 1 + 5 * i, 5 + 5 * i) for i in range(5)]
-    timed = time_presses(presses, 1, KEYS, SETTINGS)
+    timed = time_presses(presses, 1)
     assert [(one.first, one.last) for one in timed] == [(p.first, p.last) for p in presses]
     assert not any(one.leaps for one in timed)
 
@@ -55,9 +54,9 @@ def test_a_step_of_neighbouring_fingers_on_neighbouring_keys_is_free():
 def test_a_finger_comes_up_before_it_takes_the_key_next_to_its_own():
     black = next(key for key in range(WHITE[MIDDLE], 88) if KEY_IS_BLACK[key])
     near = [Press(black - 1, 2, 1, 10), Press(black, 2, 11, 20)]
-    places = [hand_place(press.key, press.finger, 1, KEYS) for press in near]
-    assert abs(places[0] - places[1]) < SETTINGS.leap_distance
-    assert gap(near) == SETTINGS.leap_frames
+    places = [hand_place(press.key, press.finger, 1) for press in near]
+    assert abs(places[0] - places[1]) < robot._LEAP_DISTANCE
+    assert gap(near) == robot._LEAP_STEPS
     other_finger = [near[0], Press(black, 3, 11, 20)]
     assert gap(other_finger) == 0
 
@@ -65,7 +64,7 @@ def test_a_finger_comes_up_before_it_takes_the_key_next_to_its_own():
 @pytest.mark.parametrize(("rest", "repeated"), [(0, True), (1, True), (2, False)])
 def test_a_finger_that_strikes_its_key_again_at_once_does_not_leave_it(rest, repeated):
     first, _ = time_presses(
-        [Press(WHITE[MIDDLE], 2, 1, 10), Press(WHITE[MIDDLE], 2, 11 + rest, 20)], 1, KEYS, SETTINGS
+        [Press(WHITE[MIDDLE], 2, 1, 10), Press(WHITE[MIDDLE], 2, 11 + rest, 20)], 1
     )
     assert first.repeated is repeated
     assert not first.leaps
@@ -73,15 +72,15 @@ def test_a_finger_that_strikes_its_key_again_at_once_does_not_leave_it(rest, rep
 
 def test_the_left_hands_fingers_count_the_other_way():
     presses = [Press(WHITE[MIDDLE - i], i, 1 + 5 * i, 5 + 5 * i) for i in range(5)]
-    assert not any(one.leaps for one in time_presses(presses, -1, KEYS, SETTINGS))
-    assert any(one.leaps for one in time_presses(presses, 1, KEYS, SETTINGS))
+    assert not any(one.leaps for one in time_presses(presses, -1))
+    assert any(one.leaps for one in time_presses(presses, 1))
 
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_leap_leaves_a_gap(sign):
     presses = white_keys(0, 7, sign=sign)
-    before, after = time_presses(presses, sign, KEYS, SETTINGS)
-    assert gap(presses, sign) >= SETTINGS.leap_frames
+    before, after = time_presses(presses, sign)
+    assert gap(presses, sign) >= robot._LEAP_STEPS
     assert (before.leaps, after.leaps) == (True, False)
     # What is not next to the leap stays.
     assert before.first == before.press.first
@@ -91,39 +90,33 @@ def test_a_leap_leaves_a_gap(sign):
 def test_far_leaps_cost_no_less_than_near_ones():
     gaps = [gap(white_keys(0, distance)) for distance in range(16)]
     assert gaps == sorted(gaps)
-    assert gaps[0] == 0 < gaps[-1]
+    assert gaps[0] == 0 < gaps[-1] == robot._LEAP_STEPS + len(robot._LEAP_MORE)
     assert gaps == [gap(white_keys(0, -distance)) for distance in range(16)]
 
 
-def test_each_of_the_distances_of_more_costs_one_more():
-    far = white_keys(0, 15)
-    none = dataclasses.replace(SETTINGS, leap_more=())
-    assert gap(far) == gap(far, options=none) + len(SETTINGS.leap_more)
-
-
 def test_a_rest_pays_for_a_leap():
-    gaps = [gap(white_keys(0, 7, rest=rest)) for rest in range(SETTINGS.leap_rest + 5)]
+    gaps = [gap(white_keys(0, 7, rest=rest)) for rest in range(robot.LEAP_REST + 5)]
     # As long as the rest is too short it is filled up; after that, the notes have all their time.
     enough = gaps[0]
     assert gaps == [max(enough, rest) for rest in range(len(gaps))]
 
 
 def test_the_same_key_struck_again_by_the_same_finger_is_no_leap():
-    timed = time_presses(white_keys(7, 7, rest=1), 1, KEYS, SETTINGS)
+    timed = time_presses(white_keys(7, 7, rest=1), 1)
     assert all((one.first, one.last) == (one.press.first, one.press.last) for one in timed)
     assert not any(one.leaps for one in timed)
 
 
 def test_notes_that_sound_together_are_one_place_however_far_apart():
     presses = [Press(WHITE[MIDDLE], 0, 1, 9), Press(WHITE[MIDDLE + 12], 4, 5, 12)]
-    timed = time_presses(presses, 1, KEYS, SETTINGS)
+    timed = time_presses(presses, 1)
     assert [(one.first, one.last) for one in timed] == [(1, 9), (5, 12)]
 
 
 def test_only_the_note_before_a_leap_pays_not_those_before_it():
     low, high = WHITE[MIDDLE], WHITE[MIDDLE + 10]
     presses = [Press(low, 2, 1, 4), Press(low, 2, 6, 30), Press(high, 2, 31, 60)]
-    timed = time_presses(presses, 1, KEYS, SETTINGS)
+    timed = time_presses(presses, 1)
     assert (timed[0].first, timed[0].last, timed[0].leaps) == (1, 4, False)
     assert timed[1].leaps
 
@@ -131,18 +124,8 @@ def test_only_the_note_before_a_leap_pays_not_those_before_it():
 def test_all_keys_of_a_chord_make_room_for_a_leap():
     chord = [Press(WHITE[MIDDLE + 2 * i], 2 * i, 1, LONG) for i in range(3)]
     later = [Press(WHITE[MIDDLE + 14 + 2 * i], 2 * i, LONG + 1, 2 * LONG) for i in range(3)]
-    timed = time_presses([*chord, *later], 1, KEYS, SETTINGS)
+    timed = time_presses([*chord, *later], 1)
     end = max(one.last for one in timed[:3])
     begin = min(one.first for one in timed[3:])
-    assert begin - end - 1 >= SETTINGS.leap_frames
+    assert begin - end - 1 >= robot._LEAP_STEPS
     assert len({one.last for one in timed[:3]}) == len({one.first for one in timed[3:]}) == 1
-
-
-def test_the_place_of_a_hand_is_where_its_middle_finger_would_be():
-    key = WHITE[MIDDLE]
-    for sign in (1, -1):
-        places = [hand_place(key, finger, sign, KEYS) for finger in range(5)]
-        assert places[2] == KEYS.y[key]
-        # Its thumb on the key, a right hand lies to the right of it.
-        assert places[0] == pytest.approx(KEYS.y[key] + sign * 2 * KEYS.spacing)
-        assert places == sorted(places, reverse=sign == 1)

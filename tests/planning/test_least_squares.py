@@ -2,49 +2,55 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
-from hand_parts import SETTINGS, hand_of, keys_of, posture_of, scene_of
+from hand_parts import SETTINGS, hand_of, keys_of, scene_of, whole_hand
 
+from sb3_piano.music.presses import Press
+from sb3_piano.planning import hand_cost, least_squares
 from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.planning.key_frames import key_frames
-from sb3_piano.planning.leaps import TimedPress
-from sb3_piano.planning.least_squares import HandProblem
-from sb3_piano.planning.presses import Press
-from sb3_piano.planning.smoothness import Smoothness
+from sb3_piano.planning.least_squares import HandProblem, Smoothness
+from sb3_piano.planning.presses import TimedPress
 
 BOTH_HANDS = pytest.mark.parametrize("hand", [0, 1])
 C4, N_STATES = 39, 24
-UNCONCERNED = dataclasses.replace(
-    SETTINGS, weight_idle=0.0, weight_wall=0.0, weight_spacing=0.0, weight_arms=0.0
-)
 
 
 class Parts:
     """A problem with all that its cost consists of."""
 
-    def __init__(self, hand, presses, options=SETTINGS, full=True, bound=None, rest=True):
+    def __init__(self, hand, presses, full=True, bound=None, rest=True):
         scene = scene_of(full=full)
         kinematics, keys = hand_of(scene, hand), keys_of(scene)
         timed = [TimedPress(press, press.first, press.last) for press in presses]
         sign = kinematics.sign
-        frames = key_frames(timed, sign, N_STATES, kinematics.radius, keys, options)
+        frames = key_frames(timed, sign, N_STATES, kinematics.radius, keys, SETTINGS)
         bound = np.full(N_STATES, -10.0 * sign) if bound is None else bound
-        self.kinematics, self.options = kinematics, options
-        self.cost = HandCost(kinematics, frames, options, bound)
+        self.kinematics = kinematics
+        self.cost = HandCost(kinematics, frames, bound)
         self.before = np.zeros((2, kinematics.size))
-        self.smoothness = Smoothness(kinematics, options, self.before, N_STATES)
-        self.posture = posture_of(scene, hand)
-        start = np.tile(self.posture.rest if rest else self.before[0], (N_STATES, 1))
-        self.problem = HandProblem(self.cost, self.smoothness, self.posture, options, start)
+        self.smoothness = Smoothness(kinematics, self.before, N_STATES)
+        self.hand = whole_hand(scene, hand)
+        start = np.tile(self.hand.rest if rest else self.before[0], (N_STATES, 1))
+        self.problem = HandProblem(self.cost, self.smoothness, self.hand, start)
 
     def total(self, positions=None):
         positions = self.problem.positions if positions is None else positions
-        pulled = self.posture.pull(self.options) * (positions - self.posture.rest)
+        pulled = self.hand.pull * (positions - self.hand.rest)
         values = self.cost.values(positions)
         return float((values**2).sum() + (pulled**2).sum()) + self.smoothness.cost(positions)
+
+
+@pytest.fixture
+def unconcerned(monkeypatch):
+    """Nothing counts but targets, posture and smoothness."""
+    for name in ("_IDLE_WEIGHT", "_WALL_WEIGHT", "_SPACING_WEIGHT", "_ARMS_WEIGHT"):
+        monkeypatch.setattr(hand_cost, name, 0.0)
+
+
+def jerk_of(name):
+    return least_squares._JERK.get(name, least_squares._JERK_FINGER)
 
 
 def some_presses(hand):
@@ -76,7 +82,7 @@ def test_steps_are_sought_with_the_slope_and_the_curvature_of_the_whole_cost(han
     here = parts.problem.positions
     band, gradient = parts.problem._normal_equations()
     blocks, _ = parts.cost.quadratic(here)
-    pull = parts.posture.pull(SETTINGS)
+    pull = parts.hand.pull
     random = np.random.default_rng(0)
     still = np.zeros_like(here)
     for _ in range(5):
@@ -113,21 +119,19 @@ def test_it_comes_to_where_no_small_change_helps(hand):
 
 def dense_solution(parts):
     """Return where only posture and smoothness lead, one linear problem for each actuator."""
-    jerk = {"WRJ1": SETTINGS.jerk_wrist, "WRJ2": SETTINGS.jerk_wrist}
-    jerk |= {"forearm_tx": SETTINGS.jerk_along, "forearm_ty": SETTINGS.jerk_inwards}
     whole = np.eye(N_STATES + 2)
-    pull = parts.posture.pull(SETTINGS)
+    pull = parts.hand.pull
     columns = []
     for actuator, name in enumerate(parts.kinematics.names):
         rows = np.concatenate(
             [
-                SETTINGS.velocity * np.diff(whole, axis=0)[1:, 2:],
-                jerk.get(name, SETTINGS.jerk_finger) * np.diff(whole, n=2, axis=0)[:, 2:],
+                least_squares._VELOCITY * np.diff(whole, axis=0)[1:, 2:],
+                jerk_of(name) * np.diff(whole, n=2, axis=0)[:, 2:],
                 pull[actuator] * np.eye(N_STATES),
             ]
         )
         goal = np.zeros(len(rows))
-        goal[-N_STATES:] = pull[actuator] * parts.posture.rest[actuator]
+        goal[-N_STATES:] = pull[actuator] * parts.hand.rest[actuator]
         columns.append(np.linalg.lstsq(rows, goal, rcond=None)[0])
     return np.clip(np.stack(columns, axis=1), parts.kinematics.low, parts.kinematics.high)
 
@@ -135,8 +139,8 @@ def dense_solution(parts):
 @pytest.mark.slow
 @BOTH_HANDS
 @pytest.mark.parametrize("full", [True, False])
-def test_without_notes_and_neighbours_it_is_the_dense_solution(hand, full):
-    parts = Parts(hand, [], UNCONCERNED, full, rest=False)
+def test_without_notes_and_neighbours_it_is_the_dense_solution(hand, full, unconcerned):
+    parts = Parts(hand, [], full, rest=False)
     parts.problem.improve(60)
     np.testing.assert_allclose(parts.problem.positions, dense_solution(parts), atol=1e-4)
 
@@ -145,8 +149,8 @@ def test_without_notes_and_neighbours_it_is_the_dense_solution(hand, full):
 @pytest.mark.xfail(
     strict=True, reason="states whose own cost must rise for a better whole are damped ever more"
 )
-def test_it_is_the_dense_solution_from_wherever_the_search_begins():
-    parts = Parts(0, [], UNCONCERNED, rest=True)
+def test_it_is_the_dense_solution_from_wherever_the_search_begins(unconcerned):
+    parts = Parts(0, [], rest=True)
     parts.problem.improve(60)
     np.testing.assert_allclose(parts.problem.positions, dense_solution(parts), atol=1e-3)
 
@@ -198,3 +202,81 @@ def test_what_is_solved_again_is_what_the_new_bound_makes_of_it():
         totals.append(parts.total())
     assert (np.diff(totals) <= 1e-12 * totals[0]).all()
     assert totals[-1] < totals[0]
+
+
+# Smoothness, against sums and matrices written out.
+
+KINEMATICS = hand_of(scene_of(), 1)
+SIZE = KINEMATICS.size
+
+
+def smoothness_of(n_states, seed=0):
+    random = np.random.default_rng(seed)
+    before = random.standard_normal((2, SIZE))
+    return (
+        Smoothness(KINEMATICS, before, n_states),
+        before,
+        random.standard_normal((n_states, SIZE)),
+    )
+
+
+def cost_by_hand(before, positions):
+    """Add up what changes of place and of velocity cost, number by number."""
+    total = 0.0
+    way = [*before, *positions]
+    for s in range(2, len(way)):
+        for actuator, name in enumerate(KINEMATICS.names):
+            here, one_back, two_back = (way[s - back][actuator] for back in (0, 1, 2))
+            total += (least_squares._VELOCITY * (here - one_back)) ** 2
+            total += (jerk_of(name) * (here - 2 * one_back + two_back)) ** 2
+    return total
+
+
+def dense(band, size):
+    """Return the symmetric matrix of lower diagonals."""
+    n = band.shape[1]
+    matrix = np.zeros((n, n))
+    for below, diagonal in enumerate(band):
+        for column in range(n - below):
+            matrix[column + below, column] = matrix[column, column + below] = diagonal[column]
+    assert len(band) == 2 * size + 1
+    return matrix
+
+
+@pytest.mark.parametrize("n_states", [1, 2, 3, 6])
+def test_the_cost_is_the_sum_over_all_states_and_actuators(n_states):
+    smoothness, before, positions = smoothness_of(n_states)
+    assert smoothness.cost(positions) == pytest.approx(cost_by_hand(before, positions))
+
+
+@pytest.mark.parametrize("n_states", [1, 2, 3, 6])
+def test_the_gradient_is_that_of_half_the_cost(n_states):
+    smoothness, before, positions = smoothness_of(n_states)
+    gradient = smoothness.gradient(positions)
+    assert gradient.shape == positions.shape
+    for seed in range(5):  # of a quadratic form, central differences are exact
+        way = np.random.default_rng(10 + seed).standard_normal(positions.shape)
+        rise = cost_by_hand(before, positions + way) - cost_by_hand(before, positions - way)
+        assert (gradient * way).sum() == pytest.approx(rise / 4)
+
+
+@pytest.mark.parametrize("n_states", [1, 2, 3, 6])
+def test_the_band_is_the_hessian_of_half_the_cost(n_states):
+    smoothness, *_ = smoothness_of(n_states)
+    differences = np.eye(n_states + 2)
+    first = np.diff(differences, axis=0)[1:, 2:]
+    second = np.diff(differences, n=2, axis=0)[:, 2:]
+    expected = np.zeros((n_states * SIZE, n_states * SIZE))
+    for actuator, name in enumerate(KINEMATICS.names):
+        matrix = (
+            least_squares._VELOCITY**2 * first.T @ first + jerk_of(name) ** 2 * second.T @ second
+        )
+        expected[actuator::SIZE, actuator::SIZE] = matrix
+    np.testing.assert_allclose(dense(smoothness.band, SIZE), expected, atol=1e-15)
+
+
+def test_standing_still_costs_nothing():
+    still = np.ones((2, SIZE))
+    smoothness = Smoothness(KINEMATICS, still, 5)
+    assert smoothness.cost(np.ones((5, SIZE))) == 0
+    assert not smoothness.gradient(np.ones((5, SIZE))).any()

@@ -143,7 +143,7 @@ def test_another_control_step_may_be_chosen():
 
 def test_a_roll_with_notes_without_fingers_is_refused_by_name():
     score = without_fingers(five_fingers(order=(0, 1)))
-    with pytest.raises(ScoreError, match=r"No note of the roll has a finger.*finger_score"):
+    with pytest.raises(ScoreError, match=r"No note of the roll has a finger.*apply_fingering"):
         plan(roll_of(score), scene_of(full=False))
 
 
@@ -204,11 +204,12 @@ def test_a_piece_may_be_as_short_as_a_control_step(steps):
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({"hover": math.nan}, "hover is nan"),
-        ({"spacing": "wide"}, "spacing is 'wide'"),
+        ({"hover": math.nan}, "hover is nan: expected a finite number"),
+        ({"hold_depth": "deep"}, "hold_depth is 'deep': expected a finite number"),
         ({"feedback": True}, "feedback is True"),
-        ({"rounds": 0}, "rounds is 0: expected more than 0"),
-        ({"window": -1.0}, "window is -1.0: expected more than 0"),
+        ({"rounds": 0}, "rounds is 0: expected a whole number, 1 or more"),
+        ({"window": -1.0}, "window is -1.0: expected a finite number above 0"),
+        ({"rehearsals": -1}, "rehearsals is -1: expected a whole number, 0 or more"),
     ],
 )
 def test_impossible_settings_are_refused_by_name(options, told):

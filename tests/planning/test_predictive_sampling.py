@@ -28,7 +28,6 @@ from sb3_piano.planning.sampling import (
     SamplingCost,
     SamplingNoise,
 )
-from sb3_piano.planning.sampling.nominal import Tracked
 
 
 def test_actions_are_those_of_the_action_space_however_wild_the_noise():
@@ -106,13 +105,13 @@ def test_a_single_candidate_with_a_plan_is_the_planned_pianist():
 @pytest.mark.slow
 def test_a_plan_tells_where_the_actuators_are_at_the_end_of_a_step():
     env = make_env(initial_buffer_time=0.3)
-    nominal = Tracked(Trackers(WEAK).of(env))
+    positions = Trackers(WEAK).of(env).plan.positions
     player = make_player(env, nominal="plan", plan_settings=WEAK, samples=1, horizon=1)
     away = {-1: 0.0, 0: 0.0, 1: 0.0}
     for step in range(6):
         if step > 1:  # on the way
             for shift in away:
-                apart = env.data.actuator_length - nominal.planned(step - 1 + shift)
+                apart = env.data.actuator_length - positions[step + shift]
                 away[shift] += np.abs(apart).sum()
         play(env, player, 1)
     assert away[0] < 0.5 * min(away[-1], away[1])

@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
-from hand_parts import SETTINGS, hand_of, keys_of, posture_of, scene_of
+from hand_parts import SETTINGS, hand_of, keys_of, rest_of, scene_of, whole_hand
 
+from sb3_piano.music.presses import Press
 from sb3_piano.planning import tracking_control
-from sb3_piano.planning.dynamics import HandDynamics
 from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.planning.key_frames import key_frames
-from sb3_piano.planning.leaps import TimedPress
-from sb3_piano.planning.least_squares import HandProblem
-from sb3_piano.planning.presses import Press
-from sb3_piano.planning.smoothness import Smoothness
-from sb3_piano.planning.tracking_control import TrackingControl
+from sb3_piano.planning.least_squares import HandProblem, Smoothness
+from sb3_piano.planning.presses import TimedPress
+from sb3_piano.planning.tracking_control import HandDynamics, TrackingControl
 
 SCENE = scene_of()
 KINEMATICS = hand_of(SCENE, 0)
 SIZE = KINEMATICS.size
-REST = posture_of(SCENE, 0).rest
+REST = rest_of(SCENE, 0)
 DYNAMICS = HandDynamics.of(SCENE, KINEMATICS, REST, 10)
 T = 6
+N_ITERATIONS = 8
 
 
 class LinearCost:
@@ -88,7 +85,7 @@ def dense_commands(cost, plan, forces, start, beyond=0.0):
     arm = np.array([name.startswith("forearm") for name in KINEMATICS.names])
     faith = np.sqrt(np.where(arm, tracking_control._FAITH_ARM, tracking_control._FAITH))
     speed = np.sqrt(np.where(arm, tracking_control._SPEED_ARM, tracking_control._SPEED))
-    effort = np.sqrt(np.where(arm, SETTINGS.effort_arm, SETTINGS.effort))
+    effort = np.sqrt(np.where(arm, tracking_control._EFFORT_ARM, tracking_control._EFFORT))
     hard = np.sqrt(np.broadcast_to(beyond, SIZE))
     rows, goals = [], []
     for t in range(count):
@@ -118,7 +115,7 @@ def dense_commands(cost, plan, forces, start, beyond=0.0):
 def test_for_a_quadratic_cost_it_is_the_dense_solution(monkeypatch):
     wide_ranges(monkeypatch)
     cost, plan, forces = LinearCost(), some_plan(), some_forces()
-    found = TrackingControl(cost, DYNAMICS, plan, forces, at_rest(0.02), SETTINGS).solve()
+    found = TrackingControl(cost, DYNAMICS, plan, forces, at_rest(0.02), N_ITERATIONS).solve()
     expected = dense_commands(cost, plan, forces, at_rest(0.02))
     assert np.abs(expected - plan).max() > 0.01, "there is something to be found"
     np.testing.assert_allclose(found.commands, expected, atol=1e-6)
@@ -129,7 +126,7 @@ def test_what_is_beyond_its_range_counts_by_the_square_of_how_far(monkeypatch):
     monkeypatch.setattr(KINEMATICS, "low", REST)
     monkeypatch.setattr(KINEMATICS, "high", REST)
     cost, plan, forces, start = LinearCost(), some_plan(), some_forces(), at_rest(0.02)
-    control = TrackingControl(cost, DYNAMICS, plan, forces, start, SETTINGS)
+    control = TrackingControl(cost, DYNAMICS, plan, forces, start, N_ITERATIONS)
     arm = np.array([name.startswith("forearm") for name in KINEMATICS.names])
     beyond = np.where(arm, tracking_control._OUTSIDE_ARM, tracking_control._OUTSIDE)
     expected = control._roll_out(dense_commands(cost, plan, forces, start, beyond))
@@ -140,7 +137,7 @@ def test_the_states_are_those_to_which_the_commands_lead(monkeypatch):
     wide_ranges(monkeypatch)
     forces = some_forces()
     found = TrackingControl(
-        LinearCost(), DYNAMICS, some_plan(), forces, at_rest(0.02), SETTINGS
+        LinearCost(), DYNAMICS, some_plan(), forces, at_rest(0.02), N_ITERATIONS
     ).solve()
     state = at_rest(0.02)
     for t in range(T):
@@ -158,7 +155,7 @@ def test_the_gains_tell_how_the_best_commands_change_with_where_a_hand_is(monkey
     """Solve the rest of the piece again from a place that differs."""
     wide_ranges(monkeypatch)
     cost, plan, forces = LinearCost(), some_plan(), some_forces()
-    found = TrackingControl(cost, DYNAMICS, plan, forces, at_rest(), SETTINGS).solve()
+    found = TrackingControl(cost, DYNAMICS, plan, forces, at_rest(), N_ITERATIONS).solve()
     ahead = np.random.default_rng(3).uniform(-0.02, 0.02, SIZE)
     before = at_rest() if step == 0 else found.states[step - 1]
     elsewhere = before + np.concatenate([ahead, np.zeros(SIZE)])
@@ -178,18 +175,18 @@ def real_problem():
     keys = keys_of(SCENE)
     timed = [TimedPress(press, press.first, press.last) for press in PRESSES]
     frames = key_frames(timed, 1, N_STATES + 1, KINEMATICS.radius, keys, SETTINGS)
-    cost = HandCost(KINEMATICS, frames.between(1, None), SETTINGS, np.full(N_STATES, -10.0))
-    smoothness = Smoothness(KINEMATICS, SETTINGS, np.tile(REST, (2, 1)), N_STATES)
+    cost = HandCost(KINEMATICS, frames.between(1, None), np.full(N_STATES, -10.0))
+    smoothness = Smoothness(KINEMATICS, np.tile(REST, (2, 1)), N_STATES)
     start = np.tile(REST, (N_STATES, 1))
-    problem = HandProblem(cost, smoothness, posture_of(SCENE, 0), SETTINGS, start)
+    problem = HandProblem(cost, smoothness, whole_hand(SCENE, 0), start)
     problem.improve(25)
     return cost, problem.positions
 
 
-def solved(options=SETTINGS, forces=None):
+def solved(iterations=N_ITERATIONS, forces=None):
     cost, plan = real_problem()
     forces = np.zeros_like(plan) if forces is None else forces
-    control = TrackingControl(cost, DYNAMICS, plan, forces, at_rest(), options)
+    control = TrackingControl(cost, DYNAMICS, plan, forces, at_rest(), iterations)
     return control, control.solve(), cost, plan
 
 
@@ -200,8 +197,7 @@ def cost_of_commands(control, commands):
 def test_no_small_change_of_the_commands_lowers_the_cost(monkeypatch):
     cost, plan = real_problem()
     wide_ranges(monkeypatch)
-    options = dataclasses.replace(SETTINGS, dynamic_iterations=40)
-    control = TrackingControl(cost, DYNAMICS, plan, np.zeros_like(plan), at_rest(), options)
+    control = TrackingControl(cost, DYNAMICS, plan, np.zeros_like(plan), at_rest(), 40)
     found = control.solve()
     best = cost_of_commands(control, found.commands)
     random = np.random.default_rng(4)
@@ -228,7 +224,7 @@ def test_commands_stay_in_the_control_ranges():
 
 
 def test_the_motion_is_the_one_to_which_commands_within_the_control_ranges_lead():
-    control, found, _, _ = solved(dataclasses.replace(SETTINGS, dynamic_iterations=20))
+    control, found, _, _ = solved(20)
     motion = control._roll_out(found.commands)[:, :SIZE]
     tips = KINEMATICS.fingertips(np.stack([motion, found.states[:, :SIZE]]).reshape(-1, SIZE))
     reached, believed = tips.reshape(2, N_STATES, 5, 3)
@@ -248,9 +244,3 @@ def test_against_keys_that_push_back_hands_are_told_to_go_farther():
     np.testing.assert_allclose(more, 0.05 / stiffness, rtol=0.3)
     off = np.abs(pushed.states - free.states)[8:12, bends]
     assert (off < 0.3 * 0.05 / stiffness).all()
-
-
-def test_even_without_iterations_there_are_commands():
-    _, found, _, _ = solved(dataclasses.replace(SETTINGS, dynamic_iterations=0))
-    assert found.commands.shape == (N_STATES, SIZE)
-    assert np.isfinite(found.gains).all()

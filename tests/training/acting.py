@@ -10,6 +10,8 @@ from stable_baselines3 import TD3
 from stable_baselines3.common.callbacks import BaseCallback
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+VEC_ENVS = ("dummy", "threads", "subproc")
+
 
 class ActAt(BaseCallback):
     """Do something at one step of the training; named in configs by its import path."""

@@ -5,26 +5,22 @@ from __future__ import annotations
 import gymnasium as gym
 import numpy as np
 import pytest
+from acting import VEC_ENVS
 from stable_baselines3 import TD3
-from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.noise import NormalActionNoise, OrnsteinUhlenbeckActionNoise
 from stable_baselines3.common.vec_env import (
-    DummyVecEnv,
-    SubprocVecEnv,
     VecCheckNan,
     VecNormalize,
 )
 from torch import nn
 
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.training.builders import (
+from sb3_piano.training.runs.builders import (
     algorithm_arguments,
     build_callbacks,
     build_model,
     build_vec_env,
 )
-from sb3_piano.training.config import VEC_ENVS
-from sb3_piano.vec_env import ThreadVecEnv
 
 
 @pytest.fixture
@@ -56,7 +52,7 @@ def test_wrappers_stand_in_the_order_of_the_config(build):
     while isinstance(env, gym.Wrapper):
         names.append(type(env).__name__)
         env = env.env
-    assert names[:4] == ["TransformReward", "FlattenObservation", "EpisodeLog", "Monitor"]
+    assert names[:3] == ["TransformReward", "FlattenObservation", "EpisodeLog"]
 
 
 def test_normalisation_takes_its_arguments_and_the_discount_of_the_algorithm(build):
@@ -86,20 +82,6 @@ def test_episodes_are_written_to_monitor_files_once_they_have_a_place(
     assert [episode["l"] for episode in episodes] == [5] * 4
     expected = [returns[1][0], returns[2][0], returns[1][1], returns[2][1]]
     assert [episode["r"] for episode in episodes] == pytest.approx(expected, abs=1e-4)
-
-
-@pytest.mark.slow
-def test_each_kind_of_vector_has_its_class(build):
-    kinds = [type(build(vec_env=vec_env, n_envs=2)) for vec_env in VEC_ENVS]
-    assert kinds == [DummyVecEnv, ThreadVecEnv, SubprocVecEnv]
-
-
-def test_the_monitor_gets_its_keywords(build):
-    venv = build(monitor_kwargs={"info_keywords": ["TimeLimit.truncated"]})
-    monitor = venv.envs[0]
-    while not isinstance(monitor, Monitor):
-        monitor = monitor.env
-    assert monitor.info_keywords == ("TimeLimit.truncated",)
 
 
 @pytest.mark.parametrize("vec_env", VEC_ENVS)
@@ -157,14 +139,6 @@ def test_a_replay_buffer_that_cannot_be_saved_is_refused_before_training(build, 
     changes = {"algorithm_kwargs": {"buffer_size": 1}}
     with pytest.raises(RunError, match="A ReplayBuffer of 1 row"):
         build_model(small_config(**changes), build(**changes))
-
-
-def test_callbacks_are_made_with_their_arguments(small_config, tmp_path):
-    path = "stable_baselines3.common.callbacks.CheckpointCallback"
-    (callback,) = build_callbacks(
-        small_config(callback={path: {"save_freq": 7, "save_path": str(tmp_path)}})
-    )
-    assert callback.save_freq == 7
 
 
 def test_a_callback_that_refuses_its_arguments_is_an_error(small_config):

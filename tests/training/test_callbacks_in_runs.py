@@ -1,23 +1,26 @@
-"""Callbacks in ``sb3-piano train``: they get environment and folder from the run."""
+"""Callbacks in ``sb3-piano train``, where environment and folder are the run's, and in RL Zoo."""
 
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from typing import ClassVar
 
 import gymnasium as gym
 import pytest
 import torch
-from acting import parameters, scalars
+from acting import VEC_ENVS, parameters, scalars
 from every_callback import ENV_ID, LOGGED, check_what_was_written, tensorboard_names, write_yaml
 from stable_baselines3 import TD3
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.cli import main
 from sb3_piano.training import resume
-from sb3_piano.training.builders import build_vec_env
-from sb3_piano.training.config import VEC_ENVS
+from sb3_piano.training.runs.builders import build_vec_env
+from sb3_piano.training.runs.saved import load_statistics
 
 
 class WithMetrics(gym.Wrapper):
@@ -92,8 +95,10 @@ def test_evaluation_in_a_run_has_the_runs_wrappers_and_normalisation(
     note = json.loads((folder.path / "best_f1" / "best_model.json").read_text())
     assert note == {"metric": "f1", "value": 0.5, "num_timesteps": 50}
     assert TD3.load(folder.path / "best_f1" / "best_model.zip").num_timesteps == 50
-    venv = build_vec_env(small_config(), statistics=folder.path / "best_f1" / "vecnormalize.pkl")
-    assert isinstance(venv, VecNormalize)
+    config = small_config(normalize=True)
+    venv = build_vec_env(config)
+    load_statistics(config, folder.path / "best_f1" / "vecnormalize.pkl", venv)
+    assert venv.obs_rms.count > 50
     # one file for each training environment, without the episodes of the evaluations
     assert len(list(folder.monitor_dir.iterdir())) == 2
     assert [episode["l"] for episode in episodes_of(folder.monitor_dir)] == [20] * 4
@@ -143,3 +148,23 @@ def test_every_callback_from_one_yaml_file_in_sb3_piano_train(midi_file, tmp_pat
     found = tensorboard_names(tmp_path / "run" / "tensorboard" / "run_1")
     assert set(found) >= LOGGED
     assert set(found["eval/onset_f1"]) == {100, 200}
+
+
+@pytest.mark.slow
+def test_every_callback_from_one_yaml_file_in_the_stock_zoo(midi_file, tmp_path):
+    pytest.importorskip("rl_zoo3")
+    write_yaml(tmp_path / "all.yml", midi_file, tmp_path)
+    command = [sys.executable, "-m", "rl_zoo3.train", "--algo", "td3", "--env", ENV_ID]
+    command += ["--gym-packages", "sb3_piano", "--conf-file", str(tmp_path / "all.yml")]
+    command += ["--seed", "1", "--log-folder", str(tmp_path / "logs"), "--eval-freq", "-1"]
+    command += ["--tensorboard-log", str(tmp_path / "tb"), "--log-interval", "1"]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    check_what_was_written(tmp_path)
+    found = tensorboard_names(tmp_path / "tb" / ENV_ID / "TD3_1")
+    assert set(found) >= LOGGED
+    assert set(found["eval/onset_f1"]) == {100, 200}
+    # the evaluations, of 25 steps each, left no line in the training's file
+    run = tmp_path / "logs" / "td3" / f"{ENV_ID}_1"
+    assert len((run / "0.monitor.csv").read_text().splitlines()) == 2 + 200 // 25

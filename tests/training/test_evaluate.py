@@ -1,7 +1,8 @@
-"""Evaluation measures what the saved model plays, and writes it down."""
+"""Evaluation measures what saved models play, and writes it down; one that fails stops no other."""
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import json
 import os
@@ -16,11 +17,12 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_piano.envs import RETURN_KEYS
-from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.exceptions import ConfigError, RunError, UnknownPieceError
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music import read_midi
-from sb3_piano.training import evaluate
-from sb3_piano.training.statistics import summarize
+from sb3_piano.training import compare, evaluate, evaluate_runs
+from sb3_piano.training.evaluation.evaluate import Evaluations, Failure
+from sb3_piano.training.evaluation.statistics import summarize
 
 
 class DoubleReward(gym.RewardWrapper):
@@ -138,13 +140,6 @@ def test_other_environments_have_return_and_length_only(pendulum_run):
     assert evaluation.performances == (None,)
 
 
-def test_the_seed_decides_how_episodes_start(pendulum_run):
-    folder = pendulum_run()
-    first, again, other = (evaluate(folder.path, seed=seed).mean["return"] for seed in (1, 1, 2))
-    assert first == again
-    assert first != other
-
-
 def test_a_run_without_its_copy_of_the_model_plays_its_checkpoint(pendulum_run):
     folder = pendulum_run(normalize=True)
     expected = evaluate(folder.path).mean
@@ -169,13 +164,6 @@ def test_a_run_without_any_model_is_refused(pendulum_run):
         evaluate(folder.path)
 
 
-def test_a_damaged_model_is_named(pendulum_run):
-    folder = pendulum_run()
-    folder.model_file.write_bytes(b"PK")
-    with pytest.raises(RunError, match=r"Model '.*model\.zip' cannot be loaded"):
-        evaluate(folder.path)
-
-
 def test_episodes_of_several_seeds_are_those_of_each_seed_alone(pendulum_run):
     folder = pendulum_run()
     together = evaluate(folder.path, episodes=2, seed=[4, 1])
@@ -187,7 +175,7 @@ def test_episodes_of_several_seeds_are_those_of_each_seed_alone(pendulum_run):
     assert together.mean["return"] == pytest.approx(np.mean(returns))
     low, high = together.summary["return"].interval
     assert min(returns) <= low < together.mean["return"] < high <= max(returns)
-    assert together.to_json()["interval"]["return"] == [low, high]
+    assert together.to_json()["interval"]["return"] == (low, high)
     assert "return" not in together.to_json()["no_interval"]
 
 
@@ -238,23 +226,158 @@ def test_ctrl_c_ends_an_evaluation_with_the_episodes_that_are_finished(pendulum_
     assert found.episodes == evaluate(folder.path, 2, [0, 1]).episodes[:3]
 
 
-@pytest.mark.parametrize("changes", [{"episodes": 0}, {"seed": -1}, {"seed": [1, -1]}])
-def test_numbers_out_of_range_are_refused(tmp_path, changes):
-    with pytest.raises(ConfigError, match="is (0|-1): expected (1|0) or more"):
-        evaluate(tmp_path, **changes)
-
-
-@pytest.mark.parametrize(
-    ("seeds", "message"),
-    [([], "There are no seeds"), ([1, 2, 1], "seed 1 is given 2 times: expected each seed once")],
-)
-def test_seeds_are_there_and_not_twice(tmp_path, seeds, message):
-    with pytest.raises(ConfigError, match=message):
-        evaluate(tmp_path, seed=seeds)
-
-
 def test_a_place_that_cannot_be_written_is_named(pendulum_run):
     folder = pendulum_run()
     folder.evaluation_dir.write_text("in the way")
     with pytest.raises(RunError, match=r"evaluation' cannot be written: File exists"):
         evaluate(folder.path)
+
+
+STILL = np.zeros(39)
+
+
+class Broken(gym.Wrapper):
+    """Fail at the third step; named in a config by its import path."""
+
+    steps = 0
+
+    def step(self, action):
+        self.steps += 1
+        if self.steps == 3:
+            raise ZeroDivisionError("of a wrapper")
+        return self.env.step(action)
+
+
+@pytest.fixture
+def three_runs(pendulum_run):
+    """Runs of three algorithms on Pendulum."""
+    return [pendulum_run(algo, algo=algo) for algo in ("td3", "sac", "ddpg")]
+
+
+def wrap(folder, wrapper):
+    path = f"{__name__}.{wrapper.__name__}"
+    folder.write_config(dataclasses.replace(folder.read_config(), env_wrapper=path))
+
+
+def read_csv(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.slow
+def test_each_run_is_evaluated_as_it_would_be_alone(three_runs):
+    paths = [run.path for run in three_runs]
+    found = evaluate_runs(paths, 2, [0, 3])
+    assert found == Evaluations(evaluations=tuple(evaluate(path, 2, [0, 3]) for path in paths))
+    assert [evaluation.algo for evaluation in found.evaluations] == ["td3", "sac", "ddpg"]
+
+
+@pytest.mark.slow
+def test_each_run_plays_each_given_piece_beside_its_baseline(piano_run):
+    runs = [piano_run(STILL, name).path for name in ("one", "two")]
+    pieces = ["TwinkleTwinkleLittleStar", "CMajorScaleOneHand"]
+    found = evaluate_runs(runs, scores=pieces)
+    played = [(evaluation.run, evaluation.piece) for evaluation in found.evaluations]
+    assert played == [(run, piece) for run in runs for piece in pieces]
+    lengths = {e.piece: e.baseline["length"] for e in found.evaluations}
+    assert len(set(lengths.values())) == 2
+    assert not any((run / "evaluation").exists() for run in runs)
+
+
+@pytest.mark.slow
+def test_the_csv_has_a_row_for_each_episode(three_runs, tmp_path):
+    found = evaluate_runs([run.path for run in three_runs], 2, [7, 0])
+    found.write_csv(tmp_path / "all.csv")
+    rows = read_csv(tmp_path / "all.csv")
+    names = ["run", "algo", "piece", "seed", "episode", "return", "length"]
+    assert list(rows[0]) == names
+    assert [(r["algo"], r["seed"], r["episode"]) for r in rows] == [
+        (algo, seed, episode)
+        for algo in ("td3", "sac", "ddpg")
+        for seed in "70"
+        for episode in "12"
+    ]
+    assert {row["piece"] for row in rows} == {"Pendulum-v1"}
+    assert rows[4]["run"] == str(three_runs[1].path)
+    returns = [e["return"] for evaluation in found.evaluations for e in evaluation.episodes]
+    assert [float(row["return"]) for row in rows] == returns
+
+
+def test_metrics_that_a_run_lacks_are_empty_in_the_csv(piano_run, pendulum_run, tmp_path):
+    runs = [pendulum_run("pendulum").path, piano_run(STILL, "piano").path]
+    evaluate_runs(runs).write_csv(tmp_path / "all.csv")
+    pendulum, piano = read_csv(tmp_path / "all.csv")
+    assert pendulum["f1"] == ""
+    assert 0 <= float(piano["f1"]) <= 1
+
+
+def test_the_json_has_everything_and_can_be_compared(three_runs, tmp_path):
+    td3, sac, _ = three_runs
+    found = evaluate_runs([td3.path, tmp_path / "nix"], 3)
+    file = tmp_path / "td3.json"
+    found.write_json(file)
+    content = json.loads(file.read_text())
+    assert content["evaluations"] == [json.loads(json.dumps(found.evaluations[0].to_json()))]
+    assert content["evaluations"][0]["interval"]["return"] is not None
+    assert content["failures"][0]["run"] == str(tmp_path / "nix")
+    assert content["interrupted"] is False
+    other = evaluate(sac.path, 3)
+    (pair,) = compare(file, sac.path).metrics[0].pairs
+    assert pair.a == pytest.approx(found.evaluations[0].mean["return"])
+    assert pair.b == pytest.approx(other.mean["return"])
+
+
+def test_a_run_that_fails_is_named_and_the_others_are_evaluated(three_runs, tmp_path, caplog):
+    td3, sac, ddpg = three_runs
+    wrap(sac, Broken)
+    ddpg.model_file.write_bytes(b"PK")
+    found = evaluate_runs([tmp_path / "nix", sac.path, ddpg.path, td3.path])
+    assert [evaluation.run for evaluation in found.evaluations] == [td3.path]
+    missing, broken, damaged = map(str, found.failures)
+    assert missing.startswith(f"Run '{tmp_path / 'nix'}' was not evaluated: There is no folder")
+    assert broken == f"Run '{sac.path}' was not evaluated: ZeroDivisionError('of a wrapper')"
+    assert "cannot be loaded" in damaged
+    assert not found.interrupted
+    # what nobody expected is logged with its traceback, the rest is not
+    assert [record.exc_info[0] for record in caplog.records] == [ZeroDivisionError]
+
+
+@pytest.mark.slow
+def test_a_piece_that_one_run_cannot_play_is_named(piano_run, pendulum_run):
+    runs = [pendulum_run("pendulum").path, piano_run(STILL, "piano").path]
+    found = evaluate_runs(runs, scores=["CMajorScaleOneHand"])
+    assert [evaluation.run for evaluation in found.evaluations] == [runs[1]]
+    assert "was not evaluated on 'CMajorScaleOneHand': " in str(found.failures[0])
+    assert found.failures[0] == Failure(
+        run=runs[0], piece="CMajorScaleOneHand", reason=found.failures[0].reason
+    )
+
+
+def test_ctrl_c_within_a_run_keeps_its_finished_episodes_and_starts_no_other(three_runs, ctrl_c):
+    played = []
+
+    def stop_after_five():
+        played.append(1)
+        if len(played) == 5:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    runs = [run.path for run in three_runs]
+    found = evaluate_runs(runs, 3, on_episode=stop_after_five)
+    assert found.interrupted
+    assert [len(evaluation.episodes) for evaluation in found.evaluations] == [3, 2]
+
+
+def test_what_is_wrong_for_all_runs_is_refused_at_once(three_runs):
+    runs = [run.path for run in three_runs]
+    for changes, message in (
+        ({"episodes": 0}, "episodes is 0: expected a whole number"),
+        ({"seeds": [1, -1]}, "seed is -1: expected a whole number"),
+        ({"seeds": []}, "There are no seeds"),
+        ({"seeds": [0, 0]}, "seed 0 is given 2 times"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            evaluate_runs(runs, **changes)
+    with pytest.raises(UnknownPieceError, match="Unknown piece 'Twinkle'"):
+        evaluate_runs(runs, scores=["Twinkle"])
+    with pytest.raises(ConfigError, match="td3' is given twice: expected each run once"):
+        evaluate_runs([*runs, runs[1].parent / "td3" / "." / "."])

@@ -1,21 +1,24 @@
-"""Training writes a run's folder, and can be interrupted at any time."""
+"""Training, Ctrl-C, and going on from where it stopped."""
 
 from __future__ import annotations
 
 import dataclasses
+import json
+import shutil
 import signal
 import threading
 
+import numpy as np
 import pytest
 import torch
-from acting import act_at, parameters, scalars
+from acting import ActAt, act_at, parameters, scalars
 from stable_baselines3 import PPO, TD3
 
 from sb3_piano.callbacks import Checkpoint
-from sb3_piano.exceptions import ConfigError
-from sb3_piano.training import session as session_module
-from sb3_piano.training import train
-from sb3_piano.training.interrupts import stop_on_signal
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.training import RunFolder, resume, train
+from sb3_piano.training.runs.train import train as session_module
 
 
 @pytest.mark.slow
@@ -163,3 +166,154 @@ def test_training_outside_the_main_thread_works(run):
     thread.start()
     thread.join()
     assert results[0].num_timesteps == 20
+
+
+@pytest.mark.slow
+def test_after_a_crash_the_last_checkpoint_can_be_resumed(run, monkeypatch, tmp_path):
+    with pytest.raises(RuntimeError, match="crash"):
+        run(callback=act_at(50, "crash"))
+    monkeypatch.setattr(ActAt, "_on_step", lambda self: True)
+    folder = RunFolder.open(tmp_path / "run")
+    assert Checkpoint.read(folder.checkpoint_dir).num_timesteps == 30
+    result = resume(folder.path, progress_bar=False)
+    assert (result.started_at, result.num_timesteps) == (30, 100)
+
+
+def first_and_resumed(run, **changes):
+    first = run(n_timesteps=60, **changes)
+    return first, resume(first.folder.path, 100, progress_bar=False, checkpoint_every=30)
+
+
+@pytest.mark.slow
+def test_resuming_goes_on_with_steps_rows_and_updates(run, monkeypatch):
+    seen = {}
+
+    class Spy(session_module.ResumableCheckpoint):
+        def _on_training_start(self):
+            buffer = self.model.replay_buffer
+            seen.setdefault("rows", []).append(buffer.size())
+            seen.setdefault("steps", []).append(self.model.num_timesteps)
+            seen.setdefault("updates", []).append(self.model._n_updates)
+            seen.setdefault("last", []).append(buffer.dones[buffer.pos - 1, 0])
+
+    monkeypatch.setattr(session_module, "ResumableCheckpoint", Spy)
+    _, second = first_and_resumed(run, env_kwargs={"max_episode_steps": 23})
+    assert seen["steps"] == seen["rows"] == [0, 60]
+    assert seen["updates"] == [0, 40]
+    assert seen["last"][1] == 1.0  # the 3rd episode was cut at its 14th step
+    assert (second.started_at, second.num_timesteps, second.had_finished) == (60, 100, False)
+    assert TD3.load(second.folder.model_file)._n_updates == 80
+    assert second.folder.read_config().n_timesteps == 100
+
+
+@pytest.mark.slow
+def test_resuming_is_deterministic_and_starts_other_episodes_than_the_first_sitting(run, tmp_path):
+    first = run(n_timesteps=60)
+    models = []
+    for name in ("a", "b"):
+        copy = shutil.copytree(first.folder.path, tmp_path / name)
+        models.append(parameters(resume(copy, 100, progress_bar=False).folder))
+    assert torch.equal(*models)
+    folder = tmp_path / "a" / "checkpoint"
+    starts = {}
+    for segment in Checkpoint.read(folder).replay.segments:
+        with np.load(folder / segment.file) as rows:
+            observations = rows["observations"]
+        starts |= {segment.first + n: row.tolist() for n, row in enumerate(observations)}
+    assert starts[60] != starts[0]  # the first observations of both sittings
+
+
+@pytest.mark.slow
+def test_resuming_appends_to_monitor_and_log(run, episodes_of):
+    _, second = first_and_resumed(run)
+    assert len(episodes_of(second.folder.monitor_dir)) == 5
+    assert set(scalars(second.folder, "rollout/ep_rew_mean")) >= {60, 100}
+    assert len(list(second.folder.tensorboard_dir.iterdir())) == 1
+
+
+@pytest.mark.slow
+def test_resuming_keeps_the_statistics_of_vec_normalize(run, monkeypatch):
+    first = run(n_timesteps=60, normalize=True)
+    counts = []
+    real = session_module.Session.run
+
+    def spy(self, progress_bar):
+        counts.append(self.model.get_vec_normalize_env().obs_rms.count)
+        return real(self, progress_bar)
+
+    monkeypatch.setattr(session_module.Session, "run", spy)
+    resume(first.folder.path, 80, progress_bar=False)
+    assert counts[0] == pytest.approx(61, abs=0.01)  # 60 steps and the first reset
+
+
+def test_an_on_policy_run_can_be_resumed(ppo_config, tmp_path):
+    config = dataclasses.replace(ppo_config, n_timesteps=40)
+    first = train(config, tmp_path / "run", progress_bar=False)
+    result = resume(first.folder.path, 80, progress_bar=False)
+    assert (result.started_at, result.num_timesteps) == (40, 80)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("vec_env", ["threads", "subproc"])
+def test_several_environments_in_threads_or_processes_of_their_own(run, vec_env):
+    result = run(n_envs=2, vec_env=vec_env, n_timesteps=80, every=40)
+    assert result.num_timesteps == 80
+    again = resume(result.folder.path, 120, progress_bar=False)
+    assert (again.started_at, again.num_timesteps) == (80, 120)
+    assert again.folder.read_config().vec_env == vec_env
+    assert len(list(again.folder.monitor_dir.glob("*.monitor.csv"))) == 2
+
+
+@pytest.mark.slow
+def test_a_finished_run_is_left_alone(run):
+    folder = run().folder
+    before = {path: path.stat().st_mtime_ns for path in folder.path.rglob("*")}
+    for steps in (None, 100, 50):
+        result = resume(folder.path, steps)
+        assert (result.had_finished, result.num_timesteps) == (True, 100)
+    assert {path: path.stat().st_mtime_ns for path in folder.path.rglob("*")} == before
+    assert folder.read_config().n_timesteps == 100
+
+
+@pytest.mark.slow
+def test_a_run_that_had_saved_nothing_starts_over(run, monkeypatch, caplog, tmp_path, episodes_of):
+    with pytest.raises(RuntimeError, match="crash"):
+        run(every=1000, callback=act_at(50, "crash"))
+    monkeypatch.setattr(ActAt, "_on_step", lambda self: True)
+    result = resume(tmp_path / "run", progress_bar=False)
+    assert (result.started_at, result.num_timesteps) == (0, 100)
+    assert "had saved nothing yet: it starts over at step 0" in caplog.text
+    assert len(episodes_of(result.folder.monitor_dir)) == 5  # none of the first attempt
+    assert [path.name for path in result.folder.tensorboard_dir.iterdir()] == ["run_1"]
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"algo": "sac"}, "has algo 'td3', not 'sac'"),
+        ({"env_id": "MountainCarContinuous-v0"}, "has env_id 'Pendulum-v1', not 'Mount"),
+    ],
+)
+def test_another_run_than_asked_for_is_refused(run, asked, message):
+    folder = run(n_timesteps=20).folder
+    with pytest.raises(ConfigError, match=message):
+        resume(folder.path, 40, **asked)
+
+
+def test_a_checkpoint_of_another_run_is_refused(run):
+    folder = run(n_timesteps=20).folder
+    path = folder.checkpoint_dir / "checkpoint.json"
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps({**content, "labels": {"algo": "sac"}}))
+    with pytest.raises(RunError, match="is of a run with algo 'sac', but .* has 'td3'"):
+        resume(folder.path, 40)
+
+
+def test_a_model_of_another_environment_is_refused(run):
+    folder = run(n_timesteps=20).folder
+    text = folder.config_file.read_text()
+    folder.config_file.write_text(text.replace("Pendulum-v1", "MountainCarContinuous-v0"))
+    path = folder.checkpoint_dir / "checkpoint.json"
+    path.write_text(path.read_text().replace("Pendulum-v1", "MountainCarContinuous-v0"))
+    with pytest.raises(RunError, match="cannot be loaded .*expected a model that TD3 saved for"):
+        resume(folder.path, 40)

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 import yaml
-from acting import act_at
+from acting import VEC_ENVS, act_at
 from gymnasium.utils import RecordConstructorArgs as RecordArguments
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.save_util import load_from_pkl
@@ -34,8 +34,7 @@ from sb3_piano.training import (
     train,
     write_report,
 )
-from sb3_piano.training.builders import build_model, build_vec_env
-from sb3_piano.training.config import VEC_ENVS
+from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 ENV_ID = "RoboPianist-v0"
 ROOM = "sb3_piano.wrappers"
@@ -238,7 +237,7 @@ OctaveShift: {octaves: [-1, 1]}
 PitchShift: {semitones: [-2, 2]}
 PreviousActionReward:
 RandomPiece: {pieces: [CMajorScaleOneHand, TwinkleTwinkleLittleStar], weights: [1, 2]}
-ResidualAction: {scale: 0.05, lookahead: 1, settings: {leap_more: [0.05, 0.1], rounds: 2}}
+ResidualAction: {scale: 0.05, lookahead: 1, settings: {hover: 0.02, rounds: 2}}
 RewardTiering: {threshold: 1}
 RewardWeights: {weights: {energy: 0}}
 TemporalStretch: {factor: [1, 2]}

@@ -144,20 +144,6 @@ def test_the_episodes_of_the_training_are_plotted(shell, trained):
     assert "No data available" not in shell(blocks("Plot")[0])
 
 
-@needs("seaborn", "pandas")
-def test_evaluations_are_plotted_by_return_and_by_f1(shell):
-    _, train, plot = blocks("Plot")
-    shell(train)
-    printed = shell(plot)
-    assert len(re.findall(rf"^\|{ENV_ID}\|", printed, re.MULTILINE)) == 2
-    assert (shell.folder / "f1.png").read_bytes()[:4] == b"\x89PNG"
-    for seed in (1, 2):
-        run = shell.folder / "by_f1" / "sac" / f"{ENV_ID}_{seed}"
-        assert (run / "best_model.zip").is_file()
-        with np.load(run / "evaluations.npz") as evaluations:
-            assert evaluations["f1"].shape == (2, 2)
-
-
 @needs("pandas")
 def test_monitor_files_have_the_f1_of_each_episode(shell, trained, monkeypatch, capsys):
     (code,) = blocks("Plot", "py")

@@ -7,9 +7,9 @@ import math
 import optuna
 from optuna.trial import TrialState
 
-from sb3_piano.tuning import attributes
-from sb3_piano.tuning.search_space.space import Space
-from sb3_piano.tuning.study_config import StudyConfig
+from sb3_piano.tuning import trials
+from sb3_piano.tuning.space import Space
+from sb3_piano.tuning.study import StudyConfig
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
 
@@ -85,7 +85,7 @@ def complete_by_learning_rate(study, config, center=1e-3):
 def complete_preset(study, config, value):
     """Run the trial that has the settings of the study's entry."""
     study.enqueue_trial(
-        config.space.params_of(config.entry), user_attrs={attributes.ORIGIN: attributes.PRESET}
+        config.space.params_of(config.entry), user_attrs={trials.ORIGIN: trials.PRESET}
     )
     return complete(study, config, value)
 
@@ -101,14 +101,13 @@ def fail(study, config, reason=None, **noted):
     """Run a trial that fails with a reason, or whose process is gone."""
     trial = begin(study, config, **noted)
     if reason is not None:
-        trial.set_user_attr(attributes.FAILURE, reason)
+        trial.set_user_attr(trials.FAILURE, reason)
     return study.tell(trial, state=TrialState.FAIL)
 
 
 def interrupt(study, config):
     """Run a trial that someone stops."""
-    noted = {attributes.INTERRUPTED: True}
-    return fail(study, config, "it was interrupted", **noted)
+    return fail(study, config, **{trials.INTERRUPTED: True})
 
 
 def finished_study(config, name="sac_twinkle", storage=None, n_complete=24):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import time
@@ -69,11 +70,11 @@ class SlowUntil(gym.Wrapper):
 
 
 class ThreadsNoted(gym.Wrapper):
-    """Write into a file how many threads torch has while the first environment is made."""
+    """Write into a file how many threads torch has where a worker makes the environment."""
 
     def __init__(self, env: gym.Env, file: str):
         super().__init__(env)
-        if not Path(file).exists():
+        if multiprocessing.parent_process() is not None:
             Path(file).write_text(str(torch.get_num_threads()))
 
 

@@ -9,7 +9,6 @@ import shlex
 import subprocess
 import sys
 
-import optuna
 import pytest
 import torch
 import yaml
@@ -17,9 +16,7 @@ from finished_study import (
     ENTRY,
     ENV_ID,
     SPACE,
-    begin,
     complete,
-    complete_preset,
     fail,
     finished_study,
     interrupt,
@@ -31,20 +28,15 @@ from rl_zoo3.utils import StoreDict
 from stable_baselines3 import SAC, TD3
 
 from sb3_piano.cli import main
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.training import entry_config, load_config
-from sb3_piano.training.yaml_config import read_yaml_mapping
-from sb3_piano.tuning.outcome.best import (
+from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
+from sb3_piano.tuning.best import (
     best_entry,
-    best_trial,
-    objective_in_words,
-    preset_trial,
-    training_in_words,
     write_best,
+    zoo_entry,
 )
-from sb3_piano.tuning.outcome.zoo_entry import zoo_entry
-from sb3_piano.tuning.study_folder import StudyFolder
+from sb3_piano.tuning.study import StudyFolder
 
 
 @pytest.fixture(autouse=True)
@@ -61,48 +53,6 @@ def commands_in(file):
     """Return the command lines in the head of a file."""
     lines = [line.removeprefix("# ").strip() for line in file.read_text().splitlines()]
     return [line for line in lines if line.startswith(("sb3-piano train", "python -m rl_zoo3"))]
-
-
-# Which trial is the best one.
-
-
-def test_the_best_trial_is_the_complete_one_with_the_highest_value_the_first_of_equals():
-    config, study = study_config(), new_study()
-    complete(study, config, 0.3)
-    prune(study, config, 0.9)
-    fail(study, config, "ValueError")
-    complete(study, config, 0.5)
-    complete(study, config, 0.5)
-    begin(study, config).report(0.99, 200)
-    assert best_trial(study).number == 3
-    assert best_trial(study).number == study.best_trial.number  # Optuna's own view
-    assert best_trial(study).value == 0.5
-
-
-def test_a_best_value_of_zero_is_one():
-    config, study = study_config(), new_study()
-    complete(study, config, 0.0)
-    assert best_trial(study).value == 0.0
-
-
-@pytest.mark.parametrize("kinds", [(), (fail, fail), (prune,), (interrupt,)])
-def test_without_a_complete_trial_there_is_no_best_one_and_no_file(kinds, folder):
-    config, study = study_config(), new_study()
-    for kind in kinds:
-        kind(study, config, *([0.3] if kind is prune else []))
-    assert best_trial(study) is None
-    assert best_entry(study, config) is None
-    assert preset_trial(study) is None
-    assert write_best(study, config, folder) is None
-    assert not folder.best_file.exists()
-
-
-def test_the_presets_trial_is_known_by_its_origin():
-    config, study = study_config(), new_study()
-    complete(study, config, 0.3)
-    complete_preset(study, config, 0.2)
-    assert preset_trial(study).number == 1
-    assert config.space.settings(preset_trial(study).params)["gamma"] == 0.8
 
 
 # What the file holds.
@@ -149,12 +99,14 @@ def test_the_head_says_where_the_settings_come_from(folder):
     assert "Left out" not in head
 
 
-def test_words_for_one_seed_and_one_episode():
-    config = study_config()
-    assert objective_in_words(config) == (
-        "F1 of the model at the end of a training, in 1 episode from seed 1000"
-    )
-    assert training_in_words(config) == "1,000 steps from seed 0"
+@pytest.mark.parametrize("kinds", [(), (fail, prune, interrupt)])
+def test_without_a_complete_trial_there_is_no_file(kinds, folder):
+    config, study = study_config(), new_study()
+    for kind in kinds:
+        kind(study, config, *([0.3] if kind is prune else []))
+    assert best_entry(study, config) is None
+    assert write_best(study, config, folder) is None
+    assert not folder.best_file.exists()
 
 
 def test_names_of_several_lines_stay_in_the_comment(tmp_path):
@@ -214,13 +166,6 @@ def test_the_zoos_parser_reads_the_arguments_of_the_environment(folder):
     assert (found.algo, found.env, found.gym_packages) == ("sac", "RoboPianist-v0", "sb3_piano")
 
 
-def test_without_arguments_of_the_environment_nothing_is_said_of_them(folder):
-    entry = {name: value for name, value in ENTRY.items() if name != "env_kwargs"}
-    config, study = study_config(entry), new_study()
-    complete(study, config, 0.5)
-    assert "--eval-env-kwargs" not in write_best(study, config, folder).read_text()
-
-
 def test_a_module_that_registers_the_environment_is_named_to_both(folder, tmp_path, monkeypatch):
     (tmp_path / "registers_anew.py").write_text(
         "import copy, gymnasium\n"
@@ -260,7 +205,7 @@ def test_what_the_zoo_does_not_know_is_left_out_and_said(folder):
         ({"env_kwargs": "dict(physics='fast')"}, {"env_kwargs": {"physics": "fast"}}),
         (
             {"policy_kwargs": "dict(net_arch=[8], activation_fn=nn.Tanh)"},
-            {"policy_kwargs": "dict(net_arch=[8], activation_fn=nn.Tanh)"},
+            {"policy_kwargs": "{'net_arch': [8], 'activation_fn': nn.Tanh}"},
         ),
         (
             {"policy_kwargs": {"net_arch": {"pi": [8], "qf": [16]}}},
@@ -268,7 +213,7 @@ def test_what_the_zoo_does_not_know_is_left_out_and_said(folder):
         ),
         (
             {"policy_kwargs": {"optimizer_class": "torch.optim.AdamW"}},
-            {"policy_kwargs": "dict(optimizer_class=importlib.import_module('torch.optim').AdamW)"},
+            {"policy_kwargs": "{'optimizer_class': importlib.import_module('torch.optim').AdamW}"},
         ),
         (
             {"replay_buffer_class": "sb3_piano.buffers.CompactReplayBuffer"},
@@ -276,7 +221,7 @@ def test_what_the_zoo_does_not_know_is_left_out_and_said(folder):
         ),
         (
             {"monitor_kwargs": {"info_keywords": ["f1"], "allow_early_resets": False}},
-            {"monitor_kwargs": "dict(info_keywords=('f1',), allow_early_resets=False)"},
+            {"monitor_kwargs": "{'info_keywords': ('f1',), 'allow_early_resets': False}"},
         ),
         ({"monitor_kwargs": {}}, {"monitor_kwargs": {}}),
         ({"train_freq": (1, "episode")}, {"train_freq": [1, "episode"]}),
@@ -298,12 +243,7 @@ def test_every_key_is_written_as_the_zoo_wants_it(changes, expected):
 
 def test_the_policy_has_no_default_in_the_zoo():
     entry = {name: value for name, value in ENTRY.items() if name != "policy"}
-    assert zoo_entry("sac", ENV_ID, entry).entry["policy"] == "MlpPolicy"
-
-
-def test_an_entry_that_is_not_valid_is_refused():
-    with pytest.raises(ConfigError, match="Unknown key 'gama' for SAC"):
-        zoo_entry("sac", ENV_ID, {**ENTRY, "gama": 0.9})
+    assert zoo_entry("sac", ENV_ID, entry)[0]["policy"] == "MlpPolicy"
 
 
 @pytest.mark.slow
@@ -408,8 +348,3 @@ def test_td3_with_noise_and_two_environments_trains_alike_too(folder, tmp_path):
         study.best_trial.params["noise_std"]
     )
     assert trained._n_updates > 50
-
-
-def test_the_helper_makes_trials_of_every_state():
-    study = finished_study(study_config())
-    assert {trial.state for trial in study.trials} == set(optuna.trial.TrialState)

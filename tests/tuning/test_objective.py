@@ -14,7 +14,7 @@ from optuna.trial import TrialState
 from sb3_piano.callbacks import F1Callback
 from sb3_piano.training import RunFolder
 from sb3_piano.tuning import Choice, Float, Int, Objective, Space, StudyFolder
-from sb3_piano.tuning.objective import TrialInterrupted, reason_of, results_of
+from sb3_piano.tuning.objective import reason_of, results_of
 
 small = small_study.small_study
 
@@ -29,14 +29,14 @@ class PruneAt(optuna.pruners.BasePruner):
         return trial.last_step == self._step
 
 
-def run(config, folder, n_trials=1, pruner=None, **options):
+def run(config, folder, n_trials=1, pruner=None):
     """Run trials of a study in this process and return them."""
     study = optuna.create_study(
         direction="maximize",
         sampler=optuna.samplers.RandomSampler(seed=0),
         pruner=pruner or optuna.pruners.NopPruner(),
     )
-    objective = Objective(config, StudyFolder(folder), **options)
+    objective = Objective(config, StudyFolder(folder))
     study.optimize(objective, n_trials=n_trials, catch=(Exception,))
     return study.trials
 
@@ -63,6 +63,8 @@ def test_each_trial_trains_with_its_settings_in_a_run_of_its_own(tmp_path):
         assert used.n_timesteps == trial.user_attrs["steps"] == 40
         assert trial.user_attrs["host"] == platform.node()
         assert trial.user_attrs["folder"] == str(tmp_path / "trials" / str(trial.number))
+        assert (tmp_path / f"trials/{trial.number}/seed_0/model.zip").is_file()
+        assert not (tmp_path / f"trials/{trial.number}/seed_0/checkpoint").exists()
 
 
 @pytest.mark.slow
@@ -154,13 +156,6 @@ def test_the_entrys_own_evaluations_are_left_out_and_other_callbacks_stay(tmp_pa
     assert len(list((tmp_path / "saved").iterdir())) == 4
 
 
-@pytest.mark.slow
-def test_replay_buffers_do_not_stay_on_the_disk_but_models_do(tmp_path):
-    run(small(), tmp_path)
-    assert not (tmp_path / "trials/0/seed_0/checkpoint").exists()
-    assert (tmp_path / "trials/0/seed_0/model.zip").is_file()
-
-
 class First(optuna.samplers.BaseSampler):
     """Take the first choice in the first trial, the second in the second."""
 
@@ -196,27 +191,12 @@ def test_a_trial_that_fails_says_why_and_the_study_goes_on(name, choices, reason
 
 
 @pytest.mark.slow
-def test_ctrl_c_ends_the_trial_which_tells_so(tmp_path, ctrl_c):
+def test_ctrl_c_ends_a_study_of_ones_own(tmp_path, ctrl_c):
     config = small(entry=small_study.wrapped(small_study.Interrupted, step=30))
     study = optuna.create_study(direction="maximize")
-    with pytest.raises(TrialInterrupted):
+    with pytest.raises(KeyboardInterrupt):
         study.optimize(Objective(config, StudyFolder(tmp_path)), n_trials=1, catch=(Exception,))
     assert study.trials[0].state is TrialState.FAIL
-    assert study.trials[0].user_attrs["interrupted"] is True
-
-
-@pytest.mark.slow
-def test_it_says_who_runs_it_before_anyone_else_may_start(tmp_path):
-    seen = []
-    study = optuna.create_study(direction="maximize")
-
-    def look():
-        seen.append((study.trials[0].user_attrs["worker"], study.trials[0].params))
-
-    objective = Objective(small(), StudyFolder(tmp_path), "me", on_start=look)
-    study.optimize(objective, n_trials=1)
-    assert seen == [("me", study.trials[0].params)]
-    assert seen[0][1]
 
 
 def test_an_error_without_words_is_told_by_its_name():

@@ -6,54 +6,61 @@ import copy
 import json
 import pickle
 
+import gymnasium as gym
 import optuna
 import pytest
-from optuna.trial import FixedTrial
 
+from sb3_piano.envs import DEBUG_IDS, DEFAULT_REWARD_WEIGHTS
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.tuning.search_space.built_in import SPACES
-from sb3_piano.tuning.search_space.defaults import with_defaults
-from sb3_piano.tuning.search_space.parsing import Choice, Discount, Float, Int
-from sb3_piano.tuning.search_space.space import Space, load_space
+from sb3_piano.hyperparams import PRESETS
+from sb3_piano.training import ALGORITHMS, load_entry
+from sb3_piano.tuning.entries import with_defaults, with_settings
+from sb3_piano.tuning.parameters import Choice, Discount, Float, Int
+from sb3_piano.tuning.space import SPACES, Space, check_space, load_space
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
 STRETCH = "sb3_piano.wrappers.TemporalStretch"
-SCALE = "gymnasium.wrappers.RescaleAction"
 ENTRY = {"n_timesteps": 100, "policy": "MlpPolicy"}
+SPACE = Space(
+    {
+        "learning_rate": Float(1e-4, 1e-2, log=True),
+        "gamma": {"discount": [0.6, 0.97]},
+        "batch_size": Choice([64, 128]),
+        "policy_kwargs.net_arch": Choice([[64], [64, 64]]),
+        "policy_kwargs.activation_fn": Choice(["nn.ReLU", "nn.Tanh"]),
+        "env_kwargs.n_steps_lookahead": {"int": [1, 9], "step": 2},
+        "env_wrapper.TemporalStretch.factor": Float(1, 2),
+    }
+)
+SETTINGS = {
+    "learning_rate": 0.001,
+    "gamma": 0.8,
+    "batch_size": 128,
+    "policy_kwargs.net_arch": [64, 64],
+    "policy_kwargs.activation_fn": "nn.Tanh",
+    "env_kwargs.n_steps_lookahead": 3,
+    "env_wrapper.TemporalStretch.factor": 1.5,
+}
 
 
 def test_a_space_is_a_mapping_that_survives_json_and_pickle():
-    space = Space(
-        {
-            "learning_rate": Float(1e-4, 1e-2, log=True),
-            "gamma": Discount(0.6, 0.97),
-            "batch_size": {"choice": [64, 128]},
-            "policy_kwargs.net_arch": Choice({"small": [64], "large": [256, 256]}),
-            "env_kwargs.n_steps_lookahead": {"int": [1, 9], "step": 2},
-        }
-    )
-    assert list(space) == [
-        "learning_rate", "gamma", "batch_size", "policy_kwargs.net_arch",
-        "env_kwargs.n_steps_lookahead",
-    ]  # fmt: skip
-    assert space["env_kwargs.n_steps_lookahead"] == Int(1, 9, step=2)
-    again = Space.from_mapping(json.loads(json.dumps(space.to_mapping())))
-    assert again == space == pickle.loads(pickle.dumps(space)) == copy.deepcopy(space)
-    assert list(again.distributions) == list(space.distributions)
-    assert again.distributions == space.distributions
+    assert list(SPACE) == list(SETTINGS)
+    assert SPACE["gamma"] == Discount(0.6, 0.97)
+    again = Space(json.loads(json.dumps(SPACE.to_mapping())))
+    assert again == SPACE == pickle.loads(pickle.dumps(SPACE)) == copy.deepcopy(SPACE)
+    assert again.distributions == SPACE.distributions
 
 
 def test_a_trial_and_what_is_stored_of_it_give_the_same_settings():
-    space = Space({"tau": Float(0, 1), "gamma": Discount(0, 0.9), "net": Choice([[8], [16]])})
     study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=1))
     trial = study.ask()
-    settings = space.suggest(trial)
-    assert settings.keys() == space.keys()
+    settings = SPACE.suggest(trial)
+    assert settings.keys() == SPACE.keys()
     params = study.trials[0].params
-    assert params.keys() == {"tau", "1 - gamma", "net"} == space.distributions.keys()
-    assert study.trials[0].distributions == space.distributions
-    assert space.settings(params) == settings
-    assert space.settings({"tau": 0.5, "other": 1}) == {"tau": 0.5}
+    assert params.keys() == SPACE.distributions.keys() == {*SETTINGS, "1 - gamma"} - {"gamma"}
+    assert study.trials[0].distributions == SPACE.distributions
+    assert SPACE.settings(params) == settings
+    assert SPACE.settings({"batch_size": 64, "other": 1}) == {"batch_size": 64}
 
 
 @pytest.mark.parametrize(
@@ -63,14 +70,10 @@ def test_a_trial_and_what_is_stored_of_it_give_the_same_settings():
         ([("tau", Float(0, 1))], r"^Search space: \[.* has no parameter: expected a mapping"),
         ({3: Float(0, 1)}, "^Search space: 3 is no name of a setting: expected a path"),
         ({"1 - gamma": Float(0, 1)}, "^Search space: '1 - gamma' is no name of a setting"),
-        ({"env_kwargs.": Float(0, 1)}, "^Search space: 'env_kwargs.' is no name of a setting"),
         ({"seed": Int(0, 9)}, "^Search space: 'seed' cannot be searched: each trial trains from"),
-        ({"n_timesteps": Int(1, 9)}, "'n_timesteps' cannot be searched: all trials have the same"),
-        ({"env_id": Choice(["a", "b"])}, "'env_id' cannot be searched: a study has one environ"),
         ({"callback.F1Callback.eval_freq": Int(1, 9)}, "cannot be searched: expected 'callback' a"),
-        ({"vec_env_wrapper.V.x": Int(1, 9)}, "cannot be searched: expected 'vec_env_wrapper' as"),
         ({"env_wrapper.TemporalStretch": Int(1, 9)}, "names no argument: expected 'env_wrapper.T"),
-        ({"tau": {"float": [1, 0]}}, "^Search space: 'tau': low is 1.0 and high is 0.0"),
+        ({"tau": {"float": [1, 0]}}, "^Search space: 'tau': .* is no range"),
     ],
 )
 def test_a_space_that_makes_no_sense_is_refused(parameters, message):
@@ -78,51 +81,21 @@ def test_a_space_that_makes_no_sense_is_refused(parameters, message):
         Space(parameters)
 
 
-SPACE = Space(
-    {
-        "learning_rate": Float(1e-4, 1e-2, log=True),
-        "gamma": Discount(0.6, 0.97),
-        "batch_size": Choice([64, 128]),
-        "policy": Choice(["MlpPolicy", "sb3_piano.policies.RegularizedSACPolicy"]),
-        "policy_kwargs.net_arch": Choice([[64], [64, 64]]),
-        "policy_kwargs.activation_fn": Choice(["nn.ReLU", "nn.Tanh"]),
-        "env_kwargs.reward_weights.energy": Float(0, 1),
-        "env_wrapper.TemporalStretch.factor": Float(1, 2),
-    }
-)
-SETTINGS = {
-    "learning_rate": 0.001,
-    "gamma": 0.8,
-    "batch_size": 128,
-    "policy": "MlpPolicy",
-    "policy_kwargs.net_arch": [64, 64],
-    "policy_kwargs.activation_fn": "nn.Tanh",
-    "env_kwargs.reward_weights.energy": 0.5,
-    "env_wrapper.TemporalStretch.factor": 1.5,
-}
-
-
 @pytest.mark.parametrize(
     "entry",
     [
         {},
-        {"policy_kwargs": "dict(n_critics=1)", "env_wrapper": [SCALE]},
+        {"policy_kwargs": "dict(n_critics=1)", "env_wrapper": ["gymnasium.wrappers.RescaleAction"]},
         {"policy_kwargs": None, "env_kwargs": None, "env_wrapper": None},
-        {"env_kwargs": "dict(reward_weights=dict(energy=0))", "env_wrapper": {STRETCH: None}},
     ],
 )
-def test_the_params_of_an_entry_are_those_that_were_applied(entry):
-    params = SPACE.params_of(SPACE.apply({**ENTRY, **entry}, SETTINGS))
-    assert SPACE.settings(params) == SETTINGS
+def test_an_enqueued_trial_has_the_settings_of_the_entry(entry):
+    applied = with_settings({**ENTRY, **entry}, SETTINGS)
+    params = SPACE.params_of(applied)
     assert params["1 - gamma"] == 0.2
-    assert SPACE.suggest(FixedTrial(params)) == SETTINGS
-
-
-def test_an_enqueued_trial_has_the_settings_of_the_entry():
-    entry = SPACE.apply(ENTRY, SETTINGS)
     study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=0))
-    study.enqueue_trial(SPACE.params_of(entry))
-    assert SPACE.apply(ENTRY, SPACE.suggest(study.ask())) == entry
+    study.enqueue_trial(params)
+    assert SPACE.suggest(study.ask()) == SETTINGS
 
 
 @pytest.mark.parametrize(
@@ -131,47 +104,18 @@ def test_an_enqueued_trial_has_the_settings_of_the_entry():
         ({}, {}),
         ({"learning_rate": "1e-3", "gamma": "0.8"}, {"learning_rate": 0.001, "1 - gamma": 0.2}),
         ({"learning_rate": "lin_0.001", "gamma": 0.99, "batch_size": 32}, {}),
-        ({"policy_kwargs": {"net_arch": (64,)}}, {"policy_kwargs.net_arch": "[64]"}),
         (
             {"policy_kwargs": "dict(activation_fn=torch.nn.Tanh)"},
             {"policy_kwargs.activation_fn": "nn.Tanh"},
         ),
-        ({"policy_kwargs": "dict(net_arch=[1])", "env_kwargs": {"reward_weights": None}}, {}),
-        ({"env_kwargs": {"reward_weights": 3}, "policy_kwargs": "broken("}, {}),
         ({"env_wrapper": {STRETCH: {"factor": 3}}}, {}),
-        ({"env_wrapper": [SCALE, {STRETCH: {}}]}, {}),
     ],
 )
 def test_what_the_entry_lacks_or_what_lies_outside_is_left_out(entry, params):
     assert SPACE.params_of(entry) == params
 
 
-def test_with_its_defaults_an_entry_has_what_it_does_not_say():
-    space = Space(
-        {
-            "tau": Float(0.001, 0.01),
-            "gamma": Discount(0.6, 0.97),
-            "policy": Choice(["MlpPolicy", "sb3_piano.policies.RegularizedSACPolicy"]),
-            "env_kwargs.n_steps_lookahead": Int(1, 20),
-            "env_kwargs.reward_weights.energy": Float(0, 1),
-            "env_kwargs.reward_weights.fingering": Float(0, 1),
-        }
-    )
-    entry = {"n_timesteps": 1, "gamma": 0.9, "env_kwargs": {"reward_weights": {"energy": 0.5}}}
-    before = copy.deepcopy(entry)
-    assert space.settings(space.params_of(with_defaults("sac", ENV_ID, entry))) == {
-        "tau": 0.005,
-        "gamma": 0.9,
-        "policy": "MlpPolicy",
-        "env_kwargs.n_steps_lookahead": 10,
-        "env_kwargs.reward_weights.energy": 0.5,
-        "env_kwargs.reward_weights.fingering": 1.0,
-    }
-    assert entry == before
-
-
-def test_an_environment_that_is_no_piano_has_no_defaults_of_one():
-    assert "env_kwargs" not in with_defaults("sac", "Pendulum-v1", {"n_timesteps": 1})
+# Spaces by name and from files.
 
 
 def write(path, text):
@@ -181,48 +125,193 @@ def write(path, text):
 
 def test_a_space_comes_from_names_and_files_of_which_the_last_one_counts(tmp_path):
     first = write(tmp_path / "a.yml", "gamma: {float: [0, 0.5]}\nn_steps: {int: [1, 3]}\n")
-    second = write(tmp_path / "b.yml", "n_steps: {choice: [1, 2]}\n")
+    second = write(tmp_path / "without_ending", "n_steps: {choice: [1, 2]}\n")
     space = load_space(["sac", first, second], "sac")
     assert space == {**SPACES["sac"], "gamma": Float(0, 0.5), "n_steps": Choice([1, 2])}
-    assert load_space([tmp_path / "a.yml"], "sac").keys() == {"gamma", "n_steps"}
     assert load_space([first, "sac"], "a2c")["gamma"] == SPACES["sac"]["gamma"]
-
-
-def test_without_a_source_it_is_the_space_of_the_algorithm():
     assert load_space([], "tqc") == SPACES["tqc"]
-    with pytest.raises(ConfigError, match="^No search space comes with this package for 'a2c':"):
-        load_space([], "a2c")
-
-
-@pytest.mark.parametrize(
-    ("source", "message"),
-    [
-        ("saq", "^Unknown search space 'saq'. Did you mean 'sac'.* Expected one of td3, .*YAML"),
-        ("none.yml", "none.yml' cannot be read: No such file"),
-    ],
-)
-def test_an_unknown_source_is_named(source, message):
-    with pytest.raises(ConfigError, match=message):
-        load_space([source], "sac")
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        (None, "a.yml' cannot be read: No such file"),
         ("{}", r"a.yml': Search space: \{\} has no parameter"),
         ("[]", "a.yml' holds list at the top level"),
         ("tau: {flaot: [0, 1]}", "a.yml': Search space: 'tau': .* Did you mean 'float'"),
-        ("tau: 0.5", "a.yml': Search space: 'tau': 0.5 cannot be searched: expected"),
-        ("1: {float: [0, 1]}", "a.yml': Search space: 1 is no name of a setting"),
     ],
 )
 def test_a_file_that_holds_no_space_is_named(tmp_path, text, message):
-    path = write(tmp_path / "a.yml", text)
+    if text is not None:
+        write(tmp_path / "a.yml", text)
     with pytest.raises(ConfigError, match=message):
-        load_space([path], "sac")
+        load_space([tmp_path / "a.yml"], "sac")
 
 
-def test_a_file_without_ending_is_a_file(tmp_path):
-    assert load_space([write(tmp_path / "mine", "tau: {float: [0, 1]}")], "sac") == {
-        "tau": Float(0, 1)
-    }
+def test_an_unknown_name_is_refused():
+    with pytest.raises(ConfigError, match="^Unknown search space 'saq'. Did you mean 'sac'.*YAML"):
+        load_space(["saq"], "sac")
+    with pytest.raises(ConfigError, match="^No search space comes with this package for 'a2c':"):
+        load_space([], "a2c")
+
+
+# The spaces that come with the package fit algorithms, environments and presets.
+
+
+def algorithm_of(name: str) -> str:
+    return name if name in ALGORITHMS else "sac"
+
+
+def test_there_is_one_for_each_algorithm_of_the_presets_and_two_for_any():
+    assert {*PRESETS, "env", "reward"} == SPACES.keys()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SPACES)
+def test_every_setting_and_range_is_accepted_where_it_enters(name):
+    algo = algorithm_of(name)
+    check_space(SPACES[name], algo, DEBUG_IDS[1], load_entry(algo, DEBUG_IDS[1]))
+
+
+@pytest.mark.parametrize("env_id", [DEBUG_IDS[0], DEBUG_IDS[-1]])
+@pytest.mark.parametrize("name", SPACES)
+def test_the_settings_of_the_debug_presets_lie_inside(name, env_id):
+    algo = algorithm_of(name)
+    entry = load_entry(algo, env_id)
+    space = SPACES[name]
+    full = space.params_of(with_defaults(algo, env_id, entry))
+    assert full.keys() == space.distributions.keys()
+    settings = space.settings(full)
+    assert {**settings, **space.settings(space.params_of(entry))} == settings
+    assert space.params_of(with_settings(entry, settings)) == full
+
+
+@pytest.mark.parametrize("name", ["td3", "sac", "tqc", "ddpg"])
+def test_the_published_settings_lie_inside(name):
+    space = SPACES[name]
+    settings = space.settings(space.params_of(load_entry(name, "RoboPianist-v0")))
+    assert {"learning_rate", "batch_size"} <= settings.keys()
+    assert (settings["gamma"], settings["tau"]) == (0.8, 0.005)
+    assert settings["policy_kwargs.net_arch"] == [256, 256, 256]
+
+
+def test_batches_of_ppo_are_all_full():
+    steps, batches = (SPACES["ppo"][name].extremes() for name in ("n_steps", "batch_size"))
+    assert all(n % size == 0 for n in steps for size in batches)
+
+
+def test_rewards_are_searched_around_their_defaults_but_for_the_unit():
+    prefix = "env_kwargs.reward_weights."
+    terms = {name.removeprefix(prefix) for name in SPACES["reward"]}
+    assert terms == DEFAULT_REWARD_WEIGHTS.keys() - {"key_press"}
+    for term in terms:
+        low, high = SPACES["reward"][f"{prefix}{term}"].extremes()
+        assert low == pytest.approx(DEFAULT_REWARD_WEIGHTS[term] / 10)
+        assert high > DEFAULT_REWARD_WEIGHTS[term]
+
+
+# Spaces are tried out where their settings enter, before anything is trained.
+
+DECAY = "env_wrapper.FingeringDecay"
+
+
+def check(parameters, entry=None, algo="td3", env_id=ENV_ID):
+    entry = {**ENTRY, "env_kwargs": {"n_steps_lookahead": 1}, **(entry or {})}
+    before = copy.deepcopy(entry)
+    try:
+        check_space(Space(parameters), algo, env_id, entry)
+    finally:
+        assert entry == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"gama": Float(0, 1)}, "'gama' = 0.0: Unknown key 'gama' for TD3. Did you mean 'gamma'?"),
+        ({"tau": Float(0, 1), "ent_coef": Float(0, 1)}, "'ent_coef' = 0.0: Unknown key 'ent_coef'"),
+        ({"gamma": Float(0.5, 1.5)}, "'gamma' = 1.5: gamma is 1.5: expected 0 to 1."),
+        ({"learning_rate": Float(0, 1)}, "'learning_rate' = 0.0: .* expected more than 0."),
+        ({"learning_rate": Choice(["lin_0.1", "lin_0"])}, "'learning_rate' = 'lin_0': .* more tha"),
+        ({"batch_size": Float(1, 9.5)}, "'batch_size' = 9.5: .* expected a whole number."),
+        ({"gradient_steps": Int(-1, 0)}, "'gradient_steps' = 0: .* 1 or more, or -1"),
+        ({"policy_kwargs.dropout": Float(0, 1)}, "'policy_kwargs.dropout' = 0.0: Unknown key 'dr"),
+        ({"policy_kwargs.net_arch": Choice([[8], [-8]])}, r"'policy_kwargs.net_arch' = \[-8\]: "),
+        ({"policy": Choice(["MlpPolicy", "MlPolicy"])}, "'policy' = 'MlPolicy': Unknown policy"),
+        ({"noise_std": Float(0.1, 0.2)}, "'noise_std' = 0.1: noise_type is None and noise_std 0.1"),
+        ({"n_envs": Int(0, 2)}, "'n_envs' = 0: n_envs is 0: expected "),
+        (
+            {"env_kwargs.n_steps_lookahed": Int(1, 2)},
+            "'env_kwargs.n_steps_lookahed' = 1: Unknown option 'n_steps_lookahed' of the piano",
+        ),
+        (
+            {"env_kwargs.n_steps_lookahead": Int(-3, 2), "gamma": Float(0, 1)},
+            "'env_kwargs.n_steps_lookahead' = -3: n_steps_lookahead is -3: expected ",
+        ),
+        (
+            {"env_wrapper.TemporalStretch.factor": Float(0, 1)},
+            "'env_wrapper.TemporalStretch.factor' = 0.0: factor is 0.0: expected ",
+        ),
+        ({"env_wrapper.TemporalStretch.x": Float(1, 2)}, "'env_wrapper.TemporalStretch.x' = 1.0"),
+        ({"env_wrapper.Stretch.x": Float(1, 2)}, "'env_wrapper.Stretch.x' = 1.0: .* has no 'St"),
+        (
+            {"env_wrapper": Choice({"no": [], "wrong": ["no.such.Wrapper"]})},
+            r"'env_wrapper' = \['no.such.Wrapper'\]: env_wrapper: 'no.such.Wrapper' cannot be imp",
+        ),
+    ],
+)
+def test_unknown_settings_and_impossible_values_are_named_before_anything_is_trained(
+    parameters, message
+):
+    with pytest.raises(ConfigError, match=f"^Search space: {message}"):
+        check(parameters)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {"gamma": Float(0, 1), "tau": Float(0, 1), "gradient_steps": Choice([-1, 1])},
+        {"train_freq": Choice([1, [1, "episode"]])},
+        {"noise_std": Float(0, 0.2), "noise_type": Choice(["normal", "ornstein-uhlenbeck"])},
+        {f"{DECAY}.start": Int(0, 9), f"{DECAY}.n_steps": Int(1, 9)},
+        {"normalize": Choice([True, False]), "n_envs": Int(1, 4)},
+    ],
+)
+def test_what_is_possible_passes_also_settings_that_only_go_together(parameters):
+    check(parameters)
+
+
+class Fussy(gym.Wrapper):
+    """An environment that tells only at the first reset that it cannot work."""
+
+    made = 0
+
+    def __init__(self, env, mood=0):
+        super().__init__(env)
+        Fussy.made += 1
+        self.mood = mood
+
+    def reset(self, **kwargs):
+        if self.mood < 0:
+            raise RuntimeError("not today")
+        return super().reset(**kwargs)
+
+
+def test_one_environment_in_this_process_is_enough_and_its_own_words_are_passed_on():
+    entry = {"env_wrapper": f"{__name__}.Fussy", "n_envs": 3, "vec_env": "subproc"}
+    before = Fussy.made
+    message = "^Search space: 'env_wrapper.Fussy.mood' = -1: RuntimeError: not today"
+    with pytest.raises(ConfigError, match=message):  # not: a process ended
+        check({"env_wrapper.Fussy.mood": Int(-1, 1)}, entry)
+    assert Fussy.made - before == 2  # with all settings together, and with this one alone
+
+
+@pytest.mark.filterwarnings("error")
+def test_warnings_are_left_to_the_training():
+    check({"batch_size": Choice([48, 64])}, {"n_steps": 64}, algo="ppo")
+
+
+def test_an_entry_that_is_wrong_by_itself_is_not_blamed_on_the_space():
+    with pytest.raises(ConfigError, match="^Unknown key 'gama' for TD3"):
+        check({"gamma": Float(0, 1)}, {"gama": 0.9})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import html
 import re
 import warnings
@@ -27,9 +28,10 @@ from finished_study import (
 )
 from optuna.distributions import FloatDistribution
 
-from sb3_piano.tuning.outcome.figures import importances, log_ticks, study_figures
-from sb3_piano.tuning.outcome.report import report_html, write_report
-from sb3_piano.tuning.study_folder import StudyFolder
+from sb3_piano.tuning.figures import importances, study_figures
+from sb3_piano.tuning.report import report_html, write_report, write_table
+from sb3_piano.tuning.study import StudyFolder
+from sb3_piano.tuning.trials import requeue_lost
 
 EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>"
 
@@ -91,14 +93,6 @@ def test_the_summary_counts_trials_and_compares_with_the_preset():
     assert "is 0.250. 1 interrupted trial not counted" in text
     assert "F1 of the model at the end of a training, in 1 episode from seed 1000" in text
     assert "train with other seeds" in text
-
-
-@pytest.mark.slow
-def test_a_preset_that_is_the_best_is_said_to_be():
-    config, study = study_config(), new_study()
-    complete_preset(study, config, 0.25)
-    text = texts_of(study, config).text
-    assert "1 trial: 1 complete. The best value is 0.250, of trial 0 with the preset's" in text
 
 
 @pytest.mark.slow
@@ -164,6 +158,87 @@ def test_the_commands_name_the_files_of_the_study(tmp_path):
     assert "optuna-dashboard journal.log" in texts_of(study, config).text
 
 
+# The table.
+
+
+@pytest.fixture
+def rows_of(tmp_path):
+    """Return a function that writes the table of a study and reads it again."""
+
+    def read(study, config):
+        file = write_table(study, config, StudyFolder(tmp_path))
+        assert file == tmp_path / "trials.csv"
+        return list(csv.DictReader(file.read_text(encoding="utf-8").splitlines()))
+
+    return read
+
+
+def test_a_row_holds_what_a_trial_scored_took_and_had_as_settings(rows_of):
+    config, study = study_config(), new_study()
+    complete(study, config, 0.25)
+    (row,) = rows_of(study, config)
+    settings = config.space.settings(study.trials[0].params)
+    assert float(row.pop("learning_rate")) == settings["learning_rate"]
+    assert float(row.pop("gamma")) == settings["gamma"] > 0.5  # not its distance from 1
+    assert int(row.pop("batch_size")) == settings["batch_size"]
+    assert row.pop("policy_kwargs.net_arch") == str(settings["policy_kwargs.net_arch"])
+    assert row == {
+        **{"number": "0", "state": "complete", "value": "0.25", "final_f1": "0.25"},
+        **{"best_f1": "0.26", "final_onset_f1": "0.125", "best_onset_f1": "0.135"},
+        **{"steps": "1000", "seconds": "2.5", "origin": "", "failure": "", "host": "here"},
+        "folder": "study/trials/0",
+    }
+
+
+def test_states_reasons_and_origins_are_told(rows_of):
+    config, study = study_config(), new_study()
+    complete_preset(study, config, 0.5)
+    prune(study, config, 0.125)
+    fail(study, config, 'RuntimeError: "nan",\nagain')
+    fail(study, config)
+    interrupt(study, config)
+    begin(study, config)
+    study.ask()  # has no settings yet
+    study.enqueue_trial({"batch_size": 64})
+    rows = rows_of(study, config)
+    assert [row["number"] for row in rows] == [*map(str, range(8))]
+    told = [(row["state"], row["value"], row["origin"]) for row in rows]
+    assert told == [
+        ("complete", "0.5", "preset"),
+        ("pruned", "0.125", ""),
+        ("failed", "", ""),
+        ("failed", "", ""),
+        ("repeated", "", ""),
+        ("running", "", ""),
+        ("running", "", ""),
+        ("waiting", "", ""),
+    ]
+    assert "nan" in rows[2]["failure"]
+    assert "killed" in rows[3]["failure"]
+    assert rows[0]["gamma"] == "0.8"
+    assert rows[5]["gamma"] != rows[6]["gamma"] == ""
+
+
+def test_a_trial_whose_process_was_gone_is_repeated_once_it_is_queued_again(rows_of):
+    config, study = study_config(), new_study()
+    fail(study, config)
+    requeue_lost(study, lambda trial: True)
+    assert [row["state"] for row in rows_of(study, config)] == ["repeated", "waiting"]
+    complete(study, config, 0.5)
+    first, second = rows_of(study, config)
+    assert (second["state"], "killed" in first["failure"]) == ("complete", True)
+    for name in SPACE:
+        assert first[name] == second[name] != ""
+
+
+def test_the_table_is_written_anew_and_empty_for_an_empty_study(rows_of):
+    config, study = study_config(), new_study()
+    assert rows_of(study, config) == []
+    complete(study, config, 0.0)
+    assert [row["value"] for row in rows_of(study, config)] == ["0.0"]
+    assert len(rows_of(finished_study(config), config)) == 34
+
+
 # Importance.
 
 
@@ -194,37 +269,6 @@ def test_without_two_different_values_no_importance_is_made_up(values):
 
 
 # Figures.
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "ticks"),
-    [
-        (1e-4, 3e-3, [1e-4, 2e-4, 5e-4, 1e-3, 2e-3]),
-        (0.03, 0.4, [0.05, 0.1, 0.2]),
-        (64, 512, [100, 200, 500]),
-        (1e-6, 1, [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1]),
-    ],
-)
-def test_a_logarithmic_axis_is_marked_at_round_numbers(low, high, ticks):
-    assert log_ticks(low, high) == ticks
-
-
-def test_lines_of_pruned_trials_are_dotted():
-    config, study = study_config(), new_study()
-    complete(study, config, 0.5)
-    prune(study, config, 0.1)
-    begin(study, config).report(0.2, 200)
-    dashes = {trace.name: trace.line.dash for trace in study_figures(study, "F1")["reports"].data}
-    assert dashes == {"Trial0": "solid", "Trial1": "dot", "Trial2": "solid"}
-
-
-def test_the_presets_value_is_a_line_in_the_history():
-    config, study = study_config(), new_study()
-    complete(study, config, 0.5)
-    assert not study_figures(study, "F1")["history"].layout.shapes
-    complete_preset(study, config, 0.25)
-    (line,) = study_figures(study, "F1")["history"].layout.shapes
-    assert (line.y0, line.y1) == (0.25, 0.25)
 
 
 def test_a_long_choice_is_shortened_where_there_is_no_room():
@@ -306,26 +350,6 @@ def test_every_study_has_the_figures_for_which_there_is_something(fill, space, e
         warnings.simplefilter("error")
         page = report_html(study, config)
     assert figures_in(page) == expected
-
-
-@pytest.mark.slow
-def test_an_infinite_value_that_was_reported_is_survived():
-    config, study = study_config(), new_study()
-    trial = begin(study, config)
-    trial.report(float("nan"), 100)
-    trial.report(float("inf"), 200)
-    study.tell(trial, 0.5)
-    assert "reports" in figures_in(report_html(study, config))
-
-
-@pytest.mark.slow
-def test_the_study_is_not_changed_and_the_same_page_comes_again():
-    config = study_config()
-    study = finished_study(config)
-    before = study.get_trials()
-    first = report_html(study, config)
-    assert study.get_trials() == before
-    assert len(report_html(study, config)) == pytest.approx(len(first), abs=200)  # the time
 
 
 # In a browser.

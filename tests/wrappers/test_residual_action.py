@@ -15,7 +15,7 @@ from sb3_piano.exceptions import InvalidActionError
 from sb3_piano.music import Note, Pedal, Score
 from sb3_piano.planning import PlannedPianist, PlanSettings, plan
 from sb3_piano.training import SavedPlayer, evaluate, play_run, train
-from sb3_piano.training.config import RunConfig
+from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.wrappers import PitchShift, ResidualAction
 
 # A second and a half with half a second to get there: the right hand steps up a third, the left

@@ -1,14 +1,16 @@
 """Fingering: hands and fingers for scores that have none, and how far two fingerings agree."""
 
-from sb3_piano.music.fingering.agreement import Agreement, MatchRates, agreement, match_rates
-from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
-from sb3_piano.music.fingering.finger import finger_score
-from sb3_piano.music.fingering.judging import (
+from sb3_piano.music.fingering.agreement import (
+    Agreement,
+    MatchRates,
+    agreement,
     judge,
     judge_annotated,
+    match_rates,
     pig_files,
     without_fingers,
 )
+from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering, finger_score
 from sb3_piano.music.fingering.labels import read_labels
 from sb3_piano.music.fingering.split import assign_hands
 

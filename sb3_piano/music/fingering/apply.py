@@ -1,4 +1,4 @@
-"""The one door through which the fingers of a score are chosen."""
+"""Fingers for a whole score: the one door through which they are chosen."""
 
 from __future__ import annotations
 
@@ -8,40 +8,76 @@ from pathlib import Path
 
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.music.constants import UNKNOWN_FINGER
+from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, FingeringWeights
+from sb3_piano.music.fingering.labels import read_labels
+from sb3_piano.music.fingering.robot import robot_fingers
+from sb3_piano.music.fingering.search import finger_hand
+from sb3_piano.music.fingering.split import assign_hands
+from sb3_piano.music.hands import HANDS, finger_of
 from sb3_piano.music.score import Score
 
-FINGERINGS = ("ergonomic", "keep", "optimal-transport")
+FINGERINGS = ("ergonomic", "robot", "keep", "optimal-transport")
 """Ways to choose the fingers, beside a file with labels."""
 
 
-def apply_fingering(score: Score, fingering: str | os.PathLike[str]) -> Score:
+DEFAULT_TIMESTEP = 0.05
+"""Length of a control step for which fingers are chosen unless one says otherwise, s."""
+
+
+def apply_fingering(
+    score: Score, fingering: str | os.PathLike[str], control_timestep: float = DEFAULT_TIMESTEP
+) -> Score:
     """Return the score with fingers chosen in one of several ways.
 
     Args:
         score: The score.
         fingering: ``"ergonomic"``: each note that has no finger gets one, those that have keep
-            theirs. ``"keep"``: nothing is changed. ``"optimal-transport"``: no note has a finger
-            or a hand, so that the reward takes whichever fingers are nearest to the keys. Or the
-            path of a file whose labels are put on the notes.
+            theirs. ``"robot"``: the same, then fingers are changed where others suit the simulated
+            hands better. ``"keep"``: nothing is changed. ``"optimal-transport"``: no note has a
+            finger or a hand, so that the reward takes whichever fingers are nearest to the keys.
+            Or the path of a file whose labels are put on the notes.
+        control_timestep: Length of a control step for which the robot's fingers are chosen, s.
 
     Raises:
         ConfigError: If there is no such way, or no such file.
         ScoreError: If no fingers can be found, or the file's labels do not fit the score.
     """
-    # The search and the readers are imported when needed: most scores bring their labels.
     if fingering == "keep":
         return score
-    if fingering == "ergonomic":
-        if all(note.finger != UNKNOWN_FINGER for note in score.notes):
-            return score
-        from sb3_piano.music.fingering import finger_score
-
-        return finger_score(score)
     if fingering == "optimal-transport":
-        return _without_labels(score)
-    from sb3_piano.music.fingering import read_labels
+        free = [replace(note, finger=UNKNOWN_FINGER, hand=None) for note in score.notes]
+        return replace(score, notes=tuple(free))
+    if fingering not in FINGERINGS:
+        return read_labels(labels_file(fingering), score)
+    if any(note.finger == UNKNOWN_FINGER for note in score.notes):
+        score = finger_score(score)
+    if fingering == "robot":
+        score = robot_fingers(score, control_timestep)
+    return score
 
-    return read_labels(labels_file(fingering), score)
+
+def finger_score(score: Score, weights: FingeringWeights = DEFAULT_WEIGHTS) -> Score:
+    """Return the score with a finger for each note.
+
+    Fingers that are known stay, and so do hands; `assign_hands` finds the other hands. At most
+    ten fingers are on keys at a time, and none on two. Where more is asked of a hand, as by a
+    sustain pedal written out as long notes, it lets go of the key held longest first: that note
+    keeps its length, but its finger goes on. Of more than five keys struck together by one hand,
+    the outer five have a finger; the others have their hand, and no finger (-1).
+
+    Args:
+        score: The score; notes keep their times, pitches and velocities.
+        weights: What makes a fingering hard.
+    """
+    score = assign_hands(score)
+    notes = list(score.notes)
+    for hand in HANDS:
+        indices = [index for index, note in enumerate(notes) if note.hand == hand]
+        found = finger_hand([notes[index] for index in indices], hand, weights)
+        for index, finger in zip(indices, found.fingers, strict=True):
+            if notes[index].finger == UNKNOWN_FINGER != finger:
+                notes[index] = replace(notes[index], finger=finger_of(hand, finger + 1))
+    return replace(score, notes=tuple(notes))
 
 
 def labels_file(fingering: str | os.PathLike[str]) -> Path:
@@ -57,12 +93,3 @@ def labels_file(fingering: str | os.PathLike[str]) -> Path:
             f"{', '.join(map(repr, FINGERINGS))} or the path of a file with labels."
         )
     return Path(fingering)
-
-
-def _without_labels(score: Score) -> Score:
-    return Score(
-        notes=[replace(note, finger=UNKNOWN_FINGER, hand=None) for note in score.notes],
-        pedals=score.pedals,
-        title=score.title,
-        bars=score.bars,
-    )

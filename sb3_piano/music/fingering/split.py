@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sb3_piano.music.fingering.slices import OVERLAP, TOGETHER
+from sb3_piano.music.fingering.states import OVERLAP, TOGETHER
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.music.note import Note
 from sb3_piano.music.score import Score
@@ -86,7 +86,7 @@ def assign_hands(score: Score, weights: SplitWeights = DEFAULT_SPLIT) -> Score:
         return score
     hands = _Split(score.notes, weights).hands()
     notes = [replace(note, hand=hand) for note, hand in zip(score.notes, hands, strict=True)]
-    return Score(notes=notes, pedals=score.pedals, title=score.title, bars=score.bars)
+    return replace(score, notes=tuple(notes))
 
 
 @dataclass(slots=True)

@@ -1,11 +1,78 @@
-"""File formats: what a score is read from and written to."""
+"""File formats: what a score is read from and written to, by a file's suffix."""
 
-from sb3_piano.music.formats.files import READERS, WRITERS, read_score, write_score
-from sb3_piano.music.formats.midi import read_midi, write_midi
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.music.formats.midi_reading import read_midi
+from sb3_piano.music.formats.midi_writing import write_midi
 from sb3_piano.music.formats.musicxml import read_musicxml, write_musicxml
 from sb3_piano.music.formats.pig import read_pig, read_pig_annotations, write_pig
+from sb3_piano.music.score import Score
+
+_MUSICXML = (".musicxml", ".mxl", ".xml")
+
+READERS: Mapping[str, Callable[[Path], Score]] = MappingProxyType(
+    {
+        ".mid": read_midi,
+        ".midi": read_midi,
+        ".txt": read_pig,
+        **dict.fromkeys(_MUSICXML, read_musicxml),
+    }
+)
+"""How a file is read, by its suffix in lower case."""
+
+WRITERS: Mapping[str, Callable[[Score, Path], None]] = MappingProxyType(
+    {
+        ".mid": write_midi,
+        ".midi": write_midi,
+        ".txt": write_pig,
+        # Whoever writes a file without further words wants to read it in a notation program.
+        **dict.fromkeys(_MUSICXML, partial(write_musicxml, tempo=None)),
+    }
+)
+"""How a file is written, by its suffix in lower case."""
+
+ACCEPTED_FILES = (
+    "a .mid or .midi file (MIDI), a .musicxml, .mxl or .xml file (MusicXML) or a .txt file (PIG "
+    "fingering)"
+)
+"""The files that can be read, for messages."""
+
+
+def read_score(path: str | os.PathLike[str]) -> Score:
+    """Read a file in the format that its suffix tells.
+
+    Raises:
+        ScoreError: If the suffix is unknown, or the file cannot be read as a score.
+    """
+    path = Path(path)
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise ScoreError(f"Cannot tell the format of {str(path)!r}: expected {ACCEPTED_FILES}.")
+    return reader(path)
+
+
+def write_score(score: Score, path: str | os.PathLike[str]) -> None:
+    """Write a file, whole or not at all, in the format that its suffix tells.
+
+    Raises:
+        ScoreError: If the suffix is unknown, or the file cannot be written.
+    """
+    path = Path(path)
+    writer = WRITERS.get(path.suffix.lower())
+    if writer is None:
+        raise ScoreError(f"Cannot tell the format of {str(path)!r}: expected {ACCEPTED_FILES}.")
+    writer(score, path)
+
 
 __all__ = [
+    "ACCEPTED_FILES",
     "READERS",
     "WRITERS",
     "read_midi",

@@ -6,8 +6,8 @@ import re
 import statistics
 from collections import Counter
 from collections.abc import Sequence
-
-import pretty_midi
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from sb3_piano.music.hands import HANDS, Hand
 
@@ -49,7 +49,25 @@ _LEAST_DISTANCE = 7
 _MOST_STRUCK_AT_ONCE = 5
 
 
-def hands_of_tracks(tracks: Sequence[pretty_midi.Instrument]) -> list[Hand | None]:
+class MidiNote(NamedTuple):
+    """A note, from one tick to another."""
+
+    start: int
+    end: int
+    pitch: int
+    velocity: int
+
+
+@dataclass
+class MidiTrack:
+    """The notes of one program in a track."""
+
+    name: str
+    program: int
+    notes: list[MidiNote] = field(default_factory=list)
+
+
+def hands_of_tracks(tracks: Sequence[MidiTrack]) -> list[Hand | None]:
     """Return the hand of each track, None where the file does not tell.
 
     The names decide, see :func:`hand_of_name`. Where no name tells anything, two tracks of one
@@ -91,12 +109,12 @@ def _words(name: str) -> list[str]:
     return re.sub(r"\b([rlm]) ([hdgs])\b", r"\1\2", letters).split()
 
 
-def _are_of_one_piano(tracks: Sequence[pretty_midi.Instrument]) -> bool:
+def _are_of_one_piano(tracks: Sequence[MidiTrack]) -> bool:
     programs = {track.program for track in tracks}
     return len(tracks) == 2 and len(programs) == 1 and programs <= set(_PIANOS)
 
 
-def _is_too_full(track: pretty_midi.Instrument) -> bool:
+def _is_too_full(track: MidiTrack) -> bool:
     """Return whether a track strikes more keys at a time than a hand does."""
     struck = Counter(note.start for note in track.notes)
     return max(struck.values()) > _MOST_STRUCK_AT_ONCE

@@ -12,18 +12,20 @@ import math
 import os
 import re
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import TypeVar
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.formats.left_out import LeftOut
-from sb3_piano.music.formats.output import write_score_file
+from sb3_piano.music.formats.common import LeftOut, write_score_file
 from sb3_piano.music.hands import HANDS, finger_number, finger_of, hand_of_finger, likely_hand
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_name, pitch_number
 from sb3_piano.music.score import Score
-from sb3_piano.music.text_file import read_text, read_whole
+from sb3_piano.music.text_file import read_text
+
+T = TypeVar("T")
 
 _FIELDS = "id, onset, offset, pitch, onset velocity, offset velocity, channel, finger"
 _FINGER = re.compile(r"(-?)([0-5])(_(-?[0-5])?)*")
@@ -135,13 +137,24 @@ def _described(note: Note) -> str:
 def _read_line(where: str, fields: list[str], left_out: LeftOut, shortest: float) -> Note | None:
     if len(fields) not in (7, 8):
         raise ScoreError(f"{where} has {len(fields)} fields: expected {_FIELDS}.")
-    _, onset_text, offset_text, pitch_text, velocity, _, channel, *finger_text = fields
-    if channel not in ("0", "1"):
-        raise _bad_field("channel", channel, where, "0 (right hand) or 1 (left hand)")
-    onset, offset = _read_time("onset", onset_text, where), _read_time("offset", offset_text, where)
+    fields = [*fields, "0"][:8]
+
+    def read(index: int, name: str, convert: Callable[[str], T], expected: str) -> T:
+        try:
+            return convert(fields[index])
+        except ValueError as error:
+            value = reprlib.repr(fields[index])
+            raise ScoreError(
+                f"{where}: {name} {value} is not valid: expected {expected}."
+            ) from error
+
+    hand = HANDS[read(6, "channel", ("0", "1").index, "0 (right hand) or 1 (left hand)")]
+    onset = read(1, "onset", _seconds, "seconds from 0, such as 1.25")
+    offset = read(2, "offset", _seconds, "seconds from 0, such as 1.25")
+    pitch = read(3, "pitch", pitch_number, "a spelled pitch, such as C4, F#5, Bb3, C##4")
+    finger = read(7, "finger", _finger, "1 to 5, -1 to -5, 0, or a change such as 4_1")
+    velocity = read(4, "onset velocity", int, "1 to 127")
     offset = onset + shortest if offset == onset else offset
-    pitch = _read_pitch(pitch_text, where)
-    finger = _read_finger(finger_text[0], where) if finger_text else UNKNOWN_FINGER
     if not left_out.is_playable(onset, offset, pitch):
         return None
     return located_note(
@@ -149,46 +162,23 @@ def _read_line(where: str, fields: list[str], left_out: LeftOut, shortest: float
         onset=onset,
         offset=offset,
         pitch=pitch,
-        velocity=_read_velocity(velocity, where),
+        velocity=velocity,
         finger=finger,
-        hand=hand_of_finger(finger) or HANDS[int(channel)],
+        hand=hand_of_finger(finger) or hand,
     )
 
 
-def _read_time(name: str, text: str, where: str) -> float:
-    try:
-        time = float(text)
-    except ValueError as error:
-        raise _bad_field(name, text, where, "seconds, such as 1.25") from error
+def _seconds(text: str) -> float:
+    time = float(text)
     if not (math.isfinite(time) and time >= 0):
-        raise _bad_field(name, text, where, "seconds from 0")
+        raise ValueError
     return time
 
 
-def _read_pitch(text: str, where: str) -> int:
-    try:
-        return pitch_number(text)
-    except ScoreError as error:
-        raise _bad_field(
-            "pitch", text, where, "a spelled pitch, such as C4, F#5, Bb3, C##4"
-        ) from error
-
-
-def _read_velocity(text: str, where: str) -> int:
-    velocity = read_whole(text)
-    if velocity is None:
-        raise _bad_field("onset velocity", text, where, "1 to 127")
-    return velocity
-
-
-def _read_finger(text: str, where: str) -> int:
+def _finger(text: str) -> int:
     match = _FINGER.fullmatch(text)
     if match is None:
-        raise _bad_field("finger", text, where, "1 to 5, -1 to -5, 0, or a change such as 4_1")
+        raise ValueError
     if match[2] == "0":
         return UNKNOWN_FINGER
     return finger_of("left" if match[1] else "right", int(match[2]))
-
-
-def _bad_field(name: str, text: str, where: str, expected: str) -> ScoreError:
-    return ScoreError(f"{where}: {name} {reprlib.repr(text)} is not valid: expected {expected}.")

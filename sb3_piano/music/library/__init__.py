@@ -1,9 +1,8 @@
 """The user's library: pieces that were imported, kept in a folder of the user's."""
 
+from sb3_piano.music.library.datasets import PIG_PIECES, Unusable
 from sb3_piano.music.library.importing import ImportReport, import_path
 from sb3_piano.music.library.piece_file import PIECE_SUFFIX, PieceInfo, read_piece
-from sb3_piano.music.library.pig import PIG_PIECES
-from sb3_piano.music.library.search import Unusable
 from sb3_piano.music.library.store import (
     DATA_VARIABLE,
     Library,

@@ -6,13 +6,11 @@ import hashlib
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from numbers import Integral
 from pathlib import Path
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.fingering.apply import FINGERINGS, labels_file
-from sb3_piano.music.library.found import Found, Unusable
-from sb3_piano.music.library.pig import PIG_PIECES
+from sb3_piano.music.library.datasets import PIG_PIECES, Found, Unusable
 from sb3_piano.music.library.search import search
 from sb3_piano.music.library.store import (
     LONGEST_NAME,
@@ -23,6 +21,7 @@ from sb3_piano.music.library.store import (
     user_library,
 )
 from sb3_piano.music.library.task import Outcome, Task, run_tasks
+from sb3_piano.settings import Count, checked
 from sb3_piano.threads import usable_cores
 
 
@@ -79,7 +78,7 @@ def import_path(
         ConfigError: If a setting is not valid, or another import is under way.
     """
     library = user_library() if library is None else library
-    jobs = usable_cores() if jobs is None else _checked(jobs)
+    jobs = usable_cores() if jobs is None else checked("jobs", jobs, Count)
     imported: list[str] = []
     notes: list[Unusable] = []
     with search(Path(path)) as (found, unusable), library.importing():
@@ -245,9 +244,3 @@ def _check_single(name: str | None, fingering: str | os.PathLike[str] | None) ->
             f"Fingering '{os.fspath(fingering)}' cannot be used for more than one piece: expected "
             f"{', '.join(map(repr, FINGERINGS))}."
         )
-
-
-def _checked(jobs: int) -> int:
-    if isinstance(jobs, bool) or not isinstance(jobs, Integral) or jobs < 1:
-        raise ConfigError(f"jobs is {jobs!r}: expected a whole number from 1 on.")
-    return int(jobs)

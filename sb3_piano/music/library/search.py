@@ -13,11 +13,16 @@ from pathlib import Path
 from typing import Any
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music.formats import READERS
-from sb3_piano.music.formats.files import ACCEPTED_FILES
-from sb3_piano.music.library.found import Found, Unusable
-from sb3_piano.music.library.pig import find_pig_folder, find_pig_pieces
-from sb3_piano.music.library.robopianist import find_robopianist, find_snippets, unpack_wheel
+from sb3_piano.music.formats import ACCEPTED_FILES, READERS
+from sb3_piano.music.library.datasets import (
+    Found,
+    Unusable,
+    find_pig_folder,
+    find_pig_pieces,
+    find_robopianist,
+    find_snippets,
+    unpack_wheel,
+)
 
 _WHEEL = ".whl"
 

@@ -6,9 +6,8 @@ import contextlib
 import logging
 import multiprocessing
 import signal
-import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
@@ -16,10 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
+from sb3_piano.interrupts import StopRequest, stop_on_signal
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
-from sb3_piano.music.library.found import Found
+from sb3_piano.music.library.datasets import Found
 from sb3_piano.music.library.store import Library
 from sb3_piano.music.score import Score
 
@@ -76,32 +76,32 @@ def run_tasks(tasks: Sequence[Task], jobs: int, tell: Callable[[Task, Outcome], 
     Returns:
         Whether Ctrl-C came.
     """
-    with _noting_interrupts() as came:
+    with stop_on_signal() as stop:
         if (
             min(jobs, len(tasks)) <= 1
             or "forkserver" not in multiprocessing.get_all_start_methods()
         ):
             for task in tasks:
-                if came:
+                if stop.made:
                     break
                 tell(task, run_task(task))
-            return bool(came)
+            return stop.made
         left = list(tasks)
-        while left and not came:
-            left = _run_until_broken(left, min(jobs, len(left)), tell, came)
+        while left and not stop.made:
+            left = _run_until_broken(left, min(jobs, len(left)), tell, stop)
             # Only what was begun can have killed its process: tasks are begun in order, and one
             # more than there are processes waits with them.
             begun, left = left[: 2 * jobs + 1], left[2 * jobs + 1 :]
             for task in begun:
-                if not came and _run_until_broken([task], 1, tell, came):
+                if not stop.made and _run_until_broken([task], 1, tell, stop):
                     tell(task, Outcome(error=_KILLED))
-        return bool(came)
+        return stop.made
 
 
 def _run_until_broken(
-    tasks: Sequence[Task], jobs: int, tell: Callable[[Task, Outcome], None], came: list[int]
+    tasks: Sequence[Task], jobs: int, tell: Callable[[Task, Outcome], None], stop: StopRequest
 ) -> list[Task]:
-    """Do tasks until all are done, a process is killed or Ctrl-C came; return those not done."""
+    """Do tasks until all are done, a process is killed or Ctrl-C; return what is left."""
     # Processes are forked from one without threads or a simulator, started once for all.
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])
@@ -123,7 +123,7 @@ def _run_until_broken(
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for future in as_completed(futures):
             tell_of(future)
-            if came:
+            if stop.made:
                 break
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
@@ -132,25 +132,6 @@ def _run_until_broken(
             if future.done():
                 tell_of(future)
     return [task for task in tasks if id(task) not in done]
-
-
-@contextlib.contextmanager
-def _noting_interrupts() -> Iterator[list[int]]:
-    """Note the first Ctrl-C in a list; another one is answered as usual."""
-    came: list[int] = []
-    if threading.current_thread() is not threading.main_thread():  # others cannot
-        yield came
-        return
-
-    def note(number: int, _: object) -> None:
-        came.append(number)
-        signal.signal(signal.SIGINT, former)
-
-    former = signal.signal(signal.SIGINT, note)
-    try:
-        yield came
-    finally:
-        signal.signal(signal.SIGINT, former)
 
 
 def run_task(task: Task) -> Outcome:

@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from sb3_piano.music.formats.midi import read_midi
+from sb3_piano.music.formats.midi_reading import read_midi
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
 

@@ -12,14 +12,13 @@ from types import MappingProxyType
 
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
-from sb3_piano.music.studies.sequence import Touch, in_sequence
+from sb3_piano.music.studies.building import MAJOR_SCALE, KeyPress, in_sequence
 
-_MAJOR_OCTAVE = (0, 2, 4, 5, 7, 9, 11, 12)
-_UP_AND_DOWN = _MAJOR_OCTAVE + _MAJOR_OCTAVE[-2::-1]
+_UP_AND_DOWN = (*MAJOR_SCALE, 12, *MAJOR_SCALE[::-1])
 _RIGHT_SCALE_FINGERS = (0, 1, 2, 0, 1, 2, 3, 4, 3, 2, 1, 0, 2, 1, 0)
 _LEFT_SCALE_FINGERS = (9, 8, 7, 6, 5, 7, 6, 5, 6, 7, 5, 6, 7, 8, 9)
 
-_TWINKLE_PHRASES: tuple[tuple[Touch, ...], ...] = (
+_TWINKLE_PHRASES: tuple[tuple[KeyPress, ...], ...] = (
     ((60, 0), (60, 0), (67, 2), (67, 2), (69, 3), (69, 3), (67, 2)),
     ((65, 3), (65, 3), (64, 2), (64, 2), (62, 1), (62, 1), (60, 0)),
 )
@@ -48,13 +47,13 @@ def major_scale(
         for tonic, fingers in ((right, _RIGHT_SCALE_FINGERS), (left, _LEFT_SCALE_FINGERS))
         if tonic is not None
     ]
-    groups = [(touches, note_duration) for touches in zip(*hands, strict=True)]
+    groups = [(presses, note_duration) for presses in zip(*hands, strict=True)]
     return in_sequence(groups, title, bars=range(0, len(groups), 4))
 
 
 def _chord_progression(title: str) -> Score:
     """C, F, G and C major: the root in the left hand, a triad in the right, 1 s each; 4/4."""
-    basses: tuple[Touch, ...] = ((48, 5), (41, 8), (43, 7), (48, 5))
+    basses: tuple[KeyPress, ...] = ((48, 5), (41, 8), (43, 7), (48, 5))
     roots = (60, 65, 67, 60)
     return in_sequence(
         (
@@ -71,9 +70,9 @@ def _twinkle(title: str) -> Score:
     durations = (0.5,) * 6 + (1.0,)
     return in_sequence(
         (
-            ((touch,), duration)
+            ((press,), duration)
             for phrase in _TWINKLE_PHRASES
-            for touch, duration in zip(phrase, durations, strict=True)
+            for press, duration in zip(phrase, durations, strict=True)
         ),
         title,
         bars=(0, 4, 7, 11),

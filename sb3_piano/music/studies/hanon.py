@@ -25,22 +25,22 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import partial
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 from sb3_piano.music.hands import Hand, finger_of
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
-from sb3_piano.music.studies.hanon_bars import EXERCISES, Bar, Exercise
-from sb3_piano.music.studies.keys import MAJOR_KEYS, MAJOR_SCALE
-from sb3_piano.music.studies.options import (
+from sb3_piano.music.studies.building import (
+    MAJOR_KEYS,
+    MAJOR_SCALE,
+    KeyPress,
     checked_octaves,
-    checked_repeats,
-    chosen_hands,
-    not_among,
+    checked_options,
+    in_sequence,
     option_meanings,
-    quarter_duration,
 )
-from sb3_piano.music.studies.sequence import Touch, in_sequence
+from sb3_piano.music.studies.hanon_bars import EXERCISES, Exercise, HanonBar
+from sb3_piano.settings import checked
 
 _FIRST_C: Mapping[Hand, int] = MappingProxyType({"right": 48, "left": 36})
 """MIDI pitch of the C from which each hand starts: C3 and C2."""
@@ -78,30 +78,27 @@ def hanon(
     Raises:
         ConfigError: If a value is not valid, or the octaves do not fit on the keyboard.
     """
-    seconds = quarter_duration(tempo) / _NOTES_PER_QUARTER
-    players = chosen_hands(hands)
-    times = checked_repeats(repeats)
+    quarter, players, times = checked_options(tempo, hands, repeats)
+    seconds = quarter / _NOTES_PER_QUARTER
     first = {hand: _FIRST_C[hand] + _semitones(key) for hand in players}
     exercise = EXERCISES[number]
     one_octave = [_body(exercise, hand, first[hand], octaves=1) for hand in players]
-    highest = max(pitch for touches in one_octave for pitch, _ in touches)
+    highest = max(pitch for presses in one_octave for pitch, _ in presses)
     span = checked_octaves(octaves, highest)
     body = [_body(exercise, hand, first[hand], span) for hand in players]
     groups = [(together, seconds) for together in zip(*body, strict=True)] * times
-    end = tuple(touch for hand in players for touch in _end(exercise, hand, first[hand]))
+    end = tuple(press for hand in players for press in _end(exercise, hand, first[hand]))
     bars = range(0, len(groups) + 1, _NOTES_PER_BAR)
     return in_sequence([*groups, (end, _NOTES_PER_BAR * seconds)], title, bars=bars)
 
 
 def _semitones(key: Any) -> int:
     """Return how many semitones the exercise in a key is above that in C."""
-    if not isinstance(key, str) or key not in MAJOR_KEYS:
-        raise not_among("key", key, MAJOR_KEYS, "C major")
-    semitones = MAJOR_KEYS[key]
+    semitones = MAJOR_KEYS.index(checked("key", key, Literal[MAJOR_KEYS]))
     return semitones if semitones <= _MOST_UP else semitones - 12
 
 
-def _body(exercise: Exercise, hand: Hand, first: int, octaves: int) -> list[Touch]:
+def _body(exercise: Exercise, hand: Hand, first: int, octaves: int) -> list[KeyPress]:
     """Return what a hand plays before the last note."""
     return [
         (_pitch(first, degree + shift), finger_of(hand, number))
@@ -110,13 +107,13 @@ def _body(exercise: Exercise, hand: Hand, first: int, octaves: int) -> list[Touc
     ]
 
 
-def _end(exercise: Exercise, hand: Hand, first: int) -> Iterator[Touch]:
-    touches = exercise.right_end if hand == "right" else exercise.left_end
-    for degree, number in touches:
+def _end(exercise: Exercise, hand: Hand, first: int) -> Iterator[KeyPress]:
+    presses = exercise.right_end if hand == "right" else exercise.left_end
+    for degree, number in presses:
         yield _pitch(first, degree), finger_of(hand, number)
 
 
-def _bars(exercise: Exercise, octaves: int) -> list[tuple[Bar, int]]:
+def _bars(exercise: Exercise, octaves: int) -> list[tuple[HanonBar, int]]:
     """Return the bars on the way up and down, each with the degrees by which it is shifted."""
     last_c = _DEGREES * octaves
     up = [(exercise.up, step) for step in range(last_c + exercise.more_up)]

@@ -1,12 +1,8 @@
 """Predictive sampling: model-predictive control by trying changes in simulation."""
 
+from sb3_piano.planning.sampling.cost import COST_FROM_ZERO, SamplingCost
+from sb3_piano.planning.sampling.noise import NOISE_FROM_ZERO, SamplingNoise
 from sb3_piano.planning.sampling.predictive_sampling import NOMINALS, PredictiveSampling
-from sb3_piano.planning.sampling.settings import (
-    COST_FROM_ZERO,
-    NOISE_FROM_ZERO,
-    SamplingCost,
-    SamplingNoise,
-)
 
 __all__ = [
     "COST_FROM_ZERO",

@@ -14,20 +14,11 @@ from sb3_piano.exceptions import ConfigError, EnvStateError, near_names
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning.pianist import Trackers
 from sb3_piano.planning.policy import PianoPolicy
-from sb3_piano.planning.sampling.candidates import Candidates
-from sb3_piano.planning.sampling.nominal import Nominal, Rest, Tracked
-from sb3_piano.planning.sampling.search import CandidateSearch
-from sb3_piano.planning.sampling.settings import (
-    COST_FROM_ZERO,
-    NOISE_FROM_ZERO,
-    SamplingCost,
-    SamplingNoise,
-)
-from sb3_piano.planning.sampling.simulations import Simulations
+from sb3_piano.planning.sampling.cost import COST_FROM_ZERO, SamplingCost
+from sb3_piano.planning.sampling.noise import NOISE_FROM_ZERO, Candidates, SamplingNoise
+from sb3_piano.planning.sampling.search import CandidateSearch, Simulations
 from sb3_piano.planning.settings import PlanSettings
-from sb3_piano.planning.tracker import hands_of_action
 from sb3_piano.settings import Count, Index, checked
-from sb3_piano.simulation import PianoScene
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -110,13 +101,8 @@ class PredictiveSampling(PianoPolicy):
         self._horizon = checked("horizon", horizon, Count)
         self._physics = physics
         self._n_threads = n_threads
-        self._noise, self._cost = NOISE_FROM_ZERO, COST_FROM_ZERO
-        if self._planned:
-            self._noise, self._cost = SamplingNoise(), SamplingCost()
-        if noise is not None:
-            self._noise = noise
-        if cost is not None:
-            self._cost = cost
+        self._noise = noise or (SamplingNoise() if self._planned else NOISE_FROM_ZERO)
+        self._cost = cost or (SamplingCost() if self._planned else COST_FROM_ZERO)
         self._trackers = Trackers(plan_settings)
         self.set_random_seed(seed)
         self._episodes: list[_Episode | None] = [None] * len(self._pianos)
@@ -142,7 +128,7 @@ class PredictiveSampling(PianoPolicy):
         drawn = episode.candidates.draw(self._samples - len(known), self._random[slot])
         best = episode.search.best(piano, np.stack(known), known[0] + drawn)
         episode.knots, episode.next_step = best.knots, step + 1
-        return _action(piano.scene, best.controls, pedal_down=bool(piano.roll.sustain[step]))
+        return piano.action_map.action(best.controls, pedal_down=bool(piano.roll.sustain[step]))
 
     def _episode(self, slot: int, step: int) -> _Episode:
         """Return what is known of an episode, or begin one."""
@@ -153,28 +139,16 @@ class PredictiveSampling(PianoPolicy):
         elif known is not None and known.roll is piano.roll and known.next_step == step:
             return known
         candidates = Candidates(self._noise, piano.scene, self._horizon)
-        begun = _Episode(
-            piano.roll,
-            candidates,
-            CandidateSearch(
-                piano.roll,
-                self._simulations[slot],
-                self._nominal(slot),
-                candidates,
-                self._cost,
-            ),
+        tracker = self._trackers.of(piano) if self._planned else None
+        search = CandidateSearch(
+            piano.roll, self._simulations[slot], tracker, candidates, self._cost
         )
+        begun = _Episode(piano.roll, candidates, search)
         self._episodes[slot] = begun
         return begun
 
     def _make_simulations(self, piano: PianoEnv) -> Simulations:
         return Simulations(piano, self._physics, self._samples, self._n_threads)
-
-    def _nominal(self, slot: int) -> Nominal:
-        piano = self._pianos[slot]
-        if not self._planned:
-            return Rest(piano.scene)
-        return Tracked(self._trackers.of(piano))
 
 
 class _Episode:
@@ -201,8 +175,3 @@ def _check_step(piano: PianoEnv, step: int) -> None:
         raise EnvStateError(
             f"All {len(piano.roll)} control steps are played: call reset() before the next action."
         )
-
-
-def _action(scene: PianoScene, controls: FloatArray, *, pedal_down: bool) -> FloatArray:
-    """Return the action that tells the actuators this, (nu + 1,)."""
-    return np.append(hands_of_action(scene, controls), 1.0 if pedal_down else -1.0)

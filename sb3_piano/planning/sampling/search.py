@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.music import PianoRoll
-from sb3_piano.planning.sampling import cost as costs
-from sb3_piano.planning.sampling.candidates import Candidates
-from sb3_piano.planning.sampling.nominal import Nominal
-from sb3_piano.planning.sampling.settings import SamplingCost
-from sb3_piano.planning.sampling.simulations import Simulations
+from sb3_piano.planning.sampling.cost import SamplingCost, wrong_keys
+from sb3_piano.planning.sampling.noise import Candidates
+from sb3_piano.planning.tracker import Tracker
+from sb3_piano.simulation import PianoScene, Simulation, compile_scene
+from sb3_piano.threads import ThreadTeam
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
+
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class Ratings(NamedTuple):
@@ -49,7 +53,7 @@ class CandidateSearch:
         self,
         roll: PianoRoll,
         simulations: Simulations,
-        nominal: Nominal,
+        tracker: Tracker | None,
         candidates: Candidates,
         cost: SamplingCost,
     ):
@@ -58,16 +62,17 @@ class CandidateSearch:
         Args:
             roll: What should sound.
             simulations: In which candidates are played.
-            nominal: What candidates change.
+            tracker: The plan that candidates change; None for hands at rest.
             candidates: What knots stand for.
             cost: What counts how much.
         """
         self._roll = roll
         self._simulations = simulations
-        self._nominal = nominal
+        self._tracker = tracker
         self._candidates = candidates
         self._cost = cost
-        self._has_plan = nominal.planned(0) is not None
+        scene = simulations.scene
+        self._at_rest = np.clip(np.zeros(scene.model.nu), scene.ctrl_low, scene.ctrl_high)
         self._any_finger = not np.count_nonzero(roll.finger >= 0)
 
     def best(self, piano: PianoEnv, known: FloatArray, new: FloatArray) -> BestCandidate:
@@ -86,7 +91,7 @@ class CandidateSearch:
         first = self.rate(piano, known)
         leader = int(np.argmin(first.cost))
         faultless = np.isfinite(first.cost[leader]) and first.mistakes[leader] == 0
-        if self._has_plan and faultless:
+        if self._tracker is not None and faultless:
             return BestCandidate(known[leader], first.controls[leader], float(first.cost[leader]))
         second = self.rate(piano, new, bound=float(first.cost.min()))
         cost = np.concatenate([first.cost, second.cost])
@@ -115,16 +120,15 @@ class CandidateSearch:
             if len(left) == 0:
                 break
             step, change = now + ahead, changes[left, ahead]
-            controls = self._nominal.controls(step, simulations.positions(left)) + change
-            controls = np.clip(controls, scene.ctrl_low, scene.ctrl_high)
+            controls = np.clip(self._nominal(step, left) + change, scene.ctrl_low, scene.ctrl_high)
             if ahead == 0:
                 first = controls
             stable = simulations.advance(left, controls)
             angles = simulations.key_angles(left)
             due, sounding_angle = self._roll.active[step], scene.key_sounding_angle
-            mistakes[left] += costs.mistakes(due, angles, sounding_angle)
-            now_cost = costs.key_cost(self._cost, due, angles, sounding_angle)
-            now_cost += costs.effort_cost(self._cost, change, self._candidates.deviation)
+            mistakes[left] += wrong_keys(due, angles, sounding_angle)
+            now_cost = self._cost.key_cost(due, angles, sounding_angle)
+            now_cost += self._cost.effort_cost(change, self._candidates.deviation)
             now_cost += self._hands_cost(step, left)
             cost[left] += self._cost.discount**ahead * now_cost
             lost = ~stable | (cost[left] > bound)
@@ -132,13 +136,19 @@ class CandidateSearch:
             left = left[~lost]
         return Ratings(cost, first, mistakes)
 
+    def _nominal(self, step: int, which: IntArray) -> FloatArray:
+        """Return what m simulations are told without any change, (m, nu) rad or m."""
+        if self._tracker is None:
+            return np.broadcast_to(self._at_rest, (len(which), len(self._at_rest)))
+        return self._tracker.controls(step, self._simulations.positions(which))
+
     def _hands_cost(self, step: int, which: IntArray) -> FloatArray:
         """Return what it costs where the hands of m simulations are after a control step, (m,)."""
-        planned = self._nominal.planned(step)
-        if planned is None:
+        if self._tracker is None:
             return self._finger_cost(step, which)
+        planned = np.asarray(self._tracker.plan.positions[step + 1])
         positions = self._simulations.positions(which)
-        return costs.plan_cost(self._cost, planned, positions, self._candidates.deviation)
+        return self._cost.plan_cost(planned, positions, self._candidates.deviation)
 
     def _finger_cost(self, step: int, which: IntArray) -> FloatArray:
         keys, fingers = self._roll.due(step)
@@ -149,5 +159,99 @@ class CandidateSearch:
         tips = self._simulations.fingertips(which)
         points = self._simulations.press_points(which, keys)
         if self._any_finger:
-            return costs.any_finger_cost(self._cost, tips, points)
-        return costs.finger_cost(self._cost, tips[:, fingers], points)
+            return self._cost.any_finger_cost(tips, points)
+        return self._cost.finger_cost(tips[:, fingers], points)
+
+
+class Simulations:
+    """n simulations of one environment, which take its state but never touch it.
+
+    Each has its own ``MjData``, so that from step to step it keeps all that the solver starts from,
+    and is advanced exactly as the environment is. ``mujoco.rollout`` would lose that between two
+    control steps (it hands back positions and velocities only), and is no faster.
+    """
+
+    def __init__(self, piano: PianoEnv, physics: str | None, n: int, n_threads: int | None):
+        """Build the simulations.
+
+        Args:
+            piano: The environment.
+            physics: Physics profile to simulate in; None for the environment's own model, with all
+                changes made to it.
+            n: How many.
+            n_threads: Threads to use; by default as many as there are cores, ``n`` at most.
+
+        Raises:
+            ConfigError: If there is no such profile, or it does not fit the control step.
+        """
+        self.source = piano.scene
+        """The scene of the environment for which these were built."""
+        config = (
+            piano.config if physics is None else dataclasses.replace(piano.config, physics=physics)
+        )
+        self.scene = piano.scene if physics is None else _same_scene(piano, config.physics)
+        self._simulations = [Simulation(self.scene, config.n_substeps) for _ in range(n)]
+        self._datas = [simulation.data for simulation in self._simulations]
+        team = ThreadTeam(n, n_threads)
+        # A slot is a thread here: which simulations it advances depends on how many are left.
+        self._team = ThreadTeam(team.n_threads, team.n_threads)
+
+    def begin(self, piano: PianoEnv, n: int) -> None:
+        """Put the first n simulations into the environment's present state."""
+        model, first = self.scene.model, self._datas[0]
+        if model is piano.model:
+            mujoco.mj_copyData(first, model, piano.data)
+        else:
+            state = np.empty(mujoco.mj_stateSize(piano.model, _STATE))
+            mujoco.mj_getState(piano.model, piano.data, state, _STATE)
+            mujoco.mj_resetData(model, first)
+            mujoco.mj_setState(model, first, state, _STATE)
+            mujoco.mj_step1(model, first)
+        for data in self._datas[1:n]:
+            mujoco.mj_copyData(data, model, first)
+
+    def advance(self, which: IntArray, controls: FloatArray) -> npt.NDArray[np.bool_]:
+        """Simulate a control step.
+
+        Args:
+            which: The m simulations to be advanced; the others stay where they are.
+            controls: (m, nu) what the actuators of each are told.
+
+        Returns:
+            (m,) bool, whether the physics of each remained stable.
+        """
+        stable = np.zeros(len(which), dtype=bool)
+        n_threads = self._team.n_threads
+
+        def job(thread: int) -> None:
+            for row in range(thread, len(which), n_threads):
+                stable[row] = self._simulations[which[row]].advance(controls[row])
+
+        self._team.run(job)
+        return stable
+
+    def key_angles(self, which: IntArray) -> FloatArray:
+        """Return the angle of each key, (m, 88) rad."""
+        return np.stack([self.scene.key_angle(self._datas[n]) for n in which])
+
+    def positions(self, which: IntArray) -> FloatArray:
+        """Return the positions of the actuators, (m, nu) rad or m."""
+        return np.stack([self._datas[n].actuator_length for n in which])
+
+    def fingertips(self, which: IntArray) -> FloatArray:
+        """Return the positions of the fingertips, (m, 10, 3) m."""
+        return np.stack([self.scene.fingertip_position(self._datas[n]) for n in which])
+
+    def press_points(self, which: IntArray, keys: npt.NDArray[np.intp]) -> FloatArray:
+        """Return where k keys should be pressed, (m, k, 3) m."""
+        return np.stack([self.scene.press_point(self._datas[n], keys) for n in which])
+
+
+def _same_scene(piano: PianoEnv, physics: str) -> PianoScene:
+    moving, config = piano.scene.moving_keys, piano.config
+    return compile_scene(
+        reduced_action_space=config.reduced_action_space,
+        gravity_compensation=config.gravity_compensation,
+        physics=physics,
+        moving_keys=(moving.start, moving.stop - 1),
+    )

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.formats.left_out import LeftOut
+from sb3_piano.music.formats.common import LeftOut
 from sb3_piano.music.formats.midi_hands import hand_of_name
 from sb3_piano.music.formats.musicxml.source import SourceNote, SourcePart, parse_document
 from sb3_piano.music.formats.musicxml.timing import Timeline, timeline
@@ -123,11 +123,7 @@ def _score(parts: Sequence[SourcePart], line: Timeline, path: Path, left_out: Le
         rest = f", only {left_out}" if str(left_out) else ""
         raise ScoreError(f"MusicXML file {str(path)!r} has no notes to play{rest}.")
     last = max(note.offset for note in notes)
-    lines = sorted(
-        line.seconds(at) + shift + wait
-        for at in parts[0].measures
-        for shift in line.shifts(line.seconds(at))
-    )
+    lines = sorted(start + wait for at in parts[0].measures for start, _ in line.played(at, at))
     return Score(
         notes=notes,
         pedals=[press for part in parts for press in _presses(part.pedals, line, wait)],
@@ -173,9 +169,9 @@ def _middle(part: SourcePart) -> float:
 def _tied_notes(notes: Sequence[SourceNote], line: Timeline) -> list[SourceNote]:
     """Return the notes in the order of playing, in seconds, with those joined that are tied."""
     played = [
-        replace(note, start=line.seconds(note.start) + shift, end=line.seconds(note.end) + shift)
+        replace(note, start=start, end=end)
         for note in notes
-        for shift in line.shifts(line.seconds(note.start))
+        for start, end in line.played(note.start, note.end)
     ]
     joined: list[SourceNote] = []
     open_ties: dict[tuple[int, Fraction], list[SourceNote]] = {}
@@ -213,14 +209,11 @@ def _presses(
     pedals: Sequence[tuple[Fraction, Fraction]], line: Timeline, wait: Fraction
 ) -> Iterator[Pedal]:
     """Yield the presses of one part, with the pedal up for a moment between two of them."""
-    played = sorted(
-        (line.seconds(down) + shift, line.seconds(up) + shift)
-        for down, up in pedals
-        for shift in line.shifts(line.seconds(down))
-    )
+    played = sorted(press for down, up in pedals for press in line.played(down, up))
     last_up = None
     for down, up in played:
         start = down if last_up is None or down > last_up else last_up + _LIFT
-        if up > start:
+        onset, offset = float(start + wait), float(up + wait)
+        if offset > onset:
             last_up = up
-            yield Pedal(onset=float(start + wait), offset=float(up + wait))
+            yield Pedal(onset=onset, offset=offset)

@@ -11,8 +11,8 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from sb3_piano.music.constants import DEFAULT_VELOCITY
+from sb3_piano.music.formats.common import read_member
 from sb3_piano.music.formats.musicxml.timing import Marks
-from sb3_piano.music.formats.zip_file import read_member
 from sb3_piano.music.pitch import SEMITONES
 
 FORTE = 90

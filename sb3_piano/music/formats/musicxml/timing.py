@@ -74,19 +74,20 @@ class Timeline:
     """When each moment of the written music is played; a moment may be played several times.
 
     Attributes:
-        spans: (start, stop, shift) of the stretches in the order in which they are played, in s
-            since the start of the written music; `shift` leads to the time of playing.
         seconds: The function from quarter notes to seconds, of the written music.
+        starts: When each stretch of it begins that is played in one go, in s.
+        later: For each stretch by how much later it is played than written, each time, in s.
     """
 
-    spans: list[tuple[Fraction, Fraction, Fraction]]
     seconds: Callable[[Fraction], Fraction]
+    starts: list[Fraction]
+    later: list[list[Fraction]]
 
-    def shifts(self, time: Fraction) -> Iterator[Fraction]:
-        """Yield by how much later, in s, what begins at a written time is played, each time."""
-        for start, stop, shift in self.spans:
-            if start <= time < stop:
-                yield shift
+    def played(self, start: Fraction, end: Fraction) -> Iterator[tuple[Fraction, Fraction]]:
+        """Yield when an event is played, in s, by its start and end in quarter notes."""
+        first, last = self.seconds(start), self.seconds(end)
+        for shift in self.later[bisect.bisect_right(self.starts, first) - 1]:
+            yield first + shift, last + shift
 
 
 def timeline(marks: Marks) -> Timeline:
@@ -104,17 +105,18 @@ def timeline(marks: Marks) -> Timeline:
         piece = bisect.bisect_right(corners, at) - 1
         return times[piece] + (at - corners[piece]) * 60 / tempos[corners[piece]]
 
-    spans, now = [], Fraction(0)
-    for written_start, written_stop in _played_order(marks):
-        start, stop = seconds(written_start), seconds(written_stop)
-        # What begins at the very end, such as a grace note, is played as well.
-        spans.append((start, stop + int(written_stop == marks.end), now - start))
-        now += stop - start
-    return Timeline(spans=spans, seconds=seconds)
+    spans, order = _played_order(marks)
+    starts = [seconds(start) for start, _ in spans]
+    later: list[list[Fraction]] = [[] for _ in spans]
+    now = Fraction(0)
+    for index in order:
+        later[index].append(now - starts[index])
+        now += seconds(spans[index][1]) - starts[index]
+    return Timeline(seconds=seconds, starts=starts, later=later)
 
 
-def _played_order(marks: Marks) -> list[tuple[Fraction, Fraction]]:
-    """Return the stretches of the written music in the order in which they are played.
+def _played_order(marks: Marks) -> tuple[list[tuple[Fraction, Fraction]], list[int]]:
+    """Return the stretches of the written music, and their indices in the order of playing.
 
     A repeat is played twice, or as often as it has endings. After D.C. or D.S. repeats are played
     no more, and of several endings the last.
@@ -123,7 +125,7 @@ def _played_order(marks: Marks) -> list[tuple[Fraction, Fraction]]:
     places = sorted({Fraction(0), marks.end, *marks.signs, *marks.endings, *stops})
     spans = list(itertools.pairwise(places)) or [(Fraction(0), marks.end)]
     endings = _endings_of(spans, marks)
-    order: list[tuple[Fraction, Fraction]] = []
+    order: list[int] = []
     here = first = 0
     time, leapt = 1, False
     while here < len(spans):
@@ -132,7 +134,7 @@ def _played_order(marks: Marks) -> list[tuple[Fraction, Fraction]]:
         turn = max(all_numbers, default=0) if leapt else time
         is_played = not numbers or turn in numbers
         if is_played:
-            order.append((start, stop))
+            order.append(here)
             if marks.has(start, "forward") and here > first:
                 first, time = here, 1
             if not leapt and marks.has(stop, "backward") and time < max(2, len(all_numbers)):
@@ -148,7 +150,7 @@ def _played_order(marks: Marks) -> list[tuple[Fraction, Fraction]]:
         if is_last_ending or (is_played and marks.has(stop, "backward")):
             first, time = here + 1, 1
         here += 1
-    return order
+    return spans, order
 
 
 def _endings_of(
@@ -186,6 +188,8 @@ def _leap(
         return 0
     kind, to = ("tocoda", "coda") if leapt else ("dalsegno", "segno")
     names = {name for sign, name in marks.signs.get(stop, ()) if sign == kind}
+    if not names:
+        return None
     for index, (start, _) in enumerate(spans):
         is_allowed = index > here if leapt else index <= here
         if is_allowed and any((to, name) in marks.signs.get(start, ()) for name in names):

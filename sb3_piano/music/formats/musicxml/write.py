@@ -17,13 +17,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from xml.etree.ElementTree import Element, SubElement, indent, tostring
+from xml.sax.saxutils import escape
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import DEFAULT_VELOCITY, UNKNOWN_FINGER
+from sb3_piano.music.formats.common import write_score_file
 from sb3_piano.music.formats.musicxml.source import CONTAINER_NAME, FORTE
 from sb3_piano.music.formats.musicxml.tempo import DEFAULT_TEMPO, likely_tempo
-from sb3_piano.music.formats.output import write_score_file
 from sb3_piano.music.hands import HANDS, finger_number, likely_hand
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.pitch import pitch_name
@@ -162,38 +162,50 @@ def _meter(ticks: int) -> tuple[int, int]:
 _Chord = list[tuple[Note, bool, bool]]
 """Notes that are struck and end together, each with whether it is tied back, and on."""
 
+_TEMPO = (
+    '<direction placement="above"><direction-type><metronome><beat-unit>quarter</beat-unit>'
+    "<per-minute>{tempo:g}</per-minute></metronome></direction-type>"
+    '<sound tempo="{tempo!r}"/></direction>'
+)
+_PEDAL = (
+    '<direction placement="below"><direction-type><pedal type="{kind}"/></direction-type>'
+    "<staff>2</staff></direction>"
+)
+_STAVES = (
+    '<staves>2</staves><clef number="1"><sign>G</sign><line>2</line></clef>'
+    '<clef number="2"><sign>F</sign><line>4</line></clef>'
+)
+
 
 def _document(score: Score, grid: _Grid) -> bytes:
     measures = _measures(score, grid)
     lines = [measure.start for measure in measures]
     first_voices, struck = _struck(score, grid, lines)
     pedals = _pedal_marks(score, grid, lines)
-    root = Element("score-partwise")
-    _add(_add(root, "work"), "work-title", "".join(filter(str.isprintable, score.title)))
-    _add(_add(_add(root, "part-list"), "score-part", id="P1"), "part-name", "Piano")
-    part = _add(root, "part", id="P1")
+    title = escape("".join(filter(str.isprintable, score.title)))
+    texts = [
+        f"{_HEAD}<score-partwise><work><work-title>{title}</work-title></work><part-list>"
+        '<score-part id="P1"><part-name>Piano</part-name></score-part></part-list><part id="P1">'
+    ]
     meter = None
     for number, measure in enumerate(measures, start=int(not measures[0].is_pickup)):
-        element = _add(part, "measure", number=str(number))
-        if measure.is_pickup:
-            element.set("implicit", "yes")
+        implicit = ' implicit="yes"' if measure.is_pickup else ""
+        texts.append(f'<measure number="{number}"{implicit}>')
         if measure.meter != meter:
-            _add_attributes(element, measure.meter, is_first=meter is None)
+            texts.append(_attributes(measure.meter, is_first=meter is None))
         if meter is None:
-            _add_tempo(element, grid.tempo)
+            texts.append(_TEMPO.format(tempo=float(grid.tempo)))
         meter, here = measure.meter, measure.start
         for voice, chords in sorted(struck[measure.start].items()):
-            _move(element, here, measure.start)
-            here = _add_voice(element, measure, voice, chords, first_voices)
+            texts.append(_move(here, measure.start))
+            text, here = _voice(measure, voice, chords, first_voices)
+            texts.append(text)
         for tick, kind in pedals[measure.start]:
-            _move(element, here, tick)
-            mark = _add(element, "direction", placement="below")
-            _add(_add(mark, "direction-type"), "pedal", type=kind)
-            _add(mark, "staff", 2)
+            texts += [_move(here, tick), _PEDAL.format(kind=kind)]
             here = tick
-        _move(element, here, measure.end)
-    indent(root)
-    return _HEAD.encode() + tostring(root, encoding="utf-8") + b"\n"
+        texts += [_move(here, measure.end), "</measure>"]
+    texts.append("</part></score-partwise>\n")
+    return "\n".join(filter(None, texts)).encode()
 
 
 def _struck(
@@ -252,117 +264,67 @@ def _pedal_marks(
     return by_measure
 
 
-def _add(parent: Element, tag: str, text: object = None, **attributes: str) -> Element:
-    element = SubElement(parent, tag, attributes)
-    element.text = None if text is None else str(text)
-    return element
+def _attributes(meter: tuple[int, int], *, is_first: bool) -> str:
+    divisions = f"<divisions>{_DIVISIONS}</divisions>" if is_first else ""
+    time = f"<time><beats>{meter[0]}</beats><beat-type>{meter[1]}</beat-type></time>"
+    return f"<attributes>{divisions}{time}{_STAVES if is_first else ''}</attributes>"
 
 
-def _add_attributes(measure: Element, meter: tuple[int, int], *, is_first: bool) -> None:
-    attributes = _add(measure, "attributes")
-    if is_first:
-        _add(attributes, "divisions", _DIVISIONS)
-    time = _add(attributes, "time")
-    _add(time, "beats", meter[0])
-    _add(time, "beat-type", meter[1])
-    if is_first:
-        _add(attributes, "staves", 2)
-        for number, (sign, line) in enumerate((("G", 2), ("F", 4)), start=1):
-            clef = _add(attributes, "clef", number=str(number))
-            _add(clef, "sign", sign)
-            _add(clef, "line", line)
+def _move(here: int, there: int) -> str:
+    """Return what leads from one tick to another."""
+    if there == here:
+        return ""
+    kind = "forward" if there > here else "backup"
+    return f"<{kind}><duration>{abs(there - here)}</duration></{kind}>"
 
 
-def _add_tempo(measure: Element, tempo: Fraction) -> None:
-    mark = _add(measure, "direction", placement="above")
-    metronome = _add(_add(mark, "direction-type"), "metronome")
-    _add(metronome, "beat-unit", "quarter")
-    _add(metronome, "per-minute", f"{float(tempo):g}")
-    number = str(int(tempo)) if tempo.denominator == 1 else repr(float(tempo))
-    _add(mark, "sound", tempo=number)
-
-
-def _move(measure: Element, here: int, there: int) -> None:
-    """Go from one tick to another."""
-    if there != here:
-        move = _add(measure, "forward" if there > here else "backup")
-        _add(move, "duration", abs(there - here))
-
-
-def _add_voice(
-    element: Element,
-    measure: _Measure,
-    voice: int,
-    chords: Mapping[_Span, _Chord],
-    first_voices: tuple[int, int],
-) -> int:
-    """Add the notes and rests of a voice; return the tick that they lead to.
+def _voice(
+    measure: _Measure, voice: int, chords: Mapping[_Span, _Chord], first_voices: tuple[int, int]
+) -> tuple[str, int]:
+    """Return the notes and rests of a voice, and the tick that they lead to.
 
     The first voice of a staff is filled with rests, those of the others are hidden.
     """
-    here, staff = measure.start, 1 if voice < first_voices[1] else 2
-    is_first = voice in first_voices
-    for (start, end), chord in sorted(chords.items()):
-        _add_rest(element, start - here, voice, staff, is_first)
-        _add_chord(element, chord, end - start, voice)
+    is_first, staff = voice in first_voices, 1 if voice < first_voices[1] else 2
+    hidden = "" if is_first else ' print-object="no"'
+    texts, here = [], measure.start
+    spans = [*sorted(chords), *([(measure.end, measure.end)] if is_first else [])]
+    for start, end in spans:
+        if start > here:
+            rest = f"<note{hidden}><rest/>"
+            texts.append(rest + _placed(start - here, voice, staff) + "</note>")
+        for index, (note, *tied) in enumerate(chords.get((start, end), ())):
+            texts.append(_note(note, tied, end - start, voice, in_chord=index > 0))
         here = end
-    if is_first:
-        _add_rest(element, measure.end - here, voice, staff, is_first)
-        here = measure.end
-    return here
+    return "\n".join(texts), here
 
 
-def _add_rest(measure: Element, ticks: int, voice: int, staff: int, is_shown: bool) -> None:
-    if ticks == 0:
-        return
-    element = _add(measure, "note", **({} if is_shown else {"print-object": "no"}))
-    _add(element, "rest")
-    _add(element, "duration", ticks)
-    _add(element, "voice", voice)
-    _add_value(element, ticks)
-    _add(element, "staff", staff)
+def _note(note: Note, tied: Sequence[bool], ticks: int, voice: int, *, in_chord: bool) -> str:
+    name = pitch_name(note.pitch)
+    alter = {"#": "<alter>1</alter>", "b": "<alter>-1</alter>"}.get(name[1], "")
+    dynamics = f' dynamics="{100 * note.velocity / FORTE:.2f}"'
+    ties = [kind for kind, is_tied in zip(("stop", "start"), tied, strict=True) if is_tied]
+    notations = "".join(f'<tied type="{kind}"/>' for kind in ties)
+    if note.finger != UNKNOWN_FINGER and not tied[0]:
+        finger = finger_number(note.finger)
+        notations += f"<technical><fingering>{finger}</fingering></technical>"
+    return (
+        f"<note{'' if note.velocity == DEFAULT_VELOCITY else dynamics}>"
+        f"{'<chord/>' if in_chord else ''}<pitch><step>{name[0]}</step>{alter}"
+        f"<octave>{note.pitch // 12 - 1}</octave></pitch>"
+        f"{_placed(ticks, voice, _staff(note), ties)}"
+        f"{f'<notations>{notations}</notations>' if notations else ''}</note>"
+    )
 
 
-def _add_chord(measure: Element, chord: _Chord, ticks: int, voice: int) -> None:
-    for index, (note, tied_back, tied_on) in enumerate(chord):
-        element = _add(measure, "note")
-        if note.velocity != DEFAULT_VELOCITY:
-            element.set("dynamics", f"{100 * note.velocity / FORTE:.2f}")
-        if index > 0:
-            _add(element, "chord")
-        pitch, name = _add(element, "pitch"), pitch_name(note.pitch)
-        _add(pitch, "step", name[0])
-        if name[1] in "#b":
-            _add(pitch, "alter", 1 if name[1] == "#" else -1)
-        _add(pitch, "octave", note.pitch // 12 - 1)
-        _add(element, "duration", ticks)
-        ties = [kind for kind, is_tied in (("stop", tied_back), ("start", tied_on)) if is_tied]
-        for kind in ties:
-            _add(element, "tie", type=kind)
-        _add(element, "voice", voice)
-        _add_value(element, ticks)
-        _add(element, "staff", _staff(note))
-        has_finger = note.finger != UNKNOWN_FINGER and not tied_back
-        if ties or has_finger:
-            notations = _add(element, "notations")
-            for kind in ties:
-                _add(notations, "tied", type=kind)
-            if has_finger:
-                _add(_add(notations, "technical"), "fingering", finger_number(note.finger))
-
-
-def _add_value(note: Element, ticks: int) -> None:
-    """Add the note value of a length, if it has one: plain, with a dot, or of a triplet."""
-    value = _VALUES.get(ticks)
-    if value is not None:
-        kind, dots, is_triplet = value
-        _add(note, "type", kind)
-        for _ in range(dots):
-            _add(note, "dot")
-        if is_triplet:
-            ratio = _add(note, "time-modification")
-            _add(ratio, "actual-notes", 3)
-            _add(ratio, "normal-notes", 2)
+def _placed(ticks: int, voice: int, staff: int, ties: Sequence[str] = ()) -> str:
+    """Return length, ties, voice, note value and staff of a note or rest."""
+    kind, dots, is_triplet = _VALUES.get(ticks, ("", 0, False))
+    ratio = "<actual-notes>3</actual-notes><normal-notes>2</normal-notes>"
+    value = f"<type>{kind}</type>{'<dot/>' * dots}" if kind else ""
+    value += f"<time-modification>{ratio}</time-modification>" if is_triplet else ""
+    tied = "".join(f'<tie type="{tie}"/>' for tie in ties)
+    return f"<duration>{ticks}</duration>{tied}<voice>{voice}</voice>{value}<staff>{staff}</staff>"
 
 
 def _packed(document: bytes) -> bytes:

@@ -1,0 +1,372 @@
+"""Fingers for the simulated hand, and what it can hold.
+
+A score's fingering is for people, whose thumbs pass under and whose hands stretch. The simulated
+hand can do neither, and each shift of it costs sound. Of all ways to finger what a hand plays, the
+one is taken by which the fewest control steps of sound are lost: those of notes that a grip does
+not reach, and those that leaps take from the notes around them. What is written stays, unless a
+change brings more than :data:`CHANGE_FINGER` a note. What no fingers can hold is released early.
+
+The constants were found on generated studies (scales, arpeggios, Hanon, the debug pieces), the
+times of leaps and the costs of changed fingers also on the Nocturne and the Maple Leaf Rag of the
+repertoire, as written and transposed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations, groupby
+
+import numpy as np
+
+from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK, MIDDLE, THUMB, UNKNOWN_FINGER
+from sb3_piano.music.presses import Press, presses_of_hand
+from sb3_piano.music.roll import EarlyRelease, PianoRoll, floor_steps
+from sb3_piano.music.score import Score
+
+_WHITE_WIDTH = 0.0235  # m
+_WHITE_Y = (np.cumsum(~KEY_IS_BLACK) - 1 - 25.5) * _WHITE_WIDTH
+_BLACK_Y = _WHITE_Y + _WHITE_WIDTH / 2 + np.where(np.arange(len(_WHITE_Y)) > 1, 0.0005, 0.0)
+
+KEY_Y = np.round(np.where(KEY_IS_BLACK, _BLACK_Y, _WHITE_Y), 5)
+"""(88,) centres of the simulated keys across the keyboard, m."""
+
+KEY_SPACING = float(np.median(np.diff(KEY_Y[~KEY_IS_BLACK])))
+"""Distance of neighbouring white keys, m."""
+
+CHANGE_FINGER = 0.5
+"""Cost of a finger that is not the written one, in control steps of sound."""
+
+_THUMB_ON_BLACK = 1.0  # in the same
+_TOLERANCE = 0.010  # so far out of reach, a note is lost; m
+_MOST_LOST = 2.0  # both notes of a grip
+_CROSSED = 1000.0  # fingers that cross
+_REPEATED = 0.5  # a strike of the same key by the same finger
+_LEAP_WEIGHT = 5.0  # the way of a leap, per m: the shorter one, if as much is lost
+_PASSED = 2.0  # a finger, not the thumb, that passes another one
+_KEPT = 40  # ways that are followed at the same time
+
+_LEAP_DISTANCE = 0.020  # from which on the hand's way between two notes costs time, m
+_LEAP_STEPS = 2  # control steps of sound that a leap costs, less the rest between the notes
+_LEAP_MORE = (0.09, 0.12, 0.2, 0.25)  # distances from which on it costs one more, m
+
+LEAP_REST = 12
+"""Control steps of rest after which there is time enough for any leap."""
+
+# How far apart two fingertips can press white keys, by inverse kinematics of the hand, less a
+# margin for other keys and fingers; m. Rows and columns are fingers, from thumb to little finger.
+_NEAREST = np.array(
+    [
+        [0.0, 0.000, 0.010, 0.020, 0.030],
+        [0.0, 0.000, 0.012, 0.028, 0.040],
+        [0.0, 0.000, 0.000, 0.012, 0.025],
+        [0.0, 0.000, 0.000, 0.000, 0.012],
+    ]
+)
+_FARTHEST = np.array(
+    [
+        [0.0, 0.074, 0.096, 0.140, 0.180],
+        [0.0, 0.000, 0.060, 0.098, 0.102],
+        [0.0, 0.000, 0.000, 0.070, 0.078],
+        [0.0, 0.000, 0.000, 0.000, 0.066],
+    ]
+)
+
+# So far out of reach, m, fingers end up between the keys. Of 18 such grips of two white keys, held
+# for a second, each came out at a higher F1 with one of them alone (0.79, not 0.26 to 0.77).
+_MAX_OVERREACH = 0.018
+
+_HANDS = ((0, 1), (1, -1))
+"""Number and sign of each hand: 1 for the right one, whose thumb is on the left."""
+
+_Assignment = tuple[tuple[int, int], ...]
+"""Which of the presses that sound, or have just sounded, have which fingers."""
+
+
+def robot_fingers(score: Score, control_timestep: float) -> Score:
+    """Return a score with the fingers that suit the simulated hands best.
+
+    Each note stays with its hand. Notes without a finger stay without.
+
+    Args:
+        score: The piece.
+        control_timestep: Length of a control step, s.
+    """
+    trimmed = score.trim_silence()
+    roll = PianoRoll.from_score(trimmed, control_timestep)
+    found = [_fit(presses_of_hand(roll, hand), sign) for hand, sign in _HANDS]
+    starts = floor_steps([note.onset for note in trimmed.notes], control_timestep).tolist()
+    notes = []
+    for note, start in zip(score.notes, starts, strict=True):
+        if note.finger != UNKNOWN_FINGER:
+            hand, finger = divmod(note.finger, FINGERS_PER_HAND)
+            # A key struck again is silent for a step first.
+            later = found[hand].get((note.key, start + 2), finger)
+            finger = found[hand].get((note.key, start + 1), later)
+            note = dataclasses.replace(note, finger=hand * FINGERS_PER_HAND + finger)
+        notes.append(note)
+    return dataclasses.replace(score, notes=tuple(notes))
+
+
+def release_early(roll: PianoRoll) -> PianoRoll:
+    """Return a roll in which no hand holds what its fingers cannot hold together.
+
+    A note has no finger label from where on its hand releases it to play another.
+
+    Args:
+        roll: The piece, with the fingers that play it.
+    """
+    label, releases = roll.finger.copy(), list(roll.early_releases)
+    for hand, sign in _HANDS:
+        presses = presses_of_hand(roll, hand)
+        for press, last, for_key in _early_releases(presses, sign):
+            label[last : press.last, press.key] = UNKNOWN_FINGER
+            releases.append(
+                EarlyRelease(
+                    key=press.key,
+                    finger=hand * FINGERS_PER_HAND + press.finger,
+                    onset=press.first - 1,
+                    offset=press.last,
+                    release=last,
+                    for_key=for_key,
+                )
+            )
+    return dataclasses.replace(roll, finger=label, early_releases=tuple(releases))
+
+
+def hand_place(key: int, finger: int, sign: int) -> float:
+    """Return where the middle finger would be if the fingers lay on neighbouring white keys, m.
+
+    Args:
+        key: A key, 0 to 87, ...
+        finger: ... and the finger on it, from 0, the thumb, to 4.
+        sign: 1 for the right hand, -1 for the left one.
+    """
+    return float(KEY_Y[key] - sign * (finger - MIDDLE) * KEY_SPACING)
+
+
+def is_leap(distance: float, same_finger: bool) -> bool:
+    """Return whether the hand has to come up between two notes on different keys.
+
+    Args:
+        distance: How far apart it is for them, m.
+        same_finger: Whether one finger plays both.
+    """
+    return same_finger or distance > _LEAP_DISTANCE
+
+
+def lost_to_leap(distance: float, rest: int) -> tuple[int, int]:
+    """Return by how many control steps the later note begins late, and the earlier one ends early.
+
+    Args:
+        distance: How far the hand has to go, m.
+        rest: Control steps between the two notes.
+    """
+    steps = _LEAP_STEPS + sum(distance > more for more in _LEAP_MORE) - rest
+    late = max(steps + 1, 0) // 2
+    return late, max(steps, 0) - late
+
+
+def _fit(presses: list[Press], sign: int) -> dict[tuple[int, int], int]:
+    """Return the fingers of what a hand can hold, by key and first state.
+
+    Fingers are chosen anew for what is left, until all of it can be held.
+    """
+    while True:
+        fingers = choose(presses, sign)
+        chosen = [
+            dataclasses.replace(press, finger=finger)
+            for press, finger in zip(presses, fingers, strict=True)
+        ]
+        ends = {(press.key, press.first): last for press, last, _ in _early_releases(chosen, sign)}
+        if not ends:
+            return {(press.key, press.first): press.finger for press in chosen}
+        presses = [
+            dataclasses.replace(press, last=ends.get((press.key, press.first), press.last))
+            for press in presses
+        ]
+        presses = [press for press in presses if press.last >= press.first]
+
+
+def choose(presses: Sequence[Press], sign: int, change: float = CHANGE_FINGER) -> list[int]:
+    """Return a finger, 0 to 4, for each press of a hand.
+
+    Dynamic programming over the onsets: of all ways in which the same fingers hold the same keys,
+    only the best so far goes on.
+
+    Args:
+        presses: What the hand plays, in order of time.
+        sign: 1 for the right hand, -1 for the left one.
+        change: Cost of a finger that is not the written one, in control steps of sound.
+    """
+    costs = _Costs(presses, sign, change)
+    onsets: dict[int, list[int]] = {}
+    for index, press in enumerate(presses):
+        onsets.setdefault(press.first, []).append(index)
+    best: dict[_Assignment, float] = {(): 0.0}
+    trail: list[dict[_Assignment, _Assignment]] = []
+    for onset, struck in onsets.items():
+        before = sorted(best, key=lambda way: best[way])[:_KEPT]
+        onward: dict[_Assignment, float] = {}
+        came: dict[_Assignment, _Assignment] = {}
+        for way in before:
+            for after, cost in costs.successors(way, onset, struck):
+                if best[way] + cost < onward.get(after, np.inf):
+                    onward[after], came[after] = best[way] + cost, way
+        best = onward
+        trail.append(came)
+    chosen = dict.fromkeys(range(len(presses)), 0)
+    way = min(best, key=lambda way: best[way])
+    for came in reversed(trail):
+        chosen.update(way)
+        way = came[way]
+    return [chosen[index] for index in range(len(presses))]
+
+
+@dataclass(frozen=True)
+class _Costs:
+    """Costs of fingers on presses, in control steps of sound."""
+
+    presses: Sequence[Press]
+    sign: int
+    """1 for the right hand, -1 for the left one."""
+    change: float
+    """Cost of a finger that is not the written one."""
+
+    @functools.cached_property
+    def across(self) -> list[float]:
+        """Place of each press, from the thumb's side to the little finger's, m."""
+        return [_across(press, self.sign) for press in self.presses]
+
+    def successors(
+        self, way: _Assignment, onset: int, struck: list[int]
+    ) -> Iterator[tuple[_Assignment, float]]:
+        """Yield the ways in which some presses can be struck, and what each adds to the cost."""
+        held = [(i, finger) for i, finger in way if self.presses[i].last >= onset]
+        ended = [(i, finger) for i, finger in way if self.presses[i].last < onset]
+        struck = sorted(struck, key=lambda i: self.across[i])
+        taken = {finger for _, finger in held}
+        free = [finger for finger in range(FINGERS_PER_HAND) if finger not in taken]
+        for fingers in combinations(free, len(struck)):
+            new = list(zip(struck, fingers, strict=True))
+            yield (*held, *new), self._cost(held, ended, new)
+        if len(struck) > len(free):  # more than the hand can do: as it is written
+            yield (*held, *((i, self.presses[i].finger) for i in struck)), 0.0
+
+    def _cost(
+        self,
+        held: list[tuple[int, int]],
+        ended: list[tuple[int, int]],
+        new: list[tuple[int, int]],
+    ) -> float:
+        cost = 0.0
+        for number, (i, finger) in enumerate(new):
+            press = self.presses[i]
+            cost += self.change * (finger != press.finger)
+            cost += _THUMB_ON_BLACK * (finger == THUMB and KEY_IS_BLACK[press.key])
+            cost += sum(self._grip(i, finger, *other) for other in (*held, *new[:number]))
+        late, early = dict.fromkeys(new, 0.0), dict.fromkeys(ended, 0.0)
+        for after in new:
+            for before in ended:
+                begins_late, ends_early = self._leap(before, after)
+                late[after] = max(late[after], begins_late)
+                early[before] = max(early[before], ends_early)
+        return cost + sum(late.values()) + sum(early.values())
+
+    def _grip(self, i: int, finger: int, j: int, other: int) -> float:
+        """Return what it costs that two keys are held at the same time."""
+        if (self.across[i], finger) > (self.across[j], other):
+            i, finger, j, other = j, other, i, finger
+        if finger >= other:
+            return _CROSSED
+        apart = self.across[j] - self.across[i]
+        off = _out_of_reach(apart, finger, other)
+        one, two = self.presses[i], self.presses[j]
+        together = max(min(one.last, two.last) - max(one.first, two.first) + 1, 1)
+        return float(together * min(off / _TOLERANCE, _MOST_LOST))
+
+    def _leap(self, before: tuple[int, int], after: tuple[int, int]) -> tuple[float, float]:
+        """Return how late a note begins and how early the one before ends."""
+        (i, finger), (j, other) = before, after
+        rest = self.presses[j].first - self.presses[i].last - 1
+        if rest > LEAP_REST:
+            return 0.0, 0.0
+        if finger == other and self.presses[i].key == self.presses[j].key:
+            return (_REPEATED if rest == 0 else 0.0), 0.0
+        distance = abs(self._hand(i, finger) - self._hand(j, other))
+        if not is_leap(distance, finger == other):
+            return 0.0, 0.0
+        late, early = lost_to_leap(distance, rest)
+        upwards = self.across[j] > self.across[i]
+        passes = THUMB not in (finger, other) and (other < finger if upwards else other > finger)
+        return late + _LEAP_WEIGHT * distance + _PASSED * passes, early
+
+    def _hand(self, i: int, finger: int) -> float:
+        return hand_place(self.presses[i].key, finger, self.sign)
+
+
+def _early_releases(presses: Sequence[Press], sign: int) -> list[tuple[Press, int, int]]:
+    """Return what a hand has to release early so that it can play the others.
+
+    What is held already makes way for what is struck. Of a chord that cannot be struck, the note
+    goes that is out of reach for most of the others; of equals, the one nearest to the thumb.
+
+    Args:
+        presses: What the hand plays, in order of time.
+        sign: 1 for the right hand, -1 for the left one.
+
+    Returns:
+        For each of them: the press; the last state in which its key is down, which is before its
+        first one if it is not struck at all; the key that is played instead.
+    """
+
+    def conflicts(one: Press, others: Sequence[Press]) -> list[Press]:
+        return [other for other in others if other is not one and not _holds(one, other, sign)]
+
+    releases: list[tuple[Press, int, int]] = []
+    held: list[Press] = []
+    for onset, chord in groupby(presses, key=lambda press: press.first):
+        struck = list(chord)
+        held = [press for press in held if press.last >= onset]
+        while True:
+            worst = max(struck, key=lambda p: (len(conflicts(p, struck)), -_across(p, sign)))
+            if not (against := conflicts(worst, struck)):
+                break
+            struck.remove(worst)
+            releases.append((worst, onset - 1, against[0].key))
+        stay = []
+        for press in held:
+            if against := conflicts(press, struck):
+                releases.append((press, onset - 1, against[0].key))
+            else:
+                stay.append(press)
+        held = stay + struck
+    return releases
+
+
+def _across(press: Press, sign: int) -> float:
+    """Return the place of a press, from the thumb's side to the little finger's, m."""
+    return sign * float(KEY_Y[press.key])
+
+
+def _holds(one: Press, other: Press, sign: int) -> bool:
+    """Return whether a hand can hold two keys together."""
+    low, high = sorted((one, other), key=lambda press: _across(press, sign))
+    if low.finger >= high.finger:  # fingers that cross are another matter
+        return low.finger != high.finger
+    apart = _across(high, sign) - _across(low, sign)
+    return _out_of_reach(apart, low.finger, high.finger) <= _MAX_OVERREACH
+
+
+def _out_of_reach(apart: float, finger: int, other: int) -> float:
+    """Return how far two keys are from what two fingers can hold, 0 or more m.
+
+    Args:
+        apart: How much nearer to the little finger's side the second key is, m.
+        finger: The finger on the first one, 0 (thumb) to 3.
+        other: The finger on the second one, more than ``finger``.
+    """
+    farthest, nearest = _FARTHEST[finger, other], _NEAREST[finger, other]
+    return float(max(apart - farthest, nearest - apart, 0.0))

@@ -1,0 +1,263 @@
+"""Reading MIDI files: notes, pedal, bars, and labels from the names of the tracks.
+
+Notes of tracks named as :mod:`~sb3_piano.music.formats.midi_writing` names them have that finger;
+those of other tracks have none, but a hand if the file tells which.
+"""
+
+from __future__ import annotations
+
+import bisect
+import itertools
+import os
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import mido  # type: ignore[import-untyped]
+
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.music.constants import UNKNOWN_FINGER
+from sb3_piano.music.formats.common import LeftOut
+from sb3_piano.music.formats.midi_hands import MidiNote, MidiTrack, hands_of_tracks
+from sb3_piano.music.hands import HANDS, Hand, finger_of
+from sb3_piano.music.note import Note, Pedal
+from sb3_piano.music.score import Score
+
+SUSTAIN_CONTROLLER = 64
+"""Number of the sustain pedal among the MIDI controllers."""
+
+_PEDAL_DOWN_FROM = 64
+"""Value (0-127) from which a pedal counts as down (MIDI 1.0; the equal number is chance)."""
+
+_DRUM_CHANNEL = 9
+
+_COMMON_TIME = (4, 4)
+"""The meter of a file that names none (MIDI 1.0)."""
+
+_SHORTEST_BEAT = 64
+"""A meter in shorter notes than 64ths is taken for damage, and ignored."""
+
+_MOST_BARS = 100_000
+"""More are taken for damage: at one every half second they last for 14 hours."""
+
+_Label = tuple[int, Hand | None]
+"""Finger and hand of the notes of a track."""
+
+_UNLABELLED = "unlabelled"
+TRACK_NAMES: dict[_Label, str] = {
+    (finger, hand): name
+    for hand in HANDS
+    for finger, name in (
+        *((finger_of(hand, number), f"{hand[0].upper()}{number}") for number in range(1, 6)),
+        (UNKNOWN_FINGER, hand),
+    )
+}
+TRACK_NAMES[UNKNOWN_FINGER, None] = _UNLABELLED
+_LABELS = {name: label for label, name in TRACK_NAMES.items()}
+_FURTHER_TRACK = re.compile(r"(\S+) \d+")
+
+
+def read_midi(path: str | os.PathLike[str]) -> Score:
+    """Read a MIDI file; its name without the suffix becomes the title.
+
+    All tracks but drums are read as piano. The sustain pedal (controller 64, down from 64 on) is
+    down while any track holds it down. A pedal never released lasts until the end of the last
+    note, a note never released until the end of its track. Bars go by the time signatures of all
+    tracks, each of which begins one, and are of 4/4 until the first. Notes off the keyboard and
+    notes without length are left out, with a warning that counts them.
+
+    Raises:
+        ScoreError: If there is no such file, it is not MIDI, or no note remains.
+        ScoreWarning: Is warned if notes were left out.
+    """
+    path = Path(path)
+    scan, seconds = _parse(path)
+    left_out = LeftOut(empty=[(seconds(tick), pitch) for tick, pitch in scan.empty])
+    notes = [
+        Note(
+            onset=onset,
+            offset=offset,
+            pitch=note.pitch,
+            velocity=note.velocity,
+            finger=finger,
+            hand=hand,
+        )
+        for note, (finger, hand) in _labelled_notes(list(scan.tracks.values()))
+        for onset, offset in [(seconds(note.start), seconds(note.end))]
+        if left_out.is_playable(onset, offset, note.pitch)
+    ]
+    if not notes:
+        rest = f", only {left_out}" if str(left_out) else ""
+        raise ScoreError(f"MIDI file {str(path)!r} has no notes (drums do not count){rest}.")
+    left_out.warn(path)
+    end = max(note.offset for note in notes)
+    presses = [(seconds(a), end if b is None else seconds(b)) for a, b in scan.pedals]
+    lines = list(itertools.islice(scan.bars(), _MOST_BARS + 1))
+    bars = [seconds(tick) for tick in lines] if len(lines) <= _MOST_BARS else []
+    return Score(
+        notes=notes,
+        pedals=[Pedal(onset=down, offset=up) for down, up in presses if up > down],
+        title=path.stem,
+        bars=[line for line in bars if line < end],
+    )
+
+
+def _parse(path: Path) -> tuple[_Scan, Callable[[int], float]]:
+    """Return what a file has, in ticks, and the function from ticks to seconds."""
+    if not os.path.isfile(path):
+        raise ScoreError(f"There is no MIDI file {str(path)!r}: expected an existing file.")
+    try:
+        file = mido.MidiFile(filename=str(path))
+        if file.ticks_per_beat <= 0:
+            raise ValueError("its times are not in ticks per beat")
+        scan = _Scan(file.ticks_per_beat)
+        for index, track in enumerate(file.tracks):
+            _TrackReader(scan, index).read(track)
+        return scan, _seconds(scan.tempos, file.ticks_per_beat)
+    except Exception as error:
+        # A damaged file surfaces as whatever the parser happens to stumble over.
+        raise ScoreError(
+            f"Cannot read {str(path)!r} as a MIDI file ({str(error) or type(error).__name__}): "
+            "expected a complete standard MIDI file."
+        ) from error
+
+
+def _seconds(tempos: list[tuple[int, int]], ticks_per_beat: int) -> Callable[[int], float]:
+    """Return the function from ticks to seconds.
+
+    Args:
+        tempos: Tempo changes of all tracks: (tick, microseconds per beat).
+        ticks_per_beat: Ticks in a beat.
+    """
+    starts, times, lengths = [0], [0.0], [60.0 / (120.0 * ticks_per_beat)]
+    for tick, tempo in sorted(tempos, key=lambda change: change[0]):
+        length = 60.0 / ((6e7 / tempo) * ticks_per_beat)
+        if tick == 0:
+            lengths = [length]
+        elif length != lengths[-1]:
+            times.append(times[-1] + lengths[-1] * (tick - starts[-1]))
+            starts.append(tick)
+            lengths.append(length)
+
+    def seconds(tick: int) -> float:
+        piece = bisect.bisect_right(starts, tick) - 1
+        return times[piece] + lengths[piece] * (tick - starts[piece])
+
+    return seconds
+
+
+@dataclass
+class _Scan:
+    """What is found in the messages, in ticks from the start of the file.
+
+    Attributes:
+        ticks_per_beat: Ticks in a quarter note.
+        tracks: Tracks that have notes, one for each program on a channel; without drums.
+        empty: Notes that are struck and released at one moment: (tick, pitch).
+        pedals: Presses of the sustain pedal, (down, up), up None if it is never released.
+        tempos: Tempo changes: (tick, microseconds per beat).
+        meters: Numerator and denominator, by the tick of the time signature.
+        end: End of the longest track.
+    """
+
+    ticks_per_beat: int
+    tracks: dict[tuple[int, int, int], MidiTrack] = field(default_factory=dict)
+    empty: list[tuple[int, int]] = field(default_factory=list)
+    pedals: list[tuple[int, int | None]] = field(default_factory=list)
+    tempos: list[tuple[int, int]] = field(default_factory=list)
+    meters: dict[int, tuple[int, int]] = field(default_factory=lambda: {0: _COMMON_TIME})
+    end: int = 0
+
+    def bars(self) -> Iterator[int]:
+        """Yield the tick with which each bar begins, before the end of the longest track."""
+        starts = sorted(self.meters)
+        for start, end in itertools.pairwise([*starts, self.end]):
+            numerator, denominator = self.meters[start]
+            length = max(4 * self.ticks_per_beat * numerator / denominator, 1)
+            for bar in itertools.count():
+                tick = start + round(bar * length)
+                if tick >= end:
+                    break
+                yield tick
+
+
+class _TrackReader:
+    """Go through a track."""
+
+    def __init__(self, scan: _Scan, index: int) -> None:
+        self._scan = scan
+        self._index = index
+        self._tick = 0
+        self._name = ""
+        self._programs = [0] * 16
+        self._sounding: dict[tuple[int, int], list[tuple[int, int]]] = {}
+        self._down: dict[int, int] = {}
+
+    def read(self, track: mido.MidiTrack) -> None:
+        """Note what the messages say, and release at the end what is left sounding."""
+        for message in track:
+            self._tick += message.time
+            if message.is_meta:
+                self._read_meta(message)
+            elif getattr(message, "channel", _DRUM_CHANNEL) != _DRUM_CHANNEL:
+                self._read_message(message)
+        for key in list(self._sounding):
+            self._release(*key)
+            self._scan.empty += [(self._tick, key[1]) for _ in self._sounding.pop(key, [])]
+        self._scan.pedals += [(start, None) for start in self._down.values()]
+        self._scan.end = max(self._scan.end, self._tick)
+
+    def _read_meta(self, message: mido.MetaMessage) -> None:
+        if message.type == "track_name":
+            self._name = message.name
+        elif message.type == "set_tempo":
+            self._scan.tempos.append((self._tick, message.tempo))
+        elif message.type == "time_signature":
+            meter = (message.numerator, message.denominator)
+            if meter[0] > 0 and meter[1] <= _SHORTEST_BEAT:
+                self._scan.meters[self._tick] = meter
+
+    def _read_message(self, message: mido.Message) -> None:
+        if message.type == "program_change":
+            self._programs[message.channel] = message.program
+        elif message.type == "note_on" and message.velocity > 0:
+            strikes = self._sounding.setdefault((message.channel, message.note), [])
+            strikes.append((self._tick, message.velocity))
+        elif message.type in ("note_on", "note_off"):
+            self._release(message.channel, message.note)
+        elif message.is_cc(SUSTAIN_CONTROLLER):
+            if message.value >= _PEDAL_DOWN_FROM:
+                self._down.setdefault(message.channel, self._tick)
+            elif message.channel in self._down:
+                self._scan.pedals.append((self._down.pop(message.channel), self._tick))
+
+    def _release(self, channel: int, pitch: int) -> None:
+        struck = self._sounding.pop((channel, pitch), [])
+        now = [strike for strike in struck if strike[0] == self._tick]
+        before = [strike for strike in struck if strike[0] != self._tick]
+        for start, velocity in before:
+            program = self._programs[channel]
+            tracks, at = self._scan.tracks, (program, channel, self._index)
+            notes = tracks.setdefault(at, MidiTrack(self._name, program)).notes
+            notes.append(MidiNote(start, self._tick, pitch, velocity))
+        if before and now:
+            # The release belongs to the earlier strike, written after the new one.
+            self._sounding[channel, pitch] = now
+        else:
+            self._scan.empty += [(self._tick, pitch) for _ in now]
+
+
+def _labelled_notes(tracks: list[MidiTrack]) -> list[tuple[MidiNote, _Label]]:
+    return [
+        (note, _label_of(track.name) or (UNKNOWN_FINGER, hand))
+        for track, hand in zip(tracks, hands_of_tracks(tracks), strict=True)
+        for note in track.notes
+    ]
+
+
+def _label_of(track_name: str) -> _Label | None:
+    """Return the label that a track of ours is named by, None for one from elsewhere."""
+    name = track_name.strip()
+    further = _FURTHER_TRACK.fullmatch(name)
+    return _LABELS.get(further[1] if further else name)

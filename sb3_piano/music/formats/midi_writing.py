@@ -1,0 +1,165 @@
+"""Writing MIDI files, with fingering in the track names.
+
+MIDI has no field for fingers. A score is written with one track for each finger, named by the
+pianists' numbers: ``R1`` (right thumb) to ``R5`` (right little), ``L1`` to ``L5``. Notes of which
+only the hand is known are in tracks named ``right`` and ``left``, the others in one named
+``unlabelled``. Any MIDI program shows these tracks, and they survive editing.
+
+One MIDI track cannot hold two overlapping notes of one pitch: the first release ends both. Where
+a score has them on the same finger (or both without), the second goes to a further track,
+``R1 2`` or ``unlabelled 2``.
+
+Times are written in ticks of 0.1 ms (coarser in pieces of more than 16 minutes, which would
+exceed what pretty_midi reads), so that a score read back differs by half of that at most. A
+note or a press of the pedal shorter than a tick lasts one tick. Bar lines are kept to half a tick
+as well: the file is at 120 beats a minute throughout, and has a time signature wherever the length
+of the bars changes. MIDI begins a bar at 0 s in any case, divides one of more than 8 minutes, and
+has bars of 4/4 (2 s) where it says nothing, as for a score without bars.
+"""
+
+from __future__ import annotations
+
+import io
+import itertools
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pretty_midi
+
+from sb3_piano.exceptions import ScoreError
+from sb3_piano.music.formats.common import write_score_file
+from sb3_piano.music.formats.midi_reading import SUSTAIN_CONTROLLER, TRACK_NAMES
+from sb3_piano.music.note import Note, Pedal, merge_pedals
+from sb3_piano.music.score import Score
+
+_ORDER = list(TRACK_NAMES.values())
+
+_BEATS_PER_MINUTE = 120.0
+_RESOLUTIONS = (5000, 2500, 1000, 500, 250, 100)
+"""Ticks per beat to choose from; at 120 beats a minute, 5000 make a tick of 0.1 ms."""
+_MAX_TICKS = 9_900_000
+"""pretty_midi refuses to read files of more than 1e7 ticks."""
+
+_DENOMINATORS = (4, 8, 16, 32, 64)
+_LONG_DENOMINATORS = (4, 2, 1)
+_MOST_BEATS = 255
+"""The numerator of a time signature is one byte."""
+
+_Meter = tuple[int, int]
+"""Numerator and denominator of a time signature."""
+
+
+def write_midi(score: Score, path: str | os.PathLike[str]) -> None:
+    """Write a score as a MIDI file, whole or not at all.
+
+    Raises:
+        ScoreError: If the file cannot be written, or the score is longer than 13 hours.
+    """
+    resolution = _choose_resolution(score)
+    midi = pretty_midi.PrettyMIDI(resolution=resolution, initial_tempo=_BEATS_PER_MINUTE)
+    tick = 60.0 / _BEATS_PER_MINUTE / resolution
+    midi.time_signature_changes = _time_signatures(score, tick, resolution)
+    midi.instruments = _label_tracks(score, tick)
+    for track in midi.instruments:  # each has a channel of its own, on which alone a pedal acts
+        track.control_changes = _control_changes(score, tick)
+    contents = io.BytesIO()
+    midi.write(contents)
+    write_score_file(Path(path), contents.getvalue())
+
+
+def _choose_resolution(score: Score) -> int:
+    last = max([score.duration, *(pedal.offset for pedal in score.pedals)])
+    beats = last * _BEATS_PER_MINUTE / 60.0
+    for resolution in _RESOLUTIONS:
+        if beats * resolution < _MAX_TICKS:
+            return resolution
+    raise ScoreError(
+        f"Score {score.title!r} lasts {last:g} s, too long for a MIDI file: expected less than "
+        f"{_MAX_TICKS / _RESOLUTIONS[-1] / _BEATS_PER_MINUTE * 60.0:g} s."
+    )
+
+
+def _time_signatures(score: Score, tick: float, resolution: int) -> list[pretty_midi.TimeSignature]:
+    if not score.bars:
+        return []
+    end = max(_in_ticks(note, tick)[1] for note in score.notes)
+    lines = sorted({round(line / tick) for line in score.bars})
+    return [
+        pretty_midi.TimeSignature(*meter, start * tick)
+        for start, meter in _meters_of_bars(lines, end, resolution)
+    ]
+
+
+def _label_tracks(score: Score, tick: float) -> list[pretty_midi.Instrument]:
+    """Sort the notes into tracks: right hand, left hand, unlabelled."""
+    tracks: dict[tuple[str, int], pretty_midi.Instrument] = {}
+    free_from: dict[tuple[str, int, int], int] = {}
+    for note in score.notes:
+        start, end = _in_ticks(note, tick)
+        name, copy = TRACK_NAMES[note.finger, note.hand], 1
+        while free_from.get((name, copy, note.pitch), 0) > start:
+            copy += 1
+        free_from[name, copy, note.pitch] = end
+        if (name, copy) not in tracks:
+            full_name = f"{name} {copy}" if copy > 1 else name
+            tracks[name, copy] = pretty_midi.Instrument(program=0, name=full_name)
+        tracks[name, copy].notes.append(
+            pretty_midi.Note(note.velocity, note.pitch, start * tick, end * tick)
+        )
+    return [tracks[at] for at in sorted(tracks, key=lambda at: (_ORDER.index(at[0]), at[1]))]
+
+
+def _control_changes(score: Score, tick: float) -> list[pretty_midi.ControlChange]:
+    spans = [_in_ticks(pedal, tick) for pedal in score.pedals]
+    whole_ticks = merge_pedals(Pedal(onset=down * tick, offset=up * tick) for down, up in spans)
+    return [
+        pretty_midi.ControlChange(SUSTAIN_CONTROLLER, value, time)
+        for pedal in whole_ticks
+        for value, time in ((127, pedal.onset), (0, pedal.offset))
+    ]
+
+
+def _in_ticks(event: Note | Pedal, tick: float) -> tuple[int, int]:
+    start, end = round(event.onset / tick), round(event.offset / tick)
+    return start, max(end, start + 1)
+
+
+def _meters_of_bars(
+    lines: Sequence[int], end: int, ticks_per_beat: int
+) -> Iterator[tuple[int, _Meter]]:
+    """Yield the time signatures, with their ticks, whose bars begin at `lines`.
+
+    Args:
+        lines: Ticks from 0 with which the bars begin, strictly ascending. The piece begins a bar,
+            too: MIDI has no bar that is under way at the start.
+        end: Tick with which the last bar ends, later than the last line.
+        ticks_per_beat: Ticks in a quarter note.
+    """
+    lines = [0, *(line for line in lines if 0 < line < end), end]
+    running: _Meter | None = None
+    for start, stop in itertools.pairwise(lines):
+        meter, is_exact = _meter_of(stop - start, ticks_per_beat)
+        is_last = stop == end
+        if is_last and running and _ticks_of(running, ticks_per_beat) >= stop - start:
+            return
+        if meter != running:
+            yield start, meter
+        running = meter if is_exact else None
+
+
+def _meter_of(ticks: int, ticks_per_beat: int) -> tuple[_Meter, bool]:
+    """Return a meter as long as a bar, or the next longer one, and whether it is as long."""
+    for denominator in _DENOMINATORS:
+        beats, rest = divmod(ticks * denominator, 4 * ticks_per_beat)
+        if rest == 0 and beats <= _MOST_BEATS:
+            return (beats, denominator), True
+    for denominator in _LONG_DENOMINATORS:
+        beats = -(-ticks * denominator // (4 * ticks_per_beat))
+        if beats <= _MOST_BEATS:
+            break
+    return (min(beats, _MOST_BEATS), denominator), False
+
+
+def _ticks_of(meter: _Meter, ticks_per_beat: int) -> float:
+    return 4 * ticks_per_beat * meter[0] / meter[1]

@@ -1,0 +1,357 @@
+"""Data sets that are known: PIG, and the snippets that come with RoboPianist; what is found.
+
+The PIG data set (Nakamura, Saito and Yoshii 2020) may not be passed on. RoboPianist names its 150
+pieces by their titles in the list that comes with it; those names that public code mentions are
+known before its import, the others afterwards. Source of the names: RoboPianist
+(`robopianist/music/__init__.py`) for the twelve etudes; for the others the environment ids in
+azadsalam/robopianist-cl, in OmniPiano and in the table of the data set
+well-balanced/cantabile-runs.
+
+In the folder ``FingeringFiles/001-1_fingering.txt`` is the first annotator's fingering of piece 1,
+whose title is in column ``Piece`` of the first row of ``List.csv``. The first annotation of each
+piece is taken. The notes are kept as they are in the data, which has long notes where the pedal is
+held, and tempos of its own. Only those without length, of which six pieces have some, get a very
+short one: that is one control step, as in RoboPianist's piano roll.
+
+The two snippets by Rousseau are read from the user's own copy of RoboPianist: he permits them for
+that benchmark, so that they do not come with this package. Their fingers are a list in the code of
+RoboPianist's library; it is read as data, without running anything.
+"""
+
+from __future__ import annotations
+
+import ast
+import csv
+import io
+import re
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+
+import pretty_midi
+
+from sb3_piano.exceptions import ScoreError, UnknownPieceError, one_line
+from sb3_piano.music.constants import UNKNOWN_FINGER
+from sb3_piano.music.formats import read_midi, read_pig, read_score
+from sb3_piano.music.formats.common import read_member
+from sb3_piano.music.library.store import user_library
+from sb3_piano.music.piece import Piece
+from sb3_piano.music.score import Score
+
+
+@dataclass(frozen=True, kw_only=True)
+class Found:
+    """A piece in a file.
+
+    Attributes:
+        path: The file.
+        source: Where the notes come from, in one line.
+        title: What people call the piece; None if that is not known.
+        names: The names under which it belongs into the library, each with its collection; empty
+            if any name will do.
+        labelled_by: Who chose the fingers that are in the file, in a word or two.
+        fingering: How fingers are chosen unless the user says otherwise.
+        read: Makes the score of the path. Other processes must be able to import it.
+    """
+
+    path: Path
+    source: str
+    title: str | None = None
+    names: tuple[tuple[str, str], ...] = ()
+    labelled_by: str = "its file"
+    fingering: str = "ergonomic"
+    read: Callable[[Path], Score] = read_score
+
+
+@dataclass(frozen=True)
+class Unusable:
+    """A file that is not imported, or only in part, and why."""
+
+    path: Path
+    reason: str
+
+
+_REPERTOIRE, _ETUDE = "repertoire-150", "etude-12"
+
+_SITE = "https://beam.kisarazu.ac.jp/~saito/research/PianoFingeringDataset/"
+
+_ETUDES = """
+FrenchSuiteNo1Allemande FrenchSuiteNo5Sarabande PianoSonataD8451StMov PartitaNo26 WaltzOp64No1
+BagatelleOp3No4 KreislerianaOp16No8 FrenchSuiteNo5Gavotte PianoSonataNo232NdMov
+GolliwoggsCakewalk PianoSonataNo21StMov PianoSonataK279InCMajor1StMov
+"""
+
+_OTHERS = """
+BalladeNo1 BalladeNo2 CarnivalOp37ANo2 ClairDeLune EnglishSuiteNo2Prelude
+EnglishSuiteNo3Prelude EtudeOp10No12 EtudeOp10No3 EtudeOp25No11 FantaisieImpromptu
+FantasieStuckeOp12No7 ForElise FrohlicherLandmannOp68No10 GrandeValseBrillanteOp18
+HumoreskeOp101No7 ImpromptuOp90No4 ItalianConverto1StMov JeTeVeux JeuxDeau KinderszenenOp15No1
+KreislerianaOp16No1 KreislerianaOp16No3 LaChasseOp19No3 LaFilleAuxCheveuxDeLin
+LyricPiecesOp43No1 LyricPiecesOp62No2 MapleLeafRag MazurkaOp7No1 MusicalMomentOp16No4 NocturneOp9No2
+NorwegianDanceOp35No3 PartitaNo42 PavanePourUneInfanteDefunte PeerGyntOp46No2 PianoSonata1StMov
+PianoSonataK281InBbMajor1StMov PianoSonataK282InEbMajorMinuet1 PianoSonataK283InGMajor1StMov
+PianoSonataK284InDMajor1StMov PianoSonataK284InDMajor3RdMov PianoSonataK332InFMajor3RdMov
+PianoSonataK457InCMinor3RdMov PianoSonataK570InBbMajor1StMov PianoSonataK576InDMajor2NdMov
+PianoSonataK576InDMinor1StMov PianoSonataNo141StMov PianoSonataNo142NdMov PianoSonataNo143RdMov
+PianoSonataNo213RdMov PianoSonataNo241StMov PianoSonataNo242NdMov PianoSonataNo281StMov
+PianoSonataNo301StMov PianoSonataNo303RdMov PianoSonataNo41StMov PianoSonataNo43RdMov
+PianoSonataNo5 PianoSonataNo51StMov PianoSonataNo82NdMov PicturesAtAnExhibitionGreatKiev
+PicturesAtAnExhibitionPromenade PolonaiseFantasieOp61 PolonaiseOp40No1 PolonaiseOp53
+PreludeOp23No5 PreludeOp28No19 PreludeOp28No7 PreludeOp3No2 Reverie RomanianDanceNo1 ScherzoNo2
+Sicilienne SinfoniaNo12 SonataInAMajorK208 Sonatine1StMov SongWithoutWordsOp19No1
+SuiteBergamasquePasspied SuiteBergamasquePrelude SuiteEspanolaOp45No1 TwoPartInventionInCMajor
+TwoPartInventionInCMinor TwoPartInventionInDMajor VenetianischesGondelliedOp30No6 WaltzOp39No15
+WaltzOp64No2 WaltzOp69No2 WandererFantasy WellTemperedClavierBookIPreludeNo23InBMajor
+WellTemperedClavierBookIPreludeNo2InCMinor WellTemperedClavierBookIPreludeNo7InEbMajor
+WellTemperedClavierBookIiPreludeNo11InFMajor
+"""
+
+_FILES, _LIST = "FingeringFiles", "List.csv"
+_FILE = re.compile(r"(\d+)-(\d+)_fingering\.txt")
+
+_SHORTEST = 1e-6
+"""Length of a note without length, in s: too short to reach into another control step."""
+
+
+def _load(name: str) -> Score:
+    library = user_library()
+    if name in library:
+        return library.score(name)
+    raise UnknownPieceError(
+        f"Piece {name!r} is of the PIG data set, which is not imported yet and may not be passed "
+        f"on: register at {_SITE}, unzip what you get, and import it with 'sb3-piano pieces "
+        "import PianoFingeringDataset_v1.2'."
+    )
+
+
+def _piece(collection: str, short: str) -> Piece:
+    name = f"{collection}-{short}"
+    return Piece(
+        name=name,
+        # A space before each capital letter and number, but not within "2Nd" or "K279".
+        title=re.sub(r"(?<=[a-z])(?=[A-Z0-9])|(?<=\d)(?=[A-Z][a-z]{2})", " ", short),
+        collection=collection,
+        source="the PIG data set, not imported yet",
+        fingering="PIG",
+        build=partial(_load, name),
+    )
+
+
+PIG_PIECES: Mapping[str, Piece] = MappingProxyType(
+    {
+        piece.name: piece
+        for piece in (
+            *(_piece(_ETUDE, short) for short in _ETUDES.split()),
+            *(_piece(_REPERTOIRE, short) for short in sorted({*_ETUDES.split(), *_OTHERS.split()})),
+        )
+    }
+)
+"""The pieces of the PIG data set by name; making one that is not imported says how to get it."""
+
+
+def find_pig_folder(path: Path) -> Path | None:
+    """Return the folder of the data set at, directly in or directly around a path, if any."""
+    inside = sorted(child for child in path.iterdir() if child.is_dir())
+    for folder in (path, path.parent, *inside) if path.name == _FILES else (path, *inside):
+        if (folder / _FILES).is_dir():
+            return folder
+    return None
+
+
+def find_pig_pieces(folder: Path) -> list[Found]:
+    """Return the first annotation of each piece.
+
+    Raises:
+        ScoreError: If there are no fingering files, or the list of titles cannot be read or does
+            not name each piece.
+    """
+    files: dict[int, Path] = {}
+    for path in sorted((folder / _FILES).glob("*.txt")):
+        match = _FILE.fullmatch(path.name)
+        if match is not None:
+            files.setdefault(int(match[1]), path)
+    if not files:
+        raise ScoreError(
+            f"'{folder / _FILES}' has no fingering files: expected names such as "
+            "001-1_fingering.txt."
+        )
+    rows = _read_list(folder / _LIST)
+    if max(files) > len(rows) or min(files) < 1:
+        raise ScoreError(
+            f"'{folder / _LIST}' has {len(rows)} pieces, but there are fingering files of pieces "
+            f"{min(files)} to {max(files)}: expected a row for each."
+        )
+    return [_found(path, rows[number - 1]) for number, path in sorted(files.items())]
+
+
+def robopianist_name(title: str) -> str:
+    """Return RoboPianist's name for a title: ``"Waltz Op. 64 No. 1"`` as ``"WaltzOp64No1"``.
+
+    Signs that an id cannot have are left out. What follows them stays a word of its own, and so
+    does what follows a digit: ``"1st mov"`` becomes ``"1StMov"``.
+    """
+    words = re.sub(r"[ _-]", " ", re.sub(r"[.,']", "", title))
+    return re.sub(r"\W", "", words.title())
+
+
+def _found(path: Path, row: dict[str, str]) -> Found:
+    title, composer = row["Piece"].strip(), (row.get("Composer") or "").strip()
+    short = robopianist_name(title)
+    names = [(f"{_REPERTOIRE}-{short}", _REPERTOIRE)]
+    if short in _ETUDES.split():
+        names.append((f"{_ETUDE}-{short}", _ETUDE))
+    return Found(
+        path=path,
+        title=f"{composer}: {title}" if composer else title,
+        source=f"the PIG data set, {path.name}",
+        names=tuple(names),
+        labelled_by="PIG",
+        fingering="keep",
+        read=partial(read_pig, shortest=_SHORTEST),
+    )
+
+
+def _read_list(path: Path) -> list[dict[str, str]]:
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+        rows = list(csv.DictReader(io.StringIO(text)))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ScoreError(
+            f"Cannot read '{path}', the list of the PIG data set's pieces ({error}): expected a "
+            "CSV file in UTF-8, as it was downloaded."
+        ) from error
+    if not rows or any(not row.get("Piece") for row in rows):
+        raise ScoreError(f"'{path}' does not name each piece: expected a column Piece.")
+    return rows
+
+
+_SNIPPET_FOLDER = "music/data/rousseau"
+_LIBRARY = "music/library.py"
+
+_MOST_BYTES = 2**20
+"""A larger file is none of RoboPianist's, which are small."""
+
+
+_SNIPPETS = {
+    "twinkle-twinkle-trimmed.mid": ("TwinkleTwinkleRousseau", "Twinkle Twinkle", False),
+    "nocturne-trimmed.mid": ("NocturneRousseau", "Nocturne", True),
+}
+"""Name and title by the file, and whether the fingers of simultaneous notes are listed from the
+lowest up, or else in the order of the file."""
+
+
+def find_robopianist(folder: Path) -> Path | None:
+    """Return the folder of RoboPianist's package at or in a folder, if any."""
+    for package in (folder, folder / "robopianist"):
+        if (package / _SNIPPET_FOLDER).is_dir():
+            return package
+    return None
+
+
+def unpack_wheel(wheel: Path, folder: Path) -> Path:
+    """Unpack what is needed of a wheel of RoboPianist; return the folder of the package.
+
+    Raises:
+        ScoreError: If it is not a wheel of RoboPianist.
+    """
+    try:
+        with zipfile.ZipFile(wheel) as archive:
+            for file in (_LIBRARY, *(f"{_SNIPPET_FOLDER}/{file}" for file in _SNIPPETS)):
+                if f"robopianist/{file}" in archive.namelist():
+                    place = folder / "robopianist" / file
+                    place.parent.mkdir(parents=True, exist_ok=True)
+                    place.write_bytes(read_member(archive, f"robopianist/{file}", _MOST_BYTES))
+    except Exception as error:  # a damaged archive surfaces as whatever zipfile and zlib raise
+        raise ScoreError(f"Cannot read '{wheel}' as a wheel: {one_line(error)}.") from error
+    package = find_robopianist(folder)
+    if package is None:
+        raise ScoreError(
+            f"'{wheel}' has no folder robopianist/{_SNIPPET_FOLDER}: expected a wheel of "
+            "robopianist, as from 'pip download --no-deps robopianist'."
+        )
+    return package
+
+
+def find_snippets(package: Path, origin: Path) -> list[Found]:
+    """Return the snippets in a folder of RoboPianist's package.
+
+    Args:
+        package: The folder.
+        origin: What the user named, for the pieces' sources.
+
+    Raises:
+        ScoreError: If it has none.
+    """
+    found = [
+        Found(
+            path=package / _SNIPPET_FOLDER / file,
+            title=f"Rousseau: {title}",
+            source=f"RoboPianist, {file} in {origin.name}",
+            names=((f"debug-{name}", "debug"),),
+            labelled_by="RoboPianist",
+            read=partial(
+                read_snippet, fingers=_read_fingers(package / _LIBRARY, title), by_pitch=by_pitch
+            ),
+        )
+        for file, (name, title, by_pitch) in _SNIPPETS.items()
+        if (package / _SNIPPET_FOLDER / file).is_file()
+    ]
+    if not found:
+        raise ScoreError(
+            f"'{package / _SNIPPET_FOLDER}' is empty: expected {', '.join(_SNIPPETS)}."
+        )
+    return found
+
+
+def read_snippet(path: Path, *, fingers: tuple[int, ...], by_pitch: bool) -> Score:
+    """Read a snippet, and give its notes fingers, if there are any.
+
+    They are listed in the order of onsets, those of simultaneous notes from the lowest up if
+    `by_pitch`, else in the order of the file.
+
+    Raises:
+        ScoreError: If the file cannot be read, or there are not as many fingers as notes.
+    """
+    score = read_midi(path)
+    if not fingers:
+        return score
+    tracks = pretty_midi.PrettyMIDI(str(path)).instruments
+    in_order = sorted(
+        (note for track in tracks for note in track.notes),
+        key=lambda note: (note.start, note.pitch if by_pitch else 0),
+    )
+    if len(fingers) != len(in_order):
+        raise ScoreError(
+            f"'{path}' has {len(in_order)} notes, but RoboPianist has {len(fingers)} fingers for "
+            "it: expected as many."
+        )
+    finger_at = {
+        (note.start, note.pitch): finger for note, finger in zip(in_order, fingers, strict=True)
+    }
+    notes = [replace(note, finger=finger_at[note.onset, note.pitch]) for note in score.notes]
+    return Score(notes=notes, pedals=score.pedals, title=score.title, bars=score.bars)
+
+
+def _read_fingers(library: Path, title: str) -> tuple[int, ...]:
+    """Return the fingers that a function of RoboPianist's library lists; none if it does not."""
+    function = f"{title.lower().replace(' ', '_')}_rousseau"
+    try:
+        tree = ast.parse(library.read_bytes())
+    except (OSError, SyntaxError, ValueError):
+        return ()
+    lists = [
+        node.value.elts
+        for outer in ast.walk(tree)
+        if isinstance(outer, ast.FunctionDef) and outer.name == function
+        for node in ast.walk(outer)
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.List)
+    ]
+    for items in lists:
+        values = [item.value for item in items if isinstance(item, ast.Constant)]
+        fingers = tuple(value for value in values if isinstance(value, int))
+        if fingers and all(finger > UNKNOWN_FINGER for finger in fingers):
+            return fingers
+    return ()

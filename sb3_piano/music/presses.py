@@ -1,0 +1,49 @@
+"""Presses: keys with the fingers that hold them, from state to state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sb3_piano.music.constants import FINGERS_PER_HAND, UNKNOWN_FINGER
+from sb3_piano.music.roll import PianoRoll
+
+
+@dataclass(frozen=True)
+class Press:
+    """A key held by a finger.
+
+    Control step t leads from state t to state t + 1, and what sounds in state t + 1 is compared
+    with the goal of step t: the key must be down in the states ``first`` to ``last``.
+    """
+
+    key: int
+    """0 to 87."""
+    finger: int
+    """0 (thumb) to 4 (little finger) of the hand."""
+    first: int
+    """First state in which the key is down, 1 or more."""
+    last: int
+    """Last one, ``first`` or more."""
+
+
+def presses_of_hand(roll: PianoRoll, hand: int) -> list[Press]:
+    """Return what a hand has to play, in order of time, then key.
+
+    Args:
+        roll: The piece, with fingers.
+        hand: 0 for the right hand, 1 for the left one.
+    """
+    presses = []
+    for key in np.flatnonzero((roll.finger // FINGERS_PER_HAND == hand).any(axis=0)).tolist():
+        # A note that outlasts another one on its key sounds on with its own label: a new press.
+        finger = np.where(roll.active[:, key], roll.finger[:, key], UNKNOWN_FINGER)
+        changes = np.flatnonzero((np.diff(finger) != 0) | roll.onset[1:, key]) + 1
+        starts = np.concatenate([[0], changes]).tolist()
+        ends = np.concatenate([changes, [len(finger)]]).tolist()
+        for start, end in zip(starts, ends, strict=True):
+            label = int(finger[start])
+            if label >= 0 and label // FINGERS_PER_HAND == hand:
+                presses.append(Press(key, label % FINGERS_PER_HAND, start + 1, end))
+    return sorted(presses, key=lambda press: (press.first, press.key))

@@ -1,0 +1,102 @@
+"""A hand as the planner knows it: fingertips, resting posture, and motion as a linear system."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+from sb3_piano.music.constants import FINGERS_PER_HAND, MIDDLE, THUMB
+from sb3_piano.music.fingering.robot import KEY_SPACING
+from sb3_piano.planning.keyboard import WHITE_X, KeyPlaces
+from sb3_piano.planning.kinematics import HandKinematics
+from sb3_piano.planning.tracking_control import HandDynamics
+from sb3_piano.simulation import PianoScene
+
+FloatArray = npt.NDArray[np.float64]
+
+# Curled fingers, a thumb held out: where the search for the posture begins, rad.
+_CURLED = {"J3": 1.0, "J0": 1.0, "WRJ1": -0.08, "THJ4": 0.8}
+_HEIGHT = 0.0187  # of the fingertips' centres over the keys' tops, m
+_TRIALS = 2
+
+_PULL = 0.01  # weight of a finger's distance from the resting posture, per rad
+# How firmly the others are held, in multiples of that: the arm goes where it must.
+_FIRMNESS = {"WRJ1": 2.0, "WRJ2": 2.0, "forearm_tx": 0.01, "forearm_ty": 2.0}
+_FIRMNESS_ABDUCTION = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Hand:
+    """One hand, at rest over five neighbouring white keys."""
+
+    kinematics: HandKinematics
+    """Its fingertips."""
+    keys: KeyPlaces
+    """The keyboard under it."""
+    rest: FloatArray
+    """(n,) actuator positions at rest, rad; 0 m for the slider along the keyboard."""
+    pull: FloatArray
+    """(n,) weights of distances from them, per rad or m."""
+    dynamics: HandDynamics
+    """Its motion around the resting posture."""
+
+    @classmethod
+    def of(cls, scene: PianoScene, side: int, keys: KeyPlaces, n_substeps: int) -> Hand:
+        """Find the posture in which the fingertips lie over neighbouring white keys.
+
+        Args:
+            scene: The scene that the hand is in.
+            side: 0 for the right hand, 1 for the left one.
+            keys: The keyboard.
+            n_substeps: Physics steps in a control step.
+        """
+        kinematics = HandKinematics(scene, side)
+        rest = resting_posture(kinematics, keys)
+        pull = _PULL * np.array([_firmness(name) for name in kinematics.names])
+        dynamics = HandDynamics.of(scene, kinematics, rest, n_substeps)
+        return cls(kinematics, keys, rest, pull, dynamics)
+
+
+def resting_posture(kinematics: HandKinematics, keys: KeyPlaces) -> FloatArray:
+    """Return the posture in which the fingertips lie over neighbouring white keys, (n,)."""
+    fingers = np.arange(FINGERS_PER_HAND) - MIDDLE
+    across = kinematics.middle + kinematics.sign * KEY_SPACING * fingers
+    along = np.full(FINGERS_PER_HAND, WHITE_X[1])
+    along[THUMB] = WHITE_X[0]
+    height = float(np.min(keys.top)) + _HEIGHT
+    target = np.stack([along, across, np.full(FINGERS_PER_HAND, height)], axis=1)
+    start = np.array([_start(name) for name in kinematics.names])
+    low, high = kinematics.low, kinematics.high
+    rng = np.random.default_rng(0)
+
+    def residuals(positions: FloatArray) -> FloatArray:
+        off = kinematics.fingertips(positions[None])[0] - target
+        return np.concatenate([10 * off.ravel(), 0.01 * (positions - start)])
+
+    def slopes(positions: FloatArray) -> FloatArray:
+        _, jacobian = kinematics.fingertips_and_jacobian(positions[None])
+        return np.concatenate(
+            [10 * jacobian[0].reshape(target.size, -1), 0.01 * np.eye(len(start))]
+        )
+
+    solutions = []
+    for trial in range(_TRIALS):
+        noise = 0.2 * rng.standard_normal(len(start)) if trial else 0.0
+        guess = np.clip(start + noise, low + 1e-6, high - 1e-6)
+        solutions.append(least_squares(residuals, guess, jac=slopes, bounds=(low, high)))
+    best = min(solutions, key=lambda solution: float(solution.cost))
+    return np.asarray(best.x)
+
+
+def _start(name: str) -> float:
+    """Return where the search begins for an actuator, rad or m."""
+    ends = (end for end in _CURLED if name.endswith(end) and not (end == "J3" and name == "THJ3"))
+    return _CURLED.get(next(ends, ""), 0.0)
+
+
+def _firmness(name: str) -> float:
+    spreads = name.endswith("J4") and name != "THJ4"
+    return _FIRMNESS.get(name, _FIRMNESS_ABDUCTION if spreads else 1.0)

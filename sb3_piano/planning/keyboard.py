@@ -1,0 +1,88 @@
+"""Places of the keys for the fingertips that press them, m.
+
+Positions are the world's: x points from the keys' hinges to the player, y to the right, z up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.music.constants import KEY_IS_BLACK, THUMB
+from sb3_piano.simulation import PianoScene
+
+FloatArray = npt.NDArray[np.float64]
+
+WHITE_X = (0.052, 0.042)
+"""Place along white keys where thumbs and where fingers press, m."""
+_MIXED_X = (0.040, 0.026)  # the same while the hand plays black keys, too
+_BLACK_X = (0.002, -0.002)  # the same on black keys
+
+
+@dataclass(frozen=True, eq=False)
+class KeyPlaces:
+    """Geometry of the keys at rest, in the world."""
+
+    y: FloatArray
+    """(88,) centres across the keyboard, m."""
+    top: FloatArray
+    """(88,) height of the tops, m."""
+    hinge: FloatArray
+    """(88,) where along x the hinges are, m."""
+    max_angle: FloatArray
+    """(88,) angle when fully down, rad."""
+    holding_torque: FloatArray
+    """(88,) torque of the springs when fully down, N m."""
+
+    @classmethod
+    def of(cls, scene: PianoScene) -> KeyPlaces:
+        """Read them from a scene."""
+        data = mujoco.MjData(scene.model)
+        mujoco.mj_kinematics(scene.model, data)
+        centre, half = data.geom_xpos[scene.key_geom], scene.model.geom_size[scene.key_geom]
+        return cls(
+            y=centre[:, 1].copy(),
+            top=centre[:, 2] + half[:, 2],
+            hinge=centre[:, 0] - half[:, 0],
+            max_angle=scene.key_max_angle,
+            holding_torque=_holding_torque(scene),
+        )
+
+    def height(self, key: int, x: float, depth: float) -> float:
+        """Return how high the top of a key is at a place along it, m.
+
+        Args:
+            key: 0 to 87.
+            x: The place, m.
+            depth: Share of the key's travel.
+        """
+        drop = (x - self.hinge[key]) * np.tan(depth * self.max_angle[key])
+        return float(self.top[key] - drop)
+
+
+def _holding_torque(scene: PianoScene) -> FloatArray:
+    """Return what the keys' springs push back with; a rigid key's is that of one that moves."""
+    model = scene.model
+    joints = [int(np.flatnonzero(model.jnt_qposadr == address)[0]) for address in scene.key_qpos]
+    torque = np.empty(len(scene.key_max_angle))
+    moving = np.arange(len(torque))[scene.moving_keys]
+    stiffness = np.asarray(model.jnt_stiffness[joints]).reshape(len(joints), -1)[:, 0]
+    rest = model.qpos_spring[scene.key_qpos]
+    torque[:] = np.max(stiffness * (scene.key_max_angle[moving] - rest))
+    torque[moving] = stiffness * (scene.key_max_angle[moving] - rest)
+    return torque
+
+
+def press_x(key: int, finger: int, mixed: bool) -> float:
+    """Return where along a key a finger presses it, m.
+
+    Args:
+        key: 0 to 87.
+        finger: 0 (thumb) to 4.
+        mixed: Whether the hand plays keys of the other colour at about the same time.
+    """
+    white = _MIXED_X if mixed else WHITE_X
+    return (_BLACK_X if KEY_IS_BLACK[key] else white)[finger != THUMB]

@@ -1,0 +1,1 @@
+"""Settings of runs, and the YAML files that they are read from."""

@@ -1,0 +1,335 @@
+"""Settings of runs: of a training, and of what plays without any."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal, Self
+
+import gymnasium as gym
+from annotated_types import Ge, Le
+from pydantic import BeforeValidator, ValidationInfo
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.utils import get_device
+from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
+
+from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.planning import PianoPolicy
+from sb3_piano.settings import Number, Whole, settings
+from sb3_piano.training.configuration.names import (
+    PLANNERS,
+    algorithm_class,
+    full_name,
+    import_class,
+    import_name,
+    planner_class,
+    registered_id,
+)
+from sb3_piano.training.configuration.values import (
+    check_arguments,
+    coerce_mapping,
+    plain,
+    zoo_number,
+)
+
+_FORMS = "'package.module.Name', {package.module.Name: {argument: value}} or a list of these"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plugin:
+    """A class by its import path, with the arguments to call it with."""
+
+    path: str
+    kwargs: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "path", full_name(self.path))
+        object.__setattr__(self, "kwargs", plain(self.kwargs, self.path))
+
+    def __call__(self, *args: Any) -> Any:
+        """Make one of the class.
+
+        Raises:
+            ConfigError: If it does not take these arguments.
+        """
+        function = import_name(self.path)
+        try:
+            inspect.signature(function).bind(*args, **self.kwargs)
+        except TypeError as error:
+            raise ConfigError(
+                f"{self.path} cannot be called with {dict(self.kwargs)}: {error}."
+            ) from error
+        except ValueError:
+            pass  # a builtin that does not tell its parameters
+        return function(*args, **self.kwargs)
+
+    @classmethod
+    def parse(cls, entry: Any, key: str) -> Plugin:
+        """Return the plugin of an entry of a configuration.
+
+        Raises:
+            ConfigError: If the entry has another form.
+        """
+        if isinstance(entry, Plugin):
+            return entry
+        if isinstance(entry, str):
+            return cls(path=entry)
+        if isinstance(entry, Mapping) and len(entry) == 1:
+            path, kwargs = next(iter(entry.items()))
+            if isinstance(path, str) and (kwargs is None or isinstance(kwargs, Mapping)):
+                return cls(path=path, kwargs=kwargs or {})
+        raise ConfigError(f"{entry!r} is no entry for {key}: expected {_FORMS}.")
+
+
+def parse_plugins(value: Any, key: str, base: type) -> tuple[Plugin, ...]:
+    """Return the plugins of one key of a configuration, as RL Zoo writes them, in their order.
+
+    Args:
+        value: ``None``, an import path, a mapping from one path to its arguments, or a list.
+        key: The key, for error messages.
+        base: What each of the classes must be below.
+
+    Raises:
+        ConfigError: If the value has another form, or a path leads nowhere or to something else.
+    """
+    entries = value if isinstance(value, (list, tuple)) else [] if value is None else [value]
+    try:
+        plugins = tuple(Plugin.parse(entry, key) for entry in entries)
+        for plugin in plugins:
+            import_class(plugin.path, base)
+    except ConfigError as error:
+        raise ConfigError(f"{key}: {error}") from error
+    return plugins
+
+
+def _plugins_below(base: type) -> BeforeValidator:
+    """Return a reader of plugins whose classes must be below one."""
+
+    def read(value: Any, info: ValidationInfo) -> tuple[Plugin, ...]:
+        return parse_plugins(value, str(info.field_name), base)
+
+    return BeforeValidator(read)
+
+
+def _read_arguments(value: Any, info: ValidationInfo) -> Any:
+    return plain(coerce_mapping(value, str(info.field_name)), str(info.field_name))
+
+
+def _read_normalize(value: Any, info: ValidationInfo) -> Any:
+    if isinstance(value, bool):
+        return value
+    return check_arguments(
+        _read_arguments(value, info), VecNormalize, reserved=("venv", "training")
+    )
+
+
+def _read_monitor(value: Any, info: ValidationInfo) -> Any:
+    reserved = ("env", "filename", "override_existing", "reset_keywords")
+    return check_arguments(_read_arguments(value, info), Monitor, reserved=reserved)
+
+
+_Whole = Annotated[Whole, BeforeValidator(zoo_number)]
+_Number = Annotated[Number, BeforeValidator(zoo_number)]
+_Arguments = Annotated[Mapping[str, Any], BeforeValidator(_read_arguments)]
+_Plugins = tuple[Plugin, ...]
+
+
+@settings
+class PlayConfig:
+    """Settings that all runs have: what plays, and where, in types that YAML can hold."""
+
+    algo: str
+    """Name of what plays."""
+    env_id: str
+    """Id of the environment; ``module:Id`` imports the module that registers it."""
+    env_module: str | None = None
+    """Module to import before the environment is made."""
+    seed: Annotated[_Whole, Ge(0)] | None = None
+    """Seed of everything random, at least 0; ``None`` lets a training draw one and note it down."""
+    env_kwargs: _Arguments = field(default_factory=dict)
+    """Keyword arguments of the environment."""
+    env_wrapper: Annotated[_Plugins, _plugins_below(gym.Wrapper)] = ()
+    """Wrappers put around each environment, the first one innermost."""
+    algorithm_kwargs: _Arguments = field(default_factory=dict)
+    """Arguments of the constructor of what plays."""
+
+    def __post_init__(self) -> None:
+        module, env_id = registered_id(self.env_id, self.env_module)
+        self._set(env_module=module, env_id=env_id)
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """What the run's files are recognised by."""
+        return {"algo": self.algo, "env_id": self.env_id}
+
+    def alone(self) -> Self:
+        """Return the settings for one environment without log files."""
+        return self
+
+    def in_env(self, **options: Any) -> Self:
+        """Return the settings with other options of the environment."""
+        return dataclasses.replace(self, env_kwargs={**self.env_kwargs, **options})
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the config in YAML's types; :meth:`from_mapping` gives it back."""
+        mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        for name, value in mapping.items():
+            if isinstance(value, tuple):
+                mapping[name] = [{plugin.path: plugin.kwargs} for plugin in value]
+        return {name: plain(value, name) for name, value in mapping.items()}
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
+        """Return the config that :meth:`to_mapping` wrote."""
+        return cls(**mapping)
+
+    def _set(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+
+@settings
+class PlannedConfig(PlayConfig):
+    """All settings of a run that plays without training.
+
+    ``algo`` is one of :data:`~sb3_piano.training.PLANNERS`.
+
+    Raises:
+        ConfigError: If a setting is unknown, has the wrong type or is out of range.
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.algo not in PLANNERS:
+            raise ConfigError(
+                f"algo is {self.algo!r}: expected one of {', '.join(PLANNERS)}."
+                f"{near_names(self.algo, PLANNERS)}"
+            )
+        self._set(algorithm_kwargs=_checked_arguments(self, planner_class(self.algo)))
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
+        """Return the config that :meth:`to_mapping` wrote, also without those of a training.
+
+        Raises:
+            ConfigError: If a key is unknown or missing, or a value is not valid.
+        """
+        own = {f.name for f in dataclasses.fields(cls)}
+        training = {f.name for f in dataclasses.fields(RunConfig)} - own  # in folders of 0.1
+        return cls(**{name: value for name, value in mapping.items() if name not in training})
+
+
+@settings
+class RunConfig(PlayConfig):
+    """All settings of a training, checked.
+
+    ``algo`` is one of :data:`~sb3_piano.training.ALGORITHMS`.
+
+    Raises:
+        ConfigError: If a setting is unknown, has the wrong type or is out of range.
+    """
+
+    n_timesteps: Annotated[_Whole, Ge(1), Le(10**15)]
+    """Environment steps to train for, over all environments together; at least 1."""
+    policy: str = "MlpPolicy"
+    """A policy of the algorithm by its short name, or the import path of one."""
+    n_envs: Annotated[_Whole, Ge(1)] = 1
+    """Environments that play at the same time; at least 1."""
+    vec_env: Literal["dummy", "threads", "subproc"] = "dummy"
+    """``dummy``: one plays after the other; ``threads``: in threads of this process; ``subproc``:
+    each in a process of its own."""
+    num_threads: Annotated[_Whole, Ge(1)] | None = None
+    """Threads of torch, at least 1; by default as :func:`~sb3_piano.threads.torch_threads`
+    chooses: one, unless ``OMP_NUM_THREADS`` or ``MKL_NUM_THREADS`` is set."""
+    vec_env_wrapper: Annotated[_Plugins, _plugins_below(VecEnvWrapper)] = ()
+    """Wrappers put around the vector of environments, the first one innermost."""
+    callback: Annotated[_Plugins, _plugins_below(BaseCallback)] = ()
+    """SB3 callbacks of the training."""
+    normalize: Annotated[bool | Mapping[str, Any], BeforeValidator(_read_normalize)] = False
+    """Whether to put ``VecNormalize`` around the environments; a mapping has its arguments."""
+    monitor_kwargs: Annotated[Mapping[str, Any], BeforeValidator(_read_monitor)] = field(
+        default_factory=dict
+    )
+    """Keyword arguments of ``Monitor``, such as ``info_keywords``."""
+    noise_type: Literal["normal", "ornstein-uhlenbeck"] | None = None
+    """Noise added to actions: ``normal``, ``ornstein-uhlenbeck`` or none."""
+    noise_std: Annotated[_Number, Ge(0)] | None = None
+    """Standard deviation of that noise, of actions in [-1, 1]; at least 0."""
+
+    def __post_init__(self) -> None:
+        algorithm = self.algorithm
+        super().__post_init__()
+        if (self.noise_type is None) != (self.noise_std is None):
+            raise ConfigError(
+                f"noise_type is {self.noise_type!r} and noise_std {self.noise_std!r}: expected "
+                "both or neither."
+            )
+        if self.noise_type and "action_noise" not in inspect.signature(algorithm).parameters:
+            raise ConfigError(
+                f"noise_type is {self.noise_type!r}, but {algorithm.__name__} takes no action "
+                "noise: expected an off-policy algorithm, or no noise_type."
+            )
+        arguments = _checked_arguments(self, algorithm)
+        _check_device(arguments.get("device", "auto"))
+        policy = _policy_class(self.policy, algorithm)
+        if arguments.get("policy_kwargs") is not None:
+            arguments["policy_kwargs"] = check_arguments(
+                arguments["policy_kwargs"],
+                policy,
+                reserved=("observation_space", "action_space", "lr_schedule"),
+            )
+        self._set(algorithm_kwargs=arguments)
+
+    @property
+    def algorithm(self) -> type[BaseAlgorithm]:
+        """The class of the algorithm.
+
+        Raises:
+            ConfigError: If it is none that is trained.
+        """
+        return algorithm_class(self.algo)
+
+    def alone(self) -> Self:
+        """Return the settings for one environment without log files."""
+        return dataclasses.replace(self, n_envs=1, vec_env="dummy", monitor_kwargs={})
+
+
+def _checked_arguments(
+    config: PlayConfig, made: type[BaseAlgorithm] | type[PianoPolicy]
+) -> dict[str, Any]:
+    return check_arguments(
+        config.algorithm_kwargs,
+        made,
+        # What a run sets itself.
+        reserved=("policy", "env", "seed", "tensorboard_log", "action_noise"),
+        also_known=[f.name for f in dataclasses.fields(config) if f.name != "algorithm_kwargs"],
+    )
+
+
+def _check_device(device: Any) -> None:
+    try:
+        get_device(device)
+    except (RuntimeError, TypeError) as error:
+        raise ConfigError(
+            f"device is {device!r}: expected auto, cpu, cuda or another of torch's ({error})."
+        ) from error
+
+
+def _policy_class(policy: str, algorithm: type[BaseAlgorithm]) -> type[BasePolicy]:
+    aliases = algorithm.policy_aliases
+    if policy in aliases:
+        return aliases[policy]
+    if "." not in policy:
+        raise ConfigError(
+            f"Unknown policy {policy!r} of {algorithm.__name__}.{near_names(policy, aliases)} "
+            f"Expected {', '.join(aliases)} or the import path of a policy."
+        )
+    try:
+        return import_class(policy, BasePolicy)
+    except ConfigError as error:
+        raise ConfigError(f"policy: {error}") from error

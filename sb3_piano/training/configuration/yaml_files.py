@@ -1,0 +1,125 @@
+"""YAML files of hyperparameters, as RL Zoo has them."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sb3_piano.exceptions import ConfigError, near_names, one_line
+from sb3_piano.hyperparams import PRESETS
+from sb3_piano.training.configuration.config import RunConfig
+from sb3_piano.training.configuration.names import algorithm_class, registered_id
+from sb3_piano.training.configuration.values import coerce_mapping
+
+_DEFAULT_ENTRY = "default"
+# Not hyperparameters: they say which entry of which file is read.
+_NOT_IN_ENTRY = ("algo", "env_id", "env_module", "algorithm_kwargs")
+
+
+def load_config(
+    algo: str, env_id: str, path: str | os.PathLike[str] | None = None, **overrides: Any
+) -> RunConfig:
+    """Return the hyperparameters of an algorithm for an environment.
+
+    The file has one entry per environment id; ``default`` stands for all others. The entry's keys
+    are those of RL Zoo: settings of the run (fields of :class:`RunConfig`), everything else being
+    arguments of the algorithm's constructor.
+
+    Args:
+        algo: Name of the algorithm.
+        env_id: Id of the environment, or ``module:Id``.
+        path: The YAML file; by default the preset that comes with this package.
+        **overrides: Keys to take instead of the entry's. ``env_kwargs`` are added to the entry's.
+
+    Raises:
+        ConfigError: If the file cannot be read, has no entry for the environment, or a setting is
+            not valid; the message names file, entry and key.
+    """
+    return _loaded(algo, env_id, path, overrides)[1]
+
+
+def load_entry(
+    algo: str, env_id: str, path: str | os.PathLike[str] | None = None, **overrides: Any
+) -> dict[str, Any]:
+    """Return the entry that :func:`load_config` reads, as it is written, with the overrides in it.
+
+    Arguments and errors are those of :func:`load_config`; :func:`entry_config` makes its result.
+    """
+    return _loaded(algo, env_id, path, overrides)[0]
+
+
+def entry_config(algo: str, env_id: str, entry: Mapping[str, Any]) -> RunConfig:
+    """Return the settings that an entry stands for.
+
+    Raises:
+        ConfigError: If one is not valid.
+    """
+    names = {f.name for f in dataclasses.fields(RunConfig)}.difference(_NOT_IN_ENTRY)
+    fields = {name: value for name, value in entry.items() if name in names}
+    rest = {name: value for name, value in entry.items() if name not in names}
+    return RunConfig(algo=algo, env_id=env_id, algorithm_kwargs=rest, **fields)
+
+
+def _loaded(
+    algo: str, env_id: str, path: str | os.PathLike[str] | None, overrides: Mapping[str, Any]
+) -> tuple[dict[str, Any], RunConfig]:
+    algorithm_class(algo)
+    _, name = registered_id(env_id)
+    if path is None and algo not in PRESETS:
+        raise ConfigError(
+            f"No preset comes with this package for {algo!r}: expected one of "
+            f"{', '.join(PRESETS)}, or a YAML file of your own (--config)."
+        )
+    file = PRESETS[algo] if path is None else Path(path)
+    entries = read_yaml_mapping(file)
+    entry_name = name if name in entries else _DEFAULT_ENTRY
+    if entry_name not in entries:
+        raise ConfigError(
+            f"'{file}' has no entry for {name!r}.{near_names(name, map(str, entries))} Expected "
+            f"that id or {_DEFAULT_ENTRY!r} as a key at the top level."
+        )
+    try:
+        entry = _merged(entries[entry_name], overrides)
+        return entry, entry_config(algo, env_id, entry)
+    except ConfigError as error:
+        given = f" with {', '.join(overrides)} replaced" if overrides else ""
+        raise ConfigError(f"'{file}', entry {entry_name!r}{given}: {error}") from error
+
+
+def _merged(entry: Any, overrides: Mapping[str, Any]) -> dict[str, Any]:
+    if not isinstance(entry, Mapping):
+        raise ConfigError(f"It holds {entry!r}: expected a mapping of hyperparameters.")
+    merged = {**entry, **overrides}
+    if "env_kwargs" in entry and "env_kwargs" in overrides:
+        own = coerce_mapping(entry["env_kwargs"], "env_kwargs")
+        merged["env_kwargs"] = {**own, **overrides["env_kwargs"]}
+    return merged
+
+
+def read_yaml_mapping(path: Path) -> dict[Any, Any]:
+    """Return the mapping that a YAML file holds."""
+    try:
+        content = parse_yaml(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise ConfigError(f"'{path}' cannot be read: {reason}. Expected a YAML file.") from error
+    except ConfigError as error:
+        raise ConfigError(f"'{path}' {error}") from error
+    if not isinstance(content, dict):
+        raise ConfigError(
+            f"'{path}' holds {type(content).__name__} at the top level: expected a mapping."
+        )
+    return content
+
+
+def parse_yaml(text: str) -> Any:
+    """Return what YAML stands for."""
+    try:
+        return yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ConfigError(f"is not valid YAML: {one_line(error)}.") from error

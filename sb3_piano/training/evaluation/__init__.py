@@ -1,0 +1,1 @@
+"""Evaluation of runs, comparison of evaluations, reports."""

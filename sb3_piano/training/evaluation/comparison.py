@@ -1,0 +1,343 @@
+"""Comparison of two evaluations, paired piece by piece."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from sb3_piano.envs import PianoEnvConfig
+from sb3_piano.exceptions import ConfigError, RunError, near_names, one_line
+from sb3_piano.files import write_csv
+from sb3_piano.training.evaluation.statistics import (
+    SignedRankTest,
+    Summary,
+    signed_rank_test,
+    summarize,
+)
+from sb3_piano.training.runs.folder import RunFolder
+
+MAIN_METRICS = ("f1", "onset_f1", "non_silent_f1", "return", "normalized_return")
+"""What is compared, and shown of several runs, unless metrics are named."""
+
+PAIRINGS = ("piece", "seed", "training-seed")
+"""What may make a pair: a piece, or a seed of its evaluation or of the training, for each piece."""
+
+# Two means of equal values may differ in their last digits; this is no difference.
+_EQUAL = 1e-12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair:
+    """What A and B reach at the same task, the mean over all their episodes of it."""
+
+    piece: str
+    """What was played."""
+    seed: int | None
+    """The seed of evaluation or training that makes the pair, if one does."""
+    a: float
+    """What A reaches."""
+    b: float
+    """What B reaches."""
+
+    @property
+    def difference(self) -> float:
+        """How much more B reaches than A."""
+        return 0.0 if math.isclose(self.a, self.b, rel_tol=_EQUAL) else self.b - self.a
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all of it in JSON's types."""
+        return {**vars(self), "difference": self.difference}
+
+
+@dataclass(frozen=True, kw_only=True)
+class MetricComparison:
+    """A metric of A and B over all pairs."""
+
+    metric: str
+    """Name of the metric."""
+    pairs: tuple[Pair, ...]
+    """The pairs, by piece and seed."""
+    difference: Summary
+    """Mean of the differences B - A, with its interval."""
+    test: SignedRankTest
+    """Whether the differences lean to one side."""
+
+    @property
+    def mean_a(self) -> float:
+        """Mean of A over the pairs."""
+        return statistics.fmean(pair.a for pair in self.pairs)
+
+    @property
+    def mean_b(self) -> float:
+        """Mean of B over the pairs."""
+        return statistics.fmean(pair.b for pair in self.pairs)
+
+    @property
+    def n_a_below_b(self) -> int:
+        """In how many pairs A is below B."""
+        return sum(pair.difference > 0 for pair in self.pairs)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all of it in JSON's types."""
+        return {
+            "pairs": [pair.to_json() for pair in self.pairs],
+            "mean_a": self.mean_a,
+            "mean_b": self.mean_b,
+            "mean_difference": self.difference.mean,
+            "interval": self.difference.interval,
+            "no_interval": self.difference.no_interval,
+            "n_a_below_b": self.n_a_below_b,
+            "n_pairs_that_differ": self.test.n,
+            "wilcoxon_p": self.test.p,
+            "least_p": self.test.least_p,
+            "no_test": self.test.no_test,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """What :func:`compare` found."""
+
+    a: str
+    """Where A was read from."""
+    b: str
+    """Where B was read from."""
+    by: str
+    """What makes a pair, see :func:`compare`."""
+    metrics: tuple[MetricComparison, ...]
+    """The comparison of each metric."""
+    physics_a: tuple[str, ...]
+    """Names of the physics profiles on which A was played; one, if all is well."""
+    physics_b: tuple[str, ...]
+    """Those on which B was played; expected to be the same."""
+    only_in_a: tuple[str, ...]
+    """Pieces, or seeds of pieces, that only A has; they are left out."""
+    only_in_b: tuple[str, ...]
+    """Those that only B has."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all of it in JSON's types."""
+        return {**vars(self), "metrics": {found.metric: found.to_json() for found in self.metrics}}
+
+    def write_csv(self, path: Path) -> None:
+        """Write a row for each metric and pair."""
+        rows = [{"metric": m.metric, **pair.to_json()} for m in self.metrics for pair in m.pairs]
+        write_csv(path, ("metric", "piece", "seed", "a", "b", "difference"), rows)
+
+
+def compare(
+    a: str | os.PathLike[str],
+    b: str | os.PathLike[str],
+    metrics: Sequence[str] | None = None,
+    *,
+    by: str = "piece",
+) -> Comparison:
+    """Compare what two runs, or two sets of runs, reach at the same pieces.
+
+    Pieces differ much more in how hard they are than methods do in how well they play. The
+    difference within each piece is free of that, as in the evaluation of the curriculum paper.
+
+    Args:
+        a: What evaluation wrote: its JSON file, the folder of a run, or a folder of runs. Episodes
+            of one piece are taken together, also those of several runs.
+        b: Likewise; differences are B - A.
+        metrics: Names of the metrics; by default those of :data:`MAIN_METRICS` that there are.
+        by: "piece" pairs the means over all episodes of a piece, "seed" those over the episodes of
+            one evaluation seed of a piece, "training-seed" those of the runs that were trained from
+            one seed. Seeds of one piece are no independent evidence on how the two compare on
+            others.
+
+    Raises:
+        ConfigError: If ``by`` or a metric is unknown.
+        RunError: If there is no evaluation, it is damaged, or the two have nothing in common.
+
+    Source:
+        Demsar, Statistical Comparisons of Classifiers over Multiple Data Sets (2006): one pair for
+        each task, compared by the signed-rank test.
+    """
+    if by not in PAIRINGS:
+        raise ConfigError(
+            f"by is {by!r}: expected one of {', '.join(map(repr, PAIRINGS))}."
+            f"{near_names(str(by), PAIRINGS)}"
+        )
+    tasks_a, tasks_b = _tasks(a, by), _tasks(b, by)
+    common = [task for task in tasks_a if task in tasks_b]
+    if not common:
+        raise RunError(
+            f"'{a}' and '{b}' have no {by} in common: expected evaluations of the same. The former "
+            f"has {'; '.join(_names(tasks_a))}; the latter has {'; '.join(_names(tasks_b))}."
+        )
+    paired = [(task, tasks_a[task], tasks_b[task]) for task in common]
+    return Comparison(
+        a=str(a),
+        b=str(b),
+        by=by,
+        metrics=tuple(_compared(name, paired) for name in _chosen(metrics, paired)),
+        physics_a=tuple(sorted(set().union(*(side.physics for _, side, _ in paired)))),
+        physics_b=tuple(sorted(set().union(*(side.physics for _, _, side in paired)))),
+        only_in_a=_names(task for task in tasks_a if task not in common),
+        only_in_b=_names(task for task in tasks_b if task not in common),
+    )
+
+
+_Task = tuple[str, int | None]  # piece and seed
+
+
+@dataclass
+class _Played:
+    """The episodes of A or of B of one task."""
+
+    episodes: list[Mapping[str, float]] = field(default_factory=list)
+    physics: set[str] = field(default_factory=set)
+
+    def mean(self, metric: str) -> float:
+        return float(np.mean([metrics[metric] for metrics in self.episodes]))
+
+
+_Paired = Sequence[tuple[_Task, _Played, _Played]]
+
+
+def _tasks(source: str | os.PathLike[str], by: str) -> dict[_Task, _Played]:
+    tasks: dict[_Task, _Played] = {}
+    for saved in read_episodes(source):
+        if by == "training-seed" and saved.training_seed is None:
+            raise RunError(
+                f"The evaluation of {saved.piece} in '{source}' does not tell the training's seed: "
+                "expected one that 'sb3-piano evaluate' of this version wrote."
+            )
+        for seed, metrics in zip(saved.episode_seeds, saved.episodes, strict=True):
+            paired = {"piece": None, "seed": seed, "training-seed": saved.training_seed}[by]
+            played = tasks.setdefault((saved.piece, paired), _Played())
+            played.episodes.append(metrics)
+            played.physics.add(saved.physics)
+    return tasks
+
+
+def _chosen(metrics: Sequence[str] | None, paired: _Paired) -> list[str]:
+    """Return names of metrics, each once: those that are asked for, or the main ones there are."""
+    episodes = [metrics for _, a, b in paired for metrics in (*a.episodes, *b.episodes)]
+    known = [name for name in episodes[0] if all(name in metrics for metrics in episodes)]
+    if metrics is None:
+        return [name for name in MAIN_METRICS if name in known] or known
+    for name in metrics:
+        if name not in known:
+            raise ConfigError(
+                f"Unknown metric {name!r}.{near_names(name, known)} Expected one of "
+                f"{', '.join(known)}."
+            )
+    return list(dict.fromkeys(metrics))
+
+
+def _compared(metric: str, paired: _Paired) -> MetricComparison:
+    pairs = tuple(
+        Pair(piece=piece, seed=seed, a=a.mean(metric), b=b.mean(metric))
+        for (piece, seed), a, b in paired
+    )
+    differences = [pair.difference for pair in pairs]
+    return MetricComparison(
+        metric=metric,
+        pairs=pairs,
+        difference=summarize(differences),
+        test=signed_rank_test(differences),
+    )
+
+
+def _names(tasks: Iterable[_Task]) -> tuple[str, ...]:
+    return tuple(piece if seed is None else f"{piece}, seed {seed}" for piece, seed in tasks)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SavedEpisodes:
+    """The episodes of one run on one piece, as :meth:`Evaluation.to_json` has them."""
+
+    piece: str
+    """What was played."""
+    episode_seeds: tuple[int, ...]
+    """The seed from which each episode comes."""
+    episodes: tuple[Mapping[str, float], ...]
+    """Metrics of each episode, by name."""
+    training_seed: int | None = None
+    """Seed of the training; ``None`` if the evaluation does not tell."""
+    env_kwargs: Mapping[str, Any] = field(default_factory=dict)
+    """Arguments of the environment that was played in."""
+
+    def __post_init__(self) -> None:
+        if not self.episodes or len(self.episode_seeds) != len(self.episodes):
+            raise ValueError(f"{len(self.episodes)} episodes with {len(self.episode_seeds)} seeds")
+
+    @property
+    def physics(self) -> str:
+        """Name of the physics profile that it was played on."""
+        return str(self.env_kwargs.get("physics", PianoEnvConfig.physics))
+
+
+def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
+    """Return the episodes that an evaluation wrote.
+
+    Args:
+        source: A JSON file of ``sb3-piano evaluate``, the folder of an evaluated run, or a folder
+            that holds such folders.
+    """
+    path = Path(source)
+    if path.is_file():
+        return _read_file(path)
+    if not path.is_dir():
+        raise RunError(
+            f"There is no '{path}': expected a JSON file of 'sb3-piano evaluate --json', the "
+            "folder of an evaluated run, or a folder of such runs."
+        )
+    runs = [RunFolder(path)]
+    if not runs[0].config_file.is_file():
+        runs = [RunFolder(config.parent) for config in sorted(path.glob("*/config.yml"))]
+    if not runs:
+        raise RunError(
+            f"'{path}' is no run and holds none: expected a folder that 'sb3-piano train' made, or "
+            "one in which such folders are."
+        )
+    return [saved for run in runs for saved in _read_run(run)]
+
+
+def _read_run(run: RunFolder) -> list[SavedEpisodes]:
+    file = run.evaluation_dir / "metrics.json"
+    if not file.is_file():
+        raise RunError(
+            f"Run '{run.path}' has no evaluation: expected evaluation/metrics.json. To make it: "
+            f"sb3-piano evaluate {run.path}"
+        )
+    return _read_file(file)
+
+
+def _read_file(file: Path) -> list[SavedEpisodes]:
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        entries = content.get("evaluations", [content])
+        found = TypeAdapter(list[SavedEpisodes]).validate_python(entries)
+    except OSError as error:
+        raise RunError(
+            f"'{file}' cannot be read: {error.strerror}. Expected a JSON file."
+        ) from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise _no_evaluation(file, f"{place}: {first['msg']}") from error
+    except (ValueError, AttributeError) as error:
+        raise _no_evaluation(file, one_line(error)) from error
+    if not found:
+        raise RunError(f"'{file}' holds no evaluation: no run could be evaluated then.")
+    return found
+
+
+def _no_evaluation(file: Path, reason: str) -> RunError:
+    return RunError(
+        f"'{file}' holds no evaluation ({reason}): expected a file that 'sb3-piano evaluate' of "
+        "this version wrote."
+    )

@@ -1,0 +1,388 @@
+"""Evaluation: what trained models play, beside playing nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import logging
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sb3_piano.envs import Recording
+from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError
+from sb3_piano.files import write_csv, write_json
+from sb3_piano.music import Score, load_score, write_midi
+from sb3_piano.music.difficulty import MotionRecording, write_motion
+from sb3_piano.settings import Count, Index, checked
+from sb3_piano.training.evaluation.statistics import Summary, summarize
+from sb3_piano.training.playing.player import SavedPlayer
+from sb3_piano.training.runs.folder import RunFolder
+
+_log = logging.getLogger(__name__)
+
+Seeds = int | Sequence[int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """What :func:`evaluate` found.
+
+    The names of metrics are ``return``, ``length`` (steps) and, for piano environments, those of
+    ``sb3_piano.metrics.EPISODE_METRICS`` and ``sb3_piano.envs.RETURN_KEYS``.
+    """
+
+    run: Path
+    """The run's folder."""
+    algo: str
+    """Name of the algorithm."""
+    piece: str
+    """What was played; the environment's id if it is no piano."""
+    num_timesteps: int
+    """Environment steps that the model was trained for."""
+    training_seed: int | None
+    """Seed of the training."""
+    env_kwargs: Mapping[str, Any]
+    """Arguments of the environment that was played in."""
+    episodes: tuple[Mapping[str, float], ...]
+    """Metrics of each episode."""
+    episode_seeds: tuple[int, ...]
+    """The seed from which each episode comes; those of one seed stand together, in order."""
+    summary: Mapping[str, Summary]
+    """Mean, standard deviation and interval of each metric over all episodes."""
+    baseline: Mapping[str, float] | None
+    """Metrics of an episode in which the hands rest; ``None`` if the environment is no piano."""
+    performances: tuple[Path | None, ...] = ()
+    """The MIDI file of each episode, ``None`` if no key was pressed in it; empty if none was
+    written, as for any piece but the run's own."""
+    motions: tuple[Path, ...] = ()
+    """The file of how everything moved in each episode; empty if none was asked for."""
+    metrics_file: Path | None = None
+    """The file in the run's folder with all this; ``None`` if none was written."""
+    interrupted: bool = False
+    """Whether Ctrl-C ended it before all episodes were played."""
+
+    @property
+    def mean(self) -> dict[str, float]:
+        """Mean of each metric over the episodes."""
+        return {name: summary.mean for name, summary in self.summary.items()}
+
+    @property
+    def std(self) -> dict[str, float]:
+        """Standard deviation of each metric over the episodes (of the population; 0 for one)."""
+        return {name: summary.std for name, summary in self.summary.items()}
+
+    @property
+    def has_interval(self) -> bool:
+        """Whether any metric varies over the episodes."""
+        return any(summary.interval is not None for summary in self.summary.values())
+
+    @property
+    def is_repetition(self) -> bool:
+        """Whether there are several episodes that are all the same, so that one would have done.
+
+        A policy that does not explore, in an environment that draws nothing at random, plays the
+        same from every seed.
+        """
+        first, *others = self.episodes
+        return bool(others) and all(other == first for other in others)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all of it in JSON's types.
+
+        ``mean``, ``std`` and ``interval`` have a value for each metric, the latter both ends or
+        ``None``; ``no_interval`` then has the reason.
+        """
+        summaries = self.summary.items()
+        return {
+            "run": str(self.run),
+            "algo": self.algo,
+            "piece": self.piece,
+            "num_timesteps": self.num_timesteps,
+            "training_seed": self.training_seed,
+            "env_kwargs": dict(self.env_kwargs),
+            "interrupted": self.interrupted,
+            "mean": self.mean,
+            "std": self.std,
+            "interval": {name: summary.interval for name, summary in summaries},
+            "no_interval": {name: s.no_interval for name, s in summaries if s.no_interval},
+            "baseline": self.baseline,
+            "episodes": self.episodes,
+            "episode_seeds": self.episode_seeds,
+            "performances": [None if path is None else path.name for path in self.performances],
+            "motions": [path.name for path in self.motions],
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failure:
+    """A run that could not be evaluated."""
+
+    run: Path
+    """The run's folder."""
+    piece: str | None
+    """What it should have played; ``None`` for its own piece."""
+    reason: str
+    """What went wrong."""
+
+    def __str__(self) -> str:
+        on_piece = "" if self.piece is None else f" on {self.piece!r}"
+        return f"Run '{self.run}' was not evaluated{on_piece}: {self.reason}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluations:
+    """What :func:`evaluate_runs` found."""
+
+    evaluations: tuple[Evaluation, ...]
+    """One for each run and piece, in the order they were asked for."""
+    failures: tuple[Failure, ...] = ()
+    """The runs that could not be evaluated."""
+    interrupted: bool = False
+    """Whether Ctrl-C ended it early."""
+
+    def write_json(self, path: Path) -> None:
+        """Write everything, statistics included."""
+        failures = [{**vars(failure), "run": str(failure.run)} for failure in self.failures]
+        evaluations = [evaluation.to_json() for evaluation in self.evaluations]
+        content = {"interrupted": self.interrupted, "evaluations": evaluations}
+        write_json(path, {**content, "failures": failures})
+
+    def write_csv(self, path: Path) -> None:
+        """Write a row for each episode: run, algorithm, piece, seed, episode, and all metrics.
+
+        Episodes count from 1 on for each seed; a metric that an episode lacks is left empty.
+        """
+        metrics = dict.fromkeys(name for e in self.evaluations for name in e.summary)
+        rows = [
+            {
+                "run": found.run,
+                "algo": found.algo,
+                "piece": found.piece,
+                "seed": seed,
+                "episode": found.episode_seeds[:index].count(seed) + 1,
+                **found.episodes[index],
+            }
+            for found in self.evaluations
+            for index, seed in enumerate(found.episode_seeds)
+        ]
+        write_csv(path, ("run", "algo", "piece", "seed", "episode", *metrics), rows)
+
+
+def evaluate(
+    folder: str | os.PathLike[str],
+    episodes: int = 1,
+    seed: Seeds = 0,
+    *,
+    physics: str | None = None,
+    score: Score | str | os.PathLike[str] | None = None,
+    best: str | None = None,
+    motion: bool = False,
+    on_episode: Callable[[], object] = lambda: None,
+) -> Evaluation:
+    """Let a run's saved model play, without exploring, and say how well it did.
+
+    The environment has the run's wrappers and normalisation; returns and metrics are those of the
+    bare environment inside. Unless another piece is given, writes ``evaluation/metrics.json`` and,
+    from 1 on, ``evaluation/performance_<i>.mid`` into the run's folder, in place of those that
+    were there; ``motion`` adds a file beside each.
+
+    Ctrl-C ends it with the episodes that are finished, see ``interrupted`` of the result; before
+    the first one it is a ``KeyboardInterrupt`` as everywhere.
+
+    Args:
+        folder: The run's folder.
+        episodes: How many episodes to play from each seed, at least 1.
+        seed: Seeds the environment, at least 0; of several, each is used once. The resting hands
+            get the first one.
+        physics: Name of the physics profile to play on; by default the run's own.
+        score: What to play in place of the run's own piece.
+        best: Play the best model by this metric, such as "f1", in place of the last one.
+        motion: Also write ``evaluation/performance_<i>.npz``, how everything moved (see
+            :mod:`sb3_piano.music.difficulty.recording`).
+        on_episode: Is called after each episode.
+
+    Raises:
+        ConfigError: If ``episodes`` or ``seed`` is out of range, the run's config is damaged, or
+            the motion is to be written for another piece or of no piano.
+        RunError: If there is no run, it has no model that can be loaded, or what it observes
+            cannot show the score.
+        ScoreError: If the score cannot be read.
+    """
+    seeds = _checked(seed, episodes)
+    if motion and score is not None:
+        raise ConfigError("Of another piece no motion is written: expected the run's own one.")
+    played: list[_Episode] = []
+    with SavedPlayer.open(folder, seed=seeds[0], physics=physics, score=score, best=best) as player:
+        resting = player.rest()  # first, so that Ctrl-C cannot leave episodes without it
+        if motion and resting is None:
+            raise ConfigError(f"Run '{player.run.path}' is of no piano: expected no motion=True.")
+        try:
+            for one in seeds:
+                for recording in itertools.islice(player.episodes(seed=one), episodes):
+                    played.append(_Episode.of(recording, one, player.piece if motion else None))
+                    on_episode()
+        except KeyboardInterrupt:
+            if not played:
+                raise
+    metrics = [episode.metrics for episode in played]
+    found = Evaluation(
+        run=player.run.path,
+        algo=player.config.algo,
+        piece=player.piece,
+        num_timesteps=player.num_timesteps,
+        training_seed=player.run.read_config().seed,  # that of the player is its own
+        env_kwargs=player.config.env_kwargs,
+        episodes=tuple(metrics),
+        episode_seeds=tuple(episode.seed for episode in played),
+        summary={name: summarize([each[name] for each in metrics]) for name in metrics[0]},
+        baseline=None if resting is None else resting.metrics,
+        interrupted=len(played) < episodes * len(seeds),
+    )
+    return found if score is not None else _written(found, player.run, played)
+
+
+def evaluate_runs(
+    folders: Sequence[str | os.PathLike[str]],
+    episodes: int = 1,
+    seeds: Seeds = 0,
+    *,
+    physics: str | None = None,
+    scores: Sequence[Score | str | os.PathLike[str]] = (),
+    best: str | None = None,
+    motion: bool = False,
+    on_episode: Callable[[], object] = lambda: None,
+) -> Evaluations:
+    """Evaluate several runs, each on its own piece or on the given ones.
+
+    What cannot be evaluated does not stop the others. Ctrl-C does, and all that was played until
+    then is returned. Files in the runs' folders, and arguments of the same names, are those of
+    :func:`~sb3_piano.training.evaluate`.
+
+    Args:
+        folders: The runs' folders.
+        episodes: How many episodes to play from each seed, at least 1.
+        seeds: Seeds of the environment, at least 0.
+        physics: Name of the physics profile to play on.
+        scores: What to play in place of the runs' own pieces.
+        best: Play each run's best model by this metric.
+        motion: Also write how everything moved, which can only be done for the runs' own pieces.
+        on_episode: Is called after each episode.
+
+    Raises:
+        ConfigError: If a number is out of range, or a run is given twice.
+        ScoreError: If a score cannot be read.
+    """
+    seeds = _checked(seeds, episodes)
+    runs = [Path(folder) for folder in folders]
+    for run in runs:
+        if [other.resolve() for other in runs].count(run.resolve()) > 1:
+            raise ConfigError(f"Run '{run}' is given twice: expected each run once.")
+    pieces: list[Score | None] = [load_score(score) for score in scores]
+    settings = {"physics": physics, "best": best, "motion": motion, "on_episode": on_episode}
+    found: list[Evaluation] = []
+    failures: list[Failure] = []
+    interrupted = False
+    try:
+        for run, piece in itertools.product(runs, pieces or [None]):
+            result = _try(run, piece, episodes, seeds, settings)
+            if isinstance(result, Failure):
+                failures.append(result)
+                continue
+            found.append(result)
+            if result.interrupted:
+                interrupted = True
+                break
+    except KeyboardInterrupt:
+        interrupted = True
+    return Evaluations(evaluations=tuple(found), failures=tuple(failures), interrupted=interrupted)
+
+
+def _checked(seeds: Seeds, episodes: int) -> tuple[int, ...]:
+    """Return seeds as a tuple."""
+    several = (seeds,) if isinstance(seeds, int) else tuple(seeds)
+    if not several:
+        raise ConfigError("There are no seeds: expected at least one.")
+    for seed in several:
+        checked("seed", seed, Index)
+        if several.count(seed) > 1:
+            raise ConfigError(
+                f"seed {seed} is given {several.count(seed)} times: expected each seed once, as "
+                "its episodes would only be counted again."
+            )
+    checked("episodes", episodes, Count)
+    return several
+
+
+def _try(
+    run: Path,
+    piece: Score | None,
+    episodes: int,
+    seeds: Sequence[int],
+    settings: Mapping[str, Any],
+) -> Evaluation | Failure:
+    try:
+        return evaluate(run, episodes, seeds, score=piece, **settings)
+    except SB3PianoError as error:
+        reason = str(error)
+    except Exception as error:  # a run's own wrappers may fail in any way
+        _log.exception("Evaluating run '%s' failed.", run)
+        reason = repr(error)
+    return Failure(run=run, piece=None if piece is None else piece.title, reason=reason)
+
+
+@dataclass(frozen=True)
+class _Episode:
+    """An episode, without what is not needed any more."""
+
+    seed: int
+    metrics: Mapping[str, float]
+    score: Score | None
+    motion: MotionRecording | None
+
+    @classmethod
+    def of(cls, recording: Recording, seed: int, piece: str | None) -> _Episode:
+        """Return what is kept of a recording; with its motion if the name of the piece is given."""
+        played, motion = recording.performance, recording.motion
+        moved = None
+        if piece is not None and played is not None and motion is not None:
+            moved = MotionRecording(
+                # A score file that was copied into the run's folder has lost its title.
+                title=played.title if played.title in piece.split(" or ") else piece,
+                actions=motion.actions,
+                qpos=motion.qpos,
+                hand_qpos=motion.hand_qpos,
+                fingertips=motion.fingertips,
+            )
+        score = None if played is None else played.to_score()
+        return cls(seed, recording.metrics, score, moved)
+
+
+def _written(found: Evaluation, run: RunFolder, played: Sequence[_Episode]) -> Evaluation:
+    """Write the files of an evaluation into the run's folder, in place of former ones."""
+    folder = run.evaluation_dir
+    try:
+        folder.mkdir(exist_ok=True)
+        for stale in (*folder.glob("performance_*.mid"), *folder.glob("performance_*.npz")):
+            stale.unlink()
+    except OSError as error:
+        raise RunError(
+            f"'{folder}' cannot be written: {error.strerror}. Expected a folder."
+        ) from error
+    scores, motions = [], []
+    for number, episode in enumerate(played, start=1):
+        file = folder / f"performance_{number}.mid"
+        scores.append(None if episode.score is None else file)
+        if episode.score is not None:
+            write_midi(episode.score, file)
+        if episode.motion is not None:
+            motions.append(file.with_suffix(".npz"))
+            write_motion(episode.motion, motions[-1])
+    metrics_file = folder / "metrics.json"
+    evaluation = dataclasses.replace(
+        found, performances=tuple(scores), motions=tuple(motions), metrics_file=metrics_file
+    )
+    write_json(metrics_file, evaluation.to_json())
+    return evaluation

@@ -1,0 +1,173 @@
+"""The report of a run: what its saved model plays, and how its training went."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import RunError
+from sb3_piano.files import write_text
+from sb3_piano.performance import Performance
+from sb3_piano.training.playing.player import SavedPlayer
+from sb3_piano.training.runs.folder import RunFolder, provenance
+from sb3_piano.viewing.report import Curve, Report, report_html
+
+
+def write_report(
+    folder: str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    seed: int = 0,
+    physics: str | None = None,
+    best: str | None = None,
+) -> Path:
+    """Let a run's saved model play an episode, and write what there is to see into an HTML file.
+
+    The file needs nothing else, also no network.
+
+    Args:
+        folder: The run's folder.
+        out: The file; by default ``evaluation/report.html`` in the run's folder.
+        seed: Seeds the environment, at least 0; the resting hands get the same.
+        physics: Name of the physics profile to play on; by default the run's own.
+        best: Play the best model by this metric, such as "f1", in place of the last one.
+
+    Returns:
+        The file.
+
+    Raises:
+        ConfigError: If ``seed`` or ``physics`` is not valid, or the run's config is damaged.
+        RunError: If there is no run of a piano environment, it has no model that can be loaded, or
+            the file cannot be written.
+    """
+    with SavedPlayer.open(folder, seed=seed, physics=physics, best=best) as player:
+        run, env = player.run, player.env
+        if not isinstance(env, PianoEnv):
+            raise RunError(
+                f"Run '{run.path}' has no music to show: its environment "
+                f"{player.config.env_id!r} is no piano. Expected a run of a piano environment."
+            )
+        played, baseline = player.play()[0], player.rest()
+        assert played.performance is not None, "a piano's episode is recorded"
+        facts, commands = _origin(
+            player, env.config.physics, seed, {"--physics": physics, "--best": best}
+        )
+        report = Report(
+            performance=_titled(played.performance, player.piece, env.default_score.title),
+            metrics=played.metrics,
+            baseline=None if baseline is None else baseline.metrics,
+            curves=training_curves(run),
+            subtitle=(
+                f"{player.config.algo.upper()} after {player.num_timesteps:,} steps of training · "
+                f"{env.config.physics} physics · seed {seed}"
+            ),
+            facts=facts,
+            commands=commands,
+        )
+    return _write(run, report_html(report), out)
+
+
+def training_curves(run: RunFolder) -> dict[str, Curve]:
+    """Return what TensorBoard's files of a run say, by name.
+
+    A run that was resumed from a checkpoint before its last log line has lines for some steps
+    twice; those of the training that was given up are left out. So are numbers that are not finite.
+
+    Args:
+        run: The run's folder.
+
+    Returns:
+        The curves, none of them empty; no curve if there is no such file.
+    """
+    if not run.tensorboard_dir.is_dir():
+        return {}
+    # Slow to import, and of no use to a run without a log.
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    events: dict[str, list[Any]] = {}
+    for folder in sorted(run.tensorboard_dir.iterdir()):
+        log = EventAccumulator(str(folder), size_guidance={"scalars": 0}).Reload()  # 0: keep all
+        for name in log.Tags()["scalars"]:
+            events.setdefault(name, []).extend(log.Scalars(name))
+    curves = {name: _curve(found) for name, found in events.items()}
+    return {name: curve for name, curve in curves.items() if len(curve.steps)}
+
+
+def _curve(events: list[Any]) -> Curve:
+    """Return what counts of TensorBoard's events of a number, from all its files."""
+    kept: list[Any] = []
+    for event in sorted(events, key=lambda event: event.wall_time):
+        while kept and kept[-1].step >= event.step:
+            kept.pop()
+        kept.append(event)
+    finite = [event for event in kept if math.isfinite(event.value)]
+    return Curve(
+        steps=np.array([event.step for event in finite], dtype=np.int64),
+        values=np.array([event.value for event in finite], dtype=float),
+    )
+
+
+Texts = list[tuple[str, str]]
+
+
+def _titled(performance: Performance, piece: str, own_title: str) -> Performance:
+    """Return a performance by the run's name of its piece, unless a wrapper chose another one."""
+    if performance.title != own_title:
+        return performance
+    return dataclasses.replace(performance, title=piece)
+
+
+def _origin(
+    player: SavedPlayer, physics: str, seed: int, options: Mapping[str, str | None]
+) -> tuple[Texts, Texts]:
+    """Return the facts of a report, and the commands, with their options, to do it again."""
+    config, run = player.config, player.run
+    notes = run.read_provenance()
+    now = provenance(seed)
+    facts = [
+        ("Piece", player.piece),
+        ("Environment", config.env_id),
+        ("Algorithm", config.algo),
+        ("Steps trained", f"{player.num_timesteps:,}"),
+        ("Model", "the last one" if options["--best"] is None else f"best by {options['--best']}"),
+        ("Physics", physics),
+        ("Seed", f"{seed} (of the training: {notes.get('seed', 'unknown')})"),
+        ("Run", str(run.path)),
+        ("Trained", str(notes.get("created", "unknown"))),
+        ("Trained with", _versions(notes.get("versions"))),
+        ("Played", now["created"]),
+        ("Played with", _versions(now["versions"])),
+    ]
+    again = ["sb3-piano", "report", str(run.path), "--seed", str(seed)]
+    for option, value in options.items():
+        again += [] if value is None else [option, value]
+    training = str(notes.get("command", "unknown"))
+    return facts, [("Training", training), ("This report", shlex.join(again))]
+
+
+def _versions(versions: object) -> str:
+    if not isinstance(versions, Mapping):
+        return "unknown"
+    return ", ".join(f"{name} {version}" for name, version in versions.items() if version)
+
+
+def _write(run: RunFolder, html: str, out: str | os.PathLike[str] | None) -> Path:
+    path = run.evaluation_dir / "report.html" if out is None else Path(out)
+    try:
+        if out is None:
+            run.evaluation_dir.mkdir(exist_ok=True)
+        write_text(path, html)
+    except OSError as error:
+        raise RunError(
+            f"'{path}' cannot be written: {error.strerror}. Expected a file in a folder that is "
+            "there."
+        ) from error
+    return path

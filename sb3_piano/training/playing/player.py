@@ -1,0 +1,322 @@
+"""A run's saved model, or what plays in it without training, ready to play."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import itertools
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, cast
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
+
+from sb3_piano.demonstrations import PerturbedStart
+from sb3_piano.envs import EpisodeRecorder, PianoEnv, Recording
+from sb3_piano.exceptions import ConfigError, RunError, ScoreError
+from sb3_piano.files import write_bytes
+from sb3_piano.music import Score, load_score
+from sb3_piano.planning import PianoPolicy
+from sb3_piano.settings import Count, Index, checked
+from sb3_piano.threads import torch_threads
+from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
+from sb3_piano.training.runs.builders import Env, build_env, build_planner, build_vec_env
+from sb3_piano.training.runs.folder import RunFolder, unwritable
+from sb3_piano.training.runs.saved import load_player, load_statistics, model_files, pack_weights
+from sb3_piano.wrappers.score_wrapper import possible_scores
+
+
+class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
+    """The saved model of a run in its own environment, playing without exploring.
+
+    The environment has the run's wrappers and normalisation; what is recorded is that of the bare
+    environment inside::
+
+        with SavedPlayer.open("runs/td3/RoboPianist-v0_1") as player:
+            recordings = player.play(episodes=3)
+
+    :meth:`open` makes one.
+
+    Attributes:
+        run: The run's folder.
+        config: The run's settings as they are played: one environment, the given physics.
+        piece: The name of what is played, of several pieces joined by "or"; the environment's id
+            if it is no piano.
+        model: The saved model, or what plays without training.
+    """
+
+    def __init__(
+        self,
+        run: RunFolder,
+        config: PlayConfig,
+        piece: str,
+        model: BaseAlgorithm | PianoPolicy,
+        venv: VecEnv,
+        recorder: EpisodeRecorder,
+    ):
+        self.run = run
+        self.config = config
+        self.piece = piece
+        self.model = model
+        self._venv = venv
+        self._recorder = recorder
+
+    @classmethod
+    def open(
+        cls,
+        folder: str | os.PathLike[str],
+        *,
+        seed: int = 0,
+        physics: str | None = None,
+        score: Score | str | os.PathLike[str] | None = None,
+        best: str | None = None,
+    ) -> SavedPlayer:
+        """Return the player of a run.
+
+        Another piece comes in through the environment's ``reset``, so that an observation that
+        was fitted to the run's own piece keeps its meaning.
+
+        Args:
+            folder: The run's folder.
+            seed: Seeds the environment, unless :meth:`play` is given another, at least 0.
+            physics: Name of the physics profile to play on; by default the run's own.
+            score: What to play in place of the run's own piece, whatever its wrappers choose.
+            best: Play the best model by this metric, such as "f1", in place of the last one.
+
+        Raises:
+            ConfigError: If ``seed`` is out of range, the run's config is damaged, or a piece is
+                given to an environment that is no piano.
+            RunError: If there is no run, it has no model that can be loaded, or what it observes
+                cannot show the piece.
+            ScoreError: If the score cannot be read.
+        """
+        run = RunFolder.open(folder)
+        config = dataclasses.replace(run.read_config().alone(), seed=seed)
+        if physics is not None:
+            config = config.in_env(physics=physics)
+        chosen = None if score is None else load_score(score)
+        model_file, statistics = model_files(run, config, best)
+        recorders: list[EpisodeRecorder] = []
+
+        def innermost(env: Env) -> EpisodeRecorder:
+            recorders.append(EpisodeRecorder(env if chosen is None else _FixedPiece(env, chosen)))
+            return recorders[-1]
+
+        venv = build_vec_env(config, innermost)
+        try:
+            load_statistics(config, statistics, venv)
+            if isinstance(venv, VecNormalize):
+                venv.training = False
+            if chosen is not None:
+                _check_playable(run, config, recorders[0], venv, chosen)
+            model = load_player(config, model_file, venv)
+        except BaseException:
+            venv.close()
+            raise
+        piece = _own_piece(run, config, venv) if chosen is None else chosen.title
+        return cls(run, config, piece, model, venv, recorders[0])
+
+    @property
+    def env(self) -> Env:
+        """The bare environment."""
+        return self._recorder.unwrapped
+
+    @property
+    def num_timesteps(self) -> int:
+        """Environment steps that the model was trained for."""
+        return self.model.num_timesteps
+
+    def play(self, episodes: int = 1, *, seed: int | None = None) -> list[Recording]:
+        """Play from a freshly seeded environment.
+
+        Args:
+            episodes: How many episodes to play, at least 1.
+            seed: Seeds the environment, at least 0; by default the seed given to :meth:`open`.
+
+        Raises:
+            ConfigError: If a number is out of range.
+        """
+        count = checked("episodes", episodes, Count)
+        return list(itertools.islice(self.episodes(seed=seed), count))
+
+    def episodes(self, *, seed: int | None = None) -> Iterator[Recording]:
+        """Play as :meth:`play` does without end, each episode as it is asked for.
+
+        Whatever is played next, or a rest, ends it.
+        """
+        return self._record(seed, resting=False)
+
+    def rest(self, *, seed: int | None = None) -> Recording | None:
+        """Return an episode in which the hands rest, in the same environment and from its seed.
+
+        Returns:
+            The episode; ``None`` if the environment is no piano.
+        """
+        return next(self._record(seed, resting=True)) if self._recorder.can_rest else None
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: npt.NDArray[Any] | None = None,
+        deterministic: bool = False,
+    ) -> tuple[Any, Any]:
+        """Return what the model plays for an observation as the environment gives it."""
+        if isinstance(self._venv, VecNormalize):
+            observation = self._venv.normalize_obs(observation)
+        return self._predict(observation, state, episode_start, deterministic)
+
+    def close(self) -> None:
+        """Close the environment."""
+        self._venv.close()
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _predict(
+        self, observation: Any, state: Any, starts: npt.NDArray[Any] | None, deterministic: bool
+    ) -> tuple[Any, Any]:
+        with torch_threads():
+            return self.model.predict(observation, state, starts, deterministic=deterministic)
+
+    def _record(self, seed: int | None, *, resting: bool) -> Iterator[Recording]:
+        seed = checked("seed", self.config.seed if seed is None else seed, Index | None)
+        self._recorder.resting = resting
+        if isinstance(self.model, PianoPolicy):
+            self.model.set_random_seed(seed or 0)
+        self._venv.seed(seed)
+        return self._endless(self._venv.reset())
+
+    def _endless(self, observation: Any) -> Iterator[Recording]:
+        action, state, starts = None, None, np.ones(1, dtype=bool)
+        while True:
+            # While the hands rest, nobody hears what is asked; to search for it would take long.
+            if action is None or not self._recorder.resting:
+                action, state = self._predict(observation, state, starts, deterministic=True)
+            observation, _, starts, _ = self._venv.step(action)
+            if self._recorder.finished:
+                yield self._recorder.finished.pop()
+
+
+class _FixedPiece(gym.Wrapper[Any, Any, Any, Any]):
+    """Play one piece, whatever the wrappers further out ask for."""
+
+    def __init__(self, env: Env, score: Score):
+        super().__init__(env)
+        self._score = score
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode of the piece."""
+        others = {k: v for k, v in (options or {}).items() if k != "transform"}
+        return self.env.reset(seed=seed, options={**others, "score": self._score})
+
+
+def _check_playable(
+    run: RunFolder, config: PlayConfig, env: Env, venv: VecEnv, score: Score
+) -> None:
+    if not isinstance(env.unwrapped, PianoEnv):
+        raise ConfigError(
+            f"Run '{run.path}' cannot play {score.title!r}: its environment {config.env_id!r} is "
+            "no piano. Expected a run of a piano environment, or no piece."
+        )
+    try:
+        venv.reset()
+    except ScoreError as error:
+        raise RunError(
+            f"Run '{run.path}' cannot play {score.title!r}: {error} Expected a piece that its "
+            "observation can show."
+        ) from error
+
+
+def _own_piece(run: RunFolder, config: PlayConfig, venv: VecEnv) -> str:
+    """Return what a run's own piece is called, by its file's name before it was copied.
+
+    Where wrappers choose the piece, all that they may choose are named.
+    """
+    env = cast(DummyVecEnv, venv.unwrapped).envs[0]
+    if not isinstance(env.unwrapped, PianoEnv):
+        return config.env_id
+    titles = list(dict.fromkeys(score.title for score in possible_scores(env)))
+    if titles != [env.unwrapped.default_score.title]:
+        return " or ".join(titles)
+    file = run.read_provenance().get("score_file")
+    return Path(file).stem if isinstance(file, str) else titles[0] or config.env_id
+
+
+@contextlib.contextmanager
+def run_to_record(
+    folder: str | os.PathLike[str], *, best: str | None = None, start: float = 0.0
+) -> Iterator[tuple[SavedPlayer | PianoPolicy, Env, PlayConfig]]:
+    """Give a run's player, an environment with the run's wrappers, and its settings.
+
+    They are for :func:`~sb3_piano.demonstrations.record`, as long as the block lasts.
+
+    Args:
+        folder: The run's folder.
+        best: Play the best model by this metric, in place of the last one.
+        start: How far the hands begin out of place, rad (see
+            :class:`~sb3_piano.demonstrations.PerturbedStart`).
+    """
+    config = RunFolder.open(folder).read_config()
+    if isinstance(config, RunConfig) and config.vec_env_wrapper:
+        raise ConfigError(
+            f"Run '{folder}' cannot be recorded: it has {config.vec_env_wrapper[0].path} around "
+            "the vector of its environments. Expected no vec_env_wrapper."
+        )
+    with (
+        SavedPlayer.open(folder, best=best) as player,
+        contextlib.closing(env_to_record(config, start)) as env,
+    ):
+        planned = isinstance(config, PlannedConfig)  # such play only where they are made for
+        yield build_planner(config, env) if planned else player, env, config
+
+
+def env_to_record(config: PlayConfig, start: float = 0.0) -> Env:
+    """Return a run's environment with its wrappers, and none that ``gymnasium.make`` cannot make.
+
+    Args:
+        config: The run's settings.
+        start: How far the hands begin out of place, rad.
+    """
+    return build_env(config, (lambda env: PerturbedStart(env, start)) if start else None)
+
+
+def share(
+    run: str | os.PathLike[str], folder: str | os.PathLike[str], *, best: str | None = None
+) -> RunFolder:
+    """Write what playing a run needs: its settings, origin, score and weights, in plain files.
+
+    The new folder has no pickles, so that loading it runs no code of it. It is evaluated, played
+    and reported on like the run, with the same result to the last bit; it cannot be trained on.
+
+    Args:
+        run: The run's folder.
+        folder: Where to, a new or empty folder.
+        best: Share the best model by this metric, such as "f1", in place of the last one.
+
+    Raises:
+        ConfigError: If the run's config is damaged.
+        RunError: If there is no run, it has no model that can be loaded, or the folder cannot be
+            used.
+    """
+    with SavedPlayer.open(run, best=best) as player:
+        config = player.run.read_config()
+        shared = RunFolder.create(config, folder)
+        try:
+            if player.run.provenance_file.is_file():
+                shutil.copyfile(player.run.provenance_file, shared.provenance_file)
+            if isinstance(config, RunConfig):
+                assert isinstance(player.model, BaseAlgorithm), "what is trained has weights"
+                write_bytes(shared.weights_file, pack_weights(player.model, config))
+        except OSError as error:
+            shutil.rmtree(shared.path, ignore_errors=True)
+            raise unwritable(shared.path, error) from error
+        return shared

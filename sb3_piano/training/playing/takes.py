@@ -1,0 +1,295 @@
+"""Takes: a run's model, a planner or the piece itself plays, into MIDI, sound and video."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from sb3_piano.envs import GENERAL_ID, EpisodeRecorder, PianoEnv, PianoEnvConfig, Recording
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.metrics import presses_of
+from sb3_piano.music import PianoRoll, Score, is_path, load_score
+from sb3_piano.performance import Performance
+from sb3_piano.planning import PianoPolicy
+from sb3_piano.simulation import PianoScene, compile_scene
+from sb3_piano.training.configuration.config import PlannedConfig
+from sb3_piano.training.playing.player import SavedPlayer
+from sb3_piano.training.runs.builders import build_env, build_planner
+from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.viewing import DEFAULT_PICTURE, Picture, Played, Progress, Take, write_take
+
+FILE_NAME = "performance"
+"""What the files are called, without their suffixes."""
+
+PLANNED_IN: Mapping[str, Any] = {
+    "reduced_action_space": False,
+    "initial_buffer_time": 0.5,
+    "fingering": "robot",
+}
+"""Options of the environments in which planners play unless told otherwise: all joints, half a
+second to get to the first note, and the fingers that suit the hands."""
+
+
+def play_run(
+    run: str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    seed: int = 0,
+    physics: str | None = None,
+    score: Score | str | os.PathLike[str] | None = None,
+    best: str | None = None,
+    picture: Picture | None = DEFAULT_PICTURE,
+    progress: Progress | None = None,
+) -> Played:
+    """Let a run's saved model play one episode, without exploring, and write it down.
+
+    Writes ``performance.mid``, ``performance.wav`` and ``performance.mp4``, in place of those that
+    were there. A machine that cannot draw gets the first two.
+
+    Args:
+        run: The run's folder.
+        out: The folder to write into; by default ``play`` in the run's, and for another piece a
+            folder in that with the piece's title.
+        seed: Seeds the environment, at least 0.
+        physics: Name of the physics profile to play on; by default the run's own.
+        score: What to play in place of the run's own piece.
+        best: Play the best model by this metric, such as "f1", in place of the last one.
+        picture: How the video looks; ``None`` for no video.
+        progress: Is told how far the video is.
+
+    Raises:
+        ConfigError: If a setting is out of range, or the run's config is damaged.
+        RunError: If there is no run, it has no model that can be loaded, it is no piano's, it
+            cannot play the piece, or the folder cannot be written.
+        ScoreError: If the score cannot be read, or a file cannot be written.
+    """
+    piece = None if score is None else load_score(score)
+    take = take_of_run(run, seed=seed, physics=physics, score=piece, best=best)
+    folder = default_folder(run, piece) if out is None else Path(out)
+    return write_take(take, folder / FILE_NAME, picture, progress)
+
+
+def play_score(
+    score: Score | str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    physics: str = "reference",
+    picture: Picture | None = DEFAULT_PICTURE,
+    progress: Progress | None = None,
+) -> Played:
+    """Let a piece play itself: keys go down in their fingers' colours while the hands rest.
+
+    Writes the same files as :func:`play_run`; they show what should be played.
+
+    Args:
+        score: A score, or what :func:`~sb3_piano.music.load_score` accepts.
+        out: The folder to write into; by default ``play/<title>``.
+        physics: Name of the physics profile whose piano is shown.
+        picture: How the video looks; ``None`` for no video.
+        progress: Is told how far the video is.
+
+    Raises:
+        ConfigError: If a setting is out of range.
+        RunError: If the folder cannot be written.
+        ScoreError: If the score cannot be read, or a file cannot be written.
+        UnknownPieceError: If ``score`` is neither a piece's name nor a file.
+    """
+    piece = load_score(score)
+    folder = default_folder(None, piece) if out is None else Path(out)
+    return write_take(take_of_score(piece, physics=physics), folder / FILE_NAME, picture, progress)
+
+
+def default_folder(run: str | os.PathLike[str] | None, score: Score | None) -> Path:
+    """Return where a take is kept: of a run in its folder, of another piece by its title.
+
+    Args:
+        run: The run's folder; ``None`` if a piece plays itself.
+        score: The piece; ``None`` if it is the run's own.
+    """
+    place = Path("play") if run is None else Path(run, "play")
+    if score is None:
+        return place
+    return place / (re.sub(r"[^\w.+-]+", "_", score.title).strip("._") or "piece")
+
+
+def take_of_run(
+    run: str | os.PathLike[str],
+    *,
+    seed: int = 0,
+    physics: str | None = None,
+    score: Score | None = None,
+    best: str | None = None,
+) -> Take:
+    """Return an episode of a run's saved model; arguments and errors as of :func:`play_run`."""
+    with SavedPlayer.open(run, seed=seed, physics=physics, score=score, best=best) as player:
+        if not isinstance(player.env, PianoEnv):
+            raise RunError(
+                f"Run '{run}' cannot be watched: its environment {player.config.env_id!r} is no "
+                "piano. Expected a run of a piano environment."
+            )
+        (recording,) = player.play()
+        return _take_of_recording(player.env.scene, recording)
+
+
+def _take_of_recording(scene: PianoScene, recording: Recording) -> Take:
+    performance, motion = recording.performance, recording.motion
+    assert performance is not None, "a piano's episode has a performance"
+    assert motion is not None, "a piano's episode has a motion"
+    return Take.of(scene, performance, motion.qpos)
+
+
+def take_of_score(score: Score, *, physics: str = "reference") -> Take:
+    """Return a piece that plays itself, exactly as it is written."""
+    scene = compile_scene(physics=physics)
+    roll = PianoRoll.from_score(score, PianoEnvConfig.control_timestep)
+    qpos = np.tile(scene.model.qpos0, (len(roll) + 1, 1))
+    qpos[1:, scene.key_qpos] = roll.active * scene.key_max_angle
+    performance = Performance(
+        roll=roll,
+        key_active=roll.active,
+        sustain=roll.sustain,
+        strike_time=roll.onset_time,
+        release_time=np.multiply(presses_of(roll.active).end, roll.control_timestep, dtype=float),
+        press_finger=roll.finger,
+        title=score.title,
+    )
+    # Green would hide the fingers' colours, and here nothing can be wrong.
+    return Take(scene=scene, performance=performance, qpos=qpos, score=score, mark_sounding=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedTake:
+    """What :func:`take_of_planner` played."""
+
+    take: Take
+    """What there is to see and hear."""
+    score: Score
+    """What should have been played."""
+    metrics: Mapping[str, float]
+    """How well it was played, by the names in ``info``."""
+    planning: float
+    """How long it took until the first command, s."""
+    playing: float
+    """How long the others took, s."""
+
+
+def where_played(what: str) -> tuple[str, dict[str, Any]]:
+    """Return the environment that plays something, and the options that it needs for that.
+
+    Args:
+        what: An environment's id, a file such as MIDI, or a piece by its name.
+    """
+    if what in gym.registry:
+        return what, {}
+    if is_path(what) and not Path(what).exists():
+        raise ConfigError(
+            f"There is no {what!r}: expected an environment's id, a file such as a MIDI file, or "
+            "the name of a piece (see 'sb3-piano pieces list')."
+        )
+    return GENERAL_ID, {"score": what}
+
+
+def planner_config(
+    what: str,
+    algo: str = "planned",
+    *,
+    seed: int = 0,
+    env_kwargs: Mapping[str, Any] | None = None,
+    **arguments: Any,
+) -> PlannedConfig:
+    """Return the settings of a run that plays without training.
+
+    Args:
+        what: An environment's id, a file such as MIDI, or a piece by its name.
+        algo: One of :data:`~sb3_piano.training.PLANNERS`.
+        seed: Seeds the environment and what is drawn at random, at least 0.
+        env_kwargs: Options of the environment, beside and before those of :data:`PLANNED_IN`.
+        **arguments: Arguments of the planner, such as ``samples``; in plain values, mappings for
+            its settings.
+    """
+    env_id, options = where_played(what)
+    return PlannedConfig(
+        algo=algo,
+        env_id=env_id,
+        seed=seed,
+        env_kwargs={**PLANNED_IN, **options, **(env_kwargs or {})},
+        algorithm_kwargs=arguments,
+    )
+
+
+def plan_run(
+    config: PlannedConfig,
+    folder: str | os.PathLike[str] | None = None,
+    *,
+    runs_dir: str | os.PathLike[str] = "runs",
+) -> tuple[RunFolder, str, float]:
+    """Make the folder of a run that plays without training, once it is known to work.
+
+    The plan is made, so that a :class:`~sb3_piano.exceptions.PlanWarning` tells what cannot be
+    played; it is not kept, as making it again takes seconds.
+
+    Args:
+        config: What :func:`planner_config` returned.
+        folder: The run's folder, new or empty; by default the next free one in ``runs_dir``.
+        runs_dir: Where runs are kept.
+
+    Returns:
+        The run's folder, the name of what is played, and how long it took to plan it, s.
+    """
+    run = RunFolder.create(config, folder, runs_dir)
+    with run.whole_or_gone(), _planner(config) as (player, env, piano):
+        observation, _ = env.reset(seed=config.seed)
+        start = time.perf_counter()
+        player.predict(observation)
+        return run, piano.score.title, time.perf_counter() - start
+
+
+def take_of_planner(
+    config: PlannedConfig, on_step: Callable[[int, int], object] = lambda done, total: None
+) -> PlannedTake:
+    """Play a piece without training and without a run's folder.
+
+    Args:
+        config: What :func:`planner_config` returned.
+        on_step: Is told how many control steps are over, and of how many. The first call, with 0,
+            comes before planning.
+    """
+    with _planner(config) as (player, env, piano):
+        observation, _ = env.reset(seed=config.seed)
+        on_step(0, len(piano.roll))
+        began = time.perf_counter()
+        action, state = player.predict(observation)
+        planned = time.perf_counter()
+        while True:
+            observation, *_ = env.step(action)
+            on_step(piano.steps_played, len(piano.roll))
+            if env.finished:
+                break
+            action, state = player.predict(observation, state)
+        ended = time.perf_counter()
+        (recording,) = env.finished
+        return PlannedTake(
+            take=_take_of_recording(piano.scene, recording),
+            score=piano.score,
+            metrics=recording.metrics,
+            planning=planned - began,
+            playing=ended - planned,
+        )
+
+
+@contextlib.contextmanager
+def _planner(config: PlannedConfig) -> Iterator[tuple[PianoPolicy, EpisodeRecorder, PianoEnv]]:
+    """Give what plays, where it plays, and the piano inside of that."""
+    with contextlib.closing(EpisodeRecorder(build_env(config))) as env:
+        player = build_planner(config, env)
+        assert isinstance(env.unwrapped, PianoEnv), "planners play nothing else"
+        yield player, env, env.unwrapped

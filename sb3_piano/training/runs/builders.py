@@ -1,0 +1,216 @@
+"""From a config to environments and a model."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.monitor import Monitor, ResultsWriter
+from stable_baselines3.common.noise import (
+    ActionNoise,
+    NormalActionNoise,
+    OrnsteinUhlenbeckActionNoise,
+)
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.utils import LinearSchedule
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
+
+from sb3_piano.buffers.rows import buffer_rows
+from sb3_piano.callbacks.own_env import EnvWrapper
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.planning import PianoPolicy
+from sb3_piano.training.configuration.names import planner_class
+from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
+from sb3_piano.training.configuration.names import import_class, registered_id
+from sb3_piano.training.configuration.values import classes_made, dataclass_made, linear_start, parameters_of
+from sb3_piano.vec_env import ThreadVecEnv
+
+Env = gym.Env[Any, Any]
+
+
+class EpisodeLog(Monitor):
+    """SB3's ``Monitor``, whose file is opened later, also in a process of its own.
+
+    A run's folder is only made once environment and model are known to work.
+    """
+
+    def write_episodes_to(self, path: str, append: bool) -> None:
+        """Write each episode that ends from now on.
+
+        Args:
+            path: The file, without ``.monitor.csv``.
+            append: Whether to add to a file that is there.
+        """
+        env_id = None if self.env.spec is None else self.env.spec.id
+        self.results_writer = _EpisodeFile(
+            path,
+            header={"t_start": time.time(), "env_id": str(env_id)},
+            extra_keys=self.info_keywords,
+            override_existing=not (append and Path(f"{path}.{Monitor.EXT}").exists()),
+        )
+
+
+class _EpisodeFile(ResultsWriter):
+    """A file whose disk may be full.
+
+    What the disk does not take waits in the file's buffer for the next row. No reason to end an
+    environment's process: if the disk stays full, the checkpoint says so.
+    """
+
+    def write_row(self, epinfo: dict[str, float]) -> None:
+        with contextlib.suppress(OSError):
+            super().write_row(epinfo)
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            super().close()
+
+
+def build_env(
+    config: PlayConfig, innermost: EnvWrapper | None = None, log: EnvWrapper | None = None
+) -> Env:
+    """Return one environment of a run.
+
+    Args:
+        config: The run's settings.
+        innermost: A wrapper for the bare environment.
+        log: A wrapper around that, inside of the config's ``env_wrapper``.
+    """
+    env_kwargs = dict(config.env_kwargs)
+    try:
+        env: Env = gym.spec(registered_id(config.env_id, config.env_module)[1]).make(**env_kwargs)
+        for wrapper in (innermost, log, *config.env_wrapper):
+            env = env if wrapper is None else wrapper(env)
+    except (TypeError, gym.error.Error) as error:
+        raise ConfigError(
+            f"Environment {config.env_id!r} cannot be made with env_kwargs {env_kwargs}: {error}."
+        ) from error
+    return env
+
+
+def build_vec_env(
+    config: PlayConfig, innermost: EnvWrapper | None = None
+) -> VecEnv:
+    """Return the vector of environments of a run.
+
+    From the inside: the environment, ``innermost``, an ``EpisodeLog``, the config's
+    ``env_wrapper``; then ``vec_env_wrapper`` and ``VecNormalize`` around the vector.
+
+    Args:
+        config: The run's settings.
+        innermost: A wrapper for the bare environment.
+    """
+    if not isinstance(config, RunConfig):
+        return _seeded(DummyVecEnv([partial(build_env, config, innermost, EpisodeLog)]), config)
+    training_process = os.getpid()
+    log = partial(EpisodeLog, **config.monitor_kwargs)
+
+    def make(rank: int) -> Env:
+        if os.getpid() != training_process:
+            # Ctrl-C reaches the whole process group; it is for the training alone to answer it.
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        env = build_env(config, innermost, log)
+        if config.seed is not None:
+            env.unwrapped.action_space.seed(config.seed + rank)
+        return env
+
+    makers: list[Callable[[], Env]] = [partial(make, rank) for rank in range(config.n_envs)]
+    venv: VecEnv
+    if config.vec_env == "subproc":
+        make(0).close()  # what is wrong is easier told from here than from a process
+        # fork is not safe in a process with threads, such as torch's
+        venv = SubprocVecEnv(makers, start_method="spawn")
+    else:
+        venv = ThreadVecEnv(makers) if config.vec_env == "threads" else DummyVecEnv(makers)
+    _seeded(venv, config)
+    for plugin in config.vec_env_wrapper:
+        venv = plugin(venv)
+    return _normalized(config, venv)
+
+
+def _seeded(venv: VecEnv, config: PlayConfig) -> VecEnv:
+    venv.seed(config.seed)
+    return venv
+
+
+def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
+    """Return the new model of a run, on its environments."""
+    arguments = algorithm_arguments(config)
+    noise = _action_noise(config, venv)
+    if noise is not None:
+        arguments["action_noise"] = noise
+    policy = import_class(config.policy, BasePolicy) if "." in config.policy else config.policy
+    try:
+        model = config.algorithm(policy=policy, env=venv, seed=config.seed, **arguments)
+    # How SB3 and torch refuse arguments, or a device or the memory that they ask for.
+    except (TypeError, ValueError, AssertionError, RuntimeError, MemoryError) as error:
+        raise ConfigError(
+            f"{config.algorithm.__name__} cannot be made for {config.env_id!r}: {error}"
+        ) from error
+    buffer = getattr(model, "replay_buffer", None)
+    if buffer is not None:
+        buffer_rows(buffer)
+    return model
+
+
+def build_planner(config: PlayConfig, env: Env | VecEnv) -> PianoPolicy:
+    """Return what plays without training, in the environments that it is for."""
+    made = planner_class(config.algo)
+    parameters = parameters_of(made)
+    arguments = {
+        name: dataclass_made(value, parameters[name].annotation)
+        for name, value in config.algorithm_kwargs.items()
+    }
+    if "seed" in parameters:
+        arguments["seed"] = config.seed or 0
+    return made(env, **arguments)
+
+
+def build_callbacks(config: RunConfig) -> list[BaseCallback]:
+    """Return the callbacks that the config names."""
+    return [plugin() for plugin in config.callback]
+
+
+def algorithm_arguments(config: RunConfig) -> dict[str, Any]:
+    """Return the arguments of the algorithm's constructor with classes and schedules made."""
+    arguments = {}
+    for name, value in config.algorithm_kwargs.items():
+        start = linear_start(value)
+        made = classes_made(value, name) if start is None else LinearSchedule(start, 0.0, 1.0)
+        arguments[name] = made
+    return arguments
+
+
+def _action_noise(config: RunConfig, venv: VecEnv) -> ActionNoise | None:
+    if config.noise_type is None or config.noise_std is None:
+        return None
+    if not isinstance(venv.action_space, gym.spaces.Box):
+        raise ConfigError(
+            f"noise_type is {config.noise_type!r}, but {config.env_id!r} has the action space "
+            f"{venv.action_space}: expected a Box, or no noise_type."
+        )
+    mean = np.zeros(venv.action_space.shape)
+    sigma = np.full(venv.action_space.shape, config.noise_std)
+    kinds = {"normal": NormalActionNoise, "ornstein-uhlenbeck": OrnsteinUhlenbeckActionNoise}
+    return kinds[config.noise_type](mean=mean, sigma=sigma)
+
+
+def _normalized(config: RunConfig, venv: VecEnv) -> VecEnv:
+    if config.normalize is False:
+        return venv
+    arguments = {} if isinstance(config.normalize, bool) else dict(config.normalize)
+    gamma = config.algorithm_kwargs.get("gamma")
+    if gamma is not None:
+        arguments.setdefault("gamma", gamma)
+    return VecNormalize(venv, **arguments)
+

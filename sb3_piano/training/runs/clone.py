@@ -1,0 +1,184 @@
+"""Runs that begin as clones of recorded performances."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import VecNormalize
+
+from sb3_piano.callbacks import Checkpoint
+from sb3_piano.demonstrations import Cloning, clone_behaviour, open_dataset
+from sb3_piano.demonstrations.dataset import reading
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.threads import torch_threads
+from sb3_piano.training.configuration.config import Plugin, RunConfig
+from sb3_piano.training.configuration.yaml_files import load_config
+from sb3_piano.training.runs.builders import build_model, build_vec_env
+from sb3_piano.training.runs.folder import RunFolder
+
+if TYPE_CHECKING:
+    from minari import MinariDataset
+
+CLONABLE = ("sac", "td3", "tqc", "ddpg")
+"""Names of the algorithms whose actors can be cloned into."""
+
+_PREFILL = "sb3_piano.callbacks.DemonstrationsCallback"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CloneResult:
+    """What :func:`clone` made."""
+
+    folder: RunFolder
+    """The run's folder."""
+    cloning: Cloning
+    """How the training of the actor went."""
+
+
+def clone(
+    dataset: MinariDataset | str,
+    algo: str = "sac",
+    folder: str | os.PathLike[str] | None = None,
+    *,
+    runs_dir: str | os.PathLike[str] = "runs",
+    config: str | os.PathLike[str] | None = None,
+    net_arch: Sequence[int] = (512, 512),
+    normalize: bool = True,
+    prefill: bool = False,
+    seed: int | None = None,
+    epochs: int = 60,
+    batch_size: int = 256,
+    learning_rate: float = 1e-3,
+    on_epoch: Callable[[float], object] = lambda loss: None,
+) -> CloneResult:
+    """Make a run whose model imitates a data set, in the data set's environment.
+
+    The folder is like that of a training which has done no step yet, but with a model: it can be
+    played and evaluated, and resuming it trains the model on.
+
+    Args:
+        dataset: A Minari data set, or its name.
+        algo: Name of the algorithm, one of :data:`CLONABLE`.
+        folder: The run's folder, new or empty; by default the next free one in ``runs_dir``.
+        runs_dir: Where runs are kept.
+        config: A YAML file of hyperparameters for training on; by default the algorithm's preset.
+        net_arch: Sizes of the hidden layers.
+        normalize: Whether observations are normalised, with the data set's statistics. Without, an
+            actor plays much less well after the same time.
+        prefill: Whether training on begins with the data set in the replay buffer, and learns from
+            it at once.
+        seed: Seed of the run; by default drawn, and noted down.
+        epochs: How often to go through the data set.
+        batch_size: Transitions of an update.
+        learning_rate: Learning rate at the beginning.
+        on_epoch: Is called with the loss of each epoch.
+
+    Raises:
+        ConfigError: If there is no such data set, it does not tell its environment, or a setting is
+            not valid.
+        RunError: If the folder cannot be used.
+        ImportError: If Minari is not installed.
+    """
+    if algo not in CLONABLE:
+        raise ConfigError(
+            f"Behaviour cannot be cloned into algorithm {algo!r}: expected one of "
+            f"{', '.join(CLONABLE)}."
+        )
+    found = open_dataset(dataset)
+    spec = _environment(found)
+    seed = int(np.random.default_rng().integers(2**31)) if seed is None else seed
+    settings = load_config(
+        algo,
+        spec.id,
+        config,
+        seed=seed,
+        n_envs=1,
+        vec_env="dummy",
+        normalize={"norm_reward": False} if normalize else False,
+        **({"learning_starts": 0} if prefill else {}),
+    )
+    arguments = settings.algorithm_kwargs
+    policy_kwargs = {**arguments.get("policy_kwargs", {}), "net_arch": list(net_arch)}
+    filled = (Plugin(path=_PREFILL, kwargs={"dataset": found.id}),) if prefill else ()
+    settings = dataclasses.replace(
+        _in_environment(spec, settings),
+        callback=(*filled, *settings.callback),
+        algorithm_kwargs={**arguments, "policy_kwargs": policy_kwargs},
+    )
+    with (
+        torch_threads(settings.num_threads),
+        contextlib.closing(build_vec_env(settings)) as venv,
+    ):
+        model = build_model(settings, venv)
+        run = RunFolder.create(settings, folder, runs_dir)
+        with run.owned(), run.whole_or_gone():
+            cloning = clone_behaviour(
+                model,
+                found,
+                epochs=epochs,
+                batch_size=batch_size,
+                learning_rate=learning_rate,
+                seed=seed,
+                on_epoch=on_epoch,
+            )
+            _save(run, settings, model)
+            facts = {"dataset": found.id, "epochs": epochs, "batch_size": batch_size}
+            facts |= {"learning_rate": learning_rate, "loss": cloning.losses[-1]}
+            run.write_provenance({**run.read_provenance(), "cloned": facts})
+    return CloneResult(folder=run, cloning=cloning)
+
+
+def _environment(dataset: MinariDataset) -> EnvSpec:
+    """Return how to make the environment of a data set, without what disturbed it."""
+    if dataset.env_spec is None:
+        raise ConfigError(
+            f"Data set {dataset.id!r} does not tell its environment: expected one that 'sb3-piano "
+            "record' wrote."
+        )
+    with reading(dataset.id):
+        env = dataset.recover_environment(eval_env=True)
+    env.close()
+    assert env.spec is not None, "it was made from one"
+    return env.spec
+
+
+def _in_environment(spec: EnvSpec, config: RunConfig) -> RunConfig:
+    """Return the settings with the arguments and wrappers of an environment, and no others."""
+    registered = gym.spec(spec.id)
+    unchanged = registered.kwargs.items()
+    changed = {name: v for name, v in spec.kwargs.items() if (name, v) not in unchanged}
+    if spec.max_episode_steps != registered.max_episode_steps:
+        changed["max_episode_steps"] = spec.max_episode_steps
+    wrappers = tuple(
+        Plugin(path=wrapper.entry_point.replace(":", "."), kwargs=wrapper.kwargs or {})
+        for wrapper in spec.additional_wrappers
+    )
+    return dataclasses.replace(config, env_kwargs=changed, env_wrapper=wrappers)
+
+
+def _save(run: RunFolder, config: RunConfig, model: BaseAlgorithm) -> None:
+    """Write the model, and the checkpoint of a training that has done no step yet."""
+    folder = run.checkpoint_dir
+    folder.mkdir()
+    normalizer = model.get_vec_normalize_env()
+    checkpoint = Checkpoint(
+        num_timesteps=0,
+        model="model-0.zip",
+        vec_normalize=None if normalizer is None else "vecnormalize-0.pkl",
+        labels=config.labels,
+    )
+    for place in (run.model_file, folder / checkpoint.model):
+        model.save(place)
+    if isinstance(normalizer, VecNormalize):
+        for place in (run.statistics_file, folder / "vecnormalize-0.pkl"):
+            normalizer.save(str(place))
+    checkpoint.write(folder)

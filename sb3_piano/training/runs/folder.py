@@ -1,0 +1,308 @@
+"""The folder of a run: where everything stands that training makes."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import importlib.metadata
+import itertools
+import os
+import platform
+import shlex
+import shutil
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+
+import sb3_piano
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.files import write_text
+from sb3_piano.locks import LOCK_SUFFIX, hold
+from sb3_piano.music.library import user_library
+from sb3_piano.training.configuration.names import PLANNERS
+from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
+from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
+
+FILE_OPTIONS = ("score", "fingering")
+"""The options of the environment that may name a file."""
+
+_EXPECTED = "expected a folder that 'sb3-piano train' made"
+_PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch")
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """A run's folder; ``create`` makes one, ``open`` finds one.
+
+    ======================== =====================================================================
+    ``config.yml``           the :class:`RunConfig`, with all defaults and the seed filled in, or
+                             the :class:`PlannedConfig` of what plays without training
+    ``run.yml``              command line, versions of packages, seed, threads of torch, time, the
+                             score file's origin
+    ``score.<suffix>``       the score that is played, if the run was given a file or an imported
+                             piece; likewise ``fingering.<suffix>``, a file of finger labels
+    ``model.zip``            the newest saved model; ``vecnormalize.pkl`` beside it, if it has any
+    ``policy.safetensors``   in place of both, in a run that was shared to be played
+    ``checkpoint/``          what resuming needs, see :class:`~sb3_piano.callbacks.Checkpoint`
+    ``monitor/``             one ``<n>.monitor.csv`` per environment. After a crash it also has the
+                             episodes since the last checkpoint, which are then played again
+    ``tensorboard/``         the training's log
+    ``best_<metric>/``       the best model by a metric, if the run has a callback that looks for it
+    ``videos/``              what the model played now and then, if the run has a callback for it
+    ``evaluation/``          what :func:`~sb3_piano.training.evaluate` wrote, and the report
+    ``play/``                what :func:`~sb3_piano.training.play_run` wrote
+    ``.lock``                there while a process trains, and locked by it
+    ======================== =====================================================================
+    """
+
+    path: Path
+
+    @classmethod
+    def create(
+        cls,
+        config: PlayConfig,
+        path: str | os.PathLike[str] | None = None,
+        runs_dir: str | os.PathLike[str] = "runs",
+    ) -> RunFolder:
+        """Make the folder of a new run, with config, provenance and score file.
+
+        Args:
+            config: The run's settings; a score file that they name is copied.
+            path: The folder, new or empty. By default ``<runs_dir>/<algo>/<env-id>_<n>`` with the
+                first ``n`` from 1 on that is free.
+            runs_dir: Where runs are kept.
+
+        Raises:
+            RunError: If the folder is in use, or cannot be made or written.
+        """
+        place = Path(runs_dir, config.algo) if path is None else Path(path)
+        made = None
+        try:
+            if path is None:
+                made = _first_free(place, config.env_id)
+                cls(made)._write(config)
+            else:
+                place.mkdir(parents=True, exist_ok=True)
+                with cls(place).owned():
+                    made = _empty(place)
+                    cls(made)._write(config)
+        except OSError as error:
+            if made is not None:
+                shutil.rmtree(made, ignore_errors=True)  # it was empty
+            raise unwritable(place, error) from error
+        return cls(made)
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str]) -> RunFolder:
+        """Return the folder of a run that is there.
+
+        Raises:
+            RunError: If there is no run.
+        """
+        folder = cls(Path(path))
+        if not folder.path.is_dir():
+            raise RunError(f"There is no folder '{folder.path}': {_EXPECTED}.")
+        if not folder.config_file.is_file():
+            raise RunError(f"'{folder.path}' is no run, it has no config.yml: {_EXPECTED}.")
+        return folder
+
+    @contextlib.contextmanager
+    def owned(self) -> Iterator[None]:
+        """Keep other processes from training in this folder; all may read it meanwhile.
+
+        Raises:
+            RunError: If another one does, or the folder cannot be written.
+        """
+
+        def busy(owner: str) -> RunError:
+            return RunError(
+                f"Run '{self.path}' is being trained by {owner}: expected one training in a "
+                "folder. Wait for its end or stop it; then go on with: sb3-piano train --resume "
+                f"{shlex.quote(str(self.path))}"
+            )
+
+        with hold(self.path / LOCK_SUFFIX, busy):
+            yield
+
+    @contextlib.contextmanager
+    def whole_or_gone(self) -> Iterator[None]:
+        """Delete the folder if the block, which is to complete it, fails."""
+        try:
+            yield
+        except BaseException:
+            shutil.rmtree(self.path, ignore_errors=True)
+            raise
+
+    @property
+    def config_file(self) -> Path:
+        """The run's settings."""
+        return self.path / "config.yml"
+
+    @property
+    def provenance_file(self) -> Path:
+        """Where the run comes from."""
+        return self.path / "run.yml"
+
+    @property
+    def model_file(self) -> Path:
+        """The newest saved model."""
+        return self.path / "model.zip"
+
+    @property
+    def statistics_file(self) -> Path:
+        """The statistics of ``VecNormalize`` that belong to :attr:`model_file`."""
+        return self.path / "vecnormalize.pkl"
+
+    @property
+    def weights_file(self) -> Path:
+        """The model of a run that was shared to be played."""
+        return self.path / "policy.safetensors"
+
+    @property
+    def checkpoint_dir(self) -> Path:
+        """What resuming needs."""
+        return self.path / "checkpoint"
+
+    @property
+    def monitor_dir(self) -> Path:
+        """Returns and metrics of the training's episodes."""
+        return self.path / "monitor"
+
+    @property
+    def tensorboard_dir(self) -> Path:
+        """The training's log."""
+        return self.path / "tensorboard"
+
+    @property
+    def evaluation_dir(self) -> Path:
+        """What evaluation wrote."""
+        return self.path / "evaluation"
+
+    def best_dir(self, metric: str) -> Path:
+        """Return where the best model by a metric is, if there is one."""
+        return self.path / f"best_{metric}"
+
+    def best_metrics(self) -> list[str]:
+        """Return the metrics by which there are best models."""
+        found = self.path.glob("best_*/best_model.zip")
+        return sorted(file.parent.name.removeprefix("best_") for file in found)
+
+    def read_config(self) -> PlayConfig:
+        """Return the run's settings; a score file is that of the folder, wherever it is now.
+
+        Raises:
+            ConfigError: If the file is damaged.
+        """
+        content = read_yaml_mapping(self.config_file)
+        kind: type[PlayConfig] = PlannedConfig if content.get("algo") in PLANNERS else RunConfig
+        try:
+            config = kind.from_mapping(content)
+        except ConfigError as error:
+            raise ConfigError(f"'{self.config_file}': {error}") from error
+        found = {name: self.path / file for name, file in _files(config).items()}
+        return config.in_env(**{n: str(path) for n, path in found.items() if path.is_file()})
+
+    def write_config(self, config: PlayConfig) -> None:
+        """Write the run's settings, a score file in this folder as a name relative to it."""
+        ours = {n: Path(f).name for n, f in _files(config).items() if Path(f).parent == self.path}
+        mapping = config.in_env(**ours).to_mapping()
+        write_text(self.config_file, yaml.safe_dump(mapping, sort_keys=False))
+
+    def read_provenance(self) -> Mapping[str, Any]:
+        """Return what is noted of the run's origin; nothing if that is gone or damaged."""
+        try:
+            return read_yaml_mapping(self.provenance_file)
+        except ConfigError:
+            return {}
+
+    def write_provenance(self, notes: Mapping[str, Any]) -> None:
+        """Note where the run comes from, in YAML's types."""
+        write_text(self.provenance_file, yaml.safe_dump(dict(notes), sort_keys=False))
+
+    def _write(self, config: PlayConfig) -> None:
+        notes = provenance(config.seed)
+        for option, text in _files(config).items():
+            file = _file_meant(option, text)
+            if file is not None:
+                notes[f"{option}_file"] = str(file)
+                copy = self.path / f"{option}{file.suffix}"
+                shutil.copyfile(file, copy)
+                config = config.in_env(**{option: str(copy)})
+        self.write_provenance(notes)
+        self.write_config(config)
+
+
+def unwritable(place: Path, error: OSError) -> RunError:
+    """Return the error of a folder that refuses a file."""
+    return RunError(
+        f"Folder '{place}' cannot be written: {error.strerror or error}. Expected a place in which "
+        "files can be made."
+    )
+
+
+def provenance(seed: int | None) -> dict[str, Any]:
+    """Return what a run's folder notes down besides the config, in YAML's types.
+
+    Args:
+        seed: The seed that the run uses.
+    """
+    return {
+        "command": shlex.join(sys.orig_argv),
+        "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "seed": seed,
+        "torch_threads": torch.get_num_threads(),
+        "versions": {
+            "sb3_piano": sb3_piano.__version__,
+            **{package: _version(package) for package in _PACKAGES},
+            "python": platform.python_version(),
+        },
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _files(config: PlayConfig) -> dict[str, str]:
+    """Return the environment's options that may name files."""
+    options = config.env_kwargs
+    return {name: options[name] for name in FILE_OPTIONS if isinstance(options.get(name), str)}
+
+
+def _file_meant(option: str, text: str) -> Path | None:
+    """Return the file that an option names, as a path or as a piece of the user's library."""
+    if Path(text).suffix and Path(text).is_file():
+        return Path(text)
+    library = user_library()
+    return library.path(text) if option == "score" and text in library else None
+
+
+def _first_free(parent: Path, env_id: str) -> Path:
+    """Make and return the first ``<env-id>_<n>`` that is not there; safe against rival runs."""
+    parent.mkdir(parents=True, exist_ok=True)
+    for number in itertools.count(1):
+        path = parent / f"{env_id.replace('/', '-')}_{number}"
+        with contextlib.suppress(FileExistsError):
+            path.mkdir()
+            return path
+    raise AssertionError("itertools.count does not end")
+
+
+def _empty(path: Path) -> Path:
+    """Return a folder in which nothing is but its lock, or refuse it."""
+    if (path / "config.yml").exists():
+        raise RunError(
+            f"Folder '{path}' holds a run already: expected a new or empty folder. To go on with "
+            f"that run: sb3-piano train --resume {path}"
+        )
+    if any(found.name != LOCK_SUFFIX for found in path.iterdir()):
+        raise RunError(f"Folder '{path}' is not empty: expected a new or empty one.")
+    return path

@@ -1,0 +1,275 @@
+"""Saved models: SB3's own files, or weights as plain arrays.
+
+In a safetensors file weights are shared: reading one runs no code, unlike unpickling what
+Stable-Baselines3 saves.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import pickle
+import warnings
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import safetensors
+import safetensors.torch
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+
+from sb3_piano.callbacks import Checkpoint
+from sb3_piano.exceptions import RunError, one_line
+from sb3_piano.planning import PianoPolicy
+from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
+from sb3_piano.training.runs.builders import build_model, build_planner
+from sb3_piano.training.runs.folder import RunFolder
+
+Tensors = Mapping[str, torch.Tensor]
+
+_POLICY = "policy."
+_NORMALIZATION = "normalization."
+_FIELDS = ("mean", "var", "count")
+
+
+def model_files(
+    run: RunFolder, config: PlayConfig, best: str | None = None
+) -> tuple[Path, Path | None]:
+    """Return a model of a run and its statistics.
+
+    Args:
+        run: The run's folder.
+        config: Its settings.
+        best: The metric by which the model is the best; by default it is the newest one.
+
+    Returns:
+        The model's file, and that of ``VecNormalize`` if the run normalises: a zip file and a
+        pickle, or of a shared run its weights. What plays without training is all in the run's
+        config.
+    """
+    normalizes = isinstance(config, RunConfig) and config.normalize is not False
+    if run.weights_file.is_file():  # then nothing is unpickled, whatever else the folder holds
+        if best is not None:
+            raise RunError(
+                f"Run '{run.path}' was shared with one model, and has no best one by {best!r}: "
+                "expected no metric."
+            )
+        return run.weights_file, run.weights_file if normalizes else None
+    if best is not None:
+        return _best_files(run, best, normalizes)
+    if isinstance(config, PlannedConfig):
+        return run.config_file, None
+    if run.model_file.is_file() and (run.statistics_file.is_file() or not normalizes):
+        return run.model_file, run.statistics_file if normalizes else None
+    saved = Checkpoint.read(run.checkpoint_dir)
+    if saved is None:
+        raise RunError(
+            f"Run '{run.path}' has no model: expected {run.model_file.name}"
+            f"{f' and {run.statistics_file.name}' if normalizes else ''}, written with the first "
+            f"checkpoint. To go on with it: sb3-piano train --resume {run.path}"
+        )
+    statistics = saved.vec_normalize
+    return (
+        run.checkpoint_dir / saved.model,
+        None if statistics is None else run.checkpoint_dir / statistics,
+    )
+
+
+def _best_files(run: RunFolder, metric: str, normalizes: bool) -> tuple[Path, Path | None]:
+    folder = run.best_dir(metric)
+    model, statistics = folder / "best_model.zip", folder / "vecnormalize.pkl"
+    if not model.is_file() or (normalizes and not statistics.is_file()):
+        known = run.best_metrics()
+        have = f"it has one by {' and by '.join(known)}" if known else "it has none by any metric"
+        raise RunError(
+            f"Run '{run.path}' has no best model by {metric!r}, {have}: expected a training with "
+            "sb3_piano.callbacks.F1Callback or OnsetF1Callback in its config, past its first "
+            "evaluation."
+        )
+    return model, statistics if normalizes else None
+
+
+def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> BaseAlgorithm:
+    """Return a saved model on the given environments.
+
+    Args:
+        config: The run's settings.
+        path: The model's zip file. Like all of SB3's it is unpickled: load only what you trust.
+        venv: Environments with the spaces that the model was trained in.
+        **changes: Attributes of the model to set before its networks and buffers are made.
+    """
+    device = config.algorithm_kwargs.get("device", "auto")
+    try:
+        return config.algorithm.load(path, env=venv, device=device, **changes)
+    except Exception as error:  # unpickling fails in any way
+        raise RunError(
+            f"Model '{path}' cannot be loaded ({one_line(error)}): expected a model that "
+            f"{config.algorithm.__name__} saved for {config.env_id!r}."
+        ) from error
+
+
+def load_player(
+    config: PlayConfig, path: Path, venv: VecEnv
+) -> BaseAlgorithm | PianoPolicy:
+    """Return what plays in a run, without what only training needs.
+
+    Args:
+        config: The run's settings.
+        path: As :func:`model_files` gives it.
+        venv: The environments to play in.
+    """
+    if not isinstance(config, RunConfig):
+        return build_planner(config, venv)
+    # A replay buffer would be as large as in training.
+    off_policy = issubclass(config.algorithm, OffPolicyAlgorithm)
+    if path.suffix == ".safetensors":
+        return _model_of_weights(
+            config, path, venv, {"buffer_size": 2} if off_policy else {"n_steps": 2}
+        )
+    return load_model(config, path, venv, **({"buffer_size": 1} if off_policy else {}))
+
+
+def _model_of_weights(
+    config: RunConfig, path: Path, venv: VecEnv, changes: Mapping[str, Any]
+) -> BaseAlgorithm:
+    """Return the model that the config describes, with weights that are no pickle."""
+    tensors, num_timesteps = read_weights(path, config)
+    arguments = {**config.algorithm_kwargs, **changes}
+    with warnings.catch_warnings():  # that so few steps are no batch
+        warnings.simplefilter("ignore", UserWarning)
+        model = build_model(dataclasses.replace(config, algorithm_kwargs=arguments), venv)
+    state = {n.removeprefix(_POLICY): t for n, t in tensors.items() if n.startswith(_POLICY)}
+    try:
+        model.policy.load_state_dict(state, strict=True)
+    except RuntimeError as error:
+        raise RunError(
+            f"Weights '{path}' do not fit ({one_line(error)}): expected those of the model that "
+            "the run's config describes."
+        ) from error
+    model.num_timesteps = num_timesteps
+    return model
+
+
+def load_statistics(config: PlayConfig, path: Path | None, venv: VecEnv) -> None:
+    """Set the statistics of ``VecNormalize``.
+
+    Args:
+        config: The run's settings.
+        path: As :func:`model_files` gives it, pickled or plain arrays; ``None`` for nothing to do.
+        venv: The environments, with ``VecNormalize`` outermost if there are statistics.
+    """
+    if path is None or not isinstance(venv, VecNormalize):
+        return
+    if path.suffix == ".safetensors":
+        tensors = read_weights(path, config)[0]
+    else:
+        try:
+            with path.open("rb") as file:
+                tensors = dict(_normalization_tensors(pickle.load(file)))
+        except Exception as error:  # unpickling fails in any way
+            raise _unusable(path, config, one_line(error)) from error
+    try:
+        _put_normalization(tensors, venv)
+    except ValueError as error:
+        raise _unusable(path, config, str(error)) from error
+
+
+def _unusable(path: Path, config: PlayConfig, reason: str) -> RunError:
+    return RunError(
+        f"Statistics '{path}' cannot be loaded ({reason}): expected those of VecNormalize for "
+        f"{config.env_id!r}."
+    )
+
+
+def pack_weights(model: BaseAlgorithm, config: RunConfig) -> bytes:
+    """Return a model's weights and statistics as the content of a safetensors file.
+
+    Args:
+        model: The model; its environment has the statistics, if there are any.
+        config: The run's settings.
+    """
+    # Copies, since safetensors refuses tensors that share memory, as shared extractors do.
+    tensors = {_POLICY + n: t.detach().cpu().clone() for n, t in model.policy.state_dict().items()}
+    normalizer = model.get_vec_normalize_env()
+    if normalizer is not None:
+        tensors.update(_normalization_tensors(normalizer))
+    facts = {**config.labels, "num_timesteps": str(model.num_timesteps)}
+    return safetensors.torch.save(tensors, {**facts, "sha256": _digest(tensors, facts)})
+
+
+def read_weights(path: Path, config: PlayConfig) -> tuple[Tensors, int]:
+    """Return the tensors of a file that :func:`pack_weights` made for a run.
+
+    Returns:
+        The tensors, and the environment steps that the model was trained for.
+    """
+    try:
+        with safetensors.safe_open(path, framework="pt") as file:
+            facts = dict(file.metadata() or {})
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except Exception as error:  # a damaged file fails in any way
+        raise _unreadable(path, one_line(error)) from error
+    if facts.pop("sha256", None) != _digest(tensors, facts):
+        raise _unreadable(path, "its checksum is wrong")
+    for name, value in config.labels.items():
+        if facts.get(name) != value:
+            raise _unreadable(path, f"its {name} is {facts.get(name)!r}, not {value!r}")
+    return tensors, int(facts["num_timesteps"])
+
+
+def _unreadable(path: Path, reason: str) -> RunError:
+    return RunError(
+        f"Weights '{path}' cannot be loaded ({reason}): expected the file that 'sb3-piano share' "
+        "wrote for this run."
+    )
+
+
+def _digest(tensors: Tensors, facts: Mapping[str, str]) -> str:
+    """Return a checksum of all that a file holds; safetensors has none of its own."""
+    digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode())
+    for name in sorted(tensors):
+        tensor = tensors[name].contiguous()
+        digest.update(f"{name} {tensor.dtype} {(*tensor.shape,)}".encode())
+        digest.update(tensor.reshape(-1).view(torch.uint8).numpy().tobytes())
+    return digest.hexdigest()
+
+
+def _statistics(normalizer: VecNormalize) -> Iterator[tuple[str, RunningMeanStd, str]]:
+    """Yield the name of each statistic of ``VecNormalize``, what has it, and as which attribute."""
+    found = {"returns": normalizer.ret_rms}
+    observed = normalizer.obs_rms if normalizer.norm_obs else {}
+    if isinstance(observed, dict):
+        found.update({f"observations.{key}": each for key, each in observed.items()})
+    else:
+        found["observations"] = observed
+    for name, statistics in found.items():
+        for field in _FIELDS:
+            yield f"{_NORMALIZATION}{name}.{field}", statistics, field
+
+
+def _normalization_tensors(normalizer: VecNormalize) -> Iterator[tuple[str, torch.Tensor]]:
+    for name, owner, field in _statistics(normalizer):
+        yield name, torch.tensor(getattr(owner, field)).double()
+
+
+def _put_normalization(tensors: Tensors, normalizer: VecNormalize) -> None:
+    """Set the statistics."""
+    found = {name: t for name, t in tensors.items() if name.startswith(_NORMALIZATION)}
+    wanted = dict(_normalization_tensors(normalizer))
+    if found.keys() != wanted.keys():
+        raise ValueError(f"it has {', '.join(found) or 'no statistics'}, not {', '.join(wanted)}")
+    for name, tensor in found.items():
+        shapes = tuple(tensor.shape), tuple(wanted[name].shape)
+        if shapes[0] != shapes[1]:
+            raise ValueError(f"{name} has the shape {shapes[0]}, not {shapes[1]}")
+        least = -torch.inf if name.endswith(".mean") else 0.0
+        if not (tensor.isfinite() & (tensor >= least)).all():
+            raise ValueError(f"{name} has numbers that no statistics have")
+    for name, owner, field in _statistics(normalizer):
+        array = found[name].numpy().copy()
+        setattr(owner, field, float(array) if field == "count" else array)

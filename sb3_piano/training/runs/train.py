@@ -1,0 +1,381 @@
+"""Training: from a config to a model in a folder, and on from where it stopped."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import importlib.util
+import logging
+import os
+import shlex
+import shutil
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from stable_baselines3.common.vec_env import VecEnv
+
+from sb3_piano.callbacks import (
+    Checkpoint,
+    EpisodeMetricsCallback,
+    PianoProgressBar,
+    ResumableCheckpoint,
+    RewardTermsCallback,
+    restore_replay_buffer,
+)
+from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
+from sb3_piano.callbacks.replay_segments import end_last_episode
+from sb3_piano.callbacks.own_env import EnvWrapper, RunContext, hand_over
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.files import disk_refusal
+from sb3_piano.interrupts import StopRequest, stop_on_signal
+from sb3_piano.settings import Count, checked
+from sb3_piano.threads import torch_threads
+from sb3_piano.training.configuration.names import algorithm_class
+from sb3_piano.training.configuration.config import RunConfig
+from sb3_piano.training.configuration.names import registered_id
+from sb3_piano.training.runs.builders import Env, build_callbacks, build_model, build_vec_env
+from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.runs.saved import load_model, load_statistics
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainResult:
+    """How a training ended."""
+
+    folder: RunFolder
+    """Where everything is."""
+    started_at: int
+    """Environment steps that were done before."""
+    num_timesteps: int
+    """Environment steps that are done now."""
+    n_timesteps: int
+    """Environment steps that were asked for in all."""
+    interrupted: bool = False
+    """Whether Ctrl-C or SIGTERM ended it early."""
+
+    @property
+    def had_finished(self) -> bool:
+        """Whether there was nothing left to do."""
+        return self.started_at >= self.n_timesteps
+
+
+def train(
+    config: RunConfig,
+    folder: str | os.PathLike[str] | None = None,
+    *,
+    runs_dir: str | os.PathLike[str] = "runs",
+    callbacks: Sequence[BaseCallback] = (),
+    progress_bar: bool = True,
+    checkpoint_every: int = DEFAULT_EVERY,
+) -> TrainResult:
+    """Train a new model.
+
+    The folder is made once environment and model are known to work. Ctrl-C or SIGTERM ends the
+    training with a checkpoint; after any other end :func:`resume` goes on from the last one.
+
+    Args:
+        config: What to train; without a seed, one is drawn and noted down.
+        folder: The run's folder, new or empty; by default the next free one in ``runs_dir``.
+        runs_dir: Where runs are kept.
+        callbacks: Callbacks beside the config's. The run's folder does not know them, so that
+            :func:`resume` goes on without.
+        progress_bar: Whether to show progress on the terminal.
+        checkpoint_every: Environment steps between two checkpoints.
+
+    Raises:
+        ConfigError: If environment, algorithm or callbacks refuse their settings.
+        RunError: If the folder cannot be used.
+    """
+    checkpoint_every = checked("checkpoint_every", checkpoint_every, Count)
+    if config.seed is None:
+        config = dataclasses.replace(config, seed=int(np.random.default_rng().integers(2**31)))
+    with torch_threads(config.num_threads), _closing(build_vec_env(config)) as venv:
+        model, every_callback = build_model(config, venv), [*build_callbacks(config), *callbacks]
+        run = RunFolder.create(config, folder, runs_dir)
+        with _owned(run):
+            session = Session(config, run, model, every_callback, None, checkpoint_every)
+            return session.run(progress_bar)
+
+
+def resume(
+    folder: str | os.PathLike[str],
+    steps: int | None = None,
+    *,
+    algo: str | None = None,
+    env_id: str | None = None,
+    progress_bar: bool = True,
+    checkpoint_every: int = DEFAULT_EVERY,
+) -> TrainResult:
+    """Go on with a run from its last checkpoint, with its model, replay buffer and step count.
+
+    A new episode begins, and random numbers are drawn from a seed made of the run's seed and the
+    step count: two resumptions of one checkpoint are alike, but not like a run that never stopped.
+    What goes by ``PianoEnv.total_steps``, as schedules of wrappers do, goes on where it was.
+
+    A run that stopped before its first checkpoint starts over; one that has done its steps returns
+    at once, see ``had_finished`` of the result.
+
+    Args:
+        folder: The run's folder.
+        steps: The new total of environment steps; by default the run's.
+        algo: The algorithm that the run is expected to have, if any.
+        env_id: The environment that the run is expected to have, if any.
+        progress_bar: Whether to show progress on the terminal.
+        checkpoint_every: Environment steps between two checkpoints.
+
+    Raises:
+        ConfigError: If the run's config is damaged, or its environment cannot be made.
+        RunError: If there is no run, it is another than expected, or its checkpoint is damaged.
+    """
+    checkpoint_every = checked("checkpoint_every", checkpoint_every, Count)
+    run = RunFolder.open(folder)
+    if run.weights_file.is_file():
+        raise RunError(
+            f"Run '{run.path}' was shared to be played, without what training needs to go on: "
+            "expected the run that it was made of."
+        )
+    with _owned(run):
+        config = run.read_config()
+        algorithm_class(config.algo)  # what is not trained is told before anything is done
+        assert isinstance(config, RunConfig), "all else is not trained"
+        expected = {"algo": algo, "env_id": None if env_id is None else registered_id(env_id)[1]}
+        for name, actual in config.labels.items():
+            if expected[name] not in (None, actual):
+                raise ConfigError(
+                    f"Run '{run.path}' has {name} {actual!r}, not {expected[name]!r}: expected the "
+                    "same, or a new run."
+                )
+        if steps is not None:
+            config = dataclasses.replace(config, n_timesteps=steps)
+        saved = Checkpoint.read(run.checkpoint_dir)
+        _check_labels(run, config, saved)
+        done = 0 if saved is None else saved.num_timesteps
+        if done >= config.n_timesteps:
+            return TrainResult(
+                folder=run, started_at=done, num_timesteps=done, n_timesteps=config.n_timesteps
+            )
+        played_on = functools.partial(_played_on, steps=done // config.n_envs)
+        with (
+            torch_threads(config.num_threads),
+            _closing(build_vec_env(config, innermost=played_on)) as venv,
+        ):
+            model = _restored(run, config, saved, venv)
+            callbacks = build_callbacks(config)
+            run.write_config(config)
+            session = Session(config, run, model, callbacks, saved, checkpoint_every)
+            return session.run(progress_bar)
+
+
+@dataclass(frozen=True)
+class Session:
+    """A model that is ready to train in a run's folder."""
+
+    config: RunConfig
+    folder: RunFolder
+    model: BaseAlgorithm
+    callbacks: Sequence[BaseCallback]
+    """Callbacks of the user."""
+    resumed: Checkpoint | None
+    """The checkpoint from which the model was restored."""
+    checkpoint_every: int
+    """Environment steps between two checkpoints."""
+
+    def run(self, progress_bar: bool) -> TrainResult:
+        """Train until the config's number of steps is done.
+
+        Ctrl-C and SIGTERM end the training with a checkpoint. After any other exception the last
+        checkpoint stays as it is.
+        """
+        started_at = self.model.num_timesteps
+        self._open_logs()
+        hand_over(RunContext(folder=self.folder.path, make_env=self._another_env), self.callbacks)
+        with contextlib.ExitStack() as stack:
+            stack.callback(self._close_logger)
+            own: list[BaseCallback] = [EpisodeMetricsCallback(), RewardTermsCallback()]
+            if progress_bar:
+                own.append(stack.enter_context(contextlib.closing(PianoProgressBar())))
+            own.append(
+                ResumableCheckpoint(
+                    self.folder.checkpoint_dir,
+                    self.checkpoint_every,
+                    model_copy=self.folder.model_file,
+                    labels=self.config.labels,
+                    resumed=self.resumed,
+                )
+            )
+            request = stack.enter_context(stop_on_signal())
+            callbacks = [*self.callbacks, *own, _StopOnRequest(request)]
+            interrupted = self._learn(callbacks) or request.made
+        done = self.model.num_timesteps
+        return TrainResult(
+            folder=self.folder,
+            started_at=started_at,
+            num_timesteps=done,
+            n_timesteps=self.config.n_timesteps,
+            interrupted=interrupted and done < self.config.n_timesteps,
+        )
+
+    def _learn(self, callbacks: list[BaseCallback]) -> bool:
+        """Return whether ``KeyboardInterrupt`` ended the training."""
+        bookends = _Bookends()
+        every = CallbackList([bookends, *callbacks])
+        try:
+            self.model.learn(
+                self.config.n_timesteps - self.model.num_timesteps,
+                callback=every,
+                tb_log_name="run",
+                reset_num_timesteps=self.resumed is None,
+            )
+        except KeyboardInterrupt:
+            if bookends.started:
+                every.on_training_end()  # SB3 leaves this out; it saves the last checkpoint
+            return True
+        except KeyError as error:
+            if error.args and error.args[0] in self.config.monitor_kwargs.get("info_keywords", ()):
+                raise ConfigError(
+                    f"monitor_kwargs: info_keywords has {error.args[0]!r}, which the info of "
+                    f"{self.config.env_id!r} lacks at the end of an episode: expected names in it."
+                ) from error
+            raise
+        return False
+
+    def _another_env(self, innermost: EnvWrapper | None) -> VecEnv:
+        """Return an environment like those of the training, alone and without log files."""
+        return build_vec_env(self.config.alone(), innermost=innermost)
+
+    def _open_logs(self) -> None:
+        """Let Monitor files and TensorBoard logs be written into the run's folder."""
+        venv = self.model.get_env()
+        assert venv is not None, "a session's model has its environments"
+        for index in range(venv.num_envs):
+            path = str(self.folder.monitor_dir / str(index))
+            append = self.resumed is not None
+            venv.env_method("write_episodes_to", path, append, indices=[index])
+        if importlib.util.find_spec("tensorboard") is None:
+            warnings.warn(
+                "TensorBoard is not installed, so that the training is not logged: "
+                "pip install tensorboard",
+                stacklevel=3,
+            )
+            return
+        self.model.tensorboard_log = str(self.folder.tensorboard_dir)
+
+    def _close_logger(self) -> None:
+        """End the thread in which TensorBoard writes."""
+        if hasattr(self.model, "_logger"):  # which the model has once it learns
+            self.model.logger.close()
+
+
+class _Bookends(BaseCallback):
+    """Know that training began, and log at its end what SB3 still holds back."""
+
+    started = False
+
+    def _on_training_start(self) -> None:
+        self.started = True
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_training_end(self) -> None:
+        if self.logger.name_to_value:
+            self.model.dump_logs()
+
+
+class _StopOnRequest(BaseCallback):
+    """End the training soon after a request, by raising ``KeyboardInterrupt`` between two rollouts.
+
+    In the middle of a rollout the last step of off-policy algorithms is counted but not yet in the
+    replay buffer. On-policy algorithms throw an unfinished rollout away, so they end at once.
+    """
+
+    def __init__(self, request: StopRequest) -> None:
+        super().__init__()
+        self._request = request
+
+    def _on_rollout_start(self) -> None:
+        if self._request.made:
+            raise KeyboardInterrupt
+
+    def _on_step(self) -> bool:
+        return not (self._request.made and isinstance(self.model, OnPolicyAlgorithm))
+
+
+@contextlib.contextmanager
+def _owned(run: RunFolder) -> Iterator[None]:
+    """Own a run's folder; if the disk refuses a file, say what is safe and how to go on."""
+    with run.owned():
+        try:
+            yield
+        except Exception as error:
+            refusal = disk_refusal(error)
+            if refusal is None:
+                raise
+            saved = Checkpoint.read(run.checkpoint_dir)
+            safe = (
+                "It had saved nothing yet."
+                if saved is None
+                else f"Its last whole checkpoint, after {saved.num_timesteps} steps, is safe."
+            )
+            raise RunError(
+                f"Run '{run.path}' cannot be written any more: {refusal}. {safe} When "
+                f"there is room, go on with: sb3-piano train --resume {shlex.quote(str(run.path))}"
+            ) from error
+
+
+@contextlib.contextmanager
+def _closing(venv: VecEnv) -> Iterator[VecEnv]:
+    try:
+        yield venv
+    finally:
+        # Closing must not hide why an environment's process has gone.
+        with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
+            venv.close()
+
+
+def _check_labels(run: RunFolder, config: RunConfig, saved: Checkpoint | None) -> None:
+    for name, value in ({} if saved is None else saved.labels).items():
+        actual = config.labels.get(name)
+        if value != actual:
+            raise RunError(
+                f"The checkpoint in '{run.checkpoint_dir}' is of a run with {name} {value!r}, but "
+                f"'{run.config_file}' has {actual!r}: expected the files of one run."
+            )
+
+
+def _played_on(env: Env, *, steps: int) -> Env:
+    """Let a piano count on from the control steps that were played before."""
+    if isinstance(env.unwrapped, PianoEnv):
+        env.unwrapped.total_steps = steps
+    return env
+
+
+def _restored(
+    run: RunFolder, config: RunConfig, saved: Checkpoint | None, venv: VecEnv
+) -> BaseAlgorithm:
+    """Return a checkpoint's model, or a new one for a run that stopped before its first."""
+    if saved is None:
+        _log.warning("Run '%s' had saved nothing yet: it starts over at step 0.", run.path)
+        model = build_model(config, venv)
+        for leftover in (run.monitor_dir, run.tensorboard_dir):
+            shutil.rmtree(leftover, ignore_errors=True)
+        return model
+    if saved.vec_normalize is not None:
+        load_statistics(config, run.checkpoint_dir / saved.vec_normalize, venv)
+    model = load_model(config, run.checkpoint_dir / saved.model, venv)
+    buffer = getattr(model, "replay_buffer", None)
+    if buffer is not None and saved.replay is not None:
+        restore_replay_buffer(buffer, run.checkpoint_dir, saved.replay)
+        end_last_episode(buffer)
+    entropy = (config.seed or 0, saved.num_timesteps)
+    model.set_random_seed(int(np.random.SeedSequence(entropy).generate_state(1)[0]))
+    return model

@@ -1,1 +1,0 @@
-"""What comes out of a study: the best settings, a table of its trials, a report."""

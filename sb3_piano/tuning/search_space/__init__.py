@@ -1,1 +1,0 @@
-"""What may be searched: parameters, the settings they are for, and spaces of them."""

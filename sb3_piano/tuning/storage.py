@@ -1,0 +1,309 @@
+"""Stores of studies: Optuna's journal in a study's folder, or a database for many machines."""
+
+from __future__ import annotations
+
+import json
+import random
+import time
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import optuna
+import sqlalchemy
+from optuna.exceptions import DuplicatedStudyError, ExperimentalWarning, StorageInternalError
+from optuna.storages import BaseStorage, JournalStorage, RDBStorage
+from optuna.storages.journal import JournalFileBackend
+from optuna.study import StudyDirection
+from optuna.trial import TrialState
+from sqlalchemy.exc import (
+    ArgumentError,
+    IntegrityError,
+    NoSuchModuleError,
+    ProgrammingError,
+    SQLAlchemyError,
+)
+
+from sb3_piano.exceptions import ConfigError, RunError, near_names
+from sb3_piano.tuning.search import Search, make_pruner
+from sb3_piano.tuning.study import StudyConfig, StudyFolder
+from sb3_piano.tuning.trials import ORIGIN, PRESET, PRESET_IN_PART, retry_callback
+
+HEARTBEAT_INTERVAL = 60
+"""Seconds between two signs of life of a trial in a database."""
+GRACE_PERIOD = 120
+"""Seconds since the last one after which its process counts as gone."""
+CONNECT_TIMEOUT = 10
+"""Seconds after which a host that does not answer counts as unreachable."""
+
+_EXAMPLE = "postgresql+psycopg://user@host/name"
+_ATTEMPTS = 5
+_STUDY = "study"
+_IDENTITY = "identity"
+_PATIENCE_SECONDS = 5.0
+
+
+def open_storage(url: str | None, folder: StudyFolder) -> BaseStorage:
+    """Return the store of studies: a database, whose tables are made if need be, or the journal.
+
+    No message shows the URL's password.
+
+    Args:
+        url: The database, in SQLAlchemy's form; ``None`` for the journal in the study's folder.
+        folder: The study's folder, which is made for the journal.
+
+    Raises:
+        ConfigError: If the URL is not valid here.
+        RunError: If the database or the journal cannot be used.
+    """
+    return _open_journal(folder.journal_file) if url is None else _open_database(url)
+
+
+# The journal.
+
+
+def mend_journal(folder: StudyFolder) -> None:
+    """Remove what a killed process may have left of its writing: half a line, and Optuna's lock.
+
+    The study must be owned by this process, which alone writes into the journal.
+    """
+    file = folder.journal_file
+    file.with_name(f"{file.name}.lock").unlink(missing_ok=True)
+    if file.is_file():
+        with file.open("r+b") as journal:
+            journal.truncate(journal.read().rfind(b"\n") + 1)
+
+
+def _open_journal(file: Path) -> JournalStorage:
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        return JournalStorage(JournalFileBackend(str(file.resolve())))
+    except OSError as error:
+        raise RunError(
+            f"'{file}' cannot be read and written: {error.strerror}. Expected a place in which "
+            "files can be made."
+        ) from error
+    except (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError):
+        raise RunError(
+            f"'{file}' is damaged: expected a journal of Optuna, whose lines are JSON. A copy "
+            "without the damaged lines may still be of use."
+        ) from None
+
+
+# Databases.
+
+
+def _open_database(url: str) -> RDBStorage:
+    parsed = _parsed(url)
+    for attempt in range(1, _ATTEMPTS + 1):
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ExperimentalWarning)
+                return RDBStorage(
+                    url.replace("{", "{{").replace("}", "}}"),  # Optuna formats it
+                    engine_kwargs=_engine_kwargs(parsed),
+                    heartbeat_interval=HEARTBEAT_INTERVAL,
+                    grace_period=GRACE_PERIOD,
+                    heartbeat_stale_trial_callback=retry_callback(),
+                )
+        except (ImportError, RuntimeError, SQLAlchemyError, StorageInternalError) as error:
+            # Several processes may make its tables at once.
+            if attempt == _ATTEMPTS or not isinstance(error, (IntegrityError, ProgrammingError)):
+                raise _refusal(error, parsed) from error
+        time.sleep(random.random())
+    raise AssertionError("the last attempt returns or raises")
+
+
+def _refusal(error: Exception, url: sqlalchemy.URL) -> ConfigError | RunError:
+    """Return what to say of a database that cannot be used."""
+    shown = _shown(url)
+    if isinstance(error, NoSuchModuleError):
+        name = url.drivername
+        suggestion = near_names(name, ["postgresql+psycopg", "mysql+pymysql"])
+        return ConfigError(
+            f"storage: unknown database {name!r}.{suggestion} Expected one like '{_EXAMPLE}'."
+        )
+    if isinstance(error, ImportError):
+        driver = getattr(error.__cause__, "name", None) or url.drivername
+        install = f"pip install {driver}"
+        if url.get_backend_name() == "postgresql":
+            install = "pip install 'sb3-piano[postgresql]' and the URL postgresql+psycopg://..."
+        return ConfigError(
+            f"storage: '{shown}' needs the Python package {driver!r}, which is not installed. "
+            f"Expected: {install}"
+        )
+    if isinstance(error, (SQLAlchemyError, StorageInternalError)):
+        return RunError(
+            f"Database '{shown}' cannot be used: {why_refused(error)}. Expected a server that "
+            "runs, with this database and a role that may make tables in it."
+        )
+    return RunError(f"Database '{shown}' cannot be used: {error}")  # tables of another version
+
+
+def shown_url(url: str) -> str:
+    """Return a database's URL without the password that it may hold.
+
+    Raises:
+        ConfigError: If it is no URL, or none of a database that can be used here.
+    """
+    return _shown(_parsed(url))
+
+
+def why_refused(error: Exception) -> str:
+    """Return in one line why a database refused."""
+    cause = error.__cause__ if isinstance(error, StorageInternalError) else error
+    text = str(getattr(cause, "orig", None) or cause).strip()
+    return text.splitlines()[0].strip().rstrip(".") if text else type(cause).__name__
+
+
+def _parsed(url: str) -> sqlalchemy.URL:
+    try:
+        parsed = sqlalchemy.make_url(url)
+    except (ArgumentError, ValueError):
+        # The cause would show a part of it, which may be that of a password.
+        shown = "the storage" if "@" in url or "?" in url else f"storage {url!r}"
+        raise ConfigError(
+            f"{shown} is no URL of a database: expected one like '{_EXAMPLE}', with special "
+            "characters of a password written as %40 and so on."
+        ) from None
+    if parsed.get_backend_name() == "sqlite":
+        raise ConfigError(
+            "storage is an SQLite file, which is not for several machines at once: expected no "
+            f"storage, for the journal in the study's folder, or a server like '{_EXAMPLE}'."
+        )
+    return parsed
+
+
+def _engine_kwargs(url: sqlalchemy.URL) -> dict[str, Any]:
+    takes_timeout = url.drivername in ("postgresql", "postgresql+psycopg", "postgresql+psycopg2")
+    is_new = takes_timeout and "connect_timeout" not in url.query
+    connect_args = {"connect_timeout": CONNECT_TIMEOUT} if is_new else {}
+    return {"pool_pre_ping": True, "connect_args": connect_args}
+
+
+def _shown(url: sqlalchemy.URL) -> str:
+    """Return a URL without its password, which may also be among its options."""
+    return url.set(query={}).render_as_string(hide_password=True)
+
+
+# Studies in a store.
+
+
+def open_study(
+    config: StudyConfig,
+    storage: BaseStorage,
+    *,
+    name: str,
+    search: Search = Search(),  # noqa: B008 - frozen
+) -> optuna.Study:
+    """Return a study, which is made if need be; its sampler is left to the caller.
+
+    The first trial of a new one waits with the settings from which it departs.
+
+    Args:
+        config: The study.
+        storage: Where it is kept.
+        name: Its name in the store.
+        search: How trials are ended early.
+
+    Raises:
+        ConfigError: If there is another study of that name.
+    """
+    options: dict[str, Any] = {
+        "study_name": name,
+        "storage": storage,
+        "pruner": make_pruner(search, config),
+    }
+    if name not in optuna.get_all_study_names(storage):
+        try:
+            study = optuna.create_study(**options, direction="maximize")
+        except DuplicatedStudyError:  # another process was faster
+            pass
+        else:
+            _fill(study, config)
+            return study
+    study = optuna.load_study(**options)
+    _check(study, config)
+    return study
+
+
+def _fill(study: optuna.Study, config: StudyConfig) -> None:
+    """Note down what a new study is, and queue the settings from which it departs.
+
+    The identity comes last, as other processes wait for it.
+    """
+    study.set_user_attr(_STUDY, _as_stored(config.to_mapping()))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ExperimentalWarning)
+        study.set_metric_names([f"{config.objective} {config.metric}"])  # for the dashboard
+    params = config.preset_params()
+    whole = params.keys() == config.space.distributions.keys()
+    origin = PRESET if whole else PRESET_IN_PART
+    study.enqueue_trial(params, user_attrs={ORIGIN: origin}, skip_if_exists=True)
+    study.set_user_attr(_IDENTITY, _as_stored(config.identity()))
+
+
+def _check(study: optuna.Study, config: StudyConfig) -> None:
+    """Refuse a study that is another one than the settings say.
+
+    Raises:
+        ConfigError: If it is.
+    """
+    name = study.study_name
+    if study.directions != [StudyDirection.MAXIMIZE]:
+        directions = " and ".join(direction.name.lower() for direction in study.directions)
+        raise ConfigError(
+            f"Study {name!r} is to {directions} something: another program made it. Expected a "
+            "study of 'sb3-piano tune'; give yours another name with --name."
+        )
+    there, here = _flat(_identity(study, config)), _flat(_as_stored(config.identity()))
+    differences = [
+        f"{key.removeprefix('entry.')} is {_text(there, key)} there, {_text(here, key)} here"
+        for key in dict.fromkeys((*there, *here))
+        if (key in there, there.get(key)) != (key in here, here.get(key))
+    ]
+    if differences:
+        raise ConfigError(
+            f"Study {name!r} has other settings: {'; '.join(differences)}. Give the study another "
+            "name with --name, or the same settings."
+        )
+
+
+def _identity(study: optuna.Study, config: StudyConfig) -> dict[str, Any]:
+    """Return what a study is; one that is just being made will have it soon.
+
+    If its maker is gone before anything was run, it is made to an end here.
+
+    Raises:
+        ConfigError: If another program made the study.
+    """
+    end = time.monotonic() + _PATIENCE_SECONDS
+    while _IDENTITY not in study.user_attrs:
+        if time.monotonic() > end:
+            if any(t.state is not TrialState.WAITING for t in study.get_trials(deepcopy=False)):
+                raise ConfigError(
+                    f"Study {study.study_name!r} does not say what it is: another program made "
+                    "it. Give the study another name with --name."
+                )
+            _fill(study, config)
+        time.sleep(0.1)
+    return study.user_attrs[_IDENTITY]
+
+
+def _as_stored(mapping: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a mapping as it comes back from a store."""
+    return json.loads(json.dumps(mapping))
+
+
+def _flat(mapping: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return the values of nested mappings by their paths."""
+    flat: dict[str, Any] = {}
+    for key, value in mapping.items():
+        nested = isinstance(value, Mapping) and value
+        flat |= _flat(value, f"{prefix}{key}.") if nested else {f"{prefix}{key}": value}
+    return flat
+
+
+def _text(flat: Mapping[str, Any], key: str) -> str:
+    return json.dumps(flat[key]) if key in flat else "not set"

@@ -1,1 +1,0 @@
-"""Where studies are kept, and how trials of dead workers are found in there."""

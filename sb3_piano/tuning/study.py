@@ -1,0 +1,170 @@
+"""A study: what is searched, what its trials are worth, and the folder it is in."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.settings import Count, Index, Positive, settings
+from sb3_piano.training import RunConfig, entry_config
+from sb3_piano.training.runs.folder import FILE_OPTIONS
+from sb3_piano.tuning.entries import with_defaults
+from sb3_piano.tuning.space import Space
+
+METRICS: Mapping[str, type[MetricEvalCallback]] = {
+    callback.metric: callback for callback in (F1Callback, OnsetF1Callback)
+}
+"""Metrics that trials may be judged by, and the callback that evaluates each during training."""
+
+OBJECTIVES = ("final", "best")
+"""The model that counts: the one at the end of a training, or the best one it had."""
+
+
+@settings
+class StudyConfig:
+    """What a study searches and how its trials are judged: all that makes two studies the same.
+
+    Raises:
+        ConfigError: If a setting is unknown or out of range.
+    """
+
+    algo: str
+    """Name of the algorithm."""
+    env_id: str
+    """Id of the environment; ``module:Id`` imports the module that registers it."""
+    entry: Mapping[str, Any]
+    """The settings from which trials depart, as an entry of an RL Zoo YAML file; ``n_timesteps``
+    are the environment steps of one training."""
+    space: Space
+    """What is searched."""
+    metric: Literal["f1", "onset_f1"] = "f1"
+    """One of :data:`METRICS`."""
+    objective: Literal["final", "best"] = "final"
+    """One of :data:`OBJECTIVES`."""
+    seeds: tuple[Index, ...] = (0,)
+    """A trial trains once from each of these seeds; its value is the mean."""
+    eval_seed: Index = 1000
+    """Seed of the evaluations; none of ``seeds``."""
+    eval_episodes: Count = 1
+    """Episodes of an evaluation, at least 1. One is enough for a piece that always starts alike."""
+    n_evaluations: Count = 5
+    """Evaluations of a training, at equal distances, at least 1; a trial may be pruned at each."""
+    minutes: Positive | None = None
+    """The longest that the trainings of a trial may take together; each has an equal share."""
+
+    def __post_init__(self) -> None:
+        if not self.seeds or len(set(self.seeds)) < len(self.seeds):
+            raise ConfigError(
+                f"seeds are {list(self.seeds)}: expected one or more, each only once."
+            )
+        if self.eval_seed in self.seeds:
+            raise ConfigError(
+                f"eval_seed is {self.eval_seed}: expected a seed that no training has "
+                f"({', '.join(map(str, self.seeds))})."
+            )
+        steps = self.config.n_timesteps
+        if steps < self.n_evaluations:
+            raise ConfigError(
+                f"n_evaluations is {self.n_evaluations}, in {steps} steps: expected at most one "
+                "evaluation for each step."
+            )
+
+    @property
+    def config(self) -> RunConfig:
+        """The run from which trials depart."""
+        return entry_config(self.algo, self.env_id, self.entry)
+
+    @property
+    def interval(self) -> int:
+        """Environment steps between two evaluations of a training."""
+        return self.config.n_timesteps // self.n_evaluations
+
+    def preset_params(self) -> dict[str, Any]:
+        """Return the params of a trial with the settings of the entry, defaults included.
+
+        What the space does not hold is left out.
+        """
+        return self.space.params_of(with_defaults(self.algo, self.env_id, self.entry))
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the study in JSON's and YAML's types; :meth:`from_mapping` gives it back."""
+        mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        space, entry = self.space.to_mapping(), dict(self.entry)
+        return {**mapping, "seeds": list(self.seeds), "space": space, "entry": entry}
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping[str, Any]) -> StudyConfig:
+        """Return the study that :meth:`to_mapping` wrote.
+
+        Raises:
+            ConfigError: If a setting is not valid.
+        """
+        changes = {"space": Space(mapping["space"]), "seeds": tuple(mapping["seeds"])}
+        return cls(**{**mapping, **changes})
+
+    def identity(self) -> dict[str, Any]:
+        """Return what has to be equal where several machines work on one study.
+
+        It is :meth:`to_mapping`, with the content of a file (a score, finger labels) in place of
+        its path, which may be another on each machine.
+        """
+        mapping = self.to_mapping()
+        kwargs = dict(self.config.env_kwargs)
+        for option in FILE_OPTIONS:
+            file = kwargs.get(option)
+            if isinstance(file, str) and Path(file).is_file():
+                kwargs[option] = f"sha256 {hashlib.sha256(Path(file).read_bytes()).hexdigest()}"
+                mapping["entry"]["env_kwargs"] = kwargs
+        return mapping
+
+
+@dataclass(frozen=True)
+class StudyFolder:
+    """A study's folder.
+
+    =================== ==========================================================================
+    ``journal.log``     Optuna's journal, the store of the study unless it is in a database
+    ``best.yml``        the best settings, for ``sb3-piano train --config`` and for RL Zoo
+    ``report.html``     history, importance and more in one page that needs no network
+    ``trials.csv``      a row for each trial
+    ``trials/<n>/``     the runs of trial n, one for each seed: ``seed_<seed>``
+    ``workers/``        a ``<name>.log`` with what each worker process printed
+    =================== ==========================================================================
+    """
+
+    path: Path
+
+    @property
+    def journal_file(self) -> Path:
+        """The store of the study, unless it is in a database."""
+        return self.path / "journal.log"
+
+    @property
+    def best_file(self) -> Path:
+        """The best settings."""
+        return self.path / "best.yml"
+
+    @property
+    def report_file(self) -> Path:
+        """The report."""
+        return self.path / "report.html"
+
+    @property
+    def table_file(self) -> Path:
+        """A row for each trial."""
+        return self.path / "trials.csv"
+
+    @property
+    def workers_dir(self) -> Path:
+        """Logs of the workers."""
+        return self.path / "workers"
+
+    def trial_dir(self, number: int) -> Path:
+        """Return where the runs of a trial are."""
+        return self.path / "trials" / str(number)

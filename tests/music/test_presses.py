@@ -1,0 +1,126 @@
+"""Presses: which finger holds which key, from the first state to the last."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sb3_piano.music import MIN_PITCH, Note, PianoRoll, Score
+from sb3_piano.music.presses import Press, presses_of_hand
+
+KEY = 39
+
+
+def roll_of(*notes):
+    """Return the roll of (onset, offset, finger) or (onset, offset, finger, key), steps of 1 s."""
+    made = [
+        Note(onset=onset, offset=offset, finger=finger, pitch=MIN_PITCH + (key or [KEY])[0])
+        for onset, offset, finger, *key in notes
+    ]
+    return PianoRoll.from_score(Score(notes=made), 1.0)
+
+
+notes = st.builds(
+    lambda onset, length, finger, key: (onset, onset + length, finger, key),
+    onset=st.integers(0, 12),
+    length=st.integers(1, 8),
+    finger=st.integers(-1, 9),
+    key=st.integers(30, 33),
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(notes, min_size=1, max_size=10))
+def test_every_labelled_step_of_a_note_belongs_to_one_press_of_its_finger(drawn):
+    roll = roll_of(*drawn)
+    found = np.full(roll.active.shape, -1)
+    for hand in (0, 1):
+        for press in presses_of_hand(roll, hand):
+            # What sounds after control step t, in state t + 1, is compared with its goal.
+            steps = slice(press.first - 1, press.last)
+            assert press.first <= press.last
+            assert (found[steps, press.key] == -1).all()
+            found[steps, press.key] = 5 * hand + press.finger
+    np.testing.assert_array_equal(found, np.where(roll.active, roll.finger, -1))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(notes, min_size=1, max_size=10))
+def test_a_press_begins_with_every_strike_and_contains_no_other(drawn):
+    roll = roll_of(*drawn)
+    presses = [press for hand in (0, 1) for press in presses_of_hand(roll, hand)]
+    begun = {(press.first - 1, press.key) for press in presses}
+    for step, key in np.argwhere(roll.onset & (roll.finger >= 0)).tolist():
+        assert (step, key) in begun
+    for press in presses:
+        assert not roll.onset[press.first : press.last, press.key].any()
+
+
+def test_presses_are_in_order_of_time_then_key():
+    roll = roll_of((2, 4, 0, 20), (0, 3, 1, 45), (0, 2, 2, 44))
+    assert presses_of_hand(roll, 0) == [
+        Press(key=44, finger=2, first=1, last=2),
+        Press(key=45, finger=1, first=1, last=3),
+        Press(key=20, finger=0, first=3, last=4),
+    ]
+
+
+def test_each_hand_has_its_own_with_fingers_counted_from_its_thumb():
+    roll = roll_of((0, 1, 4, 50), (0, 1, 5, 30))
+    assert presses_of_hand(roll, 0) == [Press(key=50, finger=4, first=1, last=1)]
+    assert presses_of_hand(roll, 1) == [Press(key=30, finger=0, first=1, last=1)]
+
+
+def test_a_repeated_key_is_pressed_as_often_as_it_is_struck():
+    roll = roll_of((0, 3, 2), (3, 5, 2), (5, 7, 3))
+    assert [(p.finger, p.first, p.last) for p in presses_of_hand(roll, 0)] == [
+        (2, 1, 3),
+        (2, 5, 5),
+        (3, 7, 7),
+    ]
+
+
+def test_strikes_without_a_silent_step_between_are_told_apart_by_their_onsets():
+    active, onset = np.zeros((6, 88), dtype=bool), np.zeros((6, 88), dtype=bool)
+    active[1:5, KEY] = True
+    onset[[1, 3], KEY] = True
+    roll = PianoRoll(
+        control_timestep=1.0,
+        active=active,
+        finger=np.where(active, 1, -1),
+        onset=onset,
+        sustain=np.zeros(6, dtype=bool),
+    )
+    assert [(p.first, p.last) for p in presses_of_hand(roll, 0)] == [(2, 3), (4, 5)]
+
+
+def test_a_note_that_outlasts_another_on_its_key_is_taken_up_again():
+    roll = roll_of((0, 9, 1), (3, 5, 2))
+    assert [(p.finger, p.first, p.last) for p in presses_of_hand(roll, 0)] == [
+        (1, 1, 3),
+        (2, 5, 5),
+        (1, 6, 9),
+    ]
+
+
+def test_a_key_that_changes_hands_is_pressed_by_both_one_after_the_other():
+    roll = roll_of((0, 9, 1), (3, 5, 7))
+    right, left = presses_of_hand(roll, 0), presses_of_hand(roll, 1)
+    assert [(p.finger, p.first, p.last) for p in right] == [(1, 1, 3), (1, 6, 9)]
+    assert [(p.finger, p.first, p.last) for p in left] == [(2, 5, 5)]
+
+
+def test_a_note_that_ends_with_the_roll_is_pressed_up_to_the_last_state():
+    active = np.zeros((4, 88), dtype=bool)
+    active[2:, KEY] = True
+    onset = np.zeros_like(active)
+    onset[2, KEY] = True
+    roll = PianoRoll(
+        control_timestep=1.0,
+        active=active,
+        finger=np.where(active, 0, -1),
+        onset=onset,
+        sustain=np.zeros(4, dtype=bool),
+    )
+    assert presses_of_hand(roll, 0) == [Press(key=KEY, finger=0, first=3, last=4)]

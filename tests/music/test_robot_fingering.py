@@ -1,0 +1,333 @@
+"""Fingers for the simulated hand: what it can do stays as written, what it cannot is changed."""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from drawn_presses import hand_presses
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sb3_piano.music import Note, PianoRoll, Score
+from sb3_piano.music.constants import KEY_IS_BLACK, NUM_KEYS
+from sb3_piano.music.fingering import apply_fingering, robot
+from sb3_piano.music.fingering.robot import (
+    CHANGE_FINGER,
+    KEY_SPACING,
+    KEY_Y,
+    _Costs,
+    _early_releases,
+    choose,
+    hand_place,
+    release_early,
+    robot_fingers,
+)
+from sb3_piano.music.presses import Press
+from sb3_piano.planning.keyboard import KeyPlaces
+from sb3_piano.simulation import compile_scene
+
+WHITE = [key for key in range(NUM_KEYS) if not KEY_IS_BLACK[key]]
+MIDDLE = 23  # of the white keys: C4
+AS_WRITTEN = 1e6
+BOTH_HANDS = pytest.mark.parametrize("sign", [1, -1])
+
+
+def test_the_keys_are_where_the_simulation_has_them():
+    np.testing.assert_array_equal(KEY_Y, KeyPlaces.of(compile_scene()).y)
+
+
+@BOTH_HANDS
+def test_the_place_of_a_hand_is_where_its_middle_finger_would_be(sign):
+    key = WHITE[MIDDLE]
+    places = [hand_place(key, finger, sign) for finger in range(5)]
+    assert places[2] == KEY_Y[key]
+    # Its thumb on the key, a right hand lies to the right of it.
+    assert places[0] == pytest.approx(KEY_Y[key] + sign * 2 * KEY_SPACING)
+    assert places == sorted(places, reverse=sign == 1)
+
+
+def chord(*notes, sign=1, first=1, last=20):
+    """Return presses of (white keys away from the middle one, finger)."""
+    return [Press(WHITE[MIDDLE + sign * away], finger, first, last) for away, finger in notes]
+
+
+def sound_together(one, two):
+    return one.first <= two.last and two.first <= one.last
+
+
+@settings(max_examples=60, deadline=None)
+@given(hand_presses(), st.sampled_from([1, -1]))
+def test_no_finger_holds_two_keys_while_the_hand_has_enough_fingers(presses, sign):
+    chosen = choose(presses, sign)
+    assert len(chosen) == len(presses)
+    assert set(chosen) <= set(range(5))
+    most = max(
+        sum(other.first <= press.first <= other.last for other in presses) for press in presses
+    )
+    for i, one in enumerate(presses):
+        for j, two in enumerate(presses[:i]):
+            if most <= 5 and sound_together(one, two):
+                assert chosen[i] != chosen[j]
+
+
+def all_ways(costs, onsets, number=0, way=()):
+    """Yield the cost of every way to finger a piece."""
+    if number == len(onsets):
+        yield 0.0
+        return
+    struck = [i for i, press in enumerate(costs.presses) if press.first == onsets[number]]
+    for after, cost in costs.successors(way, onsets[number], struck):
+        for rest in all_ways(costs, onsets, number + 1, after):
+            yield cost + rest
+
+
+def cost_of(costs, onsets, given_fingers):
+    """Return the cost of given fingers."""
+    total, way = 0.0, ()
+    for onset in onsets:
+        struck = [i for i, press in enumerate(costs.presses) if press.first == onset]
+        after, cost = next(
+            (after, cost)
+            for after, cost in costs.successors(way, onset, struck)
+            if all(given_fingers[i] == finger for i, finger in after)
+        )
+        total, way = total + cost, after
+    return total
+
+
+@settings(max_examples=40, deadline=None)
+@given(hand_presses(most=5), st.sampled_from([1, -1]))
+def test_no_other_fingers_cost_less(presses, sign):
+    costs = _Costs(presses, sign, CHANGE_FINGER)
+    onsets = sorted({press.first for press in presses})
+    chosen = cost_of(costs, onsets, choose(presses, sign))
+    assert chosen == pytest.approx(min(all_ways(costs, onsets)))
+
+
+def steps_lost(distance):
+    """Return what a leap without a rest loses, and its way."""
+    more = sum(distance > more for more in robot._LEAP_MORE)
+    return robot._LEAP_STEPS + more, robot._LEAP_WEIGHT * distance
+
+
+def line(*notes, rest=0):
+    """Return presses of ten steps, one after the other."""
+    return [
+        chord(note, first=1 + i * (10 + rest), last=10 + i * (10 + rest))[0]
+        for i, note in enumerate(notes)
+    ]
+
+
+WIDTH = KEY_SPACING
+WRITTEN = {
+    "as it is written": (line((0, 1)), [1], 0.0),
+    "another finger": (line((0, 1)), [2], CHANGE_FINGER),
+    "the next finger on the next key": (line((0, 1), (1, 2)), [1, 2], 0.0),
+    "a leap": (line((0, 1), (3, 1)), [1, 1], sum(steps_lost(3 * WIDTH))),
+    "a far leap": (line((0, 1), (6, 1)), [1, 1], sum(steps_lost(6 * WIDTH))),
+    "a leap in a rest": (line((0, 1), (3, 1), rest=2), [1, 1], robot._LEAP_WEIGHT * 3 * WIDTH),
+    "a leap after a long rest": (line((0, 1), (3, 1), rest=13), [1, 1], 0.0),
+    "the same key again": (line((0, 1), (0, 1)), [1, 1], 0.5),
+    "the same key after a rest": (line((0, 1), (0, 1), rest=1), [1, 1], 0.0),
+    "a finger that passes": (line((0, 2), (1, 1)), [2, 1], 2.0 + sum(steps_lost(2 * WIDTH))),
+    "a thumb that passes": (line((0, 1), (1, 0)), [1, 0], sum(steps_lost(2 * WIDTH))),
+    "a chord": (chord((0, 0), (2, 1), (4, 4)), [0, 1, 4], 0.0),
+    "a little too wide": (
+        chord((0, 1), (3, 2), last=12),
+        [1, 2],
+        12 * (3 * WIDTH - 0.060) / 0.010,
+    ),
+    "far too wide": (chord((0, 1), (9, 2), last=12), [1, 2], 12 * 2.0),
+    "a leap to a chord": (
+        [*line((0, 1)), *chord((3, 1), (4, 2), first=11)],
+        [1, 1, 2],
+        # Both begin late, but the note before ends early but once.
+        3 + 2 * steps_lost(3 * WIDTH)[1],
+    ),
+}
+
+
+@pytest.mark.parametrize(("presses", "given_fingers", "expected"), WRITTEN.values(), ids=WRITTEN)
+def test_what_fingers_cost(presses, given_fingers, expected):
+    costs = _Costs(presses, 1, CHANGE_FINGER)
+    onsets = sorted({press.first for press in presses})
+    assert cost_of(costs, onsets, given_fingers) == pytest.approx(expected, abs=1e-6)
+
+
+@BOTH_HANDS
+def test_what_lies_under_the_hand_stays_as_it_is_written(sign):
+    order = (0, 2, 1, 4, 3, 2)
+    presses = [
+        chord((i, i), sign=sign, first=1 + 4 * n, last=4 + 4 * n)[0] for n, i in enumerate(order)
+    ]
+    assert choose(presses, sign) == list(order)
+
+
+@BOTH_HANDS
+def test_a_grip_that_is_too_wide_for_its_fingers_gets_others(sign):
+    wide = chord((0, 1), (5, 3), sign=sign)  # a sixth between index and ring finger
+    assert choose(wide, sign) == [0, 3]
+    assert choose(wide, sign, AS_WRITTEN) == [1, 3]
+
+
+def test_a_grip_that_is_too_narrow_for_its_fingers_gets_others():
+    assert choose(chord((0, 0), (1, 4)), 1) != [0, 4]
+
+
+def test_thumbs_leave_black_keys_to_other_fingers(monkeypatch):
+    presses = [Press(int(np.flatnonzero(KEY_IS_BLACK)[20]), 0, 1, 9)]
+    assert choose(presses, 1) != [0]
+    monkeypatch.setattr(robot, "_THUMB_ON_BLACK", 0.0)
+    assert choose(presses, 1) == [0]
+
+
+def test_no_finger_but_the_thumb_passes_another_one():
+    """Fourth finger, then the third beyond it: the hand would have to leap over its own finger."""
+    passing = [*chord((0, 3), first=1, last=5), *chord((2, 2), first=6, last=10)]
+    fourth, third = choose(passing, 1)
+    assert fourth < third
+    under = [*chord((0, 2), first=1, last=5), *chord((1, 0), first=6, last=10)]
+    assert choose(under, 1, 3.0) == [2, 0]
+
+
+def test_fewer_leaps_are_worth_a_change():
+    """Six white keys upwards, thumb and index finger in turn: five leaps; other ways have one."""
+    steps = [chord((i, i % 2), first=1 + 5 * i, last=5 + 5 * i)[0] for i in range(6)]
+    turns = sum(after <= before for before, after in pairwise(choose(steps, 1)))
+    assert turns == 1
+
+
+# What cannot be held.
+
+
+def notes(*given_notes, sign=1):
+    """Return presses of (white keys towards the little finger, finger, first, last)."""
+    return sorted(
+        (
+            Press(WHITE[MIDDLE + sign * away], finger, first, last)
+            for away, finger, first, last in given_notes
+        ),
+        key=lambda press: (press.first, press.key),
+    )
+
+
+def gone_of(presses, sign=1):
+    """Return what is let go, as (finger, last state) of each."""
+    return {(press.finger, last) for press, last, _ in _early_releases(presses, sign)}
+
+
+@BOTH_HANDS
+def test_what_a_hand_can_hold_is_held(sign):
+    assert gone_of(notes((0, 0, 1, 20), (2, 1, 5, 20), (4, 4, 5, 30), sign=sign), sign) == set()
+
+
+@BOTH_HANDS
+def test_what_is_held_makes_way_for_what_is_struck_out_of_its_reach(sign):
+    presses = notes((0, 0, 1, 40), (2, 1, 1, 9), (10, 4, 10, 20), sign=sign)
+    [(press, last, for_key)] = _early_releases(presses, sign)
+    assert (press.finger, last, for_key) == (0, 9, WHITE[MIDDLE + sign * 10])
+
+
+def test_what_is_held_past_notes_within_its_reach_still_makes_way_later():
+    assert gone_of(notes((0, 0, 1, 40), (2, 1, 5, 9), (10, 4, 20, 30))) == {(0, 19)}
+
+
+def test_what_has_ended_before_need_not_make_way():
+    assert gone_of(notes((0, 0, 1, 9), (10, 4, 10, 20))) == set()
+
+
+@BOTH_HANDS
+def test_of_a_chord_goes_what_is_too_far_from_most_of_it(sign):
+    chord = notes((0, 0, 5, 20), (10, 3, 5, 20), (12, 4, 5, 20), sign=sign)
+    assert gone_of(chord, sign) == {(0, 4)}
+    chord = notes((0, 0, 5, 20), (2, 1, 5, 20), (12, 4, 5, 20), sign=sign)
+    assert gone_of(chord, sign) == {(4, 4)}
+
+
+@BOTH_HANDS
+def test_of_two_the_one_at_the_thumb_goes(sign):
+    assert gone_of(notes((0, 0, 5, 20), (12, 4, 5, 20), sign=sign), sign) == {(0, 4)}
+
+
+def test_a_finger_lets_go_of_its_key_for_another_one():
+    assert gone_of(notes((0, 2, 1, 20), (1, 2, 6, 20))) == {(2, 5)}
+
+
+def test_fingers_that_cross_let_go_of_nothing():
+    assert gone_of(notes((0, 3, 1, 20), (1, 2, 6, 20))) == set()
+
+
+# Scores and rolls.
+
+
+def score_of(*given_notes):
+    """Return the score of (pitch, finger, onset, offset)."""
+    return Score(
+        notes=[
+            Note(pitch=pitch, finger=finger, onset=onset, offset=offset)
+            for pitch, finger, onset, offset in given_notes
+        ]
+    )
+
+
+drawn_notes = st.builds(
+    lambda pitch, finger, onset, length: (pitch, finger, onset / 20, (onset + length) / 20),
+    pitch=st.integers(40, 80),
+    finger=st.integers(0, 9),
+    onset=st.integers(0, 30),
+    length=st.integers(1, 20),
+)
+
+
+@pytest.mark.slow
+@settings(max_examples=60, deadline=None)
+@given(st.lists(drawn_notes, min_size=1, max_size=10))
+def test_what_is_left_of_a_roll_can_be_held_and_each_note_is_accounted_for(drawn):
+    roll = PianoRoll.from_score(robot_fingers(score_of(*drawn), 0.05), 0.05)
+    held = release_early(roll)
+    assert not held.unlabelled.any()
+    assert release_early(held).early_releases == held.early_releases, "once is enough"
+    released = np.zeros_like(roll.active)
+    for one in held.early_releases:
+        assert one.onset <= one.release < one.offset
+        assert (roll.finger[one.onset : one.offset, one.key] == one.finger).all()
+        released[one.release : one.offset, one.key] = True
+    np.testing.assert_array_equal(held.finger, np.where(released, -1, roll.finger))
+    np.testing.assert_array_equal(held.active, roll.active)
+
+
+@pytest.mark.slow
+@settings(max_examples=30, deadline=None)
+@given(st.lists(drawn_notes, min_size=1, max_size=10))
+def test_only_fingers_change_and_each_note_stays_with_its_hand(drawn):
+    score = score_of(*drawn)
+    fingered = robot_fingers(score, 0.05)
+    for note, other in zip(score.notes, fingered.notes, strict=True):
+        assert dataclasses.replace(other, finger=note.finger) == note
+        assert other.finger // 5 == note.finger // 5
+
+
+def test_a_chord_no_finger_can_hold_as_written_is_refingered_so_that_nothing_is_released():
+    """A fifth and a ninth: not for the index finger in between, which does not spread so far."""
+    score = score_of((60, 0, 0.0, 0.5), (67, 1, 0.0, 0.5), (74, 4, 0.0, 0.5))
+    assert release_early(PianoRoll.from_score(score, 0.05)).early_releases
+    fingered = robot_fingers(score, 0.05)
+    assert [note.finger for note in fingered.notes] == [0, 2, 4]
+    assert not release_early(PianoRoll.from_score(fingered, 0.05)).early_releases
+
+
+@pytest.mark.parametrize("start", [0.0, 0.02, 1.33])
+def test_where_a_piece_begins_makes_no_difference_and_bare_notes_get_fingers_first(start):
+    bare = Score(
+        notes=[
+            Note(pitch=60 + 4 * (i % 3), onset=start + 0.3 * i, offset=start + 0.3 * i + 0.3)
+            for i in range(6)
+        ]
+    )
+    fingers = [note.finger for note in apply_fingering(bare, "robot").notes]
+    assert -1 not in fingers
+    trimmed = apply_fingering(bare.trim_silence(), "robot")
+    assert [note.finger for note in trimmed.notes] == fingers

@@ -1,0 +1,149 @@
+"""What candidates cost, worked out by hand and by a slow twin."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.planning.sampling.cost import SamplingCost, wrong_keys
+from sb3_piano.planning.sampling.noise import SamplingNoise
+
+NOTHING = {
+    "missed": 0, "wrong": 0, "reluctant": 0, "brushed": 0, "astray": 0, "distance": 0, "effort": 0
+}  # fmt: skip
+SOUNDING = np.full(88, 0.1)
+
+
+def only(**weights):
+    return SamplingCost(**{**NOTHING, **weights})
+
+
+def keys(**angles):
+    """Return angles of one candidate's keys, given as k40=0.1."""
+    row = np.zeros((1, 88))
+    for name, angle in angles.items():
+        row[0, int(name[1:])] = angle
+    return row
+
+
+def due(*which):
+    return np.isin(np.arange(88), which)
+
+
+@pytest.mark.parametrize(
+    ("weights", "angles", "expected"),
+    [
+        ({"missed": 2}, {}, 4),  # both due keys silent
+        ({"missed": 2}, {"k40": 0.0999}, 4),
+        ({"missed": 2}, {"k40": 0.1}, 2),
+        ({"missed": 2}, {"k40": 0.12, "k44": 0.11, "k41": 0.11}, 0),
+        ({"wrong": 3}, {"k40": 0.1, "k44": 0.1}, 0),
+        ({"wrong": 3}, {"k41": 0.1, "k3": 0.2, "k5": 0.09}, 6),
+        ({"reluctant": 4}, {}, 8),
+        ({"reluctant": 4}, {"k40": 0.025, "k44": 0.12, "k41": 0.1}, 3),
+        ({"brushed": 4}, {"k40": 0.1}, 0),
+        ({"brushed": 4}, {"k41": 0.05, "k3": 0.2}, 1 + 4),
+    ],
+)
+def test_keys_cost_what_they_miss_and_disturb(weights, angles, expected):
+    cost = only(**weights).key_cost(due(40, 44), keys(**angles), SOUNDING)
+    assert cost == pytest.approx([expected])
+
+
+def test_in_silence_still_keys_cost_nothing():
+    assert SamplingCost().key_cost(due(), keys(), SOUNDING) == pytest.approx([0.0])
+
+
+def test_keys_that_cannot_sound_are_never_wrong():
+    sounding = np.where(np.arange(88) == 41, np.inf, SOUNDING)
+    angles = keys(k41=0.0)
+    assert SamplingCost().key_cost(due(), angles, sounding) == pytest.approx([0.0])
+    assert only(missed=1, reluctant=1).key_cost(due(41), angles, sounding) == pytest.approx([2.0])
+
+
+def test_positions_cost_their_distance_from_the_plan_up_to_the_tolerance():
+    planned, deviation = np.array([0.5, 0.0]), np.array([0.1, 0.01])
+    positions = np.array([[0.5, 0.0], [0.6, 0.0], [0.5, 0.01], [0.6, 9.0]])
+    cost = only(astray=8, tolerance=2).plan_cost(planned, positions, deviation)
+    assert cost == pytest.approx([0, 8 / 4 / 2, 8 / 4 / 2, 8 * (1 / 4 + 1) / 2])
+
+
+def test_changes_cost_their_mean_square():
+    change, deviation = np.array([[0.0, 0.0], [0.1, 0.02]]), np.array([0.1, 0.01])
+    assert only(effort=2).effort_cost(change, deviation) == pytest.approx([0, 2 * (1 + 4) / 2])
+
+
+def test_actuators_without_noise_are_not_counted():
+    deviation = np.array([0.1, 0.0])
+    apart = np.array([[0.1, 0.7]])
+    assert only(effort=2).effort_cost(apart, deviation) == pytest.approx([2])
+    planned = only(astray=3, tolerance=1).plan_cost(np.zeros(2), apart, deviation)
+    assert planned == pytest.approx([3])
+    assert only(effort=2).effort_cost(apart, np.zeros(2)) == pytest.approx([0])
+
+
+def test_labelled_fingers_cost_how_far_they_are_from_their_keys():
+    tips = np.array([[[0.0, 0, 0], [0, 0, 0]], [[0, 0.03, 0.04], [0, 0, 0.15]]])
+    points = np.zeros((2, 2, 3))
+    cost = only(distance=2, reach=0.05).finger_cost(tips, points)
+    assert cost == pytest.approx([0, 2 * (0.5 + 0.75)])
+    assert only(distance=2).finger_cost(tips + 1e6, points) == pytest.approx([4, 4])
+
+
+def test_any_fingers_cost_the_least_of_all_assignments():
+    random = np.random.default_rng(3)
+    tips, points = random.uniform(0, 0.1, (4, 10, 3)), random.uniform(0, 0.1, (4, 3, 3))
+    cost = only(distance=1.5, reach=0.06)
+
+    def far(offset):
+        return 1 / (1 + 0.06 / np.linalg.norm(offset))
+
+    expected = [
+        min(
+            1.5 * sum(far(t[f] - p) for f, p in zip(chosen, q, strict=True))
+            for chosen in itertools.permutations(range(10), 3)
+        )
+        for t, q in zip(tips, points, strict=True)
+    ]
+    assert cost.any_finger_cost(tips, points) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("settings", "name", "value"),
+    [
+        (SamplingCost, "wrong", -1),
+        (SamplingCost, "missed", "1"),
+        (SamplingCost, "brushed", float("nan")),
+        (SamplingCost, "effort", True),
+        (SamplingCost, "tolerance", 0),
+        (SamplingCost, "reach", 0.0),
+        (SamplingCost, "discount", 0),
+        (SamplingCost, "discount", 1.01),
+        (SamplingNoise, "share", 0),
+        (SamplingNoise, "share", 1.5),
+        (SamplingNoise, "knots", 0),
+        (SamplingNoise, "knots", 2.0),
+        (SamplingNoise, "finger", -0.1),
+        (SamplingNoise, "wrist", float("inf")),
+        (SamplingNoise, "forearm", None),
+        (SamplingNoise, "decay", 1.1),
+        (SamplingNoise, "decay", -0.1),
+    ],
+)
+def test_settings_out_of_range_are_named(settings, name, value):
+    with pytest.raises(ConfigError, match=f"{name} is {value!r}: expected a "):
+        settings(**{name: value})
+
+
+def test_settings_at_the_ends_of_their_ranges_are_accepted():
+    SamplingCost(**NOTHING, discount=1)
+    SamplingNoise(share=1, knots=1, finger=0, wrist=0, forearm=0, decay=0)
+    assert SamplingNoise(decay=1).decay == 1
+
+
+def test_mistakes_are_keys_that_sound_undue_or_are_silent_though_due():
+    candidates = np.concatenate([keys(), keys(k40=0.1, k44=0.2), keys(k40=0.2, k41=0.1, k7=0.09)])
+    assert wrong_keys(due(40, 44), candidates, SOUNDING).tolist() == [2, 0, 2]

@@ -1,0 +1,54 @@
+"""Ctrl-C and SIGTERM are answered when nothing is half done."""
+
+from __future__ import annotations
+
+import signal
+import threading
+
+import pytest
+
+from sb3_piano.interrupts import ctrl_c_deferred, ctrl_c_ignored, stop_on_signal
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_first_signal_is_a_request_and_the_second_raises(ctrl_c, number):
+    former = signal.getsignal(number)
+    with stop_on_signal() as request, stop_on_signal() as inner:
+        assert inner is request
+        signal.raise_signal(number)
+        assert request.made
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(number)
+    assert signal.getsignal(number) is former
+
+
+def test_ctrl_c_is_put_off_to_the_end_of_a_block_or_ignored(ctrl_c):
+    done = []
+
+    def work():
+        with ctrl_c_deferred():
+            signal.raise_signal(signal.SIGINT)
+            done.append("all of it")
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert done == ["all of it"]
+    with ctrl_c_ignored():
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_outside_the_main_thread_nothing_is_changed(ctrl_c):
+    seen = []
+
+    def work():
+        with ctrl_c_deferred(), ctrl_c_ignored(), stop_on_signal() as inner:
+            seen.append(inner)
+
+    with stop_on_signal() as request:
+        thread = threading.Thread(target=work)
+        thread.start()
+        thread.join()
+        signal.raise_signal(signal.SIGINT)
+        assert request.made
+    assert seen[0] is not request
+    assert not seen[0].made

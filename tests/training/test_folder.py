@@ -1,0 +1,253 @@
+"""The folder of a run: what is in it, who may use it, and a disk that is full."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+import yaml
+from small_disk import FillAt, small_disk
+
+from sb3_piano.callbacks import Checkpoint
+from sb3_piano.cli import main
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.music import load_score
+from sb3_piano.music.library import Library
+from sb3_piano.training import RunFolder, resume, train
+
+
+def test_runs_are_numbered_from_one_and_gaps_are_filled(small_config, tmp_path):
+    paths = [RunFolder.create(small_config(), runs_dir=tmp_path).path for _ in range(3)]
+    assert [path.relative_to(tmp_path).as_posix() for path in paths] == [
+        "td3/Pendulum-v1_1",
+        "td3/Pendulum-v1_2",
+        "td3/Pendulum-v1_3",
+    ]
+    shutil.rmtree(paths[1])
+    assert RunFolder.create(small_config(), runs_dir=tmp_path).path == paths[1]
+
+
+def test_the_folder_has_config_and_provenance(small_config, tmp_path):
+    config = small_config()
+    folder = RunFolder.create(config, tmp_path / "new" / "run")
+    assert RunFolder.open(folder.path).read_config() == config
+    notes = yaml.safe_load(folder.provenance_file.read_text())
+    assert notes["seed"] == 1
+    started_with = Path("/proc/self/cmdline").read_text().rstrip("\0").split("\0")
+    assert shlex.split(notes["command"]) == started_with
+    assert set(notes["versions"]) == {
+        "sb3_piano", "stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch",
+        "python",
+    }  # fmt: skip
+    assert all(notes["versions"].values())
+
+
+@pytest.mark.parametrize("relative", [True, False])
+def test_a_score_file_is_copied_and_found_after_the_folder_was_moved(
+    small_config, tmp_path, midi_file, monkeypatch, relative
+):
+    monkeypatch.chdir(tmp_path)
+    given = midi_file.name if relative else str(midi_file)
+    config = small_config(env_id="RoboPianist-v0", env_kwargs={"score": given})
+    folder = RunFolder.create(config, "run")
+    content = midi_file.read_bytes()
+    midi_file.unlink()
+    assert yaml.safe_load(folder.config_file.read_text())["env_kwargs"] == {"score": "score.mid"}
+    assert yaml.safe_load(folder.provenance_file.read_text())["score_file"] == given
+    moved = RunFolder(folder.path.rename(tmp_path / "moved"))
+    assert moved.read_config().env_kwargs["score"] == str(tmp_path / "moved" / "score.mid")
+    assert (tmp_path / "moved" / "score.mid").read_bytes() == content
+    moved.write_config(moved.read_config())
+    assert yaml.safe_load(moved.config_file.read_text())["env_kwargs"] == {"score": "score.mid"}
+
+
+def test_a_file_of_finger_labels_is_copied_beside_the_score(small_config, tmp_path, midi_file):
+    labels = tmp_path / "labels.csv"
+    labels.write_text("onset,pitch,finger\n0,60,1\n")
+    files = {"score": str(midi_file), "fingering": str(labels)}
+    folder = RunFolder.create(
+        small_config(env_id="RoboPianist-v0", env_kwargs=files), tmp_path / "run"
+    )
+    labels.unlink()
+    moved = RunFolder(folder.path.rename(tmp_path / "moved"))
+    copy = tmp_path / "moved" / "fingering.csv"
+    assert moved.read_config().env_kwargs["fingering"] == str(copy)
+    assert copy.read_text() == "onset,pitch,finger\n0,60,1\n"
+    assert yaml.safe_load(moved.config_file.read_text())["env_kwargs"] == {
+        "score": "score.mid",
+        "fingering": "fingering.csv",
+    }
+
+
+def test_an_imported_piece_is_copied_so_that_the_run_does_not_need_the_library(
+    small_config, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("SB3_PIANO_DATA", str(tmp_path / "data"))
+    score = load_score("CMajorScaleOneHand")
+    Library().add(score, "mine", source="a test", fingering="ours")
+    config = small_config(env_id="RoboPianist-v0", env_kwargs={"score": "mine"})
+    folder = RunFolder.create(config, tmp_path / "run")
+    Library().remove("mine")
+    copy = folder.read_config().env_kwargs["score"]
+    assert copy == str(tmp_path / "run" / "score.npz")
+    assert load_score(copy).notes == score.notes
+    assert load_score(copy).title == "mine"
+
+
+def test_the_name_of_a_piece_stays_a_name(small_config, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "CMajorScaleOneHand").mkdir()  # not what was meant
+    config = small_config(env_id="RoboPianist-v0", env_kwargs={"score": "CMajorScaleOneHand"})
+    folder = RunFolder.create(config, tmp_path / "run")
+    assert folder.read_config().env_kwargs == {"score": "CMajorScaleOneHand"}
+    assert {path.name for path in folder.path.iterdir()} == {"config.yml", "run.yml"}
+
+
+def test_a_folder_that_holds_a_run_is_refused_with_the_way_to_resume_it(small_config, tmp_path):
+    RunFolder.create(small_config(), tmp_path / "run")
+    with pytest.raises(RunError, match=r"holds a run already: .* sb3-piano train --resume .*run"):
+        RunFolder.create(small_config(), tmp_path / "run")
+
+
+def test_a_folder_that_is_not_empty_is_refused(small_config, tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(RunError, match="is not empty: expected a new or empty one"):
+        RunFolder.create(small_config(), tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_a_folder_that_another_process_is_making_a_run_in_is_refused(small_config, tmp_path):
+    with (
+        RunFolder(tmp_path / "run").owned(),
+        pytest.raises(RunError, match=f"run' is being trained by process {os.getpid()} on "),
+    ):
+        RunFolder.create(small_config(), tmp_path / "run")
+    RunFolder.create(small_config(), tmp_path / "run")
+
+
+def test_a_place_that_cannot_be_written_is_named_with_the_reason(small_config, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(RunError, match=r"Folder '.*file/td3' cannot be written: Not a directory"):
+        RunFolder.create(small_config(), runs_dir=tmp_path / "file")
+    with pytest.raises(RunError, match=r"Folder '.*file' cannot be written: File exists"):
+        RunFolder.create(small_config(), tmp_path / "file")
+
+
+def test_a_folder_that_could_not_be_filled_is_taken_away(small_config, tmp_path, monkeypatch):
+    def full(path, text):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("sb3_piano.training.runs.folder.write_text", full)
+    with pytest.raises(RunError, match="cannot be written: No space left on device"):
+        RunFolder.create(small_config(), runs_dir=tmp_path)
+    assert list((tmp_path / "td3").iterdir()) == []
+
+
+def test_what_is_no_run_is_refused(tmp_path):
+    with pytest.raises(RunError, match=r"There is no folder '.*none': expected a folder that 'sb3"):
+        RunFolder.open(tmp_path / "none")
+    with pytest.raises(RunError, match="is no run, it has no config.yml"):
+        RunFolder.open(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", r"config\.yml' holds NoneType"),
+        ("algo: td3\n", r"config\.yml': env_id is missing"),
+        ("algo: [", r"config\.yml' is not valid YAML"),
+    ],
+)
+def test_a_damaged_config_is_named(small_config, tmp_path, content, message):
+    folder = RunFolder.create(small_config(), tmp_path / "run")
+    folder.config_file.write_text(content)
+    with pytest.raises(ConfigError, match=message):
+        folder.read_config()
+
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def disk(tmp_path):
+    with small_disk(tmp_path / "disk") as disk:
+        yield disk
+
+
+def error_of(capfd, *arguments):
+    """Run the command and return the one line that says what is wrong."""
+    assert main([str(argument) for argument in arguments]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    return line
+
+
+@pytest.mark.parametrize("vec_env", ["dummy", "subproc"])
+@pytest.mark.parametrize(
+    "episode", [5, 20], ids=["TensorBoard is the first to write", "the checkpoint is the first"]
+)
+def test_a_training_whose_disk_fills_up_goes_on_when_there_is_room(
+    small_config, disk, vec_env, episode, episodes_of
+):
+    run = RunFolder(disk.path / "run")
+    config = small_config(vec_env=vec_env, env_kwargs={"max_episode_steps": episode})
+    told = (
+        rf"'{run.path}' cannot be written any more: No space left on device\. Its last whole "
+        rf"checkpoint, after 30 steps, is safe\. .* sb3-piano train --resume {run.path}$"
+    )
+    options = {"progress_bar": False, "checkpoint_every": 30}
+    with pytest.raises(RunError, match=told):
+        train(config, run.path, callbacks=[FillAt(str(disk.path), 35)], **options)
+    assert Checkpoint.read(run.checkpoint_dir).num_timesteps == 30
+    assert not list(run.path.rglob("*.partial"))
+    disk.make_room()
+    result = resume(run.path, **options)
+    assert (result.started_at, result.num_timesteps) == (30, 100)
+    assert all(entry["l"] == episode for entry in episodes_of(run.monitor_dir))
+
+
+def test_a_training_whose_disk_is_full_at_once_says_that_nothing_is_saved(small_config, disk):
+    with pytest.raises(RunError, match=r"It had saved nothing yet\. When there is room, go on"):
+        train(
+            small_config(),
+            disk.path / "run",
+            callbacks=[FillAt(str(disk.path), 1)],
+            progress_bar=False,
+            checkpoint_every=30,
+        )
+
+
+def test_the_command_tells_it_in_one_line(small_config, disk, tmp_path, capfd):
+    settings = {"policy_kwargs": {"net_arch": [8]}, "learning_starts": 20, "buffer_size": 200}
+    fill = {"small_disk.FillAt": {"path": str(disk.path), "steps": 35}}
+    config = {"default": {**settings, "callback": [fill], "n_timesteps": 100}}
+    (tmp_path / "small.yml").write_text(yaml.safe_dump(config))
+    run = disk.path / "run"
+    command = ["train", "--env", "Pendulum-v1", "--config", tmp_path / "small.yml", "--run", run]
+    line = error_of(capfd, *command, "--checkpoint-every", "30", "--no-progress")
+    assert "after 30 steps, is safe" in line
+    assert f"sb3-piano train --resume {run}" in line
+
+
+def test_files_beside_a_training_are_refused_in_one_line_too(piano_run, disk, capfd):
+    run = piano_run(0.0, "disk/run").path
+    disk.fill()
+    capfd.readouterr()
+    for command in (["evaluate", run, "--episodes", "1"], ["play", run]):
+        assert "No space left on device" in error_of(capfd, *command)
+    disk.make_room()
+    assert main(["evaluate", str(run), "--episodes", "1"]) == 0
+
+
+def test_a_folder_that_is_write_protected_is_named(pendulum_run, disk, capfd):
+    run = pendulum_run("disk/run").path
+    disk.protect()
+    capfd.readouterr()
+    line = error_of(capfd, "train", "--resume", run, "--steps", "60")
+    assert f"'{run}/.lock' cannot be locked: Read-only file system" in line
+    assert "Read-only file system" in error_of(
+        capfd, "train", "--run", disk.path / "b", "--env", "Pendulum-v1"
+    )
+    assert "Read-only file system" in error_of(capfd, "evaluate", run)

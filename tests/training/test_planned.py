@@ -1,0 +1,405 @@
+"""What plays without training: its runs, and ``sb3-piano play --planned``."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import av
+import numpy as np
+import pretty_midi
+import pytest
+import yaml
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from sb3_piano.callbacks import F1Callback, PerformanceVideoCallback
+from sb3_piano.cli import main
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, PlanWarning, RunError
+from sb3_piano.music import Note, Pedal, Score, read_midi, write_midi
+from sb3_piano.planning import PlannedPianist, PlanSettings
+from sb3_piano.planning.sampling import PredictiveSampling, SamplingNoise
+from sb3_piano.simulation import find_gl_backend
+from sb3_piano.training import PLANNERS, PlannedConfig, RunFolder, SavedPlayer, evaluate
+from sb3_piano.training.playing.player import run_to_record
+from sb3_piano.training.playing.takes import (
+    PLANNED_IN,
+    plan_run,
+    planner_config,
+    take_of_planner,
+    where_played,
+)
+
+TUNE = Score(
+    notes=[
+        Note(onset=0.0, offset=0.45, pitch=76, finger=1),
+        Note(onset=0.5, offset=0.95, pitch=77, finger=2),
+        Note(onset=0.5, offset=1.0, pitch=48, finger=6),
+    ],
+    pedals=[Pedal(onset=0.2, offset=0.6)],
+    title="tune",
+)
+# One finger cannot hold two keys a sixth apart.
+TOO_WIDE = Score(
+    notes=[
+        Note(onset=0.0, offset=0.4, pitch=60, finger=0),
+        Note(onset=0.0, offset=0.4, pitch=84, finger=4),
+    ]
+)
+FAST = {"physics": "fast"}
+ZERO = {"nominal": "none", "samples": 2, "horizon": 2, "n_threads": 1}
+"""Sampling from zero, which needs no plan and little time."""
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_midi(TUNE, "tune.mid")
+    write_midi(TOO_WIDE, "wide.mid")
+    write_midi(PLAIN, "plain.mid")
+
+
+@pytest.fixture(scope="module")
+def pianist():
+    """Return a planned pianist in a vector of one environment, which keeps its plan."""
+    return PlannedPianist(DummyVecEnv([lambda: Monitor(PianoEnv(TUNE, **PLANNED_IN, **FAST))]))
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    """Return the metrics of the tune as it is played without any run."""
+    path = tmp_path_factory.mktemp("score") / "tune.mid"
+    write_midi(TUNE, path)
+    return dict(take_of_planner(planner_config(str(path), env_kwargs=FAST)).metrics)
+
+
+def zero_run(folder="zero", **changes):
+    config = planner_config("tune.mid", "sampling", env_kwargs=FAST, **{**ZERO, **changes})
+    return plan_run(config, folder)[0]
+
+
+@pytest.mark.slow
+def test_a_planned_run_is_evaluated_compared_watched_and_reported(capsys, piano_run, expected):
+    assert main(["plan", "tune.mid", "--set", "physics=fast"]) == 0
+    out = capsys.readouterr().out
+    assert "tune: ready to play after" in out
+    run = "runs/planned/RoboPianist-v0_1"
+    assert f"sb3-piano evaluate {run}" in out
+    assert main(["evaluate", run]) == 0
+    assert "tune: 1 episode, model after 0 steps of training" in capsys.readouterr().out
+    found = json.loads(Path(run, "evaluation/metrics.json").read_text())
+    assert found["mean"] == pytest.approx(expected, nan_ok=True)
+    assert found["mean"]["f1"] > 0.8 > found["baseline"]["f1"]
+
+    trained = piano_run(np.zeros(39, dtype=np.float32), name="trained", score="tune.mid")
+    assert main(["evaluate", str(trained.path)]) == 0
+    assert main(["compare", str(trained.path), run, "--metric", "f1", "--json", "c.json"]) == 0
+    [pair] = json.loads(Path("c.json").read_text())["metrics"]["f1"]["pairs"]
+    assert (pair["piece"], pair["b"]) == ("tune", found["mean"]["f1"])
+
+    assert main(["play", run, "--no-video"]) == 0
+    played = read_midi(f"{run}/play/performance.mid")
+    assert {note.pitch for note in played.notes} == {48, 76, 77}
+    assert main(["report", run]) == 0
+    assert "PLANNED after 0 steps" in Path(run, "evaluation/report.html").read_text()
+
+
+@pytest.mark.slow
+def test_a_planned_run_plays_another_piece():
+    run = RunFolder.create(planner_config("tune.mid", env_kwargs=FAST), "run")
+    write_midi(TUNE.transpose(-2), "lower.mid")
+    found = evaluate(run.path, score="lower.mid")
+    assert found.piece == "lower"
+    assert found.mean["f1"] > 0.8
+
+
+def test_a_run_keeps_the_score_and_what_was_chosen():
+    config = planner_config(
+        "tune.mid",
+        "sampling",
+        seed=3,
+        env_kwargs={"reduced_action_space": True, **FAST},
+        noise={"finger": 0.3, "knots": 4},
+        **ZERO,
+    )
+    run, piece, _ = plan_run(config, "run")
+    Path("tune.mid").unlink()
+    assert piece == "tune"
+    read = run.read_config()
+    changed = {"reduced_action_space": True, "score": "run/score.mid"}
+    assert read.env_kwargs == {**PLANNED_IN, **FAST, **changed}
+    assert (read.algo, read.seed) == ("sampling", 3)
+    with SavedPlayer.open("run", seed=4) as player:
+        assert player.env.action_space.shape == (39,)
+        sampler = player.model
+        assert isinstance(sampler, PredictiveSampling)
+        assert (sampler._samples, sampler._horizon, sampler._planned) == (2, 2, False)
+        assert sampler._noise == SamplingNoise(finger=0.3, knots=4)
+        drawn = np.random.default_rng(np.random.SeedSequence(4).spawn(1)[0])
+        assert sampler._random[0].bit_generator.state == drawn.bit_generator.state
+
+
+def test_the_constants_of_a_plan_are_settings_of_its_run():
+    config = planner_config("tune.mid", env_kwargs=FAST, settings={"hover": "0.02", "rounds": 3})
+    mapping = yaml.safe_load(yaml.safe_dump(config.to_mapping()))
+    assert PlannedConfig.from_mapping(mapping) == config
+    former = {**mapping, "n_timesteps": 1, "normalize": False, "callback": []}
+    assert PlannedConfig.from_mapping(former) == config  # what folders of version 0.1 have
+    config = planner_config("tune.mid", env_kwargs=FAST, settings={"rounds": 2})
+    run = RunFolder.create(config, "run")
+    with SavedPlayer.open(run.path) as player:
+        assert player.model.settings == PlanSettings(rounds=2)
+
+
+@pytest.mark.slow
+def test_an_episode_comes_from_its_seed_whatever_was_played_before():
+    run = zero_run()
+    both = evaluate(run.path, 1, (0, 1))
+    alone = evaluate(run.path, 1, 1)
+    assert both.episodes[1] == alone.episodes[0]
+    assert both.episodes[0] != both.episodes[1]
+
+
+def test_nobody_is_asked_what_to_do_while_the_hands_rest(monkeypatch):
+    with SavedPlayer.open(zero_run().path) as player:
+        calls, predict = [], player.model.predict
+
+        def told(*arguments, **options):
+            calls.append(arguments)
+            return predict(*arguments, **options)
+
+        monkeypatch.setattr(player.model, "predict", told)
+        resting = player.rest()
+        assert len(calls) <= 1
+        (recording,) = player.play()
+        assert len(calls) > recording.metrics["length"] - 1
+    assert resting.metrics["f1"] == resting.metrics["noop_f1"]
+
+
+def test_a_run_is_recorded_by_a_player_of_the_environment_that_is_recorded():
+    run = zero_run()
+    with run_to_record(run.path) as (policy, env, config):
+        observation, _ = env.reset(seed=0)
+        state = None
+        for _ in range(3):  # which another environment's player would refuse
+            action, state = policy.predict(observation, state)
+            observation, *_ = env.step(action)
+        assert env.unwrapped.steps_played == 3
+    assert config.algo == "sampling"
+
+
+@pytest.mark.parametrize("algo", PLANNERS)
+def test_what_is_not_trained_is_told_so_in_one_way(algo, capsys, caplog):
+    run = RunFolder.create(planner_config("tune.mid", algo), "run").path
+    commands = [
+        ["train", "--algo", algo, "--midi", "tune.mid"],
+        ["train", "--algo", algo, "--midi", "tune.mid", "--config", "none.yml"],
+        ["train", "--resume", str(run)],
+        ["tune", "--algo", algo, "--midi", "tune.mid"],
+    ]
+    before = sorted(run.rglob("*"))
+    for command in commands:
+        assert main(command) == 2
+        error = capsys.readouterr().err
+        told = f"Algorithm {algo!r} is not trained, it plays at once: expected 'sb3-piano plan'"
+        assert told in error
+    assert sorted(run.rglob("*")) == before
+    assert not caplog.records  # nothing was begun
+    assert not Path("runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nothing.mid"], "There is no 'nothing.mid': expected an environment's id, a file"),
+        (["Nothing"], "Unknown piece 'Nothing'"),
+        (["tune.mid", "--set", "fysics=fast"], "Did you mean 'physics'"),
+        (["tune.mid", "--seed", "-1"], "seed is -1: expected a whole number, 0 or more"),
+        (["tune.mid", "--nominal", "none"], "--nominal cannot be given without --sampling"),
+        (["tune.mid", "--horizon", "3"], "--horizon cannot be given without --sampling"),
+        (["tune.mid", "--sampling", "2", "--nominal", "plant"], "Did you mean 'plan'"),
+        (["Pendulum-v1"], "Environment 'Pendulum-v1' cannot be made"),
+    ],
+)
+def test_what_cannot_be_planned_is_told_and_leaves_no_folder(arguments, message, capsys):
+    assert main(["plan", *arguments, "--out", "run"]) == 2
+    assert message in capsys.readouterr().err
+    assert not Path("run").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"samples": 2}, "Unknown key 'samples' for PlannedPianist"),
+        ({"algo": "td3"}, "algo is 'td3': expected one of planned, sampling"),
+        ({"settings": {"hovr": 1}}, "Unknown key 'hovr' for PlanSettings. Did you mean 'hover'"),
+        ({"settings": {"hover": "high"}}, "hover is 'high': expected a number"),
+        ({"settings": 3}, "settings is 3: expected a mapping or null"),
+    ],
+)
+def test_arguments_of_a_planner_are_checked(arguments, message):
+    with pytest.raises(ConfigError, match=message):
+        planner_config("tune.mid", **arguments)
+
+
+def test_a_planned_run_has_no_best_model():
+    with pytest.raises(RunError, match="has no best model by 'f1'"):
+        evaluate(zero_run().path, best="f1")
+
+
+@pytest.mark.slow
+def test_notes_that_cannot_be_played_are_told_once_and_in_words(capsys, recwarn):
+    assert main(["plan", "wide.mid", "--set", "physics=fast", "--out", "run"]) == 0
+    told = "sb3-piano: warning: 1 note cannot be played as written"
+    assert capsys.readouterr().err.count(told) == 1
+    shutil.copytree("run", "again")
+    assert main(["evaluate", "run", "again"]) == 0
+    error = capsys.readouterr().err
+    assert error.count(told) == 1
+    assert "C4 (pitch 60) at 0.50 s, right thumb: left out by the hand, which plays C6" in error
+    assert not [warning for warning in recwarn if warning.category is PlanWarning]
+
+
+@pytest.mark.slow
+def test_the_policy_of_stable_baselines_judges_it_like_a_model(pianist, expected):
+    mean, deviation = evaluate_policy(pianist, pianist.get_env(), n_eval_episodes=2)
+    assert mean == pytest.approx(expected["return"], abs=1e-3)
+    assert deviation == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("own", [True, False], ids=["a copy of its own", "the pianist's"])
+def test_callbacks_evaluate_it_like_a_model(own, pianist, expected):
+    callback = F1Callback(
+        None if own else pianist.get_env(), eval_freq=1, stop_threshold=expected["f1"] - 1e-6
+    )
+    callback.init_callback(pianist)
+    assert callback.on_step() is False  # it is that good
+    assert callback.last_mean_reward == pytest.approx(expected["f1"])
+
+
+def test_callbacks_write_down_what_it_plays(pianist, tmp_path, monkeypatch):
+    monkeypatch.setattr("sb3_piano.viewing.take._write_video", lambda *arguments: "not here")
+    callback = PerformanceVideoCallback(1, str(tmp_path / "videos"), width=64, height=48)
+    callback.init_callback(pianist)
+    with pytest.warns(UserWarning, match="not here"):
+        callback.on_step()
+    played = read_midi(tmp_path / "videos" / "step_0.mid")
+    assert {note.pitch for note in played.notes} == {48, 76, 77}
+
+
+needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
+
+# Without fingers.
+PLAIN = Score(
+    notes=[
+        Note(onset=0.0, offset=0.4, pitch=76),
+        Note(onset=0.0, offset=0.4, pitch=48),
+        Note(onset=0.45, offset=0.8, pitch=77),
+    ],
+    title="plain",
+)
+ZERO_OPTIONS = ["--sampling", "2", "--nominal", "none", "--horizon", "2"]
+
+
+@pytest.mark.slow
+@needs_gl
+def test_a_midi_file_becomes_a_video_with_sound(capsys):
+    command = ["play", "--planned", "plain.mid", "--physics", "fast", "--size", "64x48"]
+    assert main(command) == 0
+    out, error = capsys.readouterr()
+    f1, precision, recall, nothing, onset_f1 = map(float, re.findall(r"\d\.\d{3}", out))
+    assert f1 > 0.8 > nothing
+    assert precision + recall > 1.6
+    assert 0 <= onset_f1 <= 1
+    assert re.search(r"Planned in \d+\.\d s, 1\.4 s of music played in \d+\.\d s", out)
+    folder = Path("play/plain-planned")
+    assert f"Video: {folder / 'performance.mp4'}" in out
+    played = read_midi(folder / "performance.mid")
+    assert {note.pitch for note in played.notes} == {48, 76, 77}
+    with av.open(str(folder / "performance.mp4")) as video:
+        assert (len(video.streams.video), len(video.streams.audio)) == (1, 1)
+    assert error.strip() == ""
+
+
+@pytest.mark.slow
+def test_what_is_left_out_of_a_file_is_told_in_words(capsys):
+    music = pretty_midi.PrettyMIDI()
+    music.instruments.append(pretty_midi.Instrument(program=0))
+    for pitch in (60, 120):  # the piano ends at 108
+        music.instruments[0].notes.append(pretty_midi.Note(80, pitch, 0.0, 0.5))
+    music.write("high.mid")
+    command = ["play", "high.mid", "--planned", "--no-video", "--physics", "fast"]
+    assert main([*command, "--no-progress"]) == 0
+    error = capsys.readouterr().err
+    told = "sb3-piano: warning: Reading 'high.mid' left out 1 note off the keyboard (C9 at 0 s)."
+    assert error.strip() == told
+
+
+def test_all_joints_play_unless_the_reduced_action_space_is_asked_for(monkeypatch):
+    widths = []
+
+    def noted(config, on_step):
+        played = take_of_planner(config, on_step)
+        widths.append(played.take.scene.model.nu)
+        return played
+
+    monkeypatch.setattr("sb3_piano.training.playing.takes.take_of_planner", noted)
+    command = ["play", "--planned", "plain.mid", "--no-video", "--physics", "fast", *ZERO_OPTIONS]
+    assert main(command) == main([*command, "--reduced"]) == 0
+    assert widths == [44, 38]
+
+
+def test_the_listener_hears_of_planning_and_of_every_step():
+    calls = []
+    arguments = {"samples": 1, "horizon": 1, "nominal": "none"}
+    config = planner_config("plain.mid", "sampling", env_kwargs={"physics": "fast"}, **arguments)
+    played = take_of_planner(config, lambda done, total: calls.append((done, total)))
+    steps = len(played.take.performance.roll)
+    assert calls == [(step, steps) for step in range(steps + 1)]
+    assert played.metrics["length"] == steps
+    # Half a second to get to the first note, and a finger for each note.
+    roll = played.take.performance.roll
+    assert not roll.active[:10].any()
+    assert roll.active[10].sum() == 2
+    assert (roll.finger[roll.active] >= 0).all()
+    assert len(played.take.qpos) == steps + 1
+    assert played.score.title == "plain"
+    assert min(played.planning, played.playing) > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--sampling", "4"], "--sampling cannot be given without --planned"),
+        (["--nominal", "none"], "--nominal cannot be given without --planned"),
+        (["--horizon", "4"], "--horizon cannot be given without --planned"),
+        (["--reduced"], "--reduced cannot be given without --planned"),
+        (["--planned", "--horizon", "4"], "--horizon cannot be given without --sampling"),
+        (["--planned", "--score", "FurElise"], "--score cannot be given with a piece"),
+        (["--planned", "--best", "f1"], "--best cannot be given with a piece"),
+        (["--planned", "--physics", "slow"], "Unknown physics profile 'slow'"),
+    ],
+)
+def test_what_does_not_go_together_is_told(arguments, message, capsys):
+    assert main(["play", "plain.mid", *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert not Path("play").exists()
+
+
+def test_a_run_is_not_played_by_a_planner(capsys):
+    Path("run").mkdir()
+    assert main(["play", "run", "--planned"]) == 2
+    assert "--planned cannot be given with the run 'run'" in capsys.readouterr().err
+
+
+def test_environments_files_and_names_are_told_apart():
+    assert where_played("RoboPianist-hanon-01-v0") == ("RoboPianist-hanon-01-v0", {})
+    assert where_played("plain.mid") == ("RoboPianist-v0", {"score": "plain.mid"})
+    assert where_played("FurElise") == ("RoboPianist-v0", {"score": "FurElise"})
+    with pytest.raises(ConfigError, match="There is no 'x/y'"):
+        where_played("x/y")

@@ -1,0 +1,170 @@
+"""A run's saved model plays what and where it is told to."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from sb3_piano.cli import main
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.music import Note, Score
+from sb3_piano.training import SavedPlayer, evaluate, train
+
+STILL = np.zeros(39)
+BEYOND = Score(notes=[Note(pitch=100, onset=0.0, offset=0.2)], title="Beyond")
+
+
+class AlwaysTwinkle(gym.Wrapper):
+    """Choose a piece at each reset; named in a config by its import path."""
+
+    def reset(self, *, seed=None, options=None):
+        return self.env.reset(seed=seed, options={"score": "TwinkleTwinkleLittleStar"})
+
+
+@pytest.mark.slow
+def test_episodes_are_recorded_with_their_motion(piano_run):
+    with SavedPlayer.open(piano_run(STILL).path, seed=3) as player:
+        assert isinstance(player.env, PianoEnv)
+        first, second = player.play(2)
+        for recording in (first, second):
+            steps = len(recording.performance)
+            assert steps == len(player.env.roll) == recording.metrics["length"]
+            assert recording.motion.qpos.shape == (steps + 1, player.env.model.nq)
+        assert first.metrics == second.metrics
+        assert (player.config.seed, player.num_timesteps, player.piece) == (3, 1, "duet")
+        resting = player.rest()
+        assert resting.metrics["return_energy"] != first.metrics["return_energy"]
+        # a rest leaves nothing behind
+        assert player.play()[0].metrics == first.metrics
+
+
+def test_a_player_of_no_piano_does_not_rest(pendulum_run):
+    with SavedPlayer.open(pendulum_run().path) as player:
+        assert player.rest() is None
+        assert player.piece == "Pendulum-v1"
+        (recording,) = player.play()
+        assert (recording.performance, recording.motion) == (None, None)
+
+
+def test_each_playing_starts_from_its_seed(pendulum_run):
+    with SavedPlayer.open(pendulum_run().path, seed=5) as player:
+        returns = [r.metrics["return"] for r in player.play(3)]
+        assert [r.metrics["return"] for r in player.play(2)] == returns[:2]
+        other = [r.metrics["return"] for r in player.play(1, seed=6)]
+        assert other[0] not in returns
+        endless = player.episodes(seed=5)
+        assert [next(endless).metrics["return"] for _ in range(3)] == returns
+
+
+def test_a_run_without_a_file_names_its_piece_by_the_score(piano_run, small_config):
+    folder = piano_run(STILL)
+    config = folder.read_config()
+    folder.provenance_file.unlink()
+    folder.write_config(dataclasses.replace(config, env_kwargs={"score": "CMajorScaleOneHand"}))
+    with SavedPlayer.open(folder.path) as player:
+        assert player.piece == "CMajorScaleOneHand"
+
+
+@pytest.mark.slow
+def test_a_given_piece_is_played_whatever_wrappers_choose(piano_run):
+    folder = piano_run(STILL)
+    config = folder.read_config()
+    folder.write_config(dataclasses.replace(config, env_wrapper=f"{__name__}.AlwaysTwinkle"))
+    short = Score(notes=[Note(pitch=60, onset=0.0, offset=0.2)], title="Short")
+    with SavedPlayer.open(folder.path) as player:
+        assert player.play()[0].performance.title == "TwinkleTwinkleLittleStar"
+    with SavedPlayer.open(folder.path, score=short) as player:
+        for recording in (*player.play(2), player.rest()):
+            assert recording.performance.title == player.piece == "Short"
+
+
+def test_a_window_keeps_its_keys_for_another_piece(piano_run):
+    """Observed are the keys of the run's own piece, C3 to E5, and three beside them."""
+    folder = piano_run(STILL, observation="window")
+    inside = Score(notes=[Note(pitch=60, onset=0.0, offset=0.2)], title="Inside")
+    with SavedPlayer.open(folder.path) as own, SavedPlayer.open(folder.path, score=inside) as other:
+        assert own.env.observation_space == other.env.observation_space
+        assert len(other.play()[0].performance) == 5
+    with pytest.raises(RunError, match="run' cannot play 'Beyond': .*that its observation"):
+        SavedPlayer.open(folder.path, score=BEYOND)
+
+
+def test_no_piece_can_be_given_to_what_is_no_piano(pendulum_run):
+    with pytest.raises(ConfigError, match="cannot play 'Beyond': its environment 'Pendulum-v1' is"):
+        SavedPlayer.open(pendulum_run().path, score=BEYOND)
+
+
+def test_numbers_out_of_range_are_refused(pendulum_run):
+    folder = pendulum_run()
+    with pytest.raises(ConfigError, match="seed is -1: expected a whole number, 0 or more"):
+        SavedPlayer.open(folder.path, seed=-1)
+    with SavedPlayer.open(folder.path) as player:
+        with pytest.raises(ConfigError, match="episodes is 0: expected a whole number"):
+            player.play(0)
+        with pytest.raises(ConfigError, match="seed is -2: expected a whole number"):
+            player.play(1, seed=-2)
+        with pytest.raises(ConfigError, match="seed is -2: expected a whole number"):
+            player.episodes(seed=-2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("normalize", [False, True])
+def test_the_best_model_plays_in_place_of_the_last_one(
+    small_config, tmp_path, midi_file, normalize
+):
+    """Nothing is pressed in so few steps: all evaluations are alike, and the first one is best."""
+    config = small_config(
+        env_id="RoboPianist-v0",
+        env_kwargs={"score": str(midi_file), "physics": "fast"},
+        n_timesteps=30,
+        normalize=normalize,
+        callback=({"sb3_piano.callbacks.F1Callback": {"eval_freq": 10}},),
+    )
+    run = train(config, tmp_path / "best", progress_bar=False).folder
+    for best, steps in ((None, 30), ("f1", 10)):
+        with SavedPlayer.open(run.path, best=best) as player:
+            assert player.num_timesteps == steps
+            assert len(player.play()) == 1
+            statistics = player.model.get_vec_normalize_env()
+            assert (statistics is not None) is normalize
+            assert not normalize or statistics.obs_rms.count == pytest.approx(steps + 1, abs=0.1)
+    assert evaluate(run.path, best="f1").num_timesteps == 10
+    with pytest.raises(RunError, match="no best model by 'onset_f1', it has one by f1: expected"):
+        SavedPlayer.open(run.path, best="onset_f1")
+
+
+def test_a_run_without_a_best_model_says_so(piano_run):
+    with pytest.raises(RunError, match="no best model by 'f1', it has none by any metric"):
+        SavedPlayer.open(piano_run(STILL).path, best="f1")
+
+
+@pytest.mark.slow
+def test_every_command_that_plays_takes_the_best_model(small_config, tmp_path, midi_file, capsys):
+    config = small_config(
+        env_id="RoboPianist-v0",
+        env_kwargs={"score": str(midi_file), "physics": "fast"},
+        n_timesteps=30,
+        callback=({"sb3_piano.callbacks.F1Callback": {"eval_freq": 10}},),
+    )
+    run = str(train(config, tmp_path / "best", progress_bar=False).folder.path)
+    for command in (["evaluate"], ["play", "--no-video"], ["report"]):
+        assert main([*command, run, "--best", "recall"]) == 2
+        assert "has no best model by 'recall'" in capsys.readouterr().err
+        assert main([*command, run, "--best", "f1"]) == 0
+    page = (tmp_path / "best" / "evaluation" / "report.html").read_text(encoding="utf-8")
+    assert "best by f1" in page
+    assert f"sb3-piano report {run} --seed 0 --best f1" in page
+
+
+@pytest.mark.slow
+def test_a_training_may_end_with_what_the_model_plays(tmp_path, midi_file):
+    run = tmp_path / "run"
+    settings = "RoboPianist-v0: {n_timesteps: 5, policy: MlpPolicy, buffer_size: 10}"
+    (tmp_path / "tiny.yml").write_text(settings)
+    command = ["train", "--midi", str(midi_file), "--config", str(tmp_path / "tiny.yml")]
+    assert main([*command, "--run", str(run), "--no-progress", "--play"]) == 0
+    assert (run / "play" / "performance.wav").is_file()

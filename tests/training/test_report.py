@@ -1,0 +1,198 @@
+"""The report of a run: what its model plays, its training's log, where it comes from."""
+
+from __future__ import annotations
+
+import html
+import re
+import webbrowser
+
+import numpy as np
+import pytest
+from acting import scalars
+from torch.utils.tensorboard import SummaryWriter
+
+from sb3_piano.cli import main
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.training import RunFolder, evaluate, write_report
+from sb3_piano.training.evaluation.report import training_curves
+from sb3_piano.viewing.report.page import definition_of, formatted
+
+
+def loud_action():
+    """Press both hands' fingers down."""
+    return np.where(np.arange(39) % 2 == 0, 0.9, -0.3).astype(np.float32)
+
+
+def text_of(path):
+    """Return what people read on a page."""
+    page = re.sub(r"<(script|style)>.*?</\1>", " ", path.read_text(), flags=re.DOTALL)
+    return " ".join(html.unescape(re.sub(r"<[^>]+>", " ", page)).split())
+
+
+@pytest.mark.slow
+def test_it_shows_what_an_evaluation_from_the_same_seed_measures(piano_run):
+    run = piano_run(loud_action())
+    evaluation = evaluate(run.path, seed=3)
+    path = write_report(run.path, seed=3)
+    assert path == run.evaluation_dir / "report.html"
+    text = text_of(path)
+    assert "TD3 after 1 steps of training · reference physics · seed 3 duet" in text
+    for name in ("f1", "onset_f1", "wrong_presses_per_second", "return", "return_energy", "length"):
+        numbers = (formatted(name, of[name]) for of in (evaluation.mean, evaluation.baseline))
+        assert " ".join([definition_of(name).label, *numbers]).replace("\xa0", " ") in text, name
+    assert {file.name for file in run.evaluation_dir.iterdir()} == {
+        *("metrics.json", "performance_1.mid", "report.html")
+    }
+
+
+@pytest.mark.slow
+def test_it_says_where_run_and_report_come_from_and_how_to_make_it_again(piano_run, tmp_path):
+    run = piano_run(loud_action())
+    text = text_of(write_report(run.path, tmp_path / "fast.html", seed=2, physics="fast"))
+    for fact in (
+        "Piece duet",
+        "Environment RoboPianist-v0",
+        "Algorithm td3",
+        "Steps trained 1 ",
+        "Physics fast",
+        "Seed 2 (of the training: 1)",
+        f"Run {run.path}",
+        "Trained with sb3_piano",
+        "Played with sb3_piano",
+        f"This report sb3-piano report {run.path} --seed 2 --physics fast",
+    ):
+        assert fact in text
+    assert "Training unknown" not in text
+    assert "--physics" not in text_of(write_report(run.path))
+    run.provenance_file.write_text("no: [yaml")
+    damaged = text_of(write_report(run.path))
+    for fact in ("(of the training: unknown)", "Trained with unknown", "Training unknown"):
+        assert fact in damaged
+
+
+@pytest.mark.slow
+def test_the_log_of_a_training_is_drawn(piano_run):
+    run = piano_run(loud_action())
+    for leftover in run.tensorboard_dir.rglob("*"):
+        if leftover.is_file():
+            leftover.unlink()
+    assert "There is no log of the training" in text_of(write_report(run.path))
+    with SummaryWriter(str(run.tensorboard_dir / "run_1")) as log:
+        log.add_scalar("music/f1", 0.25, 100)
+    page = write_report(run.path)
+    assert "There is no log of the training" not in text_of(page)
+    assert 'id="training-1"' in page.read_text()
+
+
+@pytest.mark.slow
+def test_curves_are_what_the_training_logged(run):
+    folder = run(n_timesteps=100).folder
+    curves = training_curves(folder)
+    assert {"rollout/ep_rew_mean", "train/critic_loss"} <= set(curves)
+    for name, curve in curves.items():
+        logged = scalars(folder, name)
+        assert list(curve.steps) == sorted(logged), name
+        assert list(curve.values) == [logged[step] for step in curve.steps], name
+
+
+def test_of_a_training_that_was_taken_up_again_only_what_counts_is_kept(tmp_path):
+    def log(name, points, start):
+        with SummaryWriter(str(tmp_path / "tensorboard" / name)) as writer:
+            for i, (step, value) in enumerate(points):
+                writer.add_scalar("music/f1", value, step, walltime=start + i)
+
+    log("run_2", [(20, 0.5), (30, 0.6), (40, 0.7)], start=200.0)
+    log("run_1", [(10, 0.1), (20, 0.2), (30, np.nan), (45, 0.4)], start=100.0)
+    log("run_10", [(40, 0.8), (50, np.inf), (60, 0.9)], start=300.0)
+    (tmp_path / "tensorboard" / "empty").mkdir()
+    (curve,) = training_curves(RunFolder(tmp_path)).values()
+    assert curve.steps.tolist() == [10, 20, 30, 40, 60]
+    assert curve.values == pytest.approx([0.1, 0.5, 0.6, 0.8, 0.9])
+
+
+@pytest.mark.slow
+def test_a_long_log_is_read_whole_and_a_torn_one_as_far_as_it_goes(tmp_path):
+    with SummaryWriter(str(tmp_path / "tensorboard" / "run_1")) as writer:
+        for step in range(12_000):
+            writer.add_scalar("music/f1", step / 12_000, step)
+    (curve,) = training_curves(RunFolder(tmp_path)).values()
+    assert curve.steps.tolist() == list(range(12_000))
+    (file,) = (tmp_path / "tensorboard" / "run_1").iterdir()
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    (torn,) = training_curves(RunFolder(tmp_path)).values()
+    assert 5_000 < len(torn.steps) < 7_000
+
+
+def test_without_a_log_there_are_no_curves(tmp_path):
+    assert training_curves(RunFolder(tmp_path)) == {}
+    with SummaryWriter(str(tmp_path / "tensorboard" / "run_1")) as writer:
+        writer.add_scalar("music/f1", np.nan, 1)
+    assert training_curves(RunFolder(tmp_path)) == {}
+
+
+@pytest.mark.slow
+def test_what_cannot_be_shown_is_refused(pendulum_run, piano_run, tmp_path):
+    with pytest.raises(RunError, match="its environment 'Pendulum-v1' is no piano"):
+        write_report(pendulum_run("other").path)
+    with pytest.raises(RunError, match="There is no folder"):
+        write_report(tmp_path / "nowhere")
+    run = piano_run(loud_action())
+    with pytest.raises(RunError, match="x.html' cannot be written: No such file or directory"):
+        write_report(run.path, tmp_path / "no" / "x.html")
+    with pytest.raises(ConfigError, match="seed is -1: expected a whole number"):
+        write_report(run.path, seed=-1)
+    with pytest.raises(ConfigError, match="Unknown physics profile 'quick'"):
+        write_report(run.path, physics="quick")
+    assert not (run.evaluation_dir / "report.html").exists()
+
+
+@pytest.mark.slow
+def test_the_command_says_where_the_report_is(piano_run, tmp_path, capsys):
+    run = piano_run(loud_action())
+    assert main(["report", str(run.path)]) == 0
+    assert capsys.readouterr().out == f"Report: {run.evaluation_dir / 'report.html'}\n"
+    out = tmp_path / "other.html"
+    options = ["--out", str(out), "--seed", "4", "--physics", "fast"]
+    assert main(["report", str(run.path), *options]) == 0
+    assert capsys.readouterr().out == f"Report: {out}\n"
+    assert "fast physics · seed 4" in text_of(out)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nowhere"], "There is no folder 'nowhere'"),
+        (["nowhere", "--out", "no/x.html"], "--out is 'no/x.html': expected a file in a folder"),
+        (["nowhere", "--seed", "-1"], "There is no folder 'nowhere'"),
+    ],
+)
+def test_an_error_is_one_line_on_stderr(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["report", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("starts", [True, False])
+def test_the_report_is_opened_in_the_browser_of_the_machine(
+    piano_run, tmp_path, starts, monkeypatch, capsys
+):
+    run = piano_run(loud_action())
+    browser, seen = tmp_path / "browser", tmp_path / "seen"
+    browser.write_text(f'#!/bin/sh\necho "$1" > "{seen}"\n' if starts else "#!/bin/sh\nexit 1\n")
+    browser.chmod(0o755)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("BROWSER", f"{browser} %s")
+    monkeypatch.setenv("PATH", "")  # no other browser is found
+    monkeypatch.setattr(webbrowser, "_tryorder", None)  # look again
+    monkeypatch.setattr(webbrowser, "_browsers", {})
+    assert main(["report", str(run.path), "--open"]) == 0
+    captured = capsys.readouterr()
+    assert captured.out.startswith("Report: ")
+    assert ("No web browser could be started" in captured.err) is not starts
+    if starts:
+        assert seen.read_text().strip() == (run.evaluation_dir / "report.html").as_uri()

@@ -1,0 +1,272 @@
+"""Saved models, statistics and weights: shared as plain files, damaged, of something else."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+
+import numpy as np
+import pytest
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+
+from sb3_piano.cli import main
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.training import (
+    ALGORITHMS,
+    RunConfig,
+    SavedPlayer,
+    evaluate,
+    resume,
+    share,
+    train,
+)
+from sb3_piano.training.playing.takes import plan_run, planner_config
+
+ON_POLICY = ("ppo", "a2c", "trpo")
+_unpickled: list[str] = []
+_hook_is_set: list[bool] = []
+
+
+@pytest.fixture
+def unpickled():
+    """A list of what is unpickled during the test: every class and function, in any way."""
+
+    def notice(event, arguments):
+        if event == "pickle.find_class":
+            _unpickled.append(".".join(arguments))
+
+    if not _hook_is_set:  # a hook can never be taken away
+        sys.addaudithook(notice)
+        _hook_is_set.append(True)
+    _unpickled.clear()
+    return _unpickled
+
+
+@pytest.fixture
+def any_run(tmp_path):
+    """Return a function that trains a tiny model of an algorithm, with normalisation."""
+
+    def make(algo):
+        kwargs = {"policy_kwargs": {"net_arch": [8]}, "device": "cpu"}
+        kwargs |= {"n_steps": 20} if algo in ON_POLICY else {"learning_starts": 20}
+        config = RunConfig(
+            algo=algo,
+            env_id="Pendulum-v1",
+            n_timesteps=40,
+            seed=1,
+            n_envs=2,
+            normalize=True,
+            env_kwargs={"max_episode_steps": 20},
+            algorithm_kwargs=kwargs,
+        )
+        return train(config, tmp_path / algo, progress_bar=False).folder
+
+    return make
+
+
+def played(folder, seed=3):
+    with SavedPlayer.open(folder, seed=seed) as player:
+        (recording,) = player.play()
+        return recording.metrics, player.num_timesteps
+
+
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_a_shared_run_plays_the_same_to_the_last_bit_without_unpickling(
+    any_run, tmp_path, algo, unpickled
+):
+    run = any_run(algo)
+    unpickled.clear()
+    expected = played(run.path)
+    assert unpickled, "the hook notices what a run unpickles"
+    shared = share(run.path, tmp_path / "shared")
+    names = {file.name for file in shared.path.iterdir()}
+    assert names == {"config.yml", "run.yml", "policy.safetensors"}
+    unpickled.clear()
+    assert played(shared.path) == expected
+    assert unpickled == []
+
+
+def test_a_shared_piano_is_evaluated_reported_and_played(piano_run, tmp_path, unpickled, capsys):
+    run = piano_run(np.linspace(-0.5, 0.5, 39), physics="fast")
+    place = tmp_path / "for a friend"
+    assert main(["share", str(run.path), str(place)]) == 0
+    assert "Evaluate: sb3-piano evaluate '" in capsys.readouterr().out
+    expected = evaluate(run.path, seed=3)
+    unpickled.clear()
+    found = evaluate(place, seed=3)
+    assert (found.episodes, found.piece) == (expected.episodes, "duet")
+    assert main(["report", str(place)]) == 0
+    assert main(["play", str(place), "--no-video", "--no-progress"]) == 0
+    assert main(["compare", str(run.path), str(place)]) == 0
+    assert unpickled == []
+    (place / "model.zip").write_bytes((run.path / "model.zip").read_bytes())
+    evaluate(place)
+    assert unpickled == [], "a pickle beside the weights is left alone"
+
+
+@pytest.mark.slow
+def test_what_plays_without_training_is_shared_too(tmp_path, midi_file):
+    run = plan_run(planner_config(str(midi_file)), tmp_path / "planned")[0]
+    shared = share(run.path, tmp_path / "shared")
+    assert {f.name for f in shared.path.iterdir()} == {"config.yml", "run.yml", "score.mid"}
+
+
+def test_a_shared_run_cannot_be_trained_on_and_has_one_model(pendulum_run, tmp_path):
+    shared = share(pendulum_run().path, tmp_path / "shared")
+    with pytest.raises(RunError, match="shared to be played, without what training needs"):
+        resume(shared.path)
+    with pytest.raises(RunError, match="was shared with one model, and has no best one by 'f1'"):
+        evaluate(shared.path, best="f1")
+    with pytest.raises(RunError, match="holds a run already"):
+        share(shared.path, shared.path)
+
+
+@pytest.mark.slow
+def test_damaged_weights_are_refused_or_harmless(pendulum_run, tmp_path):
+    shared = share(pendulum_run(normalize=True).path, tmp_path / "shared")
+    file, expected = shared.path / "policy.safetensors", played(shared.path)
+    content = file.read_bytes()
+    places = np.linspace(0, len(content) - 1, 40).astype(int)
+    variants = [content[:end] for end in places]
+    variants += [content[:at] + bytes([content[at] ^ 0x41]) + content[at + 1 :] for at in places]
+    refused, found = 0, []
+    for variant in [*variants, b"\x80\x04.", b"null", content * 2]:
+        file.write_bytes(variant)
+        line = told(RunError, lambda: found.append(played(shared.path)))
+        if line is None:
+            assert found[-1] == expected
+        else:
+            refused += 1
+            assert "policy.safetensors' cannot be loaded" in line
+            assert "\n" not in line
+    assert refused >= len(variants)
+
+
+def test_weights_of_another_model_are_refused(pendulum_run, small_config, tmp_path):
+    shared = share(pendulum_run().path, tmp_path / "shared")
+    config = shared.read_config()
+    for change, message in (
+        ({"algorithm_kwargs": {"policy_kwargs": {"net_arch": [9]}}}, "do not fit .*size mismatch"),
+        ({"algo": "sac"}, "its algo is 'td3', not 'sac'"),
+        ({"normalize": True}, "it has no statistics, not normalization.returns.mean"),
+    ):
+        settings = {**config.to_mapping(), **change}
+        shared.write_config(type(config).from_mapping(settings))
+        with pytest.raises(RunError, match=message):
+            evaluate(shared.path)
+
+
+def test_a_folder_that_cannot_be_written_is_told(pendulum_run, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RunError, match="cannot be written"):
+        share(pendulum_run().path, tmp_path / "file" / "shared")
+
+
+def test_the_help_says_what_loading_a_run_may_do(capsys):
+    for command in ("evaluate", "play", "report", "train", "record", "clone"):
+        with pytest.raises(SystemExit):
+            main([command, "--help"])
+        assert "Trust: the model.zip and vecnormalize.pkl" in " ".join(
+            capsys.readouterr().out.split()
+        )
+
+
+def variants_of(content, count):
+    """Return contents that are cut off, or have a changed byte, at many places."""
+    places = np.linspace(0, len(content) - 1, count).astype(int)
+    changed = [content[:at] + bytes([content[at] ^ 0x41]) + content[at + 1 :] for at in places]
+    return [content[:end] for end in places], changed
+
+
+@pytest.fixture
+def normalized_run(pendulum_run):
+    """Train a tiny run with normalisation."""
+    return pendulum_run(normalize=True)
+
+
+def test_damaged_statistics_end_in_one_line_that_names_the_file(normalized_run):
+    file = normalized_run.path / "vecnormalize.pkl"
+    content = file.read_bytes()
+    cut, changed = variants_of(content, 60)
+    for variant in cut:
+        file.write_bytes(variant)
+        check_refused(normalized_run)
+    for variant in changed:  # of which some give other numbers, or none that are used
+        file.write_bytes(variant)
+        line = told(RunError, lambda: play(normalized_run))
+        assert line is None or "vecnormalize.pkl' cannot be loaded" in line
+
+
+@pytest.mark.parametrize(
+    "other", [3, None, [1.0], {"obs_rms": 1}, np.zeros(3), RunningMeanStd(shape=(3,)), ValueError]
+)
+def test_a_pickle_of_something_else_is_no_statistics(normalized_run, other):
+    (normalized_run.path / "vecnormalize.pkl").write_bytes(pickle.dumps(other))
+    check_refused(normalized_run)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("mean", np.zeros(4)),
+        ("mean", np.full(3, np.nan)),
+        ("var", -np.ones(3)),
+        ("var", "large"),
+        ("count", np.inf),
+    ],
+)
+def test_statistics_that_cannot_be_are_refused(normalized_run, field, value):
+    file = normalized_run.path / "vecnormalize.pkl"
+    with SavedPlayer.open(normalized_run.path) as player:
+        normalizer = player.model.get_vec_normalize_env()
+    setattr(normalizer.obs_rms, field, value)
+    normalizer.save(str(file))
+    check_refused(normalized_run)
+
+
+def test_a_damaged_model_is_an_error(pendulum_run):
+    run = pendulum_run()
+    content = run.model_file.read_bytes()
+    cut, changed = variants_of(content, 12)
+    for variant in [*cut, *changed]:
+        run.model_file.write_bytes(variant)
+        line = told(RunError, lambda: play(run))
+        assert line is None or "model.zip' cannot be loaded" in line
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\x00c", b"seed: [", b"- 1", b"a: " + b"1" * 5000])
+def test_a_run_with_a_damaged_origin_plays_and_one_with_damaged_settings_does_not(
+    piano_run, content, capsys
+):
+    run = piano_run(np.zeros(39), physics="fast")
+    run.provenance_file.write_bytes(content)
+    with SavedPlayer.open(run.path) as player:
+        assert player.piece == "score"
+    assert main(["report", str(run.path)]) == 0
+    run.config_file.write_bytes(content)
+    with pytest.raises(ConfigError, match="config.yml"):
+        evaluate(run.path)
+    capsys.readouterr()
+    assert main(["evaluate", str(run.path)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def play(run):
+    with SavedPlayer.open(run.path) as player:
+        player.play()
+
+
+def told(kind, call):
+    """Return what the error says that a call ends in, if it is one of a kind."""
+    try:
+        call()
+    except kind as error:
+        return str(error)
+    return None
+
+
+def check_refused(run):
+    line = told(RunError, lambda: play(run))
+    assert "vecnormalize.pkl' cannot be loaded" in line
+    assert "expected those of VecNormalize for 'Pendulum-v1'" in line
+    assert "\n" not in line

@@ -1,0 +1,312 @@
+"""What a run or a piece plays comes out as MIDI, sound and video that agree."""
+
+from __future__ import annotations
+
+import os
+
+import av
+import numpy as np
+import pytest
+from hearing import onsets_in
+from scipy.io import wavfile
+
+from sb3_piano.cli import main
+from sb3_piano.envs import EpisodeRecorder, PianoEnv
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.music import Note, Pedal, Score, read_midi, write_midi
+from sb3_piano.simulation import find_gl_backend
+from sb3_piano.training import Picture, play_run, play_score
+from sb3_piano.training.playing.takes import take_of_run, take_of_score
+from sb3_piano.viewing import show_take
+
+needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
+
+SMALL = Picture(width=64, height=48)
+FILES = ["performance.mid", "performance.mp4", "performance.wav"]
+LOUD = np.where(np.arange(39) % 2 == 0, 0.9, -0.3).astype(np.float32)
+
+PIECE = Score(
+    notes=[
+        Note(onset=0.12, offset=0.22, pitch=48, finger=9, velocity=100),
+        Note(onset=0.5, offset=0.58, pitch=60, finger=0, velocity=60),
+        Note(onset=0.913, offset=1.1, pitch=72),
+    ],
+    pedals=[Pedal(onset=1.3, offset=1.4)],
+    title="three notes",
+)
+
+
+def rest_action(score):
+    return PianoEnv(score).rest_action
+
+
+def names_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def video_of(path):
+    """Return number, width, height and rate of the pictures, and the sound with its rate."""
+    with av.open(str(path)) as container:
+        stream, audio = container.streams.video[0], container.streams.audio[0]
+        count = sum(1 for _ in container.decode(stream))
+        container.seek(0)
+        sound = np.concatenate([frame.to_ndarray() for frame in container.decode(audio)], axis=1)
+        size = stream.codec_context.width, stream.codec_context.height
+        return count, size, stream.average_rate, sound.T, audio.rate
+
+
+@pytest.mark.slow
+@needs_gl
+def test_a_piece_plays_itself_and_the_videos_sound_begins_its_notes_when_the_midi_file_does(
+    tmp_path,
+):
+    told = []
+    played = play_score(
+        PIECE, tmp_path, picture=SMALL, progress=lambda done, total: told.append((done, total))
+    )
+    assert told == [(k, 24) for k in range(1, 25)]
+    assert names_in(tmp_path) == FILES
+    assert (played.midi, played.wav, played.video) == tuple(
+        tmp_path / name for name in ("performance.mid", "performance.wav", "performance.mp4")
+    )
+    assert played.problem is None
+    onsets = [note.onset for note in read_midi(played.midi).notes]
+    assert onsets == pytest.approx([0.12, 0.5, 0.913], abs=1e-4)
+    count, size, rate, sound, sample_rate = video_of(played.video)
+    # 1.1 s are 22 steps and a silent one, and there is a picture before the first
+    assert (count, size, rate) == (24, (64, 48), 20)
+    assert len(sound) / sample_rate == pytest.approx(24 / 20, abs=0.025)
+    np.testing.assert_allclose(onsets_in(sound, sample_rate), onsets, atol=0.05)
+
+
+@pytest.mark.slow
+@needs_gl
+def test_what_a_runs_model_plays_is_heard_in_its_video(piano_run, midi_file, tmp_path):
+    env = EpisodeRecorder(PianoEnv(str(midi_file)))
+    env.reset(seed=0)
+    over = False
+    while not over:
+        _, _, _, over, _ = env.step(LOUD)
+    by_hand = env.finished[0].performance.to_score()
+
+    run = piano_run(LOUD).path
+    played = play_run(run, picture=SMALL)
+    assert played.folder == run / "play"
+    notes = read_midi(played.midi).notes
+    assert [(n.pitch, n.finger) for n in notes] == [(n.pitch, n.finger) for n in by_hand.notes]
+    onsets = np.array([note.onset for note in notes])
+    np.testing.assert_allclose(onsets, [note.onset for note in by_hand.notes], atol=1e-3)
+    count, _, _, sound, rate = video_of(played.video)
+    assert count == len(env.unwrapped.roll) + 1
+    assert len(sound) / rate == pytest.approx(count / 20, abs=0.025)
+    heard = onsets_in(sound, rate)
+    assert heard[0] == pytest.approx(onsets[0], abs=0.05)
+    # notes in quick succession merge, but none is heard that was not played
+    assert all(np.abs(onsets - time).min() < 0.05 for time in heard)
+
+
+def test_the_wav_file_lasts_as_long_as_the_pictures_or_as_the_last_note_rings(tmp_path):
+    short = play_score(PIECE, tmp_path, picture=None)
+    rate, samples = wavfile.read(short.wav)
+    assert len(samples) / rate == pytest.approx(1.1 + 1.0, abs=1e-3)
+    np.testing.assert_allclose(onsets_in(samples, rate), [0.12, 0.5, 0.913], atol=0.003)
+
+
+def test_keys_go_down_when_they_are_due_while_the_hands_rest():
+    take = take_of_score(PIECE)
+    scene, roll = take.scene, take.performance.roll
+    hands = np.setdiff1d(np.arange(scene.model.nq), scene.key_qpos)
+    np.testing.assert_array_equal(
+        take.qpos[:, hands], np.tile(scene.model.qpos0[hands], (len(roll) + 1, 1))
+    )
+    down = take.qpos[:, scene.key_qpos] >= scene.key_max_angle
+    assert not down[0].any()
+    np.testing.assert_array_equal(down[1:], roll.active)
+    assert down[3:6, 48 - 21].tolist() == [True, True, True]  # steps 2 to 4
+    assert take.performance.metrics()["f1"] == 1.0
+    assert take.performance.metrics()["onset_f1"] == 1.0
+
+
+@pytest.mark.slow
+@needs_gl
+def test_a_key_that_goes_down_by_itself_keeps_its_fingers_colour(tmp_path):
+    piece = Score(notes=[Note(onset=0.0, offset=0.2, pitch=48, finger=0)])
+    played = play_score(piece, tmp_path, picture=Picture(width=320, height=240))
+    with av.open(str(played.video)) as container:
+        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+    picture = frames[3].astype(int)
+    red, green, blue = picture[..., 0], picture[..., 1], picture[..., 2]
+    assert ((green > 1.3 * red) & (green > 1.3 * blue)).sum() < 20  # of hundreds in a green key
+    silent = frames[-1].astype(int)
+    reds = [
+        ((p[..., 0] > 1.5 * p[..., 1]) & (p[..., 0] > 1.5 * p[..., 2])).sum()
+        for p in (picture, silent)
+    ]
+    assert reds[0] > reds[1] + 50
+
+
+def test_where_no_key_is_pressed_there_is_silence_and_no_midi_file(piano_run, midi_file, capsys):
+    run = piano_run(rest_action(str(midi_file))).path
+    (run / "play").mkdir()
+    (run / "play" / "performance.mid").write_text("of another performance")
+    played = play_run(run, picture=None)
+    assert played.midi is None
+    assert main(["play", str(run), "--no-video"]) == 0
+    assert "no key was pressed, so there is no MIDI file" in capsys.readouterr().out
+    assert names_in(run / "play") == ["performance.wav"]
+    rate, samples = wavfile.read(played.wav)
+    assert not samples.any()
+    assert len(samples) / rate == pytest.approx(26 * 0.05)  # 1.2 s: 25 steps, 26 pictures
+
+
+def test_a_run_plays_another_piece_in_a_folder_of_its_own(piano_run, tmp_path):
+    run = piano_run(LOUD).path
+    played = play_run(run, score=PIECE, picture=None)
+    assert played.folder == run / "play" / "three_notes"
+    take = take_of_run(run, score=PIECE)
+    assert take.performance.roll.onset.sum() == 3
+    assert len(take.qpos) == len(take.performance.roll) + 1
+
+
+@pytest.mark.slow
+def test_the_seed_and_the_physics_reach_the_environment(piano_run):
+    run = piano_run(LOUD, randomize_hand_positions=True).path
+    first, again, other = (take_of_run(run, seed=seed) for seed in (3, 3, 4))
+    np.testing.assert_array_equal(first.qpos, again.qpos)
+    assert (first.qpos[0] != other.qpos[0]).any()
+    timestep = take_of_run(run, physics="fast").scene.model.opt.timestep
+    assert (first.scene.model.opt.timestep, timestep) == (0.005, 0.01)
+    assert take_of_score(PIECE, physics="fast").scene.model.opt.timestep == 0.01
+
+
+def test_a_run_that_is_no_pianos_is_refused(run):
+    folder = run(n_timesteps=30).folder.path
+    with pytest.raises(RunError, match="cannot be watched: its environment 'Pendulum-v1' is no"):
+        play_run(folder)
+    assert not (folder / "play").exists()
+
+
+def test_a_folder_that_cannot_be_made_is_an_error(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(RunError, match="'.*file' cannot be written: .* Expected a folder"):
+        play_score(PIECE, tmp_path / "file", picture=None)
+
+
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [
+        ({"width": 641}, "width is 641: expected a whole number from 2 to 1920 pixels, even"),
+        ({"width": 1922}, "width is 1922"),
+        ({"height": 0}, "height is 0"),
+        ({"height": 1082}, "height is 1082"),
+        ({"camera": "side"}, "camera is 'side': expected one of 'overview', 'topdown'"),
+    ],
+)
+def test_a_picture_that_cannot_be_drawn_is_refused(setting, expected):
+    with pytest.raises(ConfigError, match=expected):
+        Picture(**setting)
+
+
+@pytest.mark.parametrize(
+    ("title", "name"),
+    [
+        ("three notes", "three_notes"),
+        ("../../x", "x"),
+        ("Für Elise", "Für_Elise"),
+        ("", "piece"),
+        ("..", "piece"),
+    ],
+)
+def test_a_piece_has_a_folder_by_its_title_which_stays_in_its_place(
+    title, name, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    piece = Score(notes=PIECE.notes, title=title)
+    assert play_score(piece, picture=None).folder.parts == ("play", name)
+    assert names_in(tmp_path / "play") == [name]
+
+
+# The command.
+
+
+def test_a_folder_is_played_as_a_run_and_a_file_as_a_piece(piano_run, tmp_path, capsys):
+    run = piano_run(LOUD).path
+    assert main(["play", str(run), "--no-video"]) == 0
+    assert names_in(run / "play") == ["performance.mid", "performance.wav"]
+    write_midi(PIECE, tmp_path / "piece.mid")
+    out = tmp_path / "out"
+    assert main(["play", str(tmp_path / "piece.mid"), "--no-video", "--out", str(out)]) == 0
+    assert len(read_midi(out / "performance.mid").notes) == 3
+    printed = capsys.readouterr()
+    assert f"MIDI:  {out}/performance.mid\nSound: {out}/performance.wav\n" in printed.out
+    assert "Video" not in printed.out
+    assert printed.err == ""
+
+
+@pytest.mark.slow
+@needs_gl
+def test_the_command_writes_the_video_of_the_asked_size(tmp_path, capsys):
+    write_midi(PIECE, tmp_path / "piece.mid")
+    out = tmp_path / "out"
+    options = ["--size", "80x46", "--camera", "topdown", "--out", str(out)]
+    assert main(["play", str(tmp_path / "piece.mid"), *options]) == 0
+    assert names_in(out) == FILES
+    assert video_of(out / "performance.mp4")[1] == (80, 46)
+    assert f"Video: {out}/performance.mp4" in capsys.readouterr().out
+
+
+def test_where_nothing_can_be_drawn_the_command_says_so_after_writing_the_rest(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setenv("MUJOCO_GL", "disable")
+    command = ["play", "CMajorScaleOneHand", "--out", str(tmp_path)]
+    assert main(command) == 2
+    assert names_in(tmp_path) == ["performance.mid", "performance.wav"]
+    printed = capsys.readouterr()
+    assert "Sound: " in printed.out
+    assert "There is no video. Cannot draw the scene: MUJOCO_GL is 'disable'" in printed.err
+    assert main([*command, "--no-video"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_window_without_a_screen_is_an_error_before_anything_is_played(
+    tmp_path, monkeypatch, capsys
+):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    command = ["play", "CMajorScaleOneHand", "--human", "--out", str(tmp_path / "out")]
+    assert main(command) == 2
+    assert not (tmp_path / "out").exists()
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("sb3-piano: error: Cannot open a window: there is no screen")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["runs/none"], "there is no 'runs/none'. Expected the folder of a run, a file such as"),
+        (["CMajorScaleTwoHand"], "Did you mean 'CMajorScaleTwoHands'"),
+        (["."], "'.' is no run, it has no config.yml"),
+        (["CMajorScaleOneHand", "--seed", "1"], "--seed cannot be given with a piece"),
+        (["CMajorScaleOneHand", "--score", "x.mid"], "--score cannot be given with a piece"),
+        (["CMajorScaleOneHand", "--size", "640"], "--size is '640': expected pixels such as"),
+        (
+            ["CMajorScaleOneHand", "--size", "640x361"],
+            "height is 361: expected a whole",
+        ),
+        (["CMajorScaleOneHand", "--physics", "slow"], "Unknown physics profile 'slow'"),
+    ],
+)
+def test_what_cannot_be_played_is_told_before_anything_is_written(
+    arguments, expected, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(["play", *arguments]) == 2
+    assert expected in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not os.environ.get("DISPLAY"), reason="no screen on this machine")
+def test_a_take_is_shown_in_a_window():
+    show_take(take_of_score(PIECE))

@@ -1,0 +1,189 @@
+"""Values from YAML and RL Zoo's snippets fit their parameters, or are refused by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import torch
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.training.configuration.names import import_name
+from sb3_piano.training.configuration.values import (
+    check_arguments,
+    coerce,
+    coerce_mapping,
+    linear_start,
+    parse_zoo_text,
+)
+
+RATE = float | Callable[[float], float]
+
+
+@pytest.mark.parametrize(
+    ("value", "annotation", "expected"),
+    [
+        ("1e-3", float, 0.001),  # PyYAML reads both as text
+        ("1.0e6", int, 1_000_000),
+        (1e6, int, 1_000_000),
+        (3, float, 3.0),
+        (-19.5, str | float, -19.5),
+        ("-19.5", str | float, -19.5),
+        ("auto_1.0", str | float, "auto_1.0"),
+        ("lin_3e-4", RATE, "lin_3e-4"),
+        (True, bool, True),
+        (None, int | None, None),
+        (4, int | tuple[int, str], 4),
+        ([1, "episode"], int | tuple[int, str], (1, "episode")),
+        (["f1", "recall"], tuple[str, ...], ("f1", "recall")),
+        ([64, "64"], list[int] | dict[str, list[int]] | None, [64, 64]),
+        ({"pi": [64.0], "qf": [32]}, list[int] | dict[str, list[int]], {"pi": [64], "qf": [32]}),
+        ("dict(pi=[64])", list[int] | dict[str, list[int]], {"pi": [64]}),
+        ("nn.GELU", type[torch.nn.Module], "torch.nn.GELU"),
+        ("cuda:0", torch.device | str, "cuda:0"),
+        (object, Any, object),
+        ("anything", "an annotation that is text", "anything"),
+    ],
+)
+def test_a_value_becomes_what_its_parameter_expects(value, annotation, expected):
+    fitting = coerce(value, annotation, "key")
+    assert fitting == expected
+    assert type(fitting) is type(expected)
+
+
+@pytest.mark.parametrize(
+    ("value", "annotation", "message"),
+    [
+        ("fast", float, "key is 'fast': expected a number"),
+        ("fast", RATE, r"key is 'fast': expected a number or lin_<number>"),
+        ("lin_fast", RATE, "key is 'lin_fast': expected a number or lin_"),
+        (2.5, int, r"key is 2\.5: expected a whole number"),
+        (True, int, "key is True: expected a whole number"),
+        (True, float, "key is True: expected a number"),
+        (1, bool, "key is 1: expected true or false"),
+        ("yes", bool, "key is 'yes': expected true or false"),
+        (float("nan"), float, "key is nan: expected a number"),
+        ("inf", float, "key is 'inf': expected a number"),
+        (None, float, "key is None: expected a number"),
+        ([1], int | tuple[int, str], r"key is \[1\]: expected a whole number or a list"),
+        ([1, 2], int | tuple[int, str], r"key\[1\] is 2: expected text"),
+        ({"pi": ["wide"]}, dict[str, list[int]], r"key\.pi\[0\] is 'wide': expected a whole"),
+        ("torch.nn.Relu", type[torch.nn.Module], "torch.nn has no 'Relu'. Did you mean 'ReLU'"),
+        (
+            "torch.optim.Adam",
+            type[torch.nn.Module],
+            "key: 'torch.optim.Adam' is no subclass of Module",
+        ),
+    ],
+)
+def test_a_value_that_does_not_fit_is_refused_with_key_value_and_type(value, annotation, message):
+    with pytest.raises(ConfigError, match=message):
+        coerce(value, annotation, "key")
+
+
+def example(width: int, *args: int, depth: float = 1.0, _secret: int = 0) -> None:
+    """Take a few arguments."""
+
+
+def test_unknown_arguments_are_refused_with_the_nearest_name():
+    with pytest.raises(ConfigError, match=r"'widht' for example. Did you mean 'width'"):
+        check_arguments({"widht": 1}, example)
+
+
+@pytest.mark.parametrize("name", ["_secret", "args", "depth"])
+def test_private_variadic_and_reserved_parameters_cannot_be_given(name):
+    with pytest.raises(ConfigError, match=f"Unknown key '{name}' for example. .*width"):
+        check_arguments({name: 1}, example, reserved=["depth"])
+
+
+def test_arguments_are_converted_one_by_one():
+    assert check_arguments({"width": 2.0, "depth": "1e-1"}, example) == {"width": 2, "depth": 0.1}
+
+
+def test_a_function_that_takes_any_argument_gets_any_but_the_reserved():
+    def anything(width: int, **rest: Any) -> None:
+        """Take whatever comes."""
+
+    assert check_arguments({"width": "3", "colour": "x"}, anything) == {"width": 3, "colour": "x"}
+    with pytest.raises(ConfigError, match="Unknown key 'env'"):
+        check_arguments({"env": 1}, anything, reserved=["env"])
+
+
+def test_the_start_of_a_linear_schedule_is_read():
+    assert linear_start("lin_3e-4") == 0.0003
+    assert linear_start("linear_3e-4") is None
+    assert linear_start(0.1) is None
+
+
+@pytest.mark.parametrize("value", [3, [1], {1: 2}, "[1, 2]"])
+def test_a_mapping_is_a_mapping_from_names(value):
+    with pytest.raises(ConfigError, match=r"env_kwargs is .*: expected a mapping from names"):
+        coerce_mapping(value, "env_kwargs")
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("dict(net_arch=[256, 256])", {"net_arch": [256, 256]}),
+        ("dict(info_keywords=('f1',))", {"info_keywords": ["f1"]}),
+        ("dict(net_arch=dict(pi=[4], qf=[8]))", {"net_arch": {"pi": [4], "qf": [8]}}),
+        ("{'log_std_init': -2, 'a': -0.5}", {"log_std_init": -2, "a": -0.5}),
+        (" dict(a=True, b=None, c='x') ", {"a": True, "b": None, "c": "x"}),
+        ("dict(activation_fn=nn.ReLU)", {"activation_fn": "torch.nn.ReLU"}),
+        ("dict(a=th.optim.Adam, b=torch.nn.GELU)", {"a": "torch.optim.Adam", "b": "torch.nn.GELU"}),
+        ("HerReplayBuffer", "stable_baselines3.HerReplayBuffer"),
+        ("dict(a=importlib.import_module('torch.nn').ReLU)", {"a": "torch.nn.ReLU"}),
+        ('importlib.import_module("torch").nn.GELU', "torch.nn.GELU"),
+    ],
+)
+def test_literals_calls_of_dict_and_names_are_understood(text, value):
+    assert parse_zoo_text(text) == value
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("dict(a=__import__('os').getcwd())", r"__import__\('os'\).getcwd\(\)\" in .* cannot be"),
+        ("dict(a=open('x'))", "cannot be read: expected literals"),
+        ("[x for x in (1, 2)]", "cannot be read: expected literals"),
+        ("dict(a=2**9)", "cannot be read: expected literals"),
+        ("dict(a=f'{1}')", "cannot be read: expected literals"),
+        ("dict(a=b'x')", "cannot be read: expected literals"),
+        ("dict([('a', 1)])", "cannot be read: expected literals"),
+        ("dict(**{'a': 1})", "cannot be read: expected literals"),
+        ("{1: 2}", "cannot be read: expected literals"),
+        ("{**{}}", "cannot be read: expected literals"),
+        ("dict(a=", "is no Python expression"),
+        ("a\0b", "is no Python expression"),
+        ("dict(a=nn.Rellu)", "torch.nn has no 'Rellu'. Did you mean 'ReLU'"),
+        ("dict(a=nowhere.Thing)", "'nowhere.Thing' cannot be imported: No module named"),
+        ("dict(a=thing)", "'thing' is no import path"),
+        ("dict(a=importlib.import_module('os').system('x'))", "cannot be read: expected literals"),
+        ("importlib.import_module('a' + 'b').C", "is no import path"),
+    ],
+)
+def test_anything_else_is_refused_with_the_part_that_is_wrong(text, message):
+    with pytest.raises(ConfigError, match=message):
+        parse_zoo_text(text)
+
+
+@pytest.mark.parametrize(
+    "name", ["nn.ReLU", "th.nn.ReLU", "torch.nn.ReLU", "torch.nn.modules.ReLU"]
+)
+def test_a_class_is_found_by_its_import_path(name):
+    assert import_name(name) is torch.nn.ReLU
+
+
+def test_a_nested_name_is_found():
+    assert import_name("torch.nn.Module.forward") is torch.nn.Module.forward
+
+
+def test_a_module_that_fails_while_it_is_imported_is_named(tmp_path, monkeypatch):
+    (tmp_path / "broken_module.py").write_text("import missing_package\n")
+    (tmp_path / "crashing_module.py").write_text("1 / 0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ConfigError, match="No module named 'missing_package'"):
+        import_name("broken_module.Thing")
+    with pytest.raises(ConfigError, match="crashing_module raises ZeroDivisionError"):
+        import_name("crashing_module.Thing")

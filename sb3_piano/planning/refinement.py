@@ -122,8 +122,9 @@ def _heard(hands: Both, roll: PianoRoll, scene: PianoScene, feedback: float) -> 
     right, left = hands
     positions = np.concatenate([right.positions, left.positions], axis=1)
     commands = np.concatenate([right.commands, left.commands], axis=1)
-    simulation = Simulation(scene, round(roll.control_timestep / scene.model.opt.timestep))
-    actions, data = ActionMap(scene), simulation.data
+    n_substeps = round(roll.control_timestep / scene.model.opt.timestep)
+    actions, simulation = ActionMap(scene), Simulation(scene, n_substeps)
+    data = simulation.data
     mujoco.mj_step1(scene.model, data)
     sounding = np.zeros_like(roll.active)
     for step in range(len(sounding)):

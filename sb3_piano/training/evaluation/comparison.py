@@ -113,8 +113,6 @@ class Comparison:
     """Where B was read from."""
     by: str
     """What makes a pair, see :func:`compare`."""
-    metrics: tuple[MetricComparison, ...]
-    """The comparison of each metric."""
     physics_a: tuple[str, ...]
     """Names of the physics profiles on which A was played; one, if all is well."""
     physics_b: tuple[str, ...]
@@ -123,6 +121,8 @@ class Comparison:
     """Pieces, or seeds of pieces, that only A has; they are left out."""
     only_in_b: tuple[str, ...]
     """Those that only B has."""
+    metrics: tuple[MetricComparison, ...]
+    """The comparison of each metric."""
 
     def to_json(self) -> dict[str, Any]:
         """Return all of it in JSON's types."""

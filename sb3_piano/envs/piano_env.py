@@ -12,10 +12,9 @@ import numpy.typing as npt
 from sb3_piano.envs.actions import ActionMap
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.encodings import make_encoding
-from sb3_piano.envs.goal import Goal
+from sb3_piano.envs.goal import Goal, reward_terms
 from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, ObservationLayout, ObservationSpace
 from sb3_piano.envs.record import EnvState, EpisodeRecord
-from sb3_piano.envs.reward_terms import reward_terms
 from sb3_piano.envs.score_choice import ScoreSource, chosen_score, own_score
 from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedError
 from sb3_piano.music import PianoRoll, Score

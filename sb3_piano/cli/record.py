@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _POLICIES = ("planned", "sampling")
 _OBSERVED = {"observation": "fingers", "fingering": "robot"}
-"""What an environment that is made here observes unless told otherwise: little, and by finger."""
+"""Options of an environment that is made here unless given: little is observed, by finger."""
 
 
 def add_parser(commands: Any) -> None:

@@ -41,7 +41,7 @@ class Encoding(ABC):
     """Writes observations of one layout."""
 
     layout: ObservationLayout
-    """Which numbers stand where."""
+    """Layout of the observation."""
 
     @abstractmethod
     def prepare(self, roll: PianoRoll) -> None:

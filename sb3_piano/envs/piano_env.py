@@ -154,12 +154,12 @@ class PianoEnv(gym.Env[Any, Any]):
 
     @property
     def observation_layout(self) -> ObservationLayout:
-        """Which numbers of the observation stand where, and what they mean."""
+        """Layout of the observation: place and meaning of its numbers."""
         return self._encoding.layout
 
     @property
     def key_active(self) -> npt.NDArray[np.bool_]:
-        """Which keys sound now, (88,) bool."""
+        """Keys that sound now, (88,) bool."""
         self._simulation.read()
         return np.frombuffer(self._simulation.sounding, dtype=bool).copy()
 

@@ -43,7 +43,7 @@ class EarlyRelease:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PianoRoll:
-    """What is due at each of T control steps. All arrays are read-only copies.
+    """Keys and pedal due at each of T control steps. All arrays are read-only copies.
 
     A note fills the steps floor(onset / dt) to ceil(offset / dt) - 1, at least one; T is
     floor(duration / dt) + 1, so a piece that ends on a step is followed by one silent step. Notes

@@ -22,7 +22,7 @@ SAMPLE_RATE = 48_000
 """Samples per second of all sound; the synthesiser knows no other."""
 
 _TAIL = 1.0
-"""How long the last note is given to ring out, s."""
+"""Time in which the last note rings out, s."""
 
 _PEAK = 0.9
 """Amplitude to which the loudest moment is scaled, so that nothing is clipped."""

@@ -1,4 +1,4 @@
-"""What several formats need: notes that are left out, packed files, writing."""
+"""Parts of several formats: notes that are left out, packed files, writing."""
 
 from __future__ import annotations
 

@@ -141,7 +141,7 @@ def _seconds(tempos: list[tuple[int, int]], ticks_per_beat: int) -> Callable[[in
 
 @dataclass
 class _Scan:
-    """What is found in the messages, in ticks from the start of the file.
+    """Content of the messages, in ticks from the start of the file.
 
     Attributes:
         ticks_per_beat: Ticks in a quarter note.

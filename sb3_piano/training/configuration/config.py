@@ -153,7 +153,7 @@ class PlayConfig:
 
     @property
     def labels(self) -> dict[str, str]:
-        """What the run's files are recognised by."""
+        """Identity of the run, by which its files are recognised."""
         return {"algo": self.algo, "env_id": self.env_id}
 
     def alone(self) -> Self:

@@ -21,7 +21,7 @@ from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.training.configuration.names import full_name, import_class, import_name, is_dotted
 
 MODEL_PARTS = (torch.nn.Module, torch.optim.Optimizer, BaseBuffer)
-"""What the classes that an algorithm's arguments name must be below: networks, features extractors
+"""Base classes of what an algorithm's arguments may name: networks, features extractors
 and policies, optimizers, buffers."""
 
 _LINEAR = re.compile(r"lin_(?P<start>.+)")

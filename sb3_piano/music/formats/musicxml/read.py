@@ -31,10 +31,10 @@ _KEYBOARDS = re.compile(
 )
 
 _GRACE = Fraction(1, 10)
-"""How long a grace note lasts at most, in s."""
+"""Longest duration of a grace note, s."""
 
 _LIFT = Fraction(1, 10)
-"""How long the pedal is up where it is changed, in s."""
+"""Time for which the pedal is up where it is changed, s."""
 
 
 def read_musicxml(path: str | os.PathLike[str]) -> Score:

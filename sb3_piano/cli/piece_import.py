@@ -29,8 +29,9 @@ def add_parser(commands: Any) -> None:
     add(
         "--fingering",
         metavar="HOW",
-        help="ergonomic (default): find fingers for notes that have none; keep: only those in the "
-        "file; optimal-transport: none, any finger will do; or a file with labels",
+        help="ergonomic (default): find fingers for notes that have none; robot: those that "
+        "suit the simulated hands; keep: only those in the file; optimal-transport: none, any "
+        "finger will do; or a file with labels",
     )
     add("--name", metavar="NAME", help="the piece's name, for a single file; default: the file's")
     add(

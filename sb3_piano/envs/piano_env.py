@@ -80,8 +80,9 @@ class PianoEnv(gym.Env[Any, Any]):
 
     ``model`` and ``data`` are MuJoCo's own and may be changed; after a change to positions or
     velocities call ``mujoco.mj_step1(env.model, env.data)`` before the next step. ``scene`` knows
-    where in them everything stands. ``score``, ``roll``, ``key_active``, ``performance``,
-    ``get_state`` and ``set_state`` tell and restore where the episode is.
+    where in them everything stands, ``action_map`` what actions tell the actuators. ``score``,
+    ``roll``, ``key_active``, ``performance``, ``get_state`` and ``set_state`` tell and restore
+    where the episode is.
 
     ## Options
 

@@ -7,11 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.music.constants import NUM_FINGERS
+
 FloatArray = npt.NDArray[np.float64]
 FingerArray = npt.NDArray[np.int8]
-
-_NUM_FINGERS = 10
-"""Right thumb to little finger 0-4, left thumb to little finger 5-9."""
 
 _NO_FINGER = -1
 
@@ -78,7 +77,7 @@ def finger_shares(press_finger: npt.ArrayLike) -> FloatArray:
         (10,) shares with the sum 1; all 0 if no key ever sounds.
     """
     fingers = np.asarray(press_finger)
-    counts = np.bincount(fingers[fingers >= 0], minlength=_NUM_FINGERS)
+    counts = np.bincount(fingers[fingers >= 0], minlength=NUM_FINGERS)
     return counts / max(counts.sum(), 1)
 
 

@@ -95,20 +95,9 @@ def test_the_best_annotator_is_chosen_for_each_hand():
     assert (rates.general, rates.highest, rates.recombination) == (0.5, 1.0, 1.0)
 
 
-def test_with_one_annotator_all_rates_are_the_simple_one():
-    rates = match_rates([score([0, 1, 7, 5])], score([0, 2, 7, 9]))
-    expected = (0.5,) * 4
-    assert (rates.general, rates.highest, rates.soft, rates.recombination) == expected
-
-
 def test_notes_that_an_annotator_left_without_a_finger_do_not_count():
     rates = match_rates([score([0, -1, 2]), score([0, 1, 3])], score([0, 1, 3]))
     assert (rates.notes, rates.general, rates.highest, rates.soft) == (2, 0.75, 1.0, 1.0)
-
-
-def test_a_note_without_a_finger_matches_none_of_them():
-    rates = match_rates([score([0, 1])], score([0, -1]))
-    assert (rates.notes, rates.soft, rates.recombination) == (2, 0.5, 0.5)
 
 
 def value_of(path, truths, estimate):

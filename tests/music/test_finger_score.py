@@ -6,7 +6,6 @@ from dataclasses import replace
 
 from sb3_piano.music import BUILT_IN, Note, Pedal, Score
 from sb3_piano.music.fingering import agreement, finger_score
-from sb3_piano.music.fingering.cost import FingeringWeights
 
 KEYS = ("C", "Db", "D", "Eb", "E", "F", "Gb", "G", "Ab", "A", "Bb", "B")
 
@@ -76,12 +75,6 @@ def test_a_known_hand_is_kept_even_in_the_others_register():
     assert {note.hand for note in finger_score(tune(40, 41, 43, hand="right")).notes} == {"right"}
 
 
-def test_fingers_of_an_octave_away_are_the_same():
-    piece = stripped(BUILT_IN["repertoire-FurElise"].score())
-    there = finger_score(piece.transpose(12))
-    assert there == finger_score(piece).transpose(12)
-
-
 def test_the_mirrored_piece_has_the_mirrored_fingers():
     piece = stripped(BUILT_IN["repertoire-MapleLeafRag"].score())
 
@@ -100,21 +93,6 @@ def test_the_mirrored_piece_has_the_mirrored_fingers():
         return Score(notes=notes)
 
     assert finger_score(mirrored(piece)) == mirrored(finger_score(piece))
-
-
-def test_the_same_score_always_gets_the_same_fingers():
-    piece = stripped(BUILT_IN["hanon-05"].score())
-    assert finger_score(piece) == finger_score(piece)
-
-
-def test_a_finished_fingering_stays_as_it_is():
-    piece = BUILT_IN["repertoire-ClairDeLune"].score()
-    assert finger_score(piece) == piece
-
-
-def test_weights_can_be_chosen():
-    piece = tune(60, 62, 64, 65, 67, hand="right")
-    assert "5" not in numbers(finger_score(piece, FingeringWeights(weak_five=1000.0)), "right")
 
 
 def test_notes_held_for_ever_do_not_use_the_fingers_up():

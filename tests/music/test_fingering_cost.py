@@ -11,8 +11,6 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import PITCH_CLASS_IS_BLACK as IS_BLACK
 from sb3_piano.music.fingering.cost import (
     MAX_INTERVAL,
-    MEDIUM_REACHES,
-    PARNCUTT_REACHES,
     PARNCUTT_WEIGHTS,
     CostTables,
     FingeringWeights,
@@ -99,15 +97,6 @@ def test_only_the_three_outer_fingers_one_after_the_other_cost_a_point():
     assert PARNCUTT.triples.sum() == 6
 
 
-def test_comfortable_reaches_are_two_semitones_short_of_practical_ones():
-    for reaches in (PARNCUTT_REACHES, MEDIUM_REACHES):
-        assert len(reaches) == 10
-        for (one, _), reach in reaches.items():
-            assert list(reach) == sorted(reach)
-            assert reach.max_practical - reach.max_comfortable == 2
-            assert reach.min_comfortable - reach.min_practical == (2 if one == 1 else 0)
-
-
 @pytest.mark.parametrize("physical", [0.0, 0.4, 1.0])
 def test_the_keyboard_is_its_own_mirror_image_about_d_and_about_a_flat(physical):
     places = key_positions(physical)
@@ -117,13 +106,6 @@ def test_the_keyboard_is_its_own_mirror_image_about_d_and_about_a_flat(physical)
     assert [IS_BLACK[(2 + step) % 12] for step in range(7)] == [
         IS_BLACK[2 - step] for step in range(7)
     ]
-
-
-def test_keys_lie_from_left_to_right_and_white_ones_a_seventh_of_an_octave_apart():
-    places = key_positions(1.0)
-    assert (np.diff(places) > 0).all()
-    assert np.diff(places[~IS_BLACK]) == pytest.approx(12 / 7)
-    assert key_positions(0.0) == pytest.approx(np.arange(12) + 0.5)
 
 
 def test_all_costs_are_finite_and_none_is_below_zero():

@@ -17,8 +17,6 @@ from sb3_piano.music.fingering.search import WIDEST, finger_hand
 from sb3_piano.music.fingering.states import OVERLAP
 
 W = DEFAULT_WEIGHTS
-BLACK = {1, 3, 6, 8, 10}
-WHITE_WIDTH = 12 / 7
 
 
 def note(onset, pitch, *, length=0.25, finger=-1, hand="right"):
@@ -34,139 +32,18 @@ def numbers(notes, hand="right", weights=W):
     return [finger + 1 for finger in finger_hand(notes, hand, weights).fingers]
 
 
-# A second, slow way to the cost of a melody: rule by rule, note by note.
-
-
-def place(pitch, w):
-    octave, key = divmod(pitch, 12)
-    if key in BLACK or w.physical == 0:
-        inside = (key + 0.5) * 3 * WHITE_WIDTH / 5
-        if key > 4:
-            inside = 3 * WHITE_WIDTH + (key - 4.5) * 4 * WHITE_WIDTH / 7
-    else:
-        inside = ((0, 2, 4, 5, 7, 9, 11).index(key) + 0.5) * WHITE_WIDTH
-    return 12 * octave + w.physical * inside + (1 - w.physical) * (key + 0.5)
-
-
-def beyond(value, low, high):
-    return max(low - value, 0) + max(value - high, 0)
-
-
-def limited(cost, w):
-    return cost * w.leap / (cost + w.leap)
-
-
-def speed(time, w):
-    return min(max((w.pace / time) ** w.haste, 0.3), 2.0)
-
-
-def calm(before, after, w):
-    return math.exp(-max(after.onset - before.offset, 0) / w.rest)
-
-
-def movement(a, b, f, g, w):
-    distance = place(b.pitch, w) - place(a.pitch, w)
-    if a.pitch == b.pitch:
-        return w.other_finger if f != g else 0.0
-    change = w.place * abs(distance - (g - f) * WHITE_WIDTH)
-    if f == g:
-        return limited(w.same_finger + w.same_finger_size * abs(distance) + change, w)
-    reach = w.reaches[min(f, g), max(f, g)]
-    up = distance if f < g else -distance
-    span = w.span_thumb if min(f, g) == 1 else w.span_fingers
-    strain = w.stretch * beyond(up, reach.min_comfortable, reach.max_comfortable)
-    strain += span * beyond(up, reach.min_relaxed, reach.max_relaxed)
-    strain += w.impractical * beyond(up, reach.min_practical, reach.max_practical)
-    cost = limited(strain + change, w)
-    if min(f, g) == 1 and up < 0:
-        thumb, finger = (a, b) if f == 1 else (b, a)
-        blacks = (thumb.pitch % 12 in BLACK, finger.pitch % 12 in BLACK)
-        cost += {(True, False): w.passing_on_black, (False, True): 0.0}.get(blacks, w.passing)
-        cost += w.passing_size * min(abs(a.pitch - b.pitch), 12)
-    return cost
-
-
-def colour(a, b, f, g, w):
-    blacks = (a.pitch % 12 in BLACK, b.pitch % 12 in BLACK)
-    cost = 0.0
-    if (f, g) == (3, 4):
-        cost += w.three_to_four + (w.four_on_black if blacks == (False, True) else 0)
-    if (f, g) == (4, 3) and blacks == (True, False):
-        cost += w.four_on_black
-    # The finger on the black key, if the other one is white.
-    raised = {(True, False): f, (False, True): g}.get(blacks)
-    if f != g:
-        cost += {1: w.thumb_on_black_white, 5: w.five_on_black_white}.get(raised, 0.0)
-    return cost
-
-
-def shift(a, b, c, f, g, h, w):
-    distance = place(c.pitch, w) - place(a.pitch, w)
-    change = w.place_later * abs(distance - (h - f) * WHITE_WIDTH)
-    if f == h:
-        if a.pitch == c.pitch:
-            return 0.0
-        return limited(w.position_count + w.position_size * abs(distance) + change, w)
-    reach = w.reaches[min(f, h), max(f, h)]
-    up = distance if f < h else -distance
-    size = beyond(up, reach.min_comfortable, reach.max_comfortable)
-    cost = change + w.position_size * size + (w.position_count if size else 0)
-    between = min(a.pitch, c.pitch) < b.pitch < max(a.pitch, c.pitch)
-    if g == 1 and between and beyond(up, reach.min_practical, reach.max_practical):
-        cost += w.position_count
-    return limited(cost, w) + (w.other_finger_later if a.pitch == c.pitch else 0.0)
-
-
-def slow_cost(notes, fingers, w):
-    total = 0.0
-    for a, f in zip(notes, fingers, strict=True):
-        black = a.pitch % 12 in BLACK
-        total += {4: w.weak_four, 5: w.weak_five}.get(f, 0.0)
-        total += {1: w.thumb_on_black, 5: w.five_on_black}.get(f, 0.0) if black else 0.0
-    for (a, b), (f, g) in zip(itertools.pairwise(notes), itertools.pairwise(fingers), strict=True):
-        weight = speed(b.onset - a.onset, w) * calm(a, b, w)
-        total += weight * movement(a, b, f, g, w) + colour(a, b, f, g, w)
-    for a, b, c, f, g, h in zip(
-        notes, notes[1:], notes[2:], fingers, fingers[1:], fingers[2:], strict=False
-    ):
-        weight = speed((c.onset - a.onset) / 2, w) * calm(a, b, w) * calm(b, c, w)
-        total += weight * shift(a, b, c, f, g, h, w)
-        total += w.three_four_five if {f, g, h} == {3, 4, 5} else 0.0
-    return total
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("weights", [DEFAULT_WEIGHTS, PARNCUTT_WEIGHTS])
-@pytest.mark.parametrize("seed", range(4))
-def test_no_fingering_of_a_melody_costs_less_than_the_one_found(seed, weights):
-    rng = random.Random(seed)
-    notes, onset = [], 0.0
-    for _ in range(5):
-        pitch = rng.randint(58, 72)
-        time = rng.choice((0.1, 0.3, 0.8))
-        notes.append(note(onset, pitch, length=time * rng.choice((0.5, 1.0))))
-        onset += time
-    costs = {
-        fingers: slow_cost(notes, fingers, weights)
-        for fingers in itertools.product(range(1, 6), repeat=len(notes))
-    }
-    found = finger_hand(notes, "right", weights)
-    fingers = tuple(finger + 1 for finger in found.fingers)
-    assert found.cost == pytest.approx(min(costs.values()))
-    assert costs[fingers] == pytest.approx(min(costs.values()))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
-def test_no_fingering_of_chords_costs_less_than_the_one_found(seed):
+@pytest.mark.parametrize("counts", [(2, 3, 2), (2, 1, 3), (1, 1, 1, 1)], ids=str)
+@pytest.mark.parametrize("seed", range(2))
+def test_no_fingering_costs_less_than_the_one_found(seed, counts):
     rng = random.Random(seed)
     notes = []
-    for slice_index, count in enumerate((2, 3, 2)):
+    for slice_index, count in enumerate(counts):
         length = rng.choice((0.2, 0.2, 0.7))
         for pitch in sorted(rng.sample(range(60, 72), count)):
             notes.append(note(0.3 * slice_index, pitch, length=length))
     found = finger_hand(notes, "right", W)
-    choices = [list(itertools.combinations(range(5), count)) for count in (2, 3, 2)]
+    choices = [list(itertools.combinations(range(5), count)) for count in counts]
     best = math.inf
     for chosen in itertools.product(*choices):
         fingers = itertools.chain.from_iterable(chosen)
@@ -175,15 +52,6 @@ def test_no_fingering_of_chords_costs_less_than_the_one_found(seed):
         if tried.released == found.released:
             best = min(best, tried.cost)
     assert found.cost == pytest.approx(best)
-
-
-def test_what_a_fingering_costs_is_what_it_costs_when_given_as_labels():
-    notes = melody([60, 64, 67, 72, 71, 67, 61, 62])
-    found = finger_hand(notes, "right")
-    labelled = [replace(n, finger=f) for n, f in zip(notes, found.fingers, strict=True)]
-    again = finger_hand(labelled, "right")
-    assert again.fingers == found.fingers
-    assert again.cost == pytest.approx(found.cost)
 
 
 def test_five_neighbouring_white_keys_have_one_finger_each():
@@ -312,12 +180,6 @@ def test_a_key_struck_again_while_it_is_held_is_not_held_besides():
     notes = [note(0.0, 60, length=2.0), note(0.5, 60, length=0.2), note(1.0, 60)]
     assert len(set(finger_hand(notes, "right").fingers)) == 1
     assert not finger_hand(notes, "right").released
-
-
-def test_a_rest_frees_the_hand():
-    near = melody([60, 62, 64, 65, 67])
-    after = [replace(n, onset=n.onset + 9, offset=n.offset + 9, pitch=n.pitch + 2) for n in near]
-    assert numbers([*near, *after]) == numbers(near) + numbers(after)
 
 
 def test_a_part_without_notes_has_no_fingers():

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sb3_piano.music import BUILT_IN, Note, Pedal, Score
+from sb3_piano.music import BUILT_IN, Note, Score
 from sb3_piano.music.fingering import assign_hands
 from sb3_piano.music.fingering.split import SplitWeights
 
@@ -52,11 +51,6 @@ def test_a_wide_chord_is_shared_at_its_widest_gap():
     assert hands(*((0.0, pitch, 1.0) for pitch in (40, 52, 67, 71, 76))) == "LLRRR"
 
 
-def test_ten_keys_at_once_are_five_a_hand():
-    keys = (36, 38, 40, 41, 43, 72, 74, 76, 77, 79)
-    assert hands(*((0.0, pitch, 1.0) for pitch in keys)) == "LLLLLRRRRR"
-
-
 def test_a_line_high_up_is_the_right_hands_and_one_low_down_the_left_hands():
     assert hands(*((0.3 * i, 72 + i, 0.3) for i in range(8))) == "R" * 8
     assert hands(*((0.3 * i, 50 - i, 0.3) for i in range(8))) == "L" * 8
@@ -72,12 +66,6 @@ def test_a_hand_that_holds_far_away_leaves_a_key_to_the_other():
 
 def test_a_hand_takes_at_most_five_keys_at_a_time_if_the_other_can_help():
     assert hands(*((0.0, pitch, 1.0) for pitch in range(60, 67))).count("L") >= 2
-
-
-def test_hands_that_are_known_stay_even_crossed():
-    crossed = score((0.0, 72, 0.5, "left"), (0.0, 60, 0.5, "right"), (0.5, 74, 0.5, None))
-    found = assign_hands(crossed)
-    assert [note.hand for note in found.notes[:2]] == ["right", "left"]
 
 
 @pytest.mark.parametrize(("hand", "pitch"), [("left", 62), ("right", 58)])
@@ -100,12 +88,6 @@ def test_a_hand_keeps_to_its_side_of_the_other_hands_last_keys(last, hand):
     assert last_hand(*notes, crossing_size=1.0) == hand
 
 
-@pytest.mark.parametrize(("held", "hand"), [((50, 80), "left"), ((40, 70), "right")])
-def test_the_hand_whose_held_keys_are_nearer_takes_a_key(held, hand):
-    notes = [(0.0, held[0], 4.0, "left"), (0.0, held[1], 4.0, "right"), (1.0, 60, 0.2, None)]
-    assert last_hand(*notes, held=0.3, held_most=9.0, comfortable=5.0) == hand
-
-
 @pytest.mark.parametrize("hand", ["left", "right"])
 def test_a_line_stays_in_its_hand_as_long_as_the_other_has_not_come_in(hand):
     notes = [(0.0, 60, 0.2, hand), (0.2, 62, 0.2, None)]
@@ -116,20 +98,6 @@ def test_a_line_stays_in_its_hand_as_long_as_the_other_has_not_come_in(hand):
 def test_a_hand_that_has_had_more_time_travels_for_less(right, left, hand):
     notes = [(left, 48, 0.1, "left"), (right, 72, 0.1, "right"), (2.0, 60, 0.2, None)]
     assert last_hand(*notes, way=0.1) == hand
-
-
-def test_everything_but_the_hand_stays():
-    piece = Score(
-        notes=[Note(onset=0.0, offset=1.0, pitch=60, velocity=33), *score((1, 80, 1, None)).notes],
-        pedals=[Pedal(onset=0.0, offset=1.0)],
-        title="piece",
-        bars=[0.0, 1.0],
-    )
-    found = assign_hands(piece)
-    assert Score(notes=[replace(n, hand=None) for n in found.notes], pedals=found.pedals) == Score(
-        notes=piece.notes, pedals=piece.pedals
-    )
-    assert (found.title, found.bars) == (piece.title, piece.bars)
 
 
 def test_a_score_whose_hands_are_all_known_is_returned_as_it_is():
@@ -153,33 +121,6 @@ def test_hanon_an_octave_apart_finds_its_hands_again(number):
 )
 def test_music_finds_most_of_its_hands_again(name, least):
     assert share_recovered(f"repertoire-{name}") > least
-
-
-def crossed(found):
-    """How many notes of the right hand sound while the left hand holds their key or a higher one.
-
-    Notes that only overlap a little, as in legato, do not count.
-    """
-    onset, offset, pitch = (
-        np.array([getattr(note, name) for note in found.notes])
-        for name in ("onset", "offset", "pitch")
-    )
-    right = np.array([note.hand == "right" for note in found.notes])
-    together = (onset[:, None] < offset - 0.05) & (onset < offset[:, None] - 0.05)
-    below = together & (pitch[:, None] <= pitch) & right[:, None] & ~right
-    return int(below.any(axis=1).sum())
-
-
-def test_hands_cross_where_they_are_made_to():
-    assert crossed(score((0, 60, 1, "right"), (0, 62, 1, "left"), (2, 50, 1, "right"))) == 1
-
-
-@pytest.mark.slow
-def test_hands_found_for_the_built_in_pieces_do_not_cross():
-    pieces = [piece.score() for piece in BUILT_IN.values()]
-    assert sum(map(crossed, pieces)) == 0  # there is no need to
-    found = sum(crossed(assign_hands(without_hands(piece))) for piece in pieces)
-    assert found <= 1  # of 12,726 notes
 
 
 SCORES = st.lists(

@@ -73,11 +73,6 @@ def test_the_nearest_onset_within_the_tolerance_is_taken_and_each_note_once(tabl
     assert fingers(read_labels(path, repeated, tolerance=0.059)) == [0, -1, 2, -1]
 
 
-def test_labels_of_the_same_pitch_only_are_taken(table):
-    path = table("onset,pitch,finger", "0,60,0", "0,61,4", "0.5,61,1")
-    assert fingers(read_labels(path, PLAIN)) == [0, 1, -1, -1]
-
-
 def test_notes_without_a_label_keep_what_they_had(table):
     notes = [
         dataclasses.replace(PLAIN.notes[0], finger=3),

@@ -34,13 +34,6 @@ TWO_NOTES = Score(
 FROM_NOWHERE = {"source": "nowhere", "fingering": "none"}
 
 
-@pytest.fixture(autouse=True)
-def data(tmp_path, monkeypatch):
-    """A data folder of the test's own."""
-    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "data"))
-    return tmp_path / "data"
-
-
 @pytest.fixture
 def library():
     return user_library()

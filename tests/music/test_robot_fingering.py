@@ -58,21 +58,6 @@ def sound_together(one, two):
     return one.first <= two.last and two.first <= one.last
 
 
-@settings(max_examples=60, deadline=None)
-@given(hand_presses(), st.sampled_from([1, -1]))
-def test_no_finger_holds_two_keys_while_the_hand_has_enough_fingers(presses, sign):
-    chosen = choose(presses, sign)
-    assert len(chosen) == len(presses)
-    assert set(chosen) <= set(range(5))
-    most = max(
-        sum(other.first <= press.first <= other.last for other in presses) for press in presses
-    )
-    for i, one in enumerate(presses):
-        for j, two in enumerate(presses[:i]):
-            if most <= 5 and sound_together(one, two):
-                assert chosen[i] != chosen[j]
-
-
 def all_ways(costs, onsets, number=0, way=()):
     """Yield the cost of every way to finger a piece."""
     if number == len(onsets):
@@ -173,10 +158,6 @@ def test_a_grip_that_is_too_wide_for_its_fingers_gets_others(sign):
     assert choose(wide, sign, AS_WRITTEN) == [1, 3]
 
 
-def test_a_grip_that_is_too_narrow_for_its_fingers_gets_others():
-    assert choose(chord((0, 0), (1, 4)), 1) != [0, 4]
-
-
 def test_thumbs_leave_black_keys_to_other_fingers(monkeypatch):
     presses = [Press(int(np.flatnonzero(KEY_IS_BLACK)[20]), 0, 1, 9)]
     assert choose(presses, 1) != [0]
@@ -231,10 +212,6 @@ def test_what_is_held_makes_way_for_what_is_struck_out_of_its_reach(sign):
     assert (press.finger, last, for_key) == (0, 9, WHITE[MIDDLE + sign * 10])
 
 
-def test_what_is_held_past_notes_within_its_reach_still_makes_way_later():
-    assert gone_of(notes((0, 0, 1, 40), (2, 1, 5, 9), (10, 4, 20, 30))) == {(0, 19)}
-
-
 def test_what_has_ended_before_need_not_make_way():
     assert gone_of(notes((0, 0, 1, 9), (10, 4, 10, 20))) == set()
 
@@ -245,11 +222,6 @@ def test_of_a_chord_goes_what_is_too_far_from_most_of_it(sign):
     assert gone_of(chord, sign) == {(0, 4)}
     chord = notes((0, 0, 5, 20), (2, 1, 5, 20), (12, 4, 5, 20), sign=sign)
     assert gone_of(chord, sign) == {(4, 4)}
-
-
-@BOTH_HANDS
-def test_of_two_the_one_at_the_thumb_goes(sign):
-    assert gone_of(notes((0, 0, 5, 20), (12, 4, 5, 20), sign=sign), sign) == {(0, 4)}
 
 
 def test_a_finger_lets_go_of_its_key_for_another_one():

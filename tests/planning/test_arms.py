@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from sb3_piano.music.fingering.robot import KEY_SPACING
 from sb3_piano.music.presses import Press
-from sb3_piano.planning import arms
 from sb3_piano.planning.arms import bounds_of, dividing_line, wanted_places
 from sb3_piano.planning.key_frames import key_frames
 from sb3_piano.planning.presses import TimedPress
@@ -61,16 +60,6 @@ def test_two_hands_that_play_share_what_is_missing(right, left):
     assert pushed_right + pushed_left == pytest.approx(max(left + APART - right, 0), abs=1e-9)
 
 
-@settings(max_examples=40, deadline=None)
-@given(places, places, st.booleans(), st.booleans())
-def test_hands_that_are_far_apart_are_not_pushed_at_all(middle, extra, busy, other_busy):
-    apart = APART + arms._IDLE_APART + abs(extra)
-    right, left = middle + apart / 2, middle - apart / 2
-    right_bound, left_bound = bounds(right, left, busy, other_busy)
-    assert right_bound <= right + 1e-9
-    assert left_bound >= left - 1e-9
-
-
 def frames_of(hand, presses, n_states=60):
     kinematics = hand_of(SCENE, hand)
     timed = [TimedPress(press, press.first, press.last) for press in presses]
@@ -106,12 +95,6 @@ def test_between_two_notes_a_hand_is_on_its_way_from_one_to_the_other(hand):
     assert KEYS.y[40] < place[25] < KEYS.y[64]
     assert busy[[5, 8, 50, 54]].all()
     assert not busy[25]
-
-
-def test_a_hand_is_busy_a_little_before_and_after_it_plays():
-    _, busy = wanted(0, [Press(45, 2, 30, 34)])
-    assert busy[28:37].all()
-    assert not busy[[0, 59]].any()
 
 
 def test_an_arm_that_rests_keeps_farther_away():

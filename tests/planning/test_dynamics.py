@@ -160,16 +160,3 @@ def test_told_to_be_where_it_is_a_hand_stays_and_told_to_go_it_arrives(hand, opt
     for _ in range(200):
         state = model.transition @ state + model.control @ place
     np.testing.assert_allclose(state, still, atol=1e-3)
-
-
-def test_half_as_many_physics_steps_twice_are_as_many():
-    real = stepping(0)
-    whole, half = (
-        HandDynamics.of(real.scene, real.kinematics, real.rest, steps) for steps in (10, 5)
-    )
-    twice = half.transition @ half.transition
-    np.testing.assert_allclose(whole.transition, twice, atol=1e-10)
-    np.testing.assert_allclose(
-        whole.control, half.transition @ half.control + half.control, atol=1e-10
-    )
-    np.testing.assert_allclose(whole.force, half.transition @ half.force + half.force, atol=1e-10)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from drawn_presses import hand_presses
@@ -162,19 +160,6 @@ def test_a_target_belongs_to_a_press_of_its_finger_and_time(presses):
         assert frames.target[state, finger, 1] in [KEYS.y[press.key] for press in near]
 
 
-def test_a_finger_lets_a_key_go_before_it_moves_to_the_next_one():
-    frames = frames_of([held(C4, 2, 10, 14), held(C4 + 2, 2, 16, 20)])
-    assert frames.target[15, 2, 1] == KEYS.y[C4]
-    assert frames.target[16, 2, 1] == KEYS.y[C4 + 2]
-
-
-def test_a_finger_does_not_hover_over_the_next_key_before_it_has_played_the_one_at_hand():
-    frames = frames_of([held(C4, 2, 10, 11), held(C4 + 2, 2, 14, 20)])
-    before = frames.weight[:10, 2].any(axis=1)
-    assert before.any()
-    np.testing.assert_array_equal(frames.target[:10, 2, 1][before], KEYS.y[C4])
-
-
 def test_a_finger_moves_early_only_if_no_other_one_holds_the_hand_far_away():
     near = frames_of([held(WHITE[23], 0, 5, 19), held(WHITE[27], 4, 20, 24)])
     far = frames_of([held(WHITE[23], 0, 5, 19), held(WHITE[45], 4, 20, 24)])
@@ -190,18 +175,3 @@ def test_who_is_at_a_black_key_is_told():
     assert frames.on_black[20:25, 2].all()
     assert not frames.on_black[[10, 30], 2].any()
     assert not frames.on_black[:, [0, 1, 3, 4]].any(), "F is a white key"
-
-
-def test_part_of_the_states_is_the_same_part_of_everything():
-    whole = frames_of([held(C4 + 1, 2), held(C4, 1, 8, 12)])
-    part = whole.between(7, 23)
-    for field in dataclasses.fields(whole):
-        expected = getattr(whole, field.name)[7:23]
-        np.testing.assert_array_equal(getattr(part, field.name), expected)
-        assert expected.any()
-
-
-def test_presses_beyond_the_states_are_cut_off():
-    frames = frames_of([held(C4, 2, 35, 60)], n_states=40)
-    assert frames.target.shape == (40, 5, 3)
-    assert frames.weight[35:, 2].all()

@@ -78,25 +78,6 @@ def test_actuators_are_where_the_joints_put_them(options):
         np.testing.assert_allclose(kinematics.joint_of_actuator @ positions, joints, atol=1e-12)
 
 
-@BOTH_HANDS
-def test_what_a_fingertip_touches_below_is_its_radius_away(hand):
-    scene = scene_of()
-    kinematics = hand_of(scene, hand)
-    model = scene.model
-    floor = model.geom("floor").id
-    random = np.random.default_rng(3)
-    positions = np.zeros(kinematics.size)
-    bent = [i for i, name in enumerate(kinematics.names) if name.endswith(("J0", "J3"))]
-    positions[bent] = random.uniform(0.6, 1.0, len(bent))
-    positions = np.clip(positions, kinematics.low, kinematics.high)
-    tips = kinematics.fingertips(positions[None])[0]
-    data = data_at(scene, *((positions,) if hand == 0 else (np.zeros_like(positions), positions)))
-    for finger, geom in enumerate(scene.fingertip_geom[5 * hand : 5 * hand + 5]):
-        assert data.geom_xpos[geom, 2] > tips[finger, 2], "it points down"
-        height = mujoco.mj_geomDistance(model, data, floor, int(geom), 1.0, None)
-        assert height == pytest.approx(tips[finger, 2] - kinematics.radius[finger], abs=1e-9)
-
-
 @SCENES
 @BOTH_HANDS
 def test_the_forearm_is_where_mujoco_has_it(options, hand):
@@ -130,14 +111,3 @@ def test_fingers_count_from_the_thumb_in_the_direction_of_the_sign(hand):
     y = kinematics.fingertips(np.zeros((1, kinematics.size)))[0, :, 1]
     assert (np.diff(y) * kinematics.sign > 0).all()
     assert kinematics.sign == (1, -1)[hand]
-
-
-def test_names_are_those_of_the_actuators_without_their_hand():
-    scene = scene_of()
-    for hand, prefix in enumerate(("rh", "lh")):
-        kinematics = hand_of(scene, hand)
-        assert "THJ4" in kinematics.names
-        for actuator, name in zip(kinematics.actuators, kinematics.names, strict=True):
-            full = scene.model.actuator(int(actuator)).name
-            middle = "" if name.startswith("forearm") else f"{prefix}_A_"
-            assert full == f"{prefix}_shadow_hand/{middle}{name}"

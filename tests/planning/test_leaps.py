@@ -70,12 +70,6 @@ def test_a_finger_that_strikes_its_key_again_at_once_does_not_leave_it(rest, rep
     assert not first.leaps
 
 
-def test_the_left_hands_fingers_count_the_other_way():
-    presses = [Press(WHITE[MIDDLE - i], i, 1 + 5 * i, 5 + 5 * i) for i in range(5)]
-    assert not any(one.leaps for one in time_presses(presses, -1))
-    assert any(one.leaps for one in time_presses(presses, 1))
-
-
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_leap_leaves_a_gap(sign):
     presses = white_keys(0, 7, sign=sign)
@@ -111,14 +105,6 @@ def test_notes_that_sound_together_are_one_place_however_far_apart():
     presses = [Press(WHITE[MIDDLE], 0, 1, 9), Press(WHITE[MIDDLE + 12], 4, 5, 12)]
     timed = time_presses(presses, 1)
     assert [(one.first, one.last) for one in timed] == [(1, 9), (5, 12)]
-
-
-def test_only_the_note_before_a_leap_pays_not_those_before_it():
-    low, high = WHITE[MIDDLE], WHITE[MIDDLE + 10]
-    presses = [Press(low, 2, 1, 4), Press(low, 2, 6, 30), Press(high, 2, 31, 60)]
-    timed = time_presses(presses, 1)
-    assert (timed[0].first, timed[0].last, timed[0].leaps) == (1, 4, False)
-    assert timed[1].leaps
 
 
 def test_all_keys_of_a_chord_make_room_for_a_leap():

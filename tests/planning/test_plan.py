@@ -63,15 +63,6 @@ def test_commands_are_within_the_control_ranges(options):
 
 
 @SCENES
-def test_fingertips_are_where_the_positions_put_them(options):
-    made, scene = planned(PIECE, **options), scene_of(**options)
-    half = scene.model.nu // 2
-    for hand in (0, 1):
-        tips = hand_of(scene, hand).fingertips(made.positions[:, hand * half :][:, :half])
-        np.testing.assert_allclose(made.fingertips[:, 5 * hand : 5 * hand + 5], tips, atol=1e-12)
-
-
-@SCENES
 def test_fingers_press_their_keys_until_they_nearly_sound(options):
     made, scene = planned(PIECE, **options), scene_of(**options)
     across, above = pressed_tips(made, scene).T
@@ -151,15 +142,6 @@ LONG = five_fingers(order=(0, 1, 2, 3, 4, 2, 0, 3), length=0.2)
 STRETCHES = dataclasses.replace(QUICK, window=0.8, overlap=0.4)  # 16 control steps each
 
 
-@pytest.mark.slow
-def test_a_piece_planned_in_several_stretches_is_played_nearly_as_well():
-    scene = scene_of(full=False)
-    whole = pressed_tips(planned(LONG, full=False), scene)
-    parts = pressed_tips(planned(LONG, STRETCHES, full=False), scene)
-    assert np.abs(parts - whole).max() < 0.003
-    assert parts[:, 1].max() < NEARLY
-
-
 def test_stretches_join_into_the_motion_of_the_whole():
     """Each goes on from where the one before ended, and pushes its keys as hard."""
     parts, whole = planned(LONG, STRETCHES, full=False), planned(LONG, full=False)
@@ -215,15 +197,6 @@ def test_a_piece_may_be_as_short_as_a_control_step(steps):
 def test_impossible_settings_are_refused_by_name(options, told):
     with pytest.raises(ConfigError, match=told):
         PlanSettings(**options)
-
-
-def test_notes_of_a_piece_may_share_a_key_between_hands():
-    notes = [
-        Note(onset=0.0, offset=0.3, pitch=62, finger=0),
-        Note(onset=0.9, offset=1.2, pitch=62, finger=5),
-    ]
-    made = planned(Score(notes=notes), full=False)
-    assert pressed_tips(made, scene_of(full=False))[:, 1].max() < NEARLY
 
 
 def test_an_arm_is_not_planned_beyond_the_end_of_its_rail():

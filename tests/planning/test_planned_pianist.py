@@ -8,14 +8,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from short_pieces import QUICK, both_hands, five_fingers, piano, without_fingers
-from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNormalize
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Pedal, Score
 from sb3_piano.planning import PlannedPianist, Trackers, pianist
 from sb3_piano.vec_env import ThreadVecEnv
-from sb3_piano.wrappers import RandomPiece, TemporalStretch
+from sb3_piano.wrappers import RandomPiece
 
 WELL = 0.75  # F1; it plays far better, but how well is not a matter of these tests
 PIECE = five_fingers()
@@ -78,13 +77,6 @@ def test_it_plays_in_other_settings_too(options):
     env = piano(both_hands(order=(0, 2)), **options)
     info, _ = play(env, PlannedPianist(env, QUICK))
     assert info["f1"] > WELL
-
-
-@pytest.mark.slow
-def test_it_plays_on_a_keyboard_that_is_rigid_elsewhere():
-    env = piano(PIECE)
-    env.fix_keys(45, 65)
-    assert play(env, PlannedPianist(env, QUICK))[0]["f1"] > WELL
 
 
 def test_it_plays_a_piece_without_fingers():
@@ -193,18 +185,6 @@ def test_normalised_observations_give_the_same_music(solo):
     assert keys.any()
 
 
-def test_evaluate_policy_takes_it_over_several_episodes(solo):
-    env, _, _, actions, _ = solo
-    venv = DummyVecEnv([lambda: gym.wrappers.RecordEpisodeStatistics(piano(PIECE))])
-    player = PlannedPianist(venv, QUICK)
-    options = {"n_eval_episodes": 2, "return_episode_rewards": True, "warn": False}
-    returns, lengths = evaluate_policy(player, venv, **options)
-    assert lengths == [len(actions)] * 2
-    assert returns[0] == pytest.approx(returns[1], rel=1e-6)
-    resting, _ = evaluate_policy(Resting(env), env, n_eval_episodes=1, warn=False)
-    assert returns[0] > resting
-
-
 def test_environments_in_other_processes_are_out_of_reach():
     venv = SubprocVecEnv([lambda: piano(PIECE)], start_method="fork")
     try:
@@ -229,14 +209,6 @@ def test_as_many_observations_as_environments_are_expected(solo):
 
 
 @pytest.mark.slow
-def test_it_plays_what_a_wrapper_makes_of_a_piece():
-    env = TemporalStretch(piano(PIECE), 1.5)
-    info, actions = play(env, PlannedPianist(env, QUICK))
-    assert len(actions) == len(env.unwrapped.roll) > 35
-    assert info["f1"] > WELL
-
-
-@pytest.mark.slow
 def test_it_plays_each_of_the_pieces_that_are_chosen():
     env = RandomPiece(piano(PIECE), [PIECE, OTHER])
     player = PlannedPianist(env, QUICK)
@@ -249,18 +221,6 @@ def test_it_plays_each_of_the_pieces_that_are_chosen():
         if len(set(lengths)) == 2:
             break
     assert len(set(lengths)) == 2
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.*cannot be played")
-def test_a_piece_that_is_chosen_again_is_not_planned_again():
-    env, trackers = piano(OTHER), Trackers(CARELESS)
-    env.reset()
-    first = trackers.of(env)
-    env.reset(options={"score": Score(notes=[Note(onset=0, offset=0.2, pitch=72, finger=0)])})
-    assert trackers.of(env) is not first
-    env.reset(options={"score": OTHER})
-    assert trackers.of(env) is first
 
 
 def test_a_piece_that_is_played_again_is_not_planned_again(solo):

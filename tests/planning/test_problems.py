@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import warnings
 
-import numpy as np
 import pytest
 from hand_parts import scene_of
 from short_pieces import BUFFER, QUICK, key_of, piano, planned, pressed_tips
 
 from sb3_piano.music import Note, Score
 from sb3_piano.music.fingering import apply_fingering
-from sb3_piano.planning import PlannedPianist, Problem, Trackers, plan
+from sb3_piano.planning import PlannedPianist, Problem, plan
 from sb3_piano.planning.problems import summary
 
 
@@ -72,13 +71,6 @@ def test_a_chord_that_a_hand_nearly_spans_is_told_note_by_note_and_how_far_it_is
         assert f"out of reach by {1000 * problem.error:.0f} mm" in str(problem)
 
 
-def test_a_note_that_the_arm_cannot_reach_at_all_is_told():
-    found = problems_of((108, 9))
-    assert [problem.pitch for problem in found] == [108]
-    assert "C8 (pitch 108)" in str(found[0])
-    assert "left little" in str(found[0])
-
-
 def test_what_can_be_played_beside_a_problem_is_planned():
     far = (96, 4, 0.0, 0.4)
     notes = [(60, 0, 0.0, 0.4), far, (62, 1, 1.2, 1.6)]
@@ -110,19 +102,6 @@ SIX = Score(
         Note(pitch=pitch, hand="right", onset=0.0, offset=0.4) for pitch in (72, 74, 76, 77, 79, 81)
     ]
 )
-
-
-def told_of(score):
-    """Return what is said about a score, as an error or as problems."""
-    try:
-        made = plan(score, scene_of(full=False), QUICK)
-    except Exception as error:
-        return str(error)
-    return " ".join(map(str, made.problems))
-
-
-def test_of_more_than_five_notes_in_a_hand_one_without_a_finger_is_named():
-    assert "F5" in told_of(SIX)
 
 
 def test_more_than_five_notes_in_a_hand_are_a_problem_and_five_are_played():
@@ -157,17 +136,3 @@ def test_a_summary_counts_kinds_and_shows_the_first():
     assert "pitch 62" not in text
     assert "and 5 more" in text
     assert "more" not in summary(problems[:2], shown=2)
-
-
-def test_problems_are_in_order_of_time():
-    notes = [(36, 9, 0.0, 0.3), (84, 2, 0.0, 0.3), (21, 4, 0.6, 0.9), (108, 5, 0.6, 0.9)]
-    times = [problem.time for problem in problems_of(*notes)]
-    assert times == sorted(times)
-    assert np.unique(times).size > 0
-
-
-def test_trackers_of_pieces_without_problems_are_silent(recwarn):
-    env = piano(score_of((72, 0)), reduced_action_space=True)
-    env.reset()
-    assert len(Trackers(QUICK).of(env).plan.problems) == 0
-    assert not [w for w in recwarn if "cannot be played" in str(w.message)]

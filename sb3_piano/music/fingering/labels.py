@@ -23,17 +23,20 @@ import math
 import os
 import reprlib
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_FINGERS, UNKNOWN_FINGER
 from sb3_piano.music.formats import read_score
-from sb3_piano.music.hands import HANDS, finger_of
+from sb3_piano.music.hands import HANDS
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_name, pitch_number
 from sb3_piano.music.score import Score
 from sb3_piano.music.text_file import read_text, read_whole
+
+T = TypeVar("T")
 
 TOLERANCE = 0.05
 """How far a label's onset may lie from its note's, in s, unless one says otherwise; as in the
@@ -135,55 +138,47 @@ def _read_row(where: str, row: Mapping[str | None, str | list[str] | None]) -> N
         for name, value in row.items()
         if name is not None
     }
-    onset = _read_onset(texts["onset"], where)
-    hand = texts.get("hand", "").lower()
-    if hand and hand not in HANDS:
-        raise _bad_field("hand", hand, where, "right, left or nothing")
+
+    def read(name: str, make: Callable[[str], T], expected: str, text: str) -> T:
+        try:
+            return make(text)
+        except (ValueError, ScoreError) as error:
+            raise ScoreError(
+                f"{where}: {name} {reprlib.repr(text)} is not valid: expected {expected}."
+            ) from error
+
+    onset = read("onset", float, "seconds, such as 1.25", texts["onset"])
+    pitches = "a MIDI number such as 60, or a name such as C4, F#5 or Bb3"
+    pitch = read("pitch", _pitch, pitches, texts["pitch"])
+    sides = (None, *HANDS)
+    names: list[str] = [side or "" for side in sides]
+    text = texts.get("hand", "").lower()
+    hand = sides[read("hand", names.index, "right, left or nothing", text)]
+    fingers, expected = range(NUM_FINGERS), "0-4 (right) or 5-9 (left), or a column 'hand'"
+    if hand:
+        fingers, expected = range(1, FINGERS_PER_HAND + 1), "1 (thumb) to 5 (little)"
+    finger = UNKNOWN_FINGER
+    if texts["finger"] not in ("", "-1"):
+        place = read("finger", lambda text: fingers.index(_whole(text)), expected, texts["finger"])
+        finger = place + FINGERS_PER_HAND * (hand == "left")
     return located_note(
         where,
         onset=onset,
         offset=onset + _LABEL_LENGTH,
-        pitch=_read_pitch(texts["pitch"], where),
-        finger=_read_finger(texts["finger"], hand, where),
-        hand=next((side for side in HANDS if side == hand), None),
+        pitch=pitch,
+        finger=finger,
+        hand=hand,
     )
 
 
-def _read_onset(text: str, where: str) -> float:
-    try:
-        return float(text)
-    except ValueError as error:
-        raise _bad_field("onset", text, where, "seconds, such as 1.25") from error
-
-
-def _read_pitch(text: str, where: str) -> int:
+def _pitch(text: str) -> int:
     number = read_whole(text)
-    if number is not None:
-        return number
-    try:
-        return pitch_number(text)
-    except ScoreError as error:
-        expected = "a MIDI number such as 60, or a name such as C4, F#5 or Bb3"
-        raise _bad_field("pitch", text, where, expected) from error
+    return pitch_number(text) if number is None else number
 
 
-def _read_finger(text: str, hand: str, where: str) -> int:
-    if text in ("", "-1"):
-        return UNKNOWN_FINGER
-    first, end = (1, FINGERS_PER_HAND + 1) if hand else (0, NUM_FINGERS)
+def _whole(text: str) -> int:
     number = read_whole(text)
-    if number is None or not first <= number < end:
-        raise _bad_field(
-            "finger",
-            text,
-            where,
-            "1 (thumb) to 5 (little)" if hand else "0-4 (right) or 5-9 (left), or a column 'hand'",
-        )
-    return next((finger_of(side, number) for side in HANDS if side == hand), number)
-
-
-def _bad_field(name: str, text: str, where: str, expected: str) -> ScoreError:
-    return ScoreError(f"{where}: {name} {reprlib.repr(text)} is not valid: expected {expected}.")
+    return -1 if number is None else number
 
 
 # Which note of one score is which of another, where both hold the same music.

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sb3_piano.music.constants import FINGERS_PER_HAND
 from sb3_piano.music.fingering.states import OVERLAP, TOGETHER
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.music.note import Note
@@ -66,10 +66,6 @@ _BEAM = 32
 _SLOWEST, _FASTEST = 0.3, 2.0
 """Between these the time there is weighs the ways."""
 
-_FINGERS = 5
-
-_RIGHT, _LEFT = 0, 1
-
 
 def assign_hands(score: Score, weights: SplitWeights = DEFAULT_SPLIT) -> Score:
     """Return the score with a hand for each note.
@@ -84,7 +80,7 @@ def assign_hands(score: Score, weights: SplitWeights = DEFAULT_SPLIT) -> Score:
     """
     if all(note.hand is not None for note in score.notes):
         return score
-    hands = _Split(score.notes, weights).hands()
+    hands = _split(score.notes, weights)
     notes = [replace(note, hand=hand) for note, hand in zip(score.notes, hands, strict=True)]
     return replace(score, notes=tuple(notes))
 
@@ -108,136 +104,64 @@ class _Beam:
     left_holds: Flags
 
 
-class _Split:
-    def __init__(self, notes: tuple[Note, ...], weights: SplitWeights) -> None:
-        self.notes = notes
-        self.weights = weights
-
-    def hands(self) -> list[Hand]:
-        """Return the hand of each note."""
-        beam = _first_beam()
-        sounding: list[int] = []
-        trail: list[tuple[list[int], Flags, NDArray[np.intp], NDArray[np.intp]]] = []
-        for group in _groups(self.notes):
-            onset = self.notes[group[0]].onset
-            stays = [self.notes[index].offset > onset + OVERLAP for index in sounding]
-            sounding = [index for index, stay in zip(sounding, stays, strict=True) if stay]
-            beam.left_holds = beam.left_holds[:, np.array(stays, dtype=bool)]
-            options = self._options(group)
-            beam, way, option = self._advance(beam, sounding, group, options)
-            trail.append((group, options, way, option))
-            sounding = sounding + group
-        return self._follow(trail, int(beam.cost.argmin()))
-
-    def _follow(
-        self,
-        trail: list[tuple[list[int], Flags, NDArray[np.intp], NDArray[np.intp]]],
-        way: int,
-    ) -> list[Hand]:
-        hands: list[Hand] = ["right"] * len(self.notes)
-        for group, options, ways, chosen in reversed(trail):
-            for index, left in zip(group, options[chosen[way]], strict=True):
-                hands[index] = HANDS[_LEFT if left else _RIGHT]
-            way = int(ways[way])
-        return hands
-
-    def _options(self, group: list[int]) -> Flags:
-        """Return which notes of a group the left hand could take: (options, notes)."""
-        hands = np.array([self.notes[index].hand or "" for index in group])
+def _split(notes: tuple[Note, ...], weights: SplitWeights) -> list[Hand]:
+    """Return the hand of each note."""
+    never = np.full((1, 2), -np.inf)
+    beam = _Beam(np.zeros(1), np.zeros((1, 2)), np.zeros((1, 2)), never, np.zeros((1, 0), bool))
+    sounding: list[int] = []
+    trail: list[tuple[list[int], Flags, NDArray[np.intp], NDArray[np.intp]]] = []
+    for group in _groups(notes):
+        onset = notes[group[0]].onset
+        stays = np.array([notes[index].offset > onset + OVERLAP for index in sounding], dtype=bool)
+        sounding = [index for index, stay in zip(sounding, stays, strict=True) if stay]
+        beam.left_holds = beam.left_holds[:, stays]
+        hands = np.array([notes[index].hand or "" for index in group])
+        # Of what is struck together the left hand takes the lowest keys: (options, notes).
         lowest = np.arange(len(group))[None, :] < np.arange(len(group) + 1)[:, None]
-        return np.unique(np.where(hands == "", lowest, hands == "left"), axis=0)
-
-    def _advance(
-        self, beam: _Beam, sounding: list[int], group: list[int], options: Flags
-    ) -> tuple[_Beam, NDArray[np.intp], NDArray[np.intp]]:
-        """Go on by what is struck at a time, and keep the best ways."""
-        onset = self.notes[group[0]].onset
-        keys = np.array([self.notes[index].pitch for index in group], dtype=float)
-        held = np.array([self.notes[index].pitch for index in sounding], dtype=float)
-        cost = np.repeat(beam.cost[:, None], len(options), axis=1)
-        middles, edges, plays = np.zeros((3, 2, len(options)))
-        for hand, sign in ((_RIGHT, 1.0), (_LEFT, -1.0)):
-            # Seen from the right hand: the left hand's keys are turned upside down.
-            takes = options if hand == _LEFT else ~options
-            holds = beam.left_holds if hand == _LEFT else ~beam.left_holds
-            plays[hand] = takes.any(1)
-            low, high = np.where(plays[hand] > 0, _extent(sign * keys, takes), 0.0)
-            middles[hand], edges[hand] = sign * (low + high) / 2, sign * low
-            part = (
-                self._grip(low, high, takes.sum(1), sign * held, holds)
-                + self._way(beam, hand, middles[hand], onset)
-                + self._crossing(beam, 1 - hand, sign, low, onset)
-                + self._register(sign, keys, takes)
-            )
-            cost += np.where(plays[hand] > 0, part, 0.0)
-        return _next_beam(beam, cost, options, middles, edges, plays > 0, onset)
-
-    def _grip(
-        self,
-        low: Numbers,
-        high: Numbers,
-        count: NDArray[np.int_],
-        held: Numbers,
-        holds: Flags,
-    ) -> Numbers:
-        """Cost of striking and holding keys together: (ways, options)."""
-        weights = self.weights
-        width = high - low
-        strikes = weights.width * width + weights.wide * np.maximum(width - weights.comfortable, 0)
-        strikes += weights.finger * np.maximum(count - _FINGERS, 0)
-        if not held.size:
-            return strikes[None, :]
-        held_low, held_high = _extent(held, holds)
-        # Infinite where a hand holds nothing, which is left out below.
-        whole = np.maximum(high, held_high[:, None]) - np.minimum(low, held_low[:, None])
-        added = np.maximum(whole, weights.comfortable) - np.maximum(width, weights.comfortable)
-        fingers = np.maximum(count + holds.sum(1)[:, None] - _FINGERS, 0)
-        cost = weights.held * added + weights.held * fingers
-        holding = np.asarray(holds.any(1))[:, None]
-        cost = np.where(holding, np.minimum(cost, weights.held_most), 0.0)
-        return np.asarray(strikes + cost)
-
-    def _way(self, beam: _Beam, hand: int, middle: Numbers, onset: float) -> Numbers:
-        weights = self.weights
-        way = np.abs(middle - beam.place[:, hand, None])
-        cost = weights.way * way + weights.far * np.maximum(way - weights.reach, 0)
-        time = np.maximum(onset - beam.struck[:, hand, None], TOGETHER)
-        speed = np.clip(np.sqrt(weights.pace / time), _SLOWEST, _FASTEST)
-        return np.where(np.isfinite(time), speed * cost, weights.entry)
-
-    def _crossing(
-        self, beam: _Beam, other: int, sign: float, low: Numbers, onset: float
-    ) -> Numbers:
-        weights = self.weights
-        depth = sign * beam.edge[:, other, None] - low
-        time = onset - beam.struck[:, other, None]
-        fresh = np.exp(-time / weights.memory)
-        return np.where(depth >= 0, fresh * (weights.crossing + weights.crossing_size * depth), 0.0)
-
-    def _register(self, sign: float, keys: Numbers, takes: Flags) -> Numbers:
-        wrong = np.maximum(sign * (self.weights.centre - keys), 0)
-        return np.asarray(self.weights.register * (takes * wrong).sum(1))[None, :]
+        options = np.unique(np.where(hands == "", lowest, hands == "left"), axis=0)
+        keys = np.array([notes[index].pitch for index in group], dtype=float)
+        held = np.array([notes[index].pitch for index in sounding], dtype=float)
+        beam, way, option = _advance(beam, keys, held, onset, options, weights)
+        trail.append((group, options, way, option))
+        sounding += group
+    found: list[Hand] = ["right"] * len(notes)
+    best = int(beam.cost.argmin())
+    for group, options, ways, chosen in reversed(trail):
+        for index, left in zip(group, options[chosen[best]], strict=True):
+            found[index] = HANDS[int(left)]
+        best = int(ways[best])
+    return found
 
 
-def _first_beam() -> _Beam:
-    return _Beam(
-        cost=np.zeros(1),
-        place=np.zeros((1, 2)),
-        edge=np.zeros((1, 2)),
-        struck=np.full((1, 2), -np.inf),
-        left_holds=np.zeros((1, 0), dtype=bool),
-    )
-
-
-def _next_beam(
+def _advance(
     beam: _Beam,
-    cost: Numbers,
-    options: Flags,
-    middles: Numbers,
-    edges: Numbers,
-    plays: Flags,
+    keys: Numbers,
+    held: Numbers,
     onset: float,
+    options: Flags,
+    weights: SplitWeights,
 ) -> tuple[_Beam, NDArray[np.intp], NDArray[np.intp]]:
+    """Go on by the keys that are struck at a time, and keep the best ways.
+
+    Returns:
+        The ways, and for each from which one it comes and which option it takes.
+    """
+    cost = np.repeat(beam.cost[:, None], len(options), axis=1)
+    middles, edges = np.zeros((2, 2, len(options)))
+    plays = np.array([(~options).any(1), options.any(1)])  # right, left
+    for hand, sign in ((0, 1.0), (1, -1.0)):
+        # Seen from the right hand: the left hand's keys are turned upside down.
+        takes, holds = (options, beam.left_holds) if hand else (~options, ~beam.left_holds)
+        low, high = np.where(plays[hand], _extent(sign * keys, takes), 0.0)
+        middles[hand], edges[hand] = sign * (low + high) / 2, sign * low
+        wrong = np.maximum(sign * (weights.centre - keys), 0)
+        part = (
+            _grip(weights, low, high, takes.sum(1), sign * held, holds)
+            + _way(weights, beam, hand, middles[hand], onset)
+            + _crossing(weights, beam, 1 - hand, sign, low, onset)
+            + weights.register * (takes * wrong).sum(1)
+        )
+        cost += np.where(plays[hand], part, 0.0)
     order = cost.argsort(axis=None, kind="stable")[: 2 * _BEAM]
     way, option = np.unravel_index(order, cost.shape)
     played = plays.T[option]
@@ -246,30 +170,60 @@ def _next_beam(
     # What will cost the same from here on need not be followed twice.
     rows = np.column_stack([place, left_holds])
     kept = np.sort(np.unique(rows, axis=0, return_index=True)[1])[:_BEAM]
-    way, option = way[kept], option[kept]
-    return (
-        _Beam(
-            cost=cost[way, option],
-            place=place[kept],
-            edge=np.where(played[kept], edges.T[option], beam.edge[way]),
-            struck=np.where(played[kept], onset, beam.struck[way]),
-            left_holds=left_holds[kept],
-        ),
-        way,
-        option,
-    )
+    way, option, played = way[kept], option[kept], played[kept]
+    edge = np.where(played, edges.T[option], beam.edge[way])
+    struck = np.where(played, onset, beam.struck[way])
+    after = _Beam(cost[way, option], place[kept], edge, struck, left_holds[kept])
+    return after, way, option
 
 
-def _groups(notes: tuple[Note, ...]) -> Iterator[list[int]]:
-    """Yield the indices of the notes struck together, from low to high."""
-    group: list[int] = []
+def _grip(
+    weights: SplitWeights,
+    low: Numbers,
+    high: Numbers,
+    count: NDArray[np.int_],
+    held: Numbers,
+    holds: Flags,
+) -> Numbers:
+    """Cost of striking and holding keys together: (ways, options)."""
+    width = high - low
+    strikes = weights.width * width + weights.wide * np.maximum(width - weights.comfortable, 0)
+    strikes += weights.finger * np.maximum(count - FINGERS_PER_HAND, 0)
+    if not held.size:
+        return np.asarray(strikes[None, :])
+    held_low, held_high = _extent(held, holds)
+    # Infinite where a hand holds nothing, which is left out below.
+    whole = np.maximum(high, held_high[:, None]) - np.minimum(low, held_low[:, None])
+    added = np.maximum(whole, weights.comfortable) - np.maximum(width, weights.comfortable)
+    fingers = np.maximum(count + holds.sum(1)[:, None] - FINGERS_PER_HAND, 0)
+    cost = np.minimum(weights.held * added + weights.held * fingers, weights.held_most)
+    return np.asarray(strikes + np.where(np.asarray(holds.any(1))[:, None], cost, 0.0))
+
+
+def _way(weights: SplitWeights, beam: _Beam, hand: int, middle: Numbers, onset: float) -> Numbers:
+    way = np.abs(middle - beam.place[:, hand, None])
+    cost = weights.way * way + weights.far * np.maximum(way - weights.reach, 0)
+    time = np.maximum(onset - beam.struck[:, hand, None], TOGETHER)
+    speed = np.clip(np.sqrt(weights.pace / time), _SLOWEST, _FASTEST)
+    return np.where(np.isfinite(time), speed * cost, weights.entry)
+
+
+def _crossing(
+    weights: SplitWeights, beam: _Beam, other: int, sign: float, low: Numbers, onset: float
+) -> Numbers:
+    depth = sign * beam.edge[:, other, None] - low
+    fresh = np.exp(-(onset - beam.struck[:, other, None]) / weights.memory)
+    return np.where(depth >= 0, fresh * (weights.crossing + weights.crossing_size * depth), 0.0)
+
+
+def _groups(notes: tuple[Note, ...]) -> list[list[int]]:
+    """Return the indices of the notes struck together, each from low to high."""
+    groups: list[list[int]] = []
     for index, note in enumerate(notes):
-        if group and note.onset > notes[group[0]].onset + TOGETHER:
-            yield sorted(group, key=lambda at: (notes[at].pitch, at))
-            group = []
-        group.append(index)
-    if group:
-        yield sorted(group, key=lambda at: (notes[at].pitch, at))
+        if not groups or note.onset > notes[groups[-1][0]].onset + TOGETHER:
+            groups.append([])
+        groups[-1].append(index)
+    return [sorted(group, key=lambda at: (notes[at].pitch, at)) for group in groups]
 
 
 def _extent(keys: Numbers, chosen: Flags) -> tuple[Numbers, Numbers]:

@@ -66,12 +66,6 @@ def test_presses_are_in_order_of_time_then_key():
     ]
 
 
-def test_each_hand_has_its_own_with_fingers_counted_from_its_thumb():
-    roll = roll_of((0, 1, 4, 50), (0, 1, 5, 30))
-    assert presses_of_hand(roll, 0) == [Press(key=50, finger=4, first=1, last=1)]
-    assert presses_of_hand(roll, 1) == [Press(key=30, finger=0, first=1, last=1)]
-
-
 def test_a_repeated_key_is_pressed_as_often_as_it_is_struck():
     roll = roll_of((0, 3, 2), (3, 5, 2), (5, 7, 3))
     assert [(p.finger, p.first, p.last) for p in presses_of_hand(roll, 0)] == [
@@ -102,25 +96,3 @@ def test_a_note_that_outlasts_another_on_its_key_is_taken_up_again():
         (2, 5, 5),
         (1, 6, 9),
     ]
-
-
-def test_a_key_that_changes_hands_is_pressed_by_both_one_after_the_other():
-    roll = roll_of((0, 9, 1), (3, 5, 7))
-    right, left = presses_of_hand(roll, 0), presses_of_hand(roll, 1)
-    assert [(p.finger, p.first, p.last) for p in right] == [(1, 1, 3), (1, 6, 9)]
-    assert [(p.finger, p.first, p.last) for p in left] == [(2, 5, 5)]
-
-
-def test_a_note_that_ends_with_the_roll_is_pressed_up_to_the_last_state():
-    active = np.zeros((4, 88), dtype=bool)
-    active[2:, KEY] = True
-    onset = np.zeros_like(active)
-    onset[2, KEY] = True
-    roll = PianoRoll(
-        control_timestep=1.0,
-        active=active,
-        finger=np.where(active, 0, -1),
-        onset=onset,
-        sustain=np.zeros(4, dtype=bool),
-    )
-    assert presses_of_hand(roll, 0) == [Press(key=KEY, finger=0, first=3, last=4)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import ks_2samp
 
 from sb3_piano.envs import PianoEnv
 
@@ -42,3 +43,52 @@ def test_recorded_playing_keeps_its_f1_and_its_return_on_the_fast_physics(perfor
     tell("\n".join([heading, *lines]))
     assert len(f1_changes) == 3
     assert np.mean(np.abs(f1_changes)) < F1_MEAN
+
+
+def random_terms(physics, seeds):
+    """Return the reward terms of each step of random episodes, (steps, terms)."""
+    env = PianoEnv("CMajorScaleTwoHands", physics=physics)
+    rows = []
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        env.reset(seed=seed)
+        action, truncated = np.zeros(env.action_space.shape), False
+        while not truncated:
+            action = np.clip(0.9 * action + 0.3 * rng.normal(size=action.size), -1, 1)
+            *_, truncated, info = env.step(action)
+            rows.append(list(info["reward_terms"].values()))
+    return np.array(rows)
+
+
+def test_random_actions_earn_reward_terms_of_one_distribution_on_both_physics(tell):
+    """The profiles differ by less than two samples of 6 episodes of one profile may."""
+    seeds = range(6)
+    reference, fast = random_terms("reference", seeds), random_terms("fast", seeds)
+    # Both change with the noise, but each mean by a small part of the spread ...
+    shift = (fast.mean(axis=0) - reference.mean(axis=0)) / reference.std(axis=0)
+    # ... and so do the distributions. Rounded: a key at rest is at 0 or at a millionth of its way.
+    apart = [
+        ks_2samp(ours, theirs, method="asymp").statistic
+        for ours, theirs in zip(fast.round(2).T, reference.round(2).T, strict=True)
+    ]
+    tell(f"reward terms: shift of the mean over spread {shift.round(3)}, KS {apart}")
+    assert not np.array_equal(fast, reference)
+    assert np.abs(shift).max() < 0.15
+    assert max(apart) < 0.1
+
+
+@pytest.mark.parametrize("physics", ["reference", "fast"])
+def test_the_state_of_an_episode_can_be_saved_and_put_back_exactly(physics):
+    env = PianoEnv("CMajorScaleTwoHands", physics=physics)
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    for _ in range(40):
+        env.step(env.action_space.sample())
+    state, actions = env.get_state(), [env.action_space.sample() for _ in range(30)]
+    first = [env.step(action)[0] for action in actions]
+    other = PianoEnv("CMajorScaleTwoHands", physics=physics)
+    other.reset(seed=1)
+    other.step(actions[0])
+    other.set_state(state)
+    for action, observation in zip(actions, first, strict=True):
+        np.testing.assert_array_equal(other.step(action)[0], observation)

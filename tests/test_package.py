@@ -21,10 +21,12 @@ ROOT = Path(__file__).parents[1]
 # The rooms, each of which imports only from those before it.
 ROOMS = [
     "exceptions",
+    "settings",
     "files",
     "locks",
+    "interrupts",
     "threads",
-    "torch_threads",
+    "layers",
     "music",
     "simulation",
     "metrics",

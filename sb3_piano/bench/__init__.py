@@ -151,7 +151,7 @@ def _cpu_model() -> str:
 
 
 def render(report: BenchReport) -> RenderableType:
-    """Where the figures come from, and a table of them."""
+    """Source of the figures, and a table of them."""
     machine = report.machine
     lines = [
         f"{ENV_ID}, {machine['date']}",

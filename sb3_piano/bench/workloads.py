@@ -62,7 +62,7 @@ Ask = Callable[[object], Any]
 
 
 class PeerError(SB3PianoError, RuntimeError):
-    """What is compared with cannot be started in its process, or stopped answering."""
+    """Process of a peer that cannot be started, or stopped answering."""
 
 
 @contextlib.contextmanager

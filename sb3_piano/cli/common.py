@@ -1,4 +1,4 @@
-"""What several commands need."""
+"""Parts of several commands."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TRUST = (
     "that 'sb3-piano share' wrote have no pickles: a folder with policy.safetensors is played "
     "without unpickling anything."
 )
-"""What the help of every command says that loads a run, settings or a data set."""
+"""Part of the help of every command that loads a run, settings or a data set."""
 
 EXIT_OK, EXIT_ERROR, EXIT_INTERRUPTED = 0, 2, 130
 

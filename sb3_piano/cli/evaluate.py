@@ -24,7 +24,6 @@ from sb3_piano.cli.common import (
     whole_number,
 )
 from sb3_piano.metrics import DEFINITIONS, FINGER_SHARES, Definition, has_value
-from sb3_piano.settings import refuse_unknown
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -101,6 +100,8 @@ def _with_unit(text: str, unit: str) -> str:
 
 
 def _evaluate(arguments: argparse.Namespace) -> int:
+    from sb3_piano.settings import refuse_unknown
+
     refuse_unknown(arguments.metrics or [], DEFINITIONS, "metric")
     for option in ("csv", "json"):
         check_output_file(f"--{option}", getattr(arguments, option))

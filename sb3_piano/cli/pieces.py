@@ -33,12 +33,12 @@ _COLUMNS = (*_ABOUT, *_FEATURES, "difficulty_percentile")
 """The columns of the CSV file, and the keys of the JSON file."""
 
 _FEW_MOMENTS = 16
-"""How many moments are shown of a piece whose bars are not known."""
+"""Number of moments shown of a piece whose bars are not known."""
 
 _HANDS = ("right", "left", None)
 
 Row = Mapping[str, Any]
-"""What is known about a piece, by column; None where it is not known."""
+"""Facts about a piece, by column; None where not known."""
 
 
 def add_parser(commands: Any) -> None:

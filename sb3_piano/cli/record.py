@@ -30,7 +30,11 @@ if TYPE_CHECKING:
 
 _POLICIES = ("planned", "sampling")
 _OBSERVED = {"observation": "fingers", "fingering": "ergonomic"}
-"""What an environment that is made here observes unless told otherwise: little, and by finger."""
+"""Options of an environment that is made here unless given: little is observed, by finger."""
+
+_NOISE = [0.0, 0.03, 0.06, 0.1]
+"""Standard deviations, rad, with which learners see how the planned pianist recovers: of a scale
+that was recorded without noise they learned an F1 of 0.68, of one with it 0.93."""
 
 
 def add_parser(commands: Any) -> None:
@@ -53,9 +57,9 @@ def add_parser(commands: Any) -> None:
         "--noise",
         type=float,
         nargs="+",
-        default=[0.0],
         metavar="RAD",
-        help="standard deviations of noise on the actions, in turns, such as 0 0.03 0.06 0.1",
+        help="standard deviations of noise on the actions, in turns; default: 0 0.03 0.06 0.1 for "
+        "a planned pianist, 0 for a run",
     )
     add(
         "--start",
@@ -91,7 +95,7 @@ def _record(arguments: argparse.Namespace) -> int:
             env,
             default_id if arguments.out is None else arguments.out,
             episodes=arguments.episodes,
-            noise=arguments.noise,
+            noise=arguments.noise or ([0.0] if Path(arguments.what).is_dir() else _NOISE),
             seed=arguments.seed,
             overwrite=arguments.overwrite,
             policy_name=default_id.rpartition("/")[2].partition("-v")[0],

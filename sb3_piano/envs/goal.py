@@ -1,17 +1,19 @@
-"""Goal of an episode: a score, cut into control steps and ready to be compared with."""
+"""Goal of an episode: a score cut into control steps, and the reward terms of a moment under it."""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.envs import rewards
 from sb3_piano.envs.config import PianoEnvConfig
-from sb3_piano.envs.rewards import highest_return
 from sb3_piano.envs.score_choice import fingered
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.robot import release_early
+from sb3_piano.simulation import Simulation
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -66,7 +68,7 @@ class Goal:
             "optimal-transport": len(self),
             "off": 0,
         }
-        return highest_return(
+        return rewards.highest_return(
             config.reward_weights,
             n_steps=len(self),
             n_due=int(self.roll.active.any(axis=1).sum()),
@@ -94,3 +96,43 @@ def _step_goal(roll: PianoRoll, step: int) -> StepGoal:
         sustain=bool(roll.sustain[step]),
         labelled=tuple(pair for pair in zip(keys, fingers, strict=True) if pair[1] >= 0),
     )
+
+
+def reward_terms(
+    simulation: Simulation, goal: Goal, step: int, pedal_down: bool, forearm: bool
+) -> dict[str, float]:
+    """Return the unweighted reward terms by name.
+
+    Args:
+        simulation: What was played, as it was read.
+        goal: What the episode asks for.
+        step: The control step of it with which the state is compared.
+        pedal_down: Whether the sustain pedal is down.
+        forearm: Whether forearms are rewarded for keeping apart; otherwise that term is 0.
+    """
+    now = goal.steps[step]
+    wrong = int.from_bytes(simulation.sounding) & now.not_due > 0
+    force, velocity = simulation.actuator_force, simulation.actuator_velocity
+    touching = forearm and simulation.scene.forearms_touch(simulation.data)
+    return {
+        "key_press": rewards.key_press(now.keys, simulation.key_state, wrong),
+        "sustain": rewards.sustain(now.sustain, pedal_down),
+        "energy": rewards.energy(force, velocity),
+        "fingering": _fingering(simulation, goal.fingering_reward, now),
+        "forearm": rewards.forearm(touching) if forearm else 0.0,
+    }
+
+
+def _fingering(simulation: Simulation, kind: str, now: StepGoal) -> float:
+    tips = simulation.fingertips
+    if kind == "labels":
+        return rewards.labelled_fingering(
+            [
+                math.dist(simulation.press_point(key), tips[finger].tolist())
+                for key, finger in now.labelled
+            ]
+        )
+    if kind == "off":
+        return 0.0
+    points = [simulation.press_point(key) for key in now.keys]
+    return rewards.optimal_transport_fingering(tips, np.array(points).reshape(-1, 3))

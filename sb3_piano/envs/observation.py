@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import pretty_midi
 from gymnasium import spaces
 
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import MIN_PITCH, NUM_KEYS
+from sb3_piano.music.pitch import pitch_name
 
 IntArray = npt.NDArray[np.intp]
 
@@ -179,7 +179,7 @@ class KeyWindow:
 
     def __str__(self) -> str:
         low, high = self.first + MIN_PITCH, self.last + MIN_PITCH
-        return f"of pitch {low} to {high} ({_name(low)} to {_name(high)})"
+        return f"of pitch {low} to {high} ({pitch_name(low)} to {pitch_name(high)})"
 
     def check(self, roll: PianoRoll) -> None:
         """Make sure that a piece stays within the window.
@@ -205,7 +205,7 @@ class KeyWindow:
             key + MIN_PITCH for key in sorted(set(keys)) if not self.first <= key <= self.last
         ]
         if beyond:
-            names, pitches = ", ".join(map(_name, beyond)), ", ".join(map(str, beyond))
+            names, pitches = ", ".join(map(pitch_name, beyond)), ", ".join(map(str, beyond))
             raise ScoreError(
                 f"The piece has {names}, of pitch {pitches}, but the observation shows only the "
                 f"keys {self}: expected a piece within them, or {instead}."
@@ -235,8 +235,8 @@ class KeyWindow:
         if missing:
             raise ConfigError(
                 f"The keys {self} cannot be cut out of the block {block.name!r}, from which "
-                f"{len(missing)} of them were cut before, such as {_name(missing[0] + MIN_PITCH)}: "
-                "expected keys that it shows."
+                f"{len(missing)} of them were cut before, such as "
+                f"{pitch_name(missing[0] + MIN_PITCH)}: expected keys that it shows."
             )
         return np.array([position[column] for column in wanted.tolist()])
 
@@ -248,8 +248,3 @@ ALL_KEYS = KeyWindow(0, NUM_KEYS - 1)
 def _used_keys(roll: PianoRoll) -> list[int]:
     used: list[int] = np.flatnonzero(roll.active.any(axis=0)).tolist()
     return used
-
-
-def _name(pitch: int) -> str:
-    name: str = pretty_midi.note_number_to_name(pitch)
-    return name

@@ -12,10 +12,9 @@ import numpy.typing as npt
 from sb3_piano.envs.actions import ActionMap
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.encodings import make_encoding
-from sb3_piano.envs.goal import Goal
+from sb3_piano.envs.goal import Goal, reward_terms
 from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, ObservationLayout, ObservationSpace
 from sb3_piano.envs.record import EnvState, EpisodeRecord
-from sb3_piano.envs.reward_terms import reward_terms
 from sb3_piano.envs.score_choice import ScoreSource, chosen_score, own_score
 from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedError
 from sb3_piano.music import PianoRoll, Score
@@ -155,12 +154,12 @@ class PianoEnv(gym.Env[Any, Any]):
 
     @property
     def observation_layout(self) -> ObservationLayout:
-        """Which numbers of the observation stand where, and what they mean."""
+        """Layout of the observation: place and meaning of its numbers."""
         return self._encoding.layout
 
     @property
     def key_active(self) -> npt.NDArray[np.bool_]:
-        """Which keys sound now, (88,) bool."""
+        """Keys that sound now, (88,) bool."""
         self._simulation.read()
         return np.frombuffer(self._simulation.sounding, dtype=bool).copy()
 

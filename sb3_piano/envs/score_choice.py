@@ -57,7 +57,7 @@ def fingered(score: Score, fingering: str, control_timestep: float) -> Score:
         return score
     # Equal scores may differ in their bars, which make no difference to the fingers.
     notes = _fingered(score, fingering, control_timestep).notes
-    return score if notes is score.notes else replace(score, notes=notes)
+    return score if notes == score.notes else replace(score, notes=notes)
 
 
 def chosen_score(options: Mapping[str, Any], default: Score, random: np.random.Generator) -> Score:

@@ -1,4 +1,4 @@
-"""Which hand, and which finger of which hand."""
+"""Hands, and fingers by hand."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ class Note:
 
     @property
     def duration(self) -> float:
-        """How long the key is held, in s."""
+        """Time for which the key is held, s."""
         return self.offset - self.onset
 
 

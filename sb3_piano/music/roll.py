@@ -13,7 +13,8 @@ from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS, UNKNOWN_FINGER
 from sb3_piano.music.score import Score
 
-_ARRAYS = ("active", "finger", "onset", "sustain", "onset_time")
+_TYPES = {"active": bool, "finger": np.int8, "onset": bool, "sustain": bool, "onset_time": float}
+"""The arrays of a roll with the types of their elements."""
 
 _MAX_STEPS = 1_000_000
 """Longest grid, in control steps: 13.9 hours at 0.05 s, 260 MB. Longer ones are broken files."""
@@ -42,7 +43,7 @@ class EarlyRelease:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PianoRoll:
-    """What is due at each of T control steps. All arrays are read-only copies.
+    """Keys and pedal due at each of T control steps. All arrays are read-only copies.
 
     A note fills the steps floor(onset / dt) to ceil(offset / dt) - 1, at least one; T is
     floor(duration / dt) + 1, so a piece that ends on a step is followed by one silent step. Notes
@@ -81,19 +82,17 @@ class PianoRoll:
     early_releases: tuple[EarlyRelease, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "active", np.array(self.active, dtype=bool))
-        object.__setattr__(self, "finger", np.array(self.finger, dtype=np.int8))
-        object.__setattr__(self, "onset", np.array(self.onset, dtype=bool))
-        object.__setattr__(self, "sustain", np.array(self.sustain, dtype=bool))
         _check_control_timestep(self.control_timestep)
+        if self.onset_time is None:
+            times = np.nonzero(self.onset)[0] * self.control_timestep
+            object.__setattr__(self, "onset_time", times)
+        for name, kind in _TYPES.items():
+            object.__setattr__(self, name, np.array(getattr(self, name), dtype=kind))
         steps = self.active.shape[0] if self.active.ndim else 0
         for name in ("active", "finger", "onset"):
             _check_shape(name, getattr(self, name), (steps, NUM_KEYS))
         _check_shape("sustain", self.sustain, (steps,))
-        first_steps = np.nonzero(self.onset)[0]
-        times = first_steps * self.control_timestep if self.onset_time is None else self.onset_time
-        object.__setattr__(self, "onset_time", np.array(times, dtype=float))
-        _check_shape("onset_time", self.onset_time, (len(first_steps),))
+        _check_shape("onset_time", self.onset_time, (int(np.count_nonzero(self.onset)),))
         self._lock()
 
     @classmethod
@@ -163,7 +162,7 @@ class PianoRoll:
     def equals(self, other: PianoRoll) -> bool:
         """Return whether another roll says the same; ``==`` asks whether it is the same object."""
         return self.control_timestep == other.control_timestep and all(
-            np.array_equal(getattr(self, name), getattr(other, name)) for name in _ARRAYS
+            np.array_equal(getattr(self, name), getattr(other, name)) for name in _TYPES
         )
 
     def labelled_fingers(self) -> NDArray[np.bool_]:
@@ -191,7 +190,7 @@ class PianoRoll:
         return keys, self.finger[step, keys]
 
     def _lock(self) -> None:
-        for name in _ARRAYS:
+        for name in _TYPES:
             getattr(self, name).flags.writeable = False
 
 

@@ -14,7 +14,7 @@ import pretty_midi
 from numpy.typing import NDArray
 
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.files import write_atomically
+from sb3_piano.music.formats.common import write_score_file
 from sb3_piano.music.formats.midi_reading import SUSTAIN_CONTROLLER
 from sb3_piano.music.score import Score
 
@@ -22,7 +22,7 @@ SAMPLE_RATE = 48_000
 """Samples per second of all sound; the synthesiser knows no other."""
 
 _TAIL = 1.0
-"""How long the last note is given to ring out, s."""
+"""Time in which the last note rings out, s."""
 
 _PEAK = 0.9
 """Amplitude to which the loudest moment is scaled, so that nothing is clipped."""
@@ -87,14 +87,10 @@ def write_wav(path: str | os.PathLike[str], samples: NDArray[np.float32]) -> Non
     """
     from scipy.io import wavfile  # here, because it takes long
 
-    path = Path(path)
     steps = np.round(np.clip(samples, -1.0, 1.0) * 32767.0).astype(np.int16)
-    try:
-        write_atomically(path, lambda file: wavfile.write(file, SAMPLE_RATE, steps))
-    except OSError as error:
-        raise ScoreError(
-            f"Cannot write {str(path)!r}: {error.strerror}; expected a file in a writable folder."
-        ) from error
+    file = io.BytesIO()
+    wavfile.write(file, SAMPLE_RATE, steps)
+    write_score_file(Path(path), file.getvalue())
 
 
 @functools.lru_cache(maxsize=1)

@@ -26,7 +26,7 @@ _UP = 2
 
 @dataclass(frozen=True, eq=False)
 class HandTask:
-    """What one hand has to do."""
+    """Task of one hand."""
 
     hand: Hand
     presses: tuple[TimedPress, ...]
@@ -52,7 +52,7 @@ class HandPlan:
     """Motion of one hand through T control steps; n are its actuators, rad, or m for sliders."""
 
     task: HandTask
-    """What the hand has to do."""
+    """Task of the hand."""
     weightless: FloatArray
     """(T + 1, n) where the actuators would be if they had no inertia."""
     positions: FloatArray

@@ -1,4 +1,4 @@
-"""Which OpenGL library this machine can draw with, found out without loading any."""
+"""Search for an OpenGL library that this machine can draw with, without loading any."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ def forearm_body(side: str) -> str:
 
 @dataclass(frozen=True)
 class _ActionSpace:
-    """Which joints move, and how far; joints are known by the ends of their names."""
+    """Joints that move, and their ranges; joints are known by the ends of their names."""
 
     removed: tuple[str, ...] = ()
     ranges: Mapping[str, list[float]] = field(default_factory=dict)

@@ -38,7 +38,7 @@ class Solver:
 
 @dataclass(frozen=True, kw_only=True)
 class PhysicsProfile:
-    """What may be simplified about the simulation, and how it is stepped."""
+    """Simplifications of the simulation, and its steps."""
 
     solver: Solver
     """Options handed to MuJoCo."""

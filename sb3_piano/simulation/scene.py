@@ -63,7 +63,7 @@ class PianoScene:
     key_geom: IntArray
     """(88,) geom of each key."""
     key_boxes: tuple[FloatArray, FloatArray, FloatArray]
-    """Where the keys are when fully down (the rigid ones as they are): (88, 3) centres of their
+    """Places of the keys when fully down (the rigid ones as they are): (88, 3) centres of their
     boxes in the world, m; (88, 3, 3) the boxes' axes in the world, as columns; (88, 3) half lengths
     along them, m."""
     key_press_offset: FloatArray

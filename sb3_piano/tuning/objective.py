@@ -1,4 +1,4 @@
-"""What a study maximises: how well models play that were trained with a trial's settings."""
+"""Objective of a study: how well models play that were trained with a trial's settings."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class Objective:
 
 
 class _Progress:
-    """What a trial has reached so far."""
+    """Progress of a trial."""
 
     def __init__(self, config: StudyConfig, trial: BaseTrial):
         self.trial = trial

@@ -1,4 +1,4 @@
-"""How a study chooses settings, and which trials it ends early: Optuna's ways, by name."""
+"""Samplers and pruners of a study: Optuna's, by name."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sb3_piano.tuning.study import StudyConfig
 
 @settings
 class Search:
-    """How settings are chosen and trials ended early; it may change while a study goes on.
+    """Sampler and pruner of a study, which may change while it goes on.
 
     Raises:
         ConfigError: If a name is unknown or a number out of range.

@@ -28,7 +28,7 @@ OBJECTIVES = ("final", "best")
 
 @settings
 class StudyConfig:
-    """What a study searches and how its trials are judged: all that makes two studies the same.
+    """Space of a study and measure of its trials: all that makes two studies the same.
 
     Raises:
         ConfigError: If a setting is unknown or out of range.
@@ -42,7 +42,7 @@ class StudyConfig:
     """The settings from which trials depart, as an entry of an RL Zoo YAML file; ``n_timesteps``
     are the environment steps of one training."""
     space: Space
-    """What is searched."""
+    """Space that is searched."""
     metric: Literal["f1", "onset_f1"] = "f1"
     """One of :data:`METRICS`."""
     objective: Literal["final", "best"] = "final"

@@ -17,7 +17,7 @@ HOST = "host"
 FOLDER = "folder"
 """Its runs, on that machine."""
 ORIGIN = "origin"
-"""Where its settings come from, if the sampler did not choose them."""
+"""Source of its settings, if the sampler did not choose them."""
 FAILURE = "failure"
 """Why it failed, in one line."""
 INTERRUPTED = "interrupted"
@@ -25,7 +25,7 @@ INTERRUPTED = "interrupted"
 STEPS = "steps"
 """Environment steps of all its trainings."""
 SECONDS = "seconds"
-"""How long it took."""
+"""Time it took."""
 VALUES = "values"
 """Its value by seed, in the order of the study's seeds; shorter if it was pruned."""
 
@@ -37,7 +37,7 @@ PRESET_IN_PART = "preset in part"
 GONE = "its process ended without a word: killed, or out of memory"
 """The reason of a failed trial that has noted none."""
 MAX_RETRIES = 3
-"""How often the settings of a trial are queued again because its process was gone."""
+"""Number of times that the settings of a trial are queued again because its process was gone."""
 
 
 def retry_callback(max_retry: int = MAX_RETRIES) -> RetryHeartbeatStaleTrialCallback:

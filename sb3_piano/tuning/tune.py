@@ -42,7 +42,7 @@ class TuneResult:
     """The state of a study."""
 
     folder: StudyFolder
-    """Where everything is."""
+    """Folder of all files."""
     study: optuna.Study
     """Optuna's own view of it."""
     best: FrozenTrial | None

@@ -40,7 +40,7 @@ class Worker:
     trial: optuna.Trial | None = None
     """The trial that it runs."""
     said: tuple[Any, ...] | None = None
-    """What it said last, if that is not in the store yet."""
+    """Its last report, if that is not in the store yet."""
 
     def __init__(self, config: StudyConfig, folder: StudyFolder):
         context = multiprocessing.get_context("spawn")

@@ -14,7 +14,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.envs import ObservationBlock, ObservationLayout, ObservationSpace, PianoEnv
-from sb3_piano.envs.finger_goals import FingerGoals
+from sb3_piano.envs.encodings import FingerGoals
 from sb3_piano.envs.observation import ALL_KEYS, KeyWindow
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import Note, Pedal, PianoRoll, Score, load_score

@@ -136,15 +136,6 @@ def test_a_bar_is_eight_sixteenths_of_two_four_time_at_60():
     assert score.duration == 60.0
 
 
-# From bar to bar they may: there the hand moves on by a key.
-@pytest.mark.parametrize("number", NUMBERS)
-def test_no_finger_strikes_two_keys_running_within_a_bar(number):
-    for hand in ("right", "left"):
-        for pitches, fingers in bars_of(hanon(number), hand)[:-1]:
-            for one, two in pairwise(zip(pitches, fingers, strict=True)):
-                assert one[1] != two[1]
-
-
 def test_the_titles_and_what_is_said_about_them():
     piece = HANON["hanon-07"]
     assert piece.title == "Hanon's exercise no. 7"
@@ -178,20 +169,6 @@ def test_repeats_come_before_the_last_note():
     once, twice = hanon(17, hands="left"), hanon(17, hands="left", repeats=2)
     assert bars_of(twice, "left") == bars_of(once, "left")[:-1] + bars_of(once, "left")
     assert twice.duration == 2 * once.duration - 2.0
-
-
-@pytest.mark.parametrize("number", NUMBERS)
-def test_one_octave_has_the_same_turns_an_octave_lower(number):
-    two, one = hanon(number), hanon(number, octaves=1)
-    up = BAR_COUNTS[number][0]
-    for hand in ("right", "left"):
-        long, short = bars_of(two, hand), bars_of(one, hand)
-        assert len(short) == len(long) - 14
-        assert short[0] == long[0]
-        for at, was in ((up - 8, up - 1), (up - 7, up)):
-            pitches, fingers = long[was]
-            assert short[at] == ([pitch - 12 for pitch in pitches], fingers)
-        assert short[-2:] == long[-2:]
 
 
 @pytest.mark.parametrize(

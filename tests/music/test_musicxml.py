@@ -452,7 +452,9 @@ class TestFiles:
         self, content, reason, tmp_path
     ):
         (tmp_path / "a.xml").write_bytes(content)
-        with pytest.raises(ScoreError, match=rf"Cannot read '.*a\.xml' as MusicXML \(.*({reason})"):
+        with pytest.raises(
+            ScoreError, match=rf"Cannot read '.*a\.xml' as a MusicXML file \(.*({reason})"
+        ):
             read_musicxml(tmp_path / "a.xml")
 
     def test_a_container_without_its_file_is_refused(self, tmp_path):

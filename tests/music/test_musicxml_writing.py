@@ -1,14 +1,13 @@
-import itertools
 import warnings
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 from lxml import etree
+from random_scores import FINGERS, HANDS, canonical, scores
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music import MAX_PITCH, MIN_PITCH, Note, Pedal, Score, load_score
+from sb3_piano.music import Note, Pedal, Score, load_score
 from sb3_piano.music.formats import read_musicxml, write_musicxml
 
 HALF_A_TICK = 60 / 120 / 12000 / 2 + 1e-9
@@ -25,36 +24,6 @@ def round_trip(score, folder, **options):
     return read_musicxml(path)
 
 
-LABELS = [(finger, None) for finger in range(10)] + [(-1, "right"), (-1, "left")]
-
-
-@st.composite
-def scores(draw):
-    """Scores that know all hands; notes of one label on one key do not overlap."""
-    gaps = st.floats(0.001, 2.0) | st.sampled_from([0.25, 0.5, 1.0])
-    notes = []
-    voices = st.tuples(st.integers(MIN_PITCH, MAX_PITCH), st.sampled_from(LABELS))
-    for pitch, (finger, hand) in draw(st.lists(voices, min_size=1, max_size=6, unique=True)):
-        time = 0.0
-        for _ in range(draw(st.integers(1, 4))):
-            time += draw(st.just(0.0) | gaps)
-            onset, time = time, time + draw(gaps)
-            velocity = draw(st.integers(1, 127))
-            notes.append(note(onset, time, pitch, velocity=velocity, finger=finger, hand=hand))
-    pedals, time = [], 0.0
-    for _ in range(draw(st.integers(0, 3))):
-        onset = time + draw(gaps)
-        time = onset + draw(gaps)
-        pedals.append(Pedal(onset=onset, offset=time))
-    bars = list(itertools.accumulate(draw(st.lists(gaps, max_size=6))))
-    return Score(notes=notes, pedals=pedals, title="piece", bars=bars)
-
-
-def canonical(score):
-    """Notes in an order that a shift of a tick cannot change, within their voices."""
-    return sorted(score.notes, key=lambda note: (note.pitch, note.finger, note.hand, note.onset))
-
-
 def times(events):
     return [time for event in events for time in (event.onset, event.offset)]
 
@@ -62,7 +31,7 @@ def times(events):
 class TestRoundTrip:
     @pytest.mark.slow
     @settings(max_examples=40, deadline=None)
-    @given(score=scores())
+    @given(score=scores([*FINGERS, *HANDS]))
     def test_keeps_all_but_half_a_tick_and_then_all(self, score, tmp_path_factory):
         back = round_trip(score, tmp_path_factory.getbasetemp())
         for ours, theirs in zip(canonical(score), canonical(back), strict=True):

@@ -11,16 +11,9 @@ import pytest
 from sb3_piano.cli import main
 from sb3_piano.music import BUILT_IN, Note, Score, load_score, read_midi, read_pig, write_midi
 from sb3_piano.music.difficulty import features
-from sb3_piano.music.library import DATA_VARIABLE, user_library
+from sb3_piano.music.library import user_library
 
 TWINKLE = "debug-TwinkleTwinkleLittleStar"
-
-
-@pytest.fixture(autouse=True)
-def data(tmp_path, monkeypatch):
-    """A data folder of the test's own."""
-    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "data"))
-    return tmp_path / "data"
 
 
 @pytest.fixture
@@ -190,14 +183,6 @@ class TestShow:
             assert text in out
         assert ["onset density", "1.75"] in rows_of(out)
         assert ["1", "0.00", "C4/1"] in rows_of(out)
-
-    def test_as_many_bars_as_asked_for(self, run):
-        for n_bars in (1, 3):
-            out = run("show", TWINKLE, "--bars", n_bars)[1]
-            notes = [row for row in rows_of(out) if len(row) == 3]
-            end = load_score(TWINKLE).bars[n_bars]
-            assert len(notes) == sum(note.onset < end for note in load_score(TWINKLE).notes)
-            assert notes[-1][0] == str(n_bars)
 
     def test_an_imported_piece_says_where_it_is_from(self, run, music, data):
         run("import", music / "a.mid")

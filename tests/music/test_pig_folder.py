@@ -10,7 +10,7 @@ import pytest
 from sb3_piano.exceptions import ScoreError, UnknownPieceError
 from sb3_piano.music import Note, PianoRoll, Score, load_score, read_midi, write_midi
 from sb3_piano.music.formats import write_pig
-from sb3_piano.music.library import DATA_VARIABLE, PIG_PIECES, import_path, user_library
+from sb3_piano.music.library import PIG_PIECES, import_path, user_library
 from sb3_piano.music.library.datasets import robopianist_name
 
 VERSION = "//Version: PianoFingering_v170101"
@@ -28,12 +28,6 @@ ETUDES = [
     "PianoSonataNo21StMov",
     "PianoSonataK279InCMajor1StMov",
 ]
-
-
-@pytest.fixture(autouse=True)
-def data(tmp_path, monkeypatch):
-    """A data folder of the test's own."""
-    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "data"))
 
 
 def tune(first, finger=0):
@@ -129,13 +123,6 @@ def test_a_note_without_length_lasts_one_step_as_in_robopianist(pig):
     assert roll.finger[10, 64 - 21] == 2
 
 
-def test_a_note_of_negative_length_is_not_made_up_for(pig):
-    path = pig / "FingeringFiles" / "001-1_fingering.txt"
-    path.write_text(f"{VERSION}\n0\t1.0\t0.5\tC4\t64\t80\t0\t1\n")
-    report = import_path(pig, jobs=1)
-    assert [unusable.path for unusable in report.unusable] == [path]
-
-
 @pytest.mark.parametrize(
     ("title", "name"),
     [
@@ -191,10 +178,6 @@ class TestBeforeTheImport:
             )
             with pytest.raises(UnknownPieceError, match=message):
                 piece.score()
-
-    def test_its_environment_says_so_too(self):
-        with pytest.raises(UnknownPieceError, match="which is not imported yet"):
-            gymnasium.make("RoboPianist-etude-12-WaltzOp64No1-v0")
 
     def test_the_very_piece_plays_once_it_is_imported(self, pig):
         piece = PIG_PIECES["etude-12-GolliwoggsCakewalk"]

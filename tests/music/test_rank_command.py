@@ -97,19 +97,6 @@ def test_all_pieces_are_ranked_unless_some_are_named(call):
     assert ranked == list(expected)
 
 
-def test_a_collection_is_ranked_by_itself(call):
-    code, out, _ = call("rank", "--collection", "debug")
-    assert code == 0
-    names = {name for name, piece in BUILT_IN.items() if piece.collection == "debug"}
-    assert {row[1] for row in rows_of(out)} == names
-    code, _, err = call("rank", "--collection", "debugs")
-    assert code == 2
-    assert "is of the collection 'debugs'. Did you mean 'debug'? Expected one of" in err
-    code, _, err = call("rank", "CMajorScales")
-    assert code == 2
-    assert "Unknown piece 'CMajorScales'" in err
-
-
 def test_numbers_go_to_a_table_file_in_full(call, tmp_path):
     code, out, _ = call("rank", *FAMILIAR, "--csv", "rank.csv")
     assert code == 0

@@ -4,7 +4,6 @@ from itertools import pairwise
 import pytest
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import load_score, major_scale
 from sb3_piano.music.hands import finger_number
 from sb3_piano.music.pitch import pitch_number
 from sb3_piano.music.studies import ARPEGGIOS, SCALES
@@ -127,13 +126,6 @@ def test_no_finger_strikes_two_keys_running_and_thumbs_stay_off_black_keys(name)
         assert any(thumbs) is all(thumbs) is all_black
 
 
-def test_the_chromatic_scale_has_2_on_every_c_but_the_first_in_two_octaves():
-    notes = part("scale-Chromatic", "right", octaves=2)[:25]
-    assert numbers(notes)[::12] == [1, 2, 2]
-    assert numbers(notes)[1:13] == numbers(notes)[13:]
-    assert numbers(part("scale-Chromatic", "left", octaves=2)[:25])[::12] == [1, 1, 1]
-
-
 def test_a_third_octave_has_the_fingers_of_the_second():
     fingers = numbers(part("scale-CMajor", "right", octaves=3)[:22])
     assert fingers == digits("1 2 3 1 2 3 4 1 2 3 1 2 3 4 1 2 3 1 2 3 4 5")
@@ -156,18 +148,6 @@ def test_the_left_hand_plays_two_octaves_below_the_right(name, pitches):
     assert [note.pitch + 24 for note in part(name, "left")] == there_and_back(up)
 
 
-@pytest.mark.parametrize("key", ["C", "D"])
-def test_c_and_d_major_are_the_scales_of_the_debug_set_at_80_beats_a_minute(key):
-    debug = load_score(f"debug-{key}MajorScaleTwoHands")
-    assert load_score(f"scale-{key}Major") == major_scale(
-        right=72 + 2 * (key == "D"),
-        left=48 + 2 * (key == "D"),
-        note_duration=0.75,
-        title=f"scale-{key}Major",
-    )
-    assert load_score(f"scale-{key}Major").notes == debug.stretch(1.5).notes
-
-
 @pytest.mark.parametrize("key", MAJOR)
 def test_a_major_scale_is_robovirtuosos_15_quarter_notes_a_hand(key):
     score = SCALES[f"scale-{key}Major"].score()
@@ -177,13 +157,6 @@ def test_a_major_scale_is_robovirtuosos_15_quarter_notes_a_hand(key):
         notes = part(f"scale-{key}Major", hand)
         assert [note.onset for note in notes] == [0.75 * index for index in range(15)]
         assert {note.duration for note in notes} == {0.75}
-
-
-def test_the_keys_follow_one_another_by_semitones():
-    lowest = [SCALES[f"scale-{key}Major"].score().pitch_range[0] for key in MAJOR]
-    assert lowest == list(range(48, 60))
-    lowest = [SCALES[f"scale-{key}HarmonicMinor"].score().pitch_range[0] for key in NATURAL_MINOR]
-    assert lowest == list(range(48, 60))
 
 
 def test_a_piece_says_what_it_is():

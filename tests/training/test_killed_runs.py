@@ -14,7 +14,7 @@ import yaml
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.training import RunFolder, resume
-from sb3_piano.training.runs.train import train as session_module
+from sb3_piano.training.runs import train as session_module
 
 pytestmark = pytest.mark.slow
 

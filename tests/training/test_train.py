@@ -18,7 +18,7 @@ from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.training import RunFolder, resume, train
-from sb3_piano.training.runs.train import train as session_module
+from sb3_piano.training.runs import train as session_module
 
 
 @pytest.mark.slow

@@ -69,7 +69,9 @@ def test_each_trial_trains_with_its_settings_in_a_run_of_its_own(tmp_path):
 
 @pytest.mark.slow
 def test_its_value_is_what_evaluation_of_the_model_at_the_end_found(tmp_path):
-    (trial,) = run(small(metric="onset_f1", eval_seed=7, eval_episodes=2), tmp_path)
+    config = small(metric="onset_f1", eval_seed=7, eval_episodes=2)
+    (trial,) = run(config, tmp_path, pruner=PruneAt(40))  # too late: it is through
+    assert trial.state is TrialState.COMPLETE
     saved = json.loads((tmp_path / "trials/0/seed_0/evaluation/metrics.json").read_text())
     assert saved["episode_seeds"] == [7, 7]
     assert trial.value == saved["mean"]["onset_f1"] == trial.user_attrs["final_onset_f1"]
@@ -124,12 +126,6 @@ def test_pruning_between_seeds_spares_those_that_are_left(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_trial_that_is_through_is_not_pruned(tmp_path):
-    (trial,) = run(small(), tmp_path, pruner=PruneAt(40))
-    assert trial.state is TrialState.COMPLETE
-
-
-@pytest.mark.slow
 def test_with_several_environments_evaluations_are_as_many(tmp_path):
     config = small(entry={"n_envs": 4, "n_timesteps": 80})
     (trial,) = run(config, tmp_path)
@@ -156,19 +152,6 @@ def test_the_entrys_own_evaluations_are_left_out_and_other_callbacks_stay(tmp_pa
     assert len(list((tmp_path / "saved").iterdir())) == 4
 
 
-class First(optuna.samplers.BaseSampler):
-    """Take the first choice in the first trial, the second in the second."""
-
-    def infer_relative_search_space(self, study, trial):
-        return {}
-
-    def sample_relative(self, study, trial, search_space):
-        return {}
-
-    def sample_independent(self, study, trial, name, distribution):
-        return distribution.choices[trial.number]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "choices", "reason"),
@@ -182,7 +165,9 @@ def test_a_trial_that_fails_says_why_and_the_study_goes_on(name, choices, reason
     config = small(
         Space({name: Choice(choices)}), small_study.wrapped(small_study.Broken, limit=1e9)
     )
-    study = optuna.create_study(direction="maximize", sampler=First())
+    study = optuna.create_study(direction="maximize")
+    for choice in choices:
+        study.enqueue_trial({name: choice})
     study.optimize(Objective(config, StudyFolder(tmp_path)), n_trials=2, catch=(Exception,))
     good, bad = study.trials
     assert good.state is TrialState.COMPLETE

@@ -17,8 +17,7 @@ from optuna.trial import TrialState
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.locks import hold
 from sb3_piano.training import RunFolder, load_config
-from sb3_piano.tuning import Float, Search, Space, StudyFolder, tune
-from sb3_piano.tuning.storage import open_storage, open_study
+from sb3_piano.tuning import Float, Search, Space, tune
 from sb3_piano.tuning.trials import repeated
 from sb3_piano.tuning.tune import sampler_seed
 
@@ -161,13 +160,6 @@ def test_a_study_in_which_every_trial_fails_says_why(tmp_path):
     assert not result.folder.best_file.exists()
     (log,) = result.folder.workers_dir.glob("*.log")
     assert "Traceback" in log.read_text()
-
-
-def test_a_study_with_another_objective_is_refused(storage, tmp_path):
-    name, folder = f"other-{time.time_ns()}", StudyFolder(tmp_path / "study")
-    open_study(small(TWO), open_storage(storage, folder), name=name)
-    with pytest.raises(ConfigError, match=r'metric is "f1" there, "onset_f1" here.*another name'):
-        run(small(TWO, metric="onset_f1"), tmp_path, storage, name=name)
 
 
 def test_a_study_that_another_process_runs_is_refused(tmp_path):

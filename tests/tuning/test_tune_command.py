@@ -163,16 +163,10 @@ def test_the_workers_of_a_killed_study_end_and_the_same_command_goes_on(files, s
     assert study.trials[0].params == study.trials[2].params
 
 
-def test_an_unknown_parameter_is_refused(files, capsys):
-    write("space.yml", {"gama": {"float": [0.6, 0.9]}})
-    assert "'gama'" in (line := error(capsys))
-    assert "Did you mean 'gamma'" in line
-    assert not (files / "studies").exists()
-
-
 @pytest.mark.parametrize(
     ("name", "parameter", "reason"),
     [
+        ("gama", {"float": [0.6, 0.9]}, "Did you mean 'gamma'"),
         ("gamma", {"float": [0.9, 0.6]}, "0.9"),
         ("gamma", {"float": [0.5, 1.5]}, "1.5"),
         ("env_kwargs.n_steps_lookahead", {"int": [-3, 3]}, "-3"),
@@ -184,19 +178,6 @@ def test_an_impossible_range_is_refused(name, parameter, reason, files, capsys):
     assert name in line
     assert reason in line
     assert not (files / "studies").exists()
-
-
-def test_an_unreachable_database_is_named_without_its_password(files, capsys):
-    line = error(capsys, "--storage", "postgresql+psycopg://pianist:secret@127.0.0.1:1/piano")
-    assert "127.0.0.1:1/piano" in line
-    assert "secret" not in line
-
-
-def test_a_study_that_exists_with_another_objective_is_refused(finished, monkeypatch, capsys):
-    monkeypatch.chdir(finished[0])
-    line = error(capsys, "--metric", "onset_f1", "--objective", "best")
-    assert 'metric is "f1" there, "onset_f1" here; objective is "final" there' in line
-    assert "--name" in line
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""How hard a piece is: its features, and its rank among others."""
+"""Difficulty of a piece: its features, and its rank among others."""
 
 from sb3_piano.music.difficulty.motion import (
     MotionFeatures,

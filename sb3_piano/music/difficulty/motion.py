@@ -1,4 +1,4 @@
-"""How much has to move for a piece to be played: recorded performances, and their features.
+"""Motion that a piece takes: recorded performances, and their features.
 
 The file of a recording is a NumPy archive (.npz) with the arrays of :class:`MotionRecording`;
 ``sb3-piano evaluate RUN --motion`` writes them.
@@ -22,7 +22,7 @@ from sb3_piano.music.constants import NUM_FINGERS
 
 @dataclass(frozen=True, kw_only=True)
 class MotionFeatures:
-    """How much moved in a performance, per control step.
+    """Amount of motion in a performance, per control step.
 
     Performances compare if they have the same action space and length of a control step.
     """
@@ -30,10 +30,10 @@ class MotionFeatures:
     action_variance: float
     """Variance over the steps of each component of the action, as a mean over the components."""
     hand_motion: float
-    """How far a joint of the hands moves from one step to the next, absolute, as a mean over steps
+    """Absolute motion of a joint of the hands from one step to the next, as a mean over steps
     and joints; rad, of the two sliders m."""
     fingertip_motion: float
-    """How far a fingertip moves from one step to the next, as a mean over steps and the ten
+    """Motion of a fingertip from one step to the next, as a mean over steps and the ten
     fingertips, in m."""
 
 

@@ -1,4 +1,4 @@
-"""What about a score makes it hard, exactly, from its notes' times; and the rank of pieces by it.
+"""Features that make a score hard, exactly, from its notes' times; the rank of pieces by them.
 
 A key counts as pressed from a note's onset to its offset; what the pedal holds does not. Presses
 that overlap by less than 1 ms follow each other: times are rounded, and a melody in legato has one
@@ -44,7 +44,7 @@ SAME_CHORD = 0.03
 
 @dataclass(frozen=True, kw_only=True)
 class Features:
-    """What about a score makes it hard.
+    """Features of a score that make it hard.
 
     The names are those of the paper that :func:`~sb3_piano.music.difficulty.rank` follows.
     """
@@ -54,7 +54,7 @@ class Features:
     duration: float
     """From the first onset to the last offset, in s."""
     average_polyphony: float
-    """How many keys are pressed at once, as a mean over the duration, in which silence counts as
+    """Number of keys pressed at once, as a mean over the duration, in which silence counts as
     no key."""
     maximum_polyphony: int
     """The most keys pressed at once."""
@@ -63,7 +63,7 @@ class Features:
     hand_span: int
     """The widest interval that one hand holds, in semitones."""
     hand_motion: float
-    """How far a hand's centre moves per second of the duration, in semitones, as a mean over both
+    """Distance that a hand's centre moves per second of the duration, in semitones, mean over both
     hands. The centre, midway between the lowest and the highest key of a chord or on a note that
     is struck alone, moves from one to the next; a hand that does not play does not move."""
     pitch_range: tuple[int, int]
@@ -161,7 +161,7 @@ _CONSTANT = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Difficulty:
-    """How hard a piece is among those it was ranked with."""
+    """Rank of a piece by difficulty among others."""
 
     score: float
     """D of the formula: 0 for the average piece, the higher the harder."""

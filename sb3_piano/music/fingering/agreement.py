@@ -1,4 +1,4 @@
-"""How far two fingerings of the same notes agree.
+"""Agreement of two fingerings of the same notes.
 
 The match rates are those of E. Nakamura, Y. Saito and K. Yoshii, "Statistical learning and
 estimation of piano fingering", Information Sciences 517, 2020 (arXiv 1904.10237). Where its text
@@ -31,7 +31,7 @@ _CHANGE_OF_ANNOTATOR = 1
 
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """How many labelled notes another fingering plays with the same finger.
+    """Number of labelled notes that another fingering plays with the same finger.
 
     A share is None where a hand has no labelled notes.
     """

@@ -36,7 +36,7 @@ _NotNegative = Annotated[Number, Ge(0)]
 
 
 class Reach(NamedTuple):
-    """How far apart two fingers of the right hand can be, from the lower-numbered to the other.
+    """Distance of two fingers of the right hand, from the lower-numbered to the other: its limits.
 
     In semitones, upwards positive; negative with the thumb passed under the other finger.
     """
@@ -311,13 +311,13 @@ class _Pairs:
         self.same = self.one == self.other
         self.thumb = (self.one == THUMB) | (self.other == THUMB)
         self.distance = distance[..., None, None]
-        """How far the second key is above the first, in semitones."""
+        """Distance from the first key up to the second, in semitones."""
         self.up = np.where(self.one < self.other, self.distance, -self.distance)
         """The same from the lower-numbered finger to the other one."""
         self.black = PITCH_CLASS_IS_BLACK[:, None, None, None]
         self.black_later = PITCH_CLASS_IS_BLACK[second % 12][..., None, None]
         self.displacement = np.abs(self.distance - (self.other - self.one) * _WHITE_WIDTH)
-        """How far the hand's place moves, in semitones."""
+        """Distance that the hand's place moves, in semitones."""
         reaches = np.zeros((6, FINGERS_PER_HAND, FINGERS_PER_HAND))
         for (low, high), reach in REACHES[weights.hand].items():
             reaches[:, low - 1, high - 1] = reaches[:, high - 1, low - 1] = reach

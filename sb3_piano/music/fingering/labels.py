@@ -39,7 +39,7 @@ from sb3_piano.music.text_file import read_text, read_whole
 T = TypeVar("T")
 
 TOLERANCE = 0.05
-"""How far a label's onset may lie from its note's, in s, unless one says otherwise; as in the
+"""Largest distance of a label's onset from its note's, in s, unless one says otherwise; as in the
 comparison of transcriptions (mir_eval)."""
 
 SAME_ONSET = 1e-3

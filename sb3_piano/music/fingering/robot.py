@@ -82,7 +82,7 @@ _HANDS = ((0, 1), (1, -1))
 """Number and sign of each hand: 1 for the right one, whose thumb is on the left."""
 
 _Assignment = tuple[tuple[int, int], ...]
-"""Which of the presses that sound, or have just sounded, have which fingers."""
+"""Fingers of the presses that sound, or have just sounded."""
 
 
 def robot_fingers(score: Score, control_timestep: float) -> Score:

@@ -19,7 +19,7 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True)
 class SplitWeights:
-    """What it costs to give notes to a hand. Widths and ways are in semitones.
+    """Cost of giving notes to a hand. Widths and ways are in semitones.
 
     Attributes:
         width: Per semitone between the lowest and the highest key a hand strikes together.

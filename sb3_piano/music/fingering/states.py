@@ -1,4 +1,4 @@
-"""What is down at a time in one hand's part, and all ways to lay its fingers on that.
+"""Keys held at a time in one hand's part, and all fingerings of them.
 
 Keys are pitches in the right hand's view: the left hand's are mirrored about D, after which its
 part looks like one of the right hand.
@@ -28,7 +28,7 @@ Legato is played with a little overlap. It is one control step of RoboPianist (2
 """
 
 MIRROR = 2 * 62
-"""What a pitch and its mirror image add up to: D4 is its own."""
+"""Sum of a pitch and its mirror image: D4 is its own."""
 
 Shape = tuple[tuple[bool, int], ...]
 """For each key from the thumb's side: whether it is struck now (else held), its known finger."""
@@ -80,7 +80,7 @@ def slices(notes: Sequence[Note], hand: Hand) -> list[list[KeyStrike]]:
 
 
 class Pattern(NamedTuple):
-    """What is down in a slice, whenever and in whichever octave it is played.
+    """Keys held in a slice, whenever and in whichever octave it is played.
 
     Attributes:
         pitch_class: Of the lowest key, 0 is C.

@@ -25,7 +25,7 @@ READERS: Mapping[str, Callable[[Path], Score]] = MappingProxyType(
         **dict.fromkeys(_MUSICXML, read_musicxml),
     }
 )
-"""How a file is read, by its suffix in lower case."""
+"""Readers of files, by suffix in lower case."""
 
 WRITERS: Mapping[str, Callable[[Score, Path], None]] = MappingProxyType(
     {
@@ -36,7 +36,7 @@ WRITERS: Mapping[str, Callable[[Score, Path], None]] = MappingProxyType(
         **dict.fromkeys(_MUSICXML, partial(write_musicxml, tempo=None)),
     }
 )
-"""How a file is written, by its suffix in lower case."""
+"""Writers of files, by suffix in lower case."""
 
 ACCEPTED_FILES = (
     "a .mid or .midi file (MIDI), a .musicxml, .mxl or .xml file (MusicXML) or a .txt file (PIG "

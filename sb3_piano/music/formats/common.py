@@ -1,14 +1,16 @@
-"""What several formats need: notes that are left out, packed files, writing."""
+"""Parts of several formats: notes that are left out, packed files, writing."""
 
 from __future__ import annotations
 
+import contextlib
+import os
 import warnings
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from sb3_piano.exceptions import ScoreError, ScoreWarning
+from sb3_piano.exceptions import ScoreError, ScoreWarning, one_line
 from sb3_piano.files import write_bytes
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH
 from sb3_piano.music.pitch import pitch_name
@@ -60,6 +62,31 @@ def _notes(events: Sequence[tuple[float, int]]) -> str:
 def _first(events: Sequence[tuple[float, int]]) -> str:
     named = [f"{pitch_name(pitch)} at {time:g} s" for time, pitch in sorted(events)[:_MOST_NAMED]]
     return ", ".join(named) + (", ..." if len(events) > _MOST_NAMED else "")
+
+
+@contextlib.contextmanager
+def reading(path: Path, kind: str, expected: str) -> Iterator[None]:
+    """Say of a file that cannot be read which one it is, and why.
+
+    Args:
+        path: The file.
+        kind: What it should be: ``"MIDI file"``.
+        expected: The end of the message.
+
+    Raises:
+        ScoreError: If there is no such file, or anything is raised meanwhile.
+    """
+    if not os.path.isfile(path):  # which also answers for a name that no file can have
+        raise ScoreError(f"There is no {kind} {str(path)!r}: expected an existing file.")
+    try:
+        yield
+    except ScoreError:
+        raise
+    except Exception as error:
+        # A damaged file surfaces as whatever the parsers happen to stumble over.
+        raise ScoreError(
+            f"Cannot read {str(path)!r} as a {kind} ({one_line(error)}): expected {expected}."
+        ) from error
 
 
 def write_score_file(path: Path, content: bytes) -> None:

@@ -1,4 +1,4 @@
-"""Which hand plays a track of a MIDI file, as far as the file tells."""
+"""Hand of a track of a MIDI file, as far as the file tells."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PHRASES: dict[Hand, tuple[str, ...]] = {
         *("mano sinistra", "mano izquierda"),
     ),
 }
-"""What names a hand wherever it stands in the name of a track."""
+"""Words that name a hand wherever they stand in the name of a track."""
 
 _BARE: dict[Hand, tuple[str, ...]] = {
     "right": (
@@ -33,7 +33,7 @@ _BARE: dict[Hand, tuple[str, ...]] = {
         *("links", "gauche", "mg", "ms"),
     ),
 }
-"""What names a hand only where nothing but a piano is named with it: not "Guitar left"."""
+"""Words that name a hand only where nothing but a piano is named beside them: not "Guitar left"."""
 
 _PIANO_WORDS = {
     *("piano", "pianoforte", "pno", "pf", "klavier", "clavier", "keyboard", "keys"),

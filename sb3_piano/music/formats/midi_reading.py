@@ -18,7 +18,7 @@ import mido  # type: ignore[import-untyped]
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.formats.common import LeftOut
+from sb3_piano.music.formats.common import LeftOut, reading
 from sb3_piano.music.formats.midi_hands import MidiNote, MidiTrack, hands_of_tracks
 from sb3_piano.music.hands import HANDS, Hand, finger_of
 from sb3_piano.music.note import Note, Pedal
@@ -105,9 +105,7 @@ def read_midi(path: str | os.PathLike[str]) -> Score:
 
 def _parse(path: Path) -> tuple[_Scan, Callable[[int], float]]:
     """Return what a file has, in ticks, and the function from ticks to seconds."""
-    if not os.path.isfile(path):
-        raise ScoreError(f"There is no MIDI file {str(path)!r}: expected an existing file.")
-    try:
+    with reading(path, "MIDI file", "a complete standard one"):
         file = mido.MidiFile(filename=str(path))
         if file.ticks_per_beat <= 0:
             raise ValueError("its times are not in ticks per beat")
@@ -115,12 +113,6 @@ def _parse(path: Path) -> tuple[_Scan, Callable[[int], float]]:
         for index, track in enumerate(file.tracks):
             _TrackReader(scan, index).read(track)
         return scan, _seconds(scan.tempos, file.ticks_per_beat)
-    except Exception as error:
-        # A damaged file surfaces as whatever the parser happens to stumble over.
-        raise ScoreError(
-            f"Cannot read {str(path)!r} as a MIDI file ({str(error) or type(error).__name__}): "
-            "expected a complete standard MIDI file."
-        ) from error
 
 
 def _seconds(tempos: list[tuple[int, int]], ticks_per_beat: int) -> Callable[[int], float]:
@@ -149,7 +141,7 @@ def _seconds(tempos: list[tuple[int, int]], ticks_per_beat: int) -> Callable[[in
 
 @dataclass
 class _Scan:
-    """What is found in the messages, in ticks from the start of the file.
+    """Content of the messages, in ticks from the start of the file.
 
     Attributes:
         ticks_per_beat: Ticks in a quarter note.

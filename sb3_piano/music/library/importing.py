@@ -20,7 +20,7 @@ from sb3_piano.music.library.store import (
     slug,
     user_library,
 )
-from sb3_piano.music.library.task import Outcome, Task, run_tasks
+from sb3_piano.music.library.task import ImportTask, Outcome, run_tasks
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import usable_cores
 
@@ -84,7 +84,7 @@ def import_path(
     with search(Path(path)) as (found, unusable), library.importing():
         if len(found) != 1:
             _check_single(name, fingering)
-        plan = _Plan(library, None if fingering is None else os.fspath(fingering))
+        plan = _ImportPlan(library, None if fingering is None else os.fspath(fingering))
         for piece in found:
             try:
                 plan.add(piece, name)
@@ -92,7 +92,7 @@ def import_path(
                 unusable.append(Unusable(piece.path, f"It cannot be read: {error}."))
         n_told = 0
 
-        def tell(task: Task, outcome: Outcome) -> None:
+        def tell(task: ImportTask, outcome: Outcome) -> None:
             nonlocal n_told
             notes.extend(Unusable(task.found.path, note) for note in outcome.notes)
             if outcome.error is None:
@@ -113,7 +113,7 @@ def import_path(
     )
 
 
-class _Plan:
+class _ImportPlan:
     """The tasks of an import, each with the names of its piece, and what is there already."""
 
     def __init__(self, library: Library, fingering: str | None) -> None:
@@ -122,7 +122,7 @@ class _Plan:
         Raises:
             ConfigError: If there is no such fingering.
         """
-        self.tasks: list[Task] = []
+        self.tasks: list[ImportTask] = []
         self.present: list[str] = []
         self._folder = library.folder
         self._infos = library.infos()
@@ -158,7 +158,7 @@ class _Plan:
             names = self._chosen(found.path, content)
         if names:
             self.tasks.append(
-                Task(
+                ImportTask(
                     found=found,
                     names=names,
                     folder=self._folder,

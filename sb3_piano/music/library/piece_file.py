@@ -117,16 +117,25 @@ def _damaged(path: Path, error: Exception) -> ScoreError:
     )
 
 
+_COLUMNS = {
+    "onset": np.float64,
+    "offset": np.float64,
+    "pitch": np.uint8,
+    "velocity": np.uint8,
+    "finger": np.int8,
+}
+"""Types of the arrays with what a note has."""
+
+
 def _to_arrays(score: Score) -> dict[str, Any]:
-    notes = score.notes
-    hands = [-1 if note.hand is None else HANDS.index(note.hand) for note in notes]
+    columns = {
+        name: np.array([getattr(note, name) for note in score.notes], dtype=dtype)
+        for name, dtype in _COLUMNS.items()
+    }
+    hands = [-1 if note.hand is None else HANDS.index(note.hand) for note in score.notes]
     pedals = [(pedal.onset, pedal.offset) for pedal in score.pedals]
     return {
-        "onset": np.array([note.onset for note in notes], dtype=np.float64),
-        "offset": np.array([note.offset for note in notes], dtype=np.float64),
-        "pitch": np.array([note.pitch for note in notes], dtype=np.uint8),
-        "velocity": np.array([note.velocity for note in notes], dtype=np.uint8),
-        "finger": np.array([note.finger for note in notes], dtype=np.int8),
+        **columns,
         "hand": np.array(hands, dtype=np.int8),
         "pedals": np.array(pedals, dtype=np.float64).reshape(-1, 2),
         "bars": np.array(score.bars, dtype=np.float64),
@@ -134,12 +143,11 @@ def _to_arrays(score: Score) -> dict[str, Any]:
 
 
 def _from_arrays(arrays: Mapping[str, NDArray[Any]], name: str) -> Score:
-    names = ("onset", "offset", "pitch", "velocity", "finger")
-    columns = [arrays[field].tolist() for field in names]
+    columns = [arrays[column].tolist() for column in _COLUMNS]
     hands = [None if hand < 0 else HANDS[hand] for hand in arrays["hand"].tolist()]
     return Score(
         notes=[
-            Note(**dict(zip(names, values, strict=True)), hand=hand)
+            Note(**dict(zip(_COLUMNS, values, strict=True)), hand=hand)
             for *values, hand in zip(*columns, hands, strict=True)
         ],
         pedals=[Pedal(onset=down, offset=up) for down, up in arrays["pedals"].tolist()],

@@ -29,7 +29,7 @@ _logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class ImportTask:
     """A piece to import.
 
     Attributes:
@@ -62,7 +62,9 @@ class Outcome:
     notes: tuple[str, ...] = ()
 
 
-def run_tasks(tasks: Sequence[Task], jobs: int, tell: Callable[[Task, Outcome], None]) -> bool:
+def run_tasks(
+    tasks: Sequence[ImportTask], jobs: int, tell: Callable[[ImportTask, Outcome], None]
+) -> bool:
     """Do tasks, and tell of each how it went, in the order in which they are done.
 
     After Ctrl-C what is being done is finished, and told; nothing new is begun.
@@ -99,14 +101,17 @@ def run_tasks(tasks: Sequence[Task], jobs: int, tell: Callable[[Task, Outcome], 
 
 
 def _run_until_broken(
-    tasks: Sequence[Task], jobs: int, tell: Callable[[Task, Outcome], None], stop: StopRequest
-) -> list[Task]:
+    tasks: Sequence[ImportTask],
+    jobs: int,
+    tell: Callable[[ImportTask, Outcome], None],
+    stop: StopRequest,
+) -> list[ImportTask]:
     """Do tasks until all are done, a process is killed or Ctrl-C; return what is left."""
     # Processes are forked from one without threads or a simulator, started once for all.
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])
     pool = ProcessPoolExecutor(jobs, mp_context=context)
-    futures: dict[Future[Outcome], Task] = {}
+    futures: dict[Future[Outcome], ImportTask] = {}
     done: set[int] = set()
 
     def tell_of(future: Future[Outcome]) -> None:
@@ -134,7 +139,7 @@ def _run_until_broken(
     return [task for task in tasks if id(task) not in done]
 
 
-def run_task(task: Task) -> Outcome:
+def run_task(task: ImportTask) -> Outcome:
     """Import a piece; whatever is wrong with it becomes part of the outcome."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -148,7 +153,7 @@ def run_task(task: Task) -> Outcome:
     return Outcome(error=error, notes=tuple(notes))
 
 
-def _import(task: Task) -> str | None:
+def _import(task: ImportTask) -> str | None:
     found, library = task.found, Library(task.folder)
     try:
         read = found.read(found.path)
@@ -169,7 +174,7 @@ def _import(task: Task) -> str | None:
     return None
 
 
-def _who_chose(read: Score, score: Score, task: Task) -> str:
+def _who_chose(read: Score, score: Score, task: ImportTask) -> str:
     """Return in a word or two who chose the fingers."""
     if task.fingering not in FINGERINGS:
         return f"file {Path(task.fingering).name}"

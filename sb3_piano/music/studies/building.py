@@ -1,4 +1,4 @@
-"""What the studies are made of: keys, notes in sequence, and the options that may be chosen."""
+"""Building blocks of the studies: keys, notes in sequence, and the options that may be chosen."""
 
 from __future__ import annotations
 

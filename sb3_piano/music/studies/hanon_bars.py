@@ -13,7 +13,6 @@ from types import MappingProxyType
 from sb3_piano.music.hands import Hand
 
 
-@dataclass(frozen=True, init=False)
 class HanonBar:
     """One bar, which both hands play an octave apart.
 
@@ -22,17 +21,13 @@ class HanonBar:
         fingers: The fingers' numbers, by hand.
     """
 
-    degrees: tuple[int, ...]
-    fingers: Mapping[Hand, tuple[int, ...]]
-
     def __init__(self, degrees: str, right: str, left: str) -> None:
         """Read the degrees, with spaces between them, and the digits of the fingers."""
-        numbers: dict[Hand, tuple[int, ...]] = {
+        self.degrees = tuple(map(int, degrees.split()))
+        self.fingers: Mapping[Hand, tuple[int, ...]] = {
             "right": tuple(map(int, right)),
             "left": tuple(map(int, left)),
         }
-        object.__setattr__(self, "degrees", tuple(map(int, degrees.split())))
-        object.__setattr__(self, "fingers", numbers)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,13 +25,13 @@ from sb3_piano.training.configuration.names import (
     PLANNERS,
     algorithm_class,
     full_name,
-    import_class,
     import_name,
     planner_class,
     registered_id,
 )
 from sb3_piano.training.configuration.values import (
     check_arguments,
+    class_of,
     coerce_mapping,
     plain,
     zoo_number,
@@ -68,52 +68,41 @@ class Plugin:
             pass  # a builtin that does not tell its parameters
         return function(*args, **self.kwargs)
 
-    @classmethod
-    def parse(cls, entry: Any, key: str) -> Plugin:
-        """Return the plugin of an entry of a configuration.
-
-        Raises:
-            ConfigError: If the entry has another form.
-        """
-        if isinstance(entry, Plugin):
-            return entry
-        if isinstance(entry, str):
-            return cls(path=entry)
-        if isinstance(entry, Mapping) and len(entry) == 1:
-            path, kwargs = next(iter(entry.items()))
-            if isinstance(path, str) and (kwargs is None or isinstance(kwargs, Mapping)):
-                return cls(path=path, kwargs=kwargs or {})
-        raise ConfigError(f"{entry!r} is no entry for {key}: expected {_FORMS}.")
-
 
 def parse_plugins(value: Any, key: str, base: type) -> tuple[Plugin, ...]:
-    """Return the plugins of one key of a configuration, as RL Zoo writes them, in their order.
+    """Return the plugins of one key of a configuration, written as RL Zoo writes them.
 
     Args:
         value: ``None``, an import path, a mapping from one path to its arguments, or a list.
         key: The key, for error messages.
         base: What each of the classes must be below.
-
-    Raises:
-        ConfigError: If the value has another form, or a path leads nowhere or to something else.
     """
     entries = value if isinstance(value, (list, tuple)) else [] if value is None else [value]
-    try:
-        plugins = tuple(Plugin.parse(entry, key) for entry in entries)
-        for plugin in plugins:
-            import_class(plugin.path, base)
-    except ConfigError as error:
-        raise ConfigError(f"{key}: {error}") from error
+    plugins = tuple(_plugin(entry, key) for entry in entries)
+    for plugin in plugins:
+        class_of(plugin.path, (base,), key)
     return plugins
 
 
+def plugins_to_plain(plugins: tuple[Plugin, ...]) -> list[dict[str, Any]]:
+    """Return plugins in the form that :func:`parse_plugins` reads."""
+    return [{plugin.path: dict(plugin.kwargs)} for plugin in plugins]
+
+
+def _plugin(entry: Any, key: str) -> Plugin:
+    if isinstance(entry, Plugin):
+        return entry
+    if isinstance(entry, str):
+        return Plugin(path=entry)
+    if isinstance(entry, Mapping) and len(entry) == 1:
+        path, kwargs = next(iter(entry.items()))
+        if isinstance(path, str) and (kwargs is None or isinstance(kwargs, Mapping)):
+            return Plugin(path=path, kwargs=kwargs or {})
+    raise ConfigError(f"{key}: {entry!r} is no entry for {key}: expected {_FORMS}.")
+
+
 def _plugins_below(base: type) -> BeforeValidator:
-    """Return a reader of plugins whose classes must be below one."""
-
-    def read(value: Any, info: ValidationInfo) -> tuple[Plugin, ...]:
-        return parse_plugins(value, str(info.field_name), base)
-
-    return BeforeValidator(read)
+    return BeforeValidator(lambda value, info: parse_plugins(value, str(info.field_name), base))
 
 
 def _read_arguments(value: Any, info: ValidationInfo) -> Any:
@@ -164,7 +153,7 @@ class PlayConfig:
 
     @property
     def labels(self) -> dict[str, str]:
-        """What the run's files are recognised by."""
+        """Identity of the run, by which its files are recognised."""
         return {"algo": self.algo, "env_id": self.env_id}
 
     def alone(self) -> Self:
@@ -180,7 +169,7 @@ class PlayConfig:
         mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         for name, value in mapping.items():
             if isinstance(value, tuple):
-                mapping[name] = [{plugin.path: plugin.kwargs} for plugin in value]
+                mapping[name] = plugins_to_plain(value)
         return {name: plain(value, name) for name, value in mapping.items()}
 
     @classmethod
@@ -329,7 +318,5 @@ def _policy_class(policy: str, algorithm: type[BaseAlgorithm]) -> type[BasePolic
             f"Unknown policy {policy!r} of {algorithm.__name__}.{near_names(policy, aliases)} "
             f"Expected {', '.join(aliases)} or the import path of a policy."
         )
-    try:
-        return import_class(policy, BasePolicy)
-    except ConfigError as error:
-        raise ConfigError(f"policy: {error}") from error
+    found: type[BasePolicy] = class_of(policy, (BasePolicy,), "policy")
+    return found

@@ -21,7 +21,7 @@ from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.training.configuration.names import full_name, import_class, import_name, is_dotted
 
 MODEL_PARTS = (torch.nn.Module, torch.optim.Optimizer, BaseBuffer)
-"""What the classes that an algorithm's arguments name must be below: networks, features extractors
+"""Base classes of what an algorithm's arguments may name: networks, features extractors
 and policies, optimizers, buffers."""
 
 _LINEAR = re.compile(r"lin_(?P<start>.+)")
@@ -198,10 +198,7 @@ def classes_made(value: Any, key: str) -> Any:
         import_name(value)
     except ConfigError:
         return value  # text with dots; what has to be a class was checked with the config
-    try:
-        return import_class(value, *MODEL_PARTS)
-    except ConfigError as error:
-        raise ConfigError(f"{key}: {error}") from error
+    return class_of(value, MODEL_PARTS, key)
 
 
 def dataclass_made(value: Any, annotation: Any) -> Any:
@@ -265,11 +262,16 @@ def _read_schedule(value: Any, of: tuple[Any, ...], key: str) -> Any:
 def _read_class(value: Any, of: tuple[Any, ...], key: str) -> Any:
     if not isinstance(value, str):
         return _UNFIT
+    class_of(value, tuple(base for base in of if isinstance(base, type)) or MODEL_PARTS, key)
+    return full_name(value)
+
+
+def class_of(name: str, bases: tuple[type, ...], key: str) -> Any:
+    """Return the class below one of some classes that an import path of a key names."""
     try:
-        import_class(value, *([base for base in of if isinstance(base, type)] or MODEL_PARTS))
+        return import_class(name, *bases)
     except ConfigError as error:
         raise ConfigError(f"{key}: {error}") from error
-    return full_name(value)
 
 
 def _read_mapping(value: Any, of: tuple[Any, ...], key: str) -> Any:

@@ -26,10 +26,10 @@ from sb3_piano.training.evaluation.statistics import (
 from sb3_piano.training.runs.folder import RunFolder
 
 MAIN_METRICS = ("f1", "onset_f1", "non_silent_f1", "return", "normalized_return")
-"""What is compared, and shown of several runs, unless metrics are named."""
+"""Metrics that are compared, and shown of several runs, unless others are named."""
 
 PAIRINGS = ("piece", "seed", "training-seed")
-"""What may make a pair: a piece, or a seed of its evaluation or of the training, for each piece."""
+"""Kinds of pairs: by piece, or by seed of the evaluation or of the training, for each piece."""
 
 # Two means of equal values may differ in their last digits; this is no difference.
 _EQUAL = 1e-12
@@ -37,20 +37,20 @@ _EQUAL = 1e-12
 
 @dataclass(frozen=True, kw_only=True)
 class Pair:
-    """What A and B reach at the same task, the mean over all their episodes of it."""
+    """Values of A and B at the same task, each a mean over all their episodes of it."""
 
     piece: str
-    """What was played."""
+    """Piece that was played."""
     seed: int | None
     """The seed of evaluation or training that makes the pair, if one does."""
     a: float
-    """What A reaches."""
+    """Value of A."""
     b: float
-    """What B reaches."""
+    """Value of B."""
 
     @property
     def difference(self) -> float:
-        """How much more B reaches than A."""
+        """Value of B less that of A."""
         return 0.0 if math.isclose(self.a, self.b, rel_tol=_EQUAL) else self.b - self.a
 
     def to_json(self) -> dict[str, Any]:
@@ -105,16 +105,14 @@ class MetricComparison:
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """What :func:`compare` found."""
+    """Result of :func:`compare`."""
 
     a: str
-    """Where A was read from."""
+    """Source of A's values."""
     b: str
-    """Where B was read from."""
+    """Source of B's values."""
     by: str
-    """What makes a pair, see :func:`compare`."""
-    metrics: tuple[MetricComparison, ...]
-    """The comparison of each metric."""
+    """Kind of the pairs, see :func:`compare`."""
     physics_a: tuple[str, ...]
     """Names of the physics profiles on which A was played; one, if all is well."""
     physics_b: tuple[str, ...]
@@ -123,6 +121,8 @@ class Comparison:
     """Pieces, or seeds of pieces, that only A has; they are left out."""
     only_in_b: tuple[str, ...]
     """Those that only B has."""
+    metrics: tuple[MetricComparison, ...]
+    """The comparison of each metric."""
 
     def to_json(self) -> dict[str, Any]:
         """Return all of it in JSON's types."""
@@ -260,7 +260,7 @@ class SavedEpisodes:
     """The episodes of one run on one piece, as :meth:`Evaluation.to_json` has them."""
 
     piece: str
-    """What was played."""
+    """Piece that was played."""
     episode_seeds: tuple[int, ...]
     """The seed from which each episode comes."""
     episodes: tuple[Mapping[str, float], ...]

@@ -28,7 +28,7 @@ Seeds = int | Sequence[int]
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """What :func:`evaluate` found.
+    """Result of :func:`evaluate`.
 
     The names of metrics are ``return``, ``length`` (steps) and, for piano environments, those of
     ``sb3_piano.metrics.EPISODE_METRICS`` and ``sb3_piano.envs.RETURN_KEYS``.
@@ -39,7 +39,7 @@ class Evaluation:
     algo: str
     """Name of the algorithm."""
     piece: str
-    """What was played; the environment's id if it is no piano."""
+    """Title of the piece; the environment's id if it is no piano."""
     num_timesteps: int
     """Environment steps that the model was trained for."""
     training_seed: int | None
@@ -123,9 +123,9 @@ class Failure:
     run: Path
     """The run's folder."""
     piece: str | None
-    """What it should have played; ``None`` for its own piece."""
+    """Piece it should have played; ``None`` for its own."""
     reason: str
-    """What went wrong."""
+    """Message of the error."""
 
     def __str__(self) -> str:
         on_piece = "" if self.piece is None else f" on {self.piece!r}"
@@ -134,7 +134,7 @@ class Failure:
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluations:
-    """What :func:`evaluate_runs` found."""
+    """Result of :func:`evaluate_runs`."""
 
     evaluations: tuple[Evaluation, ...]
     """One for each run and piece, in the order they were asked for."""

@@ -1,4 +1,4 @@
-"""What a few numbers say about the value behind them: pure functions over arrays."""
+"""Statistics of a few numbers: pure functions over arrays."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy import stats
 Interval = tuple[float, float]
 
 CONFIDENCE = 0.95
-"""How often an interval is meant to cover the mean."""
+"""Coverage of an interval: the share of intervals that hold the mean."""
 
 _RESAMPLES = 9999
 _SEED = 0  # the same numbers have the same interval, today and tomorrow
@@ -22,7 +22,7 @@ class Summary:
     """Mean and spread of some numbers."""
 
     n: int
-    """How many numbers there are."""
+    """Number of values."""
     mean: float
     """Their mean."""
     std: float
@@ -38,9 +38,9 @@ class SignedRankTest:
     """A two-sided Wilcoxon signed-rank test of differences."""
 
     n: int
-    """How many differences are not 0; only these count."""
+    """Number of differences that are not 0; only these count."""
     p: float | None
-    """How often differences without a trend would look as one-sided; ``None`` if not tested."""
+    """Share of cases without a trend that look as one-sided; ``None`` if not tested."""
     least_p: float | None
     """The least ``p`` that so many differences can have, 2 / 2^n; ``None`` if not tested."""
     no_test: str | None

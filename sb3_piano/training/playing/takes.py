@@ -28,7 +28,7 @@ from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.viewing import DEFAULT_PICTURE, Picture, Played, Progress, Take, write_take
 
 FILE_NAME = "performance"
-"""What the files are called, without their suffixes."""
+"""Name of the files, without their suffixes."""
 
 PLANNED_IN: Mapping[str, Any] = {
     "reduced_action_space": False,
@@ -168,18 +168,18 @@ def take_of_score(score: Score, *, physics: str = "reference") -> Take:
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedTake:
-    """What :func:`take_of_planner` played."""
+    """Result of :func:`take_of_planner`."""
 
     take: Take
-    """What there is to see and hear."""
+    """Pictures and sound."""
     score: Score
-    """What should have been played."""
+    """Score that should have been played."""
     metrics: Mapping[str, float]
-    """How well it was played, by the names in ``info``."""
+    """Metrics, by their names in ``info``."""
     planning: float
-    """How long it took until the first command, s."""
+    """Time until the first command, s."""
     playing: float
-    """How long the others took, s."""
+    """Time of the others, s."""
 
 
 def where_played(what: str) -> tuple[str, dict[str, Any]]:

@@ -36,12 +36,12 @@ _PREFILL = "sb3_piano.callbacks.DemonstrationsCallback"
 
 @dataclass(frozen=True, kw_only=True)
 class CloneResult:
-    """What :func:`clone` made."""
+    """Result of :func:`clone`."""
 
     folder: RunFolder
     """The run's folder."""
     cloning: Cloning
-    """How the training of the actor went."""
+    """Record of the actor's training."""
 
 
 def clone(

@@ -35,6 +35,16 @@ _EXPECTED = "expected a folder that 'sb3-piano train' made"
 _PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch")
 
 
+class _Place:
+    """A file or folder in a run's folder, as an attribute of that."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __get__(self, run: RunFolder, owner: object = None) -> Path:
+        return run.path / self._name
+
+
 @dataclass(frozen=True)
 class RunFolder:
     """A run's folder; ``create`` makes one, ``open`` finds one.
@@ -61,6 +71,16 @@ class RunFolder:
     """
 
     path: Path
+
+    config_file = _Place("config.yml")
+    provenance_file = _Place("run.yml")
+    model_file = _Place("model.zip")
+    statistics_file = _Place("vecnormalize.pkl")
+    weights_file = _Place("policy.safetensors")
+    checkpoint_dir = _Place("checkpoint")
+    monitor_dir = _Place("monitor")
+    tensorboard_dir = _Place("tensorboard")
+    evaluation_dir = _Place("evaluation")
 
     @classmethod
     def create(
@@ -138,51 +158,6 @@ class RunFolder:
             shutil.rmtree(self.path, ignore_errors=True)
             raise
 
-    @property
-    def config_file(self) -> Path:
-        """The run's settings."""
-        return self.path / "config.yml"
-
-    @property
-    def provenance_file(self) -> Path:
-        """Where the run comes from."""
-        return self.path / "run.yml"
-
-    @property
-    def model_file(self) -> Path:
-        """The newest saved model."""
-        return self.path / "model.zip"
-
-    @property
-    def statistics_file(self) -> Path:
-        """The statistics of ``VecNormalize`` that belong to :attr:`model_file`."""
-        return self.path / "vecnormalize.pkl"
-
-    @property
-    def weights_file(self) -> Path:
-        """The model of a run that was shared to be played."""
-        return self.path / "policy.safetensors"
-
-    @property
-    def checkpoint_dir(self) -> Path:
-        """What resuming needs."""
-        return self.path / "checkpoint"
-
-    @property
-    def monitor_dir(self) -> Path:
-        """Returns and metrics of the training's episodes."""
-        return self.path / "monitor"
-
-    @property
-    def tensorboard_dir(self) -> Path:
-        """The training's log."""
-        return self.path / "tensorboard"
-
-    @property
-    def evaluation_dir(self) -> Path:
-        """What evaluation wrote."""
-        return self.path / "evaluation"
-
     def best_dir(self, metric: str) -> Path:
         """Return where the best model by a metric is, if there is one."""
         return self.path / f"best_{metric}"
@@ -246,11 +221,7 @@ def unwritable(place: Path, error: OSError) -> RunError:
 
 
 def provenance(seed: int | None) -> dict[str, Any]:
-    """Return what a run's folder notes down besides the config, in YAML's types.
-
-    Args:
-        seed: The seed that the run uses.
-    """
+    """Return what the folder of a run with this seed notes beside the config, in YAML's types."""
     return {
         "command": shlex.join(sys.orig_argv),
         "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),

@@ -49,10 +49,10 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class TrainResult:
-    """How a training ended."""
+    """Result of a training."""
 
     folder: RunFolder
-    """Where everything is."""
+    """Folder of all files."""
     started_at: int
     """Environment steps that were done before."""
     num_timesteps: int

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.formats.common import LeftOut
+from sb3_piano.music.formats.common import LeftOut, reading
 from sb3_piano.music.formats.midi_hands import hand_of_name
 from sb3_piano.music.formats.musicxml.source import SourceNote, SourcePart, parse_document
 from sb3_piano.music.formats.musicxml.timing import Timeline, timeline
@@ -31,10 +31,10 @@ _KEYBOARDS = re.compile(
 )
 
 _GRACE = Fraction(1, 10)
-"""How long a grace note lasts at most, in s."""
+"""Longest duration of a grace note, s."""
 
 _LIFT = Fraction(1, 10)
-"""How long the pedal is up where it is changed, in s."""
+"""Time for which the pedal is up where it is changed, s."""
 
 
 def read_musicxml(path: str | os.PathLike[str]) -> Score:
@@ -60,35 +60,17 @@ def read_musicxml(path: str | os.PathLike[str]) -> Score:
         ScoreWarning: Is warned if notes or parts were left out.
     """
     path = Path(path)
-    content = _content(path)
-    try:
-        parts, marks = parse_document(content)
+    left_out = LeftOut()
+    with reading(path, "MusicXML file", "a complete partwise one"):
+        parts, marks = parse_document(path.read_bytes())
         played = _played_parts(parts, path)
-        left_out = LeftOut()
         score = _score(played, timeline(marks), path, left_out)
-    except ScoreError:
-        raise
-    except Exception as error:
-        # A damaged file surfaces as whatever the parsers happen to stumble over.
-        raise ScoreError(
-            f"Cannot read {str(path)!r} as MusicXML ({str(error) or type(error).__name__}): "
-            "expected a complete partwise MusicXML file."
-        ) from error
     left_out.warn(path)
     others = [repr(part.name) for part in parts if part.notes and part not in played]
     if others:
         text = f"Reading {str(path)!r} left out {', '.join(others)}: only the piano is read."
         warnings.warn(text, ScoreWarning, stacklevel=2)
     return score
-
-
-def _content(path: Path) -> bytes:
-    if not os.path.isfile(path):
-        raise ScoreError(f"There is no MusicXML file {str(path)!r}: expected an existing file.")
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise ScoreError(f"Cannot read {str(path)!r}: {error.strerror}.") from error
 
 
 def _played_parts(parts: Sequence[SourcePart], path: Path) -> list[SourcePart]:

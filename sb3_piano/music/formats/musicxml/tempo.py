@@ -23,7 +23,7 @@ _QUARTERS_IN_BAR = (2.0, 3.0, 4.0, 1.5, 4.5, 6.0)
 _SLOWEST, _USUAL, _FASTEST = 40.0, 100.0, 208.0
 
 _STEADY = 0.002
-"""How far a bar line may lie from that of a steady tempo, in s."""
+"""Largest distance of a bar line from that of a steady tempo, s."""
 
 _GRIDS = ((1, 0.0), (2, 1.0), (4, 2.0), (3, 2.5), (6, 3.5))
 """Parts of a quarter note at which notes begin, and how much each makes a note harder to read."""
@@ -35,7 +35,7 @@ _UNUSUAL = 2.5
 """The same of a tempo that is e times as fast, or slow, as usual."""
 
 _NEAR = 0.02
-"""How far from its place an onset may lie, in quarter notes."""
+"""Largest distance of an onset from its place, in quarter notes."""
 
 _LEAST_SHARE = 0.9
 

@@ -23,7 +23,7 @@ class _Ending:
 
 @dataclass
 class Marks:
-    """What a file says about tempo and order, in any part; by the quarter note at which it stands.
+    """Marks of tempo and order in a file, in any part, by the quarter note at which they stand.
 
     Attributes:
         tempos: Quarter notes a minute from there on.
@@ -71,7 +71,7 @@ class Marks:
 
 @dataclass
 class Timeline:
-    """When each moment of the written music is played; a moment may be played several times.
+    """Times at which each moment of the written music is played, once or several times.
 
     Attributes:
         seconds: The function from quarter notes to seconds, of the written music.

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sb3_piano.demonstrations.recording import Predictor
 
 _POLICIES = ("planned", "sampling")
-_OBSERVED = {"observation": "fingers", "fingering": "robot"}
+_OBSERVED = {"observation": "fingers", "fingering": "ergonomic"}
 """Options of an environment that is made here unless given: little is observed, by finger."""
 
 _NOISE = [0.0, 0.03, 0.06, 0.1]
@@ -69,7 +69,7 @@ def add_parser(commands: Any) -> None:
         help="standard deviation of the joints at the start; default: 0",
     )
     add("--seed", type=int, default=0, metavar="N", help="default: 0")
-    add("--fingering", metavar="HOW", help="as for train, of no run; default: robot")
+    add("--fingering", metavar="HOW", help="as for train, of no run; default: ergonomic")
     add_shared(
         add,
         "--set",

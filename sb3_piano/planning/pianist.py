@@ -35,7 +35,7 @@ class PlannedPianist(PianoPolicy):
     Args:
         env: The environment, wrapped or not, or several of them in this process as a vector
             environment of Stable-Baselines3.
-        settings: The plan's constants.
+        settings: The plan's settings.
 
     Raises:
         ConfigError: If it is no piano, or out of reach in another process.
@@ -68,7 +68,7 @@ class Trackers:
     """Plans of the pieces that were played last, made when they are first played.
 
     Args:
-        settings: The plans' constants.
+        settings: The plans' settings.
     """
 
     def __init__(self, settings: PlanSettings | None = None):

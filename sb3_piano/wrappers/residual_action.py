@@ -53,7 +53,7 @@ class ResidualAction(LayoutWrapper, gym.utils.RecordConstructorArgs):
             wrist's joint is moved by a third of it, a slider by 6 cm for each rad: all move a
             fingertip about as far.
         lookahead: How many control steps of the plan are shown, 1 or more.
-        settings: Constants of the plan, by the names of the fields of
+        settings: Settings of the plan, by the names of the fields of
             :class:`~sb3_piano.planning.PlanSettings`, in place of its own.
 
     Raises:

@@ -152,16 +152,18 @@ def test_a_planned_pianist_is_recorded_playing_a_file(midi_file, capsys):
 
 
 @pytest.mark.slow
-def test_a_planned_pianist_is_recorded_playing_with_the_fingers_of_the_score(tmp_path):
-    """On a black key it would not take the thumb otherwise."""
+@pytest.mark.parametrize(("how", "by_thumb"), [([], True), (["--fingering", "robot"], False)])
+def test_a_planned_pianist_is_recorded_with_the_fingers_that_are_observed(tmp_path, how, by_thumb):
+    """On a black key the robot's own choice is no thumb."""
     thumb = Score(notes=[Note(onset=0.0, offset=0.3, pitch=78, finger=0)])
     write_midi(thumb, tmp_path / "thumb.mid")
-    assert main(["record", "thumb.mid", "--episodes", "1", "--noise", "0", "--no-progress"]) == 0
-    (recorded,) = minari.load_dataset("robopianist/thumb/planned-v0")
-    env = minari.load_dataset("robopianist/thumb/planned-v0").recover_environment()
+    command = ["record", "thumb.mid", "--episodes", "1", "--noise", "0", "--no-progress", *how]
+    assert main(command) == 0
+    dataset = minari.load_dataset("robopianist/thumb/planned-v0")
+    (recorded,) = dataset
+    env = dataset.recover_environment()
     observation, _ = env.reset(seed=0)
-    # A thumb on a black key: another finger plays it, and what is observed says so.
-    assert env.unwrapped.score.notes[0].finger not in (0, -1)
+    assert (env.unwrapped.roll.finger[0, 78 - 21] == 0) == by_thumb
     np.testing.assert_array_equal(observation, recorded.observations[0])
     played = PlannedPianist(env).predict(observation)[0]
     np.testing.assert_allclose(recorded.actions[0], played, atol=1e-6)

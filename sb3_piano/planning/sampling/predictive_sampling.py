@@ -85,7 +85,7 @@ class PredictiveSampling(PianoPolicy):
                 ``NOISE_FROM_ZERO``.
             cost: How they are rated; by default ``SamplingCost()`` with a plan, else
                 ``COST_FROM_ZERO``.
-            plan_settings: The plan's constants.
+            plan_settings: The plan's settings.
 
         Raises:
             ConfigError: If an argument is out of range, or the environment is out of reach.

@@ -75,20 +75,3 @@ def test_random_actions_earn_reward_terms_of_one_distribution_on_both_physics(te
     assert not np.array_equal(fast, reference)
     assert np.abs(shift).max() < 0.15
     assert max(apart) < 0.1
-
-
-@pytest.mark.parametrize("physics", ["reference", "fast"])
-def test_the_state_of_an_episode_can_be_saved_and_put_back_exactly(physics):
-    env = PianoEnv("CMajorScaleTwoHands", physics=physics)
-    env.reset(seed=0)
-    env.action_space.seed(0)
-    for _ in range(40):
-        env.step(env.action_space.sample())
-    state, actions = env.get_state(), [env.action_space.sample() for _ in range(30)]
-    first = [env.step(action)[0] for action in actions]
-    other = PianoEnv("CMajorScaleTwoHands", physics=physics)
-    other.reset(seed=1)
-    other.step(actions[0])
-    other.set_state(state)
-    for action, observation in zip(actions, first, strict=True):
-        np.testing.assert_array_equal(other.step(action)[0], observation)

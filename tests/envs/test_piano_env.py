@@ -67,27 +67,6 @@ def env():
 # Goal, fingering, and the layout of the observation.
 
 
-def test_the_goal_shows_this_step_and_those_to_come_and_silence_beyond_the_end(env):
-    due = [{C4}, {C4}, {C4}, {E4, 88}, {E4, 88}, set()]
-    observation, _ = env.reset()
-    for step in range(6):
-        goal = observation[env.observation_layout["goal"].slice].reshape(3, 89)
-        for ahead in range(3):
-            expected = due[step + ahead] if step + ahead < 6 else set()
-            assert set(np.flatnonzero(goal[ahead])) == expected, (step, ahead)
-        observation, *_ = env.step(env.rest_action)
-    last_goal = observation[env.observation_layout["goal"].slice]
-    np.testing.assert_array_equal(last_goal, goal.reshape(-1))
-
-
-def test_the_fingering_block_names_the_labelled_fingers_of_this_step(env):
-    observation, _ = env.reset()
-    for fingers in [{0}, {0}, {0}, {6}, {6}, set()]:
-        block = observation[env.observation_layout["fingering"].slice]
-        assert set(np.flatnonzero(block)) == fingers
-        observation, *_ = env.step(env.rest_action)
-
-
 def test_the_class_docstring_tells_the_default_layout():
     layout = PianoEnv(TINY).observation_layout
     text = inspect.getdoc(PianoEnv)

@@ -103,37 +103,6 @@ def in_order(target, played, pairs):
     )
 
 
-def all_matchings(target, played, i=0, taken=()):
-    """Yield all one-to-one matchings, as lists of pairs."""
-    if i == len(target.key):
-        yield []
-        return
-    yield from all_matchings(target, played, i + 1, taken)
-    for j in range(len(played.key)):
-        if j not in taken and distance(target, played, i, j) is not None:
-            for rest in all_matchings(target, played, i + 1, (*taken, j)):
-                yield [(i, j), *rest]
-
-
-def value(target, played, pairs):
-    """Return how many pairs there are, and minus their distances in ticks."""
-    return len(pairs), -sum(distance(target, played, i, j) for i, j in pairs)
-
-
-@pytest.mark.slow
-@given(random_onsets(max_size=5), random_onsets(max_size=5))
-def test_the_matching_is_as_good_as_the_best_of_all_that_keep_the_order(target, played):
-    pairs = [tuple(pair) for pair in match_onsets(target, played).tolist()]
-    assert len({i for i, _ in pairs}) == len({j for _, j in pairs}) == len(pairs)
-    best = max(
-        value(target, played, other)
-        for other in all_matchings(target, played)
-        if in_order(target, played, other)
-    )
-    assert in_order(target, played, pairs)
-    assert value(target, played, pairs) == best
-
-
 @pytest.mark.slow
 @given(random_onsets(max_size=30), random_onsets(max_size=30))
 def test_keeping_the_order_costs_no_hit_and_no_time(target, played):

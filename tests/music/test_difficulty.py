@@ -15,7 +15,6 @@ from sb3_piano.music.difficulty import (
     MotionFeatures,
     MotionRecording,
     features,
-    mean_motion,
     rank,
     read_motion,
     write_motion,
@@ -151,14 +150,6 @@ def test_values_that_are_no_numbers_are_refused():
     joints[1, 2] = np.nan
     with pytest.raises(ConfigError, match="a value is not finite"):
         measured(np.zeros((1, 2)), joints, np.zeros((2, 10, 3)))
-
-
-def test_several_performances_count_by_their_mean():
-    first = MotionFeatures(action_variance=1.0, hand_motion=2.0, fingertip_motion=3.0)
-    second = MotionFeatures(action_variance=3.0, hand_motion=2.0, fingertip_motion=0.0)
-    assert mean_motion([first, second]) == MotionFeatures(
-        action_variance=2.0, hand_motion=2.0, fingertip_motion=1.5
-    )
 
 
 @pytest.fixture

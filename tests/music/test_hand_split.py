@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from sb3_piano.music import BUILT_IN, Note, Score
 from sb3_piano.music.fingering import assign_hands
-from sb3_piano.music.fingering.split import SplitWeights
 
 
 def score(*notes):
@@ -72,32 +71,6 @@ def test_a_hand_takes_at_most_five_keys_at_a_time_if_the_other_can_help():
 def test_a_known_hand_draws_its_neighbours_with_it(hand, pitch):
     line = [(0.2 * i, pitch, 0.2, hand if i == 2 else None) for i in range(5)]
     assert {note.hand for note in assign_hands(score(*line)).notes} == {hand}
-
-
-def last_hand(*notes, **weights):
-    """The hand found for the last note, with all weights 0 but some."""
-    zero = dict.fromkeys((entry.name for entry in fields(SplitWeights)), 0.0)
-    chosen = SplitWeights(**{**zero, "memory": 1.0, "pace": 0.25, **weights})
-    return assign_hands(score(*notes), chosen).notes[-1].hand
-
-
-@pytest.mark.parametrize(("last", "hand"), [(66, "right"), (55, "left")])
-def test_a_hand_keeps_to_its_side_of_the_other_hands_last_keys(last, hand):
-    notes = [(0.0, 64, 0.2, "right"), (0.0, 78, 0.2, "right"), (0.0, 43, 0.2, "left")]
-    notes += [(0.0, 57, 0.2, "left"), (0.3, last, 0.2, None)]
-    assert last_hand(*notes, crossing_size=1.0) == hand
-
-
-@pytest.mark.parametrize("hand", ["left", "right"])
-def test_a_line_stays_in_its_hand_as_long_as_the_other_has_not_come_in(hand):
-    notes = [(0.0, 60, 0.2, hand), (0.2, 62, 0.2, None)]
-    assert last_hand(*notes, entry=0.5, way=0.06) == hand
-
-
-@pytest.mark.parametrize(("right", "left", "hand"), [(1.9, 0.0, "left"), (0.0, 1.9, "right")])
-def test_a_hand_that_has_had_more_time_travels_for_less(right, left, hand):
-    notes = [(left, 48, 0.1, "left"), (right, 72, 0.1, "right"), (2.0, 60, 0.2, None)]
-    assert last_hand(*notes, way=0.1) == hand
 
 
 def test_a_score_whose_hands_are_all_known_is_returned_as_it_is():

@@ -5,12 +5,10 @@ import signal
 import time
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import Note, Score, read_midi, write_midi
-from sb3_piano.music.fingering import apply_fingering, finger_score
+from sb3_piano.music.fingering import finger_score
 from sb3_piano.music.library import Library, import_path
 from sb3_piano.music.library.datasets import Found
 from sb3_piano.music.library.task import ImportTask, run_tasks
@@ -331,27 +329,6 @@ def test_a_piece_that_does_not_fit_on_the_disk_leaves_nothing(music, library):
     assert list(library.folder.iterdir()) == []
 
 
-@pytest.mark.filterwarnings("ignore::sb3_piano.exceptions.ScoreWarning")
-@settings(max_examples=40, deadline=None)
-@given(changes=st.lists(st.tuples(st.integers(0, 10_000), st.integers(0, 255)), min_size=1))
-def test_a_corrupted_file_becomes_a_sound_piece_or_none(changes, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("fuzz")
-    content = bytearray(save(folder / "good.mid").read_bytes())
-    for position, value in changes:
-        content[position % len(content)] = value
-    path, library = folder / "bad.mid", Library(folder / "library")
-    path.write_bytes(content)
-    report = import_path(path, library, fingering="keep")
-    assert list(library.names()) == list(report.imported)
-    if report.imported:
-        assert library.score("bad").notes == read_midi(path).notes
-    else:
-        assert reasons(report)["bad.mid"]
-    assert sorted(file.suffix for file in library.folder.iterdir() if file.suffix != "") in (
-        [".npz"] * len(report.imported),
-    )
-
-
 class TestRefusals:
     @pytest.mark.parametrize(
         ("name", "message"),
@@ -388,22 +365,3 @@ class TestRefusals:
         with pytest.raises(ConfigError, match="Did you mean 'ergonomic'.*'optimal-transport' or"):
             import_path(save(music / "a.mid"), library, fingering="ergonomics")
         assert list(library.names()) == []
-
-
-class TestApplyFingering:
-    def test_ergonomic_gives_fingers_where_there_are_none_and_keep_nowhere(self):
-        bare, labelled = tune(), tune(finger=7)
-        assert apply_fingering(bare, "keep") is bare
-        assert apply_fingering(labelled, "ergonomic") is labelled
-        assert -1 not in fingers(apply_fingering(bare, "ergonomic"))
-
-    def test_optimal_transport_takes_fingers_and_hands_away_and_nothing_else(self):
-        score = tune(finger=7)
-        free = apply_fingering(score, "optimal-transport")
-        assert {(note.finger, note.hand) for note in free.notes} == {(-1, None)}
-        assert [(n.onset, n.pitch) for n in free.notes] == [(n.onset, n.pitch) for n in score.notes]
-
-    @pytest.mark.parametrize("fingering", ["best", "nowhere.txt", 3, None])
-    def test_anything_else_is_refused(self, fingering):
-        with pytest.raises(ConfigError, match="is not valid.* or the path of a file with labels"):
-            apply_fingering(tune(), fingering)

@@ -92,56 +92,6 @@ def test_no_other_fingers_cost_less(presses, sign):
     assert chosen == pytest.approx(min(all_ways(costs, onsets)))
 
 
-def steps_lost(distance):
-    """Return what a leap without a rest loses, and its way."""
-    more = sum(distance > more for more in robot._LEAP_MORE)
-    return robot._LEAP_STEPS + more, robot._LEAP_WEIGHT * distance
-
-
-def line(*notes, rest=0):
-    """Return presses of ten steps, one after the other."""
-    return [
-        chord(note, first=1 + i * (10 + rest), last=10 + i * (10 + rest))[0]
-        for i, note in enumerate(notes)
-    ]
-
-
-WIDTH = KEY_SPACING
-WRITTEN = {
-    "as it is written": (line((0, 1)), [1], 0.0),
-    "another finger": (line((0, 1)), [2], CHANGE_FINGER),
-    "the next finger on the next key": (line((0, 1), (1, 2)), [1, 2], 0.0),
-    "a leap": (line((0, 1), (3, 1)), [1, 1], sum(steps_lost(3 * WIDTH))),
-    "a far leap": (line((0, 1), (6, 1)), [1, 1], sum(steps_lost(6 * WIDTH))),
-    "a leap in a rest": (line((0, 1), (3, 1), rest=2), [1, 1], robot._LEAP_WEIGHT * 3 * WIDTH),
-    "a leap after a long rest": (line((0, 1), (3, 1), rest=13), [1, 1], 0.0),
-    "the same key again": (line((0, 1), (0, 1)), [1, 1], 0.5),
-    "the same key after a rest": (line((0, 1), (0, 1), rest=1), [1, 1], 0.0),
-    "a finger that passes": (line((0, 2), (1, 1)), [2, 1], 2.0 + sum(steps_lost(2 * WIDTH))),
-    "a thumb that passes": (line((0, 1), (1, 0)), [1, 0], sum(steps_lost(2 * WIDTH))),
-    "a chord": (chord((0, 0), (2, 1), (4, 4)), [0, 1, 4], 0.0),
-    "a little too wide": (
-        chord((0, 1), (3, 2), last=12),
-        [1, 2],
-        12 * (3 * WIDTH - 0.060) / 0.010,
-    ),
-    "far too wide": (chord((0, 1), (9, 2), last=12), [1, 2], 12 * 2.0),
-    "a leap to a chord": (
-        [*line((0, 1)), *chord((3, 1), (4, 2), first=11)],
-        [1, 1, 2],
-        # Both begin late, but the note before ends early but once.
-        3 + 2 * steps_lost(3 * WIDTH)[1],
-    ),
-}
-
-
-@pytest.mark.parametrize(("presses", "given_fingers", "expected"), WRITTEN.values(), ids=WRITTEN)
-def test_what_fingers_cost(presses, given_fingers, expected):
-    costs = _Costs(presses, 1, CHANGE_FINGER)
-    onsets = sorted({press.first for press in presses})
-    assert cost_of(costs, onsets, given_fingers) == pytest.approx(expected, abs=1e-6)
-
-
 @BOTH_HANDS
 def test_what_lies_under_the_hand_stays_as_it_is_written(sign):
     order = (0, 2, 1, 4, 3, 2)

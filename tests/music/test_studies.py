@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sb3_piano.exceptions import ScoreError, UnknownPieceError
+from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll, load_score, major_scale
 from sb3_piano.music.studies import DEBUG
 
@@ -78,11 +78,6 @@ def test_bars_of_a_scale_begin_with_every_fourth_note_at_any_speed():
     assert scale.bars == tuple(note.onset for note in scale.notes[::4])
 
 
-def test_an_unknown_study_is_answered_with_the_nearest_names():
-    with pytest.raises(UnknownPieceError, match="Did you mean 'CMajorScaleOneHand'"):
-        load_score("cmajorscaleonehnd")
-
-
 def test_a_scale_starts_where_and_lasts_as_long_as_asked():
     scale = major_scale(left=40, note_duration=0.25, title="E")
     assert [note.pitch for note in scale.notes[:8]] == [40, 42, 44, 45, 47, 49, 51, 52]
@@ -92,8 +87,3 @@ def test_a_scale_starts_where_and_lasts_as_long_as_asked():
 def test_a_scale_without_hands_is_refused():
     with pytest.raises(ScoreError, match="has no notes"):
         major_scale()
-
-
-def test_a_scale_off_the_keyboard_is_refused():
-    with pytest.raises(ScoreError, match="Pitch 109 is out of range"):
-        major_scale(right=100)

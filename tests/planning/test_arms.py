@@ -95,12 +95,3 @@ def test_between_two_notes_a_hand_is_on_its_way_from_one_to_the_other(hand):
     assert KEYS.y[40] < place[25] < KEYS.y[64]
     assert busy[[5, 8, 50, 54]].all()
     assert not busy[25]
-
-
-def test_an_arm_that_rests_keeps_farther_away():
-    both = [np.zeros(1), np.zeros(1)]
-    playing, resting = np.ones(1, bool), np.zeros(1, bool)
-    # The right hand plays: the line moves to the left, and the left arm with it.
-    assert dividing_line(both, [playing, resting], APART) < dividing_line(
-        both, [playing] * 2, APART
-    )

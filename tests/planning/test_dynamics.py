@@ -146,17 +146,3 @@ def test_the_weight_is_what_moves_a_hand_that_is_told_to_stay(hand, options):
     assert bool(np.abs(found).max() < 1e-9) == balanced
     assert bool(np.abs(expected).max() < 1e-9) == balanced
     np.testing.assert_allclose(expected, found, atol=1e-9 + 0.1 * np.abs(found).max())
-
-
-@CASES
-def test_told_to_be_where_it_is_a_hand_stays_and_told_to_go_it_arrives(hand, options):
-    real = stepping(hand, **options)
-    model, size = dynamics_of(real), real.kinematics.size
-    random = np.random.default_rng(1)
-    place = random.uniform(-1, 1, size)
-    still = np.concatenate([place, np.zeros(size)])
-    np.testing.assert_allclose(model.transition @ still + model.control @ place, still, atol=1e-9)
-    state = np.zeros(2 * size)
-    for _ in range(200):
-        state = model.transition @ state + model.control @ place
-    np.testing.assert_allclose(state, still, atol=1e-3)

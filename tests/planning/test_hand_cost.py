@@ -83,33 +83,6 @@ def test_the_quadratic_model_is_that_of_finite_differences(hand, full):
 
 
 @BOTH_HANDS
-def test_fingertips_at_their_targets_cost_nothing_and_others_their_distance(hand):
-    rest, frames = at_rest(hand), no_frames()
-    frames.target[:] = hand_of(scene_of(), hand).fingertips(rest)
-    frames.weight[0, 2] = [3.0, 5.0, 7.0]
-    cost = cost_of(hand, frames)
-    assert total(cost, rest, "targets") == pytest.approx(0, abs=1e-12)
-    frames.target[0, 2] += [0.01, 0.02, 0.03]
-    expected = (3 * 0.01) ** 2 + (5 * 0.02) ** 2 + (7 * 0.03) ** 2
-    assert total(cost, rest, "targets") == pytest.approx(expected)
-    frames.target[0, 1] += 1.0  # without weight, no target
-    assert total(cost, rest, "targets") == pytest.approx(expected)
-
-
-@BOTH_HANDS
-def test_only_fingers_without_a_target_must_not_hang_down(hand):
-    kinematics, low = hand_of(scene_of(), hand), at_rest(hand)
-    for name in ("FFJ3", "MFJ3", "RFJ3", "LFJ3"):
-        low[0, kinematics.index(name)] = kinematics.high[kinematics.index(name)]
-    frames = no_frames()
-    costs = []
-    for playing in ([], [1], [0, 1, 2, 3, 4]):
-        frames.weight[0, playing] = 1.0
-        costs.append(total(cost_of(hand, frames), low, "idle"))
-    assert costs[0] > costs[1] > costs[2] == 0
-
-
-@BOTH_HANDS
 def test_an_arm_beyond_its_bound_costs_by_how_far(hand):
     kinematics, rest = hand_of(scene_of(), hand), at_rest(hand)
     arm = kinematics.arm(rest)

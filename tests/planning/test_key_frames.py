@@ -23,8 +23,6 @@ from sb3_piano.music.presses import Press
 from sb3_piano.planning.key_frames import (
     _HOVER_STATES,
     _REACH,
-    _READY_DEPTH,
-    _RELEASE_DEPTH,
     key_frames,
 )
 from sb3_piano.planning.presses import TimedPress, time_presses
@@ -63,20 +61,6 @@ def test_a_key_is_let_down_far_enough_to_sound_in_all_its_states_and_no_other(ke
         sounds = over_the_top(SCENE, point, key, sounding_share(SCENE, key)) < 0
         assert sounds == (20 <= state <= 24)
     assert frames.weight[18:26, finger].all()
-
-
-@pytest.mark.parametrize(("key", "finger"), KEYS_AND_FINGERS)
-def test_fingertips_touch_keys_at_the_depths_of_the_settings(key, finger):
-    frames = frames_of([held(key, finger, leaps=False)])
-    depths = {
-        19: _READY_DEPTH,
-        20: SETTINGS.hold_depth,
-        24: SETTINGS.hold_depth,
-        25: _RELEASE_DEPTH,
-    }
-    for state, depth in depths.items():
-        point = lowest_point(frames, state, finger)
-        assert over_the_top(SCENE, point, key, depth) == pytest.approx(0, abs=1e-4)
 
 
 @pytest.mark.parametrize(("key", "finger"), KEYS_AND_FINGERS)
@@ -147,17 +131,6 @@ def test_a_key_that_is_held_is_never_left_for_another_one(presses, sign, leaping
             assert (frames.weight[state, finger] > 0).all()
             point = lowest_point(frames, state, finger)
             assert over_the_top(SCENE, point, key, sounding_share(SCENE, key)) < 0
-
-
-@settings(max_examples=60, deadline=None)
-@given(hand_presses(rests=2))
-def test_a_target_belongs_to_a_press_of_its_finger_and_time(presses):
-    timed = [TimedPress(press, press.first, press.last) for press in presses]
-    frames = frames_of(timed, max(one.last for one in timed) + 15)
-    for state, finger in np.argwhere(frames.weight.any(axis=2)).tolist():
-        mine = [one.press for one in timed if one.press.finger == finger]
-        near = [p for p in mine if p.first - _HOVER_STATES <= state <= p.last + 1]
-        assert frames.target[state, finger, 1] in [KEYS.y[press.key] for press in near]
 
 
 def test_a_finger_moves_early_only_if_no_other_one_holds_the_hand_far_away():

@@ -75,31 +75,6 @@ def test_the_cost_never_rises_and_falls_a_lot(hand):
     assert totals[-1] < 0.1 * totals[0]
 
 
-@BOTH_HANDS
-def test_steps_are_sought_with_the_slope_and_the_curvature_of_the_whole_cost(hand):
-    parts = Parts(hand, some_presses(hand))
-    parts.problem.improve(3)
-    here = parts.problem.positions
-    band, gradient = parts.problem._normal_equations()
-    blocks, _ = parts.cost.quadratic(here)
-    pull = parts.hand.pull
-    random = np.random.default_rng(0)
-    still = np.zeros_like(here)
-    for _ in range(5):
-        way = random.standard_normal(here.shape)
-        rise = parts.total(here + 1e-6 * way) - parts.total(here - 1e-6 * way)
-        assert (gradient * way).sum() == pytest.approx(rise / 4e-6, rel=1e-4, abs=1e-6)
-        # The smoothness is quadratic, so that three of its values tell its curvature.
-        bent = parts.smoothness.cost(way) + parts.smoothness.cost(-way)
-        bent = bent / 2 - parts.smoothness.cost(still)
-        expected = np.einsum("sn,snm,sm->", way, blocks, way) + ((pull * way) ** 2).sum() + bent
-        flat = way.ravel()
-        found = band[0] @ flat**2
-        for below in range(1, len(band)):
-            found += 2 * (band[below, :-below] * flat[:-below]) @ flat[below:]
-        assert found == pytest.approx(expected)
-
-
 @pytest.mark.slow
 @BOTH_HANDS
 def test_it_comes_to_where_no_small_change_helps(hand):

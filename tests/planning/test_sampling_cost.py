@@ -33,26 +33,6 @@ def due(*which):
     return np.isin(np.arange(88), which)
 
 
-@pytest.mark.parametrize(
-    ("weights", "angles", "expected"),
-    [
-        ({"missed": 2}, {}, 4),  # both due keys silent
-        ({"missed": 2}, {"k40": 0.0999}, 4),
-        ({"missed": 2}, {"k40": 0.1}, 2),
-        ({"missed": 2}, {"k40": 0.12, "k44": 0.11, "k41": 0.11}, 0),
-        ({"wrong": 3}, {"k40": 0.1, "k44": 0.1}, 0),
-        ({"wrong": 3}, {"k41": 0.1, "k3": 0.2, "k5": 0.09}, 6),
-        ({"reluctant": 4}, {}, 8),
-        ({"reluctant": 4}, {"k40": 0.025, "k44": 0.12, "k41": 0.1}, 3),
-        ({"brushed": 4}, {"k40": 0.1}, 0),
-        ({"brushed": 4}, {"k41": 0.05, "k3": 0.2}, 1 + 4),
-    ],
-)
-def test_keys_cost_what_they_miss_and_disturb(weights, angles, expected):
-    cost = only(**weights).key_cost(due(40, 44), keys(**angles), SOUNDING)
-    assert cost == pytest.approx([expected])
-
-
 def test_in_silence_still_keys_cost_nothing():
     assert SamplingCost().key_cost(due(), keys(), SOUNDING) == pytest.approx([0.0])
 
@@ -64,18 +44,6 @@ def test_keys_that_cannot_sound_are_never_wrong():
     assert only(missed=1, reluctant=1).key_cost(due(41), angles, sounding) == pytest.approx([2.0])
 
 
-def test_positions_cost_their_distance_from_the_plan_up_to_the_tolerance():
-    planned, deviation = np.array([0.5, 0.0]), np.array([0.1, 0.01])
-    positions = np.array([[0.5, 0.0], [0.6, 0.0], [0.5, 0.01], [0.6, 9.0]])
-    cost = only(astray=8, tolerance=2).plan_cost(planned, positions, deviation)
-    assert cost == pytest.approx([0, 8 / 4 / 2, 8 / 4 / 2, 8 * (1 / 4 + 1) / 2])
-
-
-def test_changes_cost_their_mean_square():
-    change, deviation = np.array([[0.0, 0.0], [0.1, 0.02]]), np.array([0.1, 0.01])
-    assert only(effort=2).effort_cost(change, deviation) == pytest.approx([0, 2 * (1 + 4) / 2])
-
-
 def test_actuators_without_noise_are_not_counted():
     deviation = np.array([0.1, 0.0])
     apart = np.array([[0.1, 0.7]])
@@ -83,14 +51,6 @@ def test_actuators_without_noise_are_not_counted():
     planned = only(astray=3, tolerance=1).plan_cost(np.zeros(2), apart, deviation)
     assert planned == pytest.approx([3])
     assert only(effort=2).effort_cost(apart, np.zeros(2)) == pytest.approx([0])
-
-
-def test_labelled_fingers_cost_how_far_they_are_from_their_keys():
-    tips = np.array([[[0.0, 0, 0], [0, 0, 0]], [[0, 0.03, 0.04], [0, 0, 0.15]]])
-    points = np.zeros((2, 2, 3))
-    cost = only(distance=2, reach=0.05).finger_cost(tips, points)
-    assert cost == pytest.approx([0, 2 * (0.5 + 0.75)])
-    assert only(distance=2).finger_cost(tips + 1e6, points) == pytest.approx([4, 4])
 
 
 def test_any_fingers_cost_the_least_of_all_assignments():

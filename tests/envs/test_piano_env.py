@@ -222,7 +222,9 @@ def test_hands_start_in_random_places_drawn_from_the_seed():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("options", [{}, {"reduced_action_space": False, "n_steps_lookahead": 3}])
+@pytest.mark.parametrize(
+    "options", [{"physics": "fast"}, {"reduced_action_space": False, "n_steps_lookahead": 3}]
+)
 def test_a_restored_state_deep_in_an_episode_repeats_every_step_bitwise(options):
     env = PianoEnv("CMajorScaleTwoHands", **options)
     env.reset(seed=0)

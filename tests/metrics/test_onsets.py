@@ -107,6 +107,7 @@ def in_order(target, played, pairs):
 @given(random_onsets(max_size=30), random_onsets(max_size=30))
 def test_keeping_the_order_costs_no_hit_and_no_time(target, played):
     matched = match_onsets(target, played)
+    assert in_order(target, played, matched.tolist())
     never = 1e6
     cost = np.full((len(target.key), len(played.key)), never)
     for i, j in itertools.product(range(len(target.key)), range(len(played.key))):

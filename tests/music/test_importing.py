@@ -47,6 +47,18 @@ def fingers(score):
     return [note.finger for note in score.notes]
 
 
+def task_of(path, library, read):
+    """Return the import of a file by a reader of our own."""
+    return ImportTask(
+        found=Found(path=path, source="", read=read),
+        names=((path.stem, "imported"),),
+        folder=library.folder,
+        fingering="keep",
+        setting="keep",
+        sha256="",
+    )
+
+
 def reasons(report):
     return {unusable.path.name: unusable.reason for unusable in report.unusable}
 
@@ -279,17 +291,7 @@ def read_or_die(path):
 @pytest.mark.slow
 def test_a_piece_that_kills_its_process_is_listed_and_all_others_are_imported(music, library):
     names = ["a", "b", "c", "deadly", "d", "e", "f", "g", "h"]
-    tasks = [
-        ImportTask(
-            found=Found(path=save(music / f"{name}.mid"), source="", read=read_or_die),
-            names=((name, "imported"),),
-            folder=library.folder,
-            fingering="keep",
-            setting="keep",
-            sha256="",
-        )
-        for name in names
-    ]
+    tasks = [task_of(save(music / f"{name}.mid"), library, read_or_die) for name in names]
     told = []
     run_tasks(tasks, 2, lambda task, outcome: told.append((task.names[0][0], outcome.error)))
     assert sorted(name for name, _ in told) == sorted(names)
@@ -303,15 +305,7 @@ def read_and_fail(path):
 
 
 def test_an_error_that_no_reader_should_raise_is_listed_all_the_same(music, library):
-    path = save(music / "a.mid")
-    task = ImportTask(
-        found=Found(path=path, source="", read=read_and_fail),
-        names=(("a", "imported"),),
-        folder=library.folder,
-        fingering="keep",
-        setting="keep",
-        sha256="",
-    )
+    task = task_of(save(music / "a.mid"), library, read_and_fail)
     told = []
     run_tasks([task], 1, lambda task, outcome: told.append(outcome.error))
     assert told == ["RuntimeError: a met an error of the reader's"]

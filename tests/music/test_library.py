@@ -6,6 +6,7 @@ import pytest
 from gymnasium.envs.registration import parse_env_id
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from random_scores import FINGERS, HANDS, scores
 
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
 from sb3_piano.music import BUILT_IN, Note, Pedal, Score, load_score
@@ -52,36 +53,9 @@ def header(**fields):
     return np.frombuffer(json.dumps(fields).encode(), dtype=np.uint8)
 
 
-times = st.floats(0, 1e6)
-
-
-@st.composite
-def spans(draw):
-    onset = draw(times)
-    return onset, draw(st.floats(onset, 2e6, exclude_min=True))
-
-
-@st.composite
-def scores(draw):
-    notes = [
-        Note(
-            onset=onset,
-            offset=offset,
-            pitch=draw(st.integers(21, 108)),
-            velocity=draw(st.integers(1, 127)),
-            finger=draw(st.integers(-1, 9)),
-            hand=draw(st.sampled_from(["right", "left", None])),
-        )
-        for onset, offset in draw(st.lists(spans(), min_size=1, max_size=6))
-    ]
-    pedals = [Pedal(onset=down, offset=up) for down, up in draw(st.lists(spans(), max_size=3))]
-    bars = sorted(draw(st.sets(times, max_size=4)))
-    return Score(notes=notes, pedals=pedals, title="any", bars=bars)
-
-
 @pytest.mark.slow
 @settings(max_examples=60, deadline=None)
-@given(score=scores())
+@given(score=scores([*FINGERS, *HANDS, (-1, None)]))
 def test_a_score_comes_back_bit_by_bit_with_its_name_as_title(score, tmp_path_factory):
     library = Library(tmp_path_factory.mktemp("library"))
     library.add(score, "piece", **FROM_NOWHERE)

@@ -2,7 +2,6 @@ from pathlib import Path
 
 import pytest
 
-import sb3_piano.music
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
 from sb3_piano.music import BUILT_IN, Note, Score, load_score, write_midi
 
@@ -44,17 +43,16 @@ def test_a_path_of_another_format_is_refused(source):
         load_score(source)
 
 
-@pytest.mark.parametrize("name", ["none/etude.mid", "etude.txt"])
-def test_a_missing_file_is_named(name):
-    with pytest.raises(ScoreError, match=f"There is no .* file '{name}'"):
-        load_score(name)
+@pytest.mark.parametrize("suffix", ["mid", "txt", "musicxml"])
+@pytest.mark.parametrize("name", ["none/etude", "etude", "x" * 300, "folder"])
+def test_a_missing_file_or_a_folder_is_refused_by_name(suffix, name, tmp_path):
+    (tmp_path / f"folder.{suffix}").mkdir()
+    path = tmp_path / f"{name}.{suffix}"
+    with pytest.raises(ScoreError, match=f"There is no .* file '{path}'"):
+        load_score(path)
 
 
 @pytest.mark.parametrize("source", [7, None, b"etude.mid", [SCORE]])
 def test_another_type_is_refused_by_its_name(source):
     with pytest.raises(ConfigError, match=f"cannot be given as {type(source).__name__}"):
         load_score(source)
-
-
-def test_all_public_names_exist():
-    assert all(hasattr(sb3_piano.music, name) for name in sb3_piano.music.__all__)

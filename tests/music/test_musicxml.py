@@ -470,8 +470,3 @@ class TestFiles:
         assert path.stat().st_size < 100_000
         with pytest.raises(ScoreError, match="its music/a.xml holds more than 67108864 bytes"):
             read_musicxml(path)
-
-    @pytest.mark.parametrize("name", ["", "none.musicxml"])
-    def test_a_folder_or_missing_file_is_refused(self, name, tmp_path):
-        with pytest.raises(ScoreError, match=rf"There is no MusicXML file '.*{name}'"):
-            read_musicxml(tmp_path / name)

@@ -20,18 +20,8 @@ BLACK = {1, 3, 6, 8, 10}
 
 # How far apart two fingers of a hand can hold keys, in semitones: the greatest practical spans of
 # Parncutt et al. (1997), table 1, and a major ninth for thumb and little finger.
-REACH = {
-    (1, 2): 10,
-    (1, 3): 12,
-    (1, 4): 14,
-    (1, 5): 14,
-    (2, 3): 5,
-    (2, 4): 7,
-    (2, 5): 10,
-    (3, 4): 4,
-    (3, 5): 7,
-    (4, 5): 5,
-}
+SPANS = (10, 12, 14, 14, 5, 7, 10, 4, 7, 5)
+REACH = dict(zip(itertools.combinations(range(1, 6), 2), SPANS, strict=True))
 
 
 @pytest.fixture(scope="module", params=PIECES)
@@ -98,15 +88,10 @@ def test_both_hands_play_and_all_notes_have_fingers(score):
     assert {note.hand for note in score.notes} == {"right", "left"}
 
 
-def test_fingers_held_together_are_in_the_order_of_the_keys(score):
+def test_fingers_held_together_are_in_the_order_of_the_keys_and_reach_them(score):
     for lower, upper in held_together(score):
-        fingers = (lower.finger, upper.finger)
         assert lower.pitch < upper.pitch
-        assert (fingers[0] < fingers[1]) == (lower.hand == "right"), (lower, upper)
-
-
-def test_fingers_held_together_reach_their_keys(score):
-    for lower, upper in held_together(score):
+        assert (lower.finger < upper.finger) == (lower.hand == "right"), (lower, upper)
         fingers = tuple(sorted([finger_number(lower.finger), finger_number(upper.finger)]))
         assert upper.pitch - lower.pitch <= REACH[fingers], (lower, upper)
 
@@ -160,80 +145,65 @@ def test_the_pedal_comes_up_before_it_goes_down_again_and_at_the_end(score):
 # What was composed
 
 
-# For each piece: the length of a bar in s, where the first one begins, how many there are, how
-# often the pedal goes down; the beginning of the right hand and of the left, in MIDI pitches.
-OPENINGS = {
-    "BachMinuetG": (
-        (3 * 60 / 112, 0, 32, 0),
-        "74 67 69 71 72 74 67 67 76 72 74 76 78 79 67 67 72 74 72 71 69 71 72 71 69 67",
-        "55 59 62 57 59 60 59 57",
-    ),
-    "BachPreludeC": (
-        (4 * 60 / 72, 0, 35, 0),
-        "67 72 76 67 72 76 67 72 76 67 72 76 69 74 77 69 74 77 69 74 77 69 74 77",
-        "60 64 60 64 60 62 60 62 59 62 59 62 60 64",
-    ),
-    "ChopinNocturneOp9No2": (
-        (12 * 60 / 132, 60 / 132, 4, 15),
-        "70 79 77 79 77 75 70 79 72 84 79 82 80 79 77 79 74 75 72 70 86 84 82 80 79 80 72 74 75",
-        "39 55 63 58 63 67 51 56 62 59 62 68",
-    ),
-    "ClairDeLune": (
-        (3 * 60 / 46, 0, 8, 15),
-        "77 80 73 77 72 75 73 77 72 75 70 73 72 75 70 73 77 73",
-        "65 68 66 69 65 68 63 66 61 63 60 63 58 61",
-    ),
-    "FantaisieImpromptu": (
-        (2 * 60 / 72, 0, 8, 11),
-        "68 69 68 67 68 73 76 75 73 75 73 72 73 76 80 68 69 68 67 68 73 76 75 73 75 73 72 73 76 80",
-        "49 56 61 64 61 56 52 56 61 64 61 56 49 56",
-    ),
-    "FurElise": (
-        (3 * 60 / 66 / 2, 60 / 66 / 2, 22, 16),
-        "76 75 76 75 76 71 74 72 69 60 64 69 71 64 68 71 72 64 76 75 76 75 76 71 74 72 69",
-        "45 52 57 40 52 56 45 52 57",
-    ),
-    "Gymnopedie1": (
-        (3 * 60 / 72, 0, 21, 21),
-        "78 81 79 78 73 71 73 74 69 66 78 81 79 78 73 71 73 74 69 73 78 64",
-        "43 59 62 66 38 57 61 66 43 59 62 66",
-    ),
-    "MapleLeafRag": (
-        (2 * 60 / 92, 60 / 92 / 2, 16, 0),
-        "68 63 75 68 72 63 75 67 63 75 67 70 63 75 68",
-        "39 51 44 56 51 56 60 51 56 60 45 57 46 58",
-    ),
-    "OdeToJoy": (
-        (4 * 60 / 112, 0, 16, 0),
-        "64 64 65 67 67 65 64 62 60 60 62 64 64 62 62 64 64 65 67 67 65 64 62 60 60 62 64 62 60 60",
-        "48 52 55 47 50 55 48 52 55",
-    ),
-    "PathetiqueRondo": (
-        (4 * 60 / 168, 1.5 * 60 / 168, 8, 12),
-        "67 72 74 75 77 74 75 72 74 72 71 72 74 77 75 74 75 77 79 79",
-        "48 51 55 60 48 53 55 59 48 51 55 60",
-    ),
-    "Reverie": (
-        (4 * 60 / 92, 0, 10, 10),
-        "79 74 76 77 79 76 74 76 72 76 74 70 74 76 77 72 67 69",
-        "58 60 62 67 62 60 58 60 62 67 62 60 58",
-    ),
-    "TwinkleTwinkle": (
-        (4 * 60 / 100, 0, 12, 0),
-        "60 60 67 67 69 69 67 65 65 64 64 62 62 60 67 67 65 65 64 64 62 67 67 65 65 64 64 62",
-        "48 52 53 52 50 48 53 55 48 52 50 48",
-    ),
-}
+# For each piece: the beats of a bar and of a minute, beats before the first bar, how many bars,
+# how often the pedal goes down; then how each hand, right and left, begins in MIDI pitches.
+OPENINGS = """
+BachMinuetG 3 112 0 32 0
+  74 67 69 71 72 74 67 67 76 72 74 76 78 79 67 67 72 74 72 71 69 71 72 71 69 67
+  55 59 62 57 59 60 59 57
+BachPreludeC 4 72 0 35 0
+  67 72 76 67 72 76 67 72 76 67 72 76 69 74 77 69 74 77 69 74 77 69 74 77
+  60 64 60 64 60 62 60 62 59 62 59 62 60 64
+ChopinNocturneOp9No2 12 132 1 4 15
+  70 79 77 79 77 75 70 79 72 84 79 82 80 79 77 79 74 75 72 70 86 84 82 80 79 80 72 74 75
+  39 55 63 58 63 67 51 56 62 59 62 68
+ClairDeLune 3 46 0 8 15
+  77 80 73 77 72 75 73 77 72 75 70 73 72 75 70 73 77 73
+  65 68 66 69 65 68 63 66 61 63 60 63 58 61
+FantaisieImpromptu 2 72 0 8 11
+  68 69 68 67 68 73 76 75 73 75 73 72 73 76 80 68 69 68 67 68 73 76 75 73 75 73 72 73 76 80
+  49 56 61 64 61 56 52 56 61 64 61 56 49 56
+FurElise 1.5 66 0.5 22 16
+  76 75 76 75 76 71 74 72 69 60 64 69 71 64 68 71 72 64 76 75 76 75 76 71 74 72 69
+  45 52 57 40 52 56 45 52 57
+Gymnopedie1 3 72 0 21 21
+  78 81 79 78 73 71 73 74 69 66 78 81 79 78 73 71 73 74 69 73 78 64
+  43 59 62 66 38 57 61 66 43 59 62 66
+MapleLeafRag 2 92 0.5 16 0
+  68 63 75 68 72 63 75 67 63 75 67 70 63 75 68
+  39 51 44 56 51 56 60 51 56 60 45 57 46 58
+OdeToJoy 4 112 0 16 0
+  64 64 65 67 67 65 64 62 60 60 62 64 64 62 62 64 64 65 67 67 65 64 62 60 60 62 64 62 60 60
+  48 52 55 47 50 55 48 52 55
+PathetiqueRondo 4 168 1.5 8 12
+  67 72 74 75 77 74 75 72 74 72 71 72 74 77 75 74 75 77 79 79
+  48 51 55 60 48 53 55 59 48 51 55 60
+Reverie 4 92 0 10 10
+  79 74 76 77 79 76 74 76 72 76 74 70 74 76 77 72 67 69
+  58 60 62 67 62 60 58 60 62 67 62 60 58
+TwinkleTwinkle 4 100 0 12 0
+  60 60 67 67 69 69 67 65 65 64 64 62 62 60 67 67 65 65 64 64 62 67 67 65 65 64 64 62
+  48 52 53 52 50 48 53 55 48 52 50 48
+"""
 
 
-@pytest.mark.parametrize("name", OPENINGS)
-def test_it_begins_as_it_is_known_in_its_meter_and_tempo(name):
-    (bar, first, n_bars, n_presses), right, left = OPENINGS[name]
+def openings():
+    """Return the table above: name, five numbers, pitches of the right hand and of the left."""
+    lines = OPENINGS.strip().splitlines()
+    for head, right, left in zip(lines[::3], lines[1::3], lines[2::3], strict=True):
+        name, *numbers = head.split()
+        pitches = [[int(pitch) for pitch in hand.split()] for hand in (right, left)]
+        yield name, [float(number) for number in numbers], *pitches
+
+
+@pytest.mark.parametrize(("name", "numbers", "right", "left"), list(openings()))
+def test_it_begins_as_it_is_known_in_its_meter_and_tempo(name, numbers, right, left):
+    beats, tempo, first, n_bars, n_presses = numbers
+    bars = (first + beats * np.arange(n_bars)) * 60 / tempo
     score = REPERTOIRE[f"repertoire-{name}"].score()
-    np.testing.assert_allclose(score.bars, [first + bar * n for n in range(n_bars)], atol=1e-4)
+    np.testing.assert_allclose(score.bars, bars, atol=1e-4)
     assert len(score.pedals) == n_presses
-    for side, text in (("right", right), ("left", left)):
-        pitches = [int(pitch) for pitch in text.split()]
+    for side, pitches in (("right", right), ("left", left)):
         assert [note.pitch for note in hand(score, side)][: len(pitches)] == pitches
 
 

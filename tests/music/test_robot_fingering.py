@@ -151,35 +151,24 @@ def gone_of(presses, sign=1):
 
 
 @BOTH_HANDS
-def test_what_a_hand_can_hold_is_held(sign):
-    assert gone_of(notes((0, 0, 1, 20), (2, 1, 5, 20), (4, 4, 5, 30), sign=sign), sign) == set()
-
-
-@BOTH_HANDS
-def test_what_is_held_makes_way_for_what_is_struck_out_of_its_reach(sign):
-    presses = notes((0, 0, 1, 40), (2, 1, 1, 9), (10, 4, 10, 20), sign=sign)
-    [(press, last, for_key)] = _early_releases(presses, sign)
-    assert (press.finger, last, for_key) == (0, 9, WHITE[MIDDLE + sign * 10])
-
-
-def test_what_has_ended_before_need_not_make_way():
-    assert gone_of(notes((0, 0, 1, 9), (10, 4, 10, 20))) == set()
-
-
-@BOTH_HANDS
-def test_of_a_chord_goes_what_is_too_far_from_most_of_it(sign):
-    chord = notes((0, 0, 5, 20), (10, 3, 5, 20), (12, 4, 5, 20), sign=sign)
-    assert gone_of(chord, sign) == {(0, 4)}
-    chord = notes((0, 0, 5, 20), (2, 1, 5, 20), (12, 4, 5, 20), sign=sign)
-    assert gone_of(chord, sign) == {(4, 4)}
-
-
-def test_a_finger_lets_go_of_its_key_for_another_one():
-    assert gone_of(notes((0, 2, 1, 20), (1, 2, 6, 20))) == {(2, 5)}
-
-
-def test_fingers_that_cross_let_go_of_nothing():
-    assert gone_of(notes((0, 3, 1, 20), (1, 2, 6, 20))) == set()
+@pytest.mark.parametrize(
+    ("held", "expected"),
+    [
+        ([(0, 0, 1, 20), (2, 1, 5, 20), (4, 4, 5, 30)], set()),
+        ([(0, 0, 1, 40), (2, 1, 1, 9), (10, 4, 10, 20)], {(0, 9)}),
+        ([(0, 0, 1, 9), (10, 4, 10, 20)], set()),
+        ([(0, 0, 5, 20), (10, 3, 5, 20), (12, 4, 5, 20)], {(0, 4)}),
+        ([(0, 0, 5, 20), (2, 1, 5, 20), (12, 4, 5, 20)], {(4, 4)}),
+        ([(0, 2, 1, 20), (1, 2, 6, 20)], {(2, 5)}),
+        ([(0, 3, 1, 20), (1, 2, 6, 20)], set()),
+    ],
+    ids=[
+        *("in reach", "a key out of reach of the next", "ended before"),
+        *("the low end of a chord", "the high end of a chord", "its finger is needed", "crossing"),
+    ],
+)
+def test_what_a_hand_cannot_hold_makes_way(held, expected, sign):
+    assert gone_of(notes(*held, sign=sign), sign) == expected
 
 
 # Scores and rolls.

@@ -198,40 +198,39 @@ class TestRoll:
         roll = roll_of((0, 2), (3, 4))
         assert (repr(roll), roll.duration) == ("PianoRoll(5 steps of 1 s, 2 strikes)", 5.0)
 
-    @pytest.mark.parametrize("dt", [0.0, -0.05, math.nan, math.inf])
-    def test_a_senseless_time_step_is_refused(self, dt):
-        with pytest.raises(ConfigError, match=f"Control time step {dt} s is out of range"):
-            roll_of((0, 1), dt=dt)
-
-    @pytest.mark.parametrize("buffer", [-0.1, math.nan, math.inf, 1e6, 1e308])
-    def test_a_senseless_buffer_time_is_refused(self, buffer):
-        with pytest.raises(
-            ConfigError, match=re.escape(f"Initial buffer time {buffer} s is out of range")
-        ):
-            roll_of((0, 1), initial_buffer_time=buffer)
-
-    @pytest.mark.parametrize("end", [1_000_000, 1e300])
-    def test_a_roll_of_a_million_steps_is_refused(self, end):
-        with pytest.raises(ScoreError, match=r"'etude' lasts 1e.* s, too long for control steps"):
-            roll_of((0, end))
+    @pytest.mark.parametrize(
+        ("end", "options", "error", "message"),
+        [
+            *(
+                (1, {"dt": dt}, ConfigError, f"Control time step {dt} s is out of range")
+                for dt in (0.0, -0.05, math.nan, math.inf)
+            ),
+            *(
+                (1, {"initial_buffer_time": s}, ConfigError, f"buffer time {s} s is out of range")
+                for s in (-0.1, math.nan, math.inf, 1e6, 1e308)
+            ),
+            (1_000_000, {}, ScoreError, "'etude' lasts 1e+06 s, too long for control steps"),
+            (1e300, {}, ScoreError, "'etude' lasts 1e+300 s, too long for control steps"),
+        ],
+    )
+    def test_senseless_times_are_refused(self, end, options, error, message):
+        with pytest.raises(error, match=re.escape(message)):
+            roll_of((0, end), **options)
 
 
 class TestOnsetTime:
-    def test_a_strike_is_due_at_its_notes_onset_between_the_steps_too(self):
-        roll = roll_of((0.25, 2), (3.9, 5), dt=1.0)
-        assert roll.onset_time == pytest.approx([0.25, 3.9])
-
-    def test_the_silence_put_in_front_counts(self):
-        roll = roll_of((0.25, 2), dt=1.0, initial_buffer_time=2.0)
-        assert roll.onset_time == pytest.approx([2.25])
-
-    def test_a_strike_after_a_silent_step_is_due_at_the_beginning_of_its_first_step(self):
-        roll = roll_of((0, 2), (2.25, 4), dt=1.0)
-        assert np.flatnonzero(roll.onset.any(axis=1)).tolist() == [0, 3]
-        assert roll.onset_time == pytest.approx([0, 3])
-
-    def test_of_two_strikes_in_one_step_the_first_one_counts(self):
-        assert roll_of((0.25, 2), (0.75, 2), dt=1.0).onset_time == pytest.approx([0.25])
+    @pytest.mark.parametrize(
+        ("notes", "buffer", "expected"),
+        [
+            ([(0.25, 2), (3.9, 5)], 0.0, [0.25, 3.9]),  # between the steps too
+            ([(0.25, 2)], 2.0, [2.25]),
+            ([(0, 2), (2.25, 4)], 0.0, [0, 3]),  # after a silent step: when that is over
+            ([(0.25, 2), (0.75, 2)], 0.0, [0.25]),  # of two in one step the first
+        ],
+    )
+    def test_a_strike_is_due_at_the_onset_of_its_note(self, notes, buffer, expected):
+        roll = roll_of(*notes, initial_buffer_time=buffer)
+        assert roll.onset_time == pytest.approx(expected)
 
     def test_times_are_ordered_by_step_then_key(self):
         notes = [Note(onset=o, offset=o + 1, pitch=p) for o, p in ((0.5, 60), (0.75, 50), (3, 40))]

@@ -32,33 +32,29 @@ def fingertips_by_hand(scene, data, hand):
     return np.array(tips)
 
 
+def data_of(scene, hand, positions):
+    """Return MuJoCo's data with one hand where it is and the other one at 0."""
+    return data_at(scene, *((positions,) if hand == 0 else (np.zeros_like(positions), positions)))
+
+
 @pytest.mark.slow
 @SCENES
 @BOTH_HANDS
-def test_fingertips_are_where_mujoco_has_them(options, hand):
+def test_fingertips_and_forearm_are_where_mujoco_has_them_and_move_as_its_jacobians_say(
+    options, hand
+):
     scene = scene_of(**options)
     kinematics = hand_of(scene, hand)
     positions = random_positions(kinematics, 8)
-    tips = kinematics.fingertips(positions)
-    assert tips.shape == (8, 5, 3)
-    for one, found in zip(positions, tips, strict=True):
-        both = (one,) if hand == 0 else (np.zeros_like(one), one)
-        expected = fingertips_by_hand(scene, data_at(scene, *both), hand)
-        np.testing.assert_allclose(found, expected, atol=1e-12)
-
-
-@SCENES
-@BOTH_HANDS
-def test_fingertips_move_as_mujocos_jacobians_say(options, hand):
-    scene = scene_of(**options)
-    kinematics = hand_of(scene, hand)
-    positions = random_positions(kinematics, 4, seed=1)
     tips, jacobian = kinematics.fingertips_and_jacobian(positions)
     np.testing.assert_array_equal(tips, kinematics.fingertips(positions))
     by_actuator = joints_by_name(scene, hand)
     bodies = scene.model.geom_bodyid[scene.fingertip_geom[5 * hand : 5 * hand + 5]]
-    for s, one in enumerate(positions):
-        data = data_at(scene, *((one,) if hand == 0 else (np.zeros_like(one), one)))
+    forearm = scene.model.geom_bodyid[scene.forearm_geoms[hand][0]]
+    for s, place in enumerate(kinematics.arm(positions)):
+        data = data_of(scene, hand, positions[s])
+        assert place == pytest.approx(data.xpos[forearm, 1], abs=1e-12)
+        np.testing.assert_allclose(tips[s], fingertips_by_hand(scene, data, hand), atol=1e-12)
         for finger, body in enumerate(bodies):
             by_dof = np.zeros((3, scene.model.nv))
             mujoco.mj_jac(scene.model, data, by_dof, None, tips[s, finger], body)
@@ -76,19 +72,6 @@ def test_actuators_are_where_the_joints_put_them(options):
         kinematics = hand_of(scene, hand)
         joints = data.qpos[scene.model.jnt_qposadr[kinematics.joint_ids]]
         np.testing.assert_allclose(kinematics.joint_of_actuator @ positions, joints, atol=1e-12)
-
-
-@SCENES
-@BOTH_HANDS
-def test_the_forearm_is_where_mujoco_has_it(options, hand):
-    scene = scene_of(**options)
-    kinematics = hand_of(scene, hand)
-    positions = random_positions(kinematics, 5, seed=4)
-    forearm = scene.forearm_geoms[hand][0]
-    body = scene.model.geom_bodyid[forearm]
-    for one, place in zip(positions, kinematics.arm(positions), strict=True):
-        data = data_at(scene, *((one,) if hand == 0 else (np.zeros_like(one), one)))
-        assert place == pytest.approx(data.xpos[body, 1], abs=1e-12)
 
 
 @BOTH_HANDS

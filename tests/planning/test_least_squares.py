@@ -142,37 +142,3 @@ def test_a_new_bound_moves_the_arm_out_of_the_way(hand):
     parts.problem.improve(20)
     late = slice(N_STATES // 2, None)  # it needs some time for that
     assert (sign * (parts.kinematics.arm(parts.problem.positions) - before)[late] > 0.08).all()
-
-
-# Smoothness, against sums and matrices written out.
-
-KINEMATICS = hand_of(scene_of(), 1)
-SIZE = KINEMATICS.size
-
-
-def smoothness_of(n_states, seed=0):
-    random = np.random.default_rng(seed)
-    before = random.standard_normal((2, SIZE))
-    return (
-        Smoothness(KINEMATICS, before, n_states),
-        before,
-        random.standard_normal((n_states, SIZE)),
-    )
-
-
-def cost_by_hand(before, positions):
-    """Add up what changes of place and of velocity cost, number by number."""
-    total = 0.0
-    way = [*before, *positions]
-    for s in range(2, len(way)):
-        for actuator, name in enumerate(KINEMATICS.names):
-            here, one_back, two_back = (way[s - back][actuator] for back in (0, 1, 2))
-            total += (least_squares._VELOCITY * (here - one_back)) ** 2
-            total += (jerk_of(name) * (here - 2 * one_back + two_back)) ** 2
-    return total
-
-
-@pytest.mark.parametrize("n_states", [1, 2, 3, 6])
-def test_the_cost_is_the_sum_over_all_states_and_actuators(n_states):
-    smoothness, before, positions = smoothness_of(n_states)
-    assert smoothness.cost(positions) == pytest.approx(cost_by_hand(before, positions))

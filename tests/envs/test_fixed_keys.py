@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import pickle
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -58,25 +57,6 @@ def test_the_scene_differs_by_the_joints_of_the_rigid_keys_and_by_nothing_else(p
         )
     np.testing.assert_array_equal(fixed.ctrl_low, full.ctrl_low)
     np.testing.assert_array_equal(fixed.joint_range[0], full.joint_range[0])
-
-
-def test_all_that_is_told_of_keys_is_told_of_all_88():
-    full, fixed = compile_scene(), compile_scene(moving_keys=(FIRST, LAST))
-    for name in ("key_max_angle", "key_sounding_angle", "key_geom", "key_press_offset"):
-        np.testing.assert_array_equal(getattr(fixed, name), getattr(full, name), name)
-    data = mujoco.MjData(fixed.model)
-    assert len(fixed.key_qpos) == len(MOVING)
-    data.qpos[fixed.key_qpos] = angles = np.linspace(0.01, 0.04, len(MOVING))
-    angle = fixed.key_angle(data)
-    np.testing.assert_array_equal(angle[MOVING], angles)
-    np.testing.assert_array_equal(angle[RIGID], np.zeros(len(RIGID)))
-    np.testing.assert_array_equal(fixed.key_angle_at(data.qpos), angle)
-    for ours, theirs in zip(fixed.key_boxes, full.key_boxes, strict=True):
-        assert ours.shape == theirs.shape
-        np.testing.assert_allclose(ours[MOVING], theirs[MOVING], atol=1e-12)
-    mujoco.mj_kinematics(fixed.model, data)
-    at_rest = data.geom_xpos[fixed.key_geom]
-    np.testing.assert_allclose(fixed.key_boxes[0][RIGID], at_rest[RIGID], atol=1e-12)
 
 
 @pytest.mark.parametrize("keys", [(-1, 5), (5, 88), (6, 5), (1.0, 5), (True, 5)])

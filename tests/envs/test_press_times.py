@@ -11,55 +11,11 @@ from sb3_piano.envs.record import press_times
 from sb3_piano.metrics import Presses, presses_of
 
 
-def within(**columns):
-    """Return (p, 88) bool from the states of keys k<number>: ``.`` up, ``#`` down."""
-    states = np.zeros((5, 88), dtype=bool)
-    for name, column in columns.items():
-        states[:, int(name[1:])] = [state == "#" for state in column]
-    return states
-
-
-def times_of(made, moments, n_steps):
-    """Return the press times, with what is known ``within`` by control step."""
-    states = np.array(list(moments.values()), dtype=bool).reshape(-1, 5, 88)
-    return press_times(made, np.array(list(moments), dtype=np.intp), states, 0.05, n_steps)
-
-
-def presses(*rows):
-    return Presses(*(np.array(column, dtype=np.intp) for column in zip(*rows, strict=True)))
-
-
-@pytest.mark.parametrize(
-    ("states", "time"),
-    [
-        ("....#", 0.05),  # with the last physics step, which is the end of the control step
-        ("..###", 0.03),
-        ("#####", 0.01),
-        ("#.###", 0.03),  # it bounced, and went down for good then
-        ("##..#", 0.05),
-    ],
-)
-def test_a_key_is_struck_when_it_goes_down_for_good(states, time):
-    strikes, releases = times_of(presses((40, 2, 4)), {2: within(k40=states)}, 4)
-    assert strikes == pytest.approx([0.1 + time])
-    assert releases == pytest.approx([0.2])  # still held
-
-
-def test_each_press_has_its_own_times():
-    moments = {
-        0: within(k10="..###", k20="....#"),
-        1: within(k10="##...", k20="#####"),
-        3: within(k10="....#", k20="#####", k30="...##"),
-        4: within(k10="#####", k20="#....", k30="#####"),
-    }
-    made = presses((10, 0, 1), (20, 0, 4), (10, 3, 5), (30, 3, 5))
-    strikes, releases = times_of(made, moments, 5)
-    assert strikes == pytest.approx([0.03, 0.05, 0.2, 0.19])
-    assert releases == pytest.approx([0.08, 0.22, 0.25, 0.25])
-
-
 def test_a_key_that_goes_down_with_the_last_physics_step_still_makes_a_note():
-    strikes, releases = times_of(presses((40, 2, 3)), {2: within(k40="....#")}, 3)
+    within = np.zeros((1, 5, 88), dtype=bool)  # of control step 2
+    within[0, 4, 40] = True
+    made = Presses(*np.array([[40], [2], [3]]))
+    strikes, releases = press_times(made, np.array([2]), within, 0.05, 3)
     assert (strikes, releases) == (pytest.approx([0.15]), pytest.approx([0.151]))
 
 

@@ -46,25 +46,6 @@ def sounding(*cells, steps=1):
 
 
 class TestNearestFingers:
-    def test_each_sounding_key_has_the_finger_nearest_to_it_in_that_step(self):
-        fingertips = tips(
-            (0, 2, (0, 0.0, 0.01)),
-            (0, 7, (0, 0.3, 0.01)),
-            (1, 4, (0, 0.3, 0.01)),
-            (1, 5, (0, 0.0, 0.02)),
-            steps=3,
-        )
-        keys = sounding((0, 0), (0, 10), (1, 10), steps=3)
-        fingers = nearest_fingers(keys, fingertips, level_keys())
-        assert (fingers.shape, fingers.dtype) == ((3, 88), np.int8)
-        assert [fingers[0, 0], fingers[0, 10], fingers[1, 10]] == [2, 7, 4]
-        assert np.count_nonzero(fingers == -1) == 3 * 88 - 3
-
-    def test_the_distance_is_to_the_box_not_to_its_centre(self):
-        # Finger 1 rests on the front end of key 0, 10 cm from its centre and 0 from the key.
-        fingertips = tips((0, 1, (0.1, 0.0, 0.01)), (0, 0, (0.0, 0.03, 0.02)))
-        assert nearest_fingers(sounding((0, 0)), fingertips, level_keys())[0, 0] == 1
-
     def test_of_several_fingers_inside_the_key_the_lowest_has_pressed_it(self):
         fingertips = tips((0, 8, (0, 0, 0)), (0, 4, (0.05, 0.005, 0.01)))
         assert nearest_fingers(sounding((0, 0)), fingertips, level_keys())[0, 0] == 4

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import mir_eval
 import numpy as np
 import pytest
 from hypothesis import given
@@ -84,23 +83,6 @@ def test_frame_scores_equal_a_plain_python_twin(data):
     assert non_silent_f1(target, played) == pytest.approx(
         np.mean(sounding_f1s) if sounding_f1s else 1.0
     )
-
-
-def multipitch(target, played):
-    """Return precision and recall of mir_eval, which weighs all keys alike, not all steps."""
-    times = np.arange(len(target)) * 0.05
-    target, played = (
-        [mir_eval.util.midi_to_hz(21.0 + np.flatnonzero(step)) for step in roll]
-        for roll in (target, played)
-    )
-    return mir_eval.multipitch.metrics(times, target, times, played)[:2]
-
-
-def test_frame_scores_are_another_number_than_mir_eval_s_multipitch():
-    # One key is due and one sounds, rightly; then three of four that sound are wrong.
-    target, played = frames({0}, {1}), frames({0}, {0, 1, 2, 3})
-    assert frame_scores(target, played).precision == pytest.approx((1 + 1 / 4) / 2)
-    assert multipitch(target, played)[0] == pytest.approx(2 / 5)
 
 
 def test_the_scores_stored_with_a_recorded_performance_come_out(performance):

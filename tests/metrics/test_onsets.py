@@ -31,11 +31,6 @@ NOTHING = onsets()
 
 
 class TestMatching:
-    def test_a_strike_hits_up_to_the_tolerance_on_either_side(self):
-        target = onsets((0.15, 1), (0.15, 2), (0.15, 3), (0.15, 4))
-        played = onsets((0.1, 1), (0.2, 2), (0.0998, 3), (0.2002, 4))
-        assert match_onsets(target, played).tolist() == [[0, 0], [1, 1]]
-
     def test_distances_are_rounded_to_a_tenth_of_a_millisecond(self):
         target, played = onsets((0.0, 1), (0.0, 2)), onsets((0.05004, 1), (0.05006, 2))
         assert match_onsets(target, played).tolist() == [[0, 0]]
@@ -47,11 +42,6 @@ class TestMatching:
         assert onset_f1(target, played, tolerance) == hits
         assert onset_scores(target, played, tolerance).recall == hits
         assert timing_error(target, played, tolerance).mean == pytest.approx(100 * hits)
-
-    def test_more_hits_are_worth_more_than_nearer_ones(self):
-        # 0.05 is nearest to 0.05, but then 0.0 and 0.1 would both be left without a partner.
-        target, played = onsets((0.05, 5), (0.10, 5)), onsets((0.0, 5), (0.05, 5))
-        assert match_onsets(target, played).tolist() == [[0, 0], [1, 1]]
 
     def test_of_equally_near_onsets_the_earlier_is_taken(self):
         assert match_onsets(onsets((0.1, 5), (0.2, 5)), onsets((0.15, 5))).tolist() == [[0, 0]]

@@ -54,18 +54,6 @@ def test_no_fingering_costs_less_than_the_one_found(seed, counts):
     assert found.cost == pytest.approx(best)
 
 
-def test_five_neighbouring_white_keys_have_one_finger_each():
-    assert numbers(melody([60, 62, 64, 65, 67, 65, 64, 62, 60])) == [1, 2, 3, 4, 5, 4, 3, 2, 1]
-
-
-def test_the_left_hand_is_the_mirror_image_of_the_right():
-    pitches = [60, 64, 61, 70, 72, 65, 66, 58]
-    right = finger_hand(melody(pitches), "right")
-    mirrored = [replace(n, pitch=124 - n.pitch, hand="left") for n in melody(pitches)]
-    left = finger_hand(mirrored, "left")
-    assert left == right
-
-
 def test_a_repeated_key_keeps_its_finger():
     fingers = numbers(melody([64, 64, 64, 65, 65, 67, 67, 67, 64]))
     assert len(set(fingers[:3])) == len(set(fingers[3:5])) == len(set(fingers[5:8])) == 1
@@ -92,11 +80,6 @@ def test_a_label_is_kept_and_the_others_make_way_for_it():
     fingers = numbers(labelled)
     assert fingers[1] == 3
     assert 3 not in (fingers[0], fingers[2])
-
-
-def test_labels_that_contradict_each_other_are_kept():
-    chord = [note(0.0, p, finger=f) for p, f in ((60, 3), (62, 0), (64, 0))]
-    assert numbers(chord) == [4, 1, 1]
 
 
 def test_a_key_beside_labels_that_leave_its_place_no_finger_takes_one_from_elsewhere():

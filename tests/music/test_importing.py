@@ -260,26 +260,6 @@ class TestAgain:
         assert library.path("a").read_bytes() == b"damaged"
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_ctrl_c_keeps_what_is_done_and_the_next_import_goes_on(music, library, jobs, ctrl_c):
-    for number in range(12):
-        save(music / f"{number:02}.mid", 60 + number)
-
-    def interrupt(n_done, n_all):
-        if n_done == 2:
-            os.kill(os.getpid(), signal.SIGINT)
-
-    report = import_path(music, library, jobs=jobs, progress=interrupt)
-    assert report.interrupted
-    # What was begun when Ctrl-C came is finished: two tasks for each of two processes, and one.
-    assert 2 <= len(report.imported) <= 7
-    assert list(library.names()) == list(report.imported)
-    rest = import_path(music, library, jobs=jobs)
-    assert rest.present == report.imported
-    assert sorted(rest.imported + rest.present) == [f"{number:02}" for number in range(12)]
-    assert not rest.interrupted
-
-
 def read_or_die(path):
     """Read a file, unless it is the deadly one: then the process is killed."""
     if path.stem == "deadly":

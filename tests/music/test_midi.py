@@ -79,6 +79,7 @@ class TestRoundTrip:
         for ours, theirs in zip(score.pedals, back.pedals, strict=True):
             assert ours.onset == pytest.approx(theirs.onset, abs=1e-4)
             assert ours.offset == pytest.approx(theirs.offset, abs=1e-4)
+        assert round_trip(back, tmp_path_factory.getbasetemp()) == back
 
     @pytest.mark.parametrize("finger", [-1, 0, 9])
     def test_overlapping_notes_of_one_pitch_and_finger_stay_two(self, finger, tmp_path):

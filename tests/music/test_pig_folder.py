@@ -179,11 +179,6 @@ class TestBeforeTheImport:
             with pytest.raises(UnknownPieceError, match=message):
                 piece.score()
 
-    def test_the_very_piece_plays_once_it_is_imported(self, pig):
-        piece = PIG_PIECES["etude-12-GolliwoggsCakewalk"]
-        import_path(pig, jobs=1)
-        assert piece.score().notes == tune(62, finger=1).notes
-
 
 @pytest.mark.parametrize("name", ["etude-12-FrenchSuiteNo1Allemande", "repertoire-150-ForElise"])
 def test_the_ids_make_reset_and_step_after_the_import(pig, name):

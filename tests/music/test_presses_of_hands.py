@@ -66,15 +66,6 @@ def test_presses_are_in_order_of_time_then_key():
     ]
 
 
-def test_a_repeated_key_is_pressed_as_often_as_it_is_struck():
-    roll = roll_of((0, 3, 2), (3, 5, 2), (5, 7, 3))
-    assert [(p.finger, p.first, p.last) for p in presses_of_hand(roll, 0)] == [
-        (2, 1, 3),
-        (2, 5, 5),
-        (3, 7, 7),
-    ]
-
-
 def test_strikes_without_a_silent_step_between_are_told_apart_by_their_onsets():
     active, onset = np.zeros((6, 88), dtype=bool), np.zeros((6, 88), dtype=bool)
     active[1:5, KEY] = True
@@ -87,12 +78,3 @@ def test_strikes_without_a_silent_step_between_are_told_apart_by_their_onsets():
         sustain=np.zeros(6, dtype=bool),
     )
     assert [(p.first, p.last) for p in presses_of_hand(roll, 0)] == [(2, 3), (4, 5)]
-
-
-def test_a_note_that_outlasts_another_on_its_key_is_taken_up_again():
-    roll = roll_of((0, 9, 1), (3, 5, 2))
-    assert [(p.finger, p.first, p.last) for p in presses_of_hand(roll, 0)] == [
-        (1, 1, 3),
-        (2, 5, 5),
-        (1, 6, 9),
-    ]

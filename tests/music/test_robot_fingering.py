@@ -16,12 +16,10 @@ from sb3_piano.music.constants import KEY_IS_BLACK, NUM_KEYS
 from sb3_piano.music.fingering import apply_fingering, robot
 from sb3_piano.music.fingering.robot import (
     CHANGE_FINGER,
-    KEY_SPACING,
     KEY_Y,
     _Costs,
     _early_releases,
     choose,
-    hand_place,
     release_early,
     robot_fingers,
 )
@@ -37,16 +35,6 @@ BOTH_HANDS = pytest.mark.parametrize("sign", [1, -1])
 
 def test_the_keys_are_where_the_simulation_has_them():
     np.testing.assert_array_equal(KEY_Y, KeyPlaces.of(compile_scene()).y)
-
-
-@BOTH_HANDS
-def test_the_place_of_a_hand_is_where_its_middle_finger_would_be(sign):
-    key = WHITE[MIDDLE]
-    places = [hand_place(key, finger, sign) for finger in range(5)]
-    assert places[2] == KEY_Y[key]
-    # Its thumb on the key, a right hand lies to the right of it.
-    assert places[0] == pytest.approx(KEY_Y[key] + sign * 2 * KEY_SPACING)
-    assert places == sorted(places, reverse=sign == 1)
 
 
 def chord(*notes, sign=1, first=1, last=20):

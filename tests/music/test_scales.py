@@ -118,11 +118,6 @@ def test_no_finger_strikes_two_keys_running_and_thumbs_stay_off_black_keys(name)
         assert any(thumbs) is all(thumbs) is all_black
 
 
-def test_a_third_octave_has_the_fingers_of_the_second():
-    fingers = numbers(part("scale-CMajor", "right", octaves=3)[:22])
-    assert fingers == digits("1 2 3 1 2 3 4 1 2 3 1 2 3 4 1 2 3 1 2 3 4 5")
-
-
 @pytest.mark.parametrize(
     ("name", "pitches"),
     [

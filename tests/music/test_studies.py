@@ -45,11 +45,6 @@ def test_one_hand_is_the_right_hand_of_two(key):
     assert load_score(f"{key}MajorScaleOneHand").notes == right
 
 
-def test_the_left_hand_of_d_major_starts_at_50_with_the_little_finger():
-    first = load_score("DMajorScaleTwoHands").notes[0]
-    assert (first.pitch, first.finger, first.onset, first.offset) == (50, 9, 0.0, 0.5)
-
-
 def test_twinkle_has_two_phrases_that_end_in_a_long_note():
     notes = load_score("TwinkleTwinkleLittleStar").notes
     assert [note.pitch for note in notes] == [

@@ -83,19 +83,6 @@ def test_the_quadratic_model_is_that_of_finite_differences(hand, full):
 
 
 @BOTH_HANDS
-def test_an_arm_beyond_its_bound_costs_by_how_far(hand):
-    kinematics, rest = hand_of(scene_of(), hand), at_rest(hand)
-    arm = kinematics.arm(rest)
-    # The right arm must be to the right of its bound, the left one to the left.
-    within = cost_of(hand, no_frames(), arm - kinematics.sign * 0.02)
-    beyond = cost_of(hand, no_frames(), arm + kinematics.sign * 0.02)
-    np.testing.assert_allclose(within.bound_violation(rest), [0.0])
-    np.testing.assert_allclose(beyond.bound_violation(rest), [0.02])
-    expected = (hand_cost._ARMS_WEIGHT * 0.02) ** 2
-    assert total(beyond, rest) - total(within, rest) == pytest.approx(expected)
-
-
-@BOTH_HANDS
 def test_neighbouring_fingers_that_are_too_close_or_cross_cost_by_how_much(hand):
     kinematics, positions = hand_of(scene_of(), hand), at_rest(hand)
     positions[0, kinematics.index("THJ4")] = kinematics.high[kinematics.index("THJ4")]

@@ -86,11 +86,3 @@ def test_the_slider_takes_the_forearm_where_it_shall_be_as_far_as_it_can(hand):
     positions[:, along] = kinematics.slider_for_arm(wanted)
     reached = np.clip(wanted, nearest, farthest)
     np.testing.assert_allclose(kinematics.arm(positions), reached, atol=1e-12)
-
-
-@BOTH_HANDS
-def test_fingers_count_from_the_thumb_in_the_direction_of_the_sign(hand):
-    kinematics = hand_of(scene_of(), hand)
-    y = kinematics.fingertips(np.zeros((1, kinematics.size)))[0, :, 1]
-    assert (np.diff(y) * kinematics.sign > 0).all()
-    assert kinematics.sign == (1, -1)[hand]

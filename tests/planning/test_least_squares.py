@@ -120,15 +120,6 @@ def test_without_notes_and_neighbours_it_is_the_dense_solution(hand, full, uncon
     np.testing.assert_allclose(parts.problem.positions, dense_solution(parts), atol=1e-4)
 
 
-@BOTH_HANDS
-def test_positions_stay_in_the_control_ranges(hand):
-    key = 87 if hand == 0 else 0
-    parts = Parts(hand, [Press(key, 0, 5, 10), Press(87 - key, 4, 15, 20)])  # out of reach
-    parts.problem.improve(15)
-    assert (parts.problem.positions >= parts.kinematics.low).all()
-    assert (parts.problem.positions <= parts.kinematics.high).all()
-
-
 @pytest.mark.slow
 @BOTH_HANDS
 def test_a_new_bound_moves_the_arm_out_of_the_way(hand):

@@ -112,16 +112,6 @@ def test_giving_up_candidates_loses_none_that_would_have_won():
         np.testing.assert_array_equal(best.controls, everything.controls[winner])
 
 
-def test_only_candidates_beyond_the_bound_are_given_up():
-    env = make_env()
-    candidates, search = make_search(env, n=6)
-    knots = candidates.draw(6, np.random.default_rng(2))
-    free = search.rate(env, knots).cost
-    bound = float(np.median(free))
-    expected = np.where(free > bound, np.inf, free)
-    np.testing.assert_array_equal(search.rate(env, knots, bound=bound).cost, expected)
-
-
 class Counting(Simulations):
     """Counts the control steps of all simulations."""
 

@@ -193,29 +193,6 @@ class TestOtherReaders:
         (tempo, *_) = theirs.recurse().getElementsByClass(music21.tempo.MetronomeMark)
         assert tempo.number == 120
 
-    def test_what_music21_writes_is_read(self, tmp_path):
-        music21 = pytest.importorskip("music21")
-        right, left = music21.stream.PartStaff(), music21.stream.PartStaff()
-        right.append(music21.tempo.MetronomeMark(number=90))
-        chord = music21.chord.Chord(["C5", "E5", "G5"], quarterLength=1.5)
-        chord.articulations = [music21.articulations.Fingering(n) for n in (1, 3, 5)]
-        single = music21.note.Note("D#5", quarterLength=6)
-        single.articulations = [music21.articulations.Fingering(2)]
-        right.append([chord, single])
-        low = music21.note.Note("A2", quarterLength=7.5)
-        low.articulations = [music21.articulations.Fingering(5)]
-        left.append(low)
-        group = music21.layout.StaffGroup([right, left], symbol="brace")
-        music21.stream.Score([right, left, group]).write("musicxml", tmp_path / "a.musicxml")
-        score = read_musicxml(tmp_path / "a.musicxml")
-        assert score.notes == (
-            note(0, 5.0, 45, finger=9),
-            note(0, 1.0, 72, finger=0),
-            note(0, 1.0, 76, finger=2),
-            note(0, 1.0, 79, finger=4),
-            note(1.0, 5.0, 75, finger=1),
-        )
-
 
 class TestErrors:
     @pytest.mark.parametrize("tempo", [0, -1, float("nan"), float("inf")])

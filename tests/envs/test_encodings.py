@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from sb3_piano.envs import ObservationBlock, ObservationLayout, ObservationSpace, PianoEnv
+from sb3_piano.envs import ObservationSpace, PianoEnv
 from sb3_piano.envs.encodings import FingerGoals
 from sb3_piano.envs.observation import ALL_KEYS, KeyWindow
 from sb3_piano.exceptions import ScoreError
@@ -213,20 +213,3 @@ def test_the_space_knows_its_layout_also_inside_sb3_and_after_pickling():
     assert copied == space
     assert repr(copied.layout) == repr(space.layout)
     assert space == spaces.Box(space.low, space.high, dtype=np.float32)
-
-
-def test_a_layout_is_cut_along_the_last_axis_of_the_named_blocks():
-    layout = ObservationLayout(
-        [
-            ObservationBlock(name="a", shape=(2, 3), unit="1", meaning="a", high=[1, 2, 3]),
-            ObservationBlock(name="b", shape=(2,), unit="1", meaning="b", low=-5.0),
-        ]
-    )
-    assert repr(layout) == "ObservationLayout(a[0:6], b[6:8])"
-    cut, columns = layout.restrict({"a": np.array([0, 2])})
-    assert columns.tolist() == [0, 2, 3, 5, 6, 7]
-    assert cut["a"].shape == (2, 2)
-    assert cut["b"].start == 4
-    space = ObservationSpace(cut)
-    assert space.high.tolist() == [1, 3, 1, 3, 1, 1]
-    assert space.low.tolist() == [0, 0, 0, 0, -5, -5]

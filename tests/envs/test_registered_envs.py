@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import warnings
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
-from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from sb3_piano.envs import DEBUG_IDS, ENV_IDS, GENERAL_ID, PIG_IDS, register_envs
 from sb3_piano.exceptions import UnknownPieceError
@@ -89,15 +86,6 @@ def test_an_imported_piece_of_the_benchmark_gets_its_id_though_nobody_knew_its_n
         assert gym.make(env_id).unwrapped.default_score.notes == score.notes
     finally:
         del gym.registry[env_id]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("env_id", SAMPLE)
-def test_both_checkers_pass_without_a_warning(env_id):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        check_env(gym.make(env_id).unwrapped)
-        sb3_check_env(gym.make(env_id))
 
 
 @pytest.mark.slow

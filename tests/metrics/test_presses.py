@@ -22,21 +22,6 @@ def listed(presses):
     return list(zip(*(field.tolist() for field in presses), strict=True))
 
 
-def test_presses_are_ordered_by_first_step_then_key():
-    active = keys_of("""
-        .xx.x
-        xx..x
-        .x...
-    """)
-    assert listed(presses_of(active)) == [
-        (1, 0, 2),
-        (0, 1, 3),
-        (2, 1, 2),
-        (0, 4, 5),
-        (1, 4, 5),
-    ]
-
-
 @pytest.mark.parametrize("shape", [(0, 88), (5, 88), (5, 0)])
 def test_silence_has_no_press(shape):
     assert [field.shape for field in presses_of(np.zeros(shape))] == [(0,), (0,), (0,)]

@@ -2,6 +2,7 @@
 
 import pytest
 
+from sb3_piano.cli import main
 from sb3_piano.music.library import DATA_VARIABLE
 
 
@@ -10,3 +11,15 @@ def data(tmp_path, monkeypatch):
     """A data folder of the test's own."""
     monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "data"))
     return tmp_path / "data"
+
+
+@pytest.fixture
+def run(capsys):
+    """Run `sb3-piano pieces` in this process; return its status and what it printed."""
+
+    def run(*arguments):
+        capsys.readouterr()
+        status = main(["pieces", *map(str, arguments)])
+        return status, *capsys.readouterr()
+
+    return run

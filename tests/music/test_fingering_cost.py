@@ -8,17 +8,14 @@ import numpy as np
 import pytest
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music.constants import PITCH_CLASS_IS_BLACK as IS_BLACK
 from sb3_piano.music.fingering.cost import (
     MAX_INTERVAL,
     PARNCUTT_WEIGHTS,
     CostTables,
     FingeringWeights,
-    key_positions,
 )
 
 PARNCUTT = CostTables(PARNCUTT_WEIGHTS)
-DEFAULT = CostTables(FingeringWeights())
 
 
 def points(table, first, second, fingers):
@@ -95,36 +92,6 @@ def test_only_the_three_outer_fingers_one_after_the_other_cost_a_point():
     found = {tuple(fingers) for fingers in np.argwhere(PARNCUTT.triples == 1.0)}
     assert found == set(itertools.permutations((2, 3, 4)))
     assert PARNCUTT.triples.sum() == 6
-
-
-@pytest.mark.parametrize("physical", [0.0, 0.4, 1.0])
-def test_the_keyboard_is_its_own_mirror_image_about_d_and_about_a_flat(physical):
-    places = key_positions(physical)
-    for d in (2, 8):
-        distance = [places[(d + step) % 12] + 12 * ((d + step) // 12) for step in range(-6, 7)]
-        assert np.array(distance) + distance[::-1] == pytest.approx(2 * places[d])
-    assert [IS_BLACK[(2 + step) % 12] for step in range(7)] == [
-        IS_BLACK[2 - step] for step in range(7)
-    ]
-
-
-def test_all_costs_are_finite_and_none_is_below_zero():
-    for name in ("single", "moves", "chord_moves", "colours", "grips", "shifts", "triples"):
-        table = getattr(DEFAULT, name)
-        assert np.isfinite(table).all(), name
-        assert (table >= 0).all(), name
-
-
-def test_what_is_held_together_is_out_of_reach_beyond_the_practical():
-    def far(first, second, one, other):
-        return bool(DEFAULT.far[first % 12, second - first + MAX_INTERVAL, one - 1, other - 1])
-
-    assert not far(60, 72, 1, 5)
-    assert far(60, 79, 1, 5)
-    assert far(60, 72, 2, 3)
-    assert far(62, 60, 2, 3)
-    assert not far(60, 62, 2, 1)
-    assert far(60, 62, 2, 2)
 
 
 @pytest.mark.parametrize(

@@ -128,21 +128,6 @@ def test_a_grip_costs_its_pairs_of_keys_over_the_partners_of_each():
     assert finger_hand(chord, "right", PARNCUTT_WEIGHTS).cost == pytest.approx(2 * 2 / 2 + 1)
 
 
-def test_a_chord_moves_on_with_the_same_fingers_at_a_cost_of_its_own():
-    octaves = [
-        note(0.3 * i, p + up, finger=f)
-        for i, p in enumerate((60, 62))
-        for up, f in ((0, 0), (12, 4))
-    ]
-
-    def cost(**weights):
-        return finger_hand(octaves, "right", replace(W, **weights)).cost
-
-    assert cost(chord_finger=5.0) > cost(chord_finger=0.0)
-    assert cost(chord_finger_size=5.0) > cost(chord_finger_size=0.0)
-    assert cost(same_finger=5.0) == cost(same_finger=0.0)
-
-
 def test_a_doubled_key_is_held_until_its_last_note_ends_and_any_of_its_labels_counts():
     doubled = [note(0.0, 60, length=0.2), note(0.0, 60, length=2.0, finger=0)]
     found = finger_hand([*doubled, note(0.5, 62, finger=0)], "right")

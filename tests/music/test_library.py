@@ -19,7 +19,6 @@ from sb3_piano.music.library import (
     pieces_folder,
     user_library,
 )
-from sb3_piano.music.library.importing import free_name
 from sb3_piano.music.library.store import check_name, is_built_in, slug
 
 ONE_NOTE = Score(notes=[Note(onset=0, offset=1, pitch=60)], title="one")
@@ -264,13 +263,3 @@ def test_every_text_becomes_a_name_that_an_id_can_have(text):
     assume(not is_built_in(name))  # which importing names otherwise
     check_name(name)
     assert parse_env_id(f"RoboPianist-{name}-v0") == (None, f"RoboPianist-{name}", 0)
-
-
-def test_a_taken_name_gets_the_folders_and_then_a_number(tmp_path):
-    path = tmp_path / "Chopin" / "etude.mid"
-    taken = set()
-    names = []
-    for _ in range(4):
-        names.append(free_name(path, lambda name: name not in taken))
-        taken.add(names[-1])
-    assert names == ["etude", "Chopin-etude", "Chopin-etude-2", "Chopin-etude-3"]

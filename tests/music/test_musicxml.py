@@ -126,21 +126,9 @@ class TestTime:
         parts = {"A": part(note("C5", 8)), "B": part(note("C3", 4) + tempo(60) + note("C3", 4))}
         assert played(read(parts=parts))[1] == (72, 0, 1.5)
 
-    def test_voices_go_back_and_forth(self, read):
-        music = note("C5", 8) + backup(4) + note("E4", 4, voice=2)
-        music += "<forward><duration>4</duration></forward>" + note("F4", 4, voice=2)
-        expected = [(72, 0, 1.0), (64, 0.5, 1.0), (65, 1.5, 2.0)]
-        assert played(read(music)) == expected
-
     def test_a_change_of_divisions_changes_no_length(self, read):
         halved = "<attributes><divisions>2</divisions></attributes>"
         assert played(read(note("C4", 16), halved + note("D4", 8))) == [(60, 0, 2), (62, 2, 4)]
-
-    def test_tied_notes_are_one(self, read):
-        start, stop = '<tie type="start"/>', '<tie type="stop"/>'
-        music = [note("C4", 16, start), note("C4", 16, stop, start), note("C4", 8, stop)]
-        music[2] += note("C4", 8)
-        assert played(read(*music)) == [(60, 0, 5), (60, 5, 6)]
 
     def test_a_tie_that_ends_nowhere_ends_its_note(self, read):
         music = note("C4", 4, '<tie type="start"/>') + note("D4", 4, '<tie type="stop"/>')
@@ -249,11 +237,6 @@ class TestGraceNotes:
 
 
 class TestFingering:
-    def test_each_note_of_a_chord_has_its_own(self, read):
-        music = note("C4", 4, fingering(1)) + note("E4", 4, fingering(3), chord=True)
-        music += note("G4", 4, chord=True) + note("C5", 4, fingering(5), chord=True)
-        assert [finger for _, _, finger in labels(read(music))] == [0, 2, -1, 4]
-
     @pytest.mark.parametrize(
         ("text", "finger"),
         [
@@ -275,10 +258,6 @@ class TestFingering:
         both = fingering(4) + fingering(1, **{mark: "yes"})
         assert read(note("C4", 4, both)).notes[0].finger == 3
 
-    def test_the_lower_staff_is_the_left_hand(self, read):
-        music = note("C4", 4, fingering(2)) + backup(4) + note("C3", 4, fingering(2), staff=2)
-        assert labels(read(music, staves=2)) == [(48, "left", 6), (60, "right", 1)]
-
     @pytest.mark.parametrize(("staff", "fingers"), [(1, [0, 2, 4]), (2, [9, 7, 5])])
     def test_those_of_a_chord_at_one_note_are_shared_out(self, staff, fingers, read):
         music = note("E4", 4, fingering(5, 1, 3), staff=staff)
@@ -288,10 +267,6 @@ class TestFingering:
 
 
 class TestHands:
-    def test_two_staves_are_the_two_hands_without_fingerings(self, read):
-        music = note("C4", 4) + backup(4) + note("C3", 4, staff=2)
-        assert labels(read(music, staves=2)) == [(48, "left", -1), (60, "right", -1)]
-
     def test_two_parts_are_the_two_hands(self, read):
         parts = {"A": part(note("C4", 4)), "B": part(note("C3", 4))}
         assert labels(read(parts=parts)) == [(48, "left", -1), (60, "right", -1)]
@@ -320,10 +295,6 @@ class TestHands:
 
 
 class TestPedal:
-    def test_is_down_from_start_to_stop(self, read):
-        music = note("C4", 4) + pedal("start") + note("D4", 4), note("E4", 8) + pedal("stop")
-        assert read(*music).pedals == (Pedal(onset=0.5, offset=2.0),)
-
     @pytest.mark.parametrize("change", [pedal("change"), pedal("stop") + pedal("start")])
     def test_is_up_for_a_moment_where_it_is_changed(self, change, read):
         music = pedal("start") + note("C4", 8) + change + note("D4", 8) + pedal("stop")
@@ -355,14 +326,6 @@ class TestPitchAndVelocity:
             "F4", 4, attributes='dynamics="0"'
         )
         assert [note.velocity for note in read(music).notes] == [90, 80, 127, 1]
-
-
-class TestBars:
-    def test_are_the_measures(self, read):
-        assert read(note("C4", 16), note("D4", 12), note("E4", 16)).bars == (0, 2, 3.5)
-
-    def test_do_not_begin_with_an_upbeat(self, read):
-        assert read(note("C4", 4), note("D4", 16), first=0).bars == (0.5,)
 
 
 class TestLeftOut:

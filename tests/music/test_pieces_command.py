@@ -8,24 +8,11 @@ import time
 
 import pytest
 
-from sb3_piano.cli import main
 from sb3_piano.music import BUILT_IN, Note, Score, load_score, read_midi, read_pig, write_midi
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.library import user_library
 
 TWINKLE = "debug-TwinkleTwinkleLittleStar"
-
-
-@pytest.fixture
-def run(capsys):
-    """Run a command in this process; return its status and what it printed."""
-
-    def run(*arguments):
-        capsys.readouterr()
-        status = main(["pieces", *map(str, arguments)])
-        return status, *capsys.readouterr()
-
-    return run
 
 
 def save(path, first=60, n_notes=4):

@@ -8,7 +8,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sb3_piano.cli import main
 from sb3_piano.music import BUILT_IN, Score, find_piece, read_pig
 from sb3_piano.music.difficulty import MotionRecording, features, rank, write_motion
 from sb3_piano.music.fingering import (
@@ -33,18 +32,6 @@ def _in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "160")
     monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "library"))
-
-
-@pytest.fixture
-def call(capsys):
-    """Return a function that runs a command and returns exit code, output and errors."""
-
-    def run(*command):
-        capsys.readouterr()
-        code = main(["pieces", *map(str, command)])
-        return code, *capsys.readouterr()
-
-    return run
 
 
 def rows_of(out):
@@ -73,8 +60,8 @@ def recording(title, size):
 # rank
 
 
-def test_pieces_come_easiest_first_with_their_features(call):
-    code, out, err = call("rank", *FAMILIAR)
+def test_pieces_come_easiest_first_with_their_features(run):
+    code, out, err = run("rank", *FAMILIAR)
     assert (code, err) == (0, "")
     rows = rows_of(out)
     assert [row[1] for row in rows] == FAMILIAR
@@ -88,8 +75,8 @@ def test_pieces_come_easiest_first_with_their_features(call):
 
 
 @pytest.mark.slow
-def test_all_pieces_are_ranked_unless_some_are_named(call):
-    code, out, err = call("rank")
+def test_all_pieces_are_ranked_unless_some_are_named(run):
+    code, out, err = run("rank")
     assert (code, err) == (0, "")
     ranked = [row[1] for row in rows_of(out)]
     assert set(BUILT_IN) <= set(ranked)
@@ -97,8 +84,8 @@ def test_all_pieces_are_ranked_unless_some_are_named(call):
     assert ranked == list(expected)
 
 
-def test_numbers_go_to_a_table_file_in_full(call, tmp_path):
-    code, out, _ = call("rank", *FAMILIAR, "--csv", "rank.csv")
+def test_numbers_go_to_a_table_file_in_full(run, tmp_path):
+    code, out, _ = run("rank", *FAMILIAR, "--csv", "rank.csv")
     assert code == 0
     assert "Pieces: rank.csv\n" in out
     found = {name: features(find_piece(name).score()) for name in FAMILIAR}
@@ -112,10 +99,10 @@ def test_numbers_go_to_a_table_file_in_full(call, tmp_path):
         assert float(row["percentile"]) == place.percentile
         assert float(row["hand_motion"]) == piece.hand_motion
         assert (int(row["lowest_pitch"]), int(row["highest_pitch"])) == piece.pitch_range
-    assert call("rank", "--csv", "missing/rank.csv")[0] == 2
+    assert run("rank", "--csv", "missing/rank.csv")[0] == 2
 
 
-def test_recorded_performances_add_their_terms_and_pieces_without_one_are_left_out(call, tmp_path):
+def test_recorded_performances_add_their_terms_and_pieces_without_one_are_left_out(run, tmp_path):
     folder = tmp_path / "runs" / "a" / "evaluation"
     folder.mkdir(parents=True)
     # The easy piece by its short title, and played twice; the mean is what counts.
@@ -123,7 +110,7 @@ def test_recorded_performances_add_their_terms_and_pieces_without_one_are_left_o
     write_motion(recording("CMajorScaleOneHand", 6.0), folder / "performance_2.npz")
     write_motion(recording(FAMILIAR[1], 1.0), tmp_path / "two_hands.npz")
     write_motion(recording("a piece of one's own", 1.0), folder / "performance_3.npz")
-    code, out, err = call(
+    code, out, err = run(
         "rank", *FAMILIAR, "--motion", "runs", "two_hands.npz", "--csv", "rank.csv"
     )
     assert (code, err) == (0, "")
@@ -141,15 +128,15 @@ def test_recorded_performances_add_their_terms_and_pieces_without_one_are_left_o
     assert float(row["recorded_fingertip_motion"]) == 5.0
 
 
-def test_a_damaged_recording_is_told_and_the_others_are_used(call, tmp_path):
+def test_a_damaged_recording_is_told_and_the_others_are_used(run, tmp_path):
     write_motion(recording("CMajorScaleOneHand", 1.0), tmp_path / "good.npz")
     (tmp_path / "bad.npz").write_bytes(b"PK")
-    code, out, err = call("rank", *FAMILIAR, "--motion", "good.npz", "bad.npz")
+    code, out, err = run("rank", *FAMILIAR, "--motion", "good.npz", "bad.npz")
     assert code == 2
     assert [row[1] for row in rows_of(out)] == FAMILIAR[:1]
     assert "error: 'bad.npz' is no recording of a performance" in err
     (tmp_path / "empty").mkdir()
-    code, _, err = call("rank", "--motion", "empty")
+    code, _, err = run("rank", "--motion", "empty")
     assert code == 2
     assert "--motion 'empty' has no recorded performance" in err
 
@@ -157,8 +144,8 @@ def test_a_damaged_recording_is_told_and_the_others_are_used(call, tmp_path):
 # fingering
 
 
-def test_our_fingering_stands_beside_the_labels(call, tmp_path):
-    code, out, err = call("fingering", *FAMILIAR[1:], "--csv", "fingering.csv")
+def test_our_fingering_stands_beside_the_labels(run, tmp_path):
+    code, out, err = run("fingering", *FAMILIAR[1:], "--csv", "fingering.csv")
     assert (code, err) == (0, "")
     rows = rows_of(out)
     found = {name: judge(find_piece(name).score()) for name in FAMILIAR[1:]}
@@ -204,18 +191,18 @@ def unlabelled():
 
 
 def test_the_labelled_pieces_of_the_package_are_compared_unless_some_are_named(
-    call, monkeypatch, unlabelled
+    run, monkeypatch, unlabelled
 ):
     package = {name: find_piece(name) for name in FAMILIAR} | {unlabelled.name: unlabelled}
     monkeypatch.setattr("sb3_piano.music.BUILT_IN", package)
-    code, out, err = call("fingering", "--no-progress")
+    code, out, err = run("fingering", "--no-progress")
     assert (code, err) == (0, "")
     assert [row[0] for row in rows_of(out)[:-2]] == FAMILIAR
 
 
-def test_a_named_piece_without_labels_is_told(call, monkeypatch, unlabelled):
+def test_a_named_piece_without_labels_is_told(run, monkeypatch, unlabelled):
     monkeypatch.setattr("sb3_piano.music.find_piece", {"bare": unlabelled}.__getitem__)
-    code, out, err = call("fingering", "bare")
+    code, out, err = run("fingering", "bare")
     assert (code, out) == (2, "")
     assert "Piece 'test-bare' was not compared: Score 'CMajorScaleOneHand' has no finger" in err
 
@@ -245,16 +232,8 @@ def pig_folder(tmp_path):
     return folder
 
 
-def test_the_files_of_pig_are_grouped_by_their_piece(pig_folder):
-    names = {number: [p.name for p in paths] for number, paths in pig_files(pig_folder).items()}
-    assert names == {
-        "001": ["001-1_fingering.txt", "001-2_fingering.txt"],
-        "010": ["010-1_fingering.txt"],
-    }
-
-
-def test_a_folder_of_pig_gets_the_four_match_rates(call, pig_folder, tmp_path):
-    code, out, err = call("fingering", tmp_path / "PIG", "--csv", "rates.csv")
+def test_a_folder_of_pig_gets_the_four_match_rates(run, pig_folder, tmp_path):
+    code, out, err = run("fingering", tmp_path / "PIG", "--csv", "rates.csv")
     assert (code, err) == (0, "")
     rows = rows_of(out)
     rates = [
@@ -272,23 +251,23 @@ def test_a_folder_of_pig_gets_the_four_match_rates(call, pig_folder, tmp_path):
     assert [float(row["soft"]) for row in read_csv("rates.csv")] == [r.soft for r in rates]
 
 
-def test_bad_files_of_pig_are_told_and_the_others_are_compared(call, pig_folder):
+def test_bad_files_of_pig_are_told_and_the_others_are_compared(run, pig_folder):
     (pig_folder / "001-2_fingering.txt").write_text("0\tx\n")
     write_pig_file(pig_folder / "020-1_fingering.txt", (1, 2, 3, -5, -4))
     other = (pig_folder / "020-1_fingering.txt").read_text().replace("C4", "C5")
     (pig_folder / "020-2_fingering.txt").write_text(other)
-    code, out, err = call("fingering", pig_folder)
+    code, out, err = run("fingering", pig_folder)
     assert code == 2
     assert [row[:2] for row in rows_of(out)[:-1]] == [["001", "1"], ["010", "1"]]
     assert "001-2_fingering.txt' has 2 fields" in err
     assert "Piece 020 was not compared: 1 of 5 notes of '020-1_fingering' are not in" in err
 
 
-def test_a_folder_without_fingering_files_or_beside_names_is_refused(call, tmp_path):
+def test_a_folder_without_fingering_files_or_beside_names_is_refused(run, tmp_path):
     (tmp_path / "empty").mkdir()
-    code, _, err = call("fingering", "empty")
+    code, _, err = run("fingering", "empty")
     assert code == 2
     assert "Folder 'empty' has no fingering files: expected the PIG data set" in err
-    code, _, err = call("fingering", "empty", FAMILIAR[0])
+    code, _, err = run("fingering", "empty", FAMILIAR[0])
     assert code == 2
     assert "Folder 'empty' is given with other pieces" in err

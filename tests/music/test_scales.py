@@ -1,5 +1,4 @@
 import pickle
-from itertools import pairwise
 
 import pytest
 
@@ -106,16 +105,6 @@ def test_there_are_scales_and_arpeggios_in_all_keys_and_no_others():
 def test_fingers_are_the_standard_ones_up_and_back(name, octaves, fingers):
     for hand, text in zip(("right", "left"), fingers, strict=True):
         assert numbers(part(name, hand, octaves=octaves)) == there_and_back(digits(text))
-
-
-@pytest.mark.parametrize("name", STUDIES)
-def test_no_finger_strikes_two_keys_running_and_thumbs_stay_off_black_keys(name):
-    all_black = name in ("arpeggio-GbMajor", "arpeggio-EbMinor")
-    for hand in ("right", "left"):
-        notes = part(name, hand, octaves=2)
-        assert all(note.finger != after.finger for note, after in pairwise(notes))
-        thumbs = [note.pitch % 12 in BLACK for note in notes if finger_number(note.finger) == 1]
-        assert any(thumbs) is all(thumbs) is all_black
 
 
 @pytest.mark.parametrize(

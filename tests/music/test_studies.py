@@ -68,11 +68,6 @@ def test_the_studies_are_in_four_four_time(name, bars):
     assert load_score(name).bars == bars
 
 
-def test_bars_of_a_scale_begin_with_every_fourth_note_at_any_speed():
-    scale = major_scale(right=60, note_duration=0.1)
-    assert scale.bars == tuple(note.onset for note in scale.notes[::4])
-
-
 def test_a_scale_starts_where_and_lasts_as_long_as_asked():
     scale = major_scale(left=40, note_duration=0.25, title="E")
     assert [note.pitch for note in scale.notes[:8]] == [40, 42, 44, 45, 47, 49, 51, 52]

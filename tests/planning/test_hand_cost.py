@@ -83,19 +83,6 @@ def test_the_quadratic_model_is_that_of_finite_differences(hand, full):
 
 
 @BOTH_HANDS
-def test_neighbouring_fingers_that_are_too_close_or_cross_cost_by_how_much(hand):
-    kinematics, positions = hand_of(scene_of(), hand), at_rest(hand)
-    positions[0, kinematics.index("THJ4")] = kinematics.high[kinematics.index("THJ4")]
-    positions[0, kinematics.index("FFJ4")] = kinematics.high[kinematics.index("FFJ4")]
-    positions[0, kinematics.index("LFJ4")] = kinematics.low[kinematics.index("LFJ4")]
-    gaps = np.diff(kinematics.sign * kinematics.fingertips(positions)[0, :, 1])
-    short = np.maximum(np.array([0.012, 0.016, 0.016, 0.016]) - gaps, 0)
-    assert short.any()
-    found = total(cost_of(hand, no_frames()), positions, "spacing")
-    assert found == pytest.approx(hand_cost._SPACING_WEIGHT**2 * (short**2).sum())
-
-
-@BOTH_HANDS
 @pytest.mark.parametrize("playing", [True, False])
 def test_a_fingertip_inside_the_row_of_black_keys_costs_unless_it_plays_one(hand, playing):
     kinematics, inside = hand_of(scene_of(), hand), at_rest(hand)

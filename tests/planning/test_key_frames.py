@@ -21,7 +21,6 @@ from sb3_piano.music.constants import KEY_IS_BLACK
 from sb3_piano.music.fingering.robot import KEY_SPACING
 from sb3_piano.music.presses import Press
 from sb3_piano.planning.key_frames import (
-    _HOVER_STATES,
     _REACH,
     key_frames,
 )
@@ -86,35 +85,6 @@ def test_a_hand_that_plays_black_keys_too_plays_white_ones_nearer_to_them():
     assert apart.target[5, 2, 0] == alone.target[20, 2, 0]
 
 
-@pytest.mark.parametrize("key", [C4, C4 + 1])
-def test_a_finger_comes_from_above_with_growing_weight(key):
-    frames = frames_of([held(key, 2)])
-    hovering = range(20 - _HOVER_STATES, 19)
-    heights = [over_the_top(SCENE, lowest_point(frames, s, 2), key, 0.0) for s in hovering]
-    assert min(heights) > 0
-    weights = frames.weight[list(hovering), 2, 1]
-    assert (np.diff(weights) >= 0).all()
-    assert (weights > 0).all()
-    assert weights[-1] < frames.weight[20, 2, 1]
-    assert not frames.weight[: hovering[0], 2].any()
-
-
-def test_nothing_is_asked_of_other_fingers_after_the_note_and_at_the_start():
-    frames = frames_of([held(C4, 2, 3, 5)])
-    assert not frames.weight[:, [0, 1, 3, 4]].any()
-    assert not frames.weight[7:].any()
-    assert not frames.weight[0].any()
-
-
-def test_a_finger_that_then_leaps_is_lifted_off_the_key():
-    height = {}
-    for leaps in (True, False):
-        frames = frames_of([held(C4, 2, leaps=leaps)])
-        height[leaps] = over_the_top(SCENE, lowest_point(frames, 25, 2), C4, 0.0)
-    assert height[True] > height[False]
-    assert height[True] > 0
-
-
 @settings(max_examples=60, deadline=None)
 @given(hand_presses(rests=2), st.sampled_from([1, -1]), st.booleans())
 def test_a_key_that_is_held_is_never_left_for_another_one(presses, sign, leaping):
@@ -141,10 +111,3 @@ def test_a_finger_moves_early_only_if_no_other_one_holds_the_hand_far_away():
     assert near.weight[16, 4].any()
     assert not far.weight[:19, 4].any()
     assert far.weight[19:25, 4].all()
-
-
-def test_who_is_at_a_black_key_is_told():
-    frames = frames_of([held(C4 + 1, 2), held(C4 + 5, 4)])
-    assert frames.on_black[20:25, 2].all()
-    assert not frames.on_black[[10, 30], 2].any()
-    assert not frames.on_black[:, [0, 1, 3, 4]].any(), "F is a white key"

@@ -95,12 +95,6 @@ def test_a_rest_pays_for_a_leap():
     assert gaps == [max(enough, rest) for rest in range(len(gaps))]
 
 
-def test_the_same_key_struck_again_by_the_same_finger_is_no_leap():
-    timed = time_presses(white_keys(7, 7, rest=1), 1)
-    assert all((one.first, one.last) == (one.press.first, one.press.last) for one in timed)
-    assert not any(one.leaps for one in timed)
-
-
 def test_notes_that_sound_together_are_one_place_however_far_apart():
     presses = [Press(WHITE[MIDDLE], 0, 1, 9), Press(WHITE[MIDDLE + 12], 4, 5, 12)]
     timed = time_presses(presses, 1)

@@ -12,7 +12,6 @@ from short_pieces import (
     BUFFER,
     QUICK,
     TIMESTEP,
-    both_hands,
     five_fingers,
     key_of,
     planned,
@@ -93,15 +92,6 @@ def test_fingers_that_do_not_play_keep_off_the_keys(options):
         for finger in set(range(5)) - playing:
             lowest = made.fingertips[step + 1, finger, 2] - radius[finger]
             assert lowest > keys_of(scene).top[0] - 0.003, (step, finger)
-
-
-def test_both_hands_play_at_once():
-    score = both_hands()
-    made = planned(score, full=False)
-    across, above = pressed_tips(made, scene_of(full=False)).T
-    assert len(across) == len(score.notes) == 10
-    assert across.max() < 0.006
-    assert above.max() < NEARLY
 
 
 @pytest.mark.slow

@@ -46,15 +46,6 @@ def test_a_hand_that_is_ahead_is_told_to_go_less_far_by_the_share_of_the_gains(m
         np.testing.assert_allclose(quarter[inside], change[inside] / 4, atol=1e-10)
 
 
-def test_a_hand_does_not_answer_for_the_other(made):
-    tracker = Tracker(made, SCENE, 0.5)
-    elsewhere = made.positions[11].copy()
-    elsewhere[:HALF] += 0.05
-    told = tracker.controls(11, elsewhere)
-    np.testing.assert_allclose(told[HALF:], made.commands[11, HALF:], atol=1e-12)
-    assert np.abs(told - made.commands[11])[:HALF].max() > 0.01
-
-
 def test_commands_stay_in_the_control_ranges_however_far_off_hands_are(made):
     tracker = Tracker(made, SCENE, 1.0)
     random = np.random.default_rng(1)

@@ -10,13 +10,6 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.simulation import compile_scene, physics_profile
 
 
-@pytest.mark.parametrize(("reduced", "nq", "nu"), [(True, 134, 38), (False, 140, 44)])
-def test_the_model_has_robopianists_sizes(reduced, nq, nu):
-    model = compile_scene(reduced_action_space=reduced).model
-    assert (model.nq, model.nv, model.nu) == (nq, nq, nu)
-    assert sum(model.body_mass) == pytest.approx(15.272, abs=1e-9)
-
-
 def test_the_model_needs_no_mesh_file_and_has_one_mesh_a_forearm():
     model = compile_scene().model
     assert model.nmesh == 2
@@ -34,17 +27,6 @@ def test_the_reduced_action_space_lacks_three_joints_a_hand_and_limits_the_thumb
     assert servo.ctrlrange.tolist() == [0.0, 0.698132]
 
 
-def test_actuators_are_in_robopianists_order_right_hand_first_sliders_last():
-    model = compile_scene().model
-    names = [model.actuator(i).name for i in range(model.nu)]
-    assert names[:2] == ["rh_shadow_hand/rh_A_WRJ2", "rh_shadow_hand/rh_A_WRJ1"]
-    assert names[17:20] == [
-        "rh_shadow_hand/forearm_tx",
-        "rh_shadow_hand/forearm_ty",
-        "lh_shadow_hand/lh_A_WRJ2",
-    ]
-
-
 def test_fingertips_are_ordered_thumb_to_little_right_hand_first():
     scene = compile_scene()
     data = mujoco.MjData(scene.model)
@@ -54,14 +36,6 @@ def test_fingertips_are_ordered_thumb_to_little_right_hand_first():
     assert np.all(np.diff(y[:5]) > 0)
     assert np.all(np.diff(y[5:]) < 0)
     assert y[:5].min() > 0 > y[5:].max()
-
-
-def test_keys_run_from_low_to_high_along_y_and_rest_unpressed():
-    scene = compile_scene()
-    data = mujoco.MjData(scene.model)
-    mujoco.mj_forward(scene.model, data)
-    assert np.all(np.diff(data.geom_xpos[scene.key_geom][:, 1]) > 0)
-    assert not scene.key_angle(data).any()
 
 
 def test_key_angles_outside_their_soft_limits_are_clipped():

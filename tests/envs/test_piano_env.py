@@ -118,20 +118,6 @@ def test_the_song_ends_in_truncation_after_its_last_step_with_all_numbers_in_inf
     assert info["sustain_f1"] == pytest.approx(4 / 6)
 
 
-def test_a_pressed_key_is_recorded_and_scored(env):
-    for step in range(6):
-        env.data.qfrc_applied[:] = 0
-        if step < 2:
-            push_key(env, C4)
-        *_, info = env.step(env.rest_action)
-        assert set(np.flatnonzero(env.key_active)) == ({C4} if step < 2 else set())
-    assert info["recall"] == pytest.approx((1 + 1 + 0 + 0 + 0 + 1) / 6)
-    (note,) = env.performance.to_score().notes
-    assert note.pitch == 60
-    assert 0.0 < note.onset <= 0.05  # within the first step it went down, within the third one up
-    assert 0.1 < note.offset <= 0.15
-
-
 @pytest.mark.parametrize(
     ("enabled", "key", "step", "ends"),
     [

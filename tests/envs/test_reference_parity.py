@@ -139,14 +139,6 @@ def test_recorded_playing_replayed_open_loop_earns_the_recorded_scores(performan
     assert deviation == pytest.approx(0.0, abs=1e-3)
 
 
-def test_the_roll_of_a_piece_equals_the_recorded_notes_and_fingers(rollout):
-    env = make_env(rollout)
-    steps, keys = np.nonzero(env.roll.active)
-    ours = np.column_stack([steps, keys, env.roll.finger[steps, keys]])
-    recorded = rollout["roll_notes"]
-    np.testing.assert_array_equal(ours, recorded[np.lexsort((recorded[:, 1], recorded[:, 0]))])
-
-
 def test_joints_stand_in_the_recorded_order(rollout):
     env = make_env(rollout)
     ours = [env.model.joint(i).name for i in range(env.model.njnt)]

@@ -160,22 +160,6 @@ def test_repeats_come_before_the_last_note():
 
 
 @pytest.mark.parametrize(
-    ("number", "options", "most"),
-    [
-        (1, {}, 4),
-        (1, {"key": "Gb"}, 3),
-        (20, {}, 3),
-        (20, {"hands": "left"}, 4),
-        (20, {"key": "G"}, 4),
-    ],
-)
-def test_octaves_go_as_far_as_the_keyboard(number, options, most):
-    assert hanon(number, octaves=most, **options).pitch_range[1] in range(97, 109)
-    with pytest.raises(ConfigError, match=f"octaves is {most + 1}: expected .* from 1 to {most},"):
-        hanon(number, octaves=most + 1, **options)
-
-
-@pytest.mark.parametrize(
     ("option", "value", "message"),
     [
         ("key", "bb", "key is 'bb': expected one of 'C', 'Db', 'D', .*, 'B'. Did you mean 'Bb'"),

@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sb3_piano.music import BUILT_IN, Score, find_piece, read_pig
+from sb3_piano.music import BUILT_IN, Note, Score, find_piece, read_pig
 from sb3_piano.music.difficulty import MotionRecording, features, rank, write_motion
 from sb3_piano.music.fingering import (
     agreement,
@@ -18,6 +18,7 @@ from sb3_piano.music.fingering import (
     pig_files,
     without_fingers,
 )
+from sb3_piano.music.formats import write_pig
 from sb3_piano.music.library import DATA_VARIABLE
 
 FAMILIAR = [
@@ -207,18 +208,13 @@ def test_a_named_piece_without_labels_is_told(run, monkeypatch, unlabelled):
     assert "Piece 'test-bare' was not compared: Score 'CMajorScaleOneHand' has no finger" in err
 
 
-def pig_line(number, onset, pitch, finger):
-    channel = 0 if finger > 0 else 1
-    return f"{number}\t{onset}\t{onset + 0.2}\t{pitch}\t64\t80\t{channel}\t{finger}"
-
-
 def write_pig_file(path, fingers):
-    pitches = ("C4", "D4", "E4", "C3", "D3")
-    lines = [
-        pig_line(i, 0.25 * i, pitch, finger)
-        for i, (pitch, finger) in enumerate(zip(pitches, fingers, strict=True))
+    """Write five notes with fingers as the data set counts them: 1 to 5, and -1 to -5."""
+    notes = [
+        Note(onset=i / 4, offset=i / 4 + 0.2, pitch=pitch, finger=f - 1 if f > 0 else 4 - f)
+        for i, (pitch, f) in enumerate(zip((60, 62, 64, 48, 50), fingers, strict=True))
     ]
-    path.write_text("//Version: PianoFingering_v170101\n" + "\n".join(lines) + "\n")
+    write_pig(Score(notes=notes), path)
 
 
 @pytest.fixture

@@ -7,8 +7,6 @@ from sb3_piano.music.hands import finger_number
 from sb3_piano.music.pitch import pitch_number
 from sb3_piano.music.studies import ARPEGGIOS, SCALES
 
-BLACK = {1, 3, 6, 8, 10}
-
 # One octave up, right and left hand, as charts for one octave print them.
 MAJOR = {
     **dict.fromkeys("CDEGA", ("1 2 3 1 2 3 4 5", "5 4 3 2 1 3 2 1")),

@@ -71,14 +71,6 @@ def test_a_chord_that_a_hand_nearly_spans_is_told_note_by_note_and_how_far_it_is
         assert f"out of reach by {1000 * problem.error:.0f} mm" in str(problem)
 
 
-def test_what_can_be_played_beside_a_problem_is_planned():
-    far = (96, 4, 0.0, 0.4)
-    notes = [(60, 0, 0.0, 0.4), far, (62, 1, 1.2, 1.6)]
-    made = planned(score_of(*notes), full=False)
-    assert {problem.pitch for problem in made.problems} == {60}
-    assert pressed_tips(made, scene_of(full=False))[-1, 1] < 0.001
-
-
 @pytest.mark.slow
 def test_a_finger_lets_go_for_another_key_if_no_other_is_left():
     (problem,) = problems_of((72, 2), (76, 2))

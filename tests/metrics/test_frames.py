@@ -54,14 +54,6 @@ def test_playing_nothing_scores_the_share_of_silent_steps():
     assert noop_scores(target) == (1.0, 0.5, 0.5)
 
 
-def test_non_silent_f1_is_the_mean_over_the_steps_in_which_the_piece_sounds():
-    # Steps 0 (F1 2/3), 1 (0) and 3 (1) count; of the silent ones, one is right and one is wrong.
-    target = frames({0, 1}, {2}, set(), {3}, set())
-    played = frames({0}, set(), set(), {3}, {1})
-    assert non_silent_f1(target, played) == pytest.approx((2 / 3 + 0 + 1) / 3)
-    assert non_silent_f1(frames(set(), set()), frames({1}, set())) == 1.0
-
-
 rolls = hnp.arrays(bool, st.tuples(st.integers(1, 6), st.just(5)))
 
 

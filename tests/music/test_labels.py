@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import Note, Pedal, Score, write_midi
 from sb3_piano.music.fingering.labels import read_labels
+from sb3_piano.music.formats import write_pig
 
 PLAIN = Score(
     notes=[Note(onset=0.5 * i, offset=0.5 * i + 0.4, pitch=60 + i, velocity=90) for i in range(4)],
@@ -101,11 +102,10 @@ def test_labels_come_from_midi_and_pig_files_too(tmp_path):
         notes=[dataclasses.replace(n, finger=f) for n, f in zip(PLAIN.notes, range(4), strict=True)]
     )
     write_midi(labelled, tmp_path / "labels.mid")
-    lines = [
-        f"{i}\t{n.onset + 0.02}\t{n.offset}\t{('C4', 'C#4', 'D4', 'D#4')[i]}\t64\t80\t1\t-{i + 1}"
-        for i, n in enumerate(PLAIN.notes)
+    late = [
+        dataclasses.replace(n, onset=n.onset + 0.02, finger=n.finger + 5) for n in labelled.notes
     ]
-    (tmp_path / "labels.txt").write_text("//Version\n" + "\n".join(lines))
+    write_pig(Score(notes=late), tmp_path / "labels.txt")
     assert fingers(read_labels(tmp_path / "labels.mid", PLAIN)) == [0, 1, 2, 3]
     assert fingers(read_labels(tmp_path / "labels.txt", PLAIN)) == [5, 6, 7, 8]
 

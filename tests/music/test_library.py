@@ -1,3 +1,4 @@
+import dataclasses
 import json
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from random_scores import FINGERS, HANDS, scores
 
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
 from sb3_piano.music import BUILT_IN, Note, Pedal, Score, load_score
+from sb3_piano.music.difficulty import features
 from sb3_piano.music.library import (
     DATA_VARIABLE,
     Library,
@@ -221,19 +223,10 @@ def test_what_a_killed_import_left_is_no_piece_and_goes_with_the_next_one(librar
 
 
 def test_features_are_taken_from_the_file_if_they_are_whole(library):
-    noted = {
-        "notes": 1,
-        "duration": 2.0,
-        "average_polyphony": 3.5,
-        "maximum_polyphony": 4,
-        "onset_density": 5.0,
-        "hand_span": 6,
-        "hand_motion": 7.0,
-        "pitch_range": (21, 108),
-    }
+    noted = dataclasses.asdict(features(ONE_NOTE)) | {"average_polyphony": 3.5}
     library.add(ONE_NOTE, "noted", features=noted, **FROM_NOWHERE)
     found = piece_features(imported_pieces()["noted"])
-    assert (found.average_polyphony, found.pitch_range) == (3.5, (21, 108))
+    assert (found.average_polyphony, found.pitch_range) == (3.5, (60, 60))
     del noted["hand_span"]
     library.add(ONE_NOTE, "older", features=noted, **FROM_NOWHERE)
     assert piece_features(imported_pieces()["older"]).average_polyphony == 1.0

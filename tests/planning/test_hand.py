@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hand_parts import data_at, hand_of, keys_of, rest_of, scene_of, whole_hand
+from hand_parts import data_at, hand_of, keys_of, rest_of, scene_of
 
 from sb3_piano.music.constants import KEY_IS_BLACK
 from sb3_piano.music.fingering.robot import KEY_SPACING
@@ -44,10 +44,3 @@ def test_the_posture_is_within_the_control_ranges_and_touches_nothing(full, hand
 def test_the_hands_are_mirror_images(full):
     right, left = fingertips(full, 0), fingertips(full, 1)
     np.testing.assert_allclose(right * [1, -1, 1], left, atol=0.002)
-
-
-def test_posture_is_held_by_all_but_the_slider_along_the_keys():
-    hand = whole_hand(scene_of(), 0)
-    along = hand.kinematics.index("forearm_tx")
-    others = np.delete(hand.pull, along)
-    assert hand.pull[along] < 0.1 * others.min()

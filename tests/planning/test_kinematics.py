@@ -72,17 +72,3 @@ def test_actuators_are_where_the_joints_put_them(options):
         kinematics = hand_of(scene, hand)
         joints = data.qpos[scene.model.jnt_qposadr[kinematics.joint_ids]]
         np.testing.assert_allclose(kinematics.joint_of_actuator @ positions, joints, atol=1e-12)
-
-
-@BOTH_HANDS
-def test_the_slider_takes_the_forearm_where_it_shall_be_as_far_as_it_can(hand):
-    kinematics = hand_of(scene_of(), hand)
-    along = kinematics.index("forearm_tx")
-    ends = np.zeros((2, kinematics.size))
-    ends[:, along] = kinematics.low[along], kinematics.high[along]
-    nearest, farthest = np.sort(kinematics.arm(ends))
-    wanted = np.array([nearest - 1, nearest, (nearest + farthest) / 2, farthest, farthest + 1])
-    positions = np.zeros((5, kinematics.size))
-    positions[:, along] = kinematics.slider_for_arm(wanted)
-    reached = np.clip(wanted, nearest, farthest)
-    np.testing.assert_allclose(kinematics.arm(positions), reached, atol=1e-12)

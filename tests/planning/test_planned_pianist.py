@@ -223,14 +223,6 @@ def test_it_plays_each_of_the_pieces_that_are_chosen():
     assert len(set(lengths)) == 2
 
 
-def test_a_piece_that_is_played_again_is_not_planned_again(solo):
-    env, player, *_ = solo
-    env.reset()
-    before = player._trackers.of(env)
-    env.reset()
-    assert player._trackers.of(env) is before
-
-
 @pytest.mark.filterwarnings("ignore:.*cannot be played")
 def test_the_plans_of_the_last_pieces_are_kept_and_no_more(monkeypatch):
     monkeypatch.setattr(pianist, "_PLANS_KEPT", 2)

@@ -89,33 +89,3 @@ def test_the_fast_profile_looks_for_contacts_with_keys_and_between_the_hands_onl
             assert may_meet(model, first, second) == plays, (link, other_link)
             met.add("keys")
     assert met == {"hands", "keys"}
-
-
-def test_in_the_reference_profile_a_hand_meets_itself_and_all_of_it_the_keys():
-    model = compile_scene().model
-    hands = [g for g in range(model.ngeom) if owner_and_link(model, g)[0] == "rh_shadow_hand"]
-    key = model.geom("piano/white_key_0").id
-    assert all(may_meet(model, hands[0], geom) for geom in [*hands[1:], key])
-    assert all(may_meet(model, geom, key) for geom in hands)
-
-
-@pytest.mark.parametrize("reduced", [True, False])
-def test_the_fast_profile_has_dry_friction_only_where_two_joints_share_an_actuator(reduced):
-    model = compile_scene(physics="fast", reduced_action_space=reduced).model
-    rough = {
-        model.joint(joint).name.rpartition("_")[2]
-        for joint in range(model.njnt)
-        if model.dof_frictionloss[model.jnt_dofadr[joint]] > 0
-    }
-    shared = set()
-    for tendon in range(model.ntendon):
-        adr, num = model.tendon_adr[tendon], model.tendon_num[tendon]
-        first, second = (
-            model.joint(j).name.rpartition("_")[2] for j in model.wrap_objid[adr:][:num]
-        )
-        assert (first[2:], second[2:]) == ("J2", "J1")
-        shared.add(first)
-    assert rough == shared == {"FFJ2", "MFJ2", "RFJ2", "LFJ2"}
-    reference = compile_scene(reduced_action_space=reduced)
-    hands = np.concatenate(reference.joint_qpos)  # each joint has one degree of freedom
-    assert np.all(reference.model.dof_frictionloss[hands] > 0)

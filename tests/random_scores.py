@@ -38,3 +38,13 @@ def canonical(score):
     return sorted(
         score.notes, key=lambda note: (note.pitch, note.finger, note.hand or "", note.onset)
     )
+
+
+def kept(notes):
+    """What a file keeps of notes exactly."""
+    return [(note.pitch, note.velocity, note.finger, note.hand) for note in notes]
+
+
+def all_times(events):
+    """Onset and offset of one event after the other, s."""
+    return [time for event in events for time in (event.onset, event.offset)]

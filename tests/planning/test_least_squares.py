@@ -118,18 +118,3 @@ def test_without_notes_and_neighbours_it_is_the_dense_solution(hand, full, uncon
     parts = Parts(hand, [], full, rest=False)
     parts.problem.improve(60)
     np.testing.assert_allclose(parts.problem.positions, dense_solution(parts), atol=1e-4)
-
-
-@pytest.mark.slow
-@BOTH_HANDS
-def test_a_new_bound_moves_the_arm_out_of_the_way(hand):
-    parts = Parts(hand, [])
-    sign = parts.kinematics.sign
-    parts.problem.improve(20)
-    before = parts.kinematics.arm(parts.problem.positions)
-    bound = before + sign * 0.1
-    parts.problem.rebound(bound)
-    assert parts.cost.bound_violation(parts.problem.positions).max() == pytest.approx(0.1)
-    parts.problem.improve(20)
-    late = slice(N_STATES // 2, None)  # it needs some time for that
-    assert (sign * (parts.kinematics.arm(parts.problem.positions) - before)[late] > 0.08).all()

@@ -16,14 +16,11 @@ from sb3_piano.planning.problems import summary
 
 def score_of(*notes):
     """Return the score of (pitch, finger) or (pitch, finger, onset, offset)."""
-    return Score(
-        notes=[
-            Note(pitch=pitch, finger=finger, onset=(times or (0.0,))[0], offset=(*times, 0, 0.4)[1])
-            if times
-            else Note(pitch=pitch, finger=finger, onset=0.0, offset=0.4)
-            for pitch, finger, *times in notes
-        ]
-    )
+    made = []
+    for pitch, finger, *times in notes:
+        onset, offset = times or (0.0, 0.4)
+        made.append(Note(pitch=pitch, finger=finger, onset=onset, offset=offset))
+    return Score(notes=made)
 
 
 def problems_of(*notes, **options):

@@ -64,7 +64,7 @@ def env():
     return env
 
 
-# Goal, fingering, and the layout of the observation.
+# The layout of the observation and the pedal in it.
 
 
 def test_the_class_docstring_tells_the_default_layout():

@@ -1,4 +1,4 @@
-"""Reward terms: values worked by hand, empty cases, and dm_control's tolerance."""
+"""Reward terms: the cases that recorded episodes do not have, and dm_control's tolerance."""
 
 from __future__ import annotations
 

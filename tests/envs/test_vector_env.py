@@ -14,7 +14,6 @@ from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError,
 from sb3_piano.music import Note, Score
 from sb3_piano.simulation import find_gl_backend
 
-PATIENCE = 60.0  # s, after which a test that hangs fails
 OPTIONS = {"physics": "fast", "randomize_hand_positions": True}
 AUTORESET = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
 

@@ -6,7 +6,6 @@ from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
 from sb3_piano.music import BUILT_IN, Note, Score, load_score, write_midi
 
 SCORE = Score(notes=[Note(onset=0, offset=1, pitch=60)], title="piece")
-PIG_LINE = "0\t0.0\t1.0\tC4\t80\t80\t0\t1\n"
 
 
 def test_the_name_of_a_piece_makes_the_piece_with_or_without_its_collection():

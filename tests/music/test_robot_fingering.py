@@ -42,10 +42,6 @@ def chord(*notes, sign=1, first=1, last=20):
     return [Press(WHITE[MIDDLE + sign * away], finger, first, last) for away, finger in notes]
 
 
-def sound_together(one, two):
-    return one.first <= two.last and two.first <= one.last
-
-
 def all_ways(costs, onsets, number=0, way=()):
     """Yield the cost of every way to finger a piece."""
     if number == len(onsets):

@@ -1,4 +1,4 @@
-"""What candidates cost, worked out by hand and by a slow twin."""
+"""What candidates cost where it does not follow from a simulation: see `test_sampling_search`."""
 
 from __future__ import annotations
 

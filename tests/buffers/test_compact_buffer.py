@@ -165,17 +165,6 @@ def test_after_a_reset_nothing_of_before_is_left():
     assert pair[0].nbytes == fresh.nbytes
 
 
-def test_only_ends_of_episodes_and_the_two_newest_rows_have_a_copy():
-    play, (buffer, _) = Play(n_envs=2), make_pair(10, 2)
-    copies = []
-    for number in range(24):
-        buffer.add(*play.step([number % 4 == 3, False]))
-        copies.append(buffer.next_observations.n_copies)
-    # four for the newest rows, and one for each end among the eight rows before them
-    assert copies[:7] == [2, 4, 4, 4, 4, 5, 5]
-    assert copies[-6:] == [6] * 6
-
-
 @pytest.mark.parametrize("rows", [1, 2, 3, 5, 12])
 def test_a_transition_that_is_not_added_to_its_end_leaves_those_before_it_alone(rows):
     """As Ctrl-C may do, after which a notebook calls ``learn`` again."""

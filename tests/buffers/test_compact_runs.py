@@ -9,7 +9,6 @@ from stable_baselines3 import TD3
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.callbacks import Checkpoint
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.training import RunFolder, resume, train
 from sb3_piano.training.configuration.yaml_files import load_config
 
@@ -84,17 +83,3 @@ def test_a_crashed_and_resumed_run_learns_what_it_learns_with_the_stock_buffer(
     path = f"stable_baselines3.common.buffers.{stock}"
     for name, weights in crash_and_resume(tmp_path, monkeypatch, path, **changes).items():
         assert torch.equal(compact[name], weights), name
-
-
-@pytest.mark.parametrize(
-    ("changes", "text"),
-    [
-        ({"optimize_memory_usage": True}, "optimize_memory_usage is true for a CompactReplayBuf"),
-        ({"replay_buffer_kwargs": {"n_steps": 3}}, "unexpected keyword argument 'n_steps'"),
-    ],
-    ids=["optimize_memory_usage", "n_steps"],
-)
-def test_what_the_buffer_cannot_do_is_refused_before_training(tmp_path, changes, text):
-    asked = config(tmp_path, "sb3_piano.buffers.CompactReplayBuffer", **changes)
-    with pytest.raises(ConfigError, match=f"TD3 cannot be made for .*{text}"):
-        train(asked, tmp_path / "run", progress_bar=False)

@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from scripted import NoisyEnv, tiny_td3, vector_of, with_f1
+from scripted import NoisyEnv, tiny_td3, vector_of
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import (
     BaseCallback,
@@ -123,14 +123,6 @@ def test_one_environment_is_copied_with_its_wrappers(vec_env_cls):
     assert copied.num_envs == 1
     assert layers(copied.envs[0]) == ["FlattenObservation", "Monitor", "NoisyEnv"]
     assert copied.envs[0].unwrapped is not training.envs[0].unwrapped
-
-
-def test_a_copy_writes_nothing_to_the_monitor_file_of_the_training(tmp_path):
-    training = vector_of(lambda: with_f1(0.5), monitor_dir=str(tmp_path))
-    tiny_td3(training).learn(20, F1Callback(eval_freq=5, n_eval_episodes=3))
-    training.close()
-    [path] = tmp_path.glob("*.monitor.csv")
-    assert len(path.read_text().splitlines()) == 2 + 4  # 20 steps are four episodes
 
 
 def test_a_copy_normalises_as_the_training_does_now_and_learns_nothing_itself():

@@ -107,22 +107,6 @@ def test_each_episode_begins_alike_if_it_is_seeded(tmp_path):
 
 @pytest.mark.usefixtures("no_gl")
 @pytest.mark.filterwarnings("ignore:There are no videos")
-def test_the_training_does_not_notice(tmp_path):
-    def next_observation(callback):
-        venv = VecNormalize(vector_of(lambda: piano(randomize_hand_positions=True)))
-        model = tiny_td3(venv)
-        model.learn(12, callback)
-        return model._last_obs, np.random.random()  # noqa: NPY002
-
-    expected, draw = next_observation(None)
-    found, drawn = next_observation(PerformanceVideoCallback(5, str(tmp_path)))
-    assert (tmp_path / "step_10.wav").is_file()
-    np.testing.assert_array_equal(found, expected)
-    assert drawn == draw
-
-
-@pytest.mark.usefixtures("no_gl")
-@pytest.mark.filterwarnings("ignore:There are no videos")
 def test_a_run_gives_the_folder_and_the_environment_which_is_closed_at_the_end(tmp_path):
     made, closed = [], []
 

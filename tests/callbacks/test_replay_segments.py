@@ -111,23 +111,6 @@ def test_each_write_holds_only_the_new_rows_that_are_still_there(tmp_path, addit
             assert rows["observations"].shape == (last - first, 1, 3)
 
 
-def test_a_write_that_was_never_committed_changes_nothing(tmp_path):
-    rng = np.random.default_rng(1)
-    buffer = make_buffer()
-    segments = ReplaySegments(tmp_path, buffer)
-    add_rows(buffer, 4, rng)
-    valid = segments.write()
-    segments.committed(valid)
-    before = {name: array.copy() for name, array in ArrayRows(buffer).arrays.items()}
-    add_rows(buffer, 3, rng)
-    segments.write()  # and the process is killed here
-    restored = make_buffer()
-    restore_replay_buffer(restored, tmp_path, valid)
-    assert restored.pos == 4
-    for name, array in ArrayRows(restored).arrays.items():
-        np.testing.assert_array_equal(array[:4], before[name][:4], err_msg=name)
-
-
 @pytest.mark.parametrize("before", [4, 13])
 @pytest.mark.parametrize("n_envs", [1, 2])
 def test_a_resumed_buffer_goes_on_being_saved_with_the_border_between_the_episodes(

@@ -112,26 +112,6 @@ def test_a_finished_run_says_so(capsys):
     assert "has done 60 of 60 steps: nothing is left to do" in capsys.readouterr().out
 
 
-@pytest.mark.slow
-def test_a_run_is_resumed_under_its_own_environment_only(capsys):
-    small = ["train", "--env", "Pendulum-v1", "--config", "small.yml", "--run", "run"]
-    assert main([*small, "--no-progress"]) == 0
-    resume = ["train", "--resume", "run", "--no-progress"]
-    assert main([*resume, "--env", "MountainCarContinuous-v0"]) == 2
-    message = "has env_id 'Pendulum-v1', not 'MountainCarContinuous-v0': expected the same"
-    assert message in capsys.readouterr().err
-    assert main([*resume, "--env", "Pendulum-v1", "--steps", "70"]) == 0
-
-
-def test_an_environment_without_music_is_evaluated_too(capsys):
-    small = ["train", "--env", "Pendulum-v1", "--config", "small.yml", "--run", "run"]
-    assert main([*small, "--no-progress", "--evaluate"]) == 0
-    out = capsys.readouterr().out
-    assert "Return" in out
-    assert "baseline" not in out
-    assert "no key was pressed" not in out
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

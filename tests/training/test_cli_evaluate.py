@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import json
 import os
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 
 from sb3_piano.cli import main
-from sb3_piano.cli.evaluate import label, rounded
+from sb3_piano.cli.evaluate import rounded
 from sb3_piano.metrics import FINGER_SHARES
 
 STILL = np.zeros(39)
@@ -58,15 +57,6 @@ def rows_of(out):
 
 def written(run, tmp_path):
     return json.loads((tmp_path / run / "evaluation" / "metrics.json").read_text())
-
-
-def test_metrics_stand_in_tables_with_their_units_and_those_from_elsewhere_by_their_names():
-    assert [label(name) for name in ("onset_f1", "onset_error_mean_ms", "grace")] == [
-        "onset F1", "mean timing error, ms", "grace",
-    ]  # fmt: skip
-    assert (rounded("length", 25.0), rounded("f1", -0.0001), rounded("grace", -0.0001)) == (
-        "25", "0.000", "0.000",
-    )  # fmt: skip
 
 
 def test_one_run_has_all_metrics_by_section_beside_the_baseline(piano_run, call, tmp_path):
@@ -190,20 +180,6 @@ def test_named_metrics_choose_rows_or_columns(piano_run, pendulum_run, call):
     pendulum = [row for row in rows_of(out) if row[0] == "pendulum"]
     assert pendulum[0][1:] == ["-"] * 5
     assert pendulum[1][2] == "20"
-
-
-@pytest.mark.slow
-def test_files_hold_what_was_found(pendulum_run, call, tmp_path):
-    pendulum_run("one")
-    pendulum_run("two", algo="sac")
-    _, out, _ = call("evaluate one two --episodes 2 --seeds 5 3 --csv all.csv --json all.json")
-    assert "Episodes:    all.csv\nEverything:  all.json\n" in out
-    with (tmp_path / "all.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    content = json.loads((tmp_path / "all.json").read_text())["evaluations"]
-    assert [row["run"] for row in rows] == ["one"] * 4 + ["two"] * 4
-    returns = [episode["return"] for entry in content for episode in entry["episodes"]]
-    assert [float(row["return"]) for row in rows] == returns
 
 
 def test_a_run_that_fails_leaves_the_others_and_an_exit_code(pendulum_run, call, tmp_path):

@@ -16,7 +16,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from sb3_piano.callbacks import F1Callback, PerformanceVideoCallback
+from sb3_piano.callbacks import F1Callback
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, PlanWarning, RunError
@@ -31,7 +31,6 @@ from sb3_piano.training.playing.takes import (
     plan_run,
     planner_config,
     take_of_planner,
-    where_played,
 )
 
 TUNE = Score(
@@ -164,22 +163,6 @@ def test_an_episode_comes_from_its_seed_whatever_was_played_before():
     assert both.episodes[0] != both.episodes[1]
 
 
-def test_nobody_is_asked_what_to_do_while_the_hands_rest(monkeypatch):
-    with SavedPlayer.open(zero_run().path) as player:
-        calls, predict = [], player.model.predict
-
-        def told(*arguments, **options):
-            calls.append(arguments)
-            return predict(*arguments, **options)
-
-        monkeypatch.setattr(player.model, "predict", told)
-        resting = player.rest()
-        assert len(calls) <= 1
-        (recording,) = player.play()
-        assert len(calls) > recording.metrics["length"] - 1
-    assert resting.metrics["f1"] == resting.metrics["noop_f1"]
-
-
 def test_a_run_is_recorded_by_a_player_of_the_environment_that_is_recorded():
     run = zero_run()
     with run_to_record(run.path) as (policy, env, config):
@@ -280,16 +263,6 @@ def test_callbacks_evaluate_it_like_a_model(own, pianist, expected):
     callback.init_callback(pianist)
     assert callback.on_step() is False  # it is that good
     assert callback.last_mean_reward == pytest.approx(expected["f1"])
-
-
-def test_callbacks_write_down_what_it_plays(pianist, tmp_path, monkeypatch):
-    monkeypatch.setattr("sb3_piano.viewing.take._write_video", lambda *arguments: "not here")
-    callback = PerformanceVideoCallback(1, str(tmp_path / "videos"), width=64, height=48)
-    callback.init_callback(pianist)
-    with pytest.warns(UserWarning, match="not here"):
-        callback.on_step()
-    played = read_midi(tmp_path / "videos" / "step_0.mid")
-    assert {note.pitch for note in played.notes} == {48, 76, 77}
 
 
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
@@ -395,11 +368,3 @@ def test_a_run_is_not_played_by_a_planner(capsys):
     Path("run").mkdir()
     assert main(["play", "run", "--planned"]) == 2
     assert "--planned cannot be given with the run 'run'" in capsys.readouterr().err
-
-
-def test_environments_files_and_names_are_told_apart():
-    assert where_played("RoboPianist-hanon-01-v0") == ("RoboPianist-hanon-01-v0", {})
-    assert where_played("plain.mid") == ("RoboPianist-v0", {"score": "plain.mid"})
-    assert where_played("FurElise") == ("RoboPianist-v0", {"score": "FurElise"})
-    with pytest.raises(ConfigError, match="There is no 'x/y'"):
-        where_played("x/y")

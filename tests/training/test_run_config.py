@@ -10,7 +10,7 @@ import yaml
 from stable_baselines3.common.buffers import ReplayBuffer
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import BUILT_IN, load_score
+from sb3_piano.music import load_score
 from sb3_piano.training import ALGORITHMS, Plugin, RunConfig
 from sb3_piano.training.configuration.names import algorithm_class
 
@@ -191,8 +191,3 @@ def test_the_module_of_an_environment_is_imported_and_remembered(
 def test_every_algorithm_can_be_imported_and_configured(name):
     assert algorithm_class(name).__name__.lower() == name
     RunConfig(algo=name, env_id="Pendulum-v1", n_timesteps=1, algorithm_kwargs={"gamma": "0.8"})
-
-
-def test_a_piece_is_named_by_text(small_config):
-    config = small_config(env_id="RoboPianist-v0", env_kwargs={"score": next(iter(BUILT_IN))})
-    assert config.env_kwargs["score"] in BUILT_IN

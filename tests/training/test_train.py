@@ -160,14 +160,6 @@ def test_a_training_without_tensorboard_says_so_and_goes_on(run, monkeypatch):
     assert not folder.tensorboard_dir.exists()
 
 
-def test_training_outside_the_main_thread_works(run):
-    results = []
-    thread = threading.Thread(target=lambda: results.append(run(n_timesteps=20)))
-    thread.start()
-    thread.join()
-    assert results[0].num_timesteps == 20
-
-
 @pytest.mark.slow
 def test_after_a_crash_the_last_checkpoint_can_be_resumed(run, monkeypatch, tmp_path):
     with pytest.raises(RuntimeError, match="crash"):

@@ -11,10 +11,7 @@ import torch
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training.configuration.names import import_name
 from sb3_piano.training.configuration.values import (
-    check_arguments,
     coerce,
-    coerce_mapping,
-    linear_start,
     parse_zoo_text,
 )
 
@@ -82,46 +79,6 @@ def test_a_value_that_does_not_fit_is_refused_with_key_value_and_type(value, ann
         coerce(value, annotation, "key")
 
 
-def example(width: int, *args: int, depth: float = 1.0, _secret: int = 0) -> None:
-    """Take a few arguments."""
-
-
-def test_unknown_arguments_are_refused_with_the_nearest_name():
-    with pytest.raises(ConfigError, match=r"'widht' for example. Did you mean 'width'"):
-        check_arguments({"widht": 1}, example)
-
-
-@pytest.mark.parametrize("name", ["_secret", "args", "depth"])
-def test_private_variadic_and_reserved_parameters_cannot_be_given(name):
-    with pytest.raises(ConfigError, match=f"Unknown key '{name}' for example. .*width"):
-        check_arguments({name: 1}, example, reserved=["depth"])
-
-
-def test_arguments_are_converted_one_by_one():
-    assert check_arguments({"width": 2.0, "depth": "1e-1"}, example) == {"width": 2, "depth": 0.1}
-
-
-def test_a_function_that_takes_any_argument_gets_any_but_the_reserved():
-    def anything(width: int, **rest: Any) -> None:
-        """Take whatever comes."""
-
-    assert check_arguments({"width": "3", "colour": "x"}, anything) == {"width": 3, "colour": "x"}
-    with pytest.raises(ConfigError, match="Unknown key 'env'"):
-        check_arguments({"env": 1}, anything, reserved=["env"])
-
-
-def test_the_start_of_a_linear_schedule_is_read():
-    assert linear_start("lin_3e-4") == 0.0003
-    assert linear_start("linear_3e-4") is None
-    assert linear_start(0.1) is None
-
-
-@pytest.mark.parametrize("value", [3, [1], {1: 2}, "[1, 2]"])
-def test_a_mapping_is_a_mapping_from_names(value):
-    with pytest.raises(ConfigError, match=r"env_kwargs is .*: expected a mapping from names"):
-        coerce_mapping(value, "env_kwargs")
-
-
 @pytest.mark.parametrize(
     ("text", "value"),
     [
@@ -173,10 +130,6 @@ def test_anything_else_is_refused_with_the_part_that_is_wrong(text, message):
 )
 def test_a_class_is_found_by_its_import_path(name):
     assert import_name(name) is torch.nn.ReLU
-
-
-def test_a_nested_name_is_found():
-    assert import_name("torch.nn.Module.forward") is torch.nn.Module.forward
 
 
 def test_a_module_that_fails_while_it_is_imported_is_named(tmp_path, monkeypatch):

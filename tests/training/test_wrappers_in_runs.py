@@ -192,13 +192,6 @@ def test_random_pieces_follow_the_seed_also_in_an_evaluation(piano_config, tmp_p
     assert f"<h1>{titles[0][0]}</h1>" in write_report(run.path, seed=5).read_text(encoding="utf-8")
 
 
-def test_an_evaluation_in_the_training_has_the_wrappers(piano_config, tmp_path):
-    evaluation = {"sb3_piano.callbacks.F1Callback": {"eval_freq": 6, "log_path": str(tmp_path)}}
-    train(piano_config(callback=evaluation), tmp_path / "run", progress_bar=False)
-    with np.load(tmp_path / "evaluations.npz") as found:
-        assert found["ep_lengths"].tolist() == [[STACKED_STEPS]] * 2
-
-
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
@@ -372,19 +365,3 @@ def test_a_decay_goes_on_where_the_training_was_interrupted(piano_config, vec_en
     steps = np.arange(1, 12 // n_envs + 1)
     expected = np.clip(1 - (steps - 1) / 10, 0, 1)
     assert [[weight] * n_envs for weight in expected] == FingeringWeights.noted
-
-
-class Attributes(BaseCallback):
-    """Note down what a bare environment has; named in configs by its import path."""
-
-    noted: ClassVar = []
-
-    def _on_step(self):
-        self.noted.append(set(vars(self.training_env.envs[0].unwrapped)))
-        return True
-
-
-def test_a_resumed_training_leaves_what_is_no_piano_alone(run):
-    folder = run(n_timesteps=20, callback=f"{__name__}.Attributes").folder
-    resume(folder.path, 21, progress_bar=False)
-    assert Attributes.noted[-1] == Attributes.noted[0]

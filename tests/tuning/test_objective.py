@@ -11,10 +11,9 @@ import pytest
 import small_study
 from optuna.trial import TrialState
 
-from sb3_piano.callbacks import F1Callback
 from sb3_piano.training import RunFolder
 from sb3_piano.tuning import Choice, Float, Int, Objective, Space, StudyFolder
-from sb3_piano.tuning.objective import reason_of, results_of
+from sb3_piano.tuning.objective import reason_of
 
 small = small_study.small_study
 
@@ -186,17 +185,3 @@ def test_ctrl_c_ends_a_study_of_ones_own(tmp_path, ctrl_c):
 
 def test_an_error_without_words_is_told_by_its_name():
     assert reason_of(MemoryError()) == "out of memory: MemoryError"
-
-
-def test_the_best_of_a_training_is_that_of_all_evaluations_and_the_last_its_end():
-    judge = F1Callback()
-    judge.evaluations_metrics = [
-        [{"f1": 0.25, "onset_f1": 0.5}],
-        [{"f1": 0.5, "onset_f1": 0.0}, {"f1": 1.0, "onset_f1": 0.25}],
-        [{"f1": 0.375, "onset_f1": 0.25}],
-    ]
-    so_far = {"final_f1": 0.375, "best_f1": 0.75, "final_onset_f1": 0.25, "best_onset_f1": 0.5}
-    assert results_of({}, judge) == so_far
-    found = results_of({"f1": 0.875, "onset_f1": 0.125}, judge)
-    assert (found["final_f1"], found["best_f1"]) == (0.875, 0.875)
-    assert (found["final_onset_f1"], found["best_onset_f1"]) == (0.125, 0.5)

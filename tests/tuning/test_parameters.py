@@ -10,7 +10,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+from optuna.distributions import FloatDistribution
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.tuning.parameters import Choice, Discount, Float, Int, parse_parameter
@@ -131,24 +131,6 @@ def test_rounding_leads_beyond_neither_end_of_a_discount():
     ends = gamma.distribution
     assert gamma.value(ends.low) == gamma.high
     assert gamma.value(math.nextafter(ends.high, 1)) == gamma.low
-
-
-@pytest.mark.parametrize(
-    ("parameter", "distribution"),
-    [
-        (Float(0, 1, step=0.25), FloatDistribution(0, 1, step=0.25)),
-        (Float(0.001, 1, log=True), FloatDistribution(0.001, 1, log=True)),
-        (Int(1, 9, step=2), IntDistribution(1, 9, step=2)),
-        (Choice([True, "a", 3, 0.5]), CategoricalDistribution((True, "a", 3, 0.5))),
-        (
-            Choice([[256, 256], {"pi": [64]}, None]),
-            CategoricalDistribution(("[256, 256]", '{"pi": [64]}', "null")),
-        ),
-        (Choice({"small": [64], "x": 1}), CategoricalDistribution(("small", "x"))),
-    ],
-)
-def test_the_store_holds(parameter, distribution):
-    assert parameter.distribution == distribution
 
 
 @pytest.mark.parametrize(

@@ -148,18 +148,6 @@ def test_what_a_store_gives_back_in_another_type_is_the_same(folder):
     opened(folder, changed(entry={**entry, "n_timesteps": 1000.0}))
 
 
-def test_studies_of_one_score_are_the_same_wherever_the_file_is(folder, tmp_path):
-    def with_score(content: bytes, name: str) -> StudyConfig:
-        file = tmp_path / name
-        file.write_bytes(content)
-        return changed(entry={**CONFIG.entry, "env_kwargs": {"score": str(file)}})
-
-    opened(folder, with_score(b"one", "a.mid"))
-    opened(folder, with_score(b"one", "b.mid"))
-    with pytest.raises(ConfigError, match='env_kwargs.score is "sha256 [0-9a-f]{64}" there, "sha'):
-        opened(folder, with_score(b"two", "b.mid"))
-
-
 @pytest.mark.parametrize(
     ("directions", "word"),
     [(["minimize"], "minimize"), (["maximize", "minimize"], "maximize and minimize")],

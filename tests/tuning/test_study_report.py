@@ -31,7 +31,6 @@ from optuna.distributions import FloatDistribution
 from sb3_piano.tuning.figures import importances, study_figures
 from sb3_piano.tuning.report import report_html, write_report, write_table
 from sb3_piano.tuning.study import StudyFolder
-from sb3_piano.tuning.trials import requeue_lost
 
 EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>"
 
@@ -217,18 +216,6 @@ def test_states_reasons_and_origins_are_told(rows_of):
     assert "killed" in rows[3]["failure"]
     assert rows[0]["gamma"] == "0.8"
     assert rows[5]["gamma"] != rows[6]["gamma"] == ""
-
-
-def test_a_trial_whose_process_was_gone_is_repeated_once_it_is_queued_again(rows_of):
-    config, study = study_config(), new_study()
-    fail(study, config)
-    requeue_lost(study, lambda trial: True)
-    assert [row["state"] for row in rows_of(study, config)] == ["repeated", "waiting"]
-    complete(study, config, 0.5)
-    first, second = rows_of(study, config)
-    assert (second["state"], "killed" in first["failure"]) == ("complete", True)
-    for name in SPACE:
-        assert first[name] == second[name] != ""
 
 
 def test_the_table_is_written_anew_and_empty_for_an_empty_study(rows_of):

@@ -148,19 +148,18 @@ def test_a_run_without_its_copy_of_the_model_plays_its_checkpoint(pendulum_run):
     assert evaluate(folder.path).mean == expected
 
 
-def test_a_model_without_its_statistics_is_not_played_with_others(pendulum_run):
-    folder = pendulum_run(normalize=True)
-    (folder.path / "vecnormalize.pkl").unlink()
+@pytest.mark.parametrize(
+    ("missing", "message"),
+    [
+        ("model.zip", r"has no model: expected model\.zip, .*train --resume"),
+        ("vecnormalize.pkl", r"expected model\.zip and vecnormalize\.pkl, written with"),
+    ],
+)
+def test_a_run_without_model_or_statistics_is_refused(pendulum_run, missing, message):
+    folder = pendulum_run(normalize=missing == "vecnormalize.pkl")
+    (folder.path / missing).unlink()
     (folder.checkpoint_dir / "checkpoint.json").unlink()
-    with pytest.raises(RunError, match=r"expected model\.zip and vecnormalize\.pkl, written with"):
-        evaluate(folder.path)
-
-
-def test_a_run_without_any_model_is_refused(pendulum_run):
-    folder = pendulum_run()
-    folder.model_file.unlink()
-    (folder.checkpoint_dir / "checkpoint.json").unlink()
-    with pytest.raises(RunError, match=r"has no model: expected model\.zip, .*train --resume"):
+    with pytest.raises(RunError, match=message):
         evaluate(folder.path)
 
 
@@ -208,16 +207,15 @@ def test_another_piece_is_played_and_leaves_the_files_of_the_own_one(piano_run):
     assert own.metrics_file.read_text() == before
 
 
+def ctrl_c_after(episodes):
+    """Return a listener that presses Ctrl-C after so many episodes."""
+    left = iter(range(episodes - 1, -1, -1))
+    return lambda: next(left) or os.kill(os.getpid(), signal.SIGINT)
+
+
 def test_ctrl_c_ends_an_evaluation_with_the_episodes_that_are_finished(pendulum_run, ctrl_c):
-    played = []
-
-    def stop_after_three():
-        played.append(1)
-        if len(played) == 3:
-            os.kill(os.getpid(), signal.SIGINT)
-
     folder = pendulum_run()
-    found = evaluate(folder.path, episodes=2, seed=[0, 1, 2], on_episode=stop_after_three)
+    found = evaluate(folder.path, episodes=2, seed=[0, 1, 2], on_episode=ctrl_c_after(3))
     assert found.interrupted
     assert found.episode_seeds == (0, 0, 1)
     written = json.loads(found.metrics_file.read_text())
@@ -354,15 +352,8 @@ def test_a_piece_that_one_run_cannot_play_is_named(piano_run, pendulum_run):
 
 
 def test_ctrl_c_within_a_run_keeps_its_finished_episodes_and_starts_no_other(three_runs, ctrl_c):
-    played = []
-
-    def stop_after_five():
-        played.append(1)
-        if len(played) == 5:
-            os.kill(os.getpid(), signal.SIGINT)
-
     runs = [run.path for run in three_runs]
-    found = evaluate_runs(runs, 3, on_episode=stop_after_five)
+    found = evaluate_runs(runs, 3, on_episode=ctrl_c_after(5))
     assert found.interrupted
     assert [len(evaluation.episodes) for evaluation in found.evaluations] == [3, 2]
 

@@ -198,25 +198,6 @@ def test_what_is_not_trained_is_told_so_in_one_way(algo, capsys, caplog):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["nothing.mid"], "There is no 'nothing.mid': expected an environment's id, a file"),
-        (["Nothing"], "Unknown piece 'Nothing'"),
-        (["tune.mid", "--set", "fysics=fast"], "Did you mean 'physics'"),
-        (["tune.mid", "--seed", "-1"], "seed is -1: expected a whole number, 0 or more"),
-        (["tune.mid", "--nominal", "none"], "--nominal cannot be given without --sampling"),
-        (["tune.mid", "--horizon", "3"], "--horizon cannot be given without --sampling"),
-        (["tune.mid", "--sampling", "2", "--nominal", "plant"], "Did you mean 'plan'"),
-        (["Pendulum-v1"], "Environment 'Pendulum-v1' cannot be made"),
-    ],
-)
-def test_what_cannot_be_planned_is_told_and_leaves_no_folder(arguments, message, capsys):
-    assert main(["plan", *arguments, "--out", "run"]) == 2
-    assert message in capsys.readouterr().err
-    assert not Path("run").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
         ({"samples": 2}, "Unknown key 'samples' for PlannedPianist"),
         ({"algo": "td3"}, "algo is 'td3': expected one of planned, sampling"),
         ({"settings": {"hovr": 1}}, "Unknown key 'hovr' for PlanSettings. Did you mean 'hover'"),
@@ -343,28 +324,3 @@ def test_the_listener_hears_of_planning_and_of_every_step():
     assert len(played.take.qpos) == steps + 1
     assert played.score.title == "plain"
     assert min(played.planning, played.playing) > 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--sampling", "4"], "--sampling cannot be given without --planned"),
-        (["--nominal", "none"], "--nominal cannot be given without --planned"),
-        (["--horizon", "4"], "--horizon cannot be given without --planned"),
-        (["--reduced"], "--reduced cannot be given without --planned"),
-        (["--planned", "--horizon", "4"], "--horizon cannot be given without --sampling"),
-        (["--planned", "--score", "FurElise"], "--score cannot be given with a piece"),
-        (["--planned", "--best", "f1"], "--best cannot be given with a piece"),
-        (["--planned", "--physics", "slow"], "Unknown physics profile 'slow'"),
-    ],
-)
-def test_what_does_not_go_together_is_told(arguments, message, capsys):
-    assert main(["play", "plain.mid", *arguments]) == 2
-    assert message in capsys.readouterr().err
-    assert not Path("play").exists()
-
-
-def test_a_run_is_not_played_by_a_planner(capsys):
-    Path("run").mkdir()
-    assert main(["play", "run", "--planned"]) == 2
-    assert "--planned cannot be given with the run 'run'" in capsys.readouterr().err

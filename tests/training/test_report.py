@@ -158,23 +158,6 @@ def test_the_command_says_where_the_report_is(piano_run, tmp_path, capsys):
     assert "fast physics · seed 4" in text_of(out)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["nowhere"], "There is no folder 'nowhere'"),
-        (["nowhere", "--out", "no/x.html"], "--out is 'no/x.html': expected a file in a folder"),
-        (["nowhere", "--seed", "-1"], "There is no folder 'nowhere'"),
-    ],
-)
-def test_an_error_is_one_line_on_stderr(arguments, message, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert main(["report", *arguments]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert message in captured.err
-    assert captured.err.count("\n") == 1
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("starts", [True, False])
 def test_the_report_is_opened_in_the_browser_of_the_machine(

@@ -282,31 +282,6 @@ def test_a_window_without_a_screen_is_an_error_before_anything_is_played(
     assert printed.err.startswith("sb3-piano: error: Cannot open a window: there is no screen")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["runs/none"], "there is no 'runs/none'. Expected the folder of a run, a file such as"),
-        (["CMajorScaleTwoHand"], "Did you mean 'CMajorScaleTwoHands'"),
-        (["."], "'.' is no run, it has no config.yml"),
-        (["CMajorScaleOneHand", "--seed", "1"], "--seed cannot be given with a piece"),
-        (["CMajorScaleOneHand", "--score", "x.mid"], "--score cannot be given with a piece"),
-        (["CMajorScaleOneHand", "--size", "640"], "--size is '640': expected pixels such as"),
-        (
-            ["CMajorScaleOneHand", "--size", "640x361"],
-            "height is 361: expected a whole",
-        ),
-        (["CMajorScaleOneHand", "--physics", "slow"], "Unknown physics profile 'slow'"),
-    ],
-)
-def test_what_cannot_be_played_is_told_before_anything_is_written(
-    arguments, expected, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.chdir(tmp_path)
-    assert main(["play", *arguments]) == 2
-    assert expected in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.skipif(not os.environ.get("DISPLAY"), reason="no screen on this machine")
 def test_a_take_is_shown_in_a_window():
     show_take(take_of_score(PIECE))

@@ -21,8 +21,6 @@ from stable_baselines3 import TD3
 from stable_baselines3.common.callbacks import (
     BaseCallback,
     CallbackList,
-    StopTrainingOnNoModelImprovement,
-    StopTrainingOnRewardThreshold,
 )
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
@@ -222,20 +220,6 @@ def test_children_see_the_metric_as_the_parents_best(model):
 def test_a_child_that_returns_false_ends_the_training(model, event):
     model.learn(15, evaluating(0.2, **{event: Note(goes_on=False)}))
     assert model.num_timesteps == 5
-
-
-@pytest.mark.parametrize(
-    ("child", "steps"),
-    [
-        (StopTrainingOnRewardThreshold(0.5), 10),
-        (StopTrainingOnRewardThreshold(0.7), 30),
-        (StopTrainingOnNoModelImprovement(max_no_improvement_evals=1), 20),
-        (StopTrainingOnNoModelImprovement(max_no_improvement_evals=2), 25),
-    ],
-)
-def test_stopping_rules_of_sb3_go_by_the_metric(model, child, steps):
-    model.learn(30, evaluating(0.2, 0.6, 0.4, 0.5, 0.3, 0.1, callback_after_eval=child))
-    assert model.num_timesteps == steps
 
 
 @pytest.mark.parametrize(

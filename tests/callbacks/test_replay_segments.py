@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from gymnasium import spaces
-from stable_baselines3.common.buffers import DictReplayBuffer, NStepReplayBuffer, ReplayBuffer
+from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
 from stable_baselines3.common.utils import set_random_seed
 
 from sb3_piano.buffers.rows import ArrayRows
@@ -146,13 +146,6 @@ def test_ending_the_last_episode_keeps_its_transition_and_bounds_n_step_returns(
     assert samples.dones.flatten().tolist() == [0.0, 0.0, 1.0]
 
 
-def test_a_dictionary_buffer_is_refused(tmp_path):
-    observations = spaces.Dict({"keys": OBSERVATIONS})
-    buffer = DictReplayBuffer(CAPACITY, observations, ACTIONS, device="cpu")
-    with pytest.raises(RunError, match=r"A DictReplayBuffer of 10 row.* two or more rows in numpy"):
-        ReplaySegments(tmp_path, buffer)
-
-
 @pytest.mark.parametrize(("n_envs", "capacity"), [(2, CAPACITY), (1, CAPACITY + 1)])
 def test_a_buffer_of_another_size_is_refused_and_both_sizes_are_told(tmp_path, n_envs, capacity):
     saved = train_and_save(tmp_path, make_buffer(), (4,), np.random.default_rng(1))
@@ -182,14 +175,3 @@ def test_a_missing_or_damaged_segment_is_named(tmp_path, damage):
         path.write_bytes(left[damage])
     with pytest.raises(RunError, match=r"Replay segment '.*replay-0-4\.npz' cannot be read"):
         restore_replay_buffer(make_buffer(), tmp_path, saved)
-
-
-def test_rows_of_another_shape_are_named(tmp_path):
-    saved = train_and_save(tmp_path, make_buffer(), (4,), np.random.default_rng(1))
-    wide = spaces.Box(-1.0, 1.0, (5,), dtype=np.float32)
-    other = ReplayBuffer(CAPACITY, wide, ACTIONS, device="cpu")
-    text = (
-        r"replay-0-4\.npz' does not fit a ReplayBuffer: 'observations' is float32 \(4, 1, 3\): exp"
-    )
-    with pytest.raises(RunError, match=text):
-        restore_replay_buffer(other, tmp_path, saved)

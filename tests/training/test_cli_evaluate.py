@@ -8,15 +8,12 @@ import os
 import signal
 
 import gymnasium as gym
-import numpy as np
 import pytest
+from acting import LOUD, STILL
 
 from sb3_piano.cli import main
 from sb3_piano.cli.evaluate import rounded
 from sb3_piano.metrics import FINGER_SHARES
-
-STILL = np.zeros(39)
-LOUD = np.where(np.arange(39) % 2 == 0, 0.9, -0.3)
 
 
 class Stopped(gym.Wrapper):

@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from damage import told, variants_of
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 
 from sb3_piano.cli import main
@@ -169,13 +170,6 @@ def test_the_help_says_what_loading_a_run_may_do(capsys):
         )
 
 
-def variants_of(content, count):
-    """Return contents that are cut off, or have a changed byte, at many places."""
-    places = np.linspace(0, len(content) - 1, count).astype(int)
-    changed = [content[:at] + bytes([content[at] ^ 0x41]) + content[at + 1 :] for at in places]
-    return [content[:end] for end in places], changed
-
-
 @pytest.fixture
 def normalized_run(pendulum_run):
     """Train a tiny run with normalisation."""
@@ -252,15 +246,6 @@ def test_a_run_with_a_damaged_origin_plays_and_one_with_damaged_settings_does_no
 def play(run):
     with SavedPlayer.open(run.path) as player:
         player.play()
-
-
-def told(kind, call):
-    """Return what the error says that a call ends in, if it is one of a kind."""
-    try:
-        call()
-    except kind as error:
-        return str(error)
-    return None
 
 
 def check_refused(run):

@@ -7,6 +7,7 @@ import os
 import av
 import numpy as np
 import pytest
+from acting import LOUD
 from hearing import onsets_in
 from scipy.io import wavfile
 
@@ -23,7 +24,6 @@ needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL libra
 
 SMALL = Picture(width=64, height=48)
 FILES = ["performance.mid", "performance.mp4", "performance.wav"]
-LOUD = np.where(np.arange(39) % 2 == 0, 0.9, -0.3).astype(np.float32)
 
 PIECE = Score(
     notes=[

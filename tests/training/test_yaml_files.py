@@ -130,11 +130,6 @@ def test_a_wrong_override_is_named_as_such(zoo_file):
         load_config("td3", "Pendulum-v1", zoo_file, n_envs=0)
 
 
-def test_an_algorithm_without_preset_asks_for_a_file():
-    with pytest.raises(ConfigError, match="for 'a2c': expected one of crossq, ddpg, .* or a YAML"):
-        load_config("a2c", "RoboPianist-v0")
-
-
 @pytest.mark.parametrize("algo", ["ddpg", "sac", "td3", "tqc"])
 def test_a_preset_loads_for_our_environments_with_the_published_values(algo):
     config = load_config(algo, "RoboPianist-v0")

@@ -108,20 +108,14 @@ def test_a_value_is_reported_at_each_evaluation_and_the_mean_over_seeds_so_far(t
 
 
 @pytest.mark.slow
-def test_pruning_within_a_training_ends_it_there(tmp_path):
-    (trial,) = run(small(seeds=(0, 1)), tmp_path, pruner=PruneAt(60))
+@pytest.mark.parametrize("step", [40, 60], ids=["between seeds", "within a training"])
+def test_a_pruned_trial_ends_there(tmp_path, step):
+    (trial,) = run(small(seeds=(0, 1)), tmp_path, pruner=PruneAt(step))
     assert trial.state is TrialState.PRUNED
-    assert trial.user_attrs["steps"] == 60
+    assert trial.user_attrs["steps"] == step
     assert len(trial.user_attrs["values"]) == 1
-    assert trial.value == trial.intermediate_values[60]
-
-
-@pytest.mark.slow
-def test_pruning_between_seeds_spares_those_that_are_left(tmp_path):
-    (trial,) = run(small(seeds=(0, 1)), tmp_path, pruner=PruneAt(40))
-    assert trial.state is TrialState.PRUNED
-    assert trial.user_attrs["steps"] == 40
-    assert not (tmp_path / "trials/0/seed_1").exists()
+    assert trial.value == trial.intermediate_values[step]
+    assert (tmp_path / "trials/0/seed_1").exists() == (step > 40)
 
 
 @pytest.mark.slow

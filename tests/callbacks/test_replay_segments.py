@@ -111,26 +111,6 @@ def test_each_write_holds_only_the_new_rows_that_are_still_there(tmp_path, addit
             assert rows["observations"].shape == (last - first, 1, 3)
 
 
-@pytest.mark.parametrize("before", [4, 13])
-@pytest.mark.parametrize("n_envs", [1, 2])
-def test_a_resumed_buffer_goes_on_being_saved_with_the_border_between_the_episodes(
-    tmp_path, before, n_envs
-):
-    rng = np.random.default_rng(1)
-    first = make_buffer(NStepReplayBuffer, n_envs)
-    saved = train_and_save(tmp_path, first, (2, before - 2), rng)
-    second = make_buffer(NStepReplayBuffer, n_envs)
-    restore_replay_buffer(second, tmp_path, saved)
-    end_last_episode(second)
-    segments = ReplaySegments(tmp_path, second, saved)
-    add_rows(second, 3, rng)
-    again = segments.write()
-    third = make_buffer(NStepReplayBuffer, n_envs)
-    restore_replay_buffer(third, tmp_path, again)
-    assert_same(third, second)
-    assert (third.dones[(before - 1) % CAPACITY] == 1).all()
-
-
 def test_ending_the_last_episode_keeps_its_transition_and_bounds_n_step_returns():
     buffer = make_buffer(NStepReplayBuffer, n_steps=3, gamma=1.0)
     end_last_episode(buffer)  # an empty one has none

@@ -175,16 +175,6 @@ def test_episodes_of_several_seeds_are_those_of_each_seed_alone(pendulum_run):
 
 
 @pytest.mark.slow
-def test_episodes_that_are_all_the_same_are_known_as_repetitions(piano_run, pendulum_run):
-    folder = piano_run(LOUD)
-    assert evaluate(folder.path, seed=[0, 1]).is_repetition
-    assert not evaluate(folder.path).is_repetition  # one episode repeats nothing
-    folder = piano_run(LOUD, "wandering", randomize_hand_positions=True)
-    assert not evaluate(folder.path, seed=[0, 1]).is_repetition
-    assert not evaluate(pendulum_run("pendulum").path, episodes=2).is_repetition
-
-
-@pytest.mark.slow
 def test_another_piece_is_played_and_leaves_the_files_of_the_own_one(piano_run):
     folder = piano_run(LOUD)
     own = evaluate(folder.path)

@@ -12,7 +12,7 @@ from hearing import onsets_in
 from scipy.io import wavfile
 
 from sb3_piano.cli import main
-from sb3_piano.envs import EpisodeRecorder, PianoEnv
+from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import Note, Pedal, Score, read_midi, write_midi
 from sb3_piano.simulation import find_gl_backend
@@ -82,22 +82,12 @@ def test_a_piece_plays_itself_and_the_videos_sound_begins_its_notes_when_the_mid
 @pytest.mark.slow
 @needs_gl
 def test_what_a_runs_model_plays_is_heard_in_its_video(piano_run, midi_file, tmp_path):
-    env = EpisodeRecorder(PianoEnv(str(midi_file)))
-    env.reset(seed=0)
-    over = False
-    while not over:
-        _, _, _, over, _ = env.step(LOUD)
-    by_hand = env.finished[0].performance.to_score()
-
     run = piano_run(LOUD).path
     played = play_run(run, picture=SMALL)
     assert played.folder == run / "play"
-    notes = read_midi(played.midi).notes
-    assert [(n.pitch, n.finger) for n in notes] == [(n.pitch, n.finger) for n in by_hand.notes]
-    onsets = np.array([note.onset for note in notes])
-    np.testing.assert_allclose(onsets, [note.onset for note in by_hand.notes], atol=1e-3)
+    onsets = np.array([note.onset for note in read_midi(played.midi).notes])
     count, _, _, sound, rate = video_of(played.video)
-    assert count == len(env.unwrapped.roll) + 1
+    assert count == len(PianoEnv(str(midi_file)).roll) + 1
     assert len(sound) / rate == pytest.approx(count / 20, abs=0.025)
     heard = onsets_in(sound, rate)
     assert heard[0] == pytest.approx(onsets[0], abs=0.05)

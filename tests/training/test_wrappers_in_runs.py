@@ -15,11 +15,9 @@ import yaml
 from acting import VEC_ENVS, act_at
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.save_util import load_from_pkl
-from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.callbacks import Checkpoint
-from sb3_piano.callbacks.own_env import copy_env
 from sb3_piano.cli import main
 from sb3_piano.exceptions import RunError
 from sb3_piano.music import Note, Score, write_midi
@@ -254,22 +252,6 @@ def test_a_compact_buffer_holds_exactly_what_a_cut_observation_shows(piano_confi
     assert rows[0].shape == (30, STACKED_SIZE)
     np.testing.assert_array_equal(rows[0], rows[2])
     np.testing.assert_array_equal(rows[1], rows[3])
-
-
-@pytest.mark.parametrize("vec_env", ["dummy", "threads"])
-def test_the_copy_for_an_evaluation_keeps_the_wrappers_and_touches_nothing(piano_config, vec_env):
-    venv = build_vec_env(piano_config(vec_env=vec_env))
-    venv.seed(3)
-    expected = play_steps(venv, 20)
-    venv.seed(3)
-    copied = copy_env(venv)
-    assert isinstance(copied, DummyVecEnv)
-    assert_has_the_stack(copied)
-    copied.seed(3)
-    played = play_steps(copied, 20)
-    np.testing.assert_array_equal(played[0], expected[0])
-    steps = [each.envs[0].unwrapped.total_steps for each in (venv, copied)]
-    assert steps == [20, 40]
 
 
 # Stock RL Zoo.

@@ -10,7 +10,7 @@ import sys
 import gymnasium as gym
 import pytest
 from acting import VEC_ENVS, scalars
-from every_callback import ENV_ID, LOGGED, check_what_was_written, tensorboard_names, write_yaml
+from every_callback import ENV_ID, check_what_was_written, write_yaml
 from stable_baselines3 import TD3
 
 from sb3_piano.cli import main
@@ -99,11 +99,8 @@ def test_every_callback_from_one_yaml_file_in_sb3_piano_train(midi_file, tmp_pat
     write_yaml(tmp_path / "all.yml", midi_file, tmp_path)
     command = ["train", "--config", str(tmp_path / "all.yml"), "--env", ENV_ID, "--seed", "1"]
     assert main([*command, "--no-progress", "--run", str(tmp_path / "run")]) == 0
-    check_what_was_written(tmp_path)
+    check_what_was_written(tmp_path, tmp_path / "run" / "tensorboard" / "run_1")
     assert (tmp_path / "run" / "best_onset_f1" / "best_model.zip").is_file()
-    found = tensorboard_names(tmp_path / "run" / "tensorboard" / "run_1")
-    assert set(found) >= LOGGED
-    assert set(found["eval/onset_f1"]) == {100, 200}
 
 
 @pytest.mark.slow
@@ -117,10 +114,7 @@ def test_every_callback_from_one_yaml_file_in_the_stock_zoo(midi_file, tmp_path)
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
-    check_what_was_written(tmp_path)
-    found = tensorboard_names(tmp_path / "tb" / ENV_ID / "TD3_1")
-    assert set(found) >= LOGGED
-    assert set(found["eval/onset_f1"]) == {100, 200}
+    check_what_was_written(tmp_path, tmp_path / "tb" / ENV_ID / "TD3_1")
     # the evaluations, of 25 steps each, left no line in the training's file
     run = tmp_path / "logs" / "td3" / f"{ENV_ID}_1"
     assert len((run / "0.monitor.csv").read_text().splitlines()) == 2 + 200 // 25

@@ -36,13 +36,6 @@ def test_the_interval_is_that_of_a_plain_resampling_loop():
     assert bootstrap_interval(values) == pytest.approx(plain_interval(values), abs=0.03)
 
 
-def test_the_same_values_have_the_same_interval_whoever_drew_random_numbers_before():
-    values = np.random.default_rng(2).random(12)
-    first = bootstrap_interval(values)
-    np.random.default_rng().random(3)
-    assert bootstrap_interval(values) == first
-
-
 @given(st.lists(st.floats(0, 1), min_size=2, max_size=8))
 def test_an_interval_stays_within_the_values_and_around_their_mean(values):
     interval = bootstrap_interval(values)

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from sb3_piano.music import load_score
-
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 
 
@@ -22,11 +20,6 @@ def load(name):
 @pytest.fixture(scope="module")
 def table():
     return load("planned_pianist")
-
-
-@pytest.fixture(scope="module")
-def long():
-    return load("planning_time")
 
 
 def row(table, piece, column, **values):
@@ -84,17 +77,3 @@ def test_the_table_of_the_page_is_that_of_the_file_beside_it(table, capsys):
     *_, mean = capsys.readouterr().out.strip().splitlines()
     f1, page = mean.split("**")[1], (docs / "planned_pianist.md").read_text(encoding="utf-8")
     assert f"**{f1}**" in next(line for line in page.splitlines() if "| all pieces | 99" in line)
-
-
-def test_a_long_piece_is_the_piece_in_other_keys_again_and_again(long):
-    score = load_score("TwinkleTwinkleLittleStar")
-    made = long.long_score("TwinkleTwinkleLittleStar", 40.0)
-    assert 40 - score.duration < made.duration <= 40
-    rounds = (40 + long.REST) / (score.duration + long.REST)
-    assert len(made.notes) == pytest.approx(len(score.notes) * rounds, rel=0.2)
-    period = score.duration + long.REST
-    first = [[n.pitch for n in made.notes if n.onset // period == k] for k in range(3)]
-    steps = [{b - a for a, b in zip(first[0], other, strict=True)} for other in first[1:]]
-    assert all(len(step) == 1 for step in steps)  # transposed as a whole
-    assert {0} not in steps
-    assert [n.pitch for n in score.notes] == first[0]

@@ -53,23 +53,15 @@ def pendulum(**changes):
     )
 
 
-def test_without_a_wish_there_is_one_thread_meanwhile():
-    with torch_threads():
-        assert torch.get_num_threads() == 1
-    assert torch.get_num_threads() == FORMER
-
-
-@pytest.mark.parametrize("name", VARIABLES)
-def test_the_usual_variables_leave_the_number_as_it_is(monkeypatch, name):
-    monkeypatch.setenv(name, "3")
-    with torch_threads():
-        assert torch.get_num_threads() == FORMER
-
-
-def test_a_number_counts_more_than_a_variable_and_ends_with_an_error(monkeypatch):
-    monkeypatch.setenv("OMP_NUM_THREADS", "3")
-    with contextlib.suppress(RuntimeError), torch_threads(2):
-        assert torch.get_num_threads() == 2
+@pytest.mark.parametrize(
+    ("variable", "wished", "threads"),
+    [(None, None, 1), *((name, None, FORMER) for name in VARIABLES), (VARIABLES[0], 2, 2)],
+)
+def test_a_wish_counts_more_than_a_variable_until_an_error(monkeypatch, variable, wished, threads):
+    if variable is not None:
+        monkeypatch.setenv(variable, "3")
+    with contextlib.suppress(RuntimeError), torch_threads(wished):
+        assert torch.get_num_threads() == threads
         raise RuntimeError("broken")
     assert torch.get_num_threads() == FORMER
 

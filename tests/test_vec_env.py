@@ -4,35 +4,21 @@ from __future__ import annotations
 
 import inspect
 import os
-import signal
 import subprocess
 import sys
 import textwrap
 import threading
-import time
 
 import gymnasium as gym
 import numpy as np
 import pytest
-import torch
-from stable_baselines3 import TD3
-from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv
 
-from sb3_piano.envs import PianoEnv
 from sb3_piano.hyperparams import PRESETS
-from sb3_piano.music import Note, Score
 from sb3_piano.vec_env import ThreadVecEnv
 
-PATIENCE = 60.0  # s, after which a test that hangs fails
 ENV_ID = "RoboPianist-debug-CMajorScaleOneHand-v0"
-
-
-def score(n_notes):
-    """Return a score of 2 * ``n_notes`` + 1 control steps."""
-    notes = [Note(onset=0.1 * i, offset=0.1 * (i + 1), pitch=60 + i) for i in range(n_notes)]
-    return Score(notes=notes, title=f"{n_notes} notes")
 
 
 class Scripted(gym.Env):
@@ -158,24 +144,6 @@ def test_everything_is_equal_to_dummy_vec_env(venvs, n_threads):
     assert [info["options"] for info in other.reset_infos] == [None] * 3
 
 
-def test_piano_episodes_of_different_lengths_are_equal_to_dummy_vec_env(venvs):
-    def make_env(index):
-        return Monitor(
-            PianoEnv(score(1 + index), physics="fast", randomize_hand_positions=True),
-            info_keywords=("f1",),
-        )
-
-    venv, other = both(venvs, make_env, 3)
-    for vector in (venv, other):
-        vector.seed(3)
-    np.testing.assert_array_equal(other.reset(), venv.reset())
-    actions = np.random.default_rng(1).uniform(-1, 1, (18, 3, 39)).astype(np.float32)
-    infos = assert_equal_steps(venv, other, actions)
-    lengths = [info["episode"]["l"] for info in infos if "episode" in info]
-    assert sorted(lengths) == [3] * 6 + [5] * 3 + [7] * 2
-    assert all(info["TimeLimit.truncated"] for info in infos if "episode" in info)
-
-
 def test_an_environment_does_everything_in_one_thread(venvs):
     env_fns = [lambda: Watched(gym.make(ENV_ID, render_mode="rgb_array")) for _ in range(4)]
     venv = venvs(ThreadVecEnv, env_fns, n_threads=2)
@@ -187,29 +155,6 @@ def test_an_environment_does_everything_in_one_thread(venvs):
     assert [len(idents) for idents in threads] == [4] * 4
     assert [len(set(idents)) for idents in threads] == [1] * 4
     assert threads[0] == threads[1] != threads[2] == threads[3]
-
-
-@pytest.mark.usefixtures("ctrl_c")
-def test_after_ctrl_c_no_thread_steps_an_environment_that_is_being_closed(venvs):
-    events = []
-
-    class Slow(Scripted):
-        def step(self, action):
-            if threading.current_thread() is threading.main_thread():
-                os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(0.1)
-            events.append("stepped")
-            return super().step(action)
-
-        def close(self):
-            events.append("closed")
-
-    venv = venvs(ThreadVecEnv, [Slow, Slow], n_threads=2)
-    venv.reset()
-    with pytest.raises(KeyboardInterrupt):
-        venv.step(np.zeros((2, 1), np.float32))
-    venv.close()
-    assert events == ["stepped", "closed", "closed"]
 
 
 def test_closing_ends_the_threads_even_if_an_environment_cannot_be_closed():
@@ -224,34 +169,6 @@ def test_closing_ends_the_threads_even_if_an_environment_cannot_be_closed():
     with pytest.raises(OSError, match="stuck"):
         venv.close()
     assert threading.active_count() == before
-
-
-@pytest.mark.slow
-def test_td3_learns_the_same_as_on_dummy_vec_env():
-    weights = []
-    for cls in (DummyVecEnv, ThreadVecEnv):
-        venv = make_vec_env(
-            lambda: PianoEnv(score(3), physics="fast", randomize_hand_positions=True),
-            n_envs=4,
-            seed=5,
-            vec_env_cls=cls,
-            vec_env_kwargs={"n_threads": 2} if cls is ThreadVecEnv else {},
-        )
-        venv = VecNormalize(venv)
-        model = TD3(
-            "MlpPolicy",
-            venv,
-            seed=5,
-            learning_starts=40,
-            batch_size=16,
-            buffer_size=500,
-            policy_kwargs={"net_arch": [16]},
-            device="cpu",
-        ).learn(160)
-        weights.append(torch.nn.utils.parameters_to_vector(model.actor.parameters()))
-        assert model._n_updates > 20
-        venv.close()
-    assert torch.equal(*weights)
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 import sb3_piano.bench
-from sb3_piano.bench import BenchReport, Row, render, rounded
+from sb3_piano.bench import BenchReport, Row, render
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoVectorEnv
 
@@ -142,15 +142,6 @@ def test_the_table_has_the_rows_with_their_ratios():
         ["Full replay buffer, GB", "", ""],
         ["c", "9.16", "12.3 x of d"],
     ]
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(0.0456, "0.046"), (0.951, "0.951"), (1.0, "1.00"), (9.994, "9.99"), (12.34, "12.3"),
-     (99.94, "99.9"), (100.4, "100"), (2345.6, "2346")],
-)  # fmt: skip
-def test_numbers_are_shown_with_three_digits(value, text):
-    assert rounded(value) == text
 
 
 def test_the_machine_is_described_without_its_name_and_paths():

@@ -27,14 +27,6 @@ def test_every_other_round_goes_backwards():
     assert "".join(order) == "abc" + "cba" + "abc"
 
 
-def test_a_row_has_the_median_rate_and_those_of_the_rounds_after_the_first():
-    rows = []
-    measure("simulation", [scripted("ours", [100, 9, 1, 4])], 3, rows)
-    (row,) = rows
-    assert (row.part, row.name, row.value, row.unit) == ("simulation", "ours", 4, "steps/s")
-    assert (list(row.by_round), row.ratios) == ([9, 1, 4], {})
-
-
 def test_a_ratio_is_the_median_of_the_rounds_ratios_not_the_ratio_of_the_medians():
     ratios = {"x of base": ("ours", "base"), "env/bare": ("base", "ours")}
     rows = []

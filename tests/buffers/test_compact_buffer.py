@@ -16,7 +16,7 @@ from stable_baselines3 import TD3
 from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecNormalize
-from transitions import ACTIONS, SPACE, Play, add, assert_equal, assert_equal_samples, make_pair
+from transitions import ACTIONS, SPACE, Play, add, assert_equal, make_pair
 
 from sb3_piano.buffers import CompactNStepReplayBuffer, CompactReplayBuffer
 from sb3_piano.exceptions import ConfigError
@@ -25,62 +25,7 @@ PIANO = "RoboPianist-debug-CMajorScaleOneHand-v0"
 N_STEP = (CompactNStepReplayBuffer, NStepReplayBuffer)
 
 
-class Recorder(ReplayBuffer):
-    """SB3's buffer, which also notes down what it was given."""
-
-    calls: list
-
-    def add(self, *transition):
-        if not hasattr(self, "calls"):
-            self.calls = []
-        self.calls.append(copy.deepcopy(transition))
-        super().add(*transition)
-
-
-def record(n_envs, env_kwargs, steps=120, normalize=False, sittings=1):
-    """Return an SB3 run's buffer with its calls of ``add``, and its ``VecNormalize``."""
-    venv = make_vec_env(PIANO, n_envs, seed=1, env_kwargs=env_kwargs)
-    if normalize:
-        venv = VecNormalize(venv)
-    settings = {"learning_starts": 10_000, "buffer_size": 10_000, "device": "cpu", "seed": 1}
-    model = TD3("MlpPolicy", venv, replay_buffer_class=Recorder, **settings)
-    for _ in range(sittings):
-        model.learn(steps * n_envs // sittings)
-    return model.replay_buffer, model.get_vec_normalize_env()
-
-
 SHORT = {"wrong_press_termination": True}  # random play lasts a few steps
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kinds", [(CompactReplayBuffer, ReplayBuffer), N_STEP])
-@pytest.mark.parametrize(
-    ("n_envs", "env_kwargs", "sittings"),
-    [(1, SHORT, 1), (3, SHORT, 1), (3, {}, 2), (1, {"max_episode_steps": 17}, 2)],
-    ids=str,
-)
-def test_transitions_of_a_real_run_are_equal_while_the_ring_goes_round_several_times(
-    n_envs, env_kwargs, sittings, kinds
-):
-    run, _ = record(n_envs, env_kwargs, sittings=sittings)
-    pair = make_pair(23, n_envs, run.observation_space, run.action_space, kinds)
-    for number, transition in enumerate(run.calls):
-        add(pair, transition)
-        if number % 11 == 0:
-            assert_equal(*pair)
-    assert_equal(*pair)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("n_envs", [1, 3])
-def test_last_observations_that_vec_normalize_gives_back_rounded_are_kept_to_the_bit(n_envs):
-    run, normalization = record(n_envs, SHORT, normalize=True)
-    assert not np.isin(run.next_observations[: run.size(), :, :989], (0.0, 1.0)).all()
-    pair = make_pair(50, n_envs, run.observation_space, run.action_space)
-    for transition in run.calls:
-        add(pair, transition)
-    assert_equal(*pair, normalization)
-    assert_equal_samples(*pair)
 
 
 @pytest.mark.slow
@@ -163,17 +108,6 @@ def test_after_a_reset_nothing_of_before_is_left():
     fresh, _ = make_pair(5, 2)
     pair[0].reset()
     assert pair[0].nbytes == fresh.nbytes
-
-
-def test_only_ends_of_episodes_and_the_two_newest_rows_have_a_copy():
-    play, (buffer, _) = Play(n_envs=2), make_pair(10, 2)
-    copies = []
-    for number in range(24):
-        buffer.add(*play.step([number % 4 == 3, False]))
-        copies.append(buffer.next_observations.n_copies)
-    # four for the newest rows, and one for each end among the eight rows before them
-    assert copies[:7] == [2, 4, 4, 4, 4, 5, 5]
-    assert copies[-6:] == [6] * 6
 
 
 @pytest.mark.parametrize("rows", [1, 2, 3, 5, 12])

@@ -114,22 +114,3 @@ def test_rows_of_the_other_kind_of_buffer_are_refused(tmp_path, kinds):
     saved = save(segments)
     with pytest.raises(RunError, match="is missing among.*kind of buffer changed since"):
         restore_replay_buffer(target, tmp_path, saved)
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "text"),
-    [
-        ("packed_observations", np.zeros((1, 1, 9), np.uint8), r"\(1, 1, 9\): expected uint8 \(1,"),
-        ("own_sizes", np.array([13]), r"'own_bytes' is uint8 \(14,\): expected uint8 \(13,\)"),
-        ("own_at", np.array([0, 1]), r"'own_sizes' is int64 \(1,\): expected int64 \(2,\)"),
-        ("own_bytes", np.zeros(14, np.int8), r"is int8 \(14,\): expected uint8 \(14,\)"),
-        ("rewards", np.zeros((1, 1)), r"'rewards' is float64 \(1, 1\): expected float32 \(1, 1\)"),
-    ],
-)
-def test_arrays_that_do_not_fit_are_named(name, value, text):
-    source, _ = make_pair(6)
-    target, _ = make_pair(6)
-    source.add(*Play().step())
-    rows = source.take_rows(np.array([0]))
-    with pytest.raises(RunError, match=text):
-        target.put_rows(np.array([0]), {**rows, name: value})

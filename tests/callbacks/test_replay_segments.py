@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from gymnasium import spaces
-from stable_baselines3.common.buffers import DictReplayBuffer, NStepReplayBuffer, ReplayBuffer
+from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
 from stable_baselines3.common.utils import set_random_seed
 
 from sb3_piano.buffers.rows import ArrayRows
@@ -111,43 +111,6 @@ def test_each_write_holds_only_the_new_rows_that_are_still_there(tmp_path, addit
             assert rows["observations"].shape == (last - first, 1, 3)
 
 
-def test_a_write_that_was_never_committed_changes_nothing(tmp_path):
-    rng = np.random.default_rng(1)
-    buffer = make_buffer()
-    segments = ReplaySegments(tmp_path, buffer)
-    add_rows(buffer, 4, rng)
-    valid = segments.write()
-    segments.committed(valid)
-    before = {name: array.copy() for name, array in ArrayRows(buffer).arrays.items()}
-    add_rows(buffer, 3, rng)
-    segments.write()  # and the process is killed here
-    restored = make_buffer()
-    restore_replay_buffer(restored, tmp_path, valid)
-    assert restored.pos == 4
-    for name, array in ArrayRows(restored).arrays.items():
-        np.testing.assert_array_equal(array[:4], before[name][:4], err_msg=name)
-
-
-@pytest.mark.parametrize("before", [4, 13])
-@pytest.mark.parametrize("n_envs", [1, 2])
-def test_a_resumed_buffer_goes_on_being_saved_with_the_border_between_the_episodes(
-    tmp_path, before, n_envs
-):
-    rng = np.random.default_rng(1)
-    first = make_buffer(NStepReplayBuffer, n_envs)
-    saved = train_and_save(tmp_path, first, (2, before - 2), rng)
-    second = make_buffer(NStepReplayBuffer, n_envs)
-    restore_replay_buffer(second, tmp_path, saved)
-    end_last_episode(second)
-    segments = ReplaySegments(tmp_path, second, saved)
-    add_rows(second, 3, rng)
-    again = segments.write()
-    third = make_buffer(NStepReplayBuffer, n_envs)
-    restore_replay_buffer(third, tmp_path, again)
-    assert_same(third, second)
-    assert (third.dones[(before - 1) % CAPACITY] == 1).all()
-
-
 def test_ending_the_last_episode_keeps_its_transition_and_bounds_n_step_returns():
     buffer = make_buffer(NStepReplayBuffer, n_steps=3, gamma=1.0)
     end_last_episode(buffer)  # an empty one has none
@@ -161,13 +124,6 @@ def test_ending_the_last_episode_keeps_its_transition_and_bounds_n_step_returns(
     assert samples.rewards.flatten().tolist() == [11.0, 10.0, 100.0]
     # the first two are truncated, so bootstrapped; a true end is left alone
     assert samples.dones.flatten().tolist() == [0.0, 0.0, 1.0]
-
-
-def test_a_dictionary_buffer_is_refused(tmp_path):
-    observations = spaces.Dict({"keys": OBSERVATIONS})
-    buffer = DictReplayBuffer(CAPACITY, observations, ACTIONS, device="cpu")
-    with pytest.raises(RunError, match=r"A DictReplayBuffer of 10 row.* two or more rows in numpy"):
-        ReplaySegments(tmp_path, buffer)
 
 
 @pytest.mark.parametrize(("n_envs", "capacity"), [(2, CAPACITY), (1, CAPACITY + 1)])
@@ -199,14 +155,3 @@ def test_a_missing_or_damaged_segment_is_named(tmp_path, damage):
         path.write_bytes(left[damage])
     with pytest.raises(RunError, match=r"Replay segment '.*replay-0-4\.npz' cannot be read"):
         restore_replay_buffer(make_buffer(), tmp_path, saved)
-
-
-def test_rows_of_another_shape_are_named(tmp_path):
-    saved = train_and_save(tmp_path, make_buffer(), (4,), np.random.default_rng(1))
-    wide = spaces.Box(-1.0, 1.0, (5,), dtype=np.float32)
-    other = ReplayBuffer(CAPACITY, wide, ACTIONS, device="cpu")
-    text = (
-        r"replay-0-4\.npz' does not fit a ReplayBuffer: 'observations' is float32 \(4, 1, 3\): exp"
-    )
-    with pytest.raises(RunError, match=text):
-        restore_replay_buffer(other, tmp_path, saved)

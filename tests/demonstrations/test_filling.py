@@ -140,15 +140,6 @@ def test_a_training_that_goes_on_does_not_get_the_data_set_again(pendulum_data):
     assert model.replay_buffer.size() == 70
 
 
-def test_a_training_without_a_buffer_is_told(pendulum_data):
-    pendulum_data()
-    model = on_policy_model()
-    with pytest.raises(ConfigError, match="A PPO has no replay buffer"):
-        model.learn(8, callback=DemonstrationsCallback(NAME))
-    with pytest.raises(ConfigError, match="no data set 'other-v0'"):
-        model_on(pendulum()).learn(8, callback=DemonstrationsCallback("other-v0"))
-
-
 @pytest.mark.parametrize(
     ("model", "message"),
     [

@@ -5,12 +5,16 @@ from __future__ import annotations
 import os
 import signal
 
+import numpy as np
 import torch
 from stable_baselines3 import TD3
 from stable_baselines3.common.callbacks import BaseCallback
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 VEC_ENVS = ("dummy", "threads", "subproc")
+STILL = np.zeros(39, dtype=np.float32)
+LOUD = np.where(np.arange(39) % 2 == 0, 0.9, -0.3).astype(np.float32)
+"""An action that presses both hands' fingers down."""
 
 
 class ActAt(BaseCallback):

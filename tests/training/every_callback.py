@@ -49,18 +49,13 @@ def write_yaml(path, score, out):
     path.write_text(yaml.safe_dump({ENV_ID: entry}))
 
 
-def check_what_was_written(out):
-    """Compare the files of the callbacks with what ``write_yaml`` asked for."""
+def check_what_was_written(out, log):
+    """Compare the files of the callbacks, and the log's folder, with what was asked for."""
     best = {path.name for path in (out / "best").iterdir()}
     assert best == {"best_model.zip", "best_model.json", "vecnormalize.pkl"}
     kinds = {path.suffix for path in (out / "videos").glob("step_150.*")}
     assert kinds - {".mid"} == {".wav", ".mp4"} - ({".mp4"} if find_gl_backend() is None else set())
-
-
-def tensorboard_names(folder):
-    """Return the names of the series in TensorBoard's file in a folder, with their steps."""
-    [path] = folder.glob("events.*")
+    [path] = log.glob("events.*")
     events = EventAccumulator(str(path)).Reload()
-    return {
-        name: [event.step for event in events.Scalars(name)] for name in events.Tags()["scalars"]
-    }
+    assert set(events.Tags()["scalars"]) >= LOGGED
+    assert {event.step for event in events.Scalars("eval/onset_f1")} == {100, 200}

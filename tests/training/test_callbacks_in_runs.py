@@ -6,16 +6,12 @@ import json
 import os
 import subprocess
 import sys
-from typing import ClassVar
 
 import gymnasium as gym
 import pytest
-import torch
-from acting import VEC_ENVS, parameters, scalars
-from every_callback import ENV_ID, LOGGED, check_what_was_written, tensorboard_names, write_yaml
+from acting import VEC_ENVS, scalars
+from every_callback import ENV_ID, check_what_was_written, write_yaml
 from stable_baselines3 import TD3
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.cli import main
 from sb3_piano.training import resume
@@ -45,31 +41,6 @@ def run_with(run):
         return run(**{"env_wrapper": WITH_METRICS, **changes})
 
     return start
-
-
-class Probe(BaseCallback):
-    """Note down which environment its run makes."""
-
-    made: ClassVar = []
-
-    def use_run(self, run):
-        self.run = run
-
-    def _on_training_start(self):
-        venv = self.run.make_env(None)
-        self.made.append((type(venv.unwrapped), venv.num_envs))
-        venv.close()
-
-    def _on_step(self):
-        return True
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("vec_env", VEC_ENVS)
-def test_a_run_makes_a_single_environment_in_its_own_process(run, vec_env):
-    n_envs = 1 if vec_env == "subproc" else 2  # processes take long to start
-    run(vec_env=vec_env, n_envs=n_envs, n_timesteps=20, callback=f"{__name__}.Probe")
-    assert Probe.made.pop() == (DummyVecEnv, 1)
 
 
 @pytest.mark.slow
@@ -105,16 +76,6 @@ def test_evaluation_in_a_run_has_the_runs_wrappers_and_normalisation(
 
 
 @pytest.mark.slow
-def test_a_run_is_the_same_with_and_without_evaluation(run_with, tmp_path):
-    models = []
-    for callback in ((), {F1: {"eval_freq": 30, "deterministic": False}}):
-        folder = run_with(callback=callback).folder
-        models.append(parameters(folder))
-        folder.path.rename(tmp_path / f"done_{len(models)}")
-    assert torch.equal(*models)
-
-
-@pytest.mark.slow
 def test_a_resumed_run_keeps_its_best_model(run_with):
     folder = run_with(callback={F1: {"eval_freq": 50}}).folder
     note = folder.path / "best_f1" / "best_model.json"
@@ -124,11 +85,6 @@ def test_a_resumed_run_keeps_its_best_model(run_with):
     note.write_text(json.dumps({**first, "value": 0.1}))
     resume(folder.path, 300, progress_bar=False)
     assert json.loads(note.read_text()) == {"metric": "f1", "value": 0.5, "num_timesteps": 250}
-
-
-def test_a_stopped_training_is_saved(run_with):
-    result = run_with(callback={F1: {"eval_freq": 20, "stop_threshold": 0.5, "stop_patience": 2}})
-    assert (result.num_timesteps, result.interrupted) == (40, False)
 
 
 @pytest.mark.slow
@@ -143,11 +99,8 @@ def test_every_callback_from_one_yaml_file_in_sb3_piano_train(midi_file, tmp_pat
     write_yaml(tmp_path / "all.yml", midi_file, tmp_path)
     command = ["train", "--config", str(tmp_path / "all.yml"), "--env", ENV_ID, "--seed", "1"]
     assert main([*command, "--no-progress", "--run", str(tmp_path / "run")]) == 0
-    check_what_was_written(tmp_path)
+    check_what_was_written(tmp_path, tmp_path / "run" / "tensorboard" / "run_1")
     assert (tmp_path / "run" / "best_onset_f1" / "best_model.zip").is_file()
-    found = tensorboard_names(tmp_path / "run" / "tensorboard" / "run_1")
-    assert set(found) >= LOGGED
-    assert set(found["eval/onset_f1"]) == {100, 200}
 
 
 @pytest.mark.slow
@@ -161,10 +114,7 @@ def test_every_callback_from_one_yaml_file_in_the_stock_zoo(midi_file, tmp_path)
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
-    check_what_was_written(tmp_path)
-    found = tensorboard_names(tmp_path / "tb" / ENV_ID / "TD3_1")
-    assert set(found) >= LOGGED
-    assert set(found["eval/onset_f1"]) == {100, 200}
+    check_what_was_written(tmp_path, tmp_path / "tb" / ENV_ID / "TD3_1")
     # the evaluations, of 25 steps each, left no line in the training's file
     run = tmp_path / "logs" / "td3" / f"{ENV_ID}_1"
     assert len((run / "0.monitor.csv").read_text().splitlines()) == 2 + 200 // 25

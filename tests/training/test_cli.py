@@ -112,61 +112,6 @@ def test_a_finished_run_says_so(capsys):
     assert "has done 60 of 60 steps: nothing is left to do" in capsys.readouterr().out
 
 
-@pytest.mark.slow
-def test_a_run_is_resumed_under_its_own_environment_only(capsys):
-    small = ["train", "--env", "Pendulum-v1", "--config", "small.yml", "--run", "run"]
-    assert main([*small, "--no-progress"]) == 0
-    resume = ["train", "--resume", "run", "--no-progress"]
-    assert main([*resume, "--env", "MountainCarContinuous-v0"]) == 2
-    message = "has env_id 'Pendulum-v1', not 'MountainCarContinuous-v0': expected the same"
-    assert message in capsys.readouterr().err
-    assert main([*resume, "--env", "Pendulum-v1", "--steps", "70"]) == 0
-
-
-def test_an_environment_without_music_is_evaluated_too(capsys):
-    small = ["train", "--env", "Pendulum-v1", "--config", "small.yml", "--run", "run"]
-    assert main([*small, "--no-progress", "--evaluate"]) == 0
-    out = capsys.readouterr().out
-    assert "Return" in out
-    assert "baseline" not in out
-    assert "no key was pressed" not in out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ("train", "Nothing to play: expected --env ID, --midi FILE or --resume RUN."),
-        ("train --env RoboPianist-v0 --algo td4", "Unknown algorithm 'td4'. Did you mean 'td3'"),
-        ("train --env RoboPianst-v0", "Unknown environment 'RoboPianst-v0'. Did you mean 'Rob"),
-        ("train --env RoboPianist-v0 --algo a2c", "No preset comes with this package for 'a2c'"),
-        ("train --env RoboPianist-v0 --config no.yml", "'no.yml' cannot be read: No such file"),
-        ("train --midi no.mid --config small.yml", "no.mid"),
-        ("train --midi Twinkle --config small.yml", "Unknown piece 'Twinkle'"),
-        ("train --midi small.yml --config small.yml", "small.yml"),
-        ("train --midi a.mid --env Pendulum-v1", "--midi cannot be given with --env Pendulum-v1"),
-        ("train --env Pendulum-v1 --config small.yml --vec-env x", "vec_env is 'x': expected one"),
-        ("train --env Pendulum-v1 --config small.yml --seed -1", "seed is -1: expected a whole"),
-        ("train --env Pendulum-v1 --config small.yml --run full", "Folder 'full' is not empty"),
-        ("train --env Pendulum-v1", "info_keywords has 'precision', which the info of 'Pendulum"),
-        ("train --resume nowhere", "There is no folder 'nowhere'"),
-        ("train --resume full", "'full' is no run, it has no config.yml"),
-        ("train --resume full --seed 3", "--seed cannot be given with --resume"),
-        ("train --resume full --n-envs 3", "--n-envs cannot be given with --resume"),
-        ("train --resume full --midi x.mid", "--midi cannot be given with --resume"),
-        ("evaluate nowhere", "There is no folder 'nowhere'"),
-    ],
-)
-def test_an_error_is_one_line_on_stderr(arguments, message, capsys, tmp_path):
-    (tmp_path / "full").mkdir()
-    (tmp_path / "full" / "notes.txt").write_text("mine")
-    assert main([*arguments.split(), *(["--no-progress"] if "train" in arguments else [])]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.startswith("sb3-piano: error: ")
-    assert message in captured.err
-    assert captured.err.count("\n") == 1
-
-
 @pytest.mark.parametrize("steps", ["0", "2.5", "many", "inf", "-1"])
 def test_steps_are_a_whole_number(steps, capsys):
     with pytest.raises(SystemExit, match="2"):

@@ -119,8 +119,6 @@ def test_what_a_run_cannot_be_told_is_refused(pendulum_run, capsys):
     for option in (["--policy", "planned"], ["--fingering", "keep"], ["--set", "physics=fast"]):
         assert main(["record", folder, *option]) == 2
         assert f"{option[0]} cannot be given with the run" in capsys.readouterr().err
-    assert main(["record", "CMajorScaleOneHand", "--best", "f1"]) == 2
-    assert "only a run has models" in capsys.readouterr().err
     assert main(["record", folder, "--best", "f1"]) == 2
     assert "has no best model by 'f1'" in capsys.readouterr().err
 
@@ -167,21 +165,6 @@ def test_a_planned_pianist_is_recorded_with_the_fingers_that_are_observed(tmp_pa
     np.testing.assert_array_equal(observation, recorded.observations[0])
     played = PlannedPianist(env).predict(observation)[0]
     np.testing.assert_allclose(recorded.actions[0], played, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["nothing.mid"], "There is no 'nothing.mid': expected"),
-        (["CMajorScaleOneHand", "--set", "physics"], "--set is 'physics': expected NAME=VALUE"),
-        (["CMajorScaleOneHand", "--set", "a=["], "its value is not valid YAML"),
-        (["CMajorScaleOneHand", "--set", "fysics=fast"], "Did you mean 'physics'"),
-        (["RoboPianist-v0", "--start", "-1"], "std is -1.0"),
-    ],
-)
-def test_what_cannot_be_recorded_is_told(arguments, message, capsys):
-    assert main(["record", *arguments]) == 2
-    assert message in capsys.readouterr().err
 
 
 def test_a_taken_name_is_told_before_anything_is_played(recorded_pendulum, pendulum_run, capsys):

@@ -101,16 +101,6 @@ def test_an_evaluation_that_does_not_tell_the_seed_of_its_training_is_refused(ru
         compare(old, old, by="training-seed")
 
 
-def test_pieces_of_only_one_side_are_named_and_left_out(written):
-    a = written("a.json", {"Scale": episodes(0.1), "Etude": episodes(0.9)})
-    b = written("b.json", {"Scale": episodes(0.2), "Waltz": episodes(0.9)})
-    comparison = compare(a, b)
-    assert (comparison.only_in_a, comparison.only_in_b) == (("Etude",), ("Waltz",))
-    assert [pair.piece for pair in comparison.metrics[0].pairs] == ["Scale"]
-    assert comparison.metrics[0].difference.no_interval == "fewer than 2 values"
-    assert comparison.metrics[0].test.no_test == "fewer than 2 pairs"
-
-
 def test_equal_means_are_no_difference_however_many_episodes_they_are_from(written):
     """The mean of three times 0.1 is 0.10000000000000002."""
     a = written("a.json", {"Scale": episodes(0.1, 0.1, 0.1), "Waltz": episodes(0.1)})

@@ -11,6 +11,7 @@ import signal
 import gymnasium as gym
 import numpy as np
 import pytest
+from acting import LOUD, STILL
 from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.evaluation import evaluate_policy
@@ -32,23 +33,18 @@ class DoubleReward(gym.RewardWrapper):
         return 2.0 * float(reward)
 
 
-def loud_action():
-    """Press both hands' fingers down."""
-    return np.where(np.arange(39) % 2 == 0, 0.9, -0.3).astype(np.float32)
-
-
 def test_what_was_played_is_written_as_midi_and_measured(piano_run, midi_file):
     env = gym.make("RoboPianist-v0", score=str(midi_file))
     env.reset(seed=0)
     total, over = 0.0, False
-    action = np.clip(loud_action(), -0.9999999, 0.9999999)
+    action = np.clip(LOUD, -0.9999999, 0.9999999)
     while not over:
         _, reward, _, over, info = env.step(action)
         total += reward
     played = env.unwrapped.performance.to_score()
     assert played is not None
 
-    evaluation = evaluate(piano_run(loud_action()).path)
+    evaluation = evaluate(piano_run(LOUD).path)
     assert evaluation.mean["length"] == len(env.unwrapped.roll)
     assert evaluation.mean["return"] == pytest.approx(total, rel=1e-3)
     for name in (*EPISODE_METRICS, *RETURN_KEYS):
@@ -64,7 +60,7 @@ def test_what_was_played_is_written_as_midi_and_measured(piano_run, midi_file):
 @pytest.mark.slow
 def test_hands_that_rest_equal_the_baseline_and_leave_no_midi_file(piano_run, midi_file):
     rest = gym.make("RoboPianist-v0", score=str(midi_file)).unwrapped.rest_action
-    folder = piano_run(loud_action())
+    folder = piano_run(LOUD)
     assert evaluate(folder.path).performances[0].is_file()
     evaluation = evaluate(piano_run(rest).path)
     assert evaluation.performances == (None,)
@@ -76,7 +72,7 @@ def test_hands_that_rest_equal_the_baseline_and_leave_no_midi_file(piano_run, mi
 
 @pytest.mark.slow
 def test_the_file_of_metrics_has_what_was_returned(piano_run):
-    evaluation = evaluate(piano_run(loud_action()).path, episodes=2, seed=5)
+    evaluation = evaluate(piano_run(LOUD).path, episodes=2, seed=5)
     content = json.loads(evaluation.metrics_file.read_text())
     assert content == json.loads(json.dumps(evaluation.to_json()))
     assert content["num_timesteps"] == 1
@@ -94,7 +90,7 @@ def test_the_file_of_metrics_has_what_was_returned(piano_run):
 
 @pytest.mark.slow
 def test_a_run_can_be_judged_on_other_physics_than_its_own(piano_run):
-    folder = piano_run(loud_action())
+    folder = piano_run(LOUD)
     returns = {}
     for physics in (None, "reference", "fast"):
         evaluation = evaluate(folder.path, physics=physics)
@@ -148,19 +144,18 @@ def test_a_run_without_its_copy_of_the_model_plays_its_checkpoint(pendulum_run):
     assert evaluate(folder.path).mean == expected
 
 
-def test_a_model_without_its_statistics_is_not_played_with_others(pendulum_run):
-    folder = pendulum_run(normalize=True)
-    (folder.path / "vecnormalize.pkl").unlink()
+@pytest.mark.parametrize(
+    ("missing", "message"),
+    [
+        ("model.zip", r"has no model: expected model\.zip, .*train --resume"),
+        ("vecnormalize.pkl", r"expected model\.zip and vecnormalize\.pkl, written with"),
+    ],
+)
+def test_a_run_without_model_or_statistics_is_refused(pendulum_run, missing, message):
+    folder = pendulum_run(normalize=missing == "vecnormalize.pkl")
+    (folder.path / missing).unlink()
     (folder.checkpoint_dir / "checkpoint.json").unlink()
-    with pytest.raises(RunError, match=r"expected model\.zip and vecnormalize\.pkl, written with"):
-        evaluate(folder.path)
-
-
-def test_a_run_without_any_model_is_refused(pendulum_run):
-    folder = pendulum_run()
-    folder.model_file.unlink()
-    (folder.checkpoint_dir / "checkpoint.json").unlink()
-    with pytest.raises(RunError, match=r"has no model: expected model\.zip, .*train --resume"):
+    with pytest.raises(RunError, match=message):
         evaluate(folder.path)
 
 
@@ -180,24 +175,14 @@ def test_episodes_of_several_seeds_are_those_of_each_seed_alone(pendulum_run):
 
 
 @pytest.mark.slow
-def test_episodes_that_are_all_the_same_are_known_as_repetitions(piano_run, pendulum_run):
-    folder = piano_run(loud_action())
-    assert evaluate(folder.path, seed=[0, 1]).is_repetition
-    assert not evaluate(folder.path).is_repetition  # one episode repeats nothing
-    folder = piano_run(loud_action(), "wandering", randomize_hand_positions=True)
-    assert not evaluate(folder.path, seed=[0, 1]).is_repetition
-    assert not evaluate(pendulum_run("pendulum").path, episodes=2).is_repetition
-
-
-@pytest.mark.slow
 def test_another_piece_is_played_and_leaves_the_files_of_the_own_one(piano_run):
-    folder = piano_run(loud_action())
+    folder = piano_run(LOUD)
     own = evaluate(folder.path)
     before = own.metrics_file.read_text()
     other = evaluate(folder.path, score="TwinkleTwinkleLittleStar")
     env = gym.make("RoboPianist-v0", score="TwinkleTwinkleLittleStar")
     env.reset()
-    over, action = False, np.clip(loud_action(), -0.9999999, 0.9999999)
+    over, action = False, np.clip(LOUD, -0.9999999, 0.9999999)
     while not over:
         *_, over, info = env.step(action)
     for name in EPISODE_METRICS:
@@ -208,16 +193,15 @@ def test_another_piece_is_played_and_leaves_the_files_of_the_own_one(piano_run):
     assert own.metrics_file.read_text() == before
 
 
+def ctrl_c_after(episodes):
+    """Return a listener that presses Ctrl-C after so many episodes."""
+    left = iter(range(episodes - 1, -1, -1))
+    return lambda: next(left) or os.kill(os.getpid(), signal.SIGINT)
+
+
 def test_ctrl_c_ends_an_evaluation_with_the_episodes_that_are_finished(pendulum_run, ctrl_c):
-    played = []
-
-    def stop_after_three():
-        played.append(1)
-        if len(played) == 3:
-            os.kill(os.getpid(), signal.SIGINT)
-
     folder = pendulum_run()
-    found = evaluate(folder.path, episodes=2, seed=[0, 1, 2], on_episode=stop_after_three)
+    found = evaluate(folder.path, episodes=2, seed=[0, 1, 2], on_episode=ctrl_c_after(3))
     assert found.interrupted
     assert found.episode_seeds == (0, 0, 1)
     written = json.loads(found.metrics_file.read_text())
@@ -231,9 +215,6 @@ def test_a_place_that_cannot_be_written_is_named(pendulum_run):
     folder.evaluation_dir.write_text("in the way")
     with pytest.raises(RunError, match=r"evaluation' cannot be written: File exists"):
         evaluate(folder.path)
-
-
-STILL = np.zeros(39)
 
 
 class Broken(gym.Wrapper):
@@ -354,15 +335,8 @@ def test_a_piece_that_one_run_cannot_play_is_named(piano_run, pendulum_run):
 
 
 def test_ctrl_c_within_a_run_keeps_its_finished_episodes_and_starts_no_other(three_runs, ctrl_c):
-    played = []
-
-    def stop_after_five():
-        played.append(1)
-        if len(played) == 5:
-            os.kill(os.getpid(), signal.SIGINT)
-
     runs = [run.path for run in three_runs]
-    found = evaluate_runs(runs, 3, on_episode=stop_after_five)
+    found = evaluate_runs(runs, 3, on_episode=ctrl_c_after(5))
     assert found.interrupted
     assert [len(evaluation.episodes) for evaluation in found.evaluations] == [3, 2]
 

@@ -46,40 +46,27 @@ def test_the_folder_has_config_and_provenance(small_config, tmp_path):
 
 
 @pytest.mark.parametrize("relative", [True, False])
-def test_a_score_file_is_copied_and_found_after_the_folder_was_moved(
+def test_score_and_finger_labels_are_copied_and_found_after_the_folder_was_moved(
     small_config, tmp_path, midi_file, monkeypatch, relative
 ):
     monkeypatch.chdir(tmp_path)
     given = midi_file.name if relative else str(midi_file)
-    config = small_config(env_id="RoboPianist-v0", env_kwargs={"score": given})
-    folder = RunFolder.create(config, "run")
-    content = midi_file.read_bytes()
-    midi_file.unlink()
-    assert yaml.safe_load(folder.config_file.read_text())["env_kwargs"] == {"score": "score.mid"}
-    assert yaml.safe_load(folder.provenance_file.read_text())["score_file"] == given
-    moved = RunFolder(folder.path.rename(tmp_path / "moved"))
-    assert moved.read_config().env_kwargs["score"] == str(tmp_path / "moved" / "score.mid")
-    assert (tmp_path / "moved" / "score.mid").read_bytes() == content
-    moved.write_config(moved.read_config())
-    assert yaml.safe_load(moved.config_file.read_text())["env_kwargs"] == {"score": "score.mid"}
-
-
-def test_a_file_of_finger_labels_is_copied_beside_the_score(small_config, tmp_path, midi_file):
     labels = tmp_path / "labels.csv"
     labels.write_text("onset,pitch,finger\n0,60,1\n")
-    files = {"score": str(midi_file), "fingering": str(labels)}
-    folder = RunFolder.create(
-        small_config(env_id="RoboPianist-v0", env_kwargs=files), tmp_path / "run"
-    )
+    files = {"score": given, "fingering": str(labels)}
+    folder = RunFolder.create(small_config(env_id="RoboPianist-v0", env_kwargs=files), "run")
+    contents = [midi_file.read_bytes(), labels.read_bytes()]
+    midi_file.unlink()
     labels.unlink()
+    copies = {"score": "score.mid", "fingering": "fingering.csv"}
+    assert yaml.safe_load(folder.config_file.read_text())["env_kwargs"] == copies
+    assert yaml.safe_load(folder.provenance_file.read_text())["score_file"] == given
     moved = RunFolder(folder.path.rename(tmp_path / "moved"))
-    copy = tmp_path / "moved" / "fingering.csv"
-    assert moved.read_config().env_kwargs["fingering"] == str(copy)
-    assert copy.read_text() == "onset,pitch,finger\n0,60,1\n"
-    assert yaml.safe_load(moved.config_file.read_text())["env_kwargs"] == {
-        "score": "score.mid",
-        "fingering": "fingering.csv",
-    }
+    found = {name: str(moved.path / copy) for name, copy in copies.items()}
+    assert moved.read_config().env_kwargs == found
+    assert [(moved.path / copy).read_bytes() for copy in copies.values()] == contents
+    moved.write_config(moved.read_config())
+    assert yaml.safe_load(moved.config_file.read_text())["env_kwargs"] == copies
 
 
 def test_an_imported_piece_is_copied_so_that_the_run_does_not_need_the_library(

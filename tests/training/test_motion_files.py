@@ -6,14 +6,14 @@ import json
 
 import numpy as np
 import pytest
+from acting import LOUD
 
 from sb3_piano.cli import main
-from sb3_piano.envs import EpisodeRecorder, PianoEnv
+from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.difficulty import read_motion
-from sb3_piano.training import SavedPlayer, evaluate, evaluate_runs, train
+from sb3_piano.training import evaluate, evaluate_runs
 
-LOUD = np.where(np.arange(39) % 2 == 0, 0.9, -0.3)
 PIECE = "debug-CMajorScaleOneHand"
 
 
@@ -55,27 +55,6 @@ def test_each_episode_has_its_file_and_stale_ones_go(piano_run):
     assert json.loads(evaluation.metrics_file.read_text())["motions"] == []
 
 
-@pytest.mark.slow
-def test_of_several_pieces_each_file_has_the_title_of_its_own(small_config, tmp_path):
-    titles = ["CMajorScaleOneHand", "TwinkleTwinkleLittleStar"]
-    config = small_config(
-        env_id="RoboPianist-v0",
-        env_kwargs={"score": PIECE},
-        env_wrapper=[
-            {"sb3_piano.wrappers.RandomPiece": {"pieces": titles}},
-            {"sb3_piano.wrappers.Excerpt": {"start": 0.0, "length": 0.2, "unit": "seconds"}},
-        ],
-        n_timesteps=1,
-    )
-    folder = train(config, tmp_path / "several", progress_bar=False).folder
-    evaluation = evaluate(folder.path, episodes=8, motion=True)
-    found = [read_motion(path).title for path in evaluation.motions]
-    assert set(found) == set(titles)
-    with SavedPlayer.open(folder.path) as player:
-        played = [recording.performance.title for recording in player.play(8)]
-    assert found == played
-
-
 def test_only_a_run_s_own_piece_on_a_piano_has_motion(piano_run, pendulum_run, midi_file):
     run = piano_run(LOUD)
     with pytest.raises(ConfigError, match="Of another piece no motion is written"):
@@ -96,20 +75,3 @@ def test_the_command_writes_and_lists_the_files(piano_run, capsys, monkeypatch, 
     assert "Motion:      run/evaluation/performance_1.npz and 1 more\n" in out
     assert main(["evaluate", "run"]) == 0
     assert "Motion:" not in capsys.readouterr().out
-
-
-def test_what_is_recorded_is_the_action_that_reached_the_environment(midi_file):
-    env = EpisodeRecorder(PianoEnv(str(midi_file)))
-    for resting in (True, False, True):
-        env.resting = resting
-        env.reset(seed=0)
-        over, action = False, np.full(39, 0.25, dtype=np.float32)
-        while not over:
-            given = action.copy()
-            *_, over, _ = env.step(given)
-            given[:] = 9.0  # the array stays the caller's, who may fill it anew
-        motion = env.finished.pop().motion
-        expected = env.unwrapped.rest_action if resting else 0.25
-        assert np.allclose(motion.actions, expected)
-        lengths = (len(motion.actions) + 1, len(motion.qpos), len(motion.fingertips))
-        assert len(set(lengths)) == 1

@@ -16,7 +16,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from sb3_piano.callbacks import F1Callback, PerformanceVideoCallback
+from sb3_piano.callbacks import F1Callback
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, PlanWarning, RunError
@@ -31,7 +31,6 @@ from sb3_piano.training.playing.takes import (
     plan_run,
     planner_config,
     take_of_planner,
-    where_played,
 )
 
 TUNE = Score(
@@ -164,22 +163,6 @@ def test_an_episode_comes_from_its_seed_whatever_was_played_before():
     assert both.episodes[0] != both.episodes[1]
 
 
-def test_nobody_is_asked_what_to_do_while_the_hands_rest(monkeypatch):
-    with SavedPlayer.open(zero_run().path) as player:
-        calls, predict = [], player.model.predict
-
-        def told(*arguments, **options):
-            calls.append(arguments)
-            return predict(*arguments, **options)
-
-        monkeypatch.setattr(player.model, "predict", told)
-        resting = player.rest()
-        assert len(calls) <= 1
-        (recording,) = player.play()
-        assert len(calls) > recording.metrics["length"] - 1
-    assert resting.metrics["f1"] == resting.metrics["noop_f1"]
-
-
 def test_a_run_is_recorded_by_a_player_of_the_environment_that_is_recorded():
     run = zero_run()
     with run_to_record(run.path) as (policy, env, config):
@@ -210,25 +193,6 @@ def test_what_is_not_trained_is_told_so_in_one_way(algo, capsys, caplog):
     assert sorted(run.rglob("*")) == before
     assert not caplog.records  # nothing was begun
     assert not Path("runs").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["nothing.mid"], "There is no 'nothing.mid': expected an environment's id, a file"),
-        (["Nothing"], "Unknown piece 'Nothing'"),
-        (["tune.mid", "--set", "fysics=fast"], "Did you mean 'physics'"),
-        (["tune.mid", "--seed", "-1"], "seed is -1: expected a whole number, 0 or more"),
-        (["tune.mid", "--nominal", "none"], "--nominal cannot be given without --sampling"),
-        (["tune.mid", "--horizon", "3"], "--horizon cannot be given without --sampling"),
-        (["tune.mid", "--sampling", "2", "--nominal", "plant"], "Did you mean 'plan'"),
-        (["Pendulum-v1"], "Environment 'Pendulum-v1' cannot be made"),
-    ],
-)
-def test_what_cannot_be_planned_is_told_and_leaves_no_folder(arguments, message, capsys):
-    assert main(["plan", *arguments, "--out", "run"]) == 2
-    assert message in capsys.readouterr().err
-    assert not Path("run").exists()
 
 
 @pytest.mark.parametrize(
@@ -280,16 +244,6 @@ def test_callbacks_evaluate_it_like_a_model(own, pianist, expected):
     callback.init_callback(pianist)
     assert callback.on_step() is False  # it is that good
     assert callback.last_mean_reward == pytest.approx(expected["f1"])
-
-
-def test_callbacks_write_down_what_it_plays(pianist, tmp_path, monkeypatch):
-    monkeypatch.setattr("sb3_piano.viewing.take._write_video", lambda *arguments: "not here")
-    callback = PerformanceVideoCallback(1, str(tmp_path / "videos"), width=64, height=48)
-    callback.init_callback(pianist)
-    with pytest.warns(UserWarning, match="not here"):
-        callback.on_step()
-    played = read_midi(tmp_path / "videos" / "step_0.mid")
-    assert {note.pitch for note in played.notes} == {48, 76, 77}
 
 
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
@@ -370,36 +324,3 @@ def test_the_listener_hears_of_planning_and_of_every_step():
     assert len(played.take.qpos) == steps + 1
     assert played.score.title == "plain"
     assert min(played.planning, played.playing) > 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--sampling", "4"], "--sampling cannot be given without --planned"),
-        (["--nominal", "none"], "--nominal cannot be given without --planned"),
-        (["--horizon", "4"], "--horizon cannot be given without --planned"),
-        (["--reduced"], "--reduced cannot be given without --planned"),
-        (["--planned", "--horizon", "4"], "--horizon cannot be given without --sampling"),
-        (["--planned", "--score", "FurElise"], "--score cannot be given with a piece"),
-        (["--planned", "--best", "f1"], "--best cannot be given with a piece"),
-        (["--planned", "--physics", "slow"], "Unknown physics profile 'slow'"),
-    ],
-)
-def test_what_does_not_go_together_is_told(arguments, message, capsys):
-    assert main(["play", "plain.mid", *arguments]) == 2
-    assert message in capsys.readouterr().err
-    assert not Path("play").exists()
-
-
-def test_a_run_is_not_played_by_a_planner(capsys):
-    Path("run").mkdir()
-    assert main(["play", "run", "--planned"]) == 2
-    assert "--planned cannot be given with the run 'run'" in capsys.readouterr().err
-
-
-def test_environments_files_and_names_are_told_apart():
-    assert where_played("RoboPianist-hanon-01-v0") == ("RoboPianist-hanon-01-v0", {})
-    assert where_played("plain.mid") == ("RoboPianist-v0", {"score": "plain.mid"})
-    assert where_played("FurElise") == ("RoboPianist-v0", {"score": "FurElise"})
-    with pytest.raises(ConfigError, match="There is no 'x/y'"):
-        where_played("x/y")

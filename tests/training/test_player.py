@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 
 import gymnasium as gym
-import numpy as np
 import pytest
+from acting import STILL
 
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
@@ -14,7 +14,6 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import Note, Score
 from sb3_piano.training import SavedPlayer, evaluate, train
 
-STILL = np.zeros(39)
 BEYOND = Score(notes=[Note(pitch=100, onset=0.0, offset=0.2)], title="Beyond")
 
 
@@ -107,24 +106,32 @@ def test_numbers_out_of_range_are_refused(pendulum_run):
             player.play(0)
         with pytest.raises(ConfigError, match="seed is -2: expected a whole number"):
             player.play(1, seed=-2)
-        with pytest.raises(ConfigError, match="seed is -2: expected a whole number"):
-            player.episodes(seed=-2)
+
+
+@pytest.fixture
+def evaluated_run(small_config, tmp_path, midi_file):
+    """Return a function that trains for 30 steps with three evaluations, the first one the best.
+
+    Nothing is pressed in so few steps: all evaluations are alike.
+    """
+
+    def make(**changes):
+        config = small_config(
+            env_id="RoboPianist-v0",
+            env_kwargs={"score": str(midi_file), "physics": "fast"},
+            n_timesteps=30,
+            callback=({"sb3_piano.callbacks.F1Callback": {"eval_freq": 10}},),
+            **changes,
+        )
+        return train(config, tmp_path / "best", progress_bar=False).folder
+
+    return make
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("normalize", [False, True])
-def test_the_best_model_plays_in_place_of_the_last_one(
-    small_config, tmp_path, midi_file, normalize
-):
-    """Nothing is pressed in so few steps: all evaluations are alike, and the first one is best."""
-    config = small_config(
-        env_id="RoboPianist-v0",
-        env_kwargs={"score": str(midi_file), "physics": "fast"},
-        n_timesteps=30,
-        normalize=normalize,
-        callback=({"sb3_piano.callbacks.F1Callback": {"eval_freq": 10}},),
-    )
-    run = train(config, tmp_path / "best", progress_bar=False).folder
+def test_the_best_model_plays_in_place_of_the_last_one(evaluated_run, normalize):
+    run = evaluated_run(normalize=normalize)
     for best, steps in ((None, 30), ("f1", 10)):
         with SavedPlayer.open(run.path, best=best) as player:
             assert player.num_timesteps == steps
@@ -143,19 +150,14 @@ def test_a_run_without_a_best_model_says_so(piano_run):
 
 
 @pytest.mark.slow
-def test_every_command_that_plays_takes_the_best_model(small_config, tmp_path, midi_file, capsys):
-    config = small_config(
-        env_id="RoboPianist-v0",
-        env_kwargs={"score": str(midi_file), "physics": "fast"},
-        n_timesteps=30,
-        callback=({"sb3_piano.callbacks.F1Callback": {"eval_freq": 10}},),
-    )
-    run = str(train(config, tmp_path / "best", progress_bar=False).folder.path)
+def test_every_command_that_plays_takes_the_best_model(evaluated_run, capsys):
+    folder = evaluated_run()
+    run = str(folder.path)
     for command in (["evaluate"], ["play", "--no-video"], ["report"]):
         assert main([*command, run, "--best", "recall"]) == 2
         assert "has no best model by 'recall'" in capsys.readouterr().err
         assert main([*command, run, "--best", "f1"]) == 0
-    page = (tmp_path / "best" / "evaluation" / "report.html").read_text(encoding="utf-8")
+    page = (folder.evaluation_dir / "report.html").read_text(encoding="utf-8")
     assert "best by f1" in page
     assert f"sb3-piano report {run} --seed 0 --best f1" in page
 

@@ -10,7 +10,7 @@ import yaml
 from stable_baselines3.common.buffers import ReplayBuffer
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import BUILT_IN, load_score
+from sb3_piano.music import load_score
 from sb3_piano.training import ALGORITHMS, Plugin, RunConfig
 from sb3_piano.training.configuration.names import algorithm_class
 
@@ -79,7 +79,6 @@ def test_a_config_does_not_share_what_it_was_given(small_config):
         ({"env_id": "nowhere:Pendulum-v1"}, "Module 'nowhere' of environment 'Pendulum-v1' cannot"),
         ({"n_timesteps": 0}, "n_timesteps is 0: expected a whole number from 1"),
         ({"n_timesteps": "many"}, "n_timesteps is 'many': expected a whole number"),
-        ({"n_envs": -1}, "n_envs is -1: expected a whole number, 1 or more"),
         ({"seed": -1}, "seed is -1: expected a whole number, 0 or more"),
         ({"seed": True}, "seed is True: expected a whole number"),
         ({"vec_env": "subprocess"}, "vec_env is 'subprocess': .* Did you mean 'subproc'"),
@@ -91,11 +90,6 @@ def test_a_config_does_not_share_what_it_was_given(small_config):
         ({"noise_type": "normal", "noise_std": -1}, "noise_std is -1: expected a finite"),
         ({"env_wrapper": "no.such.Wrapper"}, "env_wrapper: 'no.such.Wrapper' cannot be imported"),
         ({"env_wrapper": "gymnasium.wrappers.RescaleActoin"}, "Did you mean 'RescaleAction'"),
-        ({"env_wrapper": "gymnasium.version.VERSION.x"}, "env_wrapper: .* cannot be imported"),
-        (
-            {"env_wrapper": "gymnasium.__version__"},
-            "env_wrapper: 'gymnasium.__version__' is no subclass of Wrapper",
-        ),
         (
             {"env_wrapper": "torch.nn.ReLU"},
             "env_wrapper: 'torch.nn.ReLU' is no subclass of Wrapper",
@@ -103,10 +97,7 @@ def test_a_config_does_not_share_what_it_was_given(small_config):
         ({"vec_env_wrapper": WRAPPER}, f"vec_env_wrapper: '{WRAPPER}' is no subclass of VecEnvW"),
         ({"callback": {"os.system": {"command": "false"}}}, "callback: 'os.system' is no subclass"),
         ({"policy": [1, [2]]}, r"policy is \[1, \[2\]\]: expected text"),
-        ({"policy": "os.system"}, "policy: 'os.system' is no subclass of BasePolicy"),
-        ({"algo": [1]}, r"algo is \[1\]: expected text"),
         ({"env_id": 3}, "env_id is 3: expected text"),
-        ({"env_module": [1]}, r"env_module is \[1\]: expected text"),
         ({"env_module": "tabnanny"}, "Module 'tabnanny' does not register environment"),
         pytest.param({"n_timesteps": 10**400}, "n_timesteps is 10.*0: expected a whole", id="huge"),
         ({"vec_env_wrapper": 3}, "vec_env_wrapper: 3 is no entry for vec_env_wrapper: expected"),
@@ -135,8 +126,6 @@ def test_a_wrong_setting_is_refused_by_name(small_config, changes, message):
         ("gama", 0.9, "Unknown key 'gama' for TD3. Did you mean 'gamma'.* Expected one of learn"),
         ("n_timestep", 10, "'n_timestep' for TD3. Did you mean 'n_timesteps'"),
         ("env", "x", "Unknown key 'env' for TD3"),
-        ("seed", 3, "Unknown key 'seed' for TD3"),
-        ("tensorboard_log", "x", "Unknown key 'tensorboard_log' for TD3"),
         ("use_sde", True, "Unknown key 'use_sde' for TD3"),
         ("_init_setup_model", False, "Unknown key '_init_setup_model' for TD3"),
         ("gamma", "high", "gamma is 'high': expected a number"),
@@ -145,9 +134,7 @@ def test_a_wrong_setting_is_refused_by_name(small_config, changes, message):
         ("policy_kwargs", {"net_arh": [8]}, "'net_arh' for TD3Policy. Did you mean 'net_arch'"),
         ("device", "abc", "device is 'abc': expected auto, cpu, cuda or another of torch's"),
         ("policy_kwargs", {"activation_fn": "os.system"}, "'os.system' is no subclass of Module"),
-        ("policy_kwargs", {"optimizer_class": "nn.ReLU"}, "'nn.ReLU' is no subclass of Optimizer"),
         ("replay_buffer_class", "nn.ReLU", "'nn.ReLU' is no subclass of ReplayBuffer"),
-        ("policy_kwargs", {"activation_fn": "nn.Rellu"}, "torch.nn has no 'Rellu'"),
         ("policy_kwargs", "dict(a=exit())", "cannot be read: expected literals"),
     ],
     ids=str,
@@ -191,8 +178,3 @@ def test_the_module_of_an_environment_is_imported_and_remembered(
 def test_every_algorithm_can_be_imported_and_configured(name):
     assert algorithm_class(name).__name__.lower() == name
     RunConfig(algo=name, env_id="Pendulum-v1", n_timesteps=1, algorithm_kwargs={"gamma": "0.8"})
-
-
-def test_a_piece_is_named_by_text(small_config):
-    config = small_config(env_id="RoboPianist-v0", env_kwargs={"score": next(iter(BUILT_IN))})
-    assert config.env_kwargs["score"] in BUILT_IN

@@ -71,28 +71,13 @@ def test_a_seed_that_was_not_given_is_drawn_and_noted(run):
         ({"env_kwargs": {"gravity": 1}}, "cannot be made with env_kwargs"),
         ({"env_id": "CartPole-v1"}, "TD3 cannot be made"),
         ({"callback": "builtins.dict"}, "no subclass of BaseCallback"),
+        ({"every": 0}, "checkpoint_every is 0: expected a whole number"),
     ],
 )
 def test_nothing_is_written_if_anything_cannot_be_built(run, tmp_path, changes, message):
     with pytest.raises(ConfigError, match=message):
         run(**changes)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_no_folder_is_made_for_a_wrong_checkpoint_interval(run, tmp_path):
-    with pytest.raises(ConfigError, match="checkpoint_every is 0: expected a whole number"):
-        run(every=0)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_the_environments_are_closed_whatever_happens(run, monkeypatch):
-    closed = []
-    monkeypatch.setattr(
-        "stable_baselines3.common.vec_env.DummyVecEnv.close", lambda self: closed.append(True)
-    )
-    with pytest.raises(RuntimeError, match="crash"):
-        run(callback=act_at(50, "crash"))
-    assert closed == [True]
 
 
 def test_an_info_keyword_that_the_environment_does_not_tell_is_named(run):
@@ -122,16 +107,11 @@ def test_an_interrupted_on_policy_training_ends_within_its_rollout(ppo_config, t
     assert PPO.load(result.folder.model_file).num_timesteps == 50
 
 
-def test_a_callback_that_stops_the_training_is_no_interruption(run):
-    result = run(callback=act_at(50, "stop"))
-    assert (result.interrupted, result.num_timesteps) == (False, 50)
-    assert Checkpoint.read(result.folder.checkpoint_dir).num_timesteps == 50
-
-
-@pytest.mark.slow
-def test_a_signal_in_the_last_step_does_not_undo_a_finished_training(run):
-    result = run(callback=act_at(100, "SIGINT"))
-    assert (result.interrupted, result.num_timesteps) == (False, 100)
+@pytest.mark.parametrize(("step", "action"), [(50, "stop"), (100, "SIGINT")])
+def test_a_callback_that_stops_or_a_signal_in_the_last_step_is_no_interruption(run, step, action):
+    result = run(callback=act_at(step, action))
+    assert (result.interrupted, result.num_timesteps) == (False, step)
+    assert Checkpoint.read(result.folder.checkpoint_dir).num_timesteps == step
 
 
 def test_a_progress_bar_is_shown_and_taken_away_whatever_happens(
@@ -158,14 +138,6 @@ def test_a_training_without_tensorboard_says_so_and_goes_on(run, monkeypatch):
         folder = run(n_timesteps=20).folder
     assert folder.model_file.is_file()
     assert not folder.tensorboard_dir.exists()
-
-
-def test_training_outside_the_main_thread_works(run):
-    results = []
-    thread = threading.Thread(target=lambda: results.append(run(n_timesteps=20)))
-    thread.start()
-    thread.join()
-    assert results[0].num_timesteps == 20
 
 
 @pytest.mark.slow

@@ -13,18 +13,15 @@ import numpy as np
 import pytest
 import yaml
 from acting import VEC_ENVS, act_at
-from gymnasium.utils import RecordConstructorArgs as RecordArguments
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.save_util import load_from_pkl
-from stable_baselines3.common.vec_env import DummyVecEnv
 
-import sb3_piano.wrappers
 from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.callbacks import Checkpoint
-from sb3_piano.callbacks.own_env import copy_env
 from sb3_piano.cli import main
 from sb3_piano.exceptions import RunError
 from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.music.difficulty import read_motion
 from sb3_piano.training import (
     RunFolder,
     SavedPlayer,
@@ -189,26 +186,16 @@ def test_random_pieces_follow_the_seed_also_in_an_evaluation(piano_config, tmp_p
             titles.append(recordings)
     assert titles[0] == titles[1] != titles[2]
     assert set(titles[0] + titles[2]) == set(pieces)
+    evaluation = evaluate(run.path, episodes=6, seed=5, motion=True)
+    assert [read_motion(path).title for path in evaluation.motions] == titles[0]
     assert f"<h1>{titles[0][0]}</h1>" in write_report(run.path, seed=5).read_text(encoding="utf-8")
-
-
-def test_an_evaluation_in_the_training_has_the_wrappers(piano_config, tmp_path):
-    evaluation = {"sb3_piano.callbacks.F1Callback": {"eval_freq": 6, "log_path": str(tmp_path)}}
-    train(piano_config(callback=evaluation), tmp_path / "run", progress_bar=False)
-    with np.load(tmp_path / "evaluations.npz") as found:
-        assert found["ep_lengths"].tolist() == [[STACKED_STEPS]] * 2
 
 
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ({"PitchShift": {"semitones": "three"}}, "semitones is 'three'"),
         ({"PitchShift": {"semitone": 3}}, "PitchShift cannot be called with {'semitone': 3}"),
-        ({"TemporalStretch": {"factor": 0}}, "factor is 0"),
         ({"KeyRange": {"keys": [72, 74]}}, "76"),
-        ({"RewardWeights": {"weights": {"energ": 1}}}, "Did you mean 'energy'"),
-        ({"FingeringDecay": {"n_steps": 0}}, "n_steps is 0"),
-        ({"RewardTiering": {"threshold": 2}}, "threshold is 2"),
         ("PitchShifts", "has no 'PitchShifts'. Did you mean 'PitchShift'"),
     ],
 )
@@ -224,37 +211,6 @@ def test_wrong_arguments_are_one_clear_error_and_leave_no_folder(
     assert message in error
     assert "Traceback" not in error
     assert not (tmp_path / "run").exists()
-
-
-IN_YAML = """
-Excerpt: {start: random, length: 1, unit: bars}
-FingeringDecay: {n_steps: 1000, final: 0.1}
-HideFingering:
-KeyRange: {keys: piece, margin: 5, simulated: true}
-KeyRewardTiering:
-Lookahead: {seconds: 1, stride: 5, fingers: true}
-OctaveShift: {octaves: [-1, 1]}
-PitchShift: {semitones: [-2, 2]}
-PreviousActionReward:
-RandomPiece: {pieces: [CMajorScaleOneHand, TwinkleTwinkleLittleStar], weights: [1, 2]}
-ResidualAction: {scale: 0.05, lookahead: 1, settings: {hover: 0.02, rounds: 2}}
-RewardTiering: {threshold: 1}
-RewardWeights: {weights: {energy: 0}}
-TemporalStretch: {factor: [1, 2]}
-"""
-
-
-@pytest.mark.slow
-def test_every_wrapper_takes_its_arguments_from_yaml(piano_config):
-    entries = yaml.safe_load(IN_YAML)
-    kinds = {name: getattr(sb3_piano.wrappers, name) for name in sb3_piano.wrappers.__all__}
-    assert set(entries) == {n for n, kind in kinds.items() if issubclass(kind, RecordArguments)}
-    for name, arguments in entries.items():
-        venv = build_vec_env(piano_config(env_wrapper=[{f"{ROOM}.{name}": arguments}]))
-        assert isinstance(venv.envs[0], kinds[name])
-        observations, *_ = play_steps(venv, 2)
-        assert observations.shape == (3, 1, *venv.observation_space.shape)
-        venv.close()
 
 
 # Vectors of environments, buffers and copies.
@@ -296,22 +252,6 @@ def test_a_compact_buffer_holds_exactly_what_a_cut_observation_shows(piano_confi
     assert rows[0].shape == (30, STACKED_SIZE)
     np.testing.assert_array_equal(rows[0], rows[2])
     np.testing.assert_array_equal(rows[1], rows[3])
-
-
-@pytest.mark.parametrize("vec_env", ["dummy", "threads"])
-def test_the_copy_for_an_evaluation_keeps_the_wrappers_and_touches_nothing(piano_config, vec_env):
-    venv = build_vec_env(piano_config(vec_env=vec_env))
-    venv.seed(3)
-    expected = play_steps(venv, 20)
-    venv.seed(3)
-    copied = copy_env(venv)
-    assert isinstance(copied, DummyVecEnv)
-    assert_has_the_stack(copied)
-    copied.seed(3)
-    played = play_steps(copied, 20)
-    np.testing.assert_array_equal(played[0], expected[0])
-    steps = [each.envs[0].unwrapped.total_steps for each in (venv, copied)]
-    assert steps == [20, 40]
 
 
 # Stock RL Zoo.
@@ -372,19 +312,3 @@ def test_a_decay_goes_on_where_the_training_was_interrupted(piano_config, vec_en
     steps = np.arange(1, 12 // n_envs + 1)
     expected = np.clip(1 - (steps - 1) / 10, 0, 1)
     assert [[weight] * n_envs for weight in expected] == FingeringWeights.noted
-
-
-class Attributes(BaseCallback):
-    """Note down what a bare environment has; named in configs by its import path."""
-
-    noted: ClassVar = []
-
-    def _on_step(self):
-        self.noted.append(set(vars(self.training_env.envs[0].unwrapped)))
-        return True
-
-
-def test_a_resumed_training_leaves_what_is_no_piano_alone(run):
-    folder = run(n_timesteps=20, callback=f"{__name__}.Attributes").folder
-    resume(folder.path, 21, progress_bar=False)
-    assert Attributes.noted[-1] == Attributes.noted[0]

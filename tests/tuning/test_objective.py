@@ -11,10 +11,9 @@ import pytest
 import small_study
 from optuna.trial import TrialState
 
-from sb3_piano.callbacks import F1Callback
 from sb3_piano.training import RunFolder
 from sb3_piano.tuning import Choice, Float, Int, Objective, Space, StudyFolder
-from sb3_piano.tuning.objective import reason_of, results_of
+from sb3_piano.tuning.objective import reason_of
 
 small = small_study.small_study
 
@@ -109,20 +108,14 @@ def test_a_value_is_reported_at_each_evaluation_and_the_mean_over_seeds_so_far(t
 
 
 @pytest.mark.slow
-def test_pruning_within_a_training_ends_it_there(tmp_path):
-    (trial,) = run(small(seeds=(0, 1)), tmp_path, pruner=PruneAt(60))
+@pytest.mark.parametrize("step", [40, 60], ids=["between seeds", "within a training"])
+def test_a_pruned_trial_ends_there(tmp_path, step):
+    (trial,) = run(small(seeds=(0, 1)), tmp_path, pruner=PruneAt(step))
     assert trial.state is TrialState.PRUNED
-    assert trial.user_attrs["steps"] == 60
+    assert trial.user_attrs["steps"] == step
     assert len(trial.user_attrs["values"]) == 1
-    assert trial.value == trial.intermediate_values[60]
-
-
-@pytest.mark.slow
-def test_pruning_between_seeds_spares_those_that_are_left(tmp_path):
-    (trial,) = run(small(seeds=(0, 1)), tmp_path, pruner=PruneAt(40))
-    assert trial.state is TrialState.PRUNED
-    assert trial.user_attrs["steps"] == 40
-    assert not (tmp_path / "trials/0/seed_1").exists()
+    assert trial.value == trial.intermediate_values[step]
+    assert (tmp_path / "trials/0/seed_1").exists() == (step > 40)
 
 
 @pytest.mark.slow
@@ -186,17 +179,3 @@ def test_ctrl_c_ends_a_study_of_ones_own(tmp_path, ctrl_c):
 
 def test_an_error_without_words_is_told_by_its_name():
     assert reason_of(MemoryError()) == "out of memory: MemoryError"
-
-
-def test_the_best_of_a_training_is_that_of_all_evaluations_and_the_last_its_end():
-    judge = F1Callback()
-    judge.evaluations_metrics = [
-        [{"f1": 0.25, "onset_f1": 0.5}],
-        [{"f1": 0.5, "onset_f1": 0.0}, {"f1": 1.0, "onset_f1": 0.25}],
-        [{"f1": 0.375, "onset_f1": 0.25}],
-    ]
-    so_far = {"final_f1": 0.375, "best_f1": 0.75, "final_onset_f1": 0.25, "best_onset_f1": 0.5}
-    assert results_of({}, judge) == so_far
-    found = results_of({"f1": 0.875, "onset_f1": 0.125}, judge)
-    assert (found["final_f1"], found["best_f1"]) == (0.875, 0.875)
-    assert (found["final_onset_f1"], found["best_onset_f1"]) == (0.125, 0.5)

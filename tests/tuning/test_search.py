@@ -74,17 +74,6 @@ def test_a_sampler_and_a_pruner_run_a_study_without_a_warning(sampler, pruner, c
 
 
 @pytest.mark.parametrize("sampler", ["tpe", "cmaes", "gp"])
-def test_a_sampler_learns_after_its_random_trials(sampler):
-    def mean_distance(name: str) -> float:
-        search = Search(sampler=name, pruner="none", startup_trials=5, seed=0)
-        study = study_of(search, config())
-        study.optimize(parabola(config()), n_trials=35)
-        return sum(abs(trial.params["x"] - 0.5) for trial in study.trials[-10:]) / 10
-
-    assert mean_distance(sampler) < 0.5 * mean_distance("random")
-
-
-@pytest.mark.parametrize("sampler", ["tpe", "cmaes", "gp"])
 def test_the_first_trials_are_random_and_no_more(sampler):
     def first_params(startup_trials: int) -> list[dict]:
         search = Search(sampler=sampler, pruner="none", startup_trials=startup_trials, seed=3)

@@ -203,7 +203,8 @@ def test_batches_of_ppo_are_all_full():
 def test_rewards_are_searched_around_their_defaults_but_for_the_unit():
     prefix = "env_kwargs.reward_weights."
     terms = {name.removeprefix(prefix) for name in SPACES["reward"]}
-    assert terms <= DEFAULT_REWARD_WEIGHTS.keys() - {"key_press"} and "fingering" in terms
+    assert terms <= DEFAULT_REWARD_WEIGHTS.keys() - {"key_press"}
+    assert "fingering" in terms
     for term in terms:
         low, high = SPACES["reward"][f"{prefix}{term}"].extremes()
         assert low == pytest.approx(DEFAULT_REWARD_WEIGHTS[term] / 10)
@@ -229,14 +230,11 @@ def check(parameters, entry=None, algo="td3", env_id=ENV_ID):
     ("parameters", "message"),
     [
         ({"gama": Float(0, 1)}, "'gama' = 0.0: Unknown key 'gama' for TD3. Did you mean 'gamma'?"),
-        ({"tau": Float(0, 1), "ent_coef": Float(0, 1)}, "'ent_coef' = 0.0: Unknown key 'ent_coef'"),
         ({"gamma": Float(0.5, 1.5)}, "'gamma' = 1.5: gamma is 1.5: expected 0 to 1."),
         ({"learning_rate": Float(0, 1)}, "'learning_rate' = 0.0: .* expected more than 0."),
-        ({"learning_rate": Choice(["lin_0.1", "lin_0"])}, "'learning_rate' = 'lin_0': .* more tha"),
         ({"batch_size": Float(1, 9.5)}, "'batch_size' = 9.5: .* expected a whole number."),
         ({"gradient_steps": Int(-1, 0)}, "'gradient_steps' = 0: .* 1 or more, or -1"),
         ({"policy_kwargs.dropout": Float(0, 1)}, "'policy_kwargs.dropout' = 0.0: Unknown key 'dr"),
-        ({"policy_kwargs.net_arch": Choice([[8], [-8]])}, r"'policy_kwargs.net_arch' = \[-8\]: "),
         ({"policy": Choice(["MlpPolicy", "MlPolicy"])}, "'policy' = 'MlPolicy': Unknown policy"),
         ({"noise_std": Float(0.1, 0.2)}, "'noise_std' = 0.1: noise_type is None and noise_std 0.1"),
         ({"n_envs": Int(0, 2)}, "'n_envs' = 0: n_envs is 0: expected "),
@@ -245,14 +243,9 @@ def check(parameters, entry=None, algo="td3", env_id=ENV_ID):
             "'env_kwargs.n_steps_lookahed' = 1: Unknown option 'n_steps_lookahed' of the piano",
         ),
         (
-            {"env_kwargs.n_steps_lookahead": Int(-3, 2), "gamma": Float(0, 1)},
-            "'env_kwargs.n_steps_lookahead' = -3: n_steps_lookahead is -3: expected ",
-        ),
-        (
             {"env_wrapper.TemporalStretch.factor": Float(0, 1)},
             "'env_wrapper.TemporalStretch.factor' = 0.0: factor is 0.0: expected ",
         ),
-        ({"env_wrapper.TemporalStretch.x": Float(1, 2)}, "'env_wrapper.TemporalStretch.x' = 1.0"),
         ({"env_wrapper.Stretch.x": Float(1, 2)}, "'env_wrapper.Stretch.x' = 1.0: .* has no 'St"),
         (
             {"env_wrapper": Choice({"no": [], "wrong": ["no.such.Wrapper"]})},

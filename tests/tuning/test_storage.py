@@ -6,7 +6,6 @@ import dataclasses
 import json
 import multiprocessing
 import socket
-import time
 from pathlib import Path
 
 import optuna
@@ -148,18 +147,6 @@ def test_what_a_store_gives_back_in_another_type_is_the_same(folder):
     opened(folder, changed(entry={**entry, "n_timesteps": 1000.0}))
 
 
-def test_studies_of_one_score_are_the_same_wherever_the_file_is(folder, tmp_path):
-    def with_score(content: bytes, name: str) -> StudyConfig:
-        file = tmp_path / name
-        file.write_bytes(content)
-        return changed(entry={**CONFIG.entry, "env_kwargs": {"score": str(file)}})
-
-    opened(folder, with_score(b"one", "a.mid"))
-    opened(folder, with_score(b"one", "b.mid"))
-    with pytest.raises(ConfigError, match='env_kwargs.score is "sha256 [0-9a-f]{64}" there, "sha'):
-        opened(folder, with_score(b"two", "b.mid"))
-
-
 @pytest.mark.parametrize(
     ("directions", "word"),
     [(["minimize"], "minimize"), (["maximize", "minimize"], "maximize and minimize")],
@@ -184,24 +171,6 @@ def test_a_study_whose_maker_was_killed_at_once_is_made_to_an_end(folder, monkey
     store = open_storage(None, folder)
     optuna.create_study(study_name="twinkle", storage=store, direction="maximize")
     assert [trial.user_attrs for trial in opened(folder).get_trials()] == [{ORIGIN: PRESET}]
-
-
-def make_slowly(url, said) -> None:
-    store = open_storage(url, StudyFolder(Path()))
-    study = optuna.create_study(study_name="twinkle", storage=store, direction="maximize")
-    said.put("made")
-    time.sleep(0.5)
-    study.set_user_attr("identity", json.loads(json.dumps(CONFIG.identity())))
-
-
-@pytest.mark.slow
-def test_a_study_that_is_just_being_made_is_waited_for(folder, database_url):
-    said = FORK.Queue()
-    process = FORK.Process(target=make_slowly, args=(database_url, said))
-    process.start()
-    said.get(timeout=30)
-    assert opened(folder, url=database_url).get_trials() == []
-    process.join()
 
 
 # The journal.

@@ -6,7 +6,6 @@ import csv
 import html
 import re
 import warnings
-from html.parser import HTMLParser
 from pathlib import Path
 
 import optuna
@@ -26,50 +25,20 @@ from finished_study import (
     prune,
     study_config,
 )
+from html_page import Page
 from optuna.distributions import FloatDistribution
 
 from sb3_piano.tuning.figures import importances, study_figures
 from sb3_piano.tuning.report import report_html, write_report, write_table
 from sb3_piano.tuning.study import StudyFolder
-from sb3_piano.tuning.trials import requeue_lost
 
 EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>"
-
-
-class Texts(HTMLParser):
-    """The texts that a page shows, and the tables among them as lists of rows."""
-
-    def __init__(self, page):
-        super().__init__()
-        self.words, self.tables, self._tag = [], [], None
-        self.feed(page)
-
-    def handle_starttag(self, tag, attrs):
-        self._tag = tag
-        if tag == "table":
-            self.tables.append([])
-        elif tag == "tr":
-            self.tables[-1].append([])
-        elif tag in ("td", "th"):
-            self.tables[-1][-1].append("")
-
-    def handle_endtag(self, tag):
-        self._tag = None
-
-    def handle_data(self, data):
-        if self._tag in ("script", "style"):
-            return
-        self.words.append(data)
-        if self._tag in ("td", "th"):
-            self.tables[-1][-1][-1] += data
 
 
 def texts_of(study, config, folder=None):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        page = Texts(report_html(study, config, folder))
-    page.text = " ".join(" ".join(page.words).split())
-    return page
+        return Page(report_html(study, config, folder))
 
 
 # What it says.
@@ -135,7 +104,7 @@ def test_failed_trials_are_listed_with_their_reasons():
     interrupt(study, config)
     page = report_html(study, config)
     assert "<img" not in page.replace("\\u003cimg", "")
-    (table,) = Texts(page).tables
+    (table,) = Page(page).tables
     assert table[1] == ["0", f"RuntimeError: {EVIL}"]
     assert table[2][0] == "1"
     assert "killed" in table[2][1]
@@ -219,18 +188,6 @@ def test_states_reasons_and_origins_are_told(rows_of):
     assert rows[5]["gamma"] != rows[6]["gamma"] == ""
 
 
-def test_a_trial_whose_process_was_gone_is_repeated_once_it_is_queued_again(rows_of):
-    config, study = study_config(), new_study()
-    fail(study, config)
-    requeue_lost(study, lambda trial: True)
-    assert [row["state"] for row in rows_of(study, config)] == ["repeated", "waiting"]
-    complete(study, config, 0.5)
-    first, second = rows_of(study, config)
-    assert (second["state"], "killed" in first["failure"]) == ("complete", True)
-    for name in SPACE:
-        assert first[name] == second[name] != ""
-
-
 def test_the_table_is_written_anew_and_empty_for_an_empty_study(rows_of):
     config, study = study_config(), new_study()
     assert rows_of(study, config) == []
@@ -312,19 +269,12 @@ def with_conditional(study, config):
     ("fill", "space", "expected"),
     [
         (lambda s, c: None, SPACE, []),
-        (lambda s, c: s.enqueue_trial({}), SPACE, ["timeline"]),
         (lambda s, c: begin(s, c), SPACE, ["timeline"]),
-        (lambda s, c: [fail(s, c, "ValueError") for _ in range(3)], SPACE, ["timeline"]),
         (lambda s, c: prune(s, c, 0.5), SPACE, ["reports", "timeline"]),
         (
             lambda s, c: complete(s, c, 0.5),
             SPACE,
             ["history", "reports", "timeline", "parallel", *(f"slice-{n}" for n in range(1, 5))],
-        ),
-        (
-            lambda s, c: [complete(s, c, value) for value in (0.5, 0.6)],
-            SPACE,
-            [*ALL, *(f"slice-{n}" for n in range(1, 5))],
         ),
         (
             lambda s, c: [complete(s, c, value / 40) for value in range(40)],
@@ -339,8 +289,7 @@ def with_conditional(study, config):
         (with_conditional, SPACE, [*ALL, *(f"slice-{n}" for n in range(1, 5))]),
     ],
     ids=[
-        *("empty", "waiting", "running", "failed", "pruned", "one", "two", "one number"),
-        *("one choice", "conditional"),
+        *("empty", "running", "pruned", "one", "one number", "one choice", "conditional"),
     ],
 )
 def test_every_study_has_the_figures_for_which_there_is_something(fill, space, expected):

@@ -118,14 +118,6 @@ def test_the_best_trial_is_the_complete_one_with_the_highest_value_the_first_of_
     assert best_trial(study).number == study.best_trial.number  # Optuna's own view
 
 
-@pytest.mark.parametrize("kinds", [(), (fail, fail), (prune,), (interrupt,)])
-def test_without_a_complete_trial_there_is_no_best_one(study, kinds):
-    for kind in kinds:
-        kind(study, CONFIG, *([0.3] if kind is prune else []))
-    assert best_trial(study) is None
-    assert preset_trial(study) is None
-
-
 def test_a_best_value_of_zero_is_one_and_the_presets_trial_is_known_by_its_origin(study):
     complete_preset(study, CONFIG, 0.0)
     assert best_trial(study).value == 0.0

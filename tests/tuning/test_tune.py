@@ -19,7 +19,6 @@ from sb3_piano.locks import hold
 from sb3_piano.training import RunFolder, load_config
 from sb3_piano.tuning import Float, Search, Space, tune
 from sb3_piano.tuning.trials import repeated
-from sb3_piano.tuning.tune import sampler_seed
 
 pytestmark = pytest.mark.slow
 
@@ -73,17 +72,6 @@ def test_optuna_itself_can_read_the_store(finished):
     storage = optuna.storages.JournalStorage(backend)
     study = optuna.load_study(study_name="small", storage=storage)
     assert study.best_value == finished.best.value
-
-
-def test_a_sampler_has_another_seed_each_time_a_study_goes_on_and_on_each_machine(finished):
-    def seed(study, seed=0, embedded=True):
-        return sampler_seed(study, Search(seed=seed), embedded=embedded)
-
-    new = optuna.create_study()
-    assert seed(new) == seed(optuna.create_study())
-    seeds = [seed(new), seed(new, 1), seed(finished.study), seed(new, embedded=False)]
-    assert len(set(seeds)) == 4
-    assert seed(new, None) is None
 
 
 def test_two_workers_run_every_trial_once(storage, tmp_path, monkeypatch):

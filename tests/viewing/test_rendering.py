@@ -50,19 +50,6 @@ def test_a_due_key_has_its_fingers_colour_and_a_sounding_key_is_green(camera):
 
 @pytest.mark.slow
 @needs_gl
-def test_a_key_is_coloured_while_the_step_just_played_asks_for_it():
-    env = PianoEnv(DUE, render_mode="rgb_array", width=640, height=480)
-    env.reset(seed=0)
-    reds = [count_dominated_by(0, env.render())]
-    for _ in range(5):  # due in the first four steps, not in the fifth
-        env.step(env.rest_action)
-        reds.append(count_dominated_by(0, env.render()))
-    assert min(reds[:5]) > reds[5] + 200
-    env.close()
-
-
-@pytest.mark.slow
-@needs_gl
 def test_rendering_leaves_everything_as_it_was_and_a_copy_draws_the_same():
     env = PianoEnv(DUE, render_mode="rgb_array", width=64, height=64)
     env.reset(seed=0)

@@ -59,17 +59,6 @@ def test_a_press_over_two_notes_belongs_to_the_one_whose_onset_is_nearer():
         assert notes.press.tolist() == [0 if i == owner else -1 for i in range(2)]
 
 
-def test_times_and_fingers_are_those_of_score_and_playing():
-    played = performance([note(C4, 0.52, 0.98, 6)], [(C4, 0.53, 0.77, 8)])
-    notes, presses = judge(played)
-    assert notes.onset.tolist() == pytest.approx([0.52])
-    assert notes.offset.tolist() == pytest.approx([1.0])  # to the end of its last step
-    assert (notes.key.tolist(), notes.finger.tolist()) == ([C4], [6])
-    assert presses.onset.tolist() == pytest.approx([0.53])
-    assert presses.offset.tolist() == pytest.approx([0.77])
-    assert (presses.key.tolist(), presses.finger.tolist()) == ([C4], [8])
-
-
 def test_counts_are_those_of_the_metrics():
     played = long_performance(400)
     notes, presses = judge(played)

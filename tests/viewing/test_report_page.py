@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from html_page import Page
 from report_parts import C4, metrics_of, note, performance, resting, three_notes
 
 from sb3_piano.metrics import FINGER_SHARES
@@ -14,36 +14,8 @@ from sb3_piano.viewing.report import Curve, Report, report_html
 from sb3_piano.viewing.report.page import definition_of, formatted
 
 NONE = "\N{EN DASH}"
-HEADINGS = ["Keys, step by step", "Notes, strike by strike", "Pedal", "Fingers", "Return"]
+
 EVIL = '<script>alert(1)</script> & "it\'s" <b>'
-
-
-class Page(HTMLParser):
-    """A parsed page: its elements, and the text of those that people read."""
-
-    def __init__(self, html):
-        super().__init__()
-        self.elements, self.stack, self.texts = [], [], []
-        self.feed(html)
-        self.text = " ".join(" ".join(self.texts).split())
-
-    def handle_starttag(self, tag, attributes):
-        self.elements.append((tag, dict(attributes)))
-        if tag not in ("meta", "br", "input"):
-            self.stack.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.stack.pop() == tag  # everything is closed in its order
-
-    def handle_data(self, data):
-        if self.stack and self.stack[-1] not in ("script", "style"):
-            self.texts.append(data)
-
-    def count(self, tag):
-        return sum(name == tag for name, _ in self.elements)
-
-    def ids(self):
-        return [attributes["id"] for _, attributes in self.elements if "id" in attributes]
 
 
 def report(played=None, **changes):

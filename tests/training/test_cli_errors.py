@@ -1,0 +1,99 @@
+"""Every command tells what is wrong in one line on stderr, and then has written nothing."""
+
+from __future__ import annotations
+
+import pytest
+
+from sb3_piano.cli import main
+from sb3_piano.music import Note, Score, write_midi
+
+PENDULUM = "--env Pendulum-v1 --config small.yml"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """Work in a folder with a piece, hyperparameters, and a folder that is no run."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.yml").write_text("default: {n_timesteps: 60}\n")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "notes.txt").write_text("mine")
+    write_midi(Score(notes=[Note(onset=0.0, offset=0.4, pitch=76)]), tmp_path / "tune.mid")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("train", "Nothing to play: expected --env ID, --midi FILE or --resume RUN."),
+        ("train --env RoboPianist-v0 --algo td4", "Unknown algorithm 'td4'. Did you mean 'td3'"),
+        ("train --env RoboPianst-v0", "Unknown environment 'RoboPianst-v0'. Did you mean 'Rob"),
+        ("train --env RoboPianist-v0 --algo a2c", "No preset comes with this package for 'a2c'"),
+        ("train --env RoboPianist-v0 --config no.yml", "'no.yml' cannot be read: No such file"),
+        ("train --midi no.mid --config small.yml", "no.mid"),
+        ("train --midi Twinkle --config small.yml", "Unknown piece 'Twinkle'"),
+        ("train --midi small.yml --config small.yml", "small.yml"),
+        ("train --midi a.mid --env Pendulum-v1", "--midi cannot be given with --env Pendulum-v1"),
+        (f"train {PENDULUM} --vec-env x", "vec_env is 'x': expected one"),
+        (f"train {PENDULUM} --seed -1", "seed is -1: expected a whole"),
+        (f"train {PENDULUM} --run full", "Folder 'full' is not empty"),
+        ("train --resume nowhere", "There is no folder 'nowhere'"),
+        ("train --resume full", "'full' is no run, it has no config.yml"),
+        ("train --resume full --seed 3", "--seed cannot be given with --resume"),
+        ("train --resume full --n-envs 3", "--n-envs cannot be given with --resume"),
+        ("train --resume full --midi x.mid", "--midi cannot be given with --resume"),
+        ("evaluate nowhere", "There is no folder 'nowhere'"),
+        ("evaluate nix --metrics f1 onset_f", "Unknown metric 'onset_f'. Did you mean 'onset_f1'"),
+        ("evaluate nix --csv no/all.csv", "--csv is 'no/all.csv': expected a file in a folder"),
+        ("evaluate nix --json .", "--json is '.': expected a file in a folder that exists"),
+        ("evaluate nix --seeds 1 1", "seed 1 is given 2 times"),
+        ("evaluate nix --seed -1", "seed is -1: expected a whole number"),
+        ("evaluate nix --score Waltz", "Unknown piece 'Waltz'"),
+        ("evaluate nix ./nix", "Run 'nix' is given twice"),
+        ("compare nix all.json", "There is no 'nix'"),
+        ("compare nix nix --csv .", "--csv is '.': expected a file"),
+        ("report nowhere", "There is no folder 'nowhere'"),
+        ("report nowhere --out no/x.html", "--out is 'no/x.html': expected a file in a folder"),
+        ("play runs/none", "there is no 'runs/none'. Expected the folder of a run, a file such as"),
+        ("play CMajorScaleTwoHand", "Did you mean 'CMajorScaleTwoHands'"),
+        ("play .", "'.' is no run, it has no config.yml"),
+        ("play CMajorScaleOneHand --seed 1", "--seed cannot be given with a piece"),
+        ("play CMajorScaleOneHand --score x.mid", "--score cannot be given with a piece"),
+        ("play CMajorScaleOneHand --size 640", "--size is '640': expected pixels such as"),
+        ("play CMajorScaleOneHand --size 640x361", "height is 361: expected a whole"),
+        ("play CMajorScaleOneHand --physics slow", "Unknown physics profile 'slow'"),
+        ("play tune.mid --sampling 4", "--sampling cannot be given without --planned"),
+        ("play tune.mid --nominal none", "--nominal cannot be given without --planned"),
+        ("play tune.mid --horizon 4", "--horizon cannot be given without --planned"),
+        ("play tune.mid --reduced", "--reduced cannot be given without --planned"),
+        ("play tune.mid --planned --horizon 4", "--horizon cannot be given without --sampling"),
+        ("play tune.mid --planned --score FurElise", "--score cannot be given with a piece"),
+        ("play tune.mid --planned --best f1", "--best cannot be given with a piece"),
+        ("play tune.mid --planned --physics slow", "Unknown physics profile 'slow'"),
+        ("play full --planned", "--planned cannot be given with the run 'full'"),
+        ("plan nothing.mid", "There is no 'nothing.mid': expected an environment's id, a file"),
+        ("plan x/y", "There is no 'x/y'"),
+        ("plan Nothing --out run", "Unknown piece 'Nothing'"),
+        ("plan tune.mid --out run --set fysics=fast", "Did you mean 'physics'"),
+        ("plan tune.mid --seed -1", "seed is -1: expected a whole number, 0 or more"),
+        ("plan tune.mid --nominal none", "--nominal cannot be given without --sampling"),
+        ("plan tune.mid --horizon 3", "--horizon cannot be given without --sampling"),
+        ("plan tune.mid --out run --sampling 2 --nominal plant", "Did you mean 'plan'"),
+        ("plan Pendulum-v1 --out run", "Environment 'Pendulum-v1' cannot be made"),
+        ("record nothing.mid", "There is no 'nothing.mid': expected"),
+        ("record tune.mid --set physics", "--set is 'physics': expected NAME=VALUE"),
+        ("record tune.mid --set a=[", "its value is not valid YAML"),
+        ("record tune.mid --set fysics=fast", "Did you mean 'physics'"),
+        ("record tune.mid --best f1", "only a run has models"),
+        ("record RoboPianist-v0 --start -1", "std is -1.0"),
+    ],
+)
+def test_an_error_is_one_line_and_leaves_nothing(command, message, folder, monkeypatch, capsys):
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(folder / "datasets"))
+    before = sorted(folder.rglob("*"))
+    assert main(command.split()) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("sb3-piano: error: ")
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+    assert sorted(folder.rglob("*")) == before

@@ -29,10 +29,14 @@ from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PianoPolicy
-from sb3_piano.training.configuration.names import planner_class
-from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
-from sb3_piano.training.configuration.names import import_class, registered_id
-from sb3_piano.training.configuration.values import classes_made, dataclass_made, linear_start, parameters_of
+from sb3_piano.training.configuration.config import PlayConfig, RunConfig
+from sb3_piano.training.configuration.names import import_class, planner_class, registered_id
+from sb3_piano.training.configuration.values import (
+    classes_made,
+    dataclass_made,
+    linear_start,
+    parameters_of,
+)
 from sb3_piano.vec_env import ThreadVecEnv
 
 Env = gym.Env[Any, Any]
@@ -98,9 +102,7 @@ def build_env(
     return env
 
 
-def build_vec_env(
-    config: PlayConfig, innermost: EnvWrapper | None = None
-) -> VecEnv:
+def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> VecEnv:
     """Return the vector of environments of a run.
 
     From the inside: the environment, ``innermost``, an ``EpisodeLog``, the config's
@@ -213,4 +215,3 @@ def _normalized(config: RunConfig, venv: VecEnv) -> VecEnv:
     if gamma is not None:
         arguments.setdefault("gamma", gamma)
     return VecNormalize(venv, **arguments)
-

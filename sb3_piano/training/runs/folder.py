@@ -24,8 +24,8 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import write_text
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music.library import user_library
-from sb3_piano.training.configuration.names import PLANNERS
 from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
+from sb3_piano.training.configuration.names import PLANNERS
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 
 FILE_OPTIONS = ("score", "fingering")

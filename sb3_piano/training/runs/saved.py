@@ -113,9 +113,7 @@ def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> B
         ) from error
 
 
-def load_player(
-    config: PlayConfig, path: Path, venv: VecEnv
-) -> BaseAlgorithm | PianoPolicy:
+def load_player(config: PlayConfig, path: Path, venv: VecEnv) -> BaseAlgorithm | PianoPolicy:
     """Return what plays in a run, without what only training needs.
 
     Args:

@@ -29,17 +29,16 @@ from sb3_piano.callbacks import (
     restore_replay_buffer,
 )
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
-from sb3_piano.callbacks.replay_segments import end_last_episode
 from sb3_piano.callbacks.own_env import EnvWrapper, RunContext, hand_over
+from sb3_piano.callbacks.replay_segments import end_last_episode
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import disk_refusal
 from sb3_piano.interrupts import StopRequest, stop_on_signal
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import torch_threads
-from sb3_piano.training.configuration.names import algorithm_class
 from sb3_piano.training.configuration.config import RunConfig
-from sb3_piano.training.configuration.names import registered_id
+from sb3_piano.training.configuration.names import algorithm_class, registered_id
 from sb3_piano.training.runs.builders import Env, build_callbacks, build_model, build_vec_env
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.saved import load_model, load_statistics

@@ -70,11 +70,14 @@ class SlowUntil(gym.Wrapper):
 
 
 class ThreadsNoted(gym.Wrapper):
-    """Write into a file how many threads torch has where a worker makes the environment."""
+    """Write into a file how many threads torch has where a worker first makes the environment.
+
+    That is for a training; around an evaluation's environment no network runs yet.
+    """
 
     def __init__(self, env: gym.Env, file: str):
         super().__init__(env)
-        if multiprocessing.parent_process() is not None:
+        if multiprocessing.parent_process() is not None and not Path(file).exists():
             Path(file).write_text(str(torch.get_num_threads()))
 
 

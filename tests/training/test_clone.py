@@ -136,9 +136,11 @@ def test_a_run_with_wrappers_around_its_vector_is_not_recorded(pendulum_run):
 @pytest.mark.slow
 def test_a_planned_pianist_is_recorded_playing_a_file(midi_file, capsys):
     pytest.importorskip("sb3_piano.planning.pianist")
-    arguments = ["--episodes", "2", "--noise", "0", "0.05", "--set", "physics=fast"]
+    arguments = ["--episodes", "2", "--set", "physics=fast"]
     assert main(["record", midi_file.name, *arguments, "--no-progress"]) == 0
-    assert "Data set:    robopianist/duet/planned-v0" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "Data set:    robopianist/duet/planned-v0" in out
+    assert "with noise of 0.03 rad (1)" in out  # unless told otherwise
     dataset = minari.load_dataset("robopianist/duet/planned-v0")
     clean, disturbed = dataset
     np.testing.assert_array_equal(clean.actions, clean.infos["expert_action"][:-1])

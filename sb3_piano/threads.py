@@ -10,10 +10,8 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
-import queue
-import threading
-import weakref
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Annotated, Any
 
 from annotated_types import Ge
@@ -48,7 +46,7 @@ class ThreadTeam:
         """Number of threads that do the work, the calling one included."""
         bounds = [n_slots * i // self.n_threads for i in range(self.n_threads + 1)]
         self._own, *self._shares = (range(*pair) for pair in itertools.pairwise(bounds))
-        self._workers: list[_Worker] = []
+        self._executors: list[ThreadPoolExecutor] = []  # of one thread each
 
     def run(self, job: Job) -> None:
         """Do a job for every slot; return or raise when no thread is at work any more.
@@ -60,39 +58,31 @@ class ThreadTeam:
         Raises:
             BaseException: What the job raised, for the first slot that failed.
         """
-        if not self._workers:
-            self._workers = [_Worker(slots) for slots in self._shares]
-        tasks = [_Task(job, worker.slots) for worker in self._workers]
+        if not self._executors:
+            self._executors = [ThreadPoolExecutor(max_workers=1) for _ in self._shares]
         try:
-            for worker, task in zip(self._workers, tasks, strict=True):
-                worker.begin(task)
-            for slot in self._own:
-                job(slot)
-            for task in tasks:
-                task.wait()
-        except BaseException:  # Ctrl-C may come at any line: not all tasks need have begun
-            self._rest()
+            futures = self._submit(job)
+            _do(job, self._own)
+            wait(futures)
+        except BaseException:  # Ctrl-C may come at any line: not all threads need have begun
+            wait(self._submit(_nothing))
             raise
-        for task in tasks:
-            if task.error is not None:
-                raise task.error
+        for future in futures:
+            future.result()
 
     def close(self) -> None:
         """Wait for the threads and end them; another job would start new ones."""
-        for worker in self._workers:
-            worker.end()
-        self._workers = []
+        for executor in self._executors:
+            executor.shutdown()
+        self._executors = []
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_workers": []}  # a copy starts threads of its own
+        return {**self.__dict__, "_executors": []}  # a copy starts threads of its own
 
-    def _rest(self) -> None:
-        """Wait until each thread has done all that it was told to do."""
-        tasks = [_Task(_nothing, worker.slots) for worker in self._workers]
-        for worker, task in zip(self._workers, tasks, strict=True):
-            worker.begin(task)
-        for task in tasks:
-            task.wait()
+    def _submit(self, job: Job) -> list[Future[None]]:
+        """Let each thread but the calling one do a job for its slots."""
+        pairs = zip(self._executors, self._shares, strict=True)
+        return [executor.submit(_do, job, slots) for executor, slots in pairs]
 
 
 def usable_cores() -> int:
@@ -102,51 +92,9 @@ def usable_cores() -> int:
     return os.cpu_count() or 1
 
 
-class _Task:
-    """A job for some slots, and how it ended."""
-
-    def __init__(self, job: Job, slots: range):
-        self._job = job
-        self._slots = slots
-        self._under_way = threading.Lock()
-        self._under_way.acquire()
-        self.error: BaseException | None = None
-
-    def do(self) -> None:
-        try:
-            for slot in self._slots:
-                self._job(slot)
-        except BaseException as error:
-            self.error = error
-        finally:
-            self._under_way.release()
-
-    def wait(self) -> None:
-        with self._under_way:
-            pass
-
-
-class _Worker:
-    """A thread that does one task after the other; it ends with its owner."""
-
-    def __init__(self, slots: range):
-        self.slots = slots
-        tasks: queue.SimpleQueue[_Task | None] = queue.SimpleQueue()
-        # Neither thread nor finalizer may know this object: it could then never be forgotten.
-        self._thread = threading.Thread(target=_work, args=(tasks,), daemon=True)
-        self._thread.start()
-        self.begin: Callable[[_Task], None] = tasks.put
-        self._dismiss = weakref.finalize(self, tasks.put, None)
-
-    def end(self) -> None:
-        self._dismiss()
-        self._thread.join()
-
-
-def _work(tasks: queue.SimpleQueue[_Task | None]) -> None:
-    while (task := tasks.get()) is not None:
-        task.do()
-        del task  # while waiting for the next one, keep no environment alive
+def _do(job: Job, slots: range) -> None:
+    for slot in slots:
+        job(slot)
 
 
 def _nothing(slot: int) -> None:

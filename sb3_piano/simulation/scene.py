@@ -10,14 +10,15 @@ import copy
 import dataclasses
 import functools
 from collections.abc import Iterable
-from numbers import Integral
+from typing import Annotated
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
+from annotated_types import Ge, Le
 
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import NUM_KEYS
+from sb3_piano.settings import Whole, checked
 from sb3_piano.simulation import hand, keyboard
 from sb3_piano.simulation.physics import physics_profile
 
@@ -270,12 +271,8 @@ def _number_unnamed(spec: mujoco.MjSpec, prefix: str = "") -> None:
 
 
 def _check_moving_keys(first: int, last: int) -> None:
-    whole = all(isinstance(key, Integral) and not isinstance(key, bool) for key in (first, last))
-    if not (whole and 0 <= first <= last < NUM_KEYS):
-        raise ConfigError(
-            f"The keys {first!r} to {last!r} cannot be those that move: expected whole numbers "
-            f"from 0 to {NUM_KEYS - 1}, the lower one first."
-        )
+    first = checked("first moving key", first, Annotated[Whole, Ge(0), Le(NUM_KEYS - 1)])
+    checked("last moving key", last, Annotated[Whole, Ge(first), Le(NUM_KEYS - 1)])
 
 
 def _furnish(spec: mujoco.MjSpec) -> None:

@@ -59,13 +59,22 @@ def test_the_scene_differs_by_the_joints_of_the_rigid_keys_and_by_nothing_else(p
     np.testing.assert_array_equal(fixed.joint_range[0], full.joint_range[0])
 
 
-@pytest.mark.parametrize("keys", [(-1, 5), (5, 88), (6, 5), (1.0, 5), (True, 5)])
-def test_keys_that_are_none_are_refused(keys):
-    with pytest.raises(ConfigError, match=r"expected whole numbers from 0 to 87"):
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ((-1, 5), "first moving key is -1: expected a whole number from 0 to 87"),
+        ((5, 88), "last moving key is 88: expected a whole number from 5 to 87"),
+        ((6, 5), "last moving key is 5: expected a whole number from 6 to 87"),
+        ((1.5, 5), "first moving key is 1.5: expected a whole number"),
+        ((True, 5), "first moving key is True: expected a whole number"),
+    ],
+)
+def test_keys_that_are_none_are_refused(keys, message):
+    with pytest.raises(ConfigError, match=message):
         compile_scene(moving_keys=keys)
     env = PianoEnv(TINY)
     scene = env.scene
-    with pytest.raises(ConfigError, match=f"keys {keys[0]} to {keys[1]} cannot"):
+    with pytest.raises(ConfigError, match=message):
         env.fix_keys(*keys)
     assert env.scene is scene
 

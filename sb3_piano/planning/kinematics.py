@@ -23,7 +23,6 @@ IntArray = npt.NDArray[np.intp]
 class _Joint:
     """A joint, and how it moves what comes after it."""
 
-    qpos: int
     slides: bool
     axis: FloatArray
     cross: FloatArray
@@ -63,9 +62,9 @@ class HandKinematics:
         """(n,) lower ends of the control ranges; rad, or m for the sliders."""
         self.high = scene.ctrl_high[self.actuators]
         """(n,) upper ends."""
-        self.joint_ids = _joints_of(scene, hand)
+        self.joint_ids = scene.joints[hand]
         """(m,) the hand's joints among all of the model."""
-        self.joint_of_actuator = _coupling(model, self.actuators, self.joint_ids)
+        self.joint_of_actuator = _coupling(scene, hand, self.actuators)
         """(m, n) joint positions by actuator positions."""
         names = [model.actuator(int(i)).name.rpartition("/")[2] for i in self.actuators]
         self.names = tuple(name.removeprefix("rh_A_").removeprefix("lh_A_") for name in names)
@@ -209,24 +208,11 @@ def _actuators_of(scene: PianoScene, hand: int) -> IntArray:
     return np.arange(half, dtype=np.intp) + hand * half
 
 
-def _joints_of(scene: PianoScene, hand: int) -> IntArray:
-    joint_of_qpos = {int(adr): j for j, adr in enumerate(scene.model.jnt_qposadr)}
-    return np.array([joint_of_qpos[int(adr)] for adr in scene.joint_qpos[hand]], dtype=np.intp)
-
-
-def _coupling(model: mujoco.MjModel, actuators: IntArray, joints: IntArray) -> FloatArray:
+def _coupling(scene: PianoScene, hand: int, actuators: IntArray) -> FloatArray:
     """Return which joint follows which actuator, (m, n); the joints of a tendon share its way."""
-    order = {int(j): i for i, j in enumerate(joints)}
-    coupling = np.zeros((len(joints), len(actuators)))
-    for column, actuator in enumerate(actuators):
-        target = int(model.actuator_trnid[actuator, 0])
-        if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
-            coupling[order[target], column] = 1.0
-            continue
-        first, count = int(model.tendon_adr[target]), int(model.tendon_num[target])
-        for wrap in range(first, first + count):
-            coupling[order[int(model.wrap_objid[wrap])], column] = 1.0 / count
-    return coupling
+    number = np.repeat([0, 1], [len(joints) for joints in scene.joints])
+    moves = scene.actuator_of_joint[np.ix_(actuators, number == hand)]
+    return np.ascontiguousarray((moves / (moves * moves).sum(axis=1, keepdims=True)).T)
 
 
 def _joint(model: mujoco.MjModel, joint: int) -> _Joint:
@@ -235,7 +221,6 @@ def _joint(model: mujoco.MjModel, joint: int) -> _Joint:
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     assert not model.jnt_pos[joint].any(), "the hands' joints are at their bodies' origins"
     return _Joint(
-        qpos=int(model.jnt_qposadr[joint]),
         slides=bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE),
         axis=axis,
         cross=cross,

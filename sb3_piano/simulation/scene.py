@@ -73,10 +73,8 @@ class PianoScene:
     """(10,) fingertip sites, in the order of finger labels."""
     fingertip_geom: IntArray
     """(10,) geoms of the last finger links, in the order of finger labels."""
-    joint_qpos: tuple[IntArray, IntArray]
-    """For the right and the left hand: addresses in ``qpos``, wrist to thumb, sliders last."""
-    joint_names: tuple[tuple[str, ...], tuple[str, ...]]
-    """For the right and the left hand: joint names in the order of ``joint_qpos``."""
+    joints: tuple[IntArray, IntArray]
+    """Joints of the right and of the left hand, wrist to thumb, sliders last."""
     actuator_of_joint: FloatArray
     """(nu, m) which actuator moves by how much with which joint, both hands' joints in the order of
     ``joint_qpos``: where the actuators are is this times where the joints are."""
@@ -96,6 +94,24 @@ class PianoScene:
     def ctrl_high(self) -> FloatArray:
         """(nu,) upper ends of the control ranges; rad, or m for the sliders."""
         return np.asarray(self.model.actuator_ctrlrange[:, 1])
+
+    @functools.cached_property
+    def joint_qpos(self) -> tuple[IntArray, IntArray]:
+        """For the right and the left hand: addresses in ``qpos`` of its ``joints``."""
+        right, left = (self.model.jnt_qposadr[joints].astype(np.intp) for joints in self.joints)
+        return right, left
+
+    @property
+    def joint_names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """For the right and the left hand: names of its ``joints``."""
+        right, left = (tuple(self.model.joint(j).name for j in joints) for joints in self.joints)
+        return right, left
+
+    @property
+    def joint_range(self) -> tuple[FloatArray, FloatArray]:
+        """For the right and the left hand: (n, 2) limits of its ``joints``, rad or m."""
+        right, left = (self.model.jnt_range[joints] for joints in self.joints)
+        return right, left
 
     @functools.cached_property
     def hand_qpos(self) -> IntArray:
@@ -124,16 +140,6 @@ class PianoScene:
             joints: (m,) positions of both hands' joints, in the order of ``hand_qpos``.
         """
         return np.asarray(self.actuator_of_joint @ joints)
-
-    @property
-    def joint_range(self) -> tuple[FloatArray, FloatArray]:
-        """For the right and the left hand: (n, 2) joint limits in the order of ``joint_qpos``."""
-        joint_of_qpos = {int(adr): j for j, adr in enumerate(self.model.jnt_qposadr)}
-        right, left = (
-            np.array([self.model.jnt_range[joint_of_qpos[int(adr)]] for adr in addresses])
-            for addresses in self.joint_qpos
-        )
-        return right, left
 
     def key_angle(self, data: mujoco.MjData) -> FloatArray:
         """Return each key's angle, (88,) rad, clipped to its range (joint limits are soft)."""
@@ -338,11 +344,7 @@ def _index_scene(model: mujoco.MjModel, first: int, last: int) -> PianoScene:
         fingertip_geom=np.array(
             [model.body(n).geomadr[0] for s in SIDES for n in hand.fingertip_bodies(s)]
         ),
-        joint_qpos=(
-            model.jnt_qposadr[hand_joints[0]].astype(np.intp),
-            model.jnt_qposadr[hand_joints[1]].astype(np.intp),
-        ),
-        joint_names=(_joint_names(model, hand_joints[0]), _joint_names(model, hand_joints[1])),
+        joints=(hand_joints[0], hand_joints[1]),
         actuator_of_joint=_actuator_of_joint(model, np.concatenate(hand_joints)),
         forearm_geoms=(forearm_geoms[0], forearm_geoms[1]),
         forearm_reach=_forearm_reach(model, forearm_geoms),
@@ -388,10 +390,6 @@ def _hand_joints(model: mujoco.MjModel, side: str) -> IntArray:
     joints = [j for j in range(model.njnt) if model.joint(j).name.startswith(prefix)]
     sliders = [model.joint(prefix + name).id for name in hand.FOREARM_JOINTS]
     return np.array([j for j in joints if j not in sliders] + sliders)
-
-
-def _joint_names(model: mujoco.MjModel, joints: IntArray) -> tuple[str, ...]:
-    return tuple(model.joint(int(j)).name for j in joints)
 
 
 def _actuator_of_joint(model: mujoco.MjModel, joints: IntArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import dataclasses
 import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.callbacks.replay_segments import SEGMENT_PATTERN, ReplayManifest, ReplaySegments
 from sb3_piano.exceptions import RunError
-from sb3_piano.files import PARTIAL_SUFFIX, write_atomically, write_bytes, write_json
+from sb3_piano.files import PARTIAL_SUFFIX, read_json, write_atomically, write_bytes, write_json
 from sb3_piano.settings import Count, checked
 
 CHECKPOINT_FILE = "checkpoint.json"
@@ -45,10 +45,7 @@ class Checkpoint:
 
     def write(self, folder: Path) -> None:
         """Make this the folder's valid checkpoint."""
-        replay = None if self.replay is None else self.replay.to_json()
-        write_json(
-            folder / CHECKPOINT_FILE, {**vars(self), "labels": {**self.labels}, "replay": replay}
-        )
+        write_json(folder / CHECKPOINT_FILE, dataclasses.asdict(self))
 
     @classmethod
     def read(cls, folder: Path) -> Checkpoint | None:
@@ -58,19 +55,9 @@ class Checkpoint:
             RunError: If the file is damaged, or one that it names is missing.
         """
         path = folder / CHECKPOINT_FILE
-        if not path.exists():
+        saved = read_json(path, cls, "expected the file that ResumableCheckpoint wrote.")
+        if saved is None:
             return None
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-            replay = content.pop("replay")
-            saved = cls(
-                **content, replay=None if replay is None else ReplayManifest.from_json(replay)
-            )
-        except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-            raise RunError(
-                f"Checkpoint '{path}' cannot be read ({error!r}): expected the file that "
-                "ResumableCheckpoint wrote."
-            ) from error
         missing = sorted(name for name in saved.files if not (folder / name).is_file())
         if missing:
             raise RunError(

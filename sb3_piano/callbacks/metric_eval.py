@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import pickle
 import sys
 import warnings
@@ -21,8 +20,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from sb3_piano.callbacks.episode_metrics import finite_number
 from sb3_piano.callbacks.own_env import RunContext, env_name, make_own_env, preserve_random_state
-from sb3_piano.exceptions import ConfigError, RunError, near_names
-from sb3_piano.files import write_atomically, write_json
+from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.files import read_json, write_atomically, write_json
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.settings import Count, checked
 
@@ -61,21 +60,8 @@ class BestModel:
         Raises:
             RunError: If the file is damaged.
         """
-        path = folder / _NOTE
-        if not path.exists():
-            return None
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-            return cls(
-                metric=str(content["metric"]),
-                value=float(content["value"]),
-                num_timesteps=int(content["num_timesteps"]),
-            )
-        except (OSError, ValueError, TypeError, KeyError) as error:
-            raise RunError(
-                f"'{path}' cannot be read ({error!r}): expected the file that stands beside a best "
-                "model. Without it, the next evaluation counts as the best."
-            ) from error
+        expected = "expected the file that stands beside a best model. Without it, the next "
+        return read_json(folder / _NOTE, cls, f"{expected}evaluation counts as the best.")
 
 
 _BASELINE = "noop_f1"

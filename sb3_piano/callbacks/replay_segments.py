@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import zipfile
 import zlib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BufferedWriter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from stable_baselines3.common.buffers import ReplayBuffer
@@ -44,16 +42,6 @@ class ReplayManifest:
     total: int
     full: bool
     segments: tuple[Segment, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the manifest as plain JSON values."""
-        return {**vars(self), "segments": [vars(segment) for segment in self.segments]}
-
-    @classmethod
-    def from_json(cls, content: Mapping[str, Any]) -> ReplayManifest:
-        """Return the manifest that :meth:`to_json` gave."""
-        segments = tuple(Segment(**segment) for segment in content["segments"])
-        return cls(**{**content, "segments": segments})
 
 
 class ReplaySegments:

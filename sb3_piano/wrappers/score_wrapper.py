@@ -44,7 +44,7 @@ class ScorePlan:
         return score
 
 
-class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any], ABC):
+class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any]):
     """Change the score of each episode.
 
     The change is handed down through ``reset`` as the option ``transform``, and made by the
@@ -72,9 +72,8 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any], ABC):
         """Scores in place of the environment's own; ``None`` if this wrapper keeps that."""
         return None
 
-    @abstractmethod
     def change(self, score: Score, random: np.random.Generator) -> Score:
-        """Return what is played in place of a score.
+        """Return what is played in place of a score; by default the score as it is.
 
         Args:
             score: What would be played without this wrapper.
@@ -83,8 +82,9 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any], ABC):
         Raises:
             ScoreError: If the score does not allow the change.
         """
+        del random  # nothing is drawn
+        return score
 
-    @abstractmethod
     def extremes(self, score: Score) -> Sequence[Score]:
         """Return scores with the lowest and the highest pitch that :meth:`change` may lead to.
 
@@ -94,6 +94,7 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any], ABC):
         Raises:
             ScoreError: If the score does not allow the change.
         """
+        return [score]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -143,7 +144,7 @@ Number = TypeVar("Number", int, float)
 _REMEMBERED = 16
 
 
-class ScoreChange(ScoreWrapper):
+class ScoreChange(ScoreWrapper, ABC):
     """Change each score by a value, which may be another one in each episode.
 
     The same change of the same score gives the same object for as long as it is among the last 16.

@@ -11,8 +11,8 @@ from __future__ import annotations
 import zipfile
 import zlib
 from dataclasses import dataclass
-from io import BufferedWriter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from stable_baselines3.common.buffers import ReplayBuffer
@@ -111,11 +111,8 @@ class ReplaySegments:
         indices = np.arange(first, last) % self._buffer.buffer_size
         rows = self._rows.take_rows(indices)
         segment = Segment(file=f"replay-{first}-{last}.npz", first=first, last=last)
-
-        def save(file: BufferedWriter) -> None:
-            np.savez_compressed(file, **rows)  # type: ignore[arg-type]  # the stub's allow_pickle
-
-        write_atomically(self._folder / segment.file, save)
+        save: Any = np.savez_compressed  # its stub takes the names of rows for options
+        write_atomically(self._folder / segment.file, lambda file: save(file, **rows))
         return segment
 
 

@@ -6,16 +6,14 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
 from sb3_piano.envs import ScoreTransform
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
 from sb3_piano.music import Score
-from sb3_piano.settings import checked
 from sb3_piano.wrappers.piano import piano_of
 
 
@@ -139,8 +137,6 @@ def possible_scores(env: gym.Env[Any, Any]) -> list[Score]:
     return scores
 
 
-Number = TypeVar("Number", int, float)
-
 _REMEMBERED = 16
 
 
@@ -187,38 +183,3 @@ class ScoreChange(ScoreWrapper, ABC):
         result = self.changed(score, value)
         self._recent.append((score, value, result))
         return result
-
-
-@dataclass(frozen=True)
-class FixedOrRange(Generic[Number]):
-    """A number, or the range from which it is drawn."""
-
-    low: Number
-    high: Number
-    fixed: bool
-    """Whether a single number was given."""
-
-    @classmethod
-    def of(cls, name: str, value: Any, kind: Any) -> FixedOrRange[Number]:
-        """Return what an argument says.
-
-        Args:
-            name: Name of the argument.
-            value: A number, or a pair of the lowest and the highest, both included.
-            kind: Annotation of a number.
-
-        Raises:
-            ConfigError: If it is neither.
-        """
-        if isinstance(value, str) or not isinstance(value, Sequence):
-            only = checked(name, value, kind)
-            return cls(low=only, high=only, fixed=True)
-        if len(value) != 2:
-            raise ConfigError(
-                f"{name} is {value!r}: expected one number, or a pair of the lowest and the "
-                "highest."
-            )
-        low, high = (checked(f"{name}[{i}]", value[i], kind) for i in (0, 1))
-        if low > high:
-            raise ConfigError(f"{name} is {value!r}: expected the lower end first.")
-        return cls(low=low, high=high, fixed=False)

@@ -11,9 +11,13 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import BufferedWriter
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from sb3_piano.exceptions import SB3PianoError
+from pydantic import TypeAdapter, ValidationError
+
+from sb3_piano.exceptions import RunError, SB3PianoError
+
+T = TypeVar("T")
 
 PARTIAL_SUFFIX = ".partial"
 """Suffix of a file that is being written; one that is left over may be deleted."""
@@ -87,6 +91,24 @@ def write_text(path: Path, text: str) -> None:
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write indented JSON by :func:`write_atomically`."""
     write_text(path, json.dumps(content, indent=2) + "\n")
+
+
+def read_json(path: Path, kind: type[T], expected: str) -> T | None:
+    """Return the dataclass that :func:`write_json` wrote as a mapping; ``None`` without a file.
+
+    Raises:
+        RunError: If the file is damaged.
+    """
+    try:
+        return TypeAdapter(kind).validate_json(path.read_bytes())
+    except FileNotFoundError:
+        return None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = "".join(f"{part}: " for part in first["loc"])
+        raise RunError(f"'{path}' cannot be read ({where}{first['msg']}): {expected}") from error
+    except OSError as error:
+        raise RunError(f"'{path}' cannot be read ({error.strerror}): {expected}") from error
 
 
 def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:

@@ -33,7 +33,7 @@ class Measurement:
     unit: str
     run: Callable[[], Sample]
     """Does the work once; preparations stay outside of the sample's time."""
-    ratios: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    ratios: dict[str, tuple[str, str]] = field(default_factory=dict)
     """Ratios to report: label to the names of the two measurements whose rates are divided."""
 
 
@@ -60,14 +60,8 @@ def measure(
 ) -> None:
     """Run measurements in turn and add a row for each, of the complete rounds if interrupted.
 
-    Every other round runs in reverse order, so that none always follows the same neighbour.
-
-    Args:
-        part: Part of the benchmark.
-        measurements: Workloads to compare, at least one.
-        rounds: Rounds that count, at least 1; one to warm up comes before them.
-        rows: List that is added to.
-        progress: Whether to show a progress bar on standard error.
+    Every other round runs in reverse order, so that none always follows the same neighbour. One
+    round to warm up comes before the ``rounds`` that count.
     """
     samples: dict[str, list[Sample]] = {measurement.name: [] for measurement in measurements}
     turns = [m for number in range(rounds + 1) for m in measurements[:: -1 if number % 2 else 1]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 import json
 import os
 import subprocess
@@ -82,49 +83,46 @@ def open_peer(
         PeerError: If there is no such interpreter, or it has no RoboPianist of that version; if the
             folder has no version of this package that runs.
     """
-    command, pipe, environ = [python, str(_PEER_SCRIPT)], subprocess.PIPE, dict(os.environ)
-    if folder:
-        command.append(profile)
-        environ["PYTHONPATH"] = folder
-        if not Path(folder, "sb3_piano", "__init__.py").is_file():
-            raise _peer_error(python, "has no sb3_piano/__init__.py", folder)
+    who, expected = f"version in '{folder}'", "a checkout of sb3-piano that runs here."
+    if not folder:
+        who = f"peer interpreter '{python}'"
+        expected = f"the Python of an environment made with: {PEER_INSTALL}"
+    elif not Path(folder, "sb3_piano", "__init__.py").is_file():
+        raise PeerError(f"The {who} has no sb3_piano/__init__.py. Expected {expected}")
+    command = [python, str(_PEER_SCRIPT), *([profile] if folder else [])]
+    environ = os.environ | ({"PYTHONPATH": folder} if folder else {})
     with tempfile.TemporaryFile() as stderr:
-        options: dict[str, Any] = {"stdin": pipe, "stdout": pipe, "stderr": stderr, "text": True}
+        options: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": stderr}
         try:  # in a session of its own: Ctrl-C is for this process to answer
-            process = subprocess.Popen(command, env=environ, start_new_session=True, **options)
+            process = subprocess.Popen(
+                command, env=environ, start_new_session=True, text=True, **options
+            )
         except OSError as error:
-            raise _peer_error(python, f"cannot be started: {error.strerror}") from error
+            reason = f"cannot be started: {error.strerror}"
+            raise PeerError(f"The {who} {reason}. Expected {expected}") from error
 
         def ask(message: object) -> Any:
-            assert process.stdin is not None, "the pipe was asked for"
-            assert process.stdout is not None, "the pipe was asked for"
+            pipes: Any = process
             try:
-                print(json.dumps(message), file=process.stdin, flush=True)
-                return json.loads(process.stdout.readline())
+                print(json.dumps(message), file=pipes.stdin, flush=True)
+                return json.loads(pipes.stdout.readline())
             except (BrokenPipeError, ValueError) as error:
                 process.kill()
                 process.wait()
                 stderr.seek(0)
                 lines = stderr.read().decode(errors="replace").strip().splitlines()
-                reason = lines[-1] if lines else "no error shown"
-                raise _peer_error(python, f"gave no answer: {reason}", folder) from error
+                reason = f"gave no answer: {lines[-1] if lines else 'no error shown'}"
+                raise PeerError(f"The {who} {reason}. Expected {expected}") from error
 
         try:
             versions = ask((ENV_ID, actions.tolist()))
             if not folder and versions["robopianist"] != PEER_VERSION:
-                raise _peer_error(python, f"has robopianist {versions['robopianist']}")
+                reason = f"has robopianist {versions['robopianist']}"
+                raise PeerError(f"The {who} {reason}. Expected {expected}")
             yield versions, ask
         finally:
             process.kill()
             process.communicate()
-
-
-def _peer_error(python: str, what: str, folder: str = "") -> PeerError:
-    who, expected = f"version in '{folder}'", "a checkout of sb3-piano that runs here."
-    if not folder:
-        who, expected = f"peer interpreter '{python}'", "the Python of an environment made with: "
-        expected += PEER_INSTALL
-    return PeerError(f"The {who} {what}. Expected {expected}")
 
 
 def episode_actions() -> Actions:
@@ -151,60 +149,58 @@ def simulation_measurements(
             their own as well.
         stack: Closes the environments.
     """
-    runs: dict[str, Callable[[], Sample]] = {}
-    ratios: dict[str, dict[str, tuple[str, str]]] = {}
+    found: dict[str, Measurement] = {}
 
-    def add(name: str, play: Callable[..., tuple[int, float]], *arguments: Any) -> None:
-        runs[name], ratios[name] = lambda: Sample(*play(*arguments)), {}
+    def add(
+        name: str,
+        play: Callable[..., tuple[int, float]],
+        *arguments: Any,
+        bare: str | None = None,
+        base: str | None = None,
+    ) -> str:
+        ratios = {} if bare is None else {"env/bare": (bare, name)}
+        ratios |= {} if base is None else {f"x of {base}": (name, base)}
+        found[name] = Measurement(
+            name=name, unit=UNIT, run=lambda: Sample(*play(*arguments)), ratios=ratios
+        )
+        return name
+
+    def compare(base: str, label: str) -> None:
+        for name in found.keys() - {base}:
+            found[name].ratios[label] = (name, base)
 
     versions = {} if before is None else {"before": before, "now": str(_HERE)}
+    for profile, (version, folder) in itertools.product(PHYSICS_PROFILES, versions.items()):
+        _, ask = stack.enter_context(open_peer(sys.executable, actions, folder, profile))
+        bare = add(f"{version}: mj_step, {profile}", ask, "physics")
+        add(f"{version}: PianoEnv.step, {profile}", ask, "env", bare=bare)
     for profile in PHYSICS_PROFILES:
-        for version, folder in versions.items():
-            _, ask = stack.enter_context(open_peer(sys.executable, actions, folder, profile))
-            bare, step = (f"{version}: {x}, {profile}" for x in ("mj_step", "PianoEnv.step"))
-            add(bare, ask, "physics")
-            add(step, ask, "env")
-            ratios[step]["env/bare"] = (bare, step)
-    for profile in PHYSICS_PROFILES:
-        bare, step, made = (
-            f"{x}, {profile}" for x in ("mj_step", "PianoEnv.step", "gymnasium.make")
-        )
         env, few = (
             stack.enter_context(contextlib.closing(gym.make(ENV_ID, physics=profile)))
             for _ in range(2)
         )
         inner: Any = env.unwrapped
         controls = record_controls(inner, partial(getattr, inner.data, "ctrl"), actions)
-        narrow = f"{step}, {len(KeyRange(few, 'piece', simulated=True).window)} keys move"
-        add(bare, play_physics, inner.model, inner.config.n_substeps, controls)
-        add(step, play_env, inner, actions)
-        add(made, play_env, env, actions)
-        add(narrow, play_env, few.unwrapped, actions)
-        ratios[step]["env/bare"], ratios[made]["env/bare"] = (bare, step), (bare, made)
-        ratios[narrow][f"x of {step}"] = (narrow, step)
+        substeps, n_keys = (
+            inner.config.n_substeps,
+            len(KeyRange(few, "piece", simulated=True).window),
+        )
+        bare = add(f"mj_step, {profile}", play_physics, inner.model, substeps, controls)
+        step = add(f"PianoEnv.step, {profile}", play_env, inner, actions, bare=bare)
+        add(f"gymnasium.make, {profile}", play_env, env, actions, bare=bare)
+        add(f"{step}, {n_keys} keys move", play_env, few.unwrapped, actions, base=step)
     for slots in SLOTS:
-        name = f"vector env, {slots} slot{'s' if slots > 1 else ''}, fast"
         mode = gym.VectorizeMode.VECTOR_ENTRY_POINT
         venv = gym.make_vec(ENV_ID, slots, mode, physics="fast")
         stack.enter_context(contextlib.closing(venv))
-        add(name, play_env, venv, np.repeat(actions[:, None], slots, axis=1))
-        ratios[name]["x of PianoEnv.step, fast"] = (name, "PianoEnv.step, fast")
-    _compare(ratios, "mj_step, reference", "x of bare reference")
+        same = np.repeat(actions[:, None], slots, axis=1)
+        name = f"vector env, {slots} slot{'s' if slots > 1 else ''}, fast"
+        add(name, play_env, venv, same, base="PianoEnv.step, fast")
+    compare("mj_step, reference", "x of bare reference")
     if peer is not None:
-        add("RoboPianist's mj_step", peer, "physics")
-        add("RoboPianist", peer, "env")
-        _compare(ratios, "RoboPianist", "x of the peer")
-        ratios["RoboPianist"]["env/bare"] = ("RoboPianist's mj_step", "RoboPianist")
-    return [
-        Measurement(name=name, unit=UNIT, run=run, ratios=ratios[name])
-        for name, run in runs.items()
-    ]
-
-
-def _compare(ratios: dict[str, dict[str, tuple[str, str]]], base: str, label: str) -> None:
-    """Add a ratio to all but the base."""
-    for name in ratios.keys() - {base}:
-        ratios[name][label] = (name, base)
+        bare = add("RoboPianist's mj_step", peer, "physics")
+        compare(add("RoboPianist", peer, "env", bare=bare), "x of the peer")
+    return list(found.values())
 
 
 def update_measurements(stack: contextlib.ExitStack) -> list[Measurement]:
@@ -216,9 +212,8 @@ def update_measurements(stack: contextlib.ExitStack) -> list[Measurement]:
         configs = {f"{algo}, {kind}": _config(algo, observation=kind) for kind in kinds}
         configs[f"{algo} for debug pieces"] = _config(algo, ENV_ID)
         for name, config in configs.items():
-            model, _ = _filled_model(config, stack)
+            run = partial(_run_updates, _filled_model(config, stack)[0])
             ratios = {} if name == base else {f"x of {base}": (name, base)}
-            run = partial(_run_updates, model)
             found.append(Measurement(name=name, unit="updates/s", run=run, ratios=ratios))
     return found
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import json
+import dataclasses
 import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.callbacks.replay_segments import SEGMENT_PATTERN, ReplayManifest, ReplaySegments
 from sb3_piano.exceptions import RunError
-from sb3_piano.files import PARTIAL_SUFFIX, write_atomically, write_bytes, write_json
+from sb3_piano.files import PARTIAL_SUFFIX, read_json, write_atomically, write_bytes, write_json
 from sb3_piano.settings import Count, checked
 
 CHECKPOINT_FILE = "checkpoint.json"
@@ -45,10 +46,7 @@ class Checkpoint:
 
     def write(self, folder: Path) -> None:
         """Make this the folder's valid checkpoint."""
-        replay = None if self.replay is None else self.replay.to_json()
-        write_json(
-            folder / CHECKPOINT_FILE, {**vars(self), "labels": {**self.labels}, "replay": replay}
-        )
+        write_json(folder / CHECKPOINT_FILE, dataclasses.asdict(self))
 
     @classmethod
     def read(cls, folder: Path) -> Checkpoint | None:
@@ -58,19 +56,9 @@ class Checkpoint:
             RunError: If the file is damaged, or one that it names is missing.
         """
         path = folder / CHECKPOINT_FILE
-        if not path.exists():
+        saved = read_json(path, cls, "expected the file that ResumableCheckpoint wrote.")
+        if saved is None:
             return None
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-            replay = content.pop("replay")
-            saved = cls(
-                **content, replay=None if replay is None else ReplayManifest.from_json(replay)
-            )
-        except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-            raise RunError(
-                f"Checkpoint '{path}' cannot be read ({error!r}): expected the file that "
-                "ResumableCheckpoint wrote."
-            ) from error
         missing = sorted(name for name in saved.files if not (folder / name).is_file())
         if missing:
             raise RunError(
@@ -148,10 +136,13 @@ class ResumableCheckpoint(BaseCallback):
         steps = self.model.num_timesteps
         if steps == self._saved_at:
             return
+        model, vec_normalize = f"model-{steps}.zip", f"vecnormalize-{steps}.pkl"
+        write_atomically(self._folder / model, self.model.save)
+        normalizes = write_normalization(self.model, self._folder / vec_normalize)
         checkpoint = Checkpoint(
             num_timesteps=steps,
-            model=self._write_model(steps),
-            vec_normalize=self._write_normalization(steps),
+            model=model,
+            vec_normalize=vec_normalize if normalizes else None,
             replay=None if self._segments is None else self._segments.write(),
             labels=self._labels,
         )
@@ -161,19 +152,6 @@ class ResumableCheckpoint(BaseCallback):
             self._segments.committed(checkpoint.replay)
         self._update_copy(checkpoint)
         self._delete_all_but(checkpoint.files)
-
-    def _write_model(self, steps: int) -> str:
-        name = f"model-{steps}.zip"
-        write_atomically(self._folder / name, self.model.save)
-        return name
-
-    def _write_normalization(self, steps: int) -> str | None:
-        normalization = self.model.get_vec_normalize_env()
-        if normalization is None:
-            return None
-        name = f"vecnormalize-{steps}.pkl"
-        write_atomically(self._folder / name, lambda file: pickle.dump(normalization, file))
-        return name
 
     def _update_copy(self, checkpoint: Checkpoint) -> None:
         if self._model_copy is None:
@@ -189,3 +167,11 @@ class ResumableCheckpoint(BaseCallback):
             for path in self._folder.glob(pattern):
                 if path.name not in files:
                     path.unlink(missing_ok=True)
+
+
+def write_normalization(model: BaseAlgorithm, path: Path) -> bool:
+    """Write the statistics of a model's ``VecNormalize`` into a file, if it has any; tell so."""
+    normalization = model.get_vec_normalize_env()
+    if normalization is not None:
+        write_atomically(path, lambda file: pickle.dump(normalization, file))
+    return normalization is not None

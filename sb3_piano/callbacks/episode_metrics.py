@@ -34,15 +34,11 @@ class EpisodeInfoCallback(BaseCallback):
 
     def _on_step(self) -> bool:
         for done, info in zip(self.locals["dones"], self.locals["infos"], strict=True):
-            if done:
-                self._record(info)
+            for key in self._keys(info) if done else ():
+                number = finite_number(info.get(key))
+                if number is not None:
+                    self.logger.record_mean(log_name(key), number)
         return True
-
-    def _record(self, info: Mapping[str, Any]) -> None:
-        for key in self._keys(info):
-            number = finite_number(info.get(key))
-            if number is not None:
-                self.logger.record_mean(log_name(key), number)
 
 
 def log_name(key: str) -> str:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
-import pickle
 import sys
 import warnings
 from collections.abc import Iterator, Mapping
@@ -19,10 +17,11 @@ from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
 from stable_baselines3.common.logger import HumanOutputFormat
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
+from sb3_piano.callbacks.checkpoint import write_normalization
 from sb3_piano.callbacks.episode_metrics import finite_number
 from sb3_piano.callbacks.own_env import RunContext, env_name, make_own_env, preserve_random_state
-from sb3_piano.exceptions import ConfigError, RunError, near_names
-from sb3_piano.files import write_atomically, write_json
+from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.files import read_json, write_atomically, write_json
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.settings import Count, checked
 
@@ -47,11 +46,7 @@ class BestModel:
         that is not there.
         """
         write_atomically(folder / "best_model.zip", model.save)
-        normalization = model.get_vec_normalize_env()
-        if normalization is not None:
-            write_atomically(
-                folder / "vecnormalize.pkl", lambda file: pickle.dump(normalization, file)
-            )
+        write_normalization(model, folder / "vecnormalize.pkl")
         write_json(folder / _NOTE, vars(self))
 
     @classmethod
@@ -61,21 +56,8 @@ class BestModel:
         Raises:
             RunError: If the file is damaged.
         """
-        path = folder / _NOTE
-        if not path.exists():
-            return None
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-            return cls(
-                metric=str(content["metric"]),
-                value=float(content["value"]),
-                num_timesteps=int(content["num_timesteps"]),
-            )
-        except (OSError, ValueError, TypeError, KeyError) as error:
-            raise RunError(
-                f"'{path}' cannot be read ({error!r}): expected the file that stands beside a best "
-                "model. Without it, the next evaluation counts as the best."
-            ) from error
+        expected = "expected the file that stands beside a best model. Without it, the next "
+        return read_json(folder / _NOTE, cls, f"{expected}evaluation counts as the best.")
 
 
 _BASELINE = "noop_f1"
@@ -273,7 +255,10 @@ class MetricEvalCallback(EvalCallback):
         goes_on = True
         if value > self.best_mean_reward:
             self.best_mean_reward = value
-            self._save_best(value)
+            if self.best_model_save_path is not None:
+                steps = self.num_timesteps
+                best = BestModel(metric=self.metric, value=value, num_timesteps=steps)
+                best.save(Path(self.best_model_save_path), self.model)
             if self.callback_on_new_best is not None:
                 goes_on = self.callback_on_new_best.on_step()
         baseline = self._mean(_BASELINE)
@@ -283,12 +268,6 @@ class MetricEvalCallback(EvalCallback):
             f"{self.best_mean_reward:.4f}{beside})"
         )
         return goes_on and self._on_event() and not self._is_held(value)
-
-    def _save_best(self, value: float) -> None:
-        if self.best_model_save_path is None:
-            return
-        best = BestModel(metric=self.metric, value=value, num_timesteps=self.num_timesteps)
-        best.save(Path(self.best_model_save_path), self.model)
 
     def _is_held(self, value: float) -> bool:
         """Return whether the threshold was reached in enough evaluations in a row."""

@@ -23,7 +23,7 @@ from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.settings import Positive, Unit, checked
 from sb3_piano.viewing import Picture, Take, write_take
-from sb3_piano.viewing.take import Camera
+from sb3_piano.viewing.film import Camera
 
 
 class PerformanceVideoCallback(BaseCallback):

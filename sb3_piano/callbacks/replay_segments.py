@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import zipfile
 import zlib
-from collections.abc import Mapping
 from dataclasses import dataclass
-from io import BufferedWriter
 from pathlib import Path
 from typing import Any
 
@@ -44,16 +42,6 @@ class ReplayManifest:
     total: int
     full: bool
     segments: tuple[Segment, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the manifest as plain JSON values."""
-        return {**vars(self), "segments": [vars(segment) for segment in self.segments]}
-
-    @classmethod
-    def from_json(cls, content: Mapping[str, Any]) -> ReplayManifest:
-        """Return the manifest that :meth:`to_json` gave."""
-        segments = tuple(Segment(**segment) for segment in content["segments"])
-        return cls(**{**content, "segments": segments})
 
 
 class ReplaySegments:
@@ -123,11 +111,8 @@ class ReplaySegments:
         indices = np.arange(first, last) % self._buffer.buffer_size
         rows = self._rows.take_rows(indices)
         segment = Segment(file=f"replay-{first}-{last}.npz", first=first, last=last)
-
-        def save(file: BufferedWriter) -> None:
-            np.savez_compressed(file, **rows)  # type: ignore[arg-type]  # the stub's allow_pickle
-
-        write_atomically(self._folder / segment.file, save)
+        save: Any = np.savez_compressed  # its stub takes the names of rows for options
+        write_atomically(self._folder / segment.file, lambda file: save(file, **rows))
         return segment
 
 

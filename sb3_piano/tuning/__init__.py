@@ -2,9 +2,16 @@
 
 from sb3_piano.tuning.objective import Objective
 from sb3_piano.tuning.parameters import Choice, Discount, Float, Int, Parameter
-from sb3_piano.tuning.search import PRUNERS, SAMPLERS, Search
 from sb3_piano.tuning.space import SPACES, Space, load_space
-from sb3_piano.tuning.study import METRICS, OBJECTIVES, StudyConfig, StudyFolder
+from sb3_piano.tuning.study import (
+    METRICS,
+    OBJECTIVES,
+    PRUNERS,
+    SAMPLERS,
+    Search,
+    StudyConfig,
+    StudyFolder,
+)
 from sb3_piano.tuning.tune import TuneResult, tune
 
 __all__ = [

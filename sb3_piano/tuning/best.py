@@ -17,7 +17,7 @@ from sb3_piano.metrics import DEFINITIONS
 from sb3_piano.training import entry_config
 from sb3_piano.training.configuration.names import full_name, import_name, is_dotted, registered_id
 from sb3_piano.training.runs.folder import provenance
-from sb3_piano.tuning.entries import with_settings
+from sb3_piano.tuning.space import with_settings
 from sb3_piano.tuning.study import StudyConfig, StudyFolder
 from sb3_piano.tuning.trials import best_trial, counting
 
@@ -42,22 +42,16 @@ def write_best(study: optuna.Study, config: StudyConfig, folder: StudyFolder) ->
     """Write the best settings into the study's folder, and above them what they are.
 
     ``sb3-piano train --config`` and stock RL Zoo (``--conf-file``) train with the file alike. Keys
-    that RL Zoo does not know are left out, and named in the file.
-
-    Returns:
-        The file; ``None``, and no file is touched, if no trial is complete.
+    that RL Zoo does not know are left out, and named in the file. If no trial is complete, no file
+    is touched, and none returned.
     """
     best, entry = best_trial(study), best_entry(study, config)
     if best is None or entry is None:
         return None
     written, left_out = zoo_entry(config.algo, config.env_id, entry)
-    content = yaml.safe_dump(
-        {registered_id(config.env_id)[1]: written},
-        sort_keys=False,
-        default_flow_style=None,  # lists in one line
-        allow_unicode=True,
-        width=100,
-    )
+    # Without a flow style, lists stand in one line.
+    style: Any = {"sort_keys": False, "default_flow_style": None, "allow_unicode": True}
+    content = yaml.safe_dump({registered_id(config.env_id)[1]: written}, width=100, **style)
     versions = provenance(None)["versions"].items()
     head = [
         f"The best settings of the study {study.study_name!r}: trial {best.number} of "
@@ -89,13 +83,7 @@ def best_entry(study: optuna.Study, config: StudyConfig) -> dict[str, Any] | Non
 
 
 def train_commands(config: StudyConfig, file: Path, entry: Mapping[str, Any]) -> dict[str, str]:
-    """Return the commands by their names that train with an entry, ours and that of stock RL Zoo.
-
-    Args:
-        config: The study that found it.
-        file: The YAML file that it is in.
-        entry: The settings.
-    """
+    """Return the commands that train with an entry in a file, ours and that of stock RL Zoo."""
     written, left_out = zoo_entry(config.algo, config.env_id, entry)
     module, env_id = registered_id(config.env_id)
     same = ["--seed", "0"]
@@ -148,11 +136,6 @@ def zoo_entry(
 
     Numbers are written as numbers, ``env_kwargs`` as a mapping, and mappings with classes as text
     that RL Zoo evaluates. The order of the keys stays.
-
-    Args:
-        algo: Name of the algorithm.
-        env_id: Id of the environment, or ``module:Id``.
-        entry: The settings, as in an RL Zoo YAML file.
 
     Returns:
         The entry in YAML's types, and the keys that stock RL Zoo refuses, with their values.

@@ -7,26 +7,28 @@ import math
 import platform
 import shutil
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import optuna
 from optuna.trial import BaseTrial
-from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.callbacks import BaseCallback, ConvertCallback
 
 from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.exceptions import RunError
 from sb3_piano.training import Plugin, RunConfig, RunFolder, entry_config, evaluate, train
 from sb3_piano.training.configuration.names import import_name
 from sb3_piano.tuning import trials
-from sb3_piano.tuning.entries import with_settings
+from sb3_piano.tuning.space import with_settings
 from sb3_piano.tuning.study import METRICS, OBJECTIVES, StudyConfig, StudyFolder
 
 RESULTS = tuple(f"{objective}_{metric}" for objective in OBJECTIVES for metric in METRICS)
 """Names of all results of a trial, such as ``best_onset_f1``: means over the seeds."""
 
 
+@dataclass(frozen=True)
 class Objective:
     """Train with the settings of a trial from each seed of the study, and judge the models.
 
@@ -39,15 +41,10 @@ class Objective:
 
     The function is for ``study.optimize(..., catch=(Exception,))``: whatever goes wrong is noted
     with the trial and raised.
-
-    Args:
-        config: The study.
-        folder: Where its runs are kept.
     """
 
-    def __init__(self, config: StudyConfig, folder: StudyFolder):
-        self.config = config
-        self.folder = folder
+    config: StudyConfig
+    folder: StudyFolder
 
     def __call__(self, trial: BaseTrial) -> float:
         """Run a trial and return its value.
@@ -75,12 +72,12 @@ class Objective:
         finally:
             trial.set_user_attr(trials.SECONDS, round(time.monotonic() - started, 1))
             progress.note()
-        return progress.value
+        return float(np.mean(progress.values))
 
     def _train(self, config: RunConfig, path: Path, progress: _Progress) -> None:
         """Train and judge one model."""
         judge = METRICS[self.config.metric](
-            callback_after_eval=_AfterEvaluation(lambda: progress.evaluated(judge)),
+            callback_after_eval=ConvertCallback(lambda *_: progress.evaluated(judge)),
             eval_freq=max(1, config.n_timesteps // self.config.n_evaluations // config.n_envs),
             n_eval_episodes=self.config.eval_episodes,
             seed=self.config.eval_seed,
@@ -102,33 +99,33 @@ class Objective:
         progress.trained(last.mean, judge)
 
 
+@dataclass
 class _Progress:
     """Progress of a trial."""
 
-    def __init__(self, config: StudyConfig, trial: BaseTrial):
-        self.trial = trial
-        self.steps = 0
-        self.pruned = False
-        self._config = config
-        self._name = f"{config.objective}_{config.metric}"
-        self._results: list[Mapping[str, float]] = []  # of each training that has ended
+    config: StudyConfig
+    trial: BaseTrial
+    steps: int = 0
+    pruned: bool = False
+    results: list[Mapping[str, float]] = field(default_factory=list)
+    """Of each training that has ended."""
 
     @property
-    def value(self) -> float:
-        """The mean over the trainings that have ended."""
-        return float(np.mean(self._values))
+    def _name(self) -> str:
+        return f"{self.config.objective}_{self.config.metric}"
 
     @property
-    def _values(self) -> list[float]:
-        return [found[self._name] for found in self._results]
+    def values(self) -> list[float]:
+        """The value of each training that has ended."""
+        return [found[self._name] for found in self.results]
 
     def evaluated(self, judge: MetricEvalCallback) -> bool:
         """Report an evaluation during training; return whether the training goes on."""
         number = len(judge.evaluations_metrics)
-        if number >= self._config.n_evaluations:
+        if number >= self.config.n_evaluations:
             return True  # the finished model is judged in its place
         found = results_of({}, judge)[self._name]
-        self._report(float(np.mean([*self._values, found])), number * self._config.interval)
+        self._report([*self.values, found], number * self.config.interval)
         return not self.pruned
 
     def trained(self, last: Mapping[str, float], judge: MetricEvalCallback) -> None:
@@ -141,35 +138,24 @@ class _Progress:
         found = results_of(last, judge)
         if not math.isfinite(found[self._name]):
             raise RunError(f"{self._name} is {found[self._name]}: expected a number.")
-        self._results.append(found)
-        self._report(self.value, 0)
-        if self.pruned and len(self._results) < len(self._config.seeds):
+        self.results.append(found)
+        self._report(self.values, 0)
+        if self.pruned and len(self.results) < len(self.config.seeds):
             raise optuna.TrialPruned
 
-    def _report(self, value: float, steps: int) -> None:
-        """Report a value after some steps of the present training; see if that is the end."""
-        before = len(self._results) * self._config.config.n_timesteps
-        self.trial.report(value, before + steps)
+    def _report(self, values: list[float], steps: int) -> None:
+        """Report a mean after some steps of the present training; see if that is the end."""
+        before = len(self.results) * self.config.config.n_timesteps
+        self.trial.report(float(np.mean(values)), before + steps)
         self.pruned = self.trial.should_prune()
 
     def note(self) -> None:
         """Note with the trial what it has reached."""
         self.trial.set_user_attr(trials.STEPS, self.steps)
-        self.trial.set_user_attr(trials.VALUES, self._values)
-        for name in RESULTS if self._results else ():
-            mean = float(np.mean([found[name] for found in self._results]))
+        self.trial.set_user_attr(trials.VALUES, self.values)
+        for name in RESULTS if self.results else ():
+            mean = float(np.mean([found[name] for found in self.results]))
             self.trial.set_user_attr(name, mean)
-
-
-class _AfterEvaluation(BaseCallback):
-    """Calls a function after each evaluation, and ends the training if that returns ``False``."""
-
-    def __init__(self, goes_on: Callable[[], bool]) -> None:
-        super().__init__()
-        self._goes_on = goes_on
-
-    def _on_step(self) -> bool:
-        return self._goes_on()
 
 
 class _TimeLimit(BaseCallback):

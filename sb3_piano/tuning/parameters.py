@@ -8,22 +8,24 @@ import math
 import typing
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, fields
+from dataclasses import KW_ONLY, dataclass, field, fields
 from decimal import Decimal
 from typing import Any, ClassVar
 
-from optuna.distributions import (
-    BaseDistribution,
-    CategoricalDistribution,
-    FloatDistribution,
-    IntDistribution,
-)
+from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 from optuna.trial import BaseTrial
 
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.settings import refuse_unknown
 from sb3_piano.training.configuration.names import full_name
 from sb3_piano.training.configuration.values import coerce, parse_zoo_text, plain
+
+Distribution = FloatDistribution | IntDistribution | CategoricalDistribution
+
+_FORMS = (
+    "{float: [1.0e-4, 1.0e-3], log: true}, {int: [1, 10], step: 3}, {choice: [64, 128]}, "
+    "{choice: {small: [64], large: [256, 256]}} or {discount: [0.6, 0.97]}"
+)
 
 
 class Parameter:
@@ -33,7 +35,7 @@ class Parameter:
     """Its name in YAML."""
 
     @property
-    def distribution(self) -> BaseDistribution:
+    def distribution(self) -> Distribution:
         """The same in Optuna's terms."""
         raise NotImplementedError
 
@@ -46,13 +48,12 @@ class Parameter:
         return stored
 
     def stored(self, value: Any) -> Any:
-        """Return the value in the store for one of the setting; ``None`` if it is not searched."""
+        """Return the value in the store for one, however written; ``None`` if not searched."""
         raise NotImplementedError
 
     def extremes(self) -> list[Any]:
         """Return the ends of a range, or all choices."""
         of = self.distribution
-        assert isinstance(of, CategoricalDistribution | FloatDistribution | IntDistribution)
         ends = of.choices if isinstance(of, CategoricalDistribution) else (of.low, of.high)
         return [self.value(end) for end in ends]
 
@@ -63,57 +64,15 @@ class Parameter:
     def suggest(self, trial: BaseTrial, name: str) -> Any:
         """Return the value of the setting ``name`` in a trial."""
         name, of = self.stored_name(name), self.distribution
-        if isinstance(of, FloatDistribution):
-            return self.value(trial.suggest_float(name, of.low, of.high, log=of.log, step=of.step))
-        if isinstance(of, IntDistribution):
-            return self.value(trial.suggest_int(name, of.low, of.high, log=of.log, step=of.step))
-        assert isinstance(of, CategoricalDistribution), "Optuna has no other kinds"
-        return self.value(trial.suggest_categorical(name, of.choices))
-
-
-class _Range(Parameter):
-    """Numbers between ``low`` and ``high``, both included; numbers may be given as text."""
-
-    low: float
-    high: float
-
-    def __post_init__(self) -> None:
-        types = typing.get_type_hints(type(self))
-        for option in fields(self):  # type: ignore[arg-type]  # each subclass is a dataclass
-            value = coerce(getattr(self, option.name), types[option.name], option.name)
-            object.__setattr__(self, option.name, value)
-        try:
-            if not self.low < self.high:
-                raise ValueError("expected low below high; a fixed value goes into the config")
-            with warnings.catch_warnings():
-                warnings.simplefilter("error")  # as Optuna says that it lowers the upper end
-                _ = self.distribution
-        except (ArithmeticError, UserWarning, ValueError) as error:
-            raise ConfigError(f"{self.to_plain()} is no range: {error}.") from error
-
-    def stored(self, value: Any) -> Any:
-        """Return the number, also from text; ``None`` if it is outside or between two steps."""
-        try:
-            number = coerce(value, type(self.low), "")
-        except ConfigError:
-            return None
-        steps = (number - self.low) / (getattr(self, "step", None) or math.inf)
-        is_step = abs(steps - round(steps)) < 1e-8  # as Optuna compares
-        return number if self.low <= number <= self.high and is_step else None
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return, for example, ``{"float": [0.0001, 0.003], "log": True}``."""
-        options = {
-            option.name: getattr(self, option.name)
-            for option in fields(self)  # type: ignore[arg-type]
-            if option.kw_only and getattr(self, option.name) != option.default
-        }
-        return {self.kind: [self.low, self.high], **options}
+        if isinstance(of, CategoricalDistribution):
+            return self.value(trial.suggest_categorical(name, of.choices))
+        draw: Any = trial.suggest_int if isinstance(of, IntDistribution) else trial.suggest_float
+        return self.value(draw(name, of.low, of.high, log=of.log, step=of.step))
 
 
 @dataclass(frozen=True)
-class Float(_Range):
-    """A number between two others.
+class Float(Parameter):
+    """A number between two others; all may be given as text.
 
     Raises:
         ConfigError: If no range is left, or the options do not fit it.
@@ -131,14 +90,44 @@ class Float(_Range):
     step: float | None = None
     """Search only numbers that are a multiple of it above ``low``; ``high`` has to be one."""
 
+    def __post_init__(self) -> None:
+        types = typing.get_type_hints(type(self))
+        for option in fields(self):
+            value = coerce(getattr(self, option.name), types[option.name], option.name)
+            object.__setattr__(self, option.name, value)
+        try:
+            if not self.low < self.high:
+                raise ValueError("expected low below high; a fixed value goes into the config")
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")  # as Optuna says that it lowers the upper end
+                _ = self.distribution
+        except (ArithmeticError, UserWarning, ValueError) as error:
+            raise ConfigError(f"{self.to_plain()} is no range: {error}.") from error
+
     @property
-    def distribution(self) -> FloatDistribution:
+    def distribution(self) -> FloatDistribution | IntDistribution:
         """The range."""
         return FloatDistribution(self.low, self.high, log=self.log, step=self.step)
 
+    def stored(self, value: Any) -> Any:
+        """Return the number, also from text; ``None`` if it is outside or between two steps."""
+        try:
+            number = coerce(value, type(self.low), "")
+        except ConfigError:
+            return None
+        steps = (number - self.low) / (self.step or math.inf)
+        is_step = abs(steps - round(steps)) < 1e-8  # as Optuna compares
+        return number if self.low <= number <= self.high and is_step else None
+
+    def to_plain(self) -> dict[str, Any]:
+        """Return, for example, ``{"float": [0.0001, 0.003], "log": True}``."""
+        given = {option: getattr(self, option.name) for option in _options(type(self))}
+        options = {option.name: v for option, v in given.items() if v != option.default}
+        return {self.kind: [self.low, self.high], **options}
+
 
 @dataclass(frozen=True)
-class Int(_Range):
+class Int(Float):
     """A whole number between two others; the options are those of :class:`Float`.
 
     Raises:
@@ -150,7 +139,6 @@ class Int(_Range):
     low: int
     high: int
     _: KW_ONLY
-    log: bool = False
     step: int = 1
 
     @property
@@ -160,7 +148,7 @@ class Int(_Range):
 
 
 @dataclass(frozen=True)
-class Discount(_Range):
+class Discount(Float):
     """A number from 0 on and below 1, searched evenly in the logarithm of its distance from 1.
 
     A discount factor of 0.9 looks 10 steps ahead, one of 0.99 a hundred: ``1 / (1 - gamma)``. The
@@ -172,8 +160,8 @@ class Discount(_Range):
 
     kind: ClassVar[str] = "discount"
 
-    low: float
-    high: float
+    log: bool = field(default=True, init=False)
+    step: None = field(default=None, init=False)
 
     @property
     def distribution(self) -> FloatDistribution:
@@ -254,13 +242,9 @@ class Choice(Parameter):
         return {self.kind: plain(self.choices, "choice")}
 
 
-_KINDS: dict[str, type[Float | Int | Discount | Choice]] = {
+_KINDS: Mapping[str, type[Float | Choice]] = {
     kind.kind: kind for kind in (Float, Int, Choice, Discount)
 }
-_FORMS = (
-    "{float: [1.0e-4, 1.0e-3], log: true}, {int: [1, 10], step: 3}, {choice: [64, 128]}, "
-    "{choice: {small: [64], large: [256, 256]}} or {discount: [0.6, 0.97]}"
-)
 
 
 def parse_parameter(name: str, value: Any) -> Parameter:
@@ -287,13 +271,16 @@ def _parsed(value: Any) -> Parameter:
         suggestion = "" if found else near_names(str(next(iter(options), "")), _KINDS)
         raise ConfigError(f"{value!r} cannot be searched.{suggestion} Expected {_FORMS}.")
     kind, given = _KINDS[found[0]], options.pop(found[0])
-    known = [option.name for option in fields(kind) if option.kw_only]
-    refuse_unknown(options, known or ["none"], "option", found[0])
-    if kind is Choice:
-        return Choice(given)
+    refuse_unknown(options, [o.name for o in _options(kind)] or ["none"], "option", found[0])
+    if issubclass(kind, Choice):
+        return kind(given)
     if not isinstance(given, (list, tuple)) or len(given) != 2:
         raise ConfigError(f"{found[0]} is {given!r}: expected [low, high].")
     return kind(*given, **options)
+
+
+def _options(kind: type[Float | Choice]) -> list[Any]:
+    return [option for option in fields(kind) if option.kw_only]
 
 
 def _distance_from_1(number: float) -> float:

@@ -1,29 +1,47 @@
-"""Search spaces: a range or choices for each of several settings."""
+"""Search spaces: a range or choices for each of several settings, and where these stand."""
 
 from __future__ import annotations
 
 import contextlib
+import copy
 import dataclasses
+import inspect
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
+import gymnasium as gym
+from annotated_types import Ge
 from optuna.distributions import BaseDistribution
 from optuna.trial import BaseTrial
 
+import sb3_piano.wrappers
+from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, PianoEnvConfig
+from sb3_piano.envs.registration import ENTRY_POINT
 from sb3_piano.exceptions import ConfigError, SB3PianoError, near_names
-from sb3_piano.training import entry_config
-from sb3_piano.training.configuration.values import coerce, linear_start, parameters_of
+from sb3_piano.settings import Number, Positive, Share, Unit, checked
+from sb3_piano.training import Plugin, RunConfig, entry_config
+from sb3_piano.training.configuration.config import parse_plugins
+from sb3_piano.training.configuration.names import algorithm_class, registered_id
+from sb3_piano.training.configuration.values import (
+    coerce_mapping,
+    linear_start,
+    parameters_of,
+    zoo_number,
+)
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 from sb3_piano.training.runs.builders import build_model, build_vec_env
-from sb3_piano.tuning.entries import MISSING, WRAPPERS, setting_at, with_settings
 from sb3_piano.tuning.parameters import Parameter, parse_parameter
 
+MISSING = object()
+"""Result of :func:`setting_at` for a setting that the entry does not have."""
+
 _PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*")
+_WRAPPERS = "env_wrapper"
 
 # What trials are compared over has to be the same for all of them.
 _FIXED = {
@@ -33,7 +51,6 @@ _FIXED = {
     "n_timesteps": "all trials have the same steps",
     "seed": "each trial trains from all seeds of the study",
 }
-_PLUGINS_AS_A_WHOLE = ("callback", "vec_env_wrapper")
 
 
 class Space(Mapping[str, Parameter]):
@@ -64,7 +81,6 @@ class Space(Mapping[str, Parameter]):
         self._parameters = {name: parse_parameter(name, p) for name, p in parameters.items()}
 
     def __getitem__(self, name: str) -> Parameter:
-        """Return the parameter for a setting."""
         return self._parameters[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -98,13 +114,9 @@ class Space(Mapping[str, Parameter]):
 
         Settings that the entry lacks, or whose values are not searched, are left out.
         """
-        params = {}
-        for name, parameter in self.items():
-            value = setting_at(entry, name)
-            stored = None if value is MISSING else parameter.stored(value)
-            if stored is not None:
-                params[parameter.stored_name(name)] = stored
-        return params
+        values = ((name, p, setting_at(entry, name)) for name, p in self.items())
+        stored = {p.stored_name(n): p.stored(v) for n, p, v in values if v is not MISSING}
+        return {name: value for name, value in stored.items() if value is not None}
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the space in YAML's and JSON's types, of which it can be made again."""
@@ -118,9 +130,9 @@ def _unsuitable(name: Any) -> str | None:
     head, *rest = name.split(".")
     if head in _FIXED:
         return f"cannot be searched: {_FIXED[head]}"
-    if head in _PLUGINS_AS_A_WHOLE and rest:
+    if head in ("callback", "vec_env_wrapper") and rest:
         return f"cannot be searched: expected {head!r} as a whole, a choice of lists"
-    if head == WRAPPERS and len(rest) == 1:
+    if head == _WRAPPERS and len(rest) == 1:
         return f"names no argument: expected '{name}.<argument>'"
     return None
 
@@ -175,20 +187,18 @@ def _read(path: Path) -> Space:
 
 # Spaces, tried out before anything is trained.
 
-_Need = tuple[Callable[[float], bool], str]
-_SHARE: _Need = (lambda x: 0 <= x <= 1, "0 to 1")
-_POSITIVE: _Need = (lambda x: x > 0, "more than 0")
-_COUNT: _Need = (lambda x: x >= 1, "1 or more")
-_NOT_NEGATIVE: _Need = (lambda x: x >= 0, "0 or more")
-
 # Arguments of SB3's algorithms that these take without a look, and then learn nothing.
-_NEEDS: Mapping[str, _Need] = {
-    **dict.fromkeys(("gamma", "tau", "gae_lambda"), _SHARE),
-    **dict.fromkeys(("learning_rate", "clip_range", "max_grad_norm"), _POSITIVE),
-    **dict.fromkeys(("batch_size", "buffer_size", "n_steps", "n_epochs"), _COUNT),
-    **dict.fromkeys(("policy_delay", "train_freq"), _COUNT),
-    "gradient_steps": (lambda x: x >= 1 or x == -1, "1 or more, or -1 for as many as steps"),
-    **dict.fromkeys(("learning_starts", "target_policy_noise", "target_noise_clip"), _NOT_NEGATIVE),
+_NEEDS: Mapping[str, Any] = {
+    **dict.fromkeys(("gamma", "tau", "gae_lambda"), Share),
+    **dict.fromkeys(("learning_rate", "clip_range", "max_grad_norm"), Positive),
+    **dict.fromkeys(
+        ("batch_size", "buffer_size", "n_steps", "n_epochs", "policy_delay", "train_freq"),
+        Annotated[Number, Ge(1)],
+    ),
+    "gradient_steps": Annotated[Number, Ge(1), Unit(", or -1 for as many as steps")],
+    **dict.fromkeys(
+        ("learning_starts", "target_policy_noise", "target_noise_clip"), Annotated[Number, Ge(0)]
+    ),
 }
 
 # For models that are built only to see whether they can be.
@@ -227,10 +237,13 @@ def _objection(
     algo: str, env_id: str, entry: Mapping[str, Any], settings: Mapping[str, Any]
 ) -> str | None:
     """Return why a run with these settings is impossible; ``None`` if it is not."""
-    for name, value in settings.items():
-        if name in _NEEDS and not _meets(name, value):
-            return f"{name} is {value!r}: expected {_NEEDS[name][1]}."
     try:
+        for name, value in settings.items():
+            start = linear_start(value)
+            number = zoo_number(value if start is None else start)
+            is_all = (name, number) == ("gradient_steps", -1)
+            if name in _NEEDS and isinstance(number, int | float) and not is_all:
+                checked(name, number, _NEEDS[name])
         config = entry_config(algo, env_id, with_settings(entry, settings))
         cheap = {k: v for k, v in _CHEAP.items() if k in parameters_of(config.algorithm)}
         arguments = {**config.algorithm_kwargs, **cheap}
@@ -247,9 +260,102 @@ def _objection(
     return None
 
 
-def _meets(name: str, value: Any) -> bool:
-    start = linear_start(value)
-    try:
-        return _NEEDS[name][0](coerce(value, float, name) if start is None else start)
-    except ConfigError:
-        return True  # no number, as [1, episode] for train_freq
+# Settings in an RL Zoo entry by their paths.
+
+
+def setting_at(entry: Mapping[str, Any], name: str) -> Any:
+    """Return the value of a setting, or :data:`MISSING`."""
+    head, *keys = name.split(".")
+    value = entry.get(head, MISSING)
+    if head == _WRAPPERS and keys:
+        found = [p for p in _wrappers(entry) if _class_name(p) == keys[0]]
+        value, keys = (found[0].kwargs if found else MISSING), keys[1:]
+    for key in keys:
+        try:
+            value = coerce_mapping(value, head).get(key, MISSING)
+        except ConfigError:
+            return MISSING  # nothing that could hold it
+    return value
+
+
+def with_settings(entry: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a copy of an entry with these settings; what is missing on the way to them is made.
+
+    What holds others comes before them, as they may change parts of it. Where a path leads into
+    text that RL Zoo evaluates, a mapping takes its place.
+
+    Raises:
+        ConfigError: If the entry has no place for one.
+    """
+    changed = copy.deepcopy(dict(entry))
+    for name in sorted(settings, key=lambda name: name.count(".")):
+        head, *keys = name.split(".")
+        value = copy.deepcopy(settings[name])
+        try:
+            if head == _WRAPPERS and keys:
+                changed[head] = _with_argument(_wrappers(changed), keys, value)
+            else:
+                changed[head] = _with_value(changed.get(head), keys, value, head)
+        except ConfigError as error:
+            raise ConfigError(f"Search space: {name!r}: {error}") from error
+    return changed
+
+
+def with_defaults(algo: str, env_id: str, entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a copy of an entry in which the defaults are written out that trials may search.
+
+    They are those of the algorithm's constructor and, if it is a piano, of the environment. It is
+    not for training: some of them are nothing that YAML could hold.
+
+    Raises:
+        ConfigError: If there is no such algorithm or environment.
+    """
+    parameters = parameters_of(algorithm_class(algo)).values()
+    defaults = {p.name: p.default for p in parameters if p.default is not inspect.Parameter.empty}
+    full = {"policy": RunConfig.policy, **defaults, **copy.deepcopy(dict(entry))}
+    if gym.spec(registered_id(env_id)[1]).entry_point != ENTRY_POINT:
+        return full
+    options = dataclasses.fields(PianoEnvConfig)
+    env_defaults = {o.name: o.default for o in options if o.default is not dataclasses.MISSING}
+    env_kwargs = {**env_defaults, **coerce_mapping(full.get("env_kwargs") or {}, "env_kwargs")}
+    weights = coerce_mapping(env_kwargs.get("reward_weights") or {}, "reward_weights")
+    env_kwargs["reward_weights"] = {**DEFAULT_REWARD_WEIGHTS, **weights}
+    return {**full, "env_kwargs": env_kwargs}
+
+
+def _with_value(tree: Any, keys: Sequence[str], value: Any, where: str) -> Any:
+    if not keys:
+        return value
+    branches = coerce_mapping({} if tree is None else tree, where)
+    key, *rest = keys
+    return {**branches, key: _with_value(branches.get(key), rest, value, f"{where}.{key}")}
+
+
+def _with_argument(wrappers: list[Plugin], keys: Sequence[str], value: Any) -> list[Any]:
+    """Return wrappers with an argument of the one with the class name that comes first in a path.
+
+    One of ``sb3_piano.wrappers`` that is missing is put around the others.
+    """
+    (name, *rest), names = keys, [_class_name(wrapper) for wrapper in wrappers]
+    if names.count(name) > 1:
+        raise ConfigError(f"{_WRAPPERS} has {name} {names.count(name)} times: expected it once.")
+    if name not in names:
+        own = sb3_piano.wrappers.__all__
+        if name not in own:
+            raise ConfigError(
+                f"{_WRAPPERS} has no {name!r}.{near_names(name, [*names, *own])} Expected a class "
+                "that it has, or one of sb3_piano.wrappers."
+            )
+        wrappers = [*wrappers, Plugin(path=f"{sb3_piano.wrappers.__name__}.{name}")]
+    index = [*names, name].index(name)
+    kwargs = _with_value(wrappers[index].kwargs, rest, value, f"{_WRAPPERS}.{name}")
+    wrappers[index] = Plugin(path=wrappers[index].path, kwargs=kwargs)
+    return [{plugin.path: dict(plugin.kwargs)} for plugin in wrappers]
+
+
+def _wrappers(entry: Mapping[str, Any]) -> list[Plugin]:
+    return list(parse_plugins(entry.get(_WRAPPERS), _WRAPPERS, gym.Wrapper))
+
+
+def _class_name(wrapper: Plugin) -> str:
+    return wrapper.path.rpartition(".")[2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import random
 import time
@@ -26,8 +27,7 @@ from sqlalchemy.exc import (
 )
 
 from sb3_piano.exceptions import ConfigError, RunError, near_names
-from sb3_piano.tuning.search import Search, make_pruner
-from sb3_piano.tuning.study import StudyConfig, StudyFolder
+from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder, make_pruner
 from sb3_piano.tuning.trials import ORIGIN, PRESET, PRESET_IN_PART, retry_callback
 
 HEARTBEAT_INTERVAL = 60
@@ -38,8 +38,6 @@ CONNECT_TIMEOUT = 10
 """Seconds after which a host that does not answer counts as unreachable."""
 
 _EXAMPLE = "postgresql+psycopg://user@host/name"
-_ATTEMPTS = 5
-_STUDY = "study"
 _IDENTITY = "identity"
 _PATIENCE_SECONDS = 5.0
 
@@ -57,7 +55,7 @@ def open_storage(url: str | None, folder: StudyFolder) -> BaseStorage:
         ConfigError: If the URL is not valid here.
         RunError: If the database or the journal cannot be used.
     """
-    return _open_journal(folder.journal_file) if url is None else _open_database(url)
+    return _open_journal(folder.journal_file) if url is None else _open_database(_parsed(url))
 
 
 # The journal.
@@ -94,50 +92,52 @@ def _open_journal(file: Path) -> JournalStorage:
 # Databases.
 
 
-def _open_database(url: str) -> RDBStorage:
-    parsed = _parsed(url)
-    for attempt in range(1, _ATTEMPTS + 1):
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ExperimentalWarning)
-                return RDBStorage(
-                    url.replace("{", "{{").replace("}", "}}"),  # Optuna formats it
-                    engine_kwargs=_engine_kwargs(parsed),
-                    heartbeat_interval=HEARTBEAT_INTERVAL,
-                    grace_period=GRACE_PERIOD,
-                    heartbeat_stale_trial_callback=retry_callback(),
-                )
-        except (ImportError, RuntimeError, SQLAlchemyError, StorageInternalError) as error:
-            # Several processes may make its tables at once.
-            if attempt == _ATTEMPTS or not isinstance(error, (IntegrityError, ProgrammingError)):
-                raise _refusal(error, parsed) from error
-        time.sleep(random.random())
-    raise AssertionError("the last attempt returns or raises")
+def _open_database(url: sqlalchemy.URL, attempts: int = 5) -> RDBStorage:
+    whole = url.render_as_string(hide_password=False)
+    is_postgresql = url.drivername in ("postgresql", "postgresql+psycopg", "postgresql+psycopg2")
+    is_new = is_postgresql and "connect_timeout" not in url.query
+    timeout = {"connect_timeout": CONNECT_TIMEOUT} if is_new else {}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ExperimentalWarning)
+            return RDBStorage(
+                whole.replace("{", "{{").replace("}", "}}"),  # Optuna formats it
+                engine_kwargs={"pool_pre_ping": True, "connect_args": timeout},
+                heartbeat_interval=HEARTBEAT_INTERVAL,
+                grace_period=GRACE_PERIOD,
+                heartbeat_stale_trial_callback=retry_callback(),
+            )
+    except (ImportError, RuntimeError, SQLAlchemyError, StorageInternalError) as error:
+        # Several processes may make its tables at once.
+        if attempts == 1 or not isinstance(error, (IntegrityError, ProgrammingError)):
+            raise _refusal(error, url) from error
+    time.sleep(random.random())
+    return _open_database(url, attempts - 1)
 
 
 def _refusal(error: Exception, url: sqlalchemy.URL) -> ConfigError | RunError:
     """Return what to say of a database that cannot be used."""
-    shown = _shown(url)
-    if isinstance(error, NoSuchModuleError):
-        name = url.drivername
-        suggestion = near_names(name, ["postgresql+psycopg", "mysql+pymysql"])
-        return ConfigError(
-            f"storage: unknown database {name!r}.{suggestion} Expected one like '{_EXAMPLE}'."
-        )
-    if isinstance(error, ImportError):
-        driver = getattr(error.__cause__, "name", None) or url.drivername
-        install = f"pip install {driver}"
-        if url.get_backend_name() == "postgresql":
-            install = "pip install 'sb3-piano[postgresql]' and the URL postgresql+psycopg://..."
-        return ConfigError(
-            f"storage: '{shown}' needs the Python package {driver!r}, which is not installed. "
-            f"Expected: {install}"
-        )
-    if isinstance(error, (SQLAlchemyError, StorageInternalError)):
-        return RunError(
-            f"Database '{shown}' cannot be used: {why_refused(error)}. Expected a server that "
-            "runs, with this database and a role that may make tables in it."
-        )
+    name, shown = url.drivername, _shown(url)
+    match error:
+        case NoSuchModuleError():
+            suggestion = near_names(name, ["postgresql+psycopg", "mysql+pymysql"])
+            return ConfigError(
+                f"storage: unknown database {name!r}.{suggestion} Expected one like '{_EXAMPLE}'."
+            )
+        case ImportError():
+            driver = getattr(error.__cause__, "name", None) or name
+            install = f"pip install {driver}"
+            if url.get_backend_name() == "postgresql":
+                install = "pip install 'sb3-piano[postgresql]' and the URL postgresql+psycopg://..."
+            return ConfigError(
+                f"storage: '{shown}' needs the Python package {driver!r}, which is not installed. "
+                f"Expected: {install}"
+            )
+        case SQLAlchemyError() | StorageInternalError():
+            return RunError(
+                f"Database '{shown}' cannot be used: {why_refused(error)}. Expected a server that "
+                "runs, with this database and a role that may make tables in it."
+            )
     return RunError(f"Database '{shown}' cannot be used: {error}")  # tables of another version
 
 
@@ -175,13 +175,6 @@ def _parsed(url: str) -> sqlalchemy.URL:
     return parsed
 
 
-def _engine_kwargs(url: sqlalchemy.URL) -> dict[str, Any]:
-    takes_timeout = url.drivername in ("postgresql", "postgresql+psycopg", "postgresql+psycopg2")
-    is_new = takes_timeout and "connect_timeout" not in url.query
-    connect_args = {"connect_timeout": CONNECT_TIMEOUT} if is_new else {}
-    return {"pool_pre_ping": True, "connect_args": connect_args}
-
-
 def _shown(url: sqlalchemy.URL) -> str:
     """Return a URL without its password, which may also be among its options."""
     return url.set(query={}).render_as_string(hide_password=True)
@@ -210,17 +203,10 @@ def open_study(
     Raises:
         ConfigError: If there is another study of that name.
     """
-    options: dict[str, Any] = {
-        "study_name": name,
-        "storage": storage,
-        "pruner": make_pruner(search, config),
-    }
+    options: Any = {"study_name": name, "storage": storage, "pruner": make_pruner(search, config)}
     if name not in optuna.get_all_study_names(storage):
-        try:
+        with contextlib.suppress(DuplicatedStudyError):  # another process was faster
             study = optuna.create_study(**options, direction="maximize")
-        except DuplicatedStudyError:  # another process was faster
-            pass
-        else:
             _fill(study, config)
             return study
     study = optuna.load_study(**options)
@@ -233,7 +219,7 @@ def _fill(study: optuna.Study, config: StudyConfig) -> None:
 
     The identity comes last, as other processes wait for it.
     """
-    study.set_user_attr(_STUDY, _as_stored(config.to_mapping()))
+    study.set_user_attr("study", config.to_mapping())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExperimentalWarning)
         study.set_metric_names([f"{config.objective} {config.metric}"])  # for the dashboard
@@ -241,15 +227,11 @@ def _fill(study: optuna.Study, config: StudyConfig) -> None:
     whole = params.keys() == config.space.distributions.keys()
     origin = PRESET if whole else PRESET_IN_PART
     study.enqueue_trial(params, user_attrs={ORIGIN: origin}, skip_if_exists=True)
-    study.set_user_attr(_IDENTITY, _as_stored(config.identity()))
+    study.set_user_attr(_IDENTITY, config.identity())
 
 
 def _check(study: optuna.Study, config: StudyConfig) -> None:
-    """Refuse a study that is another one than the settings say.
-
-    Raises:
-        ConfigError: If it is.
-    """
+    """Refuse a study that is another one than the settings say."""
     name = study.study_name
     if study.directions != [StudyDirection.MAXIMIZE]:
         directions = " and ".join(direction.name.lower() for direction in study.directions)
@@ -257,10 +239,10 @@ def _check(study: optuna.Study, config: StudyConfig) -> None:
             f"Study {name!r} is to {directions} something: another program made it. Expected a "
             "study of 'sb3-piano tune'; give yours another name with --name."
         )
-    there, here = _flat(_identity(study, config)), _flat(_as_stored(config.identity()))
+    there, here = _flat(_identity(study, config)), _flat(config.identity())
     differences = [
         f"{key.removeprefix('entry.')} is {_text(there, key)} there, {_text(here, key)} here"
-        for key in dict.fromkeys((*there, *here))
+        for key in {**there, **here}
         if (key in there, there.get(key)) != (key in here, here.get(key))
     ]
     if differences:
@@ -274,9 +256,6 @@ def _identity(study: optuna.Study, config: StudyConfig) -> dict[str, Any]:
     """Return what a study is; one that is just being made will have it soon.
 
     If its maker is gone before anything was run, it is made to an end here.
-
-    Raises:
-        ConfigError: If another program made the study.
     """
     end = time.monotonic() + _PATIENCE_SECONDS
     while _IDENTITY not in study.user_attrs:
@@ -289,11 +268,6 @@ def _identity(study: optuna.Study, config: StudyConfig) -> dict[str, Any]:
             _fill(study, config)
         time.sleep(0.1)
     return study.user_attrs[_IDENTITY]
-
-
-def _as_stored(mapping: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a mapping as it comes back from a store."""
-    return json.loads(json.dumps(mapping))
 
 
 def _flat(mapping: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

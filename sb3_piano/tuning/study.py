@@ -1,21 +1,36 @@
-"""A study: what is searched, what its trials are worth, and the folder it is in."""
+"""A study: what is searched and how, what its trials are worth, and the folder it is in."""
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
+import json
+import typing
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
+
+from optuna.exceptions import ExperimentalWarning
+from optuna.pruners import (
+    BasePruner,
+    HyperbandPruner,
+    MedianPruner,
+    NopPruner,
+    SuccessiveHalvingPruner,
+)
+from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, RandomSampler, TPESampler
 
 from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.settings import Count, Index, Positive, settings
 from sb3_piano.training import RunConfig, entry_config
 from sb3_piano.training.runs.folder import FILE_OPTIONS
-from sb3_piano.tuning.entries import with_defaults
-from sb3_piano.tuning.space import Space
+from sb3_piano.tuning.space import Space, with_defaults
+
+_Sampler = Literal["tpe", "cmaes", "gp", "random"]
+_Pruner = Literal["median", "hyperband", "halving", "none"]
 
 METRICS: Mapping[str, type[MetricEvalCallback]] = {
     callback.metric: callback for callback in (F1Callback, OnsetF1Callback)
@@ -24,6 +39,12 @@ METRICS: Mapping[str, type[MetricEvalCallback]] = {
 
 OBJECTIVES = ("final", "best")
 """The model that counts: the one at the end of a training, or the best one it had."""
+
+SAMPLERS: tuple[str, ...] = typing.get_args(_Sampler)
+"""Ways to choose settings."""
+
+PRUNERS: tuple[str, ...] = typing.get_args(_Pruner)
+"""Ways to end trials early."""
 
 
 @settings
@@ -93,20 +114,10 @@ class StudyConfig:
         return self.space.params_of(with_defaults(self.algo, self.env_id, self.entry))
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return the study in JSON's and YAML's types; :meth:`from_mapping` gives it back."""
+        """Return the study as JSON gives it back."""
         mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         space, entry = self.space.to_mapping(), dict(self.entry)
-        return {**mapping, "seeds": list(self.seeds), "space": space, "entry": entry}
-
-    @classmethod
-    def from_mapping(cls, mapping: Mapping[str, Any]) -> StudyConfig:
-        """Return the study that :meth:`to_mapping` wrote.
-
-        Raises:
-            ConfigError: If a setting is not valid.
-        """
-        changes = {"space": Space(mapping["space"]), "seeds": tuple(mapping["seeds"])}
-        return cls(**{**mapping, **changes})
+        return json.loads(json.dumps({**mapping, "space": space, "entry": entry}))
 
     def identity(self) -> dict[str, Any]:
         """Return what has to be equal where several machines work on one study.
@@ -115,13 +126,77 @@ class StudyConfig:
         its path, which may be another on each machine.
         """
         mapping = self.to_mapping()
-        kwargs = dict(self.config.env_kwargs)
+        kwargs = json.loads(json.dumps(dict(self.config.env_kwargs)))
         for option in FILE_OPTIONS:
             file = kwargs.get(option)
             if isinstance(file, str) and Path(file).is_file():
                 kwargs[option] = f"sha256 {hashlib.sha256(Path(file).read_bytes()).hexdigest()}"
                 mapping["entry"]["env_kwargs"] = kwargs
         return mapping
+
+
+@settings
+class Search:
+    """Sampler and pruner of a study, which may change while it goes on.
+
+    Raises:
+        ConfigError: If a name is unknown or a number out of range.
+    """
+
+    sampler: _Sampler = "tpe"
+    """One of :data:`SAMPLERS`."""
+    pruner: _Pruner = "median"
+    """One of :data:`PRUNERS`."""
+    startup_trials: Count = 10
+    """Trials with random settings before the sampler learns from the results; at least 1."""
+    seed: Index | None = None
+    """Seed of the sampler. Only with one worker are its choices the same each time."""
+
+
+def make_sampler(search: Search) -> BaseSampler:
+    """Return a study's sampler."""
+    seed, startup = search.seed, search.startup_trials
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ExperimentalWarning)
+        match search.sampler:
+            case "tpe":  # trials that run count as bad ones, so that none gets their settings
+                return TPESampler(
+                    n_startup_trials=startup, seed=seed, multivariate=True, constant_liar=True
+                )
+            case "cmaes":
+                return CmaEsSampler(
+                    n_startup_trials=startup,
+                    seed=seed,
+                    warn_independent_sampling=False,  # every choice is drawn at random
+                    # Optuna recommends it where successive halving ends most trials.
+                    consider_pruned_trials=search.pruner in ("hyperband", "halving"),
+                )
+            case "gp":  # a Gaussian process; it thinks longer the more trials there are
+                return GPSampler(n_startup_trials=startup, seed=seed)
+    return RandomSampler(seed=seed)
+
+
+def make_pruner(search: Search, config: StudyConfig) -> BasePruner:
+    """Return a study's pruner.
+
+    Its steps are environment steps, counted on through the trainings of a trial. Music metrics are
+    noisy while a model learns, so the pruners are patient: the first evaluation that may end a
+    trial is the second one, as off-policy algorithms have played at random for a good part of the
+    first. If a training is evaluated only once it is over, that evaluation counts.
+    """
+    steps = config.config.n_timesteps
+    warmup = min(2 * config.interval, steps)
+    match search.pruner:
+        case "median":  # a median of a few trials says little: 5 by default, as in Optuna
+            return MedianPruner(n_startup_trials=search.startup_trials // 2, n_warmup_steps=warmup)
+        case "halving":  # Optuna's own factor, 4, would end most trials by one noisy evaluation
+            return SuccessiveHalvingPruner(min_resource=warmup, reduction_factor=2)
+        case "hyperband":
+            most = steps * len(config.seeds)
+            return HyperbandPruner(
+                min_resource=config.interval, max_resource=most, reduction_factor=3
+            )
+    return NopPruner()
 
 
 @dataclass(frozen=True)

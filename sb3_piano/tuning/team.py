@@ -1,27 +1,32 @@
-"""The parent of a study's workers: it asks for trials, lets workers run them, and tells."""
+"""Workers of a study: a parent asks for trials, child processes run them, and the parent tells."""
 
 from __future__ import annotations
 
 import contextlib
+import gc
+import multiprocessing
+import os
 import platform
+import signal
+import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from multiprocessing.connection import wait
+from dataclasses import KW_ONLY, dataclass, field
+from multiprocessing.connection import Connection, wait
 from typing import Any
 
 import optuna
 from optuna.exceptions import ExperimentalWarning, StorageInternalError, UpdateFinishedTrialError
-from optuna.storages import BaseStorage, RDBStorage, fail_stale_trials
-from optuna.trial import FrozenTrial, TrialState
+from optuna.storages import RDBStorage, fail_stale_trials
+from optuna.trial import FixedTrial, FrozenTrial, TrialState
 
 from sb3_piano.exceptions import RunError
-from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.tuning import worker
-from sb3_piano.tuning.objective import note_place
+from sb3_piano.interrupts import ctrl_c_ignored, stop_on_signal
+from sb3_piano.tuning.objective import Objective, note_place
 from sb3_piano.tuning.study import StudyConfig, StudyFolder
 from sb3_piano.tuning.trials import FOLDER, HOST, INTERRUPTED, counting, requeue_lost
-from sb3_piano.tuning.worker import Worker
 
 _POLL_SECONDS = 1.0
 _MAX_DEATHS = 3
@@ -29,20 +34,15 @@ _DATABASE_PATIENCE = 60.0
 """Seconds for which a database may be away before the study ends here."""
 
 
+@dataclass
 class Heart:
-    """Heartbeats of trials in a database, by which other machines know that they run.
+    """Heartbeats of trials in a database, by which other machines know that they run."""
 
-    Args:
-        study: The study.
-        storage: The database that it is in.
-    """
-
-    def __init__(self, study: optuna.Study, storage: BaseStorage):
-        assert isinstance(storage, RDBStorage), "a journal has no heartbeats"
-        self._study = study
-        self._storage = storage
-        self._next = 0.0
-        self._seen: set[int] = set()
+    study: optuna.Study
+    storage: RDBStorage
+    """The database that it is in."""
+    _next: float = field(default=0.0, init=False)
+    _seen: set[int] = field(default_factory=set, init=False)
 
     def beat(self, trials: Sequence[optuna.Trial]) -> None:
         """Give trials of ours a heartbeat, if it is time, and fail those of others without one.
@@ -52,49 +52,35 @@ class Heart:
         """
         if time.monotonic() < self._next:
             return
-        running = self._study.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
+        running = self.study.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
         # Optuna itself knows trials by an id that is not public.
-        ids = {trial._trial_id for trial in trials}
-        ids |= {trial._trial_id for trial in running if trial.number not in self._seen}
-        for trial_id in ids:
-            self._storage.record_heartbeat(trial_id)
+        new = {trial._trial_id for trial in running if trial.number not in self._seen}
+        for trial_id in new | {trial._trial_id for trial in trials}:
+            self.storage.record_heartbeat(trial_id)
         self._seen.update(trial.number for trial in running)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ExperimentalWarning)
-            fail_stale_trials(self._study)
-        self._next = time.monotonic() + (self._storage.get_heartbeat_interval() or 0)
+            fail_stale_trials(self.study)
+        self._next = time.monotonic() + (self.storage.get_heartbeat_interval() or 0)
 
 
+@dataclass
 class Team:
-    """Workers on this machine, and the trials that they run.
+    """Workers on this machine, and the trials that they run."""
 
-    Args:
-        study: The study.
-        config: What it searches.
-        folder: Its folder, which this process owns.
-        heart: Heartbeats, if other machines may work on the study.
-        n_trials: Trials of the study in all.
-        n_workers: Workers at most.
-    """
-
-    def __init__(
-        self,
-        study: optuna.Study,
-        config: StudyConfig,
-        folder: StudyFolder,
-        *,
-        heart: Heart | None,
-        n_trials: int,
-        n_workers: int,
-    ):
-        self._study = study
-        self._config = config
-        self._folder = folder
-        self._heart = heart
-        self._n_trials = n_trials
-        self._n_workers = n_workers
-        self._workers: list[Worker] = []
-        self._deaths = 0  # since the last trial that ended by itself
+    study: optuna.Study
+    config: StudyConfig
+    folder: StudyFolder
+    """Folder of the study, which this process owns."""
+    _: KW_ONLY
+    heart: Heart | None
+    """Heartbeats, if other machines may work on the study."""
+    n_trials: int
+    """Trials of the study in all."""
+    n_workers: int
+    """Workers at most."""
+    _workers: list[_Worker] = field(default_factory=list, init=False)
+    _deaths: int = field(default=0, init=False)  # since the last trial that ended by itself
 
     def run(self, on_progress: Callable[[Sequence[FrozenTrial]], object]) -> bool:
         """Run trials until the study has all; return whether it was interrupted.
@@ -115,7 +101,7 @@ class Team:
                 last_time_well = time.monotonic()
                 while not request.made:
                     try:
-                        on_progress(counting(self._study))
+                        on_progress(counting(self.study))
                         if self._is_complete_after_step():
                             return False
                         last_time_well = time.monotonic()
@@ -126,119 +112,210 @@ class Team:
                 self._interrupt()
             return True
         finally:
-            for one in self._workers:
-                one.kill()
+            for worker in self._workers:
+                worker.kill()
 
     def _adopt(self) -> None:
         """Fail trials of a process that ran this study here before and is gone; queue them."""
-        for trial in self._study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+        for trial in self.study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
             if self._is_ours(trial):
-                self._study.tell(trial.number, state=TrialState.FAIL, skip_if_finished=True)
-        requeue_lost(self._study, self._is_ours)
+                self._fail(trial.number)
+        requeue_lost(self.study, self._is_ours)
 
     def _is_ours(self, trial: FrozenTrial) -> bool:
         """Return whether the owner of this folder runs, or ran, a trial."""
         noted = (trial.user_attrs.get(HOST), trial.user_attrs.get(FOLDER))
-        here = (platform.node(), str(self._folder.trial_dir(trial.number)))
-        return self._heart is None or noted == here
+        here = (platform.node(), str(self.folder.trial_dir(trial.number)))
+        return self.heart is None or noted == here
+
+    def _fail(self, trial: optuna.Trial | int) -> None:
+        self.study.tell(trial, state=TrialState.FAIL, skip_if_finished=True)
 
     def _is_complete_after_step(self) -> bool:
         """Begin trials and pass on what workers say; return whether the study is complete."""
-        if self._heart is not None:
-            self._heart.beat([one.trial for one in self._workers if one.trial is not None])
-        while len(self._busy) < self._n_workers and self._is_open:
+        if self.heart is not None:
+            self.heart.beat([worker.trial for worker in self._workers if worker.trial is not None])
+        while len(self._busy) < self.n_workers and self._is_open:
             self._begin_trial()
         if self._busy:
-            left_over = any(one.said is not None for one in self._busy)
-            ready = wait([one.connection for one in self._busy], 0 if left_over else _POLL_SECONDS)
-            for one in self._busy:
-                if one.said is not None or one.connection in ready:
-                    self._hear(one)
+            left_over = any(worker.said is not None for worker in self._busy)
+            connections = [worker.connection for worker in self._busy]
+            ready = wait(connections, 0 if left_over else _POLL_SECONDS)
+            for worker in self._busy:
+                if worker.said is not None or worker.connection in ready:
+                    self._hear(worker)
             return False
-        if not any(trial.state is TrialState.RUNNING for trial in counting(self._study)):
+        if not any(trial.state is TrialState.RUNNING for trial in counting(self.study)):
             return not self._is_open
         time.sleep(_POLL_SECONDS)  # on other machines
         return False
 
     @property
-    def _busy(self) -> list[Worker]:
-        return [one for one in self._workers if one.trial is not None]
+    def _busy(self) -> list[_Worker]:
+        return [worker for worker in self._workers if worker.trial is not None]
 
     @property
     def _is_open(self) -> bool:
         """Whether there is a trial to begin: one that waits, or one that is yet to be made."""
-        trials = counting(self._study)
+        trials = counting(self.study)
         waiting = any(trial.state is TrialState.WAITING for trial in trials)
-        return waiting or len(trials) < self._n_trials
+        return waiting or len(trials) < self.n_trials
 
     def _begin_trial(self) -> None:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Heartbeat of storage is supposed", UserWarning)
-            trial = self._study.ask()
-        note_place(trial, self._folder)
-        self._config.space.suggest(trial)
-        idle = next((one for one in self._workers if one.trial is None), None)
+            trial = self.study.ask()
+        note_place(trial, self.folder)
+        self.config.space.suggest(trial)
+        idle = next((worker for worker in self._workers if worker.trial is None), None)
         if idle is None:
-            idle = Worker(self._config, self._folder)
+            idle = _Worker(self.config, self.folder)
             self._workers.append(idle)
         idle.begin(trial)
 
-    def _hear(self, one: Worker) -> None:
+    def _hear(self, worker: _Worker) -> None:
         """Pass on all that a worker has said, or notice that it has died."""
         try:
-            while one.trial is not None and (one.said or one.connection.poll()):
-                one.said = one.said or one.connection.recv()
-                self._pass_on(one.said, one, one.trial)
-                one.said = None  # not before it is in the store
+            while worker.trial is not None and (worker.said or worker.connection.poll()):
+                worker.said = worker.said or worker.connection.recv()
+                self._pass_on(worker.said, worker, worker.trial)
+                worker.said = None  # not before it is in the store
         except (EOFError, ConnectionError):
-            self._replace(one)
+            self._replace(worker)
         except UpdateFinishedTrialError:  # given to another machine, as no heartbeat had come
-            one.kill()
-            self._workers.remove(one)
+            worker.kill()
+            self._workers.remove(worker)
 
-    def _pass_on(self, said: tuple[Any, ...], one: Worker, trial: optuna.Trial) -> None:
+    def _pass_on(self, said: tuple[Any, ...], worker: _Worker, trial: optuna.Trial) -> None:
         match said:
-            case worker.REPORT, value, step:
+            case "report", value, step:
                 trial.report(value, step)
-                one.connection.send(trial.should_prune())
+                worker.connection.send(trial.should_prune())
                 return
-            case worker.NOTE, name, value:
+            case "note", name, value:
                 trial.set_user_attr(name, value)
                 return
-            case worker.COMPLETE, value:
-                self._study.tell(trial, value, skip_if_finished=True)
-            case (worker.PRUNED,):
-                self._study.tell(trial, state=TrialState.PRUNED, skip_if_finished=True)
+            case "complete", value:
+                self.study.tell(trial, value, skip_if_finished=True)
+            case ("pruned",):
+                self.study.tell(trial, state=TrialState.PRUNED, skip_if_finished=True)
             case _:
-                self._study.tell(trial, state=TrialState.FAIL, skip_if_finished=True)
-        one.trial, self._deaths = None, 0
+                self._fail(trial)
+        worker.trial, self._deaths = None, 0
 
-    def _replace(self, one: Worker) -> None:
+    def _replace(self, worker: _Worker) -> None:
         """Queue the trial of a dead worker again; another worker will take it.
 
         Raises:
             RunError: If too many died.
         """
-        how = one.kill()
-        assert one.trial is not None, "only busy workers are heard"
-        self._study.tell(one.trial, state=TrialState.FAIL, skip_if_finished=True)
-        requeue_lost(self._study, self._is_ours)
-        self._workers.remove(one)
+        how = worker.kill()
+        assert worker.trial is not None, "only busy workers are heard"
+        self._fail(worker.trial)
+        requeue_lost(self.study, self._is_ours)
+        self._workers.remove(worker)
         self._deaths += 1
-        if self._deaths >= _MAX_DEATHS * self._n_workers:
+        if self._deaths >= _MAX_DEATHS * self.n_workers:
             raise RunError(
                 f"{self._deaths} workers in a row ended with {how} before a trial was finished; "
-                f"what they printed is in '{self._folder.workers_dir}'."
+                f"what they printed is in '{self.folder.workers_dir}'."
             )
 
     def _interrupt(self) -> None:
         """End all workers at once, and queue their trials again."""
-        for one in self._busy:
-            self._hear(one)  # what is finished is not lost
-        for one in self._busy:
-            one.kill()
-            assert one.trial is not None, "it is busy"
+        for worker in self._busy:
+            self._hear(worker)  # what is finished is not lost
+        for worker in self._busy:
+            worker.kill()
+            assert worker.trial is not None, "it is busy"
             with contextlib.suppress(UpdateFinishedTrialError):
-                one.trial.set_user_attr(INTERRUPTED, True)
-            self._study.tell(one.trial, state=TrialState.FAIL, skip_if_finished=True)
-        requeue_lost(self._study, self._is_ours)
+                worker.trial.set_user_attr(INTERRUPTED, True)
+            self._fail(worker.trial)
+        requeue_lost(self.study, self._is_ours)
+
+
+class _Worker:
+    """The parent's end of a child process, which runs one trial after the other."""
+
+    trial: optuna.Trial | None = None
+    """The trial that it runs."""
+    said: tuple[Any, ...] | None = None
+    """Its last report, if that is not in the store yet."""
+
+    def __init__(self, config: StudyConfig, folder: StudyFolder):
+        context = multiprocessing.get_context("spawn")
+        self.connection, end = context.Pipe()
+        self._process = context.Process(target=_work, args=(end, config, folder), daemon=False)
+        with ctrl_c_ignored():
+            self._process.start()
+        end.close()  # so that the worker's death is the end of what it says
+
+    def begin(self, trial: optuna.Trial) -> None:
+        """Let it run a trial."""
+        self.trial = trial
+        with contextlib.suppress(OSError):  # it has died, which its connection tells too
+            self.connection.send((trial.number, trial.params))
+
+    def kill(self) -> str:
+        """End it at once, if it has not ended by itself; return how it ended."""
+        self._process.kill()
+        self._process.join()
+        code = self._process.exitcode
+        assert code is not None, "the process has ended"
+        return f"signal {signal.Signals(-code).name}" if code < 0 else f"status {code}"
+
+
+class _SentTrial(FixedTrial):
+    """A trial whose settings were chosen in the parent, which is told how it does."""
+
+    def __init__(self, connection: Connection, number: int, params: dict[str, Any]):
+        super().__init__(params, number)
+        self._connection = connection
+        self._is_over = False
+
+    def report(self, value: float, step: int) -> None:
+        self._connection.send(("report", value, step))
+        self._is_over = self._connection.recv()
+
+    def should_prune(self) -> bool:
+        return self._is_over
+
+    def set_user_attr(self, key: str, value: Any) -> None:
+        self._connection.send(("note", key, value))
+
+
+def _work(connection: Connection, config: StudyConfig, folder: StudyFolder) -> None:
+    """Run the trials that come; the target of a process."""
+    os.setpgrp()  # Ctrl-C on the terminal is for the parent, which kills its workers
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with (folder.workers_dir / f"{platform.node()}-{os.getpid()}.log").open("ab") as log:
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+            os.dup2(log.fileno(), stream.fileno())
+    objective = Objective(config, folder)
+    while True:
+        try:
+            number, params = connection.recv()
+        except EOFError:
+            return
+        connection.send(_end_of(objective, _SentTrial(connection, number, params)))
+        gc.collect()  # models refer to themselves: their memory would pile up
+
+
+def _end_of(objective: Objective, trial: FixedTrial) -> tuple[Any, ...]:
+    """Run a trial and return what is to be said of its end."""
+    try:
+        return "complete", objective(trial)
+    except optuna.TrialPruned:
+        return ("pruned",)
+    except Exception:
+        sys.excepthook(*sys.exc_info())  # for the log; the reason is noted with the trial
+        return ("failed",)
+
+
+def _end_with_parent() -> None:
+    """End this process once the one that started it is gone, however it died."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None, "a worker is started by another process"
+    parent.join()
+    os._exit(1)

@@ -11,6 +11,15 @@ from optuna.exceptions import ExperimentalWarning
 from optuna.storages import RetryHeartbeatStaleTrialCallback
 from optuna.trial import FrozenTrial, TrialState
 
+STATES = {
+    TrialState.COMPLETE: "complete",
+    TrialState.PRUNED: "pruned",
+    TrialState.FAIL: "failed",
+    TrialState.RUNNING: "running",
+    TrialState.WAITING: "waiting",
+}
+"""States as users read them."""
+
 # Names of what is noted with a trial (Optuna's user attributes).
 HOST = "host"
 """The machine that ran it."""
@@ -60,7 +69,7 @@ def requeue_lost(study: optuna.Study, is_ours: Callable[[FrozenTrial], bool]) ->
     trials = study.get_trials()
     again = _retried(trials)
     for trial in trials:
-        lost = trial.state is TrialState.FAIL and FAILURE not in trial.user_attrs
+        lost = _failed(trial) and FAILURE not in trial.user_attrs
         if lost and trial.number not in again and is_ours(trial):
             history = (*_history(trial), trial.number)
             interruptions = sum(INTERRUPTED in trials[number].user_attrs for number in history)
@@ -75,11 +84,7 @@ def repeated(trials: Iterable[FrozenTrial]) -> set[int]:
     stopped.
     """
     trials = list(trials)
-    stopped = {
-        trial.number
-        for trial in trials
-        if trial.state is TrialState.FAIL and trial.user_attrs.get(INTERRUPTED)
-    }
+    stopped = {t.number for t in trials if _failed(t) and t.user_attrs.get(INTERRUPTED)}
     return stopped | _retried(trials)
 
 
@@ -90,19 +95,19 @@ def counting(study: optuna.Study) -> list[FrozenTrial]:
     return [trial for trial in trials if trial.number not in without]
 
 
-def best_trial(study: optuna.Study) -> FrozenTrial | None:
-    """Return the complete trial with the highest value, the first of equals; or ``None``."""
-    return next(iter(best_first(study)), None)
-
-
 def best_first(study: optuna.Study) -> list[FrozenTrial]:
     """Return the complete trials, the one with the highest value first, the first of equals."""
-    return sorted(complete_trials(study), key=lambda trial: -_value(trial))
+    return sorted(complete_trials(study), key=_value, reverse=True)
+
+
+def best_trial(study: optuna.Study) -> FrozenTrial | None:
+    """Return the first of them, if there is one."""
+    return next(iter(best_first(study)), None)
 
 
 def complete_trials(study: optuna.Study) -> list[FrozenTrial]:
     """Return the trials that have a value, in their order."""
-    return [trial for trial in counting(study) if trial.state is TrialState.COMPLETE]
+    return study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
 
 
 def preset_trial(study: optuna.Study) -> FrozenTrial | None:
@@ -113,30 +118,32 @@ def preset_trial(study: optuna.Study) -> FrozenTrial | None:
 
 def failure_of(trial: FrozenTrial) -> str | None:
     """Return why a trial failed; ``None`` if it did not."""
-    return trial.user_attrs.get(FAILURE, GONE) if trial.state is TrialState.FAIL else None
+    return trial.user_attrs.get(FAILURE, GONE) if _failed(trial) else None
 
 
 def summary(trials: Sequence[FrozenTrial], label: str) -> str:
     """Return ``"7 trials (2 running, 3 pruned), highest final f1 0.430 (trial 5)"``."""
     counts = Counter(trial.state for trial in trials)
-    finished = sum(trial.state.is_finished() for trial in trials)
-    states = {
-        "running": counts[TrialState.RUNNING],
-        "pruned": counts[TrialState.PRUNED],
-        "failed": counts[TrialState.FAIL],
-    }
-    details = ", ".join(f"{count} {name}" for name, count in states.items() if count)
-    text = f"{finished} trials" + (f" ({details})" if details else "")
-    complete = [trial for trial in trials if trial.state is TrialState.COMPLETE]
-    if complete:
-        best = max(complete, key=_value)
-        text += f", highest {label} {_value(best):.3f} (trial {best.number})"
-    return text
+    states = {TrialState.RUNNING: "running", TrialState.PRUNED: "pruned", TrialState.FAIL: "failed"}
+    details = ", ".join(
+        f"{counts[state]} {name}" for state, name in states.items() if counts[state]
+    )
+    text = f"{sum(trial.state.is_finished() for trial in trials)} trials"
+    text += f" ({details})" if details else ""
+    complete = (trial for trial in trials if trial.state is TrialState.COMPLETE)
+    best = max(complete, key=_value, default=None)
+    return (
+        text if best is None else f"{text}, highest {label} {best.value:.3f} (trial {best.number})"
+    )
 
 
 def _value(trial: FrozenTrial) -> float:
     assert trial.value is not None, "a complete trial has a value"
     return trial.value
+
+
+def _failed(trial: FrozenTrial) -> bool:
+    return trial.state is TrialState.FAIL
 
 
 def _retried(trials: Iterable[FrozenTrial]) -> set[int]:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import optuna
 from optuna.exceptions import StorageInternalError
+from optuna.storages import RDBStorage
 from optuna.trial import FrozenTrial, TrialState
 from rich.console import Console
 from rich.progress import Progress
@@ -23,10 +24,9 @@ from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.settings import Count, checked
 from sb3_piano.tuning.best import write_best
 from sb3_piano.tuning.report import write_report, write_table
-from sb3_piano.tuning.search import Search, make_sampler
 from sb3_piano.tuning.space import check_space
 from sb3_piano.tuning.storage import mend_journal, open_storage, open_study, why_refused
-from sb3_piano.tuning.study import StudyConfig, StudyFolder
+from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder, make_sampler
 from sb3_piano.tuning.team import Heart, Team
 from sb3_piano.tuning.trials import (
     best_trial,
@@ -111,10 +111,20 @@ def tune(
         label = f"{config.objective} {config.metric}"
         try:
             with _progress_bar(n_trials, label, shown=progress_bar) as on_progress:
-                heart = None if storage is None else Heart(study, store)
+                heart = Heart(study, store) if isinstance(store, RDBStorage) else None
                 team = Team(study, config, place, heart=heart, n_trials=n_trials, n_workers=workers)
                 interrupted = team.run(on_progress)
-            return _finished(study, config, place, interrupted)
+            write_best(study, config, place)
+            write_table(study, config, place)
+            write_report(study, config, place)
+            return TuneResult(
+                folder=place,
+                study=study,
+                best=best_trial(study),
+                preset=preset_trial(study),
+                trials=tuple(counting(study)),
+                interrupted=interrupted,
+            )
         except StorageInternalError as error:
             raise RunError(
                 f"The database of study {name!r} cannot be used any more: {why_refused(error)}. "
@@ -160,22 +170,6 @@ def _check_runs(study: optuna.Study, folder: StudyFolder) -> None:
             f"'{folder.path}' has runs of trials, but its study has none: they are another "
             "study's. Expected a new folder, or that of the study."
         )
-
-
-def _finished(
-    study: optuna.Study, config: StudyConfig, folder: StudyFolder, interrupted: bool
-) -> TuneResult:
-    write_best(study, config, folder)
-    write_table(study, config, folder)
-    write_report(study, config, folder)
-    return TuneResult(
-        folder=folder,
-        study=study,
-        best=best_trial(study),
-        preset=preset_trial(study),
-        trials=tuple(counting(study)),
-        interrupted=interrupted,
-    )
 
 
 @contextlib.contextmanager

@@ -1,21 +1,13 @@
 """Pictures of the simulation: single ones, videos with sound, a window."""
 
-from sb3_piano.viewing.film import Moment, film, moments
+from sb3_piano.viewing.film import DEFAULT_PICTURE, Moment, Picture, Take, film, moments
 from sb3_piano.viewing.frame_renderer import (
     FINGER_COLORS,
     PRESSED_COLOR,
     UNLABELLED_COLOR,
     FrameRenderer,
 )
-from sb3_piano.viewing.take import (
-    DEFAULT_PICTURE,
-    Picture,
-    Played,
-    Progress,
-    Take,
-    show_take,
-    write_take,
-)
+from sb3_piano.viewing.take import Played, Progress, show_take, write_take
 from sb3_piano.viewing.video import write_video
 from sb3_piano.viewing.window import SceneWindow, check_screen
 

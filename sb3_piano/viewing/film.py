@@ -1,20 +1,92 @@
-"""The pictures of a performance, drawn afterwards from how everything moved."""
+"""A take: a performance with its motion, and its pictures, drawn afterwards from how all moved."""
 
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
+from annotated_types import Ge, Le, MultipleOf
 
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Score
 from sb3_piano.performance import Performance
+from sb3_piano.settings import Unit, Whole, settings
 from sb3_piano.simulation import PianoScene
 from sb3_piano.viewing.frame_renderer import FrameRenderer
 
 FloatArray = npt.NDArray[np.float64]
+
+Camera = Literal["overview", "topdown"]
+"""Name of a camera of the scene."""
+
+_EVEN = Unit("pixels, even as the video's format demands")
+
+
+@settings
+class Picture:
+    """Size and camera of a video.
+
+    Raises:
+        ConfigError: If a value is out of range.
+    """
+
+    width: Annotated[Whole, Ge(2), Le(1920), MultipleOf(2), _EVEN] = 640
+    """Pixels, even, at most 1920."""
+    height: Annotated[Whole, Ge(2), Le(1080), MultipleOf(2), _EVEN] = 360
+    """Pixels, even, at most 1080."""
+    camera: Camera = "overview"
+    """Camera of the scene: "overview" or "topdown"."""
+
+
+DEFAULT_PICTURE = Picture()
+"""A small video from behind the keyboard."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Take:
+    """A performance with all that is needed to hear and see it.
+
+    Raises:
+        ConfigError: If the positions are not those of the scene and the performance.
+    """
+
+    scene: PianoScene
+    """The scene in which it was played."""
+    performance: Performance
+    """The performance, of t control steps, with the roll that should have been played."""
+    qpos: FloatArray
+    """(t + 1, nq) joint positions at the start and after each control step, rad or m."""
+    score: Score | None
+    """The notes that are heard; ``None`` if no key was pressed."""
+    mark_sounding: bool = True
+    """Whether keys that sound are green in pictures."""
+
+    def __post_init__(self) -> None:
+        expected = (len(self.performance) + 1, self.scene.model.nq)
+        if self.qpos.shape != expected:
+            raise ConfigError(
+                f"The motion has shape {self.qpos.shape}: expected {expected}, the joint positions "
+                "of this scene at the start and after each control step of the performance."
+            )
+
+    @classmethod
+    def of(cls, scene: PianoScene, performance: Performance, qpos: FloatArray) -> Take:
+        """Return a take of what was really played."""
+        return cls(scene=scene, performance=performance, qpos=qpos, score=performance.to_score())
+
+    @property
+    def period(self) -> float:
+        """Time from one picture to the next, s."""
+        return self.performance.roll.control_timestep
+
+    @property
+    def duration(self) -> float:
+        """Duration of its pictures, s."""
+        return len(self.qpos) * self.period
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,62 +103,47 @@ class Moment:
     """(88,) keys to be shown as sounding."""
 
 
-def moments(
-    scene: PianoScene, performance: Performance, qpos: FloatArray, *, mark_sounding: bool = True
-) -> Iterator[Moment]:
-    """Return the moments of a performance: its start, and the end of each control step.
+def moments(take: Take) -> Iterator[Moment]:
+    """Return the moments of a take: its start, and the end of each control step.
 
     At the start the keys of the first step are due, later those of the step just played.
-
-    Args:
-        scene: The scene in which it was played.
-        performance: What was played in t control steps.
-        qpos: (t + 1, nq) joint positions at the start and after each control step, rad or m.
-        mark_sounding: Whether keys that sound are shown as such.
-
-    Raises:
-        ConfigError: If the positions are not those of the scene and the performance.
     """
-    expected = (len(performance) + 1, scene.model.nq)
-    if qpos.shape != expected:
-        raise ConfigError(
-            f"The motion has shape {qpos.shape}: expected {expected}, the joint positions of this "
-            "scene at the start and after each control step of the performance."
-        )
-    return _moments(scene, performance, qpos, mark_sounding)
+    scene, roll = take.scene, take.performance.roll
+    for k, positions in enumerate(take.qpos):
+        due, fingers = roll.due(max(k - 1, 0))
+        sounding = scene.key_angle_at(positions) >= scene.key_sounding_angle
+        sounding &= take.mark_sounding
+        yield Moment(qpos=positions, due=due, fingers=fingers, sounding=sounding)
 
 
 def film(
-    scene: PianoScene,
-    performance: Performance,
-    qpos: FloatArray,
-    *,
-    width: int = 640,
-    height: int = 360,
-    camera: str = "overview",
-    mark_sounding: bool = True,
+    take: Take, picture: Picture = DEFAULT_PICTURE
 ) -> Generator[npt.NDArray[np.uint8], None, None]:
-    """Draw a performance as the environment's ``render`` would have drawn it at every step.
-
-    Args:
-        scene: The scene in which it was played.
-        performance: What was played in t control steps; due keys have their finger's colour.
-        qpos: (t + 1, nq) joint positions at the start and after each control step, rad or m.
-        width: Pixels, at most 1920.
-        height: Pixels, at most 1080.
-        camera: "overview" or "topdown".
-        mark_sounding: Whether keys that sound are green, due or not.
+    """Draw a take as the environment's ``render`` would have drawn it at every step.
 
     Returns:
-        t + 1 pictures, (height, width, 3) uint8; picture k shows time ``k * control_timestep``.
+        t + 1 pictures, (height, width, 3) uint8; picture k shows time ``k * take.period``.
 
     Raises:
-        ConfigError: If the positions are not those of the scene and the performance.
         RenderingError: If this machine cannot draw; the message says what to install.
     """
-    seen = moments(scene, performance, qpos, mark_sounding=mark_sounding)
-    renderer = FrameRenderer(scene, width=width, height=height, camera=camera)
-    return _frames(scene, seen, renderer)
+    scene = take.scene
+    renderer = FrameRenderer(
+        scene, width=picture.width, height=picture.height, camera=picture.camera
+    )
+
+    def frames() -> Generator[npt.NDArray[np.uint8], None, None]:
+        try:
+            data = mujoco.MjData(scene.model)
+            for seen in moments(take):
+                pose(scene, data, seen.qpos)
+                yield renderer.render(
+                    data, due=seen.due, fingers=seen.fingers, sounding=seen.sounding
+                )
+        finally:
+            renderer.close()
+
+    return frames()
 
 
 def pose(scene: PianoScene, data: mujoco.MjData, qpos: FloatArray) -> None:
@@ -94,26 +151,3 @@ def pose(scene: PianoScene, data: mujoco.MjData, qpos: FloatArray) -> None:
     data.qpos[:] = qpos
     mujoco.mj_kinematics(scene.model, data)
     mujoco.mj_camlight(scene.model, data)
-
-
-def _moments(
-    scene: PianoScene, performance: Performance, qpos: FloatArray, mark_sounding: bool
-) -> Iterator[Moment]:
-    for k, positions in enumerate(qpos):
-        due, fingers = performance.roll.due(max(k - 1, 0))
-        sounding = (scene.key_angle_at(positions) >= scene.key_sounding_angle) & mark_sounding
-        yield Moment(qpos=positions, due=due, fingers=fingers, sounding=sounding)
-
-
-def _frames(
-    scene: PianoScene, seen: Iterator[Moment], renderer: FrameRenderer
-) -> Generator[npt.NDArray[np.uint8], None, None]:
-    try:
-        data = mujoco.MjData(scene.model)
-        for moment in seen:
-            pose(scene, data, moment.qpos)
-            yield renderer.render(
-                data, due=moment.due, fingers=moment.fingers, sounding=moment.sounding
-            )
-    finally:
-        renderer.close()

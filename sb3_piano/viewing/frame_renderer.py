@@ -120,16 +120,14 @@ class FrameRenderer:
             (height, width, 3) uint8.
         """
         self._gl.make_current()
+        model, everything = self._scene.model, mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(
-            self._scene.model,
-            data,
-            self._option,
-            None,
-            self._camera,
-            mujoco.mjtCatBit.mjCAT_ALL.value,
-            self._drawn,
+            model, data, self._option, None, self._camera, everything, self._drawn
         )
-        self._paint(geom_colors(self._scene, due=due, fingers=fingers, sounding=sounding))
+        colors = geom_colors(self._scene, due=due, fingers=fingers, sounding=sounding)
+        for geom in self._drawn.geoms[: self._drawn.ngeom]:  # the model itself keeps its colours
+            if geom.objtype == int(mujoco.mjtObj.mjOBJ_GEOM) and geom.objid in colors:
+                geom.rgba[:] = colors[geom.objid]
         mujoco.mjr_render(self._rect, self._drawn, self._context)
         pixels = np.empty((self._rect.height, self._rect.width, 3), dtype=np.uint8)
         mujoco.mjr_readPixels(pixels, None, self._rect, self._context)
@@ -139,13 +137,6 @@ class FrameRenderer:
         """Free the drawing context; safe to call twice."""
         atexit.unregister(self._close)
         self._close()
-
-    def _paint(self, colors: dict[int, Color]) -> None:
-        """Colour the drawn shapes; the model itself keeps its colours."""
-        for i in range(self._drawn.ngeom):
-            geom = self._drawn.geoms[i]
-            if geom.objtype == int(mujoco.mjtObj.mjOBJ_GEOM) and geom.objid in colors:
-                geom.rgba[:] = colors[geom.objid]
 
 
 def _gl_context(width: int, height: int) -> Any:

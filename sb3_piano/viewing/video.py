@@ -89,17 +89,8 @@ def _muxing(
     if audio is not None:
         sources += ["-i", os.fspath(audio), "-map", "0:v:0", "-map", "1:a:0"]
         sound = ["-af", f"apad,atrim=end={float(duration):.6f}", "-c:a", "aac", "-b:a", "160k"]
-    return [
-        *sources,
-        "-c:v",
-        "copy",
-        *sound,
-        "-movflags",
-        "+faststart",
-        "-f",
-        "mp4",
-        os.fspath(path),
-    ]
+    file = ["-movflags", "+faststart", "-f", "mp4", os.fspath(path)]
+    return [*sources, "-c:v", "copy", *sound, *file]
 
 
 @contextlib.contextmanager

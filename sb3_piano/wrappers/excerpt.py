@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Literal
 
 import gymnasium as gym
 import numpy as np
@@ -71,7 +71,7 @@ class Excerpt(ScoreChange, gym.utils.RecordConstructorArgs):
             raise ConfigError(f"start is {start!r}: expected a number of {unit} or 'random'.")
         kind = Annotated[number, Ge(0), Unit(unit)]
         self._start = None if start == "random" else checked("start", start, kind)
-        self._part: _Part = _Seconds(size) if unit == "seconds" else _Bars(int(size))
+        self._part: _Seconds | _Bars = _Seconds(size) if unit == "seconds" else _Bars(int(size))
         possible_scores(self)  # raises if a piece has no such part
 
     @property
@@ -103,18 +103,10 @@ class Excerpt(ScoreChange, gym.utils.RecordConstructorArgs):
         return score if value == _WHOLE else score.excerpt(*value)
 
 
-class _Part(Protocol):
-    """Parts of a certain length."""
-
-    def starts(self, score: Score) -> list[Any]:
-        """Return where a part may begin."""
-
-    def span(self, score: Score, start: Any) -> Span:
-        """Return beginning and end of the part that begins there, s."""
-
-
 @dataclass(frozen=True)
 class _Seconds:
+    """Parts of a length in s: where one may begin, and beginning and end of one, s."""
+
     length: float
 
     def starts(self, score: Score) -> list[float]:
@@ -130,6 +122,8 @@ class _Seconds:
 
 @dataclass(frozen=True)
 class _Bars:
+    """The same of parts of so many bars."""
+
     length: int
 
     def starts(self, score: Score) -> list[int]:

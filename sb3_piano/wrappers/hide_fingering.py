@@ -8,7 +8,6 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.wrappers.piano import LayoutWrapper, layout_of
 
 FINGERING_BLOCKS = ("fingering", "lookahead_fingering")
@@ -35,12 +34,7 @@ class HideFingering(LayoutWrapper, gym.utils.RecordConstructorArgs):
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         gym.utils.RecordConstructorArgs.__init__(self)
-        layout = layout_of(env, "HideFingering")
-        if "fingering" not in layout:
-            raise ConfigError(
-                f"HideFingering finds no block 'fingering' among {', '.join(layout)}: expected an "
-                'environment whose observation is "roll" or "window".'
-            )
+        layout = layout_of(env, "HideFingering", "fingering")
         super().__init__(env, layout)
         self._hidden = [layout[name].slice for name in FINGERING_BLOCKS if name in layout]
 

@@ -71,12 +71,7 @@ class KeyRange(LayoutWrapper, gym.utils.RecordConstructorArgs):
             self, keys=keys, margin=margin, outside=outside, simulated=simulated
         )
         _check_outside(outside, simulated)
-        layout = layout_of(env, "KeyRange")
-        if not {"goal", "key_state"} <= set(layout):
-            raise ConfigError(
-                f"KeyRange cannot cut the blocks {', '.join(layout)}: expected an environment "
-                'whose observation is "roll" or "window", with the blocks goal and key_state.'
-            )
+        layout = layout_of(env, "KeyRange", "goal", "key_state")
         self._piano = piano_of(env, "KeyRange")
         possible = {note.key for score in possible_scores(env) for note in score.notes}
         self._hides = outside == "hide"

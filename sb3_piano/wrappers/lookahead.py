@@ -71,13 +71,14 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
         gym.utils.RecordConstructorArgs.__init__(
             self, steps=steps, seconds=seconds, stride=stride, fingers=fingers
         )
-        layout = layout_of(env, "Lookahead")
-        if "goal" not in layout:
+        layout = layout_of(env, "Lookahead", "goal")
+        if checked("fingers", fingers, bool) and any(
+            isinstance(layer, HideFingering) for layer in layers(env)
+        ):
             raise ConfigError(
-                f"Lookahead finds no block 'goal' among {', '.join(layout)}: expected an "
-                'environment whose observation is "roll" or "window".'
+                "Lookahead with fingers would show the labels that a HideFingering inside of it "
+                "hides: expected the HideFingering outside, or fingers=False."
             )
-        _check_fingers(env, fingers)
         self._piano = piano_of(env, "Lookahead")
         self._stride = checked("stride", stride, Count)
         self._steps = _steps_ahead(
@@ -85,8 +86,7 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
         )
         super().__init__(env, _layout(layout, self._steps // self._stride + 1, stride, fingers))
         inner = layout["goal"]
-        self._start, self._stop = inner.start, inner.slice.stop
-        self._columns = inner.all_columns
+        self._start, self._stop, self._columns = inner.start, inner.slice.stop, inner.all_columns
         self._fingers = fingers
         self._take(self._piano.roll)
 
@@ -109,16 +109,9 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
 
 
 class _Ahead:
-    """Goals of each control step of a piece and of those after it."""
+    """Rows of each control step of a piece, of (T, n) bool that each asks for."""
 
     def __init__(self, values: npt.NDArray[np.bool_], steps: int, stride: int):
-        """Prepare all rows.
-
-        Args:
-            values: (T, n) bool, what each control step asks for.
-            steps: How many steps after the current one are shown.
-            stride: How many of them a row covers.
-        """
         self._steps, self._stride = steps, stride
         self._now = values.astype(np.float32)
         # Silence is appended, so that the lookahead of the last step can be cut like any other.
@@ -146,14 +139,11 @@ def _layout(layout: ObservationLayout, rows: int, stride: int, fingers: bool) ->
     if fingers:
         meaning = (
             "1 for each finger that is labelled to press, for the current control step and those "
-            "after it: right thumb to little, then left; 0 beyond the end"
+            f"after it: right thumb to little, then left; 0 beyond the end{covers}"
         )
         shape = (rows, NUM_FINGERS)
-        blocks.append(
-            ObservationBlock(
-                name=_LABELS, shape=shape, unit="1", meaning=meaning + covers, binary=True
-            )
-        )
+        block = ObservationBlock(name=_LABELS, shape=shape, unit="1", meaning=meaning, binary=True)
+        blocks.append(block)
     return ObservationLayout(blocks)
 
 
@@ -166,9 +156,15 @@ def _steps_ahead(
             f"steps is {steps!r} and seconds is {seconds!r}: expected exactly one of them."
         )
     if seconds is not None:
-        steps = _whole_steps(
-            checked("seconds", seconds, Annotated[Number, Ge(0), Unit("s")]), control_timestep
-        )
+        seconds = checked("seconds", seconds, Annotated[Number, Ge(0), Unit("s")])
+        steps = round(seconds / control_timestep)
+        if abs(steps * control_timestep - seconds) > _TIME_TOLERANCE:
+            below = math.floor(seconds / control_timestep)
+            raise ConfigError(
+                f"seconds is {seconds!r}, which is no whole number of control steps of "
+                f"{control_timestep:g} s: expected {below * control_timestep:g} or "
+                f"{(below + 1) * control_timestep:g}."
+            )
     steps = checked("steps", steps, LookaheadSteps)
     if steps % stride != 0:
         below = steps // stride * stride
@@ -177,25 +173,3 @@ def _steps_ahead(
             f"expected a multiple of it, such as {below} or {below + stride}."
         )
     return steps
-
-
-def _whole_steps(seconds: float, control_timestep: float) -> int:
-    steps = round(seconds / control_timestep)
-    if abs(steps * control_timestep - seconds) > _TIME_TOLERANCE:
-        below = math.floor(seconds / control_timestep)
-        raise ConfigError(
-            f"seconds is {seconds!r}, which is no whole number of control steps of "
-            f"{control_timestep:g} s: expected {below * control_timestep:g} or "
-            f"{(below + 1) * control_timestep:g}."
-        )
-    return steps
-
-
-def _check_fingers(env: gym.Env[Any, Any], fingers: Any) -> None:
-    """Refuse to show labels that a wrapper inside hides."""
-    checked("fingers", fingers, bool)
-    if fingers and any(isinstance(layer, HideFingering) for layer in layers(env)):
-        raise ConfigError(
-            "Lookahead with fingers would show the labels that a HideFingering inside of it "
-            "hides: expected the HideFingering outside, or fingers=False."
-        )

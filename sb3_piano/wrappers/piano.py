@@ -47,15 +47,17 @@ def piano_of(env: gym.Env[Any, Any], asker: str) -> PianoEnv:
     return inside
 
 
-def layout_of(env: gym.Env[Any, Any], asker: str) -> ObservationLayout:
+def layout_of(env: gym.Env[Any, Any], asker: str, *needed: str) -> ObservationLayout:
     """Return the layout of the observation that a wrapper gets.
 
     Args:
         env: The environment right inside the wrapper.
         asker: Name of the wrapper that asks, for the message.
+        *needed: Blocks that it must have, of those that an observation of keys has.
 
     Raises:
-        ConfigError: If it is no piano, or a wrapper inside has hidden the layout.
+        ConfigError: If it is no piano, a wrapper inside has hidden the layout, or a block is not
+            there.
     """
     piano_of(env, asker)
     space = env.observation_space
@@ -64,4 +66,10 @@ def layout_of(env: gym.Env[Any, Any], asker: str) -> ObservationLayout:
             f"{asker} cannot tell which numbers of a {type(space).__name__} mean what: expected "
             "an observation space with a layout. Put wrappers that replace it further out."
         )
+    for name in needed:
+        if name not in space.layout:
+            raise ConfigError(
+                f"{asker} finds no block {name!r} among {', '.join(space.layout)}: expected an "
+                'environment whose observation is "roll" or "window".'
+            )
     return space.layout

@@ -63,14 +63,6 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
         """Return the piece of an episode."""
         return self._pieces[random.choice(len(self._pieces), p=self._probabilities)]
 
-    def change(self, score: Score, random: np.random.Generator) -> Score:
-        """Return the score as it is: it is chosen, not changed."""
-        return score
-
-    def extremes(self, score: Score) -> list[Score]:
-        """Return the score as it is."""
-        return [score]
-
     def extend(self, plan: ScorePlan, options: Mapping[str, Any]) -> ScorePlan:
         """Return the plan with this choice, unless the piece is settled further out."""
         if "score" in options or plan.choose is not None:

@@ -77,7 +77,8 @@ class ResidualAction(LayoutWrapper, gym.utils.RecordConstructorArgs):
         _check_actions(env)
         self._scale = checked("scale", scale, Positive)
         self._lookahead = checked("lookahead", lookahead, Count)
-        self._trackers = Trackers(_settings(settings))
+        given = {} if settings is None else checked("settings", settings, Mapping)
+        self._trackers = Trackers(PlanSettings(**given))
         self._planned: tuple[PianoRoll, Tracker] | None = None
         self._units = self._piano.scene.actuator_unit
         reach = self._piano.action_map.change(self._scale * self._units)
@@ -99,7 +100,8 @@ class ResidualAction(LayoutWrapper, gym.utils.RecordConstructorArgs):
                 f"The action has shape {correction.shape}: expected {self._reach.shape}, one "
                 "number for each actuator and none for the pedal."
             )
-        played = self._planned_action()
+        at, tracker = self._piano.steps_played, self._tracker()
+        played = action_of(self._piano, tracker.controls(at, self._positions()), tracker, at)
         played[:-1] += self._reach * np.minimum(np.maximum(correction, -1.0), 1.0)
         observation, reward, terminated, truncated, info = self.env.step(
             np.minimum(np.maximum(played, -1.0), 1.0)
@@ -120,10 +122,6 @@ class ResidualAction(LayoutWrapper, gym.utils.RecordConstructorArgs):
     def __getstate__(self) -> dict[str, Any]:
         # They know scenes by their identity, which does not outlive copying and pickling.
         return {**self.__dict__, "_trackers": Trackers(self._trackers.settings)}
-
-    def _planned_action(self) -> npt.NDArray[np.float32]:
-        step, tracker = self._piano.steps_played, self._tracker()
-        return action_of(self._piano, tracker.controls(step, self._positions()), tracker, step)
 
     def _tracker(self) -> Tracker:
         """Return the tracker of what the bare environment plays now."""
@@ -151,12 +149,6 @@ def _check_actions(env: gym.Env[Any, Any]) -> None:
             f"ResidualAction cannot add to actions of {env.action_space}: expected those of the "
             f"piano itself, {own}. Put wrappers that change them further out."
         )
-
-
-def _settings(given: Any) -> PlanSettings:
-    if given is None:
-        return PlanSettings()
-    return PlanSettings(**checked("settings", given, Mapping))
 
 
 def _block(shape: tuple[int, int]) -> ObservationBlock:

@@ -220,21 +220,6 @@ class KeyRewardTiering(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
         due = self._piano.roll.active[self._piano.steps_played - 1]
         precision = 0.0 if np.any(self._piano.key_active > due) else 1.0
         recall = 2.0 * (terms["key_press"] - 0.5 * precision)
-        tiered = tiered_key_press(recall, precision, any_due=bool(due.any()))
-        return {**terms, "key_press": tiered}
-
-
-def tiered_key_press(recall: float, precision: float, *, any_due: bool) -> float:
-    """Return the term ``key_press`` under RoboVirtuoso's rule.
-
-    Args:
-        recall: How well the due keys are down, in [0, 1]; 0 if none is due.
-        precision: 1 if no wrong key sounds, else 0.
-        any_due: Whether a key is due.
-
-    Returns:
-        A value in [0, 1]; 0.5 for silence where nothing is due, 0 for silence where a key is.
-    """
-    if any_due:
-        precision = min(recall, precision)
-    return 0.5 * recall + 0.5 * precision
+        if due.any():
+            precision = min(recall, precision)
+        return {**terms, "key_press": 0.5 * recall + 0.5 * precision}

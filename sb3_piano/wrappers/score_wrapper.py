@@ -6,16 +6,14 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
 from sb3_piano.envs import ScoreTransform
-from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
 from sb3_piano.music import Score
-from sb3_piano.settings import checked
 from sb3_piano.wrappers.piano import piano_of
 
 
@@ -44,7 +42,7 @@ class ScorePlan:
         return score
 
 
-class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any], ABC):
+class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any]):
     """Change the score of each episode.
 
     The change is handed down through ``reset`` as the option ``transform``, and made by the
@@ -72,9 +70,8 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any], ABC):
         """Scores in place of the environment's own; ``None`` if this wrapper keeps that."""
         return None
 
-    @abstractmethod
     def change(self, score: Score, random: np.random.Generator) -> Score:
-        """Return what is played in place of a score.
+        """Return what is played in place of a score; by default the score as it is.
 
         Args:
             score: What would be played without this wrapper.
@@ -83,8 +80,9 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any], ABC):
         Raises:
             ScoreError: If the score does not allow the change.
         """
+        del random  # nothing is drawn
+        return score
 
-    @abstractmethod
     def extremes(self, score: Score) -> Sequence[Score]:
         """Return scores with the lowest and the highest pitch that :meth:`change` may lead to.
 
@@ -94,6 +92,7 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any], ABC):
         Raises:
             ScoreError: If the score does not allow the change.
         """
+        return [score]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -138,12 +137,10 @@ def possible_scores(env: gym.Env[Any, Any]) -> list[Score]:
     return scores
 
 
-Number = TypeVar("Number", int, float)
-
 _REMEMBERED = 16
 
 
-class ScoreChange(ScoreWrapper):
+class ScoreChange(ScoreWrapper, ABC):
     """Change each score by a value, which may be another one in each episode.
 
     The same change of the same score gives the same object for as long as it is among the last 16.
@@ -186,38 +183,3 @@ class ScoreChange(ScoreWrapper):
         result = self.changed(score, value)
         self._recent.append((score, value, result))
         return result
-
-
-@dataclass(frozen=True)
-class FixedOrRange(Generic[Number]):
-    """A number, or the range from which it is drawn."""
-
-    low: Number
-    high: Number
-    fixed: bool
-    """Whether a single number was given."""
-
-    @classmethod
-    def of(cls, name: str, value: Any, kind: Any) -> FixedOrRange[Number]:
-        """Return what an argument says.
-
-        Args:
-            name: Name of the argument.
-            value: A number, or a pair of the lowest and the highest, both included.
-            kind: Annotation of a number.
-
-        Raises:
-            ConfigError: If it is neither.
-        """
-        if isinstance(value, str) or not isinstance(value, Sequence):
-            only = checked(name, value, kind)
-            return cls(low=only, high=only, fixed=True)
-        if len(value) != 2:
-            raise ConfigError(
-                f"{name} is {value!r}: expected one number, or a pair of the lowest and the "
-                "highest."
-            )
-        low, high = (checked(f"{name}[{i}]", value[i], kind) for i in (0, 1))
-        if low > high:
-            raise ConfigError(f"{name} is {value!r}: expected the lower end first.")
-        return cls(low=low, high=high, fixed=False)

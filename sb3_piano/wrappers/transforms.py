@@ -9,9 +9,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import MAX_PITCH, MIN_PITCH, Score
-from sb3_piano.settings import Positive, Whole
-from sb3_piano.wrappers.score_wrapper import FixedOrRange, ScoreChange, possible_scores
+from sb3_piano.settings import Positive, Whole, checked
+from sb3_piano.wrappers.score_wrapper import ScoreChange, possible_scores
 
 
 class KeyShift(ScoreChange):
@@ -26,24 +27,23 @@ class KeyShift(ScoreChange):
 
     def __init__(self, env: gym.Env[Any, Any], name: str, steps: Any, *, semitones: int) -> None:
         super().__init__(env)
-        self._steps = FixedOrRange.of(name, steps, Whole)
+        self._lowest, self._highest, self._is_drawn = _ends(name, steps, Whole)
         self._semitones = semitones
         possible_scores(self)  # raises if a piece cannot be shifted
 
     def draw(self, score: Score, random: np.random.Generator) -> int:
         """Return the shift of this episode, in semitones."""
-        steps = self._steps
-        if steps.fixed:
-            return steps.low * self._semitones
+        if not self._is_drawn:
+            return self._lowest * self._semitones
         down, up = _room(score)
         first, last = -(-down // self._semitones), up // self._semitones
-        low, high = _clamp(steps.low, first, last), _clamp(steps.high, first, last)
+        low, high = _clamp(self._lowest, first, last), _clamp(self._highest, first, last)
         return int(random.integers(low, high, endpoint=True)) * self._semitones
 
     def extreme_values(self, score: Score) -> list[int]:
         """Return the lowest and the highest shift, in semitones."""
-        lowest, highest = self._steps.low * self._semitones, self._steps.high * self._semitones
-        if self._steps.fixed:
+        lowest, highest = self._lowest * self._semitones, self._highest * self._semitones
+        if not self._is_drawn:
             return [lowest]
         # Not clamped to whole steps: part of the score may have room for one more of them.
         return [_clamp(lowest, *_room(score)), _clamp(highest, *_room(score))]
@@ -135,26 +135,50 @@ class TemporalStretch(ScoreChange, gym.utils.RecordConstructorArgs):
     def __init__(self, env: gym.Env[Any, Any], factor: float | Sequence[float]) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, factor=factor)
         super().__init__(env)
-        self._factor = FixedOrRange.of("factor", factor, Positive)
+        self._least, self._greatest, self._is_drawn = _ends("factor", factor, Positive)
         possible_scores(self)  # raises if a piece cannot be stretched
 
     @property
     def draws_times(self) -> bool:
         """Whether the factor is drawn."""
-        return not self._factor.fixed
+        return self._is_drawn
 
     def draw(self, score: Score, random: np.random.Generator) -> float:
         """Return the factor of this episode."""
-        low, high = self._factor.low, self._factor.high
-        if self._factor.fixed:
+        low, high = self._least, self._greatest
+        if not self._is_drawn:
             return low
         drawn = math.exp(random.uniform(math.log(low), math.log(high)))
         return min(max(drawn, low), high)  # rounding may lead beyond the ends
 
     def extreme_values(self, score: Score) -> list[float]:
         """Return the least and the greatest factor."""
-        return [self._factor.low, self._factor.high]
+        return [self._least, self._greatest]
 
     def changed(self, score: Score, value: float) -> Score:
         """Return the score stretched by a factor."""
         return score.stretch(value)
+
+
+def _ends(name: str, value: Any, kind: Any) -> tuple[Any, Any, bool]:
+    """Return the lowest and the highest number of an argument, and whether one is drawn.
+
+    Args:
+        name: Name of the argument.
+        value: A number, or a pair of the lowest and the highest, both included.
+        kind: Annotation of a number.
+
+    Raises:
+        ConfigError: If it is neither.
+    """
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        only = checked(name, value, kind)
+        return only, only, False
+    if len(value) != 2:
+        raise ConfigError(
+            f"{name} is {value!r}: expected one number, or a pair of the lowest and the highest."
+        )
+    low, high = (checked(f"{name}[{i}]", value[i], kind) for i in (0, 1))
+    if low > high:
+        raise ConfigError(f"{name} is {value!r}: expected the lower end first.")
+    return low, high, True

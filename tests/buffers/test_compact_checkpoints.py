@@ -15,7 +15,6 @@ from transitions import SPACE, Play, assert_equal, make_pair, make_space
 
 from sb3_piano.buffers import CompactNStepReplayBuffer, CompactReplayBuffer
 from sb3_piano.callbacks.replay_segments import (
-    ReplayManifest,
     ReplaySegments,
     end_last_episode,
     restore_replay_buffer,
@@ -36,7 +35,7 @@ def add_to_both(pair, play, count, segments):
 def save(segments):
     manifest = segments.write()
     segments.committed(manifest)
-    return ReplayManifest.from_json(manifest.to_json())
+    return manifest
 
 
 @pytest.mark.slow

@@ -143,7 +143,7 @@ def test_a_killed_deletion_leaves_a_checkpoint_that_can_be_restored(tmp_path, mo
 @pytest.mark.parametrize("content", ["", "[]", "{}", '{"replay": null, "colour": 1}', "{"])
 def test_a_damaged_checkpoint_file_is_named(tmp_path, content):
     (tmp_path / "checkpoint.json").write_text(content)
-    with pytest.raises(RunError, match=r"Checkpoint '.*checkpoint\.json' cannot be read"):
+    with pytest.raises(RunError, match=r"'.*checkpoint\.json' cannot be read"):
         Checkpoint.read(tmp_path)
 
 

@@ -10,7 +10,6 @@ from stable_baselines3.common.utils import set_random_seed
 
 from sb3_piano.buffers.rows import ArrayRows
 from sb3_piano.callbacks.replay_segments import (
-    ReplayManifest,
     ReplaySegments,
     end_last_episode,
     restore_replay_buffer,
@@ -90,7 +89,7 @@ def test_a_restored_buffer_has_equal_rows_and_gives_equal_samples(
     original = make_buffer(kind, n_envs)
     manifest = train_and_save(tmp_path, original, additions, rng)
     restored = make_buffer(kind, n_envs)
-    restore_replay_buffer(restored, tmp_path, ReplayManifest.from_json(manifest.to_json()))
+    restore_replay_buffer(restored, tmp_path, manifest)
     assert_same(restored, original)
 
 

@@ -9,9 +9,8 @@ import pytest
 from optuna.trial import TrialState
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.tuning.search import PRUNERS, SAMPLERS, Search, make_pruner, make_sampler
 from sb3_piano.tuning.space import Space
-from sb3_piano.tuning.study import StudyConfig
+from sb3_piano.tuning.study import PRUNERS, SAMPLERS, Search, StudyConfig, make_pruner, make_sampler
 
 pytestmark = pytest.mark.slow
 

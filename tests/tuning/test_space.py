@@ -14,9 +14,15 @@ from sb3_piano.envs import DEBUG_IDS, DEFAULT_REWARD_WEIGHTS
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.training import ALGORITHMS, load_entry
-from sb3_piano.tuning.entries import with_defaults, with_settings
 from sb3_piano.tuning.parameters import Choice, Discount, Float, Int
-from sb3_piano.tuning.space import SPACES, Space, check_space, load_space
+from sb3_piano.tuning.space import (
+    SPACES,
+    Space,
+    check_space,
+    load_space,
+    with_defaults,
+    with_settings,
+)
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
 STRETCH = "sb3_piano.wrappers.TemporalStretch"
@@ -230,8 +236,14 @@ def check(parameters, entry=None, algo="td3", env_id=ENV_ID):
     ("parameters", "message"),
     [
         ({"gama": Float(0, 1)}, "'gama' = 0.0: Unknown key 'gama' for TD3. Did you mean 'gamma'?"),
-        ({"gamma": Float(0.5, 1.5)}, "'gamma' = 1.5: gamma is 1.5: expected 0 to 1."),
-        ({"learning_rate": Float(0, 1)}, "'learning_rate' = 0.0: .* expected more than 0."),
+        (
+            {"gamma": Float(0.5, 1.5)},
+            "'gamma' = 1.5: gamma is 1.5: expected a finite number from 0 to 1.",
+        ),
+        (
+            {"learning_rate": Float(0, 1)},
+            "'learning_rate' = 0.0: .* expected a finite number above 0.",
+        ),
         ({"batch_size": Float(1, 9.5)}, "'batch_size' = 9.5: .* expected a whole number."),
         ({"gradient_steps": Int(-1, 0)}, "'gradient_steps' = 0: .* 1 or more, or -1"),
         ({"policy_kwargs.dropout": Float(0, 1)}, "'policy_kwargs.dropout' = 0.0: Unknown key 'dr"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import multiprocessing
 import socket
 from pathlib import Path
@@ -16,10 +15,9 @@ from optuna.trial import TrialState
 
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.tuning import storage
-from sb3_piano.tuning.search import Search
 from sb3_piano.tuning.space import Space
 from sb3_piano.tuning.storage import mend_journal, open_storage, open_study
-from sb3_piano.tuning.study import StudyConfig, StudyFolder
+from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder
 from sb3_piano.tuning.trials import ORIGIN, PRESET, PRESET_IN_PART
 
 # Optuna means ask and tell, with which no heart beats.
@@ -67,8 +65,8 @@ def test_a_new_study_says_what_it_is_and_waits_with_the_preset(folder, url, recw
     study = opened(folder, url=url)
     assert study.direction == optuna.study.StudyDirection.MAXIMIZE
     stored = optuna.load_study(study_name="twinkle", storage=open_storage(url, folder)).user_attrs
-    assert StudyConfig.from_mapping(stored["study"]) == CONFIG
-    assert stored["identity"] == json.loads(json.dumps(CONFIG.identity()))
+    assert stored["study"] == CONFIG.to_mapping()
+    assert stored["identity"] == CONFIG.identity()
     (preset,) = study.get_trials()
     assert preset.state is TrialState.WAITING
     assert preset.user_attrs == {ORIGIN: PRESET}

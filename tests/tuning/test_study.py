@@ -12,11 +12,6 @@ from sb3_piano.exceptions import ConfigError
 MIDI_FILE = Path(__file__).parents[2] / "examples" / "five_fingers.mid"
 
 
-def test_a_study_is_the_same_from_its_mapping():
-    config = small_study(seeds=(1, 2), minutes=3.5)
-    assert type(config).from_mapping(config.to_mapping()) == config
-
-
 @pytest.mark.parametrize("option", ["score", "fingering"])
 def test_a_file_counts_by_its_content(option, tmp_path):
     copy = tmp_path / "elsewhere.mid"

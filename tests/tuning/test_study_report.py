@@ -28,8 +28,13 @@ from finished_study import (
 from html_page import Page
 from optuna.distributions import FloatDistribution
 
-from sb3_piano.tuning.figures import importances, study_figures
-from sb3_piano.tuning.report import report_html, write_report, write_table
+from sb3_piano.tuning.report import (
+    importances,
+    report_html,
+    study_figures,
+    write_report,
+    write_table,
+)
 from sb3_piano.tuning.study import StudyFolder
 
 EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score
 from sb3_piano.simulation import find_gl_backend
-from sb3_piano.viewing import FrameRenderer, film, moments
+from sb3_piano.viewing import FrameRenderer, Picture, Take, film, moments
 
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 
@@ -35,6 +36,10 @@ def episode(**options):
     return env.unwrapped, env.finished[0], pictures
 
 
+def take_of(env, recording):
+    return Take.of(env.scene, recording.performance, recording.motion.qpos)
+
+
 @pytest.mark.slow
 @needs_gl
 @pytest.mark.parametrize("camera", ["overview", "topdown"])
@@ -42,16 +47,7 @@ def test_every_picture_is_that_of_the_environments_render(camera):
     env, recording, rendered = episode(
         render_mode="rgb_array", camera_name=camera, width=160, height=90
     )
-    drawn = list(
-        film(
-            env.scene,
-            recording.performance,
-            recording.motion.qpos,
-            width=160,
-            height=90,
-            camera=camera,
-        )
-    )
+    drawn = list(film(take_of(env, recording), Picture(width=160, height=90, camera=camera)))
     env.close()
     assert recording.performance.key_active.any()
     assert len(drawn) == len(rendered) == len(env.roll) + 1
@@ -60,8 +56,8 @@ def test_every_picture_is_that_of_the_environments_render(camera):
 
 def test_moments_have_the_keys_that_are_due_and_those_that_sound():
     env, recording, _ = episode()
-    arguments = env.scene, recording.performance, recording.motion.qpos
-    seen = list(moments(*arguments))
+    take = take_of(env, recording)
+    seen = list(moments(take))
     # At first the keys of the first step are due, later those of the step just played.
     assert [moment.due.tolist() for moment in seen] == [[27], [27], [27], [39], [39], []]
     assert [moment.fingers.tolist() for moment in seen] == [[0], [0], [0], [-1], [-1], []]
@@ -69,7 +65,7 @@ def test_moments_have_the_keys_that_are_due_and_those_that_sound():
     assert shown.any()
     assert not shown[0].any()
     np.testing.assert_array_equal(shown[1:], recording.performance.key_active)
-    unmarked = moments(*arguments, mark_sounding=False)
+    unmarked = moments(replace(take, mark_sounding=False))
     assert not any(moment.sounding.any() for moment in unmarked)
 
 
@@ -78,7 +74,7 @@ def test_a_motion_that_is_not_of_the_performance_is_refused(cut):
     env, recording, _ = episode()
     shape = (len(env.roll) + 1, env.model.nq)
     with pytest.raises(ConfigError, match=rf"expected \({shape[0]}, {shape[1]}\), the joint"):
-        moments(env.scene, recording.performance, recording.motion.qpos[cut])
+        Take.of(env.scene, recording.performance, recording.motion.qpos[cut])
 
 
 @pytest.mark.slow
@@ -94,7 +90,7 @@ def test_a_film_frees_its_drawing_context_also_if_it_is_not_watched_to_the_end(m
     monkeypatch.setattr(sys.modules[film.__module__], "FrameRenderer", Renderer)
     env, recording, _ = episode()
     for watched in (2, len(env.roll) + 1):
-        frames = film(env.scene, recording.performance, recording.motion.qpos, width=64, height=64)
+        frames = film(take_of(env, recording), Picture(width=64, height=64))
         for _ in range(watched):
             assert next(frames).shape == (64, 64, 3)
         frames.close()

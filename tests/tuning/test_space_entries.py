@@ -8,7 +8,7 @@ import pytest
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training import entry_config
-from sb3_piano.tuning.entries import MISSING, setting_at, with_defaults, with_settings
+from sb3_piano.tuning.space import MISSING, setting_at, with_defaults, with_settings
 
 ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
 STRETCH = "sb3_piano.wrappers.TemporalStretch"

@@ -8,15 +8,18 @@ import io
 import math
 import os
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pretty_midi
+from annotated_types import Ge
 from numpy.typing import NDArray
 
-from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.formats.common import write_score_file
 from sb3_piano.music.formats.midi_reading import SUSTAIN_CONTROLLER
 from sb3_piano.music.score import Score
+from sb3_piano.settings import Number, Unit, checked
 
 SAMPLE_RATE = 48_000
 """Samples per second of all sound; the synthesiser knows no other."""
@@ -55,8 +58,7 @@ def synthesize(score: Score | None, *, at_least: float = 0.0) -> NDArray[np.floa
     """
     from scipy.io import wavfile  # here, because it takes long
 
-    if not (math.isfinite(at_least) and at_least >= 0):
-        raise ConfigError(f"at_least is {at_least} s: expected a time from 0 on.")
+    checked("at_least", at_least, Annotated[Number, Ge(0), Unit("s")])
     end = 0.0 if score is None else _end(score) + _TAIL
     if max(end, at_least) > _MAX_DURATION:
         raise ScoreError(

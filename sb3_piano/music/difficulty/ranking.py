@@ -20,9 +20,8 @@ that of the joints.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +32,8 @@ from sb3_piano.music.fingering import assign_hands
 from sb3_piano.music.hands import HANDS
 from sb3_piano.music.note import Note
 from sb3_piano.music.score import Score
+
+Numbers = npt.NDArray[np.float64]
 
 SAME_TIME = 1e-3
 """Overlaps shorter than this are none, in s."""
@@ -79,9 +80,8 @@ def features(score: Score) -> Features:
         ScoreError: If no two hands can play the score.
     """
     duration = score.duration - score.notes[0].onset
-    handed = score
-    if any(note.hand is None for note in score.notes):
-        handed = assign_hands(score)
+    is_handed = all(note.hand is not None for note in score.notes)
+    handed = score if is_handed else assign_hands(score)
     hands = [[note for note in handed.notes if note.hand == hand] for hand in HANDS]
     travel = sum(_travel(notes) for notes in hands)
     return Features(
@@ -100,7 +100,7 @@ def _pressed_time(notes: Iterable[Note]) -> float:
     """Return the time for which keys are pressed, summed over the keys, in s."""
     total = 0.0
     pressed_until: dict[int, float] = {}
-    for note in sorted(notes, key=attrgetter("onset")):
+    for note in notes:
         start = max(note.onset, pressed_until.get(note.pitch, 0.0))
         if note.offset > start:
             total += note.offset - start
@@ -111,7 +111,7 @@ def _pressed_time(notes: Iterable[Note]) -> float:
 def _held(notes: Iterable[Note]) -> Iterator[list[int]]:
     """Yield the pitches that are held after each strike."""
     held: list[Note] = []
-    for note in sorted(notes, key=attrgetter("onset")):
+    for note in notes:
         held = [
             other
             for other in held
@@ -132,7 +132,7 @@ def _chords(notes: Iterable[Note]) -> list[list[int]]:
     """Return the pitches that one hand strikes together, in the order of time."""
     chords: list[list[int]] = []
     first = 0.0
-    for note in sorted(notes, key=attrgetter("onset")):
+    for note in notes:
         if not chords or note.onset > first + SAME_CHORD:
             chords.append([])
             first = note.onset
@@ -140,20 +140,8 @@ def _chords(notes: Iterable[Note]) -> list[list[int]]:
     return chords
 
 
-_SCORE_TERMS: Sequence[tuple[float, Callable[[Features], float]]] = (
-    (0.25, lambda piece: piece.average_polyphony),
-    (0.15, lambda piece: piece.maximum_polyphony),
-    (0.20, lambda piece: piece.onset_density),
-)
-_HANDS_ALONG_KEYBOARD: tuple[float, Callable[[Features], float]] = (
-    0.10,
-    lambda piece: piece.hand_motion,
-)
-_MOTION_TERMS: Sequence[tuple[float, Callable[[MotionFeatures], float]]] = (
-    (0.10, lambda motion: motion.action_variance),
-    (0.10, lambda motion: motion.hand_motion),
-    (0.10, lambda motion: motion.fingertip_motion),
-)
+_SCORE_WEIGHTS = {"average_polyphony": 0.25, "maximum_polyphony": 0.15, "onset_density": 0.20}
+_MOTION_WEIGHTS = {"action_variance": 0.10, "hand_motion": 0.10, "fingertip_motion": 0.10}
 
 _CONSTANT = 1e-9
 """A feature that varies less than this, relative to its size, is constant but for rounding."""
@@ -197,17 +185,20 @@ def rank(
     names = sorted(features)
     if not names:
         return {}
-    pieces = [features[name] for name in names]
-    score_terms = _SCORE_TERMS if motion is not None else (*_SCORE_TERMS, _HANDS_ALONG_KEYBOARD)
-    terms = [weight * _z([feature(piece) for piece in pieces]) for weight, feature in score_terms]
-    if motion is not None:
+    terms = _terms(_SCORE_WEIGHTS, [features[name] for name in names])
+    if motion is None:
+        terms += _terms({"hand_motion": 0.10}, [features[name] for name in names])
+    else:
         _check_recorded(names, motion)
-        played = [motion[name] for name in names]
-        terms += [weight * _z([feature(p) for p in played]) for weight, feature in _MOTION_TERMS]
+        terms += _terms(_MOTION_WEIGHTS, [motion[name] for name in names])
     return _ranked(names, np.sum(terms, axis=0))
 
 
-def _z(values: Sequence[float]) -> npt.NDArray[np.float64]:
+def _terms(weights: Mapping[str, float], pieces: Sequence[object]) -> list[Numbers]:
+    return [w * _z([getattr(piece, name) for piece in pieces]) for name, w in weights.items()]
+
+
+def _z(values: Sequence[float]) -> Numbers:
     array = np.array(values, dtype=np.float64)
     spread = float(array.std())
     if spread <= _CONSTANT * float(np.abs(array).max()):
@@ -224,7 +215,7 @@ def _check_recorded(names: Sequence[str], motion: Mapping[str, MotionFeatures]) 
         )
 
 
-def _ranked(names: Sequence[str], scores: npt.NDArray[np.float64]) -> dict[str, Difficulty]:
+def _ranked(names: Sequence[str], scores: Numbers) -> dict[str, Difficulty]:
     # Equal pieces may differ by rounding, as sums over others do.
     scores = scores.round(9) + 0.0
     in_order = np.sort(scores)

@@ -18,11 +18,12 @@ import mido  # type: ignore[import-untyped]
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.formats.common import LeftOut, reading
+from sb3_piano.music.formats.common import LeftOut
 from sb3_piano.music.formats.midi_hands import MidiNote, MidiTrack, hands_of_tracks
 from sb3_piano.music.hands import HANDS, Hand, finger_of
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.score import Score
+from sb3_piano.music.text_file import reading
 
 SUSTAIN_CONTROLLER = 64
 """Number of the sustain pedal among the MIDI controllers."""
@@ -73,7 +74,9 @@ def read_midi(path: str | os.PathLike[str]) -> Score:
     """
     path = Path(path)
     scan, seconds = _parse(path)
-    left_out = LeftOut(empty=[(seconds(tick), pitch) for tick, pitch in scan.empty])
+    left_out = LeftOut()
+    for tick, pitch in scan.empty:
+        left_out.add_empty(seconds(tick), pitch)
     notes = [
         Note(
             onset=onset,
@@ -88,8 +91,9 @@ def read_midi(path: str | os.PathLike[str]) -> Score:
         if left_out.is_playable(onset, offset, note.pitch)
     ]
     if not notes:
-        rest = f", only {left_out}" if str(left_out) else ""
-        raise ScoreError(f"MIDI file {str(path)!r} has no notes (drums do not count){rest}.")
+        raise ScoreError(
+            f"MIDI file {str(path)!r} has no notes (drums do not count){left_out.only}."
+        )
     left_out.warn(path)
     end = max(note.offset for note in notes)
     presses = [(seconds(a), end if b is None else seconds(b)) for a, b in scan.pedals]

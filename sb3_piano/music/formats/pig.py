@@ -19,7 +19,7 @@ from typing import TypeVar
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.formats.common import LeftOut, write_score_file
-from sb3_piano.music.hands import HANDS, finger_number, finger_of, hand_of_finger, likely_hand
+from sb3_piano.music.hands import HANDS, finger_number, finger_of, likely_hand
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_name, pitch_number
 from sb3_piano.music.score import Score
@@ -61,9 +61,9 @@ def read_pig(path: str | os.PathLike[str], *, shortest: float = 0.0) -> Score:
     ]
     notes = [note for note in lines if note is not None]
     if not notes:
-        rest = f", only {left_out}" if str(left_out) else ""
         raise ScoreError(
-            f"Fingering file {str(path)!r} has no notes{rest}: expected lines of {_FIELDS}."
+            f"Fingering file {str(path)!r} has no notes{left_out.only}: expected lines of "
+            f"{_FIELDS}."
         )
     left_out.warn(path)
     return Score(notes=notes, title=path.stem)
@@ -164,7 +164,7 @@ def _read_line(where: str, fields: list[str], left_out: LeftOut, shortest: float
         pitch=pitch,
         velocity=velocity,
         finger=finger,
-        hand=hand_of_finger(finger) or hand,
+        hand=hand,
     )
 
 

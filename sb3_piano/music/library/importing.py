@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.fingering.apply import FINGERINGS, labels_file
-from sb3_piano.music.library.datasets import PIG_PIECES, Found, Unusable
+from sb3_piano.music.library.datasets import PIG_PIECES
 from sb3_piano.music.library.search import search
 from sb3_piano.music.library.store import (
     LONGEST_NAME,
@@ -20,7 +21,7 @@ from sb3_piano.music.library.store import (
     slug,
     user_library,
 )
-from sb3_piano.music.library.task import ImportTask, Outcome, run_tasks
+from sb3_piano.music.library.task import ImportTask, Outcome, Unusable, run_tasks
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import usable_cores
 
@@ -84,26 +85,27 @@ def import_path(
     with search(Path(path)) as (found, unusable), library.importing():
         if len(found) != 1:
             _check_single(name, fingering)
+        elif name is not None:
+            check_name(name)
+            found = [replace(found[0], names=((name, "imported"),))]
         plan = _ImportPlan(library, None if fingering is None else os.fspath(fingering))
         for piece in found:
             try:
-                plan.add(piece, name)
+                plan.add(piece)
             except OSError as error:
                 unusable.append(Unusable(piece.path, f"It cannot be read: {error}."))
-        n_told = 0
+        done = itertools.count(1)
 
         def tell(task: ImportTask, outcome: Outcome) -> None:
-            nonlocal n_told
-            notes.extend(Unusable(task.found.path, note) for note in outcome.notes)
+            notes.extend(Unusable(task.path, note) for note in outcome.notes)
             if outcome.error is None:
                 imported.extend(piece_name for piece_name, _ in task.names)
             else:
-                unusable.append(Unusable(task.found.path, outcome.error))
-            n_told += 1
+                unusable.append(Unusable(task.path, outcome.error))
             if progress is not None:
-                progress(n_told, len(plan.tasks))
+                progress(next(done), len(plan.tasks))
 
-        interrupted = run_tasks(plan.tasks, jobs, tell)
+        interrupted = run_tasks(plan.tasks, library.folder, jobs, tell)
     return ImportReport(
         imported=tuple(sorted(imported)),
         present=tuple(sorted(set(plan.present))),
@@ -114,7 +116,7 @@ def import_path(
 
 
 class _ImportPlan:
-    """The tasks of an import, each with the names of its piece, and what is there already."""
+    """What there is to do, ``tasks``, and the names of the pieces that are there already."""
 
     def __init__(self, library: Library, fingering: str | None) -> None:
         """Look at what the library has.
@@ -124,99 +126,75 @@ class _ImportPlan:
         """
         self.tasks: list[ImportTask] = []
         self.present: list[str] = []
-        self._folder = library.folder
-        self._infos = library.infos()
-        self._known = {(i.sha256, i.setting): name for name, i in self._infos.items()}
-        replaceable = [i for i in self._infos.values() if i.collection == "imported"]
-        self._by_content = {info.sha256: info.name for info in replaceable if info.sha256}
-        self._by_path = {info.path: info.name for info in replaceable if info.path}
-        # Damaged pieces hold their names, too: nothing is written over them unasked.
-        self._taken = set(library.names())
-        self._planned: set[str] = set()
         self._fingering = fingering
         self._setting = None if fingering is None else _setting(fingering)
+        self._infos = library.infos()
+        # Damaged pieces hold their names, too: nothing is written over them unasked.
+        self._taken = set(library.names())
+        self._by_content = {(i.sha256, i.setting): i.name for i in self._infos.values()}
+        # What may be replaced, by the content of its file and by the file.
+        own = [info for info in self._infos.values() if info.collection == "imported"]
+        self._replaceable = {key: i.name for i in own for key in (i.path, i.sha256) if key}
+        self._planned: set[tuple[str, str]] = set()
+        self._new: set[str] = set()
 
-    def add(self, found: Found, name: str | None) -> None:
+    def add(self, task: ImportTask) -> None:
         """Plan the import of a piece, unless it is there already.
 
-        Args:
-            found: The piece.
-            name: The name that it must have, if any.
-
         Raises:
-            ConfigError: If it cannot have that name.
             OSError: If its file cannot be read.
         """
-        sha256 = hashlib.sha256(found.path.read_bytes()).hexdigest()
-        content = (sha256, found.fingering if self._setting is None else self._setting)
-        if name is not None:
-            check_name(name)
-            names = self._missing(((name, "imported"),), content)
-        elif found.names:
-            names = self._missing(found.names, content)
+        sha256 = hashlib.sha256(task.path.read_bytes()).hexdigest()
+        setting = task.fingering if self._setting is None else self._setting
+        content = (sha256, setting)
+        if task.names:
+            infos = [self._infos.get(name) for name, _ in task.names]
+            there = [i.name for i in infos if i and (i.sha256, i.setting) == content]
+            self.present += there
+            names = tuple(pair for pair in task.names if pair[0] not in there)
         else:
-            names = self._chosen(found.path, content)
+            name = self._chosen_name(task.path, content)
+            names = () if name is None else ((name, "imported"),)
         if names:
+            fingering = task.fingering if self._fingering is None else self._fingering
             self.tasks.append(
-                ImportTask(
-                    found=found,
-                    names=names,
-                    folder=self._folder,
-                    fingering=found.fingering if self._fingering is None else self._fingering,
-                    setting=content[1],
-                    sha256=sha256,
-                )
+                replace(task, names=names, fingering=fingering, setting=setting, sha256=sha256)
             )
 
-    def _missing(
-        self, names: Sequence[tuple[str, str]], content: tuple[str, str]
-    ) -> tuple[tuple[str, str], ...]:
-        """Return those of given names, with collections, under which there is other content."""
-        infos = [self._infos.get(name) for name, _ in names]
-        there = [info.name for info in infos if info and (info.sha256, info.setting) == content]
-        self.present += there
-        return tuple(pair for pair in names if pair[0] not in there)
-
-    def _chosen(self, path: Path, content: tuple[str, str]) -> tuple[tuple[str, str], ...]:
-        """Return a name for a piece, unless its content is there already.
+    def _chosen_name(self, path: Path, content: tuple[str, str]) -> str | None:
+        """Return a name for a piece, or None if its content is there already.
 
         It replaces what has the same content with another fingering, or is of the same file before
         it was changed.
         """
-        if content in self._known:
-            known = self._known[content]
-            if known not in self._planned:  # else this file is a copy of one that is imported
-                self.present.append(known)
-            return ()
-        before = (self._by_content.get(content[0]), self._by_path.get(str(path.absolute())))
-        replaced = [name for name in before if name is not None and name not in self._planned]
-        name = replaced[0] if replaced else free_name(path, self._is_free)
-        self._known[content] = name
-        self._taken.add(name)
-        self._planned.add(name)
-        return ((name, "imported"),)
+        if content in self._planned:  # this file is a copy of one that is imported
+            return None
+        known = self._by_content.get(content)
+        if known is not None and known not in self._new:
+            self.present.append(known)
+            return None
+        before = (self._replaceable.get(key) for key in (content[0], str(path.absolute())))
+        replaced = (name for name in before if name is not None and name not in self._new)
+        name = next(replaced, None) or self._free_name(path)
+        self._planned.add(content)
+        self._new.add(name)
+        return name
 
-    def _is_free(self, name: str) -> bool:
-        return not (name in self._taken or is_built_in(name) or name in PIG_PIECES)
+    def _free_name(self, path: Path) -> str:
+        """Return a free name for the piece in a file, near to the file's own.
 
-
-def free_name(path: Path, is_free: Callable[[str], bool]) -> str:
-    """Return a name for the piece in a file that is free, near to the file's own.
-
-    Args:
-        path: The file; if its own name is taken, the folder's name is put in front, then a number
-            behind.
-        is_free: Tells whether a name may be used.
-    """
-    plain = slug(path.stem)
-    longer = slug(f"{path.absolute().parent.name} {path.stem}")
-    for name in (plain, longer):
-        if is_free(name):
-            return name
-    number = 2
-    while not is_free(name := f"{longer[: LONGEST_NAME - 8]}-{number}"):
-        number += 1
-    return name
+        If that is taken, the folder's name is put in front, then a number behind.
+        """
+        longer = slug(f"{path.absolute().parent.name} {path.stem}")
+        numbered = (f"{longer[: LONGEST_NAME - 8]}-{number}" for number in itertools.count(2))
+        names = itertools.chain([slug(path.stem), longer], numbered)
+        return next(
+            name
+            for name in names
+            if not (
+                name in self._taken or name in self._new or is_built_in(name) or name in PIG_PIECES
+            )
+        )
 
 
 def _setting(fingering: str) -> str:

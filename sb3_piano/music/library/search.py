@@ -15,14 +15,13 @@ from typing import Any
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.formats import ACCEPTED_FILES, READERS
 from sb3_piano.music.library.datasets import (
-    Found,
-    Unusable,
     find_pig_folder,
     find_pig_pieces,
     find_robopianist,
     find_snippets,
     unpack_wheel,
 )
+from sb3_piano.music.library.task import ImportTask, Unusable
 
 _WHEEL = ".whl"
 
@@ -31,7 +30,7 @@ _HEAD = 4096
 
 
 @contextlib.contextmanager
-def search(path: Path) -> Iterator[tuple[list[Found], list[Unusable]]]:
+def search(path: Path) -> Iterator[tuple[list[ImportTask], list[Unusable]]]:
     """Find the pieces at a path; those in a wheel are there as long as the context is.
 
     A folder is searched with all folders in it, but for hidden ones. Text and XML files count as
@@ -48,7 +47,7 @@ def search(path: Path) -> Iterator[tuple[list[Found], list[Unusable]]]:
     elif path.is_dir():
         yield _search_folder(path)
     elif path.suffix.lower() in READERS:
-        yield [Found(path=path, source=path.name)], []
+        yield [ImportTask(path=path, source=path.name)], []
     else:
         raise ScoreError(
             f"Cannot tell the format of '{path}': expected {ACCEPTED_FILES}, a folder, or a wheel "
@@ -56,7 +55,7 @@ def search(path: Path) -> Iterator[tuple[list[Found], list[Unusable]]]:
         )
 
 
-def _search_folder(folder: Path) -> tuple[list[Found], list[Unusable]]:
+def _search_folder(folder: Path) -> tuple[list[ImportTask], list[Unusable]]:
     pig = find_pig_folder(folder)
     if pig is not None:
         return find_pig_pieces(pig), []
@@ -70,7 +69,7 @@ def _search_folder(folder: Path) -> tuple[list[Found], list[Unusable]]:
     except ScoreError as error:
         unusable.append(Unusable(folder, str(error)))
     found = [
-        Found(path=path, title=titles.get(path), source=str(path.relative_to(folder)))
+        ImportTask(path=path, title=titles.get(path), source=str(path.relative_to(folder)))
         for path in _music_files(folder)
     ]
     if not found:

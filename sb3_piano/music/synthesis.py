@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.formats.common import write_score_file
 from sb3_piano.music.formats.midi_reading import SUSTAIN_CONTROLLER
+from sb3_piano.music.formats.midi_writing import control_changes
 from sb3_piano.music.score import Score
 from sb3_piano.settings import Number, Unit, checked
 
@@ -118,13 +119,9 @@ def _midi_bytes(score: Score, end: float) -> bytes:
             velocity = round(gain * note.velocity)
             piano.notes.append(pretty_midi.Note(velocity, note.pitch, note.onset, offset))
         struck_again[note.pitch] = note.onset
-    for pedal in score.pedals:
-        piano.control_changes += [
-            pretty_midi.ControlChange(SUSTAIN_CONTROLLER, 127, pedal.onset),
-            pretty_midi.ControlChange(SUSTAIN_CONTROLLER, 0, pedal.offset),
-        ]
     # The synthesiser stops at the last event.
-    piano.control_changes.append(pretty_midi.ControlChange(SUSTAIN_CONTROLLER, 0, end))
+    stop = pretty_midi.ControlChange(SUSTAIN_CONTROLLER, 0, end)
+    piano.control_changes = [*control_changes(score.pedals), stop]
     midi = pretty_midi.PrettyMIDI(resolution=_TICKS_PER_SECOND // 2, initial_tempo=120.0)
     midi.instruments.append(piano)
     file = io.BytesIO()

@@ -12,7 +12,8 @@ from typing import TypeVar
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.formats.midi_reading import read_midi
 from sb3_piano.music.formats.midi_writing import write_midi
-from sb3_piano.music.formats.musicxml import read_musicxml, write_musicxml
+from sb3_piano.music.formats.musicxml.read import read_musicxml
+from sb3_piano.music.formats.musicxml.write import write_musicxml
 from sb3_piano.music.formats.pig import read_pig, read_pig_annotations, write_pig
 from sb3_piano.music.score import Score
 

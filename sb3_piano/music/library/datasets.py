@@ -89,22 +89,21 @@ PIG_PIECES: Mapping[str, Piece] = MappingProxyType(
 """The pieces of the PIG data set by name; making one that is not imported says how to get it."""
 
 
-def find_pig_folder(path: Path) -> Path | None:
-    """Return the folder of the data set at, directly in or directly around a path, if any."""
+def find_dataset(path: Path) -> list[ImportTask] | None:
+    """Return the pieces of the data set that a folder is, has in it or is in, if there is one.
+
+    Raises:
+        ScoreError: If it is not whole.
+    """
     inside = sorted(child for child in path.iterdir() if child.is_dir())
     for folder in (path, path.parent, *inside) if path.name == _FILES else (path, *inside):
         if (folder / _FILES).is_dir():
-            return folder
-    return None
+            return _pig_pieces(folder)
+    return _snippets(path, origin=path)
 
 
-def find_pig_pieces(folder: Path) -> list[ImportTask]:
-    """Return the first annotation of each piece.
-
-    Raises:
-        ScoreError: If there are no fingering files, or the list of titles cannot be read or does
-            not name each piece.
-    """
+def _pig_pieces(folder: Path) -> list[ImportTask]:
+    """Return the first annotation of each piece."""
     files: dict[int, Path] = {}
     for path in sorted((folder / _FILES).glob("*.txt")):
         match = _FILE.fullmatch(path.name)
@@ -121,7 +120,7 @@ def find_pig_pieces(folder: Path) -> list[ImportTask]:
             f"'{folder / _LIST}' has {len(rows)} pieces, but there are fingering files of pieces "
             f"{min(files)} to {max(files)}: expected a row for each."
         )
-    return [_found(path, rows[number - 1]) for number, path in sorted(files.items())]
+    return [_pig_piece(path, rows[number - 1]) for number, path in sorted(files.items())]
 
 
 def robopianist_name(title: str) -> str:
@@ -134,7 +133,7 @@ def robopianist_name(title: str) -> str:
     return re.sub(r"\W", "", words.title())
 
 
-def _found(path: Path, row: dict[str, str]) -> ImportTask:
+def _pig_piece(path: Path, row: dict[str, str]) -> ImportTask:
     title, composer = row["Piece"].strip(), (row.get("Composer") or "").strip()
     short = robopianist_name(title)
     names = [(f"{_REPERTOIRE}-{short}", _REPERTOIRE)]
@@ -179,16 +178,8 @@ _SNIPPETS = {
 lowest up, or else in the order of the file."""
 
 
-def find_robopianist(folder: Path) -> Path | None:
-    """Return the folder of RoboPianist's package at or in a folder, if any."""
-    for package in (folder, folder / "robopianist"):
-        if (package / _SNIPPET_FOLDER).is_dir():
-            return package
-    return None
-
-
-def unpack_wheel(wheel: Path, folder: Path) -> Path:
-    """Unpack what is needed of a wheel of RoboPianist; return the folder of the package.
+def unpack_wheel(wheel: Path, folder: Path) -> list[ImportTask]:
+    """Unpack what is needed of a wheel of RoboPianist; return its pieces.
 
     Raises:
         ScoreError: If it is not a wheel of RoboPianist.
@@ -202,25 +193,24 @@ def unpack_wheel(wheel: Path, folder: Path) -> Path:
                     place.write_bytes(read_member(archive, f"robopianist/{file}", _MOST_BYTES))
     except Exception as error:  # a damaged archive surfaces as whatever zipfile and zlib raise
         raise ScoreError(f"Cannot read '{wheel}' as a wheel: {one_line(error)}.") from error
-    package = find_robopianist(folder)
-    if package is None:
+    found = _snippets(folder, origin=wheel)
+    if found is None:
         raise ScoreError(
             f"'{wheel}' has no folder robopianist/{_SNIPPET_FOLDER}: expected a wheel of "
             "robopianist, as from 'pip download --no-deps robopianist'."
         )
-    return package
+    return found
 
 
-def find_snippets(package: Path, origin: Path) -> list[ImportTask]:
-    """Return the snippets in a folder of RoboPianist's package.
+def _snippets(folder: Path, origin: Path) -> list[ImportTask] | None:
+    """Return the snippets of RoboPianist's package at or in a folder, None if it is not there.
 
-    Args:
-        package: The folder.
-        origin: What the user named, for the pieces' sources.
-
-    Raises:
-        ScoreError: If it has none.
+    Their sources tell `origin`, which the user named.
     """
+    packages = (folder, folder / "robopianist")
+    package = next((one for one in packages if (one / _SNIPPET_FOLDER).is_dir()), None)
+    if package is None:
+        return None
     found = [
         ImportTask(
             path=package / _SNIPPET_FOLDER / file,
@@ -278,16 +268,15 @@ def _read_fingers(library: Path, title: str) -> tuple[int, ...]:
         tree = ast.parse(library.read_bytes())
     except (OSError, SyntaxError, ValueError):
         return ()
-    lists = [
+    lists = (
         node.value.elts
         for outer in ast.walk(tree)
         if isinstance(outer, ast.FunctionDef) and outer.name == function
         for node in ast.walk(outer)
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.List)
-    ]
-    for items in lists:
-        values = [item.value for item in items if isinstance(item, ast.Constant)]
-        fingers = tuple(value for value in values if isinstance(value, int))
-        if fingers and all(finger > UNKNOWN_FINGER for finger in fingers):
-            return fingers
-    return ()
+    )
+    found = (
+        tuple(i.value for i in items if isinstance(i, ast.Constant) and isinstance(i.value, int))
+        for items in lists
+    )
+    return next((fingers for fingers in found if min(fingers, default=-1) > UNKNOWN_FINGER), ())

@@ -14,7 +14,7 @@ from sb3_piano.music.formats.midi_reading import read_midi
 from sb3_piano.music.formats.midi_writing import write_midi
 from sb3_piano.music.formats.musicxml.read import read_musicxml
 from sb3_piano.music.formats.musicxml.write import write_musicxml
-from sb3_piano.music.formats.pig import read_pig, read_pig_annotations, write_pig
+from sb3_piano.music.formats.pig import read_pig, write_pig
 from sb3_piano.music.score import Score
 
 T = TypeVar("T")
@@ -82,7 +82,6 @@ __all__ = [
     "read_midi",
     "read_musicxml",
     "read_pig",
-    "read_pig_annotations",
     "read_score",
     "write_midi",
     "write_musicxml",

@@ -13,7 +13,6 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
-from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_piano.demonstrations.dataset import Transitions, open_dataset
 from sb3_piano.exceptions import ConfigError
@@ -84,15 +83,12 @@ def check_spaces(
         ("observations", dataset.observation_space, observation_space),
         ("actions", dataset.action_space, action_space),
     ):
-        if theirs.shape != ours.shape:
-            raise ConfigError(
-                f"Data set {dataset.id!r} has {name} of shape {theirs.shape}, the model of shape "
-                f"{ours.shape}: expected the environment that was recorded, with its options."
-            )
         if theirs != ours:
+            differs = theirs.shape != ours.shape
+            them, us = (f"of shape {s.shape}" if differs else _range(s) for s in (theirs, ours))
             raise ConfigError(
-                f"Data set {dataset.id!r} has {name} from {_range(theirs)}, the model from "
-                f"{_range(ours)}: expected the environment that was recorded, with its options."
+                f"Data set {dataset.id!r} has {name} {them}, the model {us}: expected the "
+                "environment that was recorded, with its options."
             )
 
 
@@ -104,8 +100,8 @@ def scaled_actions(actions: npt.NDArray[Any], space: spaces.Space) -> npt.NDArra
 
 def _range(space: spaces.Space) -> str:
     if not isinstance(space, spaces.Box):
-        return str(space)
-    return f"{space.low.min()} to {space.high.max()} ({space.dtype})"
+        return f"from {space}"
+    return f"from {space.low.min()} to {space.high.max()} ({space.dtype})"
 
 
 def _add(buffer: ReplayBuffer, transitions: Transitions, rows: int) -> None:
@@ -127,10 +123,6 @@ def _add(buffer: ReplayBuffer, transitions: Transitions, rows: int) -> None:
             ended[row],
             [{"TimeLimit.truncated": bool(limit)} for limit in limited[row]],
         )
-
-
-if TYPE_CHECKING:
-    from minari import MinariDataset
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,18 +183,12 @@ def clone_behaviour(
     found = open_dataset(dataset)
     check_spaces(found, model.observation_space, model.action_space)
     transitions = Transitions.of(found)
-    targets = scaled_actions(transitions.expert_actions, model.action_space)
     if log_std is not None:
         _fix_exploration(actor, log_std)
-    fit = _Fit(
-        model=model,
-        observations=_tensor(model, _inputs(model, transitions.observations)),
-        targets=_tensor(model, targets),
-    )
     losses = []
     model.policy.set_training_mode(True)
     try:
-        for loss in fit.epochs(actor, epochs, batch_size, learning_rate, seed):
+        for loss in _epochs(model, actor, transitions, epochs, batch_size, learning_rate, seed):
             losses.append(loss)
             on_epoch(loss)
     finally:
@@ -213,54 +199,45 @@ def clone_behaviour(
     return Cloning(n_transitions=len(transitions), losses=tuple(losses))
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Fit:
-    """Observations and the actions to fit."""
+def _epochs(
+    model: BaseAlgorithm,
+    actor: torch.nn.Module,
+    transitions: Transitions,
+    epochs: int,
+    batch_size: int,
+    learning_rate: float,
+    seed: int,
+) -> Iterator[float]:
+    """Train the actor, and yield the mean loss of each epoch."""
 
-    model: BaseAlgorithm
-    observations: torch.Tensor
-    targets: torch.Tensor
+    def tensor(array: npt.NDArray[Any]) -> torch.Tensor:
+        return torch.as_tensor(np.ascontiguousarray(array, dtype=np.float32), device=model.device)
 
-    def epochs(
-        self, actor: torch.nn.Module, epochs: int, batch_size: int, learning_rate: float, seed: int
-    ) -> Iterator[float]:
-        """Train, and yield the mean loss of each epoch."""
-        count = len(self.targets)
-        optimizer = torch.optim.Adam(actor.parameters(), learning_rate)
-        updates = epochs * math.ceil(count / batch_size)
-        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, updates)
-        random = torch.Generator().manual_seed(seed)
-        for _ in range(epochs):
-            total = 0.0
-            for rows in torch.randperm(count, generator=random).split(batch_size):
-                loss = self._loss(rows)
-                optimizer.zero_grad()
-                loss.backward()
-                optimizer.step()
-                schedule.step()
-                total += loss.item() * len(rows)
-            yield total / count
-
-    def _loss(self, rows: torch.Tensor) -> torch.Tensor:
-        # SB3's hook of all its policies: the action before it is scaled to the action space.
-        played = self.model.policy._predict(self.observations[rows], deterministic=True)
-        return torch.nn.functional.mse_loss(played, self.targets[rows])
-
-
-def _tensor(model: BaseAlgorithm, array: npt.NDArray[Any]) -> torch.Tensor:
-    return torch.as_tensor(np.ascontiguousarray(array, dtype=np.float32), device=model.device)
+    observations = tensor(_inputs(model, transitions.observations))
+    targets = tensor(scaled_actions(transitions.expert_actions, model.action_space))
+    optimizer = torch.optim.Adam(actor.parameters(), learning_rate)
+    updates = epochs * math.ceil(len(targets) / batch_size)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, updates)
+    random = torch.Generator().manual_seed(seed)
+    for _ in range(epochs):
+        total = 0.0
+        for rows in torch.randperm(len(targets), generator=random).split(batch_size):
+            # SB3's hook of all its policies: the action before it is scaled to the action space.
+            played = model.policy._predict(observations[rows], deterministic=True)
+            loss = torch.nn.functional.mse_loss(played, targets[rows])
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            schedule.step()
+            total += loss.item() * len(rows)
+        yield total / len(targets)
 
 
 def _inputs(model: BaseAlgorithm, observations: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return the observations as the model will get them."""
+    """Return the observations as the model will get them, by statistics that are set to theirs."""
     normalizer = model.get_vec_normalize_env()
     if normalizer is None or not normalizer.norm_obs:
         return observations
-    _set_statistics(normalizer, observations)
-    return np.asarray(normalizer.normalize_obs(observations))
-
-
-def _set_statistics(normalizer: VecNormalize, observations: npt.NDArray[Any]) -> None:
     statistics = normalizer.obs_rms
     assert not isinstance(statistics, dict), "observations are plain arrays"
     statistics.mean = observations.mean(axis=0, dtype=np.float64)
@@ -268,6 +245,7 @@ def _set_statistics(normalizer: VecNormalize, observations: npt.NDArray[Any]) ->
     # What never changed in the data set must not count a thousandfold when it does.
     statistics.var = np.where(variance < _CONSTANT, 1.0, variance)
     statistics.count = float(len(observations))
+    return np.asarray(normalizer.normalize_obs(observations))
 
 
 def _fix_exploration(actor: torch.nn.Module, log_std: float) -> None:

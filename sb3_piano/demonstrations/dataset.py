@@ -69,15 +69,16 @@ class Transitions:
                 _check_rows(dataset, episode)
         if not episodes:
             raise ConfigError(f"Data set {dataset.id!r} is empty: expected at least one episode.")
-        return cls(
-            observations=np.concatenate([e.observations[:-1] for e in episodes]),
-            next_observations=np.concatenate([e.observations[1:] for e in episodes]),
-            actions=np.concatenate([e.actions for e in episodes]),
-            expert_actions=np.concatenate([_expert_actions(e) for e in episodes]),
-            rewards=np.concatenate([e.rewards for e in episodes]),
-            terminations=np.concatenate([e.terminations for e in episodes]),
-            truncations=np.concatenate([e.truncations for e in episodes]),
-        )
+        parts = {
+            "observations": [e.observations[:-1] for e in episodes],
+            "next_observations": [e.observations[1:] for e in episodes],
+            "expert_actions": [_expert_actions(e) for e in episodes],
+            **{
+                name: [getattr(e, name) for e in episodes]
+                for name in ("actions", "rewards", "terminations", "truncations")
+            },
+        }
+        return cls(**{name: np.concatenate(arrays) for name, arrays in parts.items()})
 
 
 def open_dataset(dataset: MinariDataset | str) -> MinariDataset:
@@ -183,10 +184,6 @@ def require_minari() -> None:
 def _expert_actions(episode: EpisodeData) -> npt.NDArray[Any]:
     labels = (episode.infos or {}).get(EXPERT_ACTION)
     return episode.actions if labels is None else np.asarray(labels)[:-1]
-
-
-if TYPE_CHECKING:
-    from minari import MinariDataset
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

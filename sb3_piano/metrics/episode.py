@@ -4,163 +4,52 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
+import yaml
 
 from sb3_piano.metrics.fingers import effective_fingers, finger_shares, fingering_agreement
 from sb3_piano.metrics.frames import count_frames, frame_scores
 from sb3_piano.metrics.onsets import (
-    ONSET_TOLERANCE,
     Onsets,
     OnsetScores,
     match_onsets,
     timing_error_of,
 )
 from sb3_piano.metrics.presses import wrong_presses_per_second
+from sb3_piano.music.constants import FINGERS_PER_HAND
 
 
 @dataclass(frozen=True)
 class Definition:
-    """A number in words. They are in lower case, to begin a line or to stand in a sentence."""
+    """A number in words, as ``definitions.yml`` has them."""
 
     name: str
     """Its name in ``info``."""
     section: str
     """Subject; heads a part of a table."""
     label: str
-    """Label where it stands alone."""
     meaning: str
-    """Meaning, a sentence in one line."""
     short: str
     """Label under its section's heading."""
     unit: str = ""
-    """Its unit; empty for a share or a plain number."""
     digits: int = 3
-    """Number of decimals to show."""
 
     def rounded(self, value: float) -> str:
         """Return a value with its number of decimals, without its unit."""
         return f"{round(value, self.digits) + 0.0:.{self.digits}f}"  # + 0.0 turns -0.0 into 0.0
 
 
-_HANDS = ("right", "left")
-_FINGERS = ("thumb", "index finger", "middle finger", "ring finger", "little finger")
-
-# By section and name: the label, the meaning, and the label under the section's heading if it is
-# another one.
-_WORDS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
-    "Keys, step by step": {
-        "f1": ("F1", "Frame F1: mean over control steps; silence that is due counts as 1."),
-        "precision": ("precision", "Share of the sounding keys that are due, mean over steps."),
-        "recall": ("recall", "Share of the keys due that sound, mean over steps."),
-        "non_silent_f1": ("non-silent F1", "F1 over the steps in which the piece sounds."),
-        "noop_f1": ("F1 of playing nothing", "The F1 that resting hands have, for comparison."),
-        "wrong_presses_per_second": (
-            "wrong presses",
-            "Presses during which the key is never due, in a second.",
-        ),
-    },
-    "Notes, strike by strike": {
-        "onset_f1": ("onset F1", "Harmonic mean of onset precision and onset recall.", "F1"),
-        "onset_precision": (
-            "onset precision",
-            "Share of the strikes that hit a note.",
-            "precision",
-        ),
-        "onset_recall": (
-            "onset recall",
-            f"Share of the notes hit: key struck within {1000 * ONSET_TOLERANCE:.0f} ms of the "
-            "onset, each strike for one.",
-            "recall",
-        ),
-        "onset_error_mean_ms": ("mean timing error", "How late the hits are; early is negative."),
-        "onset_error_std_ms": (
-            "spread of the timing error",
-            "Standard deviation of how late the hits are.",
-        ),
-    },
-    "Pedal": {
-        "sustain_f1": ("pedal F1", "As F1, for the sustain pedal.", "F1"),
-        "sustain_precision": ("pedal precision", "As precision, for the pedal.", "precision"),
-        "sustain_recall": ("pedal recall", "As recall, for the pedal.", "recall"),
-    },
-    "Fingers": {
-        "effective_fingers": (
-            "effective fingers",
-            "How many of ten fingers would share the pressing as evenly: exp of the shares' "
-            "entropy.",
-            "effective number",
-        ),
-        **{
-            f"effective_fingers_{hand}": (
-                f"effective fingers, {hand}",
-                f"How many of the {hand} hand's five would share its pressing as evenly.",
-                f"effective number, {hand}",
-            )
-            for hand in _HANDS
-        },
-        "fingering_agreement": (
-            "fingering agreement",
-            "Share of the rightly pressed keys that the labelled finger presses.",
-            "agreement with the labels",
-        ),
-        **{
-            f"finger_share_{hand[0]}{number}": (
-                f"share of the {hand} {finger}",
-                f"Share of the pressing that the {hand} {finger} does, by time.",
-            )
-            for hand in _HANDS
-            for number, finger in enumerate(_FINGERS, start=1)
-        },
-    },
-    "Return": {
-        "return": ("return", "Sum of the rewards of the episode.", "in all"),
-        "normalized_return": (
-            "normalised return",
-            "Share of the highest possible return.",
-            "share of the highest possible",
-        ),
-        "return_key_press": (
-            "return from pressing keys",
-            "Due keys down, and no others.",
-            "pressing keys",
-        ),
-        "return_fingering": ("return from fingering", "Fingers near their keys.", "fingering"),
-        "return_sustain": ("return from the pedal", "The pedal as it should be.", "pedal"),
-        "return_forearm": (
-            "return from keeping the forearms apart",
-            "Forearms that keep apart.",
-            "forearms",
-        ),
-        "return_energy": ("return from energy", "The cost of moving.", "energy"),
-        "length": ("control steps", "How long the episode was."),
-    },
-}
-_TIMING = ("onset_error_mean_ms", "onset_error_std_ms")
-_UNITS = {**dict.fromkeys(_TIMING, "ms"), "wrong_presses_per_second": "/s"}
-_DIGITS = {**dict.fromkeys(_TIMING, 1), "length": 0}
-
-
-def _digits(name: str) -> int:
-    two = name.startswith(("effective_fingers", "finger_share_", "return"))
-    return _DIGITS.get(name, 2 if two else 3)
-
-
 DEFINITIONS: Mapping[str, Definition] = MappingProxyType(
     {
-        name: Definition(
-            name,
-            section,
-            label,
-            meaning,
-            short=(*short, label)[0],
-            unit=_UNITS.get(name, ""),
-            digits=_digits(name),
-        )
-        for section, words in _WORDS.items()
-        for name, (label, meaning, *short) in words.items()
+        name: Definition(name, section, short=words.pop("short", words["label"]), **words)
+        for section, numbers in yaml.safe_load(
+            Path(__file__).with_name("definitions.yml").read_text("utf-8")
+        ).items()
+        for name, words in numbers.items()
     }
 )
 """By name, in the order of a table: ``EPISODE_METRICS``, ``return_<term>`` for each reward term of
@@ -174,7 +63,9 @@ def has_value(name: str, metrics: Mapping[str, float]) -> bool:
         name: Its name.
         metrics: All numbers of the episode or episodes, by name.
     """
-    return name in metrics and not (name in _TIMING and metrics.get("onset_recall") == 0)
+    return name in metrics and not (
+        name.startswith("onset_error") and metrics.get("onset_recall") == 0
+    )
 
 
 def normalized_return(value: float, highest: float) -> float:
@@ -273,8 +164,8 @@ def episode_metrics(
         *timing_error_of(target_onsets, played_onsets, pairs),
         wrong_presses_per_second(target_keys, played_keys, control_timestep),
         effective_fingers(shares),
-        effective_fingers(shares[: len(_FINGERS)]),
-        effective_fingers(shares[len(_FINGERS) :]),
+        effective_fingers(shares[:FINGERS_PER_HAND]),
+        effective_fingers(shares[FINGERS_PER_HAND:]),
         fingering_agreement(press_finger, target_finger),
         *shares.tolist(),
         frames.noop_f1(),

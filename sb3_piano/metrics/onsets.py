@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from sb3_piano.metrics.presses import presses_of
 
-FloatArray = npt.NDArray[np.float64]
 IntPairs = npt.NDArray[np.intp]
 """(k, 2) pairs of indices."""
 
@@ -113,7 +112,19 @@ def match_onsets(target: Onsets, played: Onsets, tolerance: float = ONSET_TOLERA
     Raises:
         ValueError: If times and keys do not go together.
     """
-    return match_in_order(*_checked(target), *_checked(played), tolerance)
+    target, played = _checked(target), _checked(played)
+    if len(target.key) == 0 or len(played.key) == 0:
+        return np.empty((0, 2), dtype=np.intp)
+    # Exact, and linear in the number of close events: dynamic programming, as for the longest
+    # common subsequence, over the events sorted by key and time; each onset (of a) looks only at
+    # those strikes (of b) that are close to it. Keeping the order of time costs no pair: of two
+    # crossed pairs, the distances of the uncrossed ones are no greater than the greater of the two.
+    order_a, order_b = (np.lexsort((one.time, one.key)) for one in (target, played))
+    a = Onsets(target.time[order_a], target.key[order_a])
+    b = Onsets(played.time[order_b], played.key[order_b])
+    pairs = np.array(_best_path(_close_rows(a, b, tolerance)), dtype=np.intp).reshape(-1, 2)
+    matched = np.stack([order_a[pairs[:, 0]], order_b[pairs[:, 1]]], axis=1)
+    return matched[np.argsort(matched[:, 0])]
 
 
 def onset_scores(target: Onsets, played: Onsets, tolerance: float = ONSET_TOLERANCE) -> OnsetScores:
@@ -163,76 +174,35 @@ def timing_error_of(target: Onsets, played: Onsets, pairs: IntPairs) -> TimingEr
     return TimingError(float(late.mean()), float(late.std()))
 
 
-def _checked(onsets: Onsets) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
+def _checked(onsets: Onsets) -> Onsets:
     time, key = np.asarray(onsets.time, dtype=float), np.asarray(onsets.key, dtype=np.intp)
     if time.ndim != 1 or time.shape != key.shape:
         raise ValueError(
             f"Onsets need one time for each key, got shapes {time.shape} and {key.shape}."
         )
-    return time, key
+    return Onsets(time, key)
 
 
 def _ratio(numerator: int, denominator: int) -> float:
     return numerator / denominator if denominator else 1.0
 
 
-def match_in_order(
-    time_a: FloatArray,
-    key_a: npt.NDArray[np.intp],
-    time_b: FloatArray,
-    key_b: npt.NDArray[np.intp],
-    tolerance: float,
-) -> IntPairs:
-    """Pair events of a with events of the same key in b that are at most ``tolerance`` away.
-
-    Exact, and linear in the number of close events: dynamic programming, as for the longest common
-    subsequence, over the events sorted by key and time; each event of a looks only at those of b
-    that are close to it. Keeping the order of time
-    costs no pair: of two crossed pairs, the distances of the uncrossed ones are no greater than the
-    greater of the two.
-
-    Args:
-        time_a: (n,) s.
-        key_a: (n,) keys.
-        time_b: (m,) s.
-        key_b: (m,) keys.
-        tolerance: Greatest distance, in s.
-
-    Returns:
-        (k, 2) indices of a and b, ordered by a: as many as can be, then of the least sum of
-        distances in ticks, then the earlier events.
-    """
-    if len(time_a) == 0 or len(time_b) == 0:
-        return np.empty((0, 2), dtype=np.intp)
-    order_a, order_b = np.lexsort((time_a, key_a)), np.lexsort((time_b, key_b))
-    rows = _close_rows(time_a[order_a], key_a[order_a], time_b[order_b], key_b[order_b], tolerance)
-    pairs = np.array(_best_path(rows), dtype=np.intp).reshape(-1, 2)
-    matched = np.stack([order_a[pairs[:, 0]], order_b[pairs[:, 1]]], axis=1)
-    return matched[np.argsort(matched[:, 0])]
-
-
-def _close_rows(
-    time_a: FloatArray,
-    key_a: npt.NDArray[np.intp],
-    time_b: FloatArray,
-    key_b: npt.NDArray[np.intp],
-    tolerance: float,
-) -> list[Row]:
+def _close_rows(a: Onsets, b: Onsets, tolerance: float) -> list[Row]:
     """Return a row for each event of a; events are sorted by key, then time."""
     # One axis for all keys, those of different keys out of each other's reach.
-    times = np.concatenate([time_a, time_b])
+    times = np.concatenate([a.time, b.time])
     stride = np.ptp(times) + 2 * (tolerance + _REACH)
-    place_a, place_b = time_a + stride * key_a, time_b + stride * key_b
+    place_a, place_b = a.time + stride * a.key, b.time + stride * b.key
     first = np.searchsorted(place_b, place_a - tolerance - _REACH, side="left")
     end = np.searchsorted(place_b, place_a + tolerance + _REACH, side="right")
     lengths = end - first
-    a = np.repeat(np.arange(len(time_a)), lengths)
+    row = np.repeat(np.arange(len(a.key)), lengths)
     starts = np.cumsum(lengths) - lengths
-    b = np.arange(len(a)) - starts[a] + first[a]
-    ticks = np.rint(np.abs(time_a[a] - time_b[b]) * _TICKS_PER_S)
+    column = np.arange(len(row)) - starts[row] + first[row]
+    ticks = np.rint(np.abs(a.time[row] - b.time[column]) * _TICKS_PER_S)
     close = ticks / _TICKS_PER_S <= tolerance
     # A pair more outweighs all distances together.
-    pair = len(time_a) * (round(tolerance * _TICKS_PER_S) + 1) + 1
+    pair = len(a.key) * (round(tolerance * _TICKS_PER_S) + 1) + 1
     worth = np.where(close, pair - ticks, 0).astype(np.int64).tolist()
     bounds = zip(first.tolist(), starts.tolist(), lengths.tolist(), strict=True)
     return [(j, worth[start : start + length]) for j, start, length in bounds]

@@ -29,17 +29,10 @@ NUM_FINGERS = 2 * FINGERS_PER_HAND
 UNKNOWN_FINGER = -1
 """The label of a note whose finger nobody has chosen."""
 
-FINGER_NAMES = (
-    "right thumb",
-    "right index",
-    "right middle",
-    "right ring",
-    "right little",
-    "left thumb",
-    "left index",
-    "left middle",
-    "left ring",
-    "left little",
+FINGER_NAMES = tuple(
+    f"{hand} {finger}"
+    for hand in ("right", "left")
+    for finger in ("thumb", "index", "middle", "ring", "little")
 )
 """Names of fingers 0-9, in order."""
 

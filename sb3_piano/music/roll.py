@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Gt, Lt
 from numpy.typing import ArrayLike, NDArray
 
-from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS, UNKNOWN_FINGER
 from sb3_piano.music.score import Score
+from sb3_piano.settings import Number, Unit, checked
 
 _TYPES = {"active": bool, "finger": np.int8, "onset": bool, "sustain": bool, "onset_time": float}
 """The arrays of a roll with the types of their elements."""
 
 _MAX_STEPS = 1_000_000
 """Longest grid, in control steps: 13.9 hours at 0.05 s, 260 MB. Longer ones are broken files."""
+
+_S = Unit("s")
+_Timestep = Annotated[Number, Gt(0), _S]
 
 _DECIMALS = 6
 """Decimals kept of a time in steps: 0.15 s / 0.05 s is 2.9999999999999996, meant as 3."""
@@ -82,17 +86,21 @@ class PianoRoll:
     early_releases: tuple[EarlyRelease, ...] = ()
 
     def __post_init__(self) -> None:
-        _check_control_timestep(self.control_timestep)
+        checked("control_timestep", self.control_timestep, _Timestep)
         if self.onset_time is None:
             times = np.nonzero(self.onset)[0] * self.control_timestep
             object.__setattr__(self, "onset_time", times)
         for name, kind in _TYPES.items():
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=kind))
         steps = self.active.shape[0] if self.active.ndim else 0
-        for name in ("active", "finger", "onset"):
-            _check_shape(name, getattr(self, name), (steps, NUM_KEYS))
-        _check_shape("sustain", self.sustain, (steps,))
-        _check_shape("onset_time", self.onset_time, (int(np.count_nonzero(self.onset)),))
+        for name, expected in {
+            **dict.fromkeys(("active", "finger", "onset"), (steps, NUM_KEYS)),
+            "sustain": (steps,),
+            "onset_time": (int(np.count_nonzero(self.onset)),),
+        }.items():
+            shape = getattr(self, name).shape
+            if shape != expected:
+                raise ScoreError(f"Array {name!r} has shape {shape}: expected {expected}.")
         self._lock()
 
     @classmethod
@@ -111,11 +119,22 @@ class PianoRoll:
             ConfigError: If one of the times is out of range.
             ScoreError: If the roll would have more than a million steps.
         """
-        _check_control_timestep(control_timestep)
-        lead = _lead_steps(initial_buffer_time, control_timestep)
-        steps = _count_steps(score, control_timestep, lead)
+        checked("control_timestep", control_timestep, _Timestep)
+        longest = Lt(_MAX_STEPS * control_timestep)
+        checked("initial_buffer_time", initial_buffer_time, Annotated[Number, Ge(0), longest, _S])
+        lead = round(initial_buffer_time / control_timestep)
+        if not lead + score.duration / control_timestep < _MAX_STEPS:
+            raise ScoreError(
+                f"Score {score.title!r} lasts {score.duration:g} s, too long for control steps of "
+                f"{control_timestep:g} s: expected fewer than {_MAX_STEPS} steps."
+            )
+        steps = lead + int(floor_steps(score.duration, control_timestep)) + 1
         starts = lead + floor_steps([note.onset for note in score.notes], control_timestep)
         ends = lead + _ceil_steps([note.offset for note in score.notes], control_timestep)
+        sustain = np.zeros(steps, dtype=bool)
+        pedals = [(pedal.onset, pedal.offset) for pedal in score.pedals]
+        for down, up in (lead + floor_steps(pedals, control_timestep)).reshape(-1, 2).tolist():
+            sustain[down:up] = True
         sheet = _Sheet(steps)
         due: dict[tuple[int, int], float] = {}
         for note, start, end in zip(score.notes, starts.tolist(), ends.tolist(), strict=True):
@@ -128,7 +147,7 @@ class PianoRoll:
             active=sheet.active,
             finger=sheet.finger,
             onset=sheet.onset,
-            sustain=_sustain_steps(score, control_timestep, lead, steps),
+            sustain=sustain,
             onset_time=np.array(
                 [due[step, key] for step, key in np.argwhere(sheet.onset).tolist()]
             ),
@@ -194,48 +213,6 @@ class PianoRoll:
             getattr(self, name).flags.writeable = False
 
 
-def _sustain_steps(
-    score: Score, control_timestep: float, lead: int, steps: int
-) -> NDArray[np.bool_]:
-    sustain = np.zeros(steps, dtype=bool)
-    downs = lead + floor_steps([pedal.onset for pedal in score.pedals], control_timestep)
-    ups = lead + floor_steps([pedal.offset for pedal in score.pedals], control_timestep)
-    for down, up in zip(downs.tolist(), ups.tolist(), strict=True):
-        sustain[down:up] = True
-    return sustain
-
-
-def _count_steps(score: Score, control_timestep: float, lead: int) -> int:
-    length = score.duration / control_timestep
-    if not lead + length < _MAX_STEPS:
-        raise ScoreError(
-            f"Score {score.title!r} lasts {score.duration:g} s, too long for control steps of "
-            f"{control_timestep:g} s: expected fewer than {_MAX_STEPS} steps."
-        )
-    return lead + int(floor_steps(score.duration, control_timestep)) + 1
-
-
-def _lead_steps(initial_buffer_time: float, control_timestep: float) -> int:
-    if not 0 <= initial_buffer_time < _MAX_STEPS * control_timestep:
-        raise ConfigError(
-            f"Initial buffer time {initial_buffer_time} s is out of range: expected 0 or more, and "
-            f"fewer than {_MAX_STEPS} control steps of {control_timestep:g} s."
-        )
-    return round(initial_buffer_time / control_timestep)
-
-
-def _check_control_timestep(control_timestep: float) -> None:
-    if not (math.isfinite(control_timestep) and control_timestep > 0):
-        raise ConfigError(
-            f"Control time step {control_timestep} s is out of range: expected a time above 0."
-        )
-
-
-def _check_shape(name: str, array: NDArray[Any], expected: tuple[int, ...]) -> None:
-    if array.shape != expected:
-        raise ScoreError(f"Array {name!r} has shape {array.shape}: expected {expected}.")
-
-
 class _Sheet:
     """The arrays of a roll while its notes are laid, in order of onset."""
 
@@ -255,19 +232,20 @@ class _Sheet:
             The first step of the strike, or None if the note is none of its own.
         """
         last = self._last_onset[key]
+        first, strikes, silent = start, True, None
         if start < last:
             # A strike at this very step was laid before, and its silent step is this one.
             first, strikes = last, False
-        elif start == 0 or not self.active[start - 1, key]:
-            first, strikes = start, True
-        elif end - start > 1:
-            first, strikes = start + 1, True
-            self._silence(start, key)
-        elif start - 1 > last:
-            first, strikes = start, True
-            self._silence(start - 1, key)
-        else:
-            first, strikes = start, False
+        elif start > 0 and self.active[start - 1, key]:
+            if end - start > 1:
+                first, silent = start + 1, start
+            elif start - 1 > last:
+                silent = start - 1
+            else:
+                strikes = False
+        if silent is not None:
+            self.active[silent, key] = False
+            self.finger[silent, key] = UNKNOWN_FINGER
         self.active[first:end, key] = True
         self.finger[first:end, key] = finger
         if not strikes:
@@ -276,21 +254,18 @@ class _Sheet:
         self._last_onset[key] = first
         return first
 
-    def _silence(self, step: int, key: int) -> None:
-        self.active[step, key] = False
-        self.finger[step, key] = UNKNOWN_FINGER
-
-
-def _in_steps(times: ArrayLike, control_timestep: float) -> NDArray[np.float64]:
-    """Return times (s) as multiples of the control time step, rid of rounding noise."""
-    return np.round(np.asarray(times, dtype=float) / control_timestep, _DECIMALS)
-
 
 def floor_steps(times: ArrayLike, control_timestep: float) -> NDArray[np.int64]:
     """Return the steps in which the given times (s) lie; `_MAX_STEPS` for what lies beyond."""
-    return np.floor(np.minimum(_in_steps(times, control_timestep), _MAX_STEPS)).astype(np.int64)
+    return np.floor(_in_steps(times, control_timestep)).astype(np.int64)
 
 
 def _ceil_steps(times: ArrayLike, control_timestep: float) -> NDArray[np.int64]:
     """Return the first steps that begin at or after the given times (s)."""
-    return np.ceil(np.minimum(_in_steps(times, control_timestep), _MAX_STEPS)).astype(np.int64)
+    return np.ceil(_in_steps(times, control_timestep)).astype(np.int64)
+
+
+def _in_steps(times: ArrayLike, control_timestep: float) -> NDArray[np.float64]:
+    """Return times (s) as multiples of the control time step, rid of rounding noise."""
+    multiples = np.round(np.asarray(times, dtype=float) / control_timestep, _DECIMALS)
+    return np.minimum(multiples, _MAX_STEPS)

@@ -86,11 +86,8 @@ class Score:
             )
         shift = int(semitones)
         self._check_transposition(shift)
-        return Score(
-            notes=[replace(note, pitch=note.pitch + shift) for note in self.notes],
-            pedals=self.pedals,
-            title=self.title,
-            bars=self.bars,
+        return replace(
+            self, notes=tuple(replace(note, pitch=note.pitch + shift) for note in self.notes)
         )
 
     def stretch(self, factor: float) -> Score:

@@ -8,15 +8,19 @@ import io
 import math
 import os
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pretty_midi
+from annotated_types import Ge
 from numpy.typing import NDArray
 
-from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.formats.common import write_score_file
 from sb3_piano.music.formats.midi_reading import SUSTAIN_CONTROLLER
+from sb3_piano.music.formats.midi_writing import control_changes
 from sb3_piano.music.score import Score
+from sb3_piano.settings import Number, Unit, checked
 
 SAMPLE_RATE = 48_000
 """Samples per second of all sound; the synthesiser knows no other."""
@@ -55,8 +59,7 @@ def synthesize(score: Score | None, *, at_least: float = 0.0) -> NDArray[np.floa
     """
     from scipy.io import wavfile  # here, because it takes long
 
-    if not (math.isfinite(at_least) and at_least >= 0):
-        raise ConfigError(f"at_least is {at_least} s: expected a time from 0 on.")
+    checked("at_least", at_least, Annotated[Number, Ge(0), Unit("s")])
     end = 0.0 if score is None else _end(score) + _TAIL
     if max(end, at_least) > _MAX_DURATION:
         raise ScoreError(
@@ -116,13 +119,9 @@ def _midi_bytes(score: Score, end: float) -> bytes:
             velocity = round(gain * note.velocity)
             piano.notes.append(pretty_midi.Note(velocity, note.pitch, note.onset, offset))
         struck_again[note.pitch] = note.onset
-    for pedal in score.pedals:
-        piano.control_changes += [
-            pretty_midi.ControlChange(SUSTAIN_CONTROLLER, 127, pedal.onset),
-            pretty_midi.ControlChange(SUSTAIN_CONTROLLER, 0, pedal.offset),
-        ]
     # The synthesiser stops at the last event.
-    piano.control_changes.append(pretty_midi.ControlChange(SUSTAIN_CONTROLLER, 0, end))
+    stop = pretty_midi.ControlChange(SUSTAIN_CONTROLLER, 0, end)
+    piano.control_changes = [*control_changes(score.pedals), stop]
     midi = pretty_midi.PrettyMIDI(resolution=_TICKS_PER_SECOND // 2, initial_tempo=120.0)
     midi.instruments.append(piano)
     file = io.BytesIO()

@@ -1,11 +1,13 @@
-"""Reading text from files that a user names."""
+"""Reading files that a user names."""
 
 from __future__ import annotations
 
+import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
-from sb3_piano.exceptions import ScoreError
+from sb3_piano.exceptions import ScoreError, one_line
 
 
 def read_whole(text: str) -> int | None:
@@ -26,11 +28,30 @@ def read_text(path: Path, kind: str) -> str:
     Raises:
         ScoreError: If there is no such file, or it cannot be read as text.
     """
+    with reading(path, kind, "UTF-8 text"):
+        return path.read_text(encoding="utf-8-sig")
+
+
+@contextlib.contextmanager
+def reading(path: Path, kind: str, expected: str) -> Iterator[None]:
+    """Say of a file that cannot be read which one it is, and why.
+
+    Args:
+        path: The file.
+        kind: What it should be: ``"MIDI file"``.
+        expected: The end of the message.
+
+    Raises:
+        ScoreError: If there is no such file, or anything is raised meanwhile.
+    """
     if not os.path.isfile(path):  # which also answers for a name that no file can have
         raise ScoreError(f"There is no {kind} {str(path)!r}: expected an existing file.")
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        yield
+    except ScoreError:
+        raise
+    except Exception as error:
+        # A damaged file surfaces as whatever the parsers happen to stumble over.
         raise ScoreError(
-            f"Cannot read {str(path)!r} as a {kind}: {error}; expected UTF-8 text."
+            f"Cannot read {str(path)!r} as a {kind} ({one_line(error)}): expected {expected}."
         ) from error

@@ -10,7 +10,6 @@ from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import Note, Score, read_midi, write_midi
 from sb3_piano.music.fingering import finger_score
 from sb3_piano.music.library import Library, import_path
-from sb3_piano.music.library.datasets import Found
 from sb3_piano.music.library.task import ImportTask, run_tasks
 
 PIG_LINES = "//Version: PianoFingering_v170101\n0\t0.0\t1.0\tC4\t80\t80\t0\t1\n"
@@ -47,15 +46,10 @@ def fingers(score):
     return [note.finger for note in score.notes]
 
 
-def task_of(path, library, read):
+def task_of(path, read):
     """Return the import of a file by a reader of our own."""
     return ImportTask(
-        found=Found(path=path, source="", read=read),
-        names=((path.stem, "imported"),),
-        folder=library.folder,
-        fingering="keep",
-        setting="keep",
-        sha256="",
+        path=path, source="", read=read, names=((path.stem, "imported"),), fingering="keep"
     )
 
 
@@ -271,9 +265,14 @@ def read_or_die(path):
 @pytest.mark.slow
 def test_a_piece_that_kills_its_process_is_listed_and_all_others_are_imported(music, library):
     names = ["a", "b", "c", "deadly", "d", "e", "f", "g", "h"]
-    tasks = [task_of(save(music / f"{name}.mid"), library, read_or_die) for name in names]
+    tasks = [task_of(save(music / f"{name}.mid"), read_or_die) for name in names]
     told = []
-    run_tasks(tasks, 2, lambda task, outcome: told.append((task.names[0][0], outcome.error)))
+    run_tasks(
+        tasks,
+        library.folder,
+        2,
+        lambda task, outcome: told.append((task.names[0][0], outcome.error)),
+    )
     assert sorted(name for name, _ in told) == sorted(names)
     assert [(name, "was killed" in error) for name, error in told if error] == [("deadly", True)]
     assert list(library.names()) == sorted(set(names) - {"deadly"})
@@ -285,9 +284,9 @@ def read_and_fail(path):
 
 
 def test_an_error_that_no_reader_should_raise_is_listed_all_the_same(music, library):
-    task = task_of(save(music / "a.mid"), library, read_and_fail)
+    task = task_of(save(music / "a.mid"), read_and_fail)
     told = []
-    run_tasks([task], 1, lambda task, outcome: told.append(outcome.error))
+    run_tasks([task], library.folder, 1, lambda task, outcome: told.append(outcome.error))
     assert told == ["RuntimeError: a met an error of the reader's"]
 
 

@@ -4,7 +4,7 @@ from random_scores import FINGERS, HANDS, scores
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.music import Note, Score, read_pig
-from sb3_piano.music.formats import read_pig_annotations, write_pig
+from sb3_piano.music.formats import write_pig
 
 
 def write(tmp_path, text):
@@ -148,51 +148,3 @@ def test_an_unknown_hand_is_chosen_by_the_pitch(tmp_path):
     notes = [Note(onset=0, offset=1, pitch=pitch) for pitch in (59, 60)]
     write_pig(Score(notes=notes), tmp_path / "a.txt")
     assert [note.hand for note in read_pig(tmp_path / "a.txt").notes] == ["left", "right"]
-
-
-class TestAnnotators:
-    SCORE = ((0.0, 60), (0.0, 64), (0.5, 62))
-
-    def write(self, path, notes, fingers):
-        notes = [
-            Note(onset=onset, offset=onset + 1, pitch=pitch, finger=finger)
-            for (onset, pitch), finger in zip(notes, fingers, strict=True)
-        ]
-        write_pig(Score(notes=notes), path)
-        return path
-
-    def test_are_read_in_order_each_with_its_fingers(self, tmp_path):
-        paths = [
-            self.write(tmp_path / f"001-{i}_fingering.txt", self.SCORE, fingers)
-            for i, fingers in enumerate([(0, 2, 1), (1, 3, 2), (9, 7, 8)])
-        ]
-        scores = read_pig_annotations(str(path) for path in paths)
-        assert [[note.finger for note in score.notes] for score in scores] == [
-            [0, 2, 1],
-            [1, 3, 2],
-            [9, 7, 8],
-        ]
-        assert [score.title for score in scores] == [path.stem for path in paths]
-
-    @pytest.mark.parametrize(
-        ("notes", "message"),
-        [
-            (
-                [(0.0, 60), (0.0, 65), (0.5, 62)],
-                r"Note 1 of '.*2\.txt' is F4 at 0 s: expected E4 at 0 s as in '.*1\.txt'",
-            ),
-            (
-                [(0.0, 60), (0.0, 64), (0.502, 62)],
-                r"Note 2 of .* is D4 at 0\.502 s: expected D4 at",
-            ),
-            ([(0.0, 60), (0.0, 64)], r"2\.txt' has 2 notes: expected 3 as in '.*1\.txt'"),
-            ([(0.0, 60), (0.0, 64), (0.5, 62), (1.0, 62)], "has 4 notes: expected 3"),
-        ],
-    )
-    def test_of_other_notes_are_refused(self, notes, message, tmp_path):
-        paths = [
-            self.write(tmp_path / "1.txt", self.SCORE, (0, 2, 1)),
-            self.write(tmp_path / "2.txt", notes, [0] * len(notes)),
-        ]
-        with pytest.raises(ScoreError, match=message):
-            read_pig_annotations(paths)

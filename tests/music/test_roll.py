@@ -190,11 +190,16 @@ class TestRoll:
         ("end", "options", "error", "message"),
         [
             *(
-                (1, {"dt": dt}, ConfigError, f"Control time step {dt} s is out of range")
+                (1, {"dt": dt}, ConfigError, f"control_timestep is {dt}: expected a")
                 for dt in (0.0, -0.05, math.nan, math.inf)
             ),
             *(
-                (1, {"initial_buffer_time": s}, ConfigError, f"buffer time {s} s is out of range")
+                (
+                    1,
+                    {"initial_buffer_time": s},
+                    ConfigError,
+                    f"initial_buffer_time is {s}: expected a",
+                )
                 for s in (-0.1, math.nan, math.inf, 1e6, 1e308)
             ),
             (1_000_000, {}, ScoreError, "'etude' lasts 1e+06 s, too long for control steps"),

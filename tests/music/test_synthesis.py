@@ -131,7 +131,9 @@ def test_there_are_two_channels_which_differ_and_equal_pieces_sound_equal():
 
 @pytest.mark.parametrize("length", [-1.0, float("nan"), float("inf")])
 def test_a_length_that_is_no_time_is_refused(length):
-    with pytest.raises(ConfigError, match="at_least is .* s: expected a time from 0 on"):
+    with pytest.raises(
+        ConfigError, match=f"at_least is {length}: expected a finite number, 0 s or more"
+    ):
         synthesize(None, at_least=length)
 
 

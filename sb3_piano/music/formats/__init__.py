@@ -7,13 +7,17 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
+from typing import TypeVar
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.formats.midi_reading import read_midi
 from sb3_piano.music.formats.midi_writing import write_midi
-from sb3_piano.music.formats.musicxml import read_musicxml, write_musicxml
-from sb3_piano.music.formats.pig import read_pig, read_pig_annotations, write_pig
+from sb3_piano.music.formats.musicxml.read import read_musicxml
+from sb3_piano.music.formats.musicxml.write import write_musicxml
+from sb3_piano.music.formats.pig import read_pig, write_pig
 from sb3_piano.music.score import Score
+
+T = TypeVar("T")
 
 _MUSICXML = (".musicxml", ".mxl", ".xml")
 
@@ -52,10 +56,7 @@ def read_score(path: str | os.PathLike[str]) -> Score:
         ScoreError: If the suffix is unknown, or the file cannot be read as a score.
     """
     path = Path(path)
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
-        raise ScoreError(f"Cannot tell the format of {str(path)!r}: expected {ACCEPTED_FILES}.")
-    return reader(path)
+    return _of_suffix(READERS, path)(path)
 
 
 def write_score(score: Score, path: str | os.PathLike[str]) -> None:
@@ -65,10 +66,13 @@ def write_score(score: Score, path: str | os.PathLike[str]) -> None:
         ScoreError: If the suffix is unknown, or the file cannot be written.
     """
     path = Path(path)
-    writer = WRITERS.get(path.suffix.lower())
-    if writer is None:
+    _of_suffix(WRITERS, path)(score, path)
+
+
+def _of_suffix(table: Mapping[str, T], path: Path) -> T:
+    if path.suffix.lower() not in table:
         raise ScoreError(f"Cannot tell the format of {str(path)!r}: expected {ACCEPTED_FILES}.")
-    writer(score, path)
+    return table[path.suffix.lower()]
 
 
 __all__ = [
@@ -78,7 +82,6 @@ __all__ = [
     "read_midi",
     "read_musicxml",
     "read_pig",
-    "read_pig_annotations",
     "read_score",
     "write_midi",
     "write_musicxml",

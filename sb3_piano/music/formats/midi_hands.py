@@ -11,34 +11,19 @@ from typing import NamedTuple
 
 from sb3_piano.music.hands import HANDS, Hand
 
-_PHRASES: dict[Hand, tuple[str, ...]] = {
-    "right": (
-        *("right hand", "righthand", "rh", "rechte hand", "main droite"),
-        *("mano destra", "mano derecha"),
-    ),
-    "left": (
-        *("left hand", "lefthand", "lh", "linke hand", "main gauche"),
-        *("mano sinistra", "mano izquierda"),
-    ),
+_PHRASES: dict[Hand, str] = {
+    "right": "right hand|righthand|rh|rechte hand|main droite|mano destra|mano derecha",
+    "left": "left hand|lefthand|lh|linke hand|main gauche|mano sinistra|mano izquierda",
 }
 """Words that name a hand wherever they stand in the name of a track."""
 
-_BARE: dict[Hand, tuple[str, ...]] = {
-    "right": (
-        *("right", "upper", "upper staff", "treble", "treble clef", "treble staff"),
-        *("rechts", "droite", "md"),
-    ),
-    "left": (
-        *("left", "lower", "lower staff", "bass clef", "bass staff"),
-        *("links", "gauche", "mg", "ms"),
-    ),
+_BARE: dict[Hand, str] = {
+    "right": "right|upper|upper staff|treble|treble clef|treble staff|rechts|droite|md",
+    "left": "left|lower|lower staff|bass clef|bass staff|links|gauche|mg|ms",
 }
 """Words that name a hand only where nothing but a piano is named beside them: not "Guitar left"."""
 
-_PIANO_WORDS = {
-    *("piano", "pianoforte", "pno", "pf", "klavier", "clavier", "keyboard", "keys"),
-    *("grand", "acoustic", "solo", "track", "part"),
-}
+_PIANO = "piano|pianoforte|pno|pf|klavier|clavier|keyboard|keys|grand|acoustic|solo|track|part"
 
 _PIANOS = range(8)
 """The programs of General MIDI that are pianos, the harpsichord and the clavinet among them."""
@@ -91,22 +76,18 @@ def hand_of_name(name: str) -> Hand | None:
     Case, digits, punctuation and the word piano do not matter. A name that tells both hands or
     another instrument as well ("Guitar left") tells neither.
     """
-    words = _words(name)
-    text = f" {' '.join(words)} "
-    bare = " ".join(word for word in words if word not in _PIANO_WORDS)
-    told: list[Hand] = [
-        hand
-        for hand in HANDS
-        if bare in _BARE[hand] or any(f" {phrase} " in text for phrase in _PHRASES[hand])
-    ]
-    return told[0] if len(told) == 1 else None
-
-
-def _words(name: str) -> list[str]:
     apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).casefold()
     letters = re.sub(r"[\W\d_]+", " ", apart)
     # Initials are one word: R.H. and m. d.
-    return re.sub(r"\b([rlm]) ([hdgs])\b", r"\1\2", letters).split()
+    words = re.sub(r"\b([rlm]) ([hdgs])\b", r"\1\2", letters).split()
+    text = " ".join(words)
+    bare = " ".join(word for word in words if not re.fullmatch(_PIANO, word))
+    told = [
+        hand
+        for hand in HANDS
+        if re.fullmatch(_BARE[hand], bare) or re.search(rf"\b({_PHRASES[hand]})\b", text)
+    ]
+    return told[0] if len(told) == 1 else None
 
 
 def _are_of_one_piano(tracks: Sequence[MidiTrack]) -> bool:

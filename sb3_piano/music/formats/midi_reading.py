@@ -10,19 +10,19 @@ import bisect
 import itertools
 import os
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import mido  # type: ignore[import-untyped]
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.formats.common import LeftOut, reading
+from sb3_piano.music.formats.common import LeftOut
 from sb3_piano.music.formats.midi_hands import MidiNote, MidiTrack, hands_of_tracks
 from sb3_piano.music.hands import HANDS, Hand, finger_of
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.score import Score
+from sb3_piano.music.text_file import reading
 
 SUSTAIN_CONTROLLER = 64
 """Number of the sustain pedal among the MIDI controllers."""
@@ -40,6 +40,9 @@ _SHORTEST_BEAT = 64
 
 _MOST_BARS = 100_000
 """More are taken for damage: at one every half second they last for 14 hours."""
+
+_Timed = tuple[int, mido.Message]
+"""A message, after the tick at which it stands."""
 
 _Label = tuple[int, Hand | None]
 """Finger and hand of the notes of a track."""
@@ -72,8 +75,19 @@ def read_midi(path: str | os.PathLike[str]) -> Score:
         ScoreWarning: Is warned if notes were left out.
     """
     path = Path(path)
-    scan, seconds = _parse(path)
-    left_out = LeftOut(empty=[(seconds(tick), pitch) for tick, pitch in scan.empty])
+    reader = _Reader()
+    with reading(path, "MIDI file", "a complete standard one"):
+        file = mido.MidiFile(filename=str(path))
+        if file.ticks_per_beat <= 0:
+            raise ValueError("its times are not in ticks per beat")
+        tracks = [_in_ticks(track) for track in file.tracks]
+        messages = list(itertools.chain.from_iterable(tracks))
+        seconds = _seconds(messages, file.ticks_per_beat)
+        for index, track in enumerate(tracks):
+            reader.read(index, track)
+    left_out = LeftOut()
+    for tick, pitch in reader.empty:
+        left_out.add_empty(seconds(tick), pitch)
     notes = [
         Note(
             onset=onset,
@@ -83,17 +97,18 @@ def read_midi(path: str | os.PathLike[str]) -> Score:
             finger=finger,
             hand=hand,
         )
-        for note, (finger, hand) in _labelled_notes(list(scan.tracks.values()))
+        for note, (finger, hand) in _labelled_notes(list(reader.tracks.values()))
         for onset, offset in [(seconds(note.start), seconds(note.end))]
         if left_out.is_playable(onset, offset, note.pitch)
     ]
     if not notes:
-        rest = f", only {left_out}" if str(left_out) else ""
-        raise ScoreError(f"MIDI file {str(path)!r} has no notes (drums do not count){rest}.")
+        raise ScoreError(
+            f"MIDI file {str(path)!r} has no notes (drums do not count){left_out.only}."
+        )
     left_out.warn(path)
     end = max(note.offset for note in notes)
-    presses = [(seconds(a), end if b is None else seconds(b)) for a, b in scan.pedals]
-    lines = list(itertools.islice(scan.bars(), _MOST_BARS + 1))
+    presses = [(seconds(a), end if b is None else seconds(b)) for a, b in reader.pedals]
+    lines = list(itertools.islice(_bars(messages, file.ticks_per_beat), _MOST_BARS + 1))
     bars = [seconds(tick) for tick in lines] if len(lines) <= _MOST_BARS else []
     return Score(
         notes=notes,
@@ -103,26 +118,14 @@ def read_midi(path: str | os.PathLike[str]) -> Score:
     )
 
 
-def _parse(path: Path) -> tuple[_Scan, Callable[[int], float]]:
-    """Return what a file has, in ticks, and the function from ticks to seconds."""
-    with reading(path, "MIDI file", "a complete standard one"):
-        file = mido.MidiFile(filename=str(path))
-        if file.ticks_per_beat <= 0:
-            raise ValueError("its times are not in ticks per beat")
-        scan = _Scan(file.ticks_per_beat)
-        for index, track in enumerate(file.tracks):
-            _TrackReader(scan, index).read(track)
-        return scan, _seconds(scan.tempos, file.ticks_per_beat)
+def _in_ticks(track: mido.MidiTrack) -> list[_Timed]:
+    return list(zip(itertools.accumulate(m.time for m in track), track, strict=True))
 
 
-def _seconds(tempos: list[tuple[int, int]], ticks_per_beat: int) -> Callable[[int], float]:
-    """Return the function from ticks to seconds.
-
-    Args:
-        tempos: Tempo changes of all tracks: (tick, microseconds per beat).
-        ticks_per_beat: Ticks in a beat.
-    """
+def _seconds(messages: Sequence[_Timed], ticks_per_beat: int) -> Callable[[int], float]:
+    """Return the function from ticks to seconds, by the tempo changes of all tracks."""
     starts, times, lengths = [0], [0.0], [60.0 / (120.0 * ticks_per_beat)]
+    tempos = [(tick, message.tempo) for tick, message in messages if message.type == "set_tempo"]
     for tick, tempo in sorted(tempos, key=lambda change: change[0]):
         length = 60.0 / ((6e7 / tempo) * ticks_per_beat)
         if tick == 0:
@@ -139,105 +142,86 @@ def _seconds(tempos: list[tuple[int, int]], ticks_per_beat: int) -> Callable[[in
     return seconds
 
 
-@dataclass
-class _Scan:
-    """Content of the messages, in ticks from the start of the file.
+def _bars(messages: Sequence[_Timed], ticks_per_beat: int) -> Iterator[int]:
+    """Yield the tick with which each bar begins, before the end of the longest track."""
+    meters = {0: _COMMON_TIME} | {
+        tick: (message.numerator, message.denominator)
+        for tick, message in messages
+        if message.type == "time_signature"
+        and message.numerator > 0
+        and message.denominator <= _SHORTEST_BEAT
+    }
+    last = max(tick for tick, _ in messages)
+    for start, end in itertools.pairwise([*sorted(meters), last]):
+        numerator, denominator = meters[start]
+        length = max(4 * ticks_per_beat * numerator / denominator, 1)
+        for bar in itertools.count():
+            tick = start + round(bar * length)
+            if tick >= end:
+                break
+            yield tick
+
+
+class _Reader:
+    """Goes through the tracks.
 
     Attributes:
-        ticks_per_beat: Ticks in a quarter note.
         tracks: Tracks that have notes, one for each program on a channel; without drums.
         empty: Notes that are struck and released at one moment: (tick, pitch).
         pedals: Presses of the sustain pedal, (down, up), up None if it is never released.
-        tempos: Tempo changes: (tick, microseconds per beat).
-        meters: Numerator and denominator, by the tick of the time signature.
-        end: End of the longest track.
     """
 
-    ticks_per_beat: int
-    tracks: dict[tuple[int, int, int], MidiTrack] = field(default_factory=dict)
-    empty: list[tuple[int, int]] = field(default_factory=list)
-    pedals: list[tuple[int, int | None]] = field(default_factory=list)
-    tempos: list[tuple[int, int]] = field(default_factory=list)
-    meters: dict[int, tuple[int, int]] = field(default_factory=lambda: {0: _COMMON_TIME})
-    end: int = 0
+    def __init__(self) -> None:
+        self.tracks: dict[tuple[int, int, int], MidiTrack] = {}
+        self.empty: list[tuple[int, int]] = []
+        self.pedals: list[tuple[int, int | None]] = []
 
-    def bars(self) -> Iterator[int]:
-        """Yield the tick with which each bar begins, before the end of the longest track."""
-        starts = sorted(self.meters)
-        for start, end in itertools.pairwise([*starts, self.end]):
-            numerator, denominator = self.meters[start]
-            length = max(4 * self.ticks_per_beat * numerator / denominator, 1)
-            for bar in itertools.count():
-                tick = start + round(bar * length)
-                if tick >= end:
-                    break
-                yield tick
-
-
-class _TrackReader:
-    """Go through a track."""
-
-    def __init__(self, scan: _Scan, index: int) -> None:
-        self._scan = scan
-        self._index = index
-        self._tick = 0
-        self._name = ""
-        self._programs = [0] * 16
+    def read(self, index: int, track: Sequence[_Timed]) -> None:
+        """Note what the messages say, and release at the end what is left sounding."""
+        self._index, self._name, self._programs = index, "", [0] * 16
         self._sounding: dict[tuple[int, int], list[tuple[int, int]]] = {}
         self._down: dict[int, int] = {}
+        tick = 0
+        for tick, message in track:
+            if message.type == "track_name":
+                self._name = message.name
+            elif (
+                not message.is_meta and getattr(message, "channel", _DRUM_CHANNEL) != _DRUM_CHANNEL
+            ):
+                self._read_message(tick, message)
+        for channel, pitch in list(self._sounding):
+            self._release(tick, channel, pitch)
+            self.empty += [(tick, pitch) for _ in self._sounding.pop((channel, pitch), [])]
+        self.pedals += [(start, None) for start in self._down.values()]
 
-    def read(self, track: mido.MidiTrack) -> None:
-        """Note what the messages say, and release at the end what is left sounding."""
-        for message in track:
-            self._tick += message.time
-            if message.is_meta:
-                self._read_meta(message)
-            elif getattr(message, "channel", _DRUM_CHANNEL) != _DRUM_CHANNEL:
-                self._read_message(message)
-        for key in list(self._sounding):
-            self._release(*key)
-            self._scan.empty += [(self._tick, key[1]) for _ in self._sounding.pop(key, [])]
-        self._scan.pedals += [(start, None) for start in self._down.values()]
-        self._scan.end = max(self._scan.end, self._tick)
-
-    def _read_meta(self, message: mido.MetaMessage) -> None:
-        if message.type == "track_name":
-            self._name = message.name
-        elif message.type == "set_tempo":
-            self._scan.tempos.append((self._tick, message.tempo))
-        elif message.type == "time_signature":
-            meter = (message.numerator, message.denominator)
-            if meter[0] > 0 and meter[1] <= _SHORTEST_BEAT:
-                self._scan.meters[self._tick] = meter
-
-    def _read_message(self, message: mido.Message) -> None:
+    def _read_message(self, tick: int, message: mido.Message) -> None:
         if message.type == "program_change":
             self._programs[message.channel] = message.program
         elif message.type == "note_on" and message.velocity > 0:
             strikes = self._sounding.setdefault((message.channel, message.note), [])
-            strikes.append((self._tick, message.velocity))
+            strikes.append((tick, message.velocity))
         elif message.type in ("note_on", "note_off"):
-            self._release(message.channel, message.note)
+            self._release(tick, message.channel, message.note)
         elif message.is_cc(SUSTAIN_CONTROLLER):
             if message.value >= _PEDAL_DOWN_FROM:
-                self._down.setdefault(message.channel, self._tick)
+                self._down.setdefault(message.channel, tick)
             elif message.channel in self._down:
-                self._scan.pedals.append((self._down.pop(message.channel), self._tick))
+                self.pedals.append((self._down.pop(message.channel), tick))
 
-    def _release(self, channel: int, pitch: int) -> None:
+    def _release(self, tick: int, channel: int, pitch: int) -> None:
         struck = self._sounding.pop((channel, pitch), [])
-        now = [strike for strike in struck if strike[0] == self._tick]
-        before = [strike for strike in struck if strike[0] != self._tick]
+        now = [strike for strike in struck if strike[0] == tick]
+        before = [strike for strike in struck if strike[0] != tick]
         for start, velocity in before:
             program = self._programs[channel]
-            tracks, at = self._scan.tracks, (program, channel, self._index)
-            notes = tracks.setdefault(at, MidiTrack(self._name, program)).notes
-            notes.append(MidiNote(start, self._tick, pitch, velocity))
+            at = (program, channel, self._index)
+            notes = self.tracks.setdefault(at, MidiTrack(self._name, program)).notes
+            notes.append(MidiNote(start, tick, pitch, velocity))
         if before and now:
             # The release belongs to the earlier strike, written after the new one.
             self._sounding[channel, pitch] = now
         else:
-            self._scan.empty += [(self._tick, pitch) for _ in now]
+            self.empty += [(tick, pitch) for _ in now]
 
 
 def _labelled_notes(tracks: list[MidiTrack]) -> list[tuple[MidiNote, _Label]]:

@@ -22,7 +22,7 @@ from __future__ import annotations
 import io
 import itertools
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pretty_midi
@@ -46,9 +46,6 @@ _LONG_DENOMINATORS = (4, 2, 1)
 _MOST_BEATS = 255
 """The numerator of a time signature is one byte."""
 
-_Meter = tuple[int, int]
-"""Numerator and denominator of a time signature."""
-
 
 def write_midi(score: Score, path: str | os.PathLike[str]) -> None:
     """Write a score as a MIDI file, whole or not at all.
@@ -59,10 +56,12 @@ def write_midi(score: Score, path: str | os.PathLike[str]) -> None:
     resolution = _choose_resolution(score)
     midi = pretty_midi.PrettyMIDI(resolution=resolution, initial_tempo=_BEATS_PER_MINUTE)
     tick = 60.0 / _BEATS_PER_MINUTE / resolution
-    midi.time_signature_changes = _time_signatures(score, tick, resolution)
+    midi.time_signature_changes = list(_time_signatures(score, tick, resolution))
     midi.instruments = _label_tracks(score, tick)
+    spans = [_in_ticks(pedal, tick) for pedal in score.pedals]
+    pedals = merge_pedals(Pedal(onset=down * tick, offset=up * tick) for down, up in spans)
     for track in midi.instruments:  # each has a channel of its own, on which alone a pedal acts
-        track.control_changes = _control_changes(score, tick)
+        track.control_changes = control_changes(pedals)
     contents = io.BytesIO()
     midi.write(contents)
     write_score_file(Path(path), contents.getvalue())
@@ -80,15 +79,26 @@ def _choose_resolution(score: Score) -> int:
     )
 
 
-def _time_signatures(score: Score, tick: float, resolution: int) -> list[pretty_midi.TimeSignature]:
+def _time_signatures(
+    score: Score, tick: float, resolution: int
+) -> Iterator[pretty_midi.TimeSignature]:
+    """Yield the time signatures whose bars begin at the score's bar lines.
+
+    The piece begins a bar, too: MIDI has no bar that is under way at the start.
+    """
     if not score.bars:
-        return []
+        return
     end = max(_in_ticks(note, tick)[1] for note in score.notes)
-    lines = sorted({round(line / tick) for line in score.bars})
-    return [
-        pretty_midi.TimeSignature(*meter, start * tick)
-        for start, meter in _meters_of_bars(lines, end, resolution)
-    ]
+    lines = {0, end, *(round(line / tick) for line in score.bars)}
+    running, running_ticks = None, 0.0
+    for start, stop in itertools.pairwise(sorted(line for line in lines if line <= end)):
+        if stop == end and running_ticks >= stop - start:
+            return
+        meter = _meter_of(stop - start, resolution)
+        if meter != running:
+            yield pretty_midi.TimeSignature(*meter, start * tick)
+        ticks = 4 * resolution * meter[0] / meter[1]
+        running, running_ticks = (meter, ticks) if ticks == stop - start else (None, 0.0)
 
 
 def _label_tracks(score: Score, tick: float) -> list[pretty_midi.Instrument]:
@@ -110,12 +120,11 @@ def _label_tracks(score: Score, tick: float) -> list[pretty_midi.Instrument]:
     return [tracks[at] for at in sorted(tracks, key=lambda at: (_ORDER.index(at[0]), at[1]))]
 
 
-def _control_changes(score: Score, tick: float) -> list[pretty_midi.ControlChange]:
-    spans = [_in_ticks(pedal, tick) for pedal in score.pedals]
-    whole_ticks = merge_pedals(Pedal(onset=down * tick, offset=up * tick) for down, up in spans)
+def control_changes(pedals: Iterable[Pedal]) -> list[pretty_midi.ControlChange]:
+    """Return presses of the pedal as events of a MIDI file."""
     return [
         pretty_midi.ControlChange(SUSTAIN_CONTROLLER, value, time)
-        for pedal in whole_ticks
+        for pedal in pedals
         for value, time in ((127, pedal.onset), (0, pedal.offset))
     ]
 
@@ -125,41 +134,14 @@ def _in_ticks(event: Note | Pedal, tick: float) -> tuple[int, int]:
     return start, max(end, start + 1)
 
 
-def _meters_of_bars(
-    lines: Sequence[int], end: int, ticks_per_beat: int
-) -> Iterator[tuple[int, _Meter]]:
-    """Yield the time signatures, with their ticks, whose bars begin at `lines`.
-
-    Args:
-        lines: Ticks from 0 with which the bars begin, strictly ascending. The piece begins a bar,
-            too: MIDI has no bar that is under way at the start.
-        end: Tick with which the last bar ends, later than the last line.
-        ticks_per_beat: Ticks in a quarter note.
-    """
-    lines = [0, *(line for line in lines if 0 < line < end), end]
-    running: _Meter | None = None
-    for start, stop in itertools.pairwise(lines):
-        meter, is_exact = _meter_of(stop - start, ticks_per_beat)
-        is_last = stop == end
-        if is_last and running and _ticks_of(running, ticks_per_beat) >= stop - start:
-            return
-        if meter != running:
-            yield start, meter
-        running = meter if is_exact else None
-
-
-def _meter_of(ticks: int, ticks_per_beat: int) -> tuple[_Meter, bool]:
-    """Return a meter as long as a bar, or the next longer one, and whether it is as long."""
+def _meter_of(ticks: int, ticks_per_beat: int) -> tuple[int, int]:
+    """Return numerator and denominator of a meter as long as a bar, or the next longer one."""
     for denominator in _DENOMINATORS:
         beats, rest = divmod(ticks * denominator, 4 * ticks_per_beat)
         if rest == 0 and beats <= _MOST_BEATS:
-            return (beats, denominator), True
+            return beats, denominator
     for denominator in _LONG_DENOMINATORS:
         beats = -(-ticks * denominator // (4 * ticks_per_beat))
         if beats <= _MOST_BEATS:
             break
-    return (min(beats, _MOST_BEATS), denominator), False
-
-
-def _ticks_of(meter: _Meter, ticks_per_beat: int) -> float:
-    return 4 * ticks_per_beat * meter[0] / meter[1]
+    return min(beats, _MOST_BEATS), denominator

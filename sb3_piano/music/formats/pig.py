@@ -12,14 +12,14 @@ import math
 import os
 import re
 import reprlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.formats.common import LeftOut, write_score_file
-from sb3_piano.music.hands import HANDS, finger_number, finger_of, hand_of_finger, likely_hand
+from sb3_piano.music.hands import HANDS, finger_number, finger_of, likely_hand
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_name, pitch_number
 from sb3_piano.music.score import Score
@@ -32,9 +32,6 @@ _FINGER = re.compile(r"(-?)([0-5])(_(-?[0-5])?)*")
 _VERSION = "//Version: PianoFingering_v170101"
 _OFFSET_VELOCITY = 80
 """The one that the files of the data set have throughout."""
-
-_SAME_TIME = 0.001
-"""By how many seconds the onset of a note may differ between annotators."""
 
 
 def read_pig(path: str | os.PathLike[str], *, shortest: float = 0.0) -> Score:
@@ -61,28 +58,12 @@ def read_pig(path: str | os.PathLike[str], *, shortest: float = 0.0) -> Score:
     ]
     notes = [note for note in lines if note is not None]
     if not notes:
-        rest = f", only {left_out}" if str(left_out) else ""
         raise ScoreError(
-            f"Fingering file {str(path)!r} has no notes{rest}: expected lines of {_FIELDS}."
+            f"Fingering file {str(path)!r} has no notes{left_out.only}: expected lines of "
+            f"{_FIELDS}."
         )
     left_out.warn(path)
     return Score(notes=notes, title=path.stem)
-
-
-def read_pig_annotations(paths: Iterable[str | os.PathLike[str]]) -> list[Score]:
-    """Read fingering files of one piece by several annotators, such as ``001-1_fingering.txt``.
-
-    The scores have the same notes in the same order, and differ in their labels.
-
-    Raises:
-        ScoreError: If a file cannot be read, or its notes are not those of the first file: another
-            number, another pitch, or an onset that differs by more than a millisecond.
-    """
-    files = [Path(path) for path in paths]
-    scores = [read_pig(file) for file in files]
-    for file, score in zip(files[1:], scores[1:], strict=True):
-        _check_same_notes(score, file, scores[0], files[0])
-    return scores
 
 
 def write_pig(score: Score, path: str | os.PathLike[str]) -> None:
@@ -116,24 +97,6 @@ def _line(number: int, note: Note) -> str:
     return "\t".join(str(field) for field in fields)
 
 
-def _check_same_notes(score: Score, path: Path, first: Score, first_path: Path) -> None:
-    for index, (note, expected) in enumerate(zip(score.notes, first.notes, strict=False)):
-        if note.pitch != expected.pitch or abs(note.onset - expected.onset) > _SAME_TIME:
-            raise ScoreError(
-                f"Note {index} of {str(path)!r} is {_described(note)}: expected "
-                f"{_described(expected)} as in {str(first_path)!r}."
-            )
-    if len(score.notes) != len(first.notes):
-        raise ScoreError(
-            f"{str(path)!r} has {len(score.notes)} notes: expected {len(first.notes)} as in "
-            f"{str(first_path)!r}."
-        )
-
-
-def _described(note: Note) -> str:
-    return f"{pitch_name(note.pitch)} at {note.onset:g} s"
-
-
 def _read_line(where: str, fields: list[str], left_out: LeftOut, shortest: float) -> Note | None:
     if len(fields) not in (7, 8):
         raise ScoreError(f"{where} has {len(fields)} fields: expected {_FIELDS}.")
@@ -164,7 +127,7 @@ def _read_line(where: str, fields: list[str], left_out: LeftOut, shortest: float
         pitch=pitch,
         velocity=velocity,
         finger=finger,
-        hand=hand_of_finger(finger) or hand,
+        hand=hand,
     )
 
 

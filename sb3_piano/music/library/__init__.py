@@ -1,6 +1,6 @@
 """The user's library: pieces that were imported, kept in a folder of the user's."""
 
-from sb3_piano.music.library.datasets import PIG_PIECES, Unusable
+from sb3_piano.music.library.datasets import PIG_PIECES
 from sb3_piano.music.library.importing import ImportReport, import_path
 from sb3_piano.music.library.piece_file import PIECE_SUFFIX, PieceInfo, read_piece
 from sb3_piano.music.library.store import (
@@ -12,6 +12,7 @@ from sb3_piano.music.library.store import (
     pieces_folder,
     user_library,
 )
+from sb3_piano.music.library.task import Unusable
 
 __all__ = [
     "DATA_VARIABLE",

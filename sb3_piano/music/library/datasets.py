@@ -1,11 +1,8 @@
 """Data sets that are known: PIG, and the snippets that come with RoboPianist; what is found.
 
 The PIG data set (Nakamura, Saito and Yoshii 2020) may not be passed on. RoboPianist names its 150
-pieces by their titles in the list that comes with it; those names that public code mentions are
-known before its import, the others afterwards. Source of the names: RoboPianist
-(`robopianist/music/__init__.py`) for the twelve etudes; for the others the environment ids in
-azadsalam/robopianist-cl, in OmniPiano and in the table of the data set
-well-balanced/cantabile-runs.
+pieces by their titles in the list that comes with it; those names in ``pig.yml`` are known before
+its import, the others afterwards.
 
 In the folder ``FingeringFiles/001-1_fingering.txt`` is the first annotator's fingering of piece 1,
 whose title is in column ``Piece`` of the first row of ``List.csv``. The first annotation of each
@@ -25,89 +22,31 @@ import csv
 import io
 import re
 import zipfile
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
 import pretty_midi
+import yaml
 
 from sb3_piano.exceptions import ScoreError, UnknownPieceError, one_line
 from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.formats import read_midi, read_pig, read_score
+from sb3_piano.music.formats import read_midi, read_pig
 from sb3_piano.music.formats.common import read_member
 from sb3_piano.music.library.store import user_library
+from sb3_piano.music.library.task import ImportTask
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
-
-
-@dataclass(frozen=True, kw_only=True)
-class Found:
-    """A piece in a file.
-
-    Attributes:
-        path: The file.
-        source: Where the notes come from, in one line.
-        title: What people call the piece; None if that is not known.
-        names: The names under which it belongs into the library, each with its collection; empty
-            if any name will do.
-        labelled_by: Who chose the fingers that are in the file, in a word or two.
-        fingering: How fingers are chosen unless the user says otherwise.
-        read: Makes the score of the path. Other processes must be able to import it.
-    """
-
-    path: Path
-    source: str
-    title: str | None = None
-    names: tuple[tuple[str, str], ...] = ()
-    labelled_by: str = "its file"
-    fingering: str = "ergonomic"
-    read: Callable[[Path], Score] = read_score
-
-
-@dataclass(frozen=True)
-class Unusable:
-    """A file that is not imported, or only in part, and why."""
-
-    path: Path
-    reason: str
-
 
 _REPERTOIRE, _ETUDE = "repertoire-150", "etude-12"
 
 _SITE = "https://beam.kisarazu.ac.jp/~saito/research/PianoFingeringDataset/"
 
-_ETUDES = """
-FrenchSuiteNo1Allemande FrenchSuiteNo5Sarabande PianoSonataD8451StMov PartitaNo26 WaltzOp64No1
-BagatelleOp3No4 KreislerianaOp16No8 FrenchSuiteNo5Gavotte PianoSonataNo232NdMov
-GolliwoggsCakewalk PianoSonataNo21StMov PianoSonataK279InCMajor1StMov
-"""
-
-_OTHERS = """
-BalladeNo1 BalladeNo2 CarnivalOp37ANo2 ClairDeLune EnglishSuiteNo2Prelude
-EnglishSuiteNo3Prelude EtudeOp10No12 EtudeOp10No3 EtudeOp25No11 FantaisieImpromptu
-FantasieStuckeOp12No7 ForElise FrohlicherLandmannOp68No10 GrandeValseBrillanteOp18
-HumoreskeOp101No7 ImpromptuOp90No4 ItalianConverto1StMov JeTeVeux JeuxDeau KinderszenenOp15No1
-KreislerianaOp16No1 KreislerianaOp16No3 LaChasseOp19No3 LaFilleAuxCheveuxDeLin
-LyricPiecesOp43No1 LyricPiecesOp62No2 MapleLeafRag MazurkaOp7No1 MusicalMomentOp16No4 NocturneOp9No2
-NorwegianDanceOp35No3 PartitaNo42 PavanePourUneInfanteDefunte PeerGyntOp46No2 PianoSonata1StMov
-PianoSonataK281InBbMajor1StMov PianoSonataK282InEbMajorMinuet1 PianoSonataK283InGMajor1StMov
-PianoSonataK284InDMajor1StMov PianoSonataK284InDMajor3RdMov PianoSonataK332InFMajor3RdMov
-PianoSonataK457InCMinor3RdMov PianoSonataK570InBbMajor1StMov PianoSonataK576InDMajor2NdMov
-PianoSonataK576InDMinor1StMov PianoSonataNo141StMov PianoSonataNo142NdMov PianoSonataNo143RdMov
-PianoSonataNo213RdMov PianoSonataNo241StMov PianoSonataNo242NdMov PianoSonataNo281StMov
-PianoSonataNo301StMov PianoSonataNo303RdMov PianoSonataNo41StMov PianoSonataNo43RdMov
-PianoSonataNo5 PianoSonataNo51StMov PianoSonataNo82NdMov PicturesAtAnExhibitionGreatKiev
-PicturesAtAnExhibitionPromenade PolonaiseFantasieOp61 PolonaiseOp40No1 PolonaiseOp53
-PreludeOp23No5 PreludeOp28No19 PreludeOp28No7 PreludeOp3No2 Reverie RomanianDanceNo1 ScherzoNo2
-Sicilienne SinfoniaNo12 SonataInAMajorK208 Sonatine1StMov SongWithoutWordsOp19No1
-SuiteBergamasquePasspied SuiteBergamasquePrelude SuiteEspanolaOp45No1 TwoPartInventionInCMajor
-TwoPartInventionInCMinor TwoPartInventionInDMajor VenetianischesGondelliedOp30No6 WaltzOp39No15
-WaltzOp64No2 WaltzOp69No2 WandererFantasy WellTemperedClavierBookIPreludeNo23InBMajor
-WellTemperedClavierBookIPreludeNo2InCMinor WellTemperedClavierBookIPreludeNo7InEbMajor
-WellTemperedClavierBookIiPreludeNo11InFMajor
-"""
+_COLLECTIONS: dict[str, list[str]] = yaml.safe_load(
+    Path(__file__).with_name("pig.yml").read_text("utf-8")
+)
 
 _FILES, _LIST = "FingeringFiles", "List.csv"
 _FILE = re.compile(r"(\d+)-(\d+)_fingering\.txt")
@@ -143,31 +82,28 @@ def _piece(collection: str, short: str) -> Piece:
 PIG_PIECES: Mapping[str, Piece] = MappingProxyType(
     {
         piece.name: piece
-        for piece in (
-            *(_piece(_ETUDE, short) for short in _ETUDES.split()),
-            *(_piece(_REPERTOIRE, short) for short in sorted({*_ETUDES.split(), *_OTHERS.split()})),
-        )
+        for collection, names in _COLLECTIONS.items()
+        for piece in (_piece(collection, short) for short in names)
     }
 )
 """The pieces of the PIG data set by name; making one that is not imported says how to get it."""
 
 
-def find_pig_folder(path: Path) -> Path | None:
-    """Return the folder of the data set at, directly in or directly around a path, if any."""
+def find_dataset(path: Path) -> list[ImportTask] | None:
+    """Return the pieces of the data set that a folder is, has in it or is in, if there is one.
+
+    Raises:
+        ScoreError: If it is not whole.
+    """
     inside = sorted(child for child in path.iterdir() if child.is_dir())
     for folder in (path, path.parent, *inside) if path.name == _FILES else (path, *inside):
         if (folder / _FILES).is_dir():
-            return folder
-    return None
+            return _pig_pieces(folder)
+    return _snippets(path, origin=path)
 
 
-def find_pig_pieces(folder: Path) -> list[Found]:
-    """Return the first annotation of each piece.
-
-    Raises:
-        ScoreError: If there are no fingering files, or the list of titles cannot be read or does
-            not name each piece.
-    """
+def _pig_pieces(folder: Path) -> list[ImportTask]:
+    """Return the first annotation of each piece."""
     files: dict[int, Path] = {}
     for path in sorted((folder / _FILES).glob("*.txt")):
         match = _FILE.fullmatch(path.name)
@@ -184,7 +120,7 @@ def find_pig_pieces(folder: Path) -> list[Found]:
             f"'{folder / _LIST}' has {len(rows)} pieces, but there are fingering files of pieces "
             f"{min(files)} to {max(files)}: expected a row for each."
         )
-    return [_found(path, rows[number - 1]) for number, path in sorted(files.items())]
+    return [_pig_piece(path, rows[number - 1]) for number, path in sorted(files.items())]
 
 
 def robopianist_name(title: str) -> str:
@@ -197,13 +133,13 @@ def robopianist_name(title: str) -> str:
     return re.sub(r"\W", "", words.title())
 
 
-def _found(path: Path, row: dict[str, str]) -> Found:
+def _pig_piece(path: Path, row: dict[str, str]) -> ImportTask:
     title, composer = row["Piece"].strip(), (row.get("Composer") or "").strip()
     short = robopianist_name(title)
     names = [(f"{_REPERTOIRE}-{short}", _REPERTOIRE)]
-    if short in _ETUDES.split():
+    if short in _COLLECTIONS[_ETUDE]:
         names.append((f"{_ETUDE}-{short}", _ETUDE))
-    return Found(
+    return ImportTask(
         path=path,
         title=f"{composer}: {title}" if composer else title,
         source=f"the PIG data set, {path.name}",
@@ -234,7 +170,6 @@ _LIBRARY = "music/library.py"
 _MOST_BYTES = 2**20
 """A larger file is none of RoboPianist's, which are small."""
 
-
 _SNIPPETS = {
     "twinkle-twinkle-trimmed.mid": ("TwinkleTwinkleRousseau", "Twinkle Twinkle", False),
     "nocturne-trimmed.mid": ("NocturneRousseau", "Nocturne", True),
@@ -243,16 +178,8 @@ _SNIPPETS = {
 lowest up, or else in the order of the file."""
 
 
-def find_robopianist(folder: Path) -> Path | None:
-    """Return the folder of RoboPianist's package at or in a folder, if any."""
-    for package in (folder, folder / "robopianist"):
-        if (package / _SNIPPET_FOLDER).is_dir():
-            return package
-    return None
-
-
-def unpack_wheel(wheel: Path, folder: Path) -> Path:
-    """Unpack what is needed of a wheel of RoboPianist; return the folder of the package.
+def unpack_wheel(wheel: Path, folder: Path) -> list[ImportTask]:
+    """Unpack what is needed of a wheel of RoboPianist; return its pieces.
 
     Raises:
         ScoreError: If it is not a wheel of RoboPianist.
@@ -266,27 +193,26 @@ def unpack_wheel(wheel: Path, folder: Path) -> Path:
                     place.write_bytes(read_member(archive, f"robopianist/{file}", _MOST_BYTES))
     except Exception as error:  # a damaged archive surfaces as whatever zipfile and zlib raise
         raise ScoreError(f"Cannot read '{wheel}' as a wheel: {one_line(error)}.") from error
-    package = find_robopianist(folder)
-    if package is None:
+    found = _snippets(folder, origin=wheel)
+    if found is None:
         raise ScoreError(
             f"'{wheel}' has no folder robopianist/{_SNIPPET_FOLDER}: expected a wheel of "
             "robopianist, as from 'pip download --no-deps robopianist'."
         )
-    return package
+    return found
 
 
-def find_snippets(package: Path, origin: Path) -> list[Found]:
-    """Return the snippets in a folder of RoboPianist's package.
+def _snippets(folder: Path, origin: Path) -> list[ImportTask] | None:
+    """Return the snippets of RoboPianist's package at or in a folder, None if it is not there.
 
-    Args:
-        package: The folder.
-        origin: What the user named, for the pieces' sources.
-
-    Raises:
-        ScoreError: If it has none.
+    Their sources tell `origin`, which the user named.
     """
+    packages = (folder, folder / "robopianist")
+    package = next((one for one in packages if (one / _SNIPPET_FOLDER).is_dir()), None)
+    if package is None:
+        return None
     found = [
-        Found(
+        ImportTask(
             path=package / _SNIPPET_FOLDER / file,
             title=f"Rousseau: {title}",
             source=f"RoboPianist, {file} in {origin.name}",
@@ -332,7 +258,7 @@ def read_snippet(path: Path, *, fingers: tuple[int, ...], by_pitch: bool) -> Sco
         (note.start, note.pitch): finger for note, finger in zip(in_order, fingers, strict=True)
     }
     notes = [replace(note, finger=finger_at[note.onset, note.pitch]) for note in score.notes]
-    return Score(notes=notes, pedals=score.pedals, title=score.title, bars=score.bars)
+    return replace(score, notes=tuple(notes))
 
 
 def _read_fingers(library: Path, title: str) -> tuple[int, ...]:
@@ -342,16 +268,15 @@ def _read_fingers(library: Path, title: str) -> tuple[int, ...]:
         tree = ast.parse(library.read_bytes())
     except (OSError, SyntaxError, ValueError):
         return ()
-    lists = [
+    lists = (
         node.value.elts
         for outer in ast.walk(tree)
         if isinstance(outer, ast.FunctionDef) and outer.name == function
         for node in ast.walk(outer)
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.List)
-    ]
-    for items in lists:
-        values = [item.value for item in items if isinstance(item, ast.Constant)]
-        fingers = tuple(value for value in values if isinstance(value, int))
-        if fingers and all(finger > UNKNOWN_FINGER for finger in fingers):
-            return fingers
-    return ()
+    )
+    found = (
+        tuple(i.value for i in items if isinstance(i, ast.Constant) and isinstance(i.value, int))
+        for items in lists
+    )
+    return next((fingers for fingers in found if min(fingers, default=-1) > UNKNOWN_FINGER), ())

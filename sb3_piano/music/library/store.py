@@ -8,7 +8,7 @@ import re
 import unicodedata
 from collections.abc import Iterator
 from dataclasses import fields
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -106,8 +106,6 @@ class Library:
                 which the environment variable ``SB3_PIANO_DATA`` may name.
         """
         self.folder = pieces_folder() if folder is None else Path(folder)
-        # What was read, by name; the time of change (ns) and the size tell another file.
-        self._known: dict[str, tuple[tuple[int, int] | None, PieceInfo | ScoreError]] = {}
 
     def __contains__(self, name: object) -> bool:
         return name in self.names()
@@ -187,15 +185,15 @@ class Library:
             ScoreError: If its file is damaged or of a newer version.
         """
         self._check_known(name)
-        found = self._look_up(name)
-        if isinstance(found, ScoreError):
-            raise found
-        return found
+        return self._info(name)
 
     def infos(self) -> dict[str, PieceInfo]:
         """Return what is known about each piece whose file is sound, by name."""
-        found = {name: self._look_up(name) for name in self.names()}
-        return {name: info for name, info in found.items() if isinstance(info, PieceInfo)}
+        found = {}
+        for name in self.names():
+            with contextlib.suppress(ScoreError):
+                found[name] = self._info(name)
+        return found
 
     def score(self, name: str) -> Score:
         """Return a piece's score.
@@ -242,25 +240,20 @@ class Library:
                 f"{near_names(name, known)} Expected a name from 'sb3-piano pieces list'."
             )
 
-    def _look_up(self, name: str) -> PieceInfo | ScoreError:
+    def _info(self, name: str) -> PieceInfo:
         path = self.path(name)
         stat = path.stat() if path.exists() else None
-        signature = None if stat is None else (stat.st_mtime_ns, stat.st_size)
-        if name not in self._known or self._known[name][0] != signature:
-            try:
-                self._known[name] = (signature, read_info(path))
-            except ScoreError as error:
-                self._known[name] = (signature, error)
-        return self._known[name][1]
+        return _read_info(path, stat and (stat.st_mtime_ns, stat.st_size))
 
     def _piece(self, name: str) -> Piece:
-        info = self._look_up(name)
-        if isinstance(info, ScoreError):
+        try:
+            info = self._info(name)
+        except ScoreError as error:
             info = PieceInfo(
                 name=name,
                 title=name,
                 collection="imported",
-                source=str(info),
+                source=str(error),
                 fingering="none",
             )
         return Piece(
@@ -273,14 +266,15 @@ class Library:
         )
 
 
-_libraries: dict[Path, Library] = {}
-"""Libraries read in this process, by folder."""
+@cache
+def _read_info(path: Path, version: object) -> PieceInfo:
+    del version  # the time of change and the size, by which a file is read again after a change
+    return read_info(path)
 
 
 def user_library() -> Library:
-    """Return the user's library, which remembers what it has read."""
-    folder = pieces_folder()
-    return _libraries.setdefault(folder, Library(folder))
+    """Return the user's library."""
+    return Library()
 
 
 def imported_pieces() -> dict[str, Piece]:

@@ -8,18 +8,19 @@ import multiprocessing
 import signal
 import warnings
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.interrupts import StopRequest, stop_on_signal
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
-from sb3_piano.music.library.datasets import Found
+from sb3_piano.music.formats import read_score
 from sb3_piano.music.library.store import Library
 from sb3_piano.music.score import Score
 
@@ -30,40 +31,55 @@ _logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class ImportTask:
-    """A piece to import.
+    """A piece in a file, and what its import is to make of it.
 
     Attributes:
-        found: The piece.
-        names: Its names in the library, each with its collection.
-        folder: The library's folder.
-        fingering: As in :func:`~sb3_piano.music.fingering.apply.apply_fingering`.
-        setting: What is to be noted of it, so that the same import is known again.
+        path: The file.
+        source: Where the notes come from, in one line.
+        title: What people call the piece; None if that is not known.
+        names: The names under which it belongs into the library, each with its collection; empty
+            as long as any name will do.
+        labelled_by: Who chose the fingers that are in the file, in a word or two.
+        fingering: As in :func:`~sb3_piano.music.fingering.apply.apply_fingering`; what the user
+            says goes first.
+        read: Makes the score of the path. Other processes must be able to import it.
+        setting: What is to be noted of the fingering, so that the same import is known again.
         sha256: Checksum of the file.
     """
 
-    found: Found
-    names: tuple[tuple[str, str], ...]
-    folder: Path
-    fingering: str
-    setting: str
-    sha256: str
+    path: Path
+    source: str
+    title: str | None = None
+    names: tuple[tuple[str, str], ...] = ()
+    labelled_by: str = "its file"
+    fingering: str = "ergonomic"
+    read: Callable[[Path], Score] = read_score
+    setting: str = ""
+    sha256: str = ""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Outcome:
-    """Result of the import of a piece.
+@dataclass(frozen=True)
+class Unusable:
+    """A file that is not imported, or only in part, and why."""
 
-    Attributes:
-        error: Why it failed, or None if it did not.
-        notes: What else there is to say, such as what was left out.
-    """
+    path: Path
+    reason: str
+
+
+class Outcome(NamedTuple):
+    """Result of the import of a piece."""
 
     error: str | None = None
+    """Why it failed, or None if it did not."""
     notes: tuple[str, ...] = ()
+    """What else there is to say, such as what was left out."""
 
 
 def run_tasks(
-    tasks: Sequence[ImportTask], jobs: int, tell: Callable[[ImportTask, Outcome], None]
+    tasks: Sequence[ImportTask],
+    folder: Path,
+    jobs: int,
+    tell: Callable[[ImportTask, Outcome], None],
 ) -> bool:
     """Do tasks, and tell of each how it went, in the order in which they are done.
 
@@ -71,9 +87,10 @@ def run_tasks(
 
     Args:
         tasks: What there is to do.
-        jobs: How many processes work; with one, for one task, or on a system without the
-            processes and signals of POSIX, it is this one.
-        tell: Is called in this process.
+        folder: The library's folder.
+        jobs: How many processes work at a time, one for each task; with one, for one task, or on a
+            system without the processes and signals of POSIX, it is this one.
+        tell: Is called in this process and thread.
 
     Returns:
         Whether Ctrl-C came.
@@ -86,91 +103,80 @@ def run_tasks(
             for task in tasks:
                 if stop.made:
                     break
-                tell(task, run_task(task))
+                tell(task, run_task(task, folder))
             return stop.made
-        left = list(tasks)
-        while left and not stop.made:
-            left = _run_until_broken(left, min(jobs, len(left)), tell, stop)
-            # Only what was begun can have killed its process: tasks are begun in order, and one
-            # more than there are processes waits with them.
-            begun, left = left[: 2 * jobs + 1], left[2 * jobs + 1 :]
-            for task in begun:
-                if not stop.made and _run_until_broken([task], 1, tell, stop):
-                    tell(task, Outcome(error=_KILLED))
+        # Processes are forked from one without threads or a simulator, started once for all.
+        multiprocessing.get_context("forkserver").set_forkserver_preload(["__main__", __name__])
+        resource_tracker.ensure_running()  # its start would let Ctrl-C through again
+        pool = ThreadPoolExecutor(jobs, initializer=_block_ctrl_c)
+        try:
+            futures = {pool.submit(_run_apart, task, folder, stop): task for task in tasks}
+            for future in as_completed(futures):
+                if (outcome := future.result()) is not None:
+                    tell(futures[future], outcome)
+        finally:
+            pool.shutdown(cancel_futures=True)
         return stop.made
 
 
-def _run_until_broken(
-    tasks: Sequence[ImportTask],
-    jobs: int,
-    tell: Callable[[ImportTask, Outcome], None],
-    stop: StopRequest,
-) -> list[ImportTask]:
-    """Do tasks until all are done, a process is killed or Ctrl-C; return what is left."""
-    # Processes are forked from one without threads or a simulator, started once for all.
+def _block_ctrl_c() -> None:
+    # From a terminal Ctrl-C reaches the processes, too, which inherit the mask of this thread.
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+
+
+def _run_apart(task: ImportTask, folder: Path, stop: StopRequest) -> Outcome | None:
+    """Do a task in a process of its own; return None if it is not begun any more."""
+    if stop.made:
+        return None
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__])
-    pool = ProcessPoolExecutor(jobs, mp_context=context)
-    futures: dict[Future[Outcome], ImportTask] = {}
-    done: set[int] = set()
-
-    def tell_of(future: Future[Outcome]) -> None:
-        task = futures[future]
-        if id(task) not in done and not future.cancelled() and future.exception() is None:
-            done.add(id(task))
-            tell(task, future.result())
-
-    # From a terminal Ctrl-C reaches the processes, too, which inherit the mask: only this one acts.
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    answer, end = context.Pipe(duplex=False)
+    process = context.Process(target=_answer, args=(end, task, folder))
+    process.start()
+    end.close()
     try:
-        with contextlib.suppress(BrokenProcessPool):
-            futures.update((pool.submit(run_task, task), task) for task in tasks)
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        for future in as_completed(futures):
-            tell_of(future)
-            if stop.made:
-                break
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        pool.shutdown(wait=True, cancel_futures=True)
-        for future in futures:
-            if future.done():
-                tell_of(future)
-    return [task for task in tasks if id(task) not in done]
+        outcome: Outcome = answer.recv()
+    except EOFError:
+        outcome = Outcome(error=_KILLED)
+    process.join()
+    return outcome
 
 
-def run_task(task: ImportTask) -> Outcome:
+def _answer(end: Connection, task: ImportTask, folder: Path) -> None:
+    end.send(run_task(task, folder))
+
+
+def run_task(task: ImportTask, folder: Path) -> Outcome:
     """Import a piece; whatever is wrong with it becomes part of the outcome."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            error = _import(task)
+            error = _import(task, Library(folder))
         except Exception as unforeseen:
             # One file of thousands, from anywhere, must not end the import of the others.
-            _logger.debug("Import of '%s' failed", task.found.path, exc_info=True)
+            _logger.debug("Import of '%s' failed", task.path, exc_info=True)
             error = f"{type(unforeseen).__name__}: {unforeseen}"
     notes = [str(item.message) for item in caught if issubclass(item.category, ScoreWarning)]
     return Outcome(error=error, notes=tuple(notes))
 
 
-def _import(task: ImportTask) -> str | None:
-    found, library = task.found, Library(task.folder)
+def _import(task: ImportTask, library: Library) -> str | None:
     try:
-        read = found.read(found.path)
+        read = task.read(task.path)
         score = apply_fingering(read, task.fingering)
     except ScoreError as error:
         return str(error)
     known: dict[str, Any] = {
-        "source": found.source,
+        "title": task.title or task.path.stem,
+        "source": task.source,
         "fingering": _who_chose(read, score, task),
-        "path": str(found.path.absolute()),
+        "path": str(task.path.absolute()),
         "sha256": task.sha256,
         "setting": task.setting,
-        "features": _features(score),
     }
+    with contextlib.suppress(ScoreError):  # what no two hands can play can be listened to
+        known["features"] = asdict(features(score))
     for name, collection in task.names:
-        title = found.title or found.path.stem
-        library.add(score, name, collection=collection, title=title, **known)
+        library.add(score, name, collection=collection, **known)
     return None
 
 
@@ -185,12 +191,4 @@ def _who_chose(read: Score, score: Score, task: ImportTask) -> str:
     if not read.has_fingering:
         return "ergonomic"
     is_whole = all(note.finger != UNKNOWN_FINGER for note in read.notes)
-    by = task.found.labelled_by
-    return by if is_whole or read == score else f"{by}, ergonomic"
-
-
-def _features(score: Score) -> dict[str, Any] | None:
-    try:
-        return asdict(features(score))
-    except ScoreError:
-        return None  # no two hands can play it; it can be listened to all the same
+    return task.labelled_by if is_whole or read == score else f"{task.labelled_by}, ergonomic"

@@ -12,16 +12,27 @@ from types import MappingProxyType
 
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
-from sb3_piano.music.studies.building import MAJOR_SCALE, KeyPress, in_sequence
+from sb3_piano.music.studies.building import MAJOR_SCALE, in_sequence
 
 _UP_AND_DOWN = (*MAJOR_SCALE, 12, *MAJOR_SCALE[::-1])
 _RIGHT_SCALE_FINGERS = (0, 1, 2, 0, 1, 2, 3, 4, 3, 2, 1, 0, 2, 1, 0)
 _LEFT_SCALE_FINGERS = (9, 8, 7, 6, 5, 7, 6, 5, 6, 7, 5, 6, 7, 8, 9)
 
-_TWINKLE_PHRASES: tuple[tuple[KeyPress, ...], ...] = (
-    ((60, 0), (60, 0), (67, 2), (67, 2), (69, 3), (69, 3), (67, 2)),
-    ((65, 3), (65, 3), (64, 2), (64, 2), (62, 1), (62, 1), (60, 0)),
-)
+_CHORDS = [
+    ((bass, (root, 0), (root + 4, 2), (root + 7, 4)), 1.0)
+    for bass, root in (((48, 5), 60), ((41, 8), 65), ((43, 7), 67), ((48, 5), 60))
+]
+"""C, F, G and C major: the root in the left hand, a triad in the right, 1 s each; 4/4."""
+
+_TWINKLE = [
+    ((press,), duration)
+    for phrase in (
+        ((60, 0), (60, 0), (67, 2), (67, 2), (69, 3), (69, 3), (67, 2)),
+        ((65, 3), (65, 3), (64, 2), (64, 2), (62, 1), (62, 1), (60, 0)),
+    )
+    for press, duration in zip(phrase, (0.5,) * 6 + (1.0,), strict=True)
+]
+"""Two phrases in the right hand: 0.5 s a note, the last of each phrase 1 s; 4/4."""
 
 
 def major_scale(
@@ -51,41 +62,19 @@ def major_scale(
     return in_sequence(groups, title, bars=range(0, len(groups), 4))
 
 
-def _chord_progression(title: str) -> Score:
-    """C, F, G and C major: the root in the left hand, a triad in the right, 1 s each; 4/4."""
-    basses: tuple[KeyPress, ...] = ((48, 5), (41, 8), (43, 7), (48, 5))
-    roots = (60, 65, 67, 60)
-    return in_sequence(
-        (
-            ((bass, (root, 0), (root + 4, 2), (root + 7, 4)), 1.0)
-            for bass, root in zip(basses, roots, strict=True)
-        ),
-        title,
-        bars=(0,),
-    )
-
-
-def _twinkle(title: str) -> Score:
-    """Play two phrases in the right hand: 0.5 s a note, the last of each phrase 1 s; 4/4."""
-    durations = (0.5,) * 6 + (1.0,)
-    return in_sequence(
-        (
-            ((press,), duration)
-            for phrase in _TWINKLE_PHRASES
-            for press, duration in zip(phrase, durations, strict=True)
-        ),
-        title,
-        bars=(0, 4, 7, 11),
-    )
-
-
 _BUILDERS: dict[str, tuple[str, Callable[..., Score]]] = {
     "CMajorScaleOneHand": ("C major scale, right hand", partial(major_scale, right=72)),
     "CMajorScaleTwoHands": ("C major scale", partial(major_scale, right=72, left=48)),
     "DMajorScaleOneHand": ("D major scale, right hand", partial(major_scale, right=74)),
     "DMajorScaleTwoHands": ("D major scale", partial(major_scale, right=74, left=50)),
-    "CMajorChordProgressionTwoHands": ("Four chords", _chord_progression),
-    "TwinkleTwinkleLittleStar": ("Twinkle Twinkle Little Star, right hand", _twinkle),
+    "CMajorChordProgressionTwoHands": (
+        "Four chords",
+        partial(in_sequence, _CHORDS, bars=(0,)),
+    ),
+    "TwinkleTwinkleLittleStar": (
+        "Twinkle Twinkle Little Star, right hand",
+        partial(in_sequence, _TWINKLE, bars=(0, 4, 7, 11)),
+    ),
 }
 
 DEBUG: Mapping[str, Piece] = MappingProxyType(

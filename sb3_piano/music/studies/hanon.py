@@ -22,28 +22,32 @@ are transposed up to six semitones up or five down, the fingers stay the same, a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from functools import partial
+from collections.abc import Mapping
+from functools import lru_cache, partial
+from itertools import chain
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
-from sb3_piano.music.hands import Hand, finger_of
+import yaml
+
+from sb3_piano.music.hands import HANDS, Hand, finger_of
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
 from sb3_piano.music.studies.building import (
-    MAJOR_KEYS,
     MAJOR_SCALE,
-    KeyPress,
-    checked_octaves,
     checked_options,
+    in_octaves,
     in_sequence,
     option_meanings,
 )
-from sb3_piano.music.studies.hanon_bars import EXERCISES, Exercise, HanonBar
 from sb3_piano.settings import checked
 
 _FIRST_C: Mapping[Hand, int] = MappingProxyType({"right": 48, "left": 36})
 """MIDI pitch of the C from which each hand starts: C3 and C2."""
+
+_KEYS = ("C", "Db", "D", "Eb", "E", "F", "Gb", "G", "Ab", "A", "Bb", "B")
+"""The major keys, by semitones from C up to the first note."""
 
 _TEMPO = 60
 _OCTAVES = 2
@@ -52,6 +56,9 @@ _NOTES_PER_QUARTER = 4
 _DEGREES = len(MAJOR_SCALE)
 _MOST_UP = 6
 """Keys more semitones above C than this are below it instead, so that none is far from it."""
+
+_LAST_NOTES = {"right": [(0, 1)], "left": [(0, 5)]}
+"""The last notes of each hand, (degree, finger), where an exercise says nothing else."""
 
 
 def hanon(
@@ -80,56 +87,49 @@ def hanon(
     """
     quarter, players, times = checked_options(tempo, hands, repeats)
     seconds = quarter / _NOTES_PER_QUARTER
-    first = {hand: _FIRST_C[hand] + _semitones(key) for hand in players}
-    exercise = EXERCISES[number]
-    one_octave = [_body(exercise, hand, first[hand], octaves=1) for hand in players]
-    highest = max(pitch for presses in one_octave for pitch, _ in presses)
-    span = checked_octaves(octaves, highest)
-    body = [_body(exercise, hand, first[hand], span) for hand in players]
-    groups = [(together, seconds) for together in zip(*body, strict=True)] * times
-    end = tuple(press for hand in players for press in _end(exercise, hand, first[hand]))
+    semitones = _KEYS.index(checked("key", key, Literal[_KEYS]))
+    semitones -= 12 if semitones > _MOST_UP else 0
+    first = {hand: _FIRST_C[hand] + semitones for hand in players}
+    exercise = _exercises()[number]
+    body = in_octaves(partial(_way, exercise), octaves, first) * times
+    end = [
+        (pitch + _interval(degree), finger_of(hand, finger))
+        for hand, pitch in first.items()
+        for degree, finger in exercise.get(f"{hand}_end", _LAST_NOTES[hand])
+    ]
+    groups = [(together, seconds) for together in body]
     bars = range(0, len(groups) + 1, _NOTES_PER_BAR)
     return in_sequence([*groups, (end, _NOTES_PER_BAR * seconds)], title, bars=bars)
 
 
-def _semitones(key: Any) -> int:
-    """Return how many semitones the exercise in a key is above that in C."""
-    semitones = MAJOR_KEYS.index(checked("key", key, Literal[MAJOR_KEYS]))
-    return semitones if semitones <= _MOST_UP else semitones - 12
+@lru_cache(maxsize=1)
+def _exercises() -> dict[int, dict[str, Any]]:
+    exercises: dict[int, dict[str, Any]] = yaml.safe_load(
+        Path(__file__).with_suffix(".yml").read_text("utf-8")
+    )
+    return exercises
 
 
-def _body(exercise: Exercise, hand: Hand, first: int, octaves: int) -> list[KeyPress]:
-    """Return what a hand plays before the last note."""
+def _way(exercise: Mapping[str, Any], octaves: int) -> list[tuple[int, dict[Hand, int]]]:
+    """Return what is played before the last note: semitones above the first C, and fingers."""
+    last_c = _DEGREES * octaves
+    up = [(exercise["up"], step) for step in range(last_c + exercise.get("more_up", 0))]
+    falls = range(last_c + exercise.get("more_down", 0))
+    down = [(exercise["down"], last_c - step) for step in falls]
+    up[0] = (exercise.get("opening", exercise["up"]), 0)
+    up[-1] = (exercise["top"], last_c) if "top" in exercise else up[-1]
+    down[-1] = (exercise["bottom"], 0) if "bottom" in exercise else down[-1]
     return [
-        (_pitch(first, degree + shift), finger_of(hand, number))
-        for bar, shift in _bars(exercise, octaves)
-        for degree, number in zip(bar.degrees, bar.fingers[hand], strict=True)
+        (_interval(int(degree) + shift), dict(zip(HANDS, map(int, fingers), strict=True)))
+        for (degrees, *digits), shift in chain(up, down)
+        for degree, *fingers in zip(degrees.split(), *digits, strict=True)
     ]
 
 
-def _end(exercise: Exercise, hand: Hand, first: int) -> Iterator[KeyPress]:
-    presses = exercise.right_end if hand == "right" else exercise.left_end
-    for degree, number in presses:
-        yield _pitch(first, degree), finger_of(hand, number)
-
-
-def _bars(exercise: Exercise, octaves: int) -> list[tuple[HanonBar, int]]:
-    """Return the bars on the way up and down, each with the degrees by which it is shifted."""
-    last_c = _DEGREES * octaves
-    up = [(exercise.up, step) for step in range(last_c + exercise.more_up)]
-    down = [(exercise.down, last_c - step) for step in range(last_c + exercise.more_down)]
-    if exercise.opening is not None:
-        up[0] = (exercise.opening, 0)
-    if exercise.top is not None:
-        up[-1] = (exercise.top, last_c)
-    if exercise.bottom is not None:
-        down[-1] = (exercise.bottom, 0)
-    return up + down
-
-
-def _pitch(first: int, degree: int) -> int:
+def _interval(degree: int) -> int:
+    """Return the semitones from C up to a degree of its scale."""
     octave, step = divmod(degree, _DEGREES)
-    return first + 12 * octave + MAJOR_SCALE[step]
+    return 12 * octave + MAJOR_SCALE[step]
 
 
 def _piece(number: int) -> Piece:
@@ -143,12 +143,12 @@ def _piece(number: int) -> Piece:
         build=partial(hanon, number=number, title=name),
         options={
             **option_meanings(tempo=_TEMPO, octaves=_OCTAVES),
-            "key": f"major key: {', '.join(MAJOR_KEYS)} (default C)",
+            "key": f"major key: {', '.join(_KEYS)} (default C)",
         },
     )
 
 
 HANON: Mapping[str, Piece] = MappingProxyType(
-    {piece.name: piece for piece in map(_piece, EXERCISES)}
+    {piece.name: piece for piece in map(_piece, range(1, 21))}
 )
 """Hanon's exercises by name: ``hanon-01`` to ``hanon-20``."""

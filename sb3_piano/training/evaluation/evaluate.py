@@ -201,7 +201,7 @@ def evaluate(
         score: What to play in place of the run's own piece.
         best: Play the best model by this metric, such as "f1", in place of the last one.
         motion: Also write ``evaluation/performance_<i>.npz``, how everything moved (see
-            :mod:`sb3_piano.music.difficulty.recording`).
+            :mod:`sb3_piano.music.difficulty`).
         on_episode: Is called after each episode.
 
     Raises:

@@ -18,13 +18,14 @@ from pathlib import Path
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.formats.common import LeftOut, reading
+from sb3_piano.music.formats.common import LeftOut
 from sb3_piano.music.formats.midi_hands import hand_of_name
 from sb3_piano.music.formats.musicxml.source import SourceNote, SourcePart, parse_document
 from sb3_piano.music.formats.musicxml.timing import Timeline, timeline
 from sb3_piano.music.hands import HANDS, Hand, finger_of
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.score import Score
+from sb3_piano.music.text_file import reading
 
 _KEYBOARDS = re.compile(
     r"piano|pno|klavier|clavier|clavecin|cembalo|harpsichord|keyboard|organ|orgel|celesta", re.I
@@ -102,8 +103,7 @@ def _score(parts: Sequence[SourcePart], line: Timeline, path: Path, left_out: Le
         if left_out.is_playable(float(note.start + wait), float(note.end + wait), note.pitch)
     ]
     if not notes:
-        rest = f", only {left_out}" if str(left_out) else ""
-        raise ScoreError(f"MusicXML file {str(path)!r} has no notes to play{rest}.")
+        raise ScoreError(f"MusicXML file {str(path)!r} has no notes to play{left_out.only}.")
     last = max(note.offset for note in notes)
     lines = sorted(start + wait for at in parts[0].measures for start, _ in line.played(at, at))
     return Score(

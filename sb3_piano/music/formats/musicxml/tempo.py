@@ -53,7 +53,11 @@ def likely_tempo(score: Score) -> float:
     length = (score.bars[-1] - first) / (len(score.bars) - 1)
     if any(abs(line - first - n * length) > _STEADY for n, line in enumerate(score.bars)):
         return DEFAULT_TEMPO
-    places = _places_in_bars(score, length)
+    onsets, bars = np.array([note.onset for note in score.notes]), np.array(score.bars)
+    # Where in its bar each note begins, in bars; below 0 before the first.
+    places = (
+        onsets - bars[np.maximum(np.searchsorted(bars, onsets, side="right") - 1, 0)]
+    ) / length
     best, best_cost = DEFAULT_TEMPO, math.inf
     for quarters in _QUARTERS_IN_BAR:
         tempo = 60.0 * quarters / length
@@ -71,10 +75,3 @@ def _reading_costs(places: Numbers) -> Numbers:
     for parts, cost in reversed(_GRIDS):
         costs[np.abs(places - np.round(places * parts) / parts) < _NEAR] = cost
     return costs
-
-
-def _places_in_bars(score: Score, length: float) -> Numbers:
-    """Return where in its bar each note begins, in bars: (notes,), below 0 before the first."""
-    onsets = np.array([note.onset for note in score.notes])
-    bars = np.maximum(np.searchsorted(score.bars, onsets, side="right") - 1, 0)
-    return np.asarray((onsets - np.array(score.bars)[bars]) / length)

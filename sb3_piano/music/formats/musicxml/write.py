@@ -14,9 +14,9 @@ import os
 import zipfile
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from typing import NamedTuple
 from xml.sax.saxutils import escape
 
 from sb3_piano.exceptions import ScoreError
@@ -99,44 +99,26 @@ def write_musicxml(
     if not (math.isfinite(tempo) and tempo > 0):
         raise ScoreError(f"Tempo {tempo} is out of range: expected a finite number above 0.")
     path = Path(path)
-    document = _document(score, _Grid(tempo=Fraction(str(float(tempo)))))
+    document = _document(score, Fraction(str(float(tempo))))
     write_score_file(path, _packed(document) if path.suffix.lower() == ".mxl" else document)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Grid:
-    """Seconds in ticks, at a tempo in quarter notes per minute."""
-
-    tempo: Fraction
-
-    def span(self, event: Note | Pedal) -> _Span:
-        """Return the nearest ticks of an event, which lasts one at least."""
-        start = self.tick(event.onset)
-        return start, max(self.tick(event.offset), start + 1)
-
-    def tick(self, time: float) -> int:
-        """Return the nearest tick to a time in s."""
-        return round(Fraction(time) * self.tempo * _DIVISIONS / 60)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Measure:
+class _Measure(NamedTuple):
     """A measure, from its first tick until the first after it, as long as its meter says."""
 
     start: int
     end: int
     meter: tuple[int, int]
-    is_pickup: bool = False
+    is_pickup: bool
 
 
-def _measures(score: Score, grid: _Grid) -> list[_Measure]:
-    """Return the measures of a score, by its bars, or of four quarter notes if it has none.
+def _measures(bars: Sequence[int], end_of_notes: int, last: int) -> list[_Measure]:
+    """Return the measures, by the ticks of bars, or of four quarter notes if there are none.
 
     A bar line is moved to the next 128th, if necessary; bars that have no length then are left out.
+    The last measure has what lasts beyond the notes in it.
     """
-    end_of_notes = max(grid.span(note)[1] for note in score.notes)
-    last = max([end_of_notes, *(grid.span(pedal)[1] for pedal in score.pedals)])
-    lines = {round(grid.tick(line) / _LINE_STEP) * _LINE_STEP for line in score.bars}
+    lines = {round(bar / _LINE_STEP) * _LINE_STEP for bar in bars}
     lines = {line for line in lines if line < end_of_notes} or set(range(0, last, _WHOLE))
     starts = sorted({0, *lines})
     usual = starts[-1] - starts[-2] if len(starts) > 1 else _WHOLE
@@ -148,7 +130,7 @@ def _measures(score: Score, grid: _Grid) -> list[_Measure]:
     if has_pickup and starts[1] < (spans[1][1] - starts[1]):
         meters[0] = meters[1]
     return [
-        _Measure(start=start, end=stop, meter=meter, is_pickup=has_pickup and start == 0)
+        _Measure(start, stop, meter, is_pickup=has_pickup and start == 0)
         for (start, stop), meter in zip(spans, meters, strict=True)
     ]
 
@@ -177,11 +159,20 @@ _STAVES = (
 )
 
 
-def _document(score: Score, grid: _Grid) -> bytes:
-    measures = _measures(score, grid)
+def _document(score: Score, tempo: Fraction) -> bytes:
+    def tick(time: float) -> int:
+        return round(Fraction(time) * tempo * _DIVISIONS / 60)
+
+    def spans(events: Sequence[Note | Pedal]) -> list[_Span]:
+        ticks = [(tick(event.onset), tick(event.offset)) for event in events]
+        return [(start, max(end, start + 1)) for start, end in ticks]
+
+    note_spans, pedal_spans = spans(score.notes), spans(score.pedals)
+    ends = [max(end for _, end in many) for many in (note_spans, note_spans + pedal_spans)]
+    measures = _measures([tick(line) for line in score.bars], *ends)
     lines = [measure.start for measure in measures]
-    first_voices, struck = _struck(score, grid, lines)
-    pedals = _pedal_marks(score, grid, lines)
+    first_voices, struck = _struck(score.notes, note_spans, lines)
+    pedals = _pedal_marks(pedal_spans, lines)
     title = escape("".join(filter(str.isprintable, score.title)))
     texts = [
         f"{_HEAD}<score-partwise><work><work-title>{title}</work-title></work><part-list>"
@@ -194,7 +185,7 @@ def _document(score: Score, grid: _Grid) -> bytes:
         if measure.meter != meter:
             texts.append(_attributes(measure.meter, is_first=meter is None))
         if meter is None:
-            texts.append(_TEMPO.format(tempo=float(grid.tempo)))
+            texts.append(_TEMPO.format(tempo=float(tempo)))
         meter, here = measure.meter, measure.start
         for voice, chords in sorted(struck[measure.start].items()):
             texts.append(_move(here, measure.start))
@@ -209,7 +200,7 @@ def _document(score: Score, grid: _Grid) -> bytes:
 
 
 def _struck(
-    score: Score, grid: _Grid, lines: Sequence[int]
+    notes: Sequence[Note], spans: Sequence[_Span], lines: Sequence[int]
 ) -> tuple[tuple[int, int], dict[int, dict[int, dict[_Span, _Chord]]]]:
     """Return the first voice of each staff, and the chords of each measure (by its start), voice.
 
@@ -217,8 +208,8 @@ def _struck(
     """
     last: tuple[list[_Span], list[_Span]] = ([], [])
     chosen = []
-    for note in score.notes:
-        voices, span = last[_staff(note) - 1], grid.span(note)
+    for note, span in zip(notes, spans, strict=True):
+        voices = last[_staff(note) - 1]
         free = (i for i, other in enumerate(voices) if other[1] <= span[0])
         joined = (i for i, other in enumerate(voices) if other == span)
         index = next(itertools.chain(joined, free), len(voices))
@@ -229,9 +220,8 @@ def _struck(
     struck: dict[int, dict[int, dict[_Span, _Chord]]] = {
         line: {voice: {} for voice in first_voices} for line in lines
     }
-    for note, index in zip(score.notes, chosen, strict=True):
+    for note, (start, end), index in zip(notes, spans, chosen, strict=True):
         voice = first_voices[_staff(note) - 1] + index
-        start, end = grid.span(note)
         cuts = lines[bisect.bisect_right(lines, start) : bisect.bisect_left(lines, end)]
         for a, b in itertools.pairwise([start, *cuts, end]):
             of_measure = struck[lines[bisect.bisect_right(lines, a) - 1]]
@@ -244,13 +234,10 @@ def _staff(note: Note) -> int:
     return HANDS.index(note.hand or likely_hand(note.pitch)) + 1
 
 
-def _pedal_marks(
-    score: Score, grid: _Grid, lines: Sequence[int]
-) -> dict[int, list[tuple[int, str]]]:
+def _pedal_marks(spans: Sequence[_Span], lines: Sequence[int]) -> dict[int, list[tuple[int, str]]]:
     """Return the marks of each measure, by its start: (tick, start or stop)."""
     marks: list[tuple[int, str]] = []
-    for pedal in score.pedals:
-        down, up = grid.span(pedal)
+    for down, up in spans:
         if marks and down <= marks[-1][0]:
             marks.pop()  # too little time for a tick between them
         else:

@@ -12,27 +12,33 @@ G. Walrath, "Curriculum Strategies for Bimanual Dexterous Piano Playing in RoboP
       + 0.10 z(action variance) + 0.10 z(hand motion) + 0.10 z(fingertip motion).
 
 The weights sum to 0.90, not 1; they are kept, since only the order counts. The last three features
-are those of recorded performances. Without recordings D has the terms that a score knows, the first
-three and 0.10 z(hand motion), in which the way of the hands' centres along the keyboard stands for
-that of the joints.
+are those of recorded performances, which ``sb3-piano evaluate RUN --motion`` writes: NumPy archives
+(.npz) with the arrays of :class:`MotionRecording`. Without recordings D has the terms that a score
+knows, the first three and 0.10 z(hand motion), in which the way of the hands' centres along the
+keyboard stands for that of the joints.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from operator import attrgetter
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.exceptions import ConfigError
-from sb3_piano.music.difficulty.motion import MotionFeatures
+from sb3_piano.exceptions import ConfigError, one_line
+from sb3_piano.files import write_atomically
+from sb3_piano.music.constants import NUM_FINGERS
 from sb3_piano.music.fingering import assign_hands
 from sb3_piano.music.hands import HANDS
 from sb3_piano.music.note import Note
 from sb3_piano.music.score import Score
+
+Numbers = npt.NDArray[np.float64]
 
 SAME_TIME = 1e-3
 """Overlaps shorter than this are none, in s."""
@@ -79,9 +85,8 @@ def features(score: Score) -> Features:
         ScoreError: If no two hands can play the score.
     """
     duration = score.duration - score.notes[0].onset
-    handed = score
-    if any(note.hand is None for note in score.notes):
-        handed = assign_hands(score)
+    is_handed = all(note.hand is not None for note in score.notes)
+    handed = score if is_handed else assign_hands(score)
     hands = [[note for note in handed.notes if note.hand == hand] for hand in HANDS]
     travel = sum(_travel(notes) for notes in hands)
     return Features(
@@ -100,7 +105,7 @@ def _pressed_time(notes: Iterable[Note]) -> float:
     """Return the time for which keys are pressed, summed over the keys, in s."""
     total = 0.0
     pressed_until: dict[int, float] = {}
-    for note in sorted(notes, key=attrgetter("onset")):
+    for note in notes:
         start = max(note.onset, pressed_until.get(note.pitch, 0.0))
         if note.offset > start:
             total += note.offset - start
@@ -111,7 +116,7 @@ def _pressed_time(notes: Iterable[Note]) -> float:
 def _held(notes: Iterable[Note]) -> Iterator[list[int]]:
     """Yield the pitches that are held after each strike."""
     held: list[Note] = []
-    for note in sorted(notes, key=attrgetter("onset")):
+    for note in notes:
         held = [
             other
             for other in held
@@ -132,7 +137,7 @@ def _chords(notes: Iterable[Note]) -> list[list[int]]:
     """Return the pitches that one hand strikes together, in the order of time."""
     chords: list[list[int]] = []
     first = 0.0
-    for note in sorted(notes, key=attrgetter("onset")):
+    for note in notes:
         if not chords or note.onset > first + SAME_CHORD:
             chords.append([])
             first = note.onset
@@ -140,20 +145,130 @@ def _chords(notes: Iterable[Note]) -> list[list[int]]:
     return chords
 
 
-_SCORE_TERMS: Sequence[tuple[float, Callable[[Features], float]]] = (
-    (0.25, lambda piece: piece.average_polyphony),
-    (0.15, lambda piece: piece.maximum_polyphony),
-    (0.20, lambda piece: piece.onset_density),
-)
-_HANDS_ALONG_KEYBOARD: tuple[float, Callable[[Features], float]] = (
-    0.10,
-    lambda piece: piece.hand_motion,
-)
-_MOTION_TERMS: Sequence[tuple[float, Callable[[MotionFeatures], float]]] = (
-    (0.10, lambda motion: motion.action_variance),
-    (0.10, lambda motion: motion.hand_motion),
-    (0.10, lambda motion: motion.fingertip_motion),
-)
+@dataclass(frozen=True, kw_only=True)
+class MotionFeatures:
+    """Amount of motion in a performance, per control step.
+
+    Performances compare if they have the same action space and length of a control step.
+    """
+
+    action_variance: float
+    """Variance over the steps of each component of the action, as a mean over the components."""
+    hand_motion: float
+    """Absolute motion of a joint of the hands from one step to the next, as a mean over steps
+    and joints; rad, of the two sliders m."""
+    fingertip_motion: float
+    """Motion of a fingertip from one step to the next, as a mean over steps and the ten
+    fingertips, in m."""
+
+
+def mean_motion(several: Sequence[MotionFeatures]) -> MotionFeatures:
+    """Return the means over several performances of one piece, at least one."""
+    names = [field.name for field in fields(MotionFeatures)]
+    means = {name: float(np.mean([getattr(one, name) for one in several])) for name in names}
+    return MotionFeatures(**means)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotionRecording:
+    """Everything that moved in a performance of T control steps.
+
+    Attributes:
+        title: What the piece is called.
+        actions: (T, n) float32, what was done in each step, in the environment's action space.
+        qpos: (T + 1, nq) float64, all joint positions at the start and after each step, rad or m.
+        hand_qpos: (m,) int, where in a row of `qpos` the hands' joints stand; the others are keys.
+        fingertips: (T + 1, 10, 3) float64, world positions of the fingertips at the same times, in
+            the order of finger labels, m.
+    """
+
+    title: str
+    actions: npt.NDArray[np.float32]
+    qpos: npt.NDArray[np.float64]
+    hand_qpos: npt.NDArray[np.intp]
+    fingertips: npt.NDArray[np.float64]
+
+    def features(self) -> MotionFeatures:
+        """Return how much moved.
+
+        Raises:
+            ConfigError: If the arrays do not fit together, or a value is not finite.
+        """
+        self._check()
+        joints = self.qpos[:, self.hand_qpos]
+        return MotionFeatures(
+            action_variance=float(np.var(self.actions, axis=0, dtype=np.float64).mean()),
+            hand_motion=float(np.abs(np.diff(joints, axis=0)).mean()),
+            fingertip_motion=float(
+                np.linalg.norm(np.diff(self.fingertips, axis=0), axis=-1).mean()
+            ),
+        )
+
+    def _check(self) -> None:
+        rows, hands = len(self.actions) + 1, self.hand_qpos
+        expected = (rows, NUM_FINGERS, 3)
+        if self.actions.ndim != 2 or self.actions.size == 0:
+            problem = f"actions have shape {self.actions.shape}: expected (T, n), T steps from 1"
+        elif self.qpos.ndim != 2 or len(self.qpos) != rows:
+            problem = f"qpos has shape {self.qpos.shape}: expected ({rows}, nq), a row more"
+        elif hands.ndim != 1 or hands.dtype.kind not in "iu" or not len(hands):
+            problem = f"hand_qpos is {hands}: expected indices of columns of qpos"
+        elif not 0 <= hands.min() <= hands.max() < self.qpos.shape[1]:
+            problem = f"hand_qpos is {hands}: expected indices of the {self.qpos.shape[1]} columns"
+        elif self.fingertips.shape != expected:
+            problem = f"fingertips have shape {self.fingertips.shape}: expected {expected}"
+        elif not all(np.isfinite(a).all() for a in (self.actions, self.qpos, self.fingertips)):
+            problem = "a value is not finite: expected numbers only"
+        else:
+            return
+        raise ConfigError(f"The recorded performance of {self.title!r} is unusable: {problem}.")
+
+
+_ARRAYS = tuple(field.name for field in fields(MotionRecording))
+
+
+def write_motion(recording: MotionRecording, path: str | os.PathLike[str]) -> None:
+    """Write a recorded performance, whole or not at all.
+
+    Raises:
+        ConfigError: If the file cannot be written.
+    """
+    path = Path(path)
+    arrays: dict[str, Any] = {name: getattr(recording, name) for name in _ARRAYS}
+    try:
+        write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
+    except OSError as error:
+        raise ConfigError(
+            f"Cannot write {str(path)!r}: {error.strerror}; expected a file in a writable folder."
+        ) from error
+
+
+def read_motion(path: str | os.PathLike[str]) -> MotionRecording:
+    """Read a recorded performance.
+
+    Raises:
+        ConfigError: If there is no such file, or it is no such recording.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ConfigError(f"There is no recording {str(path)!r}: expected an existing .npz file.")
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            arrays = {name: content[name] for name in _ARRAYS}
+        if arrays["title"].ndim != 0 or arrays["title"].dtype.kind != "U":
+            raise ValueError("its title is no text")
+        recording = MotionRecording(**{**arrays, "title": str(arrays["title"])})
+        recording.features()
+    except Exception as error:  # a damaged archive surfaces as whatever zipfile and NumPy raise
+        raise ConfigError(
+            f"{str(path)!r} is no recording of a performance: {one_line(error)}. Expected a file "
+            "that 'sb3-piano evaluate RUN --motion' wrote."
+        ) from error
+    return recording
+
+
+_SCORE_WEIGHTS = {"average_polyphony": 0.25, "maximum_polyphony": 0.15, "onset_density": 0.20}
+_MOTION_WEIGHTS = {"action_variance": 0.10, "hand_motion": 0.10, "fingertip_motion": 0.10}
 
 _CONSTANT = 1e-9
 """A feature that varies less than this, relative to its size, is constant but for rounding."""
@@ -197,17 +312,20 @@ def rank(
     names = sorted(features)
     if not names:
         return {}
-    pieces = [features[name] for name in names]
-    score_terms = _SCORE_TERMS if motion is not None else (*_SCORE_TERMS, _HANDS_ALONG_KEYBOARD)
-    terms = [weight * _z([feature(piece) for piece in pieces]) for weight, feature in score_terms]
-    if motion is not None:
+    terms = _terms(_SCORE_WEIGHTS, [features[name] for name in names])
+    if motion is None:
+        terms += _terms({"hand_motion": 0.10}, [features[name] for name in names])
+    else:
         _check_recorded(names, motion)
-        played = [motion[name] for name in names]
-        terms += [weight * _z([feature(p) for p in played]) for weight, feature in _MOTION_TERMS]
+        terms += _terms(_MOTION_WEIGHTS, [motion[name] for name in names])
     return _ranked(names, np.sum(terms, axis=0))
 
 
-def _z(values: Sequence[float]) -> npt.NDArray[np.float64]:
+def _terms(weights: Mapping[str, float], pieces: Sequence[object]) -> list[Numbers]:
+    return [w * _z([getattr(piece, name) for piece in pieces]) for name, w in weights.items()]
+
+
+def _z(values: Sequence[float]) -> Numbers:
     array = np.array(values, dtype=np.float64)
     spread = float(array.std())
     if spread <= _CONSTANT * float(np.abs(array).max()):
@@ -224,7 +342,7 @@ def _check_recorded(names: Sequence[str], motion: Mapping[str, MotionFeatures]) 
         )
 
 
-def _ranked(names: Sequence[str], scores: npt.NDArray[np.float64]) -> dict[str, Difficulty]:
+def _ranked(names: Sequence[str], scores: Numbers) -> dict[str, Difficulty]:
     # Equal pieces may differ by rounding, as sums over others do.
     scores = scores.round(9) + 0.0
     in_order = np.sort(scores)

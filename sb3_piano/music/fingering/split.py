@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_piano.music.constants import FINGERS_PER_HAND
-from sb3_piano.music.fingering.states import OVERLAP, TOGETHER
+from sb3_piano.music.fingering.ergonomic import OVERLAP, TOGETHER
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.music.note import Note
 from sb3_piano.music.score import Score

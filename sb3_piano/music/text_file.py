@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import os
+import reprlib
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from sb3_piano.exceptions import ScoreError
+
+T = TypeVar("T")
 
 
 def read_whole(text: str) -> int | None:
@@ -33,4 +38,25 @@ def read_text(path: Path, kind: str) -> str:
     except (OSError, UnicodeDecodeError) as error:
         raise ScoreError(
             f"Cannot read {str(path)!r} as a {kind}: {error}; expected UTF-8 text."
+        ) from error
+
+
+def read_field(where: str, name: str, text: str, convert: Callable[[str], T], expected: str) -> T:
+    """Return what the text of a field stands for.
+
+    Args:
+        where: The place, for messages: ``"Line 3 of 'etude.txt'"``.
+        name: What the field is.
+        text: What it says.
+        convert: Makes a value of it, or raises ValueError.
+        expected: What it could say.
+
+    Raises:
+        ScoreError: If it is not valid.
+    """
+    try:
+        return convert(text)
+    except ValueError as error:
+        raise ScoreError(
+            f"{where}: {name} {reprlib.repr(text)} is not valid: expected {expected}."
         ) from error

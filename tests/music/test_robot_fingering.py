@@ -44,8 +44,8 @@ def chord(*notes, sign=1, first=1, last=20):
 
 def every_way(presses, sign):
     """Yield every way to finger a piece, with its cost."""
-    model, path, tables = _Robot(presses, sign, CHANGE_FINGER), [], []
-    for _, struck in groupby(range(len(presses)), key=lambda i: presses[i].first):
+    model, path, tables = _Robot(sign, CHANGE_FINGER), [], []
+    for _, struck in groupby(presses, key=lambda press: press.first):
         chord = list(struck)
         held, _ = model.held(path[-1].down if path else [], chord)
         onset = model.lay(path, held, chord)
@@ -67,7 +67,7 @@ def every_way(presses, sign):
 @settings(max_examples=40, deadline=None)
 @given(hand_presses(most=5), st.sampled_from([1, -1]))
 def test_no_other_fingers_cost_less(presses, sign):
-    chosen = dict(enumerate(choose(presses, sign)))
+    chosen = dict(zip(presses, choose(presses, sign), strict=True))
     ways = list(every_way(presses, sign))
     cost = next(cost for fingers, cost in ways if fingers == chosen)
     assert cost == pytest.approx(min(cost for _, cost in ways))

@@ -86,8 +86,8 @@ _MAX_OVERREACH = 0.018
 _HANDS = ((0, 1), (1, -1))
 """Number and sign of each hand: 1 for the right one, whose thumb is on the left."""
 
-_Fingers = Mapping[int, NDArray[np.intp]]
-"""Fingers on each key that is down, over states."""
+_Fingers = Mapping[Press, NDArray[np.intp]]
+"""The finger on each key that is down, by state."""
 
 
 def robot_fingers(score: Score, control_timestep: float) -> Score:
@@ -180,19 +180,16 @@ def _fit(presses: list[Press], sign: int) -> dict[tuple[int, int], int]:
     Fingers are chosen anew for what is left, until all of it can be held.
     """
     while True:
-        fingers = choose(presses, sign)
-        chosen = [
-            dataclasses.replace(press, finger=finger)
-            for press, finger in zip(presses, fingers, strict=True)
-        ]
+        fingers = zip(presses, choose(presses, sign), strict=True)
+        chosen = [dataclasses.replace(press, finger=finger) for press, finger in fingers]
         ends = {(press.key, press.first): last for press, last, _ in _early_releases(chosen, sign)}
         if not ends:
             return {(press.key, press.first): press.finger for press in chosen}
         presses = [
             dataclasses.replace(press, last=ends.get((press.key, press.first), press.last))
             for press in presses
+            if ends.get((press.key, press.first), press.last) >= press.first
         ]
-        presses = [press for press in presses if press.last >= press.first]
 
 
 def choose(presses: Sequence[Press], sign: int, change: float = CHANGE_FINGER) -> list[int]:
@@ -203,88 +200,82 @@ def choose(presses: Sequence[Press], sign: int, change: float = CHANGE_FINGER) -
         sign: 1 for the right hand, -1 for the left one.
         change: Cost of a finger that is not the written one, in control steps of sound.
     """
-    onsets = groupby(range(len(presses)), key=lambda i: presses[i].first)
-    chords = [list(struck) for _, struck in onsets]
-    found = search(chords, _Robot(presses, sign, change), order=1, most_states=_MOST_STATES)
-    return [found.fingers[i] for i in range(len(presses))]
+    chords = (list(struck) for _, struck in groupby(presses, key=lambda press: press.first))
+    found = search(chords, _Robot(sign, change), order=1, most_states=_MOST_STATES)
+    return [found.fingers[press] for press in presses]
 
 
-_NOTHING = Onset[int]([], np.zeros((1, 0), dtype=np.intp))
+_NOTHING = Onset[Press]([], np.zeros((1, 0), dtype=np.intp))
 
 
 @dataclass(frozen=True)
 class _Robot:
-    """Costs of the fingers of a simulated hand, in control steps of sound: a `CostModel`.
+    """Costs of the fingers of a simulated hand, in control steps of sound: a `CostModel`."""
 
-    Keys are indices of presses.
-    """
-
-    presses: Sequence[Press]
     sign: int
     """1 for the right hand, -1 for the left one."""
     change: float
     """Cost of a finger that is not the written one."""
 
-    def held(self, down: list[int], struck: list[int]) -> tuple[list[int], list[int]]:
-        onset = self.presses[struck[0]].first
-        return [i for i in down if self.presses[i].last >= onset], []
+    def held(self, down: list[Press], struck: list[Press]) -> tuple[list[Press], list[Press]]:
+        return [press for press in down if press.last >= struck[0].first], []
 
-    def lay(self, path: Sequence[Onset[int]], held: list[int], struck: list[int]) -> Onset[int]:
+    def lay(
+        self, path: Sequence[Onset[Press]], held: list[Press], struck: list[Press]
+    ) -> Onset[Press]:
         before = path[-1] if path else _NOTHING
         struck = sorted(struck, key=self._across)
-        places = [before.down.index(i) for i in held]
+        places = [before.down.index(press) for press in held]
         states: list[tuple[int, ...]] = []
         for way in dict.fromkeys(map(tuple, before.states[:, places].tolist())):
             free = [finger for finger in range(FINGERS_PER_HAND) if finger not in way]
             new = list(combinations(free, len(struck)))
             if not new:  # more than the hand can do: as it is written
-                new = [tuple(self.presses[i].finger for i in struck)]
+                new = [tuple(press.finger for press in struck)]
             states += [(*way, *fingers) for fingers in new]
         return Onset([*held, *struck], np.array(states))
 
-    def costs(self, path: Sequence[Onset[int]], onset: Onset[int]) -> Table:
+    def costs(self, path: Sequence[Onset[Press]], onset: Onset[Press]) -> Table:
         last = path[-1] if path else _NOTHING
         before = dict(zip(last.down, last.states.T[..., None], strict=True))
         now = dict(zip(onset.down, onset.states.T, strict=True))
-        new = [i for i in now if i not in before]
         cost = np.zeros((len(last.states), len(onset.states)))
         doubled = np.zeros(len(onset.states), dtype=bool)
-        for i in new:
-            press = self.presses[i]
-            cost += self.change * (now[i] != press.finger)
-            cost += _THUMB_ON_BLACK * ((now[i] == THUMB) & KEY_IS_BLACK[press.key])
-            others = onset.down[: onset.down.index(i)]
-            cost += sum(self._grips(i, j)[now[i], now[j]] for j in others)
-            doubled |= np.any([now[i] == now[j] for j in others], axis=0)
+        for place, press in enumerate(onset.down):
+            if press in before:
+                continue
+            cost += self.change * (now[press] != press.finger)
+            cost += _THUMB_ON_BLACK * ((now[press] == THUMB) & KEY_IS_BLACK[press.key])
+            others = onset.down[:place]
+            cost += sum(self._grips(press, other)[now[press], now[other]] for other in others)
+            doubled |= np.any([now[press] == now[other] for other in others], axis=0)
         late, early = self._lost_to_leaps(before, now)
         cost = cost + late + early
         cost[:, doubled] = 0.0  # as it is written: there is no choice
-        for i in before.keys() & now.keys():
-            cost[before[i] != now[i]] = np.inf
+        for press in before.keys() & now.keys():
+            cost[before[press] != now[press]] = np.inf
         return cost
 
     def _lost_to_leaps(self, before: _Fingers, now: _Fingers) -> tuple[Table, Table]:
         """Return by how much new notes begin late and ended ones end early, summed over notes."""
-        late = dict.fromkeys((i for i in now if i not in before), np.zeros(1))
-        early = dict.fromkeys((i for i in before if i not in now), np.zeros(1))
-        for i, j in product(early, late):
-            one, other = self.presses[i], self.presses[j]
+        late = dict.fromkeys((press for press in now if press not in before), np.zeros(1))
+        early = dict.fromkeys((press for press in before if press not in now), np.zeros(1))
+        for one, other in product(early, late):
             leaps = _leaps(one.key, other.key, other.first - one.last - 1, self.sign)
-            begins_late, ends_early = leaps[:, before[i], now[j]]
-            late[j] = np.maximum(late[j], begins_late)
-            early[i] = np.maximum(early[i], ends_early)
+            begins_late, ends_early = leaps[:, before[one], now[other]]
+            late[other] = np.maximum(late[other], begins_late)
+            early[one] = np.maximum(early[one], ends_early)
         return sum(late.values(), np.zeros(1)), sum(early.values(), np.zeros(1))
 
-    def _across(self, i: int) -> float:
-        return _across(self.presses[i], self.sign)
+    def _across(self, press: Press) -> float:
+        return _across(press, self.sign)
 
-    def _grips(self, i: int, j: int) -> Table:
+    def _grips(self, one: Press, other: Press) -> Table:
         """Return what it costs that two keys are held together, by their fingers: (5, 5)."""
-        apart = self._across(j) - self._across(i)
+        apart = self._across(other) - self._across(one)
         if apart < 0:
-            return self._grips(j, i).T
-        one, two = self.presses[i], self.presses[j]
-        together = max(min(one.last, two.last) - max(one.first, two.first) + 1, 1)
+            return self._grips(other, one).T
+        together = max(min(one.last, other.last) - max(one.first, other.first) + 1, 1)
         lost = _out_of_reach(apart) / _TOLERANCE
         return np.where(_IN_ORDER, together * np.minimum(lost, _MOST_LOST), _CROSSED)
 
@@ -371,12 +362,12 @@ def _holds(one: Press, other: Press, sign: int) -> bool:
 
 
 def _out_of_reach(apart: float) -> Table:
-    """Return how far two keys are from what two fingers can hold, 0 or more m: (4, 5).
+    """Return how far two keys are from what fingers can hold, 0 or more m: (5, 5).
 
     Args:
         apart: How much nearer to the little finger's side the second key is, m.
 
     Returns:
-        By the finger on the first key and a higher one on the second.
+        By the finger on the first key and the one on the second, which has to be a higher one.
     """
     return np.maximum(np.maximum(apart - _FARTHEST, _NEAREST - apart), 0.0)

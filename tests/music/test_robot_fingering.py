@@ -128,7 +128,7 @@ def notes(*given_notes, sign=1):
 
 def gone_of(presses, sign=1):
     """Return what is let go, as (finger, last state) of each."""
-    return {(press.finger, last) for press, last, _ in _early_releases(presses, sign)}
+    return {(one.finger % 5, one.release) for one in _early_releases(presses, sign)}
 
 
 @BOTH_HANDS

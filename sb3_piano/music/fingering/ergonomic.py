@@ -13,6 +13,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -160,28 +161,18 @@ def _states(shape: _Shape, in_order: bool) -> States:
     exceptions: the thumb may have passed under fingers that hold keys, or fingers over a thumb
     that does; and labels stay as they are, even if two contradict each other.
     """
-    found: list[tuple[int, ...]] = [()]
-    for place, key in enumerate(shape):
-        found = [
-            (*fingers, finger)
-            for fingers in found
-            for finger in (range(FINGERS_PER_HAND) if key[1] < 0 else (key[1],))
-            if all(
-                _fit(shape[below], fingers[below], key, finger, in_order) for below in range(place)
-            )
-        ]
-    return np.array(found, dtype=np.intp).reshape(len(found), len(shape))
-
-
-def _fit(
-    lower: tuple[bool, int], low: int, upper: tuple[bool, int], high: int, in_order: bool
-) -> bool:
-    if lower[1] >= 0 and upper[1] >= 0:
-        return True
-    if low == high or not in_order:
-        return low != high
-    both_struck = lower[0] and upper[0]
-    return low < high or (high == THUMB and not both_struck)
+    choices = [range(FINGERS_PER_HAND) if label < 0 else (label,) for _, label in shape]
+    states = np.array(list(product(*choices)), dtype=np.intp)
+    fits = np.ones(len(states), dtype=bool)
+    for below, above in combinations(range(len(shape)), 2):
+        (low_struck, low_label), (high_struck, high_label) = shape[below], shape[above]
+        low, high = states[:, below], states[:, above]
+        if low_label >= 0 and high_label >= 0:
+            continue
+        if in_order:
+            fits &= (low <= high) | ((high == THUMB) & (not (low_struck and high_struck)))
+        fits &= low != high
+    return states[fits]
 
 
 class _Pattern(NamedTuple):
@@ -256,7 +247,7 @@ class _Ergonomic:
         return _Slice(down, pattern.states, pattern, onset, release)
 
     def costs(self, path: Sequence[_Slice], onset: _Slice) -> Table:
-        own = _slice_costs(self.tables, onset.pattern)
+        own = _own_costs(self.tables, onset.pattern)
         if not path:
             return own
         weights = self.tables.weights
@@ -288,11 +279,11 @@ def _calm(first: _Slice, second: _Slice, weights: FingeringWeights) -> float:
     return math.exp(-max(second.onset - first.release, 0.0) / weights.rest)
 
 
-# Costs for all finger states of a slice, and of going from one slice to the next.
+# Costs for all states of a pattern, and of going from one to the next.
 
 
 @lru_cache(maxsize=_CACHE)
-def _slice_costs(tables: CostTables, pattern: _Pattern) -> Table:
+def _own_costs(tables: CostTables, pattern: _Pattern) -> Table:
     """Return what each state costs by itself: (states,); infinite if a held key is out of reach.
 
     Each struck key counts with its finger, and each pair of keys of which one is struck at least
@@ -311,7 +302,7 @@ def _slice_costs(tables: CostTables, pattern: _Pattern) -> Table:
             if struck or other_struck:
                 pairs += tables.grips[at]
             if struck != other_struck:
-                pairs += np.where(tables.far[at], np.inf, 0.0)
+                pairs[tables.far[at]] = np.inf
     return cost + pairs / max(len(pattern.shape) - 1, 1)
 
 
@@ -323,18 +314,10 @@ def _step_costs(
     rise: int,
     kept: tuple[tuple[int, int], ...],
 ) -> tuple[Table, Table]:
-    """Return what going from each state of a slice to each of the next costs.
+    """Return what each step costs that depends on time, and what does not: (first, second) states.
 
-    Args:
-        tables: The costs of keys and fingers.
-        first: The slice that is left.
-        second: The slice that follows.
-        rise: Its lowest key above that of the first, in semitones.
-        kept: For each key held over: its place in the first and in the second slice.
-
-    Returns:
-        (first states, second states) each: what depends on the time there is, and what does not;
-        the latter is infinite where a finger would have to leave a key that is held.
+    The latter is infinite where a finger would have to leave a key that is held. `kept` has the
+    places of keys held over, `rise` is from the lowest key to the next one's.
     """
     left = [place for place in range(len(first.intervals)) if place not in dict(kept)]
     chord = len(left) > 1 or len(second.struck) > 1
@@ -350,16 +333,10 @@ def _step_costs(
 def _shift_costs(
     tables: CostTables, patterns: tuple[_Pattern, _Pattern, _Pattern], rises: tuple[int, int]
 ) -> tuple[Table, Table]:
-    """Return what changes of the hand's position over three slices cost.
+    """Return what changes of position cost that depends on time, and what does not.
 
-    Args:
-        tables: The costs of keys and fingers.
-        patterns: The slices.
-        rises: The lowest keys of the second and the third above that of the first, in semitones.
-
-    Returns:
-        What depends on the time there is, and what does not: (first states, second states or 1,
-        third states) each. The second slice counts if all three strike a single key.
+    Both broadcast to (first, second, third) states. The second pattern counts if all three strike
+    a single key. `rises` are from the first lowest key to the others.
     """
     first, _, third = patterns
     shifts = _mean_pairs(tables.shifts, first, third, rises[1], first.struck)[:, None, :]
@@ -382,14 +359,9 @@ def _shift_costs(
 def _mean_pairs(
     table: Table, first: _Pattern, second: _Pattern, rise: int, places: list[int]
 ) -> Table:
-    """Sum a cost over pairs of keys, over the larger number of keys: (first states, second states).
+    """Sum the costs of keys at `places` with those struck later: (first, second) states.
 
-    Args:
-        table: The cost of two keys with two fingers.
-        first: A slice ...
-        second: ... and a later one, whose struck keys count.
-        rise: Its lowest key above that of the first, in semitones.
-        places: Which keys of the first one count.
+    The sum is over the larger number of keys.
     """
     one, other, later = first.states, second.states, second.struck
     if not places or not later:

@@ -125,19 +125,9 @@ def release_early(roll: PianoRoll) -> PianoRoll:
     """
     label, releases = roll.finger.copy(), list(roll.early_releases)
     for hand, sign in _HANDS:
-        presses = presses_of_hand(roll, hand)
-        for press, last, for_key in _early_releases(presses, sign):
-            label[last : press.last, press.key] = UNKNOWN_FINGER
-            releases.append(
-                EarlyRelease(
-                    key=press.key,
-                    finger=hand * FINGERS_PER_HAND + press.finger,
-                    onset=press.first - 1,
-                    offset=press.last,
-                    release=last,
-                    for_key=for_key,
-                )
-            )
+        for one in _early_releases(presses_of_hand(roll, hand), sign):
+            label[one.release : one.offset, one.key] = UNKNOWN_FINGER
+            releases.append(one)
     return dataclasses.replace(roll, finger=label, early_releases=tuple(releases))
 
 
@@ -182,7 +172,7 @@ def _fit(presses: list[Press], sign: int) -> dict[tuple[int, int], int]:
     while True:
         fingers = zip(presses, choose(presses, sign), strict=True)
         chosen = [dataclasses.replace(press, finger=finger) for press, finger in fingers]
-        ends = {(press.key, press.first): last for press, last, _ in _early_releases(chosen, sign)}
+        ends = {(one.key, one.onset + 1): one.release for one in _early_releases(chosen, sign)}
         if not ends:
             return {(press.key, press.first): press.finger for press in chosen}
         presses = [
@@ -308,7 +298,7 @@ def _leaps(key: int, later_key: int, rest: int, sign: int) -> NDArray[np.float64
     return np.moveaxis(np.array([[costs(f, other) for other in fingers] for f in fingers]), 2, 0)
 
 
-def _early_releases(presses: Sequence[Press], sign: int) -> list[tuple[Press, int, int]]:
+def _early_releases(presses: Sequence[Press], sign: int) -> list[EarlyRelease]:
     """Return what a hand has to release early so that it can play the others.
 
     What is held already makes way for what is struck. Of a chord that cannot be struck, the note
@@ -317,32 +307,29 @@ def _early_releases(presses: Sequence[Press], sign: int) -> list[tuple[Press, in
     Args:
         presses: What the hand plays, in order of time.
         sign: 1 for the right hand, -1 for the left one.
-
-    Returns:
-        For each of them: the press; the last state in which its key is down, which is before its
-        first one if it is not struck at all; the key that is played instead.
     """
-
-    def conflicts(one: Press, others: Sequence[Press]) -> list[Press]:
-        return [other for other in others if other is not one and not _holds(one, other, sign)]
-
-    releases: list[tuple[Press, int, int]] = []
+    releases: list[EarlyRelease] = []
     held: list[Press] = []
+
+    def conflicts(one: Press) -> list[Press]:
+        return [other for other in struck if other is not one and not _holds(one, other, sign)]
+
+    def makes_way(press: Press) -> bool:
+        """Release a press if it cannot be held beside what is struck; return whether."""
+        if against := conflicts(press):
+            finger = press.finger + FINGERS_PER_HAND * (sign < 0)
+            span = {"onset": press.first - 1, "offset": press.last, "release": onset - 1}
+            release = EarlyRelease(key=press.key, finger=finger, for_key=against[0].key, **span)
+            releases.append(release)
+        return bool(against)
+
     for onset, chord in groupby(presses, key=lambda press: press.first):
         struck = list(chord)
-        held = [press for press in held if press.last >= onset]
-        while True:
-            worst = max(struck, key=lambda p: (len(conflicts(p, struck)), -_across(p, sign)))
-            if not (against := conflicts(worst, struck)):
-                break
+        while makes_way(
+            worst := max(struck, key=lambda one: (len(conflicts(one)), -_across(one, sign)))
+        ):
             struck.remove(worst)
-            releases.append((worst, onset - 1, against[0].key))
-        stay = []
-        for press in held:
-            if against := conflicts(press, struck):
-                releases.append((press, onset - 1, against[0].key))
-            else:
-                stay.append(press)
+        stay = [press for press in held if press.last >= onset and not makes_way(press)]
         held = stay + struck
     return releases
 

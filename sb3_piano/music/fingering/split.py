@@ -78,8 +78,8 @@ def _split(notes: tuple[Note, ...]) -> list[Hand]:
     sounding: list[int] = []
     trail: list[tuple[list[int], Flags, NDArray[np.intp], NDArray[np.intp]]] = []
     for chord in struck_together(notes):
-        onset = notes[chord[0]].onset
         group = sorted(chord, key=lambda at: notes[at].pitch)
+        onset = notes[group[0]].onset
         stays = np.array([notes[index].offset > onset + OVERLAP for index in sounding], dtype=bool)
         sounding = [index for index, stay in zip(sounding, stays, strict=True) if stay]
         beam.left_holds = beam.left_holds[:, stays]

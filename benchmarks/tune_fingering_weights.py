@@ -22,21 +22,24 @@ from typing import Any
 from rich.console import Console
 
 from sb3_piano.music import BUILT_IN, Note
-from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, PARNCUTT_WEIGHTS, FingeringWeights
-from sb3_piano.music.fingering.search import finger_hand
+from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, FingeringWeights
+from sb3_piano.music.fingering.ergonomic import finger_hand
 from sb3_piano.music.hands import HANDS, Hand
 
 SHARES = {"scale": 0.35, "arpeggio": 0.2, "hanon": 0.25, "pattern": 0.2}
 """How much each kind of study counts."""
 
-FIXED = ("hand", "pace", "haste", "rest")
+FIXED = ("pace", "haste", "rest")
 """What studies of even notes cannot tell."""
 
-LITERATURE = replace(
-    PARNCUTT_WEIGHTS,
-    hand="medium",
+LITERATURE = FingeringWeights(
     physical=0.5,
+    stretch=2.0,
+    span_thumb=1.0,
+    span_fingers=2.0,
     impractical=10.0,
+    position_count=1.0,
+    position_size=1.0,
     place=0.3,
     place_later=0.1,
     same_finger=8.0,
@@ -44,12 +47,24 @@ LITERATURE = replace(
     other_finger=3.0,
     other_finger_later=1.0,
     leap=30.0,
+    weak_four=1.0,
+    weak_five=1.0,
+    three_four_five=1.0,
+    three_to_four=1.0,
+    four_on_black=1.0,
+    thumb_on_black=1.0,
+    thumb_on_black_white=2.0,
+    five_on_black=0.0,
+    five_on_black_white=2.0,
+    passing=1.0,
     passing_size=0.5,
+    passing_on_black=3.0,
     chord_finger=0.5,
     chord_finger_size=0.5,
     chord_shift=0.5,
+    chord=1.0,
 )
-"""The published points, with guesses for what is ours."""
+"""The points of Parncutt et al. 1997, with guesses for what is ours."""
 
 LOYALTY = 0.001
 """What a weight costs that is e times that of the literature, as a share of fingers."""

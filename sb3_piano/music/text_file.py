@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+import reprlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TypeVar
 
 from sb3_piano.exceptions import ScoreError, one_line
+
+T = TypeVar("T")
 
 
 def read_whole(text: str) -> int | None:
@@ -54,4 +58,25 @@ def reading(path: Path, kind: str, expected: str) -> Iterator[None]:
         # A damaged file surfaces as whatever the parsers happen to stumble over.
         raise ScoreError(
             f"Cannot read {str(path)!r} as a {kind} ({one_line(error)}): expected {expected}."
+        ) from error
+
+
+def read_field(where: str, name: str, text: str, convert: Callable[[str], T], expected: str) -> T:
+    """Return what the text of a field stands for.
+
+    Args:
+        where: The place, for messages: ``"Line 3 of 'etude.txt'"``.
+        name: What the field is.
+        text: What it says.
+        convert: Makes a value of it, or raises ValueError.
+        expected: What it could say.
+
+    Raises:
+        ScoreError: If it is not valid.
+    """
+    try:
+        return convert(text)
+    except ValueError as error:
+        raise ScoreError(
+            f"{where}: {name} {reprlib.repr(text)} is not valid: expected {expected}."
         ) from error

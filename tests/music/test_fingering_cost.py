@@ -6,16 +6,12 @@ import itertools
 
 import numpy as np
 import pytest
+from published_rules import PARNCUTT_HAND, PARNCUTT_WEIGHTS
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music.fingering.cost import (
-    MAX_INTERVAL,
-    PARNCUTT_WEIGHTS,
-    CostTables,
-    FingeringWeights,
-)
+from sb3_piano.music.fingering.cost import MAX_INTERVAL, CostTables, FingeringWeights
 
-PARNCUTT = CostTables(PARNCUTT_WEIGHTS)
+PARNCUTT = CostTables(PARNCUTT_WEIGHTS, PARNCUTT_HAND)
 
 
 def points(table, first, second, fingers):
@@ -102,7 +98,6 @@ def test_only_the_three_outer_fingers_one_after_the_other_cost_a_point():
         ("rest", float("inf"), "a finite number above 0"),
         ("leap", 0.0, "a finite number above 0"),
         ("physical", 1.5, "a finite number from 0 to 1"),
-        ("hand", "large", "one of 'medium', 'parncutt'"),
     ],
 )
 def test_a_weight_out_of_range_is_refused(name, value, expected):

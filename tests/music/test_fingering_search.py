@@ -10,11 +10,11 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from published_rules import PARNCUTT_WEIGHTS
 
 from sb3_piano.music import Note
-from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, PARNCUTT_WEIGHTS
-from sb3_piano.music.fingering.search import WIDEST, finger_hand
-from sb3_piano.music.fingering.states import OVERLAP
+from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS
+from sb3_piano.music.fingering.ergonomic import OVERLAP, WIDEST, finger_hand
 
 W = DEFAULT_WEIGHTS
 

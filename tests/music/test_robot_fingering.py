@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 import pytest
@@ -17,8 +17,8 @@ from sb3_piano.music.fingering import apply_fingering, robot
 from sb3_piano.music.fingering.robot import (
     CHANGE_FINGER,
     KEY_Y,
-    _Costs,
     _early_releases,
+    _Robot,
     choose,
     release_early,
     robot_fingers,
@@ -42,38 +42,35 @@ def chord(*notes, sign=1, first=1, last=20):
     return [Press(WHITE[MIDDLE + sign * away], finger, first, last) for away, finger in notes]
 
 
-def all_ways(costs, onsets, number=0, way=()):
-    """Yield the cost of every way to finger a piece."""
-    if number == len(onsets):
-        yield 0.0
-        return
-    struck = [i for i, press in enumerate(costs.presses) if press.first == onsets[number]]
-    for after, cost in costs.successors(way, onsets[number], struck):
-        for rest in all_ways(costs, onsets, number + 1, after):
-            yield cost + rest
+def every_way(presses, sign):
+    """Yield every way to finger a piece, with its cost."""
+    model, path, tables = _Robot(sign, CHANGE_FINGER), [], []
+    for _, struck in groupby(presses, key=lambda press: press.first):
+        chord = list(struck)
+        held, _ = model.held(path[-1].down if path else [], chord)
+        onset = model.lay(path, held, chord)
+        tables.append(model.costs(path, onset))
+        path.append(onset)
 
+    def follow(number, state):
+        if number == len(path):
+            yield {}, 0.0
+            return
+        for after in np.flatnonzero(np.isfinite(tables[number][state])):
+            here = dict(zip(path[number].down, path[number].states[after], strict=True))
+            for fingers, cost in follow(number + 1, after):
+                yield here | fingers, tables[number][state, after] + cost
 
-def cost_of(costs, onsets, given_fingers):
-    """Return the cost of given fingers."""
-    total, way = 0.0, ()
-    for onset in onsets:
-        struck = [i for i, press in enumerate(costs.presses) if press.first == onset]
-        after, cost = next(
-            (after, cost)
-            for after, cost in costs.successors(way, onset, struck)
-            if all(given_fingers[i] == finger for i, finger in after)
-        )
-        total, way = total + cost, after
-    return total
+    return follow(0, 0)
 
 
 @settings(max_examples=40, deadline=None)
 @given(hand_presses(most=5), st.sampled_from([1, -1]))
 def test_no_other_fingers_cost_less(presses, sign):
-    costs = _Costs(presses, sign, CHANGE_FINGER)
-    onsets = sorted({press.first for press in presses})
-    chosen = cost_of(costs, onsets, choose(presses, sign))
-    assert chosen == pytest.approx(min(all_ways(costs, onsets)))
+    chosen = dict(zip(presses, choose(presses, sign), strict=True))
+    ways = list(every_way(presses, sign))
+    cost = next(cost for fingers, cost in ways if fingers == chosen)
+    assert cost == pytest.approx(min(cost for _, cost in ways))
 
 
 @BOTH_HANDS
@@ -131,7 +128,7 @@ def notes(*given_notes, sign=1):
 
 def gone_of(presses, sign=1):
     """Return what is let go, as (finger, last state) of each."""
-    return {(press.finger, last) for press, last, _ in _early_releases(presses, sign)}
+    return {(one.finger % 5, one.release) for one in _early_releases(presses, sign)}
 
 
 @BOTH_HANDS

@@ -15,6 +15,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.fingering.apply import finger_score
@@ -24,9 +27,6 @@ from sb3_piano.music.hands import HANDS
 from sb3_piano.music.score import Score
 
 _PIG_FILE = re.compile(r"(\d+)-\d+_fingering\.txt", re.IGNORECASE)
-
-_WRONG_FINGER = 1
-_CHANGE_OF_ANNOTATOR = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,12 +46,12 @@ class Agreement:
     @property
     def right(self) -> float | None:
         """Share of the right hand's labelled notes that have the same finger."""
-        return _share(self.same_finger[0], self.notes[0])
+        return self.same_finger[0] / self.notes[0] if self.notes[0] else None
 
     @property
     def left(self) -> float | None:
         """Share of the left hand's labelled notes that have the same finger."""
-        return _share(self.same_finger[1], self.notes[1])
+        return self.same_finger[1] / self.notes[1] if self.notes[1] else None
 
     @property
     def both(self) -> float:
@@ -140,78 +140,52 @@ def match_rates(annotations: Sequence[Score], other: Score) -> MatchRates:
     """
     if not annotations:
         raise ScoreError(f"There are no annotations of {other.title!r}: expected at least one.")
-    truths = _aligned(annotations, other)
-    counted = [n for n, fingers in enumerate(zip(*truths, strict=True)) if min(fingers) >= 0]
-    if not counted:
+    truths = np.array([_aligned(annotation, other) for annotation in annotations])
+    counted = (truths != UNKNOWN_FINGER).all(0)
+    total = int(counted.sum())
+    if not total:
         raise ScoreError(
             f"The annotations of {other.title!r} have no labelled note in common: expected at "
             "least one."
         )
+    same = truths == [note.finger for note in other.notes]
     highest = soft = recombined = 0
     for hand in HANDS:  # notes of neither hand have no finger, and match nothing
-        notes = [n for n in counted if other.notes[n].hand == hand]
-        fingers = [other.notes[n].finger for n in notes]
-        of_hand = [[truth[n] for n in notes] for truth in truths]
-        highest += max(_matches(fingers, truth) for truth in of_hand)
-        soft += sum(any(truth[n] == other.notes[n].finger for truth in truths) for n in notes)
-        recombined += len(notes) - _recombination_cost(fingers, of_hand)
-    fingers = [other.notes[n].finger for n in counted]
-    matches = [_matches(fingers, [truth[n] for n in counted]) for truth in truths]
-    total = len(counted)
+        notes = counted & [note.hand == hand for note in other.notes]
+        highest += int(same[:, notes].sum(1).max())
+        soft += int(same[:, notes].any(0).sum())
+        recombined += _recombined(same[:, notes], truths[:, notes])
     return MatchRates(
         notes=total,
-        general=sum(matches) / len(matches) / total,
+        general=int(same[:, counted].sum()) / len(truths) / total,
         highest=highest / total,
         soft=soft / total,
         recombination=recombined / total,
     )
 
 
-def _share(part: int, whole: int) -> float | None:
-    return part / whole if whole else None
+def _aligned(annotation: Score, other: Score) -> list[int]:
+    """Return an annotator's fingers in the order of the notes of `other`."""
+    pairs = pair_all(other, annotation)
+    pair_all(annotation, other)  # nor may an annotation have notes that `other` lacks
+    return [annotation.notes[pairs[n]].finger for n in range(len(other.notes))]
 
 
-def _aligned(annotations: Sequence[Score], other: Score) -> list[list[int]]:
-    """Return each annotator's fingers in the order of the notes of `other`."""
-    aligned = []
-    for annotation in annotations:
-        pairs = pair_all(other, annotation)
-        pair_all(annotation, other)  # nor may an annotation have notes that `other` lacks
-        aligned.append([annotation.notes[pairs[n]].finger for n in range(len(other.notes))])
-    return aligned
-
-
-def _matches(fingers: Sequence[int], truth: Sequence[int]) -> int:
-    return sum(ours == theirs for ours, theirs in zip(fingers, truth, strict=True))
-
-
-def _recombination_cost(fingers: Sequence[int], truths: Sequence[Sequence[int]]) -> int:
-    """Return the least number of wrong fingers and changes of annotator, taken together.
+def _recombined(same: NDArray[np.bool_], truths: NDArray[np.int_]) -> int:
+    """Return the most right fingers, less changes of annotator, that following annotators gives.
 
     Args:
-        fingers: (N,) fingers to be judged.
-        truths: (K, N) the annotators' fingers.
+        same: (annotators, notes) whether the finger is the annotator's.
+        truths: (annotators, notes) the annotators' fingers.
     """
-    costs = [0] * len(truths)
-    for n, finger in enumerate(fingers):
+    changes = 1.0 - np.eye(len(truths))
+    value = np.zeros(len(truths))
+    for n, right in enumerate(same.T):
         if n > 0:
-            costs = [_cost_of_following(k, n - 1, costs, truths) for k in range(len(truths))]
-        costs = [
-            cost + _WRONG_FINGER * (truth[n] != finger)
-            for cost, truth in zip(costs, truths, strict=True)
-        ]
-    return min(costs)
-
-
-def _cost_of_following(
-    annotator: int, last: int, costs: Sequence[int], truths: Sequence[Sequence[int]]
-) -> int:
-    """Return the least cost up to note `last` of those who follow this annotator from then on."""
-    return min(
-        cost + _CHANGE_OF_ANNOTATOR * (k != annotator)
-        for k, cost in enumerate(costs)
-        if truths[k][last] == truths[annotator][last]
-    )
+            before = truths[:, n - 1]
+            value = np.where(before[:, None] == before, value[:, None] - changes, -np.inf).max(0)
+        value = value + right
+    return int(value.max())
 
 
 # Our own fingering, judged.

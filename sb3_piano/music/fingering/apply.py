@@ -9,9 +9,9 @@ from pathlib import Path
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, FingeringWeights
+from sb3_piano.music.fingering.ergonomic import finger_hand
 from sb3_piano.music.fingering.labels import read_labels
 from sb3_piano.music.fingering.robot import robot_fingers
-from sb3_piano.music.fingering.search import finger_hand
 from sb3_piano.music.fingering.split import assign_hands
 from sb3_piano.music.hands import HANDS, finger_of
 from sb3_piano.music.score import Score

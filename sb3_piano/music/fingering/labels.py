@@ -16,27 +16,25 @@ are ignored.
 
 from __future__ import annotations
 
+import bisect
 import csv
 import dataclasses
+import functools
 import io
 import math
 import os
-import reprlib
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_FINGERS, UNKNOWN_FINGER
 from sb3_piano.music.formats import read_score
-from sb3_piano.music.hands import HANDS
+from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_name, pitch_number
 from sb3_piano.music.score import Score
-from sb3_piano.music.text_file import read_text, read_whole
-
-T = TypeVar("T")
+from sb3_piano.music.text_file import read_field, read_text, read_whole
 
 TOLERANCE = 0.05
 """Largest distance of a label's onset from its note's, in s, unless one says otherwise; as in the
@@ -45,8 +43,6 @@ comparison of transcriptions (mir_eval)."""
 SAME_ONSET = 1e-3
 """Onsets this close are the same, in s: formats round times, MIDI to 0.1 ms."""
 
-_COLUMNS = ("onset", "pitch", "finger")
-_EXPECTED_COLUMNS = "onset, pitch, finger and perhaps hand"
 _LABEL_LENGTH = 0.1  # s; a table has no offsets, and nobody asks for them
 
 
@@ -81,34 +77,24 @@ def read_labels(
         )
     labels = Score(notes=labelled, title=str(path))
     pairs = pair_notes(labels.notes, score.notes, tolerance)
-    _check_enough(pairs, labels, score, tolerance)
+    if 2 * len(pairs) < len(labels.notes):
+        first = next(index for index in range(len(labels.notes)) if index not in pairs)
+        raise ScoreError(
+            f"Only {len(pairs)} of {len(labels.notes)} labels of {labels.title!r} find a note of "
+            f"{score.title!r} within {tolerance:g} s; the first that does not is that of "
+            f"{_describe(first, labels)}. Expected labels of the same piece at the same tempo."
+        )
     notes = list(score.notes)
-    for label, index in pairs.items():
-        notes[index] = _labelled(notes[index], labels.notes[label])
+    for place, index in pairs.items():
+        label, note = labels.notes[place], notes[index]
+        if label.finger != UNKNOWN_FINGER or label.hand != note.hand:
+            notes[index] = dataclasses.replace(note, finger=label.finger, hand=label.hand)
     return dataclasses.replace(score, notes=tuple(notes))
 
 
-def _check_enough(pairs: Mapping[int, int], labels: Score, score: Score, tolerance: float) -> None:
-    if 2 * len(pairs) >= len(labels.notes):
-        return
-    first = next(index for index in range(len(labels.notes)) if index not in pairs)
-    raise ScoreError(
-        f"Only {len(pairs)} of {len(labels.notes)} labels of {labels.title!r} find a note of "
-        f"{score.title!r} within {tolerance:g} s; the first that does not is that of "
-        f"{describe(first, labels)}. Expected labels of the same piece at the same tempo."
-    )
-
-
-def _labelled(note: Note, label: Note) -> Note:
-    if label.finger == UNKNOWN_FINGER and label.hand == note.hand:
-        return note
-    return dataclasses.replace(note, finger=label.finger, hand=label.hand)
-
-
 def _read_table(path: Path) -> Score:
-    rows = csv.DictReader(
-        io.StringIO(read_text(path, "table of labels"), newline=""), skipinitialspace=True
-    )
+    text = io.StringIO(read_text(path, "table of labels"), newline="")
+    rows = csv.DictReader(text, restval="", skipinitialspace=True)
     try:
         rows.fieldnames = _checked_columns(rows.fieldnames or (), path)
         notes = [_read_row(f"Line {rows.line_num} of {str(path)!r}", row) for row in rows]
@@ -123,65 +109,39 @@ def _read_table(path: Path) -> Score:
 
 def _checked_columns(names: Iterable[str], path: Path) -> list[str]:
     columns = [name.strip().lower() for name in names]
-    missing = [name for name in _COLUMNS if name not in columns]
-    if missing:
-        raise ScoreError(
-            f"Table {str(path)!r} has no column {missing[0]!r}: expected a first line that names "
-            f"{_EXPECTED_COLUMNS}."
-        )
+    for name in ("onset", "pitch", "finger"):
+        if name not in columns:
+            raise ScoreError(
+                f"Table {str(path)!r} has no column {name!r}: expected a first line that names "
+                "onset, pitch, finger and perhaps hand."
+            )
     return columns
 
 
-def _read_row(where: str, row: Mapping[str | None, str | list[str] | None]) -> Note:
-    texts = {
-        name: value.strip() if isinstance(value, str) else ""
-        for name, value in row.items()
-        if name is not None
-    }
-
-    def read(name: str, make: Callable[[str], T], expected: str, text: str) -> T:
-        try:
-            return make(text)
-        except (ValueError, ScoreError) as error:
-            raise ScoreError(
-                f"{where}: {name} {reprlib.repr(text)} is not valid: expected {expected}."
-            ) from error
-
-    onset = read("onset", float, "seconds, such as 1.25", texts["onset"])
+def _read_row(where: str, row: Mapping[str | None, str]) -> Note:
+    # Under None is what lies beyond the last column.
+    texts = {name: value.strip() for name, value in row.items() if name is not None}
+    read = functools.partial(read_field, where)
+    onset = read("onset", texts["onset"], float, "seconds, such as 1.25")
     pitches = "a MIDI number such as 60, or a name such as C4, F#5 or Bb3"
-    pitch = read("pitch", _pitch, pitches, texts["pitch"])
-    sides = (None, *HANDS)
-    names: list[str] = [side or "" for side in sides]
-    text = texts.get("hand", "").lower()
-    hand = sides[read("hand", names.index, "right, left or nothing", text)]
+    pitch = read("pitch", texts["pitch"], _pitch, pitches)
+    sides: tuple[Hand | None, ...] = (None, *HANDS)
+    side = read("hand", texts.get("hand", "").lower(), ("", *HANDS).index, "right, left or nothing")
     fingers, expected = range(NUM_FINGERS), "0-4 (right) or 5-9 (left), or a column 'hand'"
-    if hand:
+    if hand := sides[side]:
         fingers, expected = range(1, FINGERS_PER_HAND + 1), "1 (thumb) to 5 (little)"
     finger = UNKNOWN_FINGER
     if texts["finger"] not in ("", "-1"):
-        place = read("finger", lambda text: fingers.index(_whole(text)), expected, texts["finger"])
+        numbers: list[int | None] = [*fingers]
+        place = read("finger", texts["finger"], lambda t: numbers.index(read_whole(t)), expected)
         finger = place + FINGERS_PER_HAND * (hand == "left")
-    return located_note(
-        where,
-        onset=onset,
-        offset=onset + _LABEL_LENGTH,
-        pitch=pitch,
-        finger=finger,
-        hand=hand,
-    )
+    offset = onset + _LABEL_LENGTH
+    return located_note(where, onset=onset, offset=offset, pitch=pitch, finger=finger, hand=hand)
 
 
 def _pitch(text: str) -> int:
     number = read_whole(text)
     return pitch_number(text) if number is None else number
-
-
-def _whole(text: str) -> int:
-    number = read_whole(text)
-    return -1 if number is None else number
-
-
-# Which note of one score is which of another, where both hold the same music.
 
 
 def pair_notes(
@@ -192,7 +152,7 @@ def pair_notes(
     The nearest pairs are made first; of equally near ones, the earlier.
 
     Args:
-        notes: The notes to be paired, sorted by onset.
+        notes: The notes to be paired.
         others: With which notes, sorted by onset.
         tolerance: How far apart the onsets of a pair may lie, in s.
 
@@ -202,19 +162,25 @@ def pair_notes(
     by_pitch: dict[int, list[int]] = defaultdict(list)
     for index, other in enumerate(others):
         by_pitch[other.pitch].append(index)
-    first: dict[int, int] = defaultdict(int)  # by pitch: earlier ones are out of reach for good
-    candidates: list[tuple[float, int, int]] = []
+    near: list[tuple[float, int, int]] = []
     for index, note in enumerate(notes):
         same_pitch = by_pitch[note.pitch]
-        for place in range(first[note.pitch], len(same_pitch)):
-            distance = others[same_pitch[place]].onset - note.onset
+        # Distances themselves are compared: a sum would be rounded otherwise.
+        low = bisect.bisect_left(
+            same_pitch, -tolerance, key=lambda at: others[at].onset - note.onset
+        )
+        for place in same_pitch[low:]:
+            distance = others[place].onset - note.onset
             if distance > tolerance:
                 break
-            if distance < -tolerance:
-                first[note.pitch] = place + 1
-                continue
-            candidates.append((abs(distance), index, same_pitch[place]))
-    return _nearest_first(candidates)
+            near.append((abs(distance), index, place))
+    pairs: dict[int, int] = {}
+    taken: set[int] = set()
+    for _, index, place in sorted(near):
+        if index not in pairs and place not in taken:
+            pairs[index] = place
+            taken.add(place)
+    return pairs
 
 
 def pair_all(score: Score, other: Score) -> dict[int, int]:
@@ -228,23 +194,12 @@ def pair_all(score: Score, other: Score) -> dict[int, int]:
     if missing:
         raise ScoreError(
             f"{len(missing)} of {len(score.notes)} notes of {score.title!r} are not in "
-            f"{other.title!r}, first {describe(missing[0], score)}: expected the same notes, with "
+            f"{other.title!r}, first {_describe(missing[0], score)}: expected the same notes, with "
             "fingers of their own."
         )
     return pairs
 
 
-def describe(index: int, score: Score) -> str:
-    """Return which note of a score it is, for messages: ``note 3 (C4 at 1.5 s)``."""
+def _describe(index: int, score: Score) -> str:
     note = score.notes[index]
     return f"note {index} ({pitch_name(note.pitch)} at {note.onset:g} s)"
-
-
-def _nearest_first(candidates: list[tuple[float, int, int]]) -> dict[int, int]:
-    pairs: dict[int, int] = {}
-    taken: set[int] = set()
-    for _, index, other in sorted(candidates):
-        if index not in pairs and other not in taken:
-            pairs[index] = other
-            taken.add(other)
-    return pairs

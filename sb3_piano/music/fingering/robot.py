@@ -15,13 +15,15 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations, groupby
+from itertools import combinations, groupby, product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK, MIDDLE, THUMB, UNKNOWN_FINGER
+from sb3_piano.music.fingering.search import Onset, Table, search
 from sb3_piano.music.presses import Press, presses_of_hand
 from sb3_piano.music.roll import EarlyRelease, PianoRoll, floor_steps
 from sb3_piano.music.score import Score
@@ -46,7 +48,7 @@ _CROSSED = 1000.0  # fingers that cross
 _REPEATED = 0.5  # a strike of the same key by the same finger
 _LEAP_WEIGHT = 5.0  # the way of a leap, per m: the shorter one, if as much is lost
 _PASSED = 2.0  # a finger, not the thumb, that passes another one
-_KEPT = 40  # ways that are followed at the same time
+_MOST_STATES = 40  # ways to lay fingers on the keys that are followed at a time
 
 _LEAP_DISTANCE = 0.020  # from which on the hand's way between two notes costs time, m
 _LEAP_STEPS = 2  # control steps of sound that a leap costs, less the rest between the notes
@@ -63,6 +65,7 @@ _NEAREST = np.array(
         [0.0, 0.000, 0.012, 0.028, 0.040],
         [0.0, 0.000, 0.000, 0.012, 0.025],
         [0.0, 0.000, 0.000, 0.000, 0.012],
+        [0.0, 0.000, 0.000, 0.000, 0.000],
     ]
 )
 _FARTHEST = np.array(
@@ -71,8 +74,10 @@ _FARTHEST = np.array(
         [0.0, 0.000, 0.060, 0.098, 0.102],
         [0.0, 0.000, 0.000, 0.070, 0.078],
         [0.0, 0.000, 0.000, 0.000, 0.066],
+        [0.0, 0.000, 0.000, 0.000, 0.000],
     ]
 )
+_IN_ORDER = np.triu(np.ones((FINGERS_PER_HAND, FINGERS_PER_HAND), dtype=bool), 1)
 
 # So far out of reach, m, fingers end up between the keys. Of 18 such grips of two white keys, held
 # for a second, each came out at a higher F1 with one of them alone (0.79, not 0.26 to 0.77).
@@ -81,8 +86,8 @@ _MAX_OVERREACH = 0.018
 _HANDS = ((0, 1), (1, -1))
 """Number and sign of each hand: 1 for the right one, whose thumb is on the left."""
 
-_Assignment = tuple[tuple[int, int], ...]
-"""Fingers of the presses that sound, or have just sounded."""
+_Fingers = Mapping[Press, NDArray[np.intp]]
+"""The finger on each key that is down, by state."""
 
 
 def robot_fingers(score: Score, control_timestep: float) -> Score:
@@ -120,19 +125,9 @@ def release_early(roll: PianoRoll) -> PianoRoll:
     """
     label, releases = roll.finger.copy(), list(roll.early_releases)
     for hand, sign in _HANDS:
-        presses = presses_of_hand(roll, hand)
-        for press, last, for_key in _early_releases(presses, sign):
-            label[last : press.last, press.key] = UNKNOWN_FINGER
-            releases.append(
-                EarlyRelease(
-                    key=press.key,
-                    finger=hand * FINGERS_PER_HAND + press.finger,
-                    onset=press.first - 1,
-                    offset=press.last,
-                    release=last,
-                    for_key=for_key,
-                )
-            )
+        for one in _early_releases(presses_of_hand(roll, hand), sign):
+            label[one.release : one.offset, one.key] = UNKNOWN_FINGER
+            releases.append(one)
     return dataclasses.replace(roll, finger=label, early_releases=tuple(releases))
 
 
@@ -175,139 +170,135 @@ def _fit(presses: list[Press], sign: int) -> dict[tuple[int, int], int]:
     Fingers are chosen anew for what is left, until all of it can be held.
     """
     while True:
-        fingers = choose(presses, sign)
-        chosen = [
-            dataclasses.replace(press, finger=finger)
-            for press, finger in zip(presses, fingers, strict=True)
-        ]
-        ends = {(press.key, press.first): last for press, last, _ in _early_releases(chosen, sign)}
+        fingers = zip(presses, choose(presses, sign), strict=True)
+        chosen = [dataclasses.replace(press, finger=finger) for press, finger in fingers]
+        ends = {(one.key, one.onset + 1): one.release for one in _early_releases(chosen, sign)}
         if not ends:
             return {(press.key, press.first): press.finger for press in chosen}
         presses = [
             dataclasses.replace(press, last=ends.get((press.key, press.first), press.last))
             for press in presses
+            if ends.get((press.key, press.first), press.last) >= press.first
         ]
-        presses = [press for press in presses if press.last >= press.first]
 
 
 def choose(presses: Sequence[Press], sign: int, change: float = CHANGE_FINGER) -> list[int]:
-    """Return a finger, 0 to 4, for each press of a hand.
-
-    Dynamic programming over the onsets: of all ways in which the same fingers hold the same keys,
-    only the best so far goes on.
+    """Return the fingers, 0 to 4, of the presses of a hand that cost the least.
 
     Args:
         presses: What the hand plays, in order of time.
         sign: 1 for the right hand, -1 for the left one.
         change: Cost of a finger that is not the written one, in control steps of sound.
     """
-    costs = _Costs(presses, sign, change)
-    onsets: dict[int, list[int]] = {}
-    for index, press in enumerate(presses):
-        onsets.setdefault(press.first, []).append(index)
-    best: dict[_Assignment, float] = {(): 0.0}
-    trail: list[dict[_Assignment, _Assignment]] = []
-    for onset, struck in onsets.items():
-        before = sorted(best, key=lambda way: best[way])[:_KEPT]
-        onward: dict[_Assignment, float] = {}
-        came: dict[_Assignment, _Assignment] = {}
-        for way in before:
-            for after, cost in costs.successors(way, onset, struck):
-                if best[way] + cost < onward.get(after, np.inf):
-                    onward[after], came[after] = best[way] + cost, way
-        best = onward
-        trail.append(came)
-    chosen = dict.fromkeys(range(len(presses)), 0)
-    way = min(best, key=lambda way: best[way])
-    for came in reversed(trail):
-        chosen.update(way)
-        way = came[way]
-    return [chosen[index] for index in range(len(presses))]
+    chords = (list(struck) for _, struck in groupby(presses, key=lambda press: press.first))
+    found = search(chords, _Robot(sign, change), order=1, most_states=_MOST_STATES)
+    return [found.fingers[press] for press in presses]
+
+
+_NOTHING = Onset[Press]([], np.zeros((1, 0), dtype=np.intp))
 
 
 @dataclass(frozen=True)
-class _Costs:
-    """Costs of fingers on presses, in control steps of sound."""
+class _Robot:
+    """Costs of the fingers of a simulated hand, in control steps of sound: a `CostModel`."""
 
-    presses: Sequence[Press]
     sign: int
     """1 for the right hand, -1 for the left one."""
     change: float
     """Cost of a finger that is not the written one."""
 
-    @functools.cached_property
-    def across(self) -> list[float]:
-        """Place of each press, from the thumb's side to the little finger's, m."""
-        return [_across(press, self.sign) for press in self.presses]
+    def held(self, down: list[Press], struck: list[Press]) -> tuple[list[Press], list[Press]]:
+        return [press for press in down if press.last >= struck[0].first], []
 
-    def successors(
-        self, way: _Assignment, onset: int, struck: list[int]
-    ) -> Iterator[tuple[_Assignment, float]]:
-        """Yield the ways in which some presses can be struck, and what each adds to the cost."""
-        held = [(i, finger) for i, finger in way if self.presses[i].last >= onset]
-        ended = [(i, finger) for i, finger in way if self.presses[i].last < onset]
-        struck = sorted(struck, key=lambda i: self.across[i])
-        taken = {finger for _, finger in held}
-        free = [finger for finger in range(FINGERS_PER_HAND) if finger not in taken]
-        for fingers in combinations(free, len(struck)):
-            new = list(zip(struck, fingers, strict=True))
-            yield (*held, *new), self._cost(held, ended, new)
-        if len(struck) > len(free):  # more than the hand can do: as it is written
-            yield (*held, *((i, self.presses[i].finger) for i in struck)), 0.0
+    def lay(
+        self, path: Sequence[Onset[Press]], held: list[Press], struck: list[Press]
+    ) -> Onset[Press]:
+        before = path[-1] if path else _NOTHING
+        struck = sorted(struck, key=self._across)
+        places = [before.down.index(press) for press in held]
+        states: list[tuple[int, ...]] = []
+        for way in dict.fromkeys(map(tuple, before.states[:, places].tolist())):
+            free = [finger for finger in range(FINGERS_PER_HAND) if finger not in way]
+            new = list(combinations(free, len(struck)))
+            if not new:  # more than the hand can do: as it is written
+                new = [tuple(press.finger for press in struck)]
+            states += [(*way, *fingers) for fingers in new]
+        return Onset([*held, *struck], np.array(states))
 
-    def _cost(
-        self,
-        held: list[tuple[int, int]],
-        ended: list[tuple[int, int]],
-        new: list[tuple[int, int]],
-    ) -> float:
-        cost = 0.0
-        for number, (i, finger) in enumerate(new):
-            press = self.presses[i]
-            cost += self.change * (finger != press.finger)
-            cost += _THUMB_ON_BLACK * (finger == THUMB and KEY_IS_BLACK[press.key])
-            cost += sum(self._grip(i, finger, *other) for other in (*held, *new[:number]))
-        late, early = dict.fromkeys(new, 0.0), dict.fromkeys(ended, 0.0)
-        for after in new:
-            for before in ended:
-                begins_late, ends_early = self._leap(before, after)
-                late[after] = max(late[after], begins_late)
-                early[before] = max(early[before], ends_early)
-        return cost + sum(late.values()) + sum(early.values())
+    def costs(self, path: Sequence[Onset[Press]], onset: Onset[Press]) -> Table:
+        last = path[-1] if path else _NOTHING
+        before = dict(zip(last.down, last.states.T[..., None], strict=True))
+        now = dict(zip(onset.down, onset.states.T, strict=True))
+        cost = np.zeros((len(last.states), len(onset.states)))
+        doubled = np.zeros(len(onset.states), dtype=bool)
+        for place, press in enumerate(onset.down):
+            if press in before:
+                continue
+            cost += self.change * (now[press] != press.finger)
+            cost += _THUMB_ON_BLACK * ((now[press] == THUMB) & KEY_IS_BLACK[press.key])
+            others = onset.down[:place]
+            cost += sum(self._grips(press, other)[now[press], now[other]] for other in others)
+            doubled |= np.any([now[press] == now[other] for other in others], axis=0)
+        late, early = self._lost_to_leaps(before, now)
+        cost = cost + late + early
+        cost[:, doubled] = 0.0  # as it is written: there is no choice
+        for press in before.keys() & now.keys():
+            cost[before[press] != now[press]] = np.inf
+        return cost
 
-    def _grip(self, i: int, finger: int, j: int, other: int) -> float:
-        """Return what it costs that two keys are held at the same time."""
-        if (self.across[i], finger) > (self.across[j], other):
-            i, finger, j, other = j, other, i, finger
-        if finger >= other:
-            return _CROSSED
-        apart = self.across[j] - self.across[i]
-        off = _out_of_reach(apart, finger, other)
-        one, two = self.presses[i], self.presses[j]
-        together = max(min(one.last, two.last) - max(one.first, two.first) + 1, 1)
-        return float(together * min(off / _TOLERANCE, _MOST_LOST))
+    def _lost_to_leaps(self, before: _Fingers, now: _Fingers) -> tuple[Table, Table]:
+        """Return by how much new notes begin late and ended ones end early, summed over notes."""
+        late = dict.fromkeys((press for press in now if press not in before), np.zeros(1))
+        early = dict.fromkeys((press for press in before if press not in now), np.zeros(1))
+        for one, other in product(early, late):
+            leaps = _leaps(one.key, other.key, other.first - one.last - 1, self.sign)
+            begins_late, ends_early = leaps[:, before[one], now[other]]
+            late[other] = np.maximum(late[other], begins_late)
+            early[one] = np.maximum(early[one], ends_early)
+        return sum(late.values(), np.zeros(1)), sum(early.values(), np.zeros(1))
 
-    def _leap(self, before: tuple[int, int], after: tuple[int, int]) -> tuple[float, float]:
-        """Return how late a note begins and how early the one before ends."""
-        (i, finger), (j, other) = before, after
-        rest = self.presses[j].first - self.presses[i].last - 1
-        if rest > LEAP_REST:
-            return 0.0, 0.0
-        if finger == other and self.presses[i].key == self.presses[j].key:
+    def _across(self, press: Press) -> float:
+        return _across(press, self.sign)
+
+    def _grips(self, one: Press, other: Press) -> Table:
+        """Return what it costs that two keys are held together, by their fingers: (5, 5)."""
+        apart = self._across(other) - self._across(one)
+        if apart < 0:
+            return self._grips(other, one).T
+        together = max(min(one.last, other.last) - max(one.first, other.first) + 1, 1)
+        lost = _out_of_reach(apart) / _TOLERANCE
+        return np.where(_IN_ORDER, together * np.minimum(lost, _MOST_LOST), _CROSSED)
+
+
+@functools.lru_cache(maxsize=8192)
+def _leaps(key: int, later_key: int, rest: int, sign: int) -> NDArray[np.float64]:
+    """Return how late a note begins and how early the one before ends, by their fingers: (2, 5, 5).
+
+    Args:
+        key: Key of the earlier note.
+        later_key: Key of the later one.
+        rest: Control steps between them.
+        sign: 1 for the right hand, -1 for the left one.
+    """
+
+    def costs(finger: int, other: int) -> tuple[float, float]:
+        if finger == other and key == later_key:
             return (_REPEATED if rest == 0 else 0.0), 0.0
-        distance = abs(self._hand(i, finger) - self._hand(j, other))
+        distance = abs(hand_place(key, finger, sign) - hand_place(later_key, other, sign))
         if not is_leap(distance, finger == other):
             return 0.0, 0.0
         late, early = lost_to_leap(distance, rest)
-        upwards = self.across[j] > self.across[i]
-        passes = THUMB not in (finger, other) and (other < finger if upwards else other > finger)
+        outwards = sign * KEY_Y[later_key] > sign * KEY_Y[key]
+        passes = THUMB not in (finger, other) and (other < finger if outwards else other > finger)
         return late + _LEAP_WEIGHT * distance + _PASSED * passes, early
 
-    def _hand(self, i: int, finger: int) -> float:
-        return hand_place(self.presses[i].key, finger, self.sign)
+    if rest > LEAP_REST:
+        return np.zeros((2, FINGERS_PER_HAND, FINGERS_PER_HAND))
+    fingers = range(FINGERS_PER_HAND)
+    return np.moveaxis(np.array([[costs(f, other) for other in fingers] for f in fingers]), 2, 0)
 
 
-def _early_releases(presses: Sequence[Press], sign: int) -> list[tuple[Press, int, int]]:
+def _early_releases(presses: Sequence[Press], sign: int) -> list[EarlyRelease]:
     """Return what a hand has to release early so that it can play the others.
 
     What is held already makes way for what is struck. Of a chord that cannot be struck, the note
@@ -316,32 +307,29 @@ def _early_releases(presses: Sequence[Press], sign: int) -> list[tuple[Press, in
     Args:
         presses: What the hand plays, in order of time.
         sign: 1 for the right hand, -1 for the left one.
-
-    Returns:
-        For each of them: the press; the last state in which its key is down, which is before its
-        first one if it is not struck at all; the key that is played instead.
     """
-
-    def conflicts(one: Press, others: Sequence[Press]) -> list[Press]:
-        return [other for other in others if other is not one and not _holds(one, other, sign)]
-
-    releases: list[tuple[Press, int, int]] = []
+    releases: list[EarlyRelease] = []
     held: list[Press] = []
+
+    def conflicts(one: Press) -> list[Press]:
+        return [other for other in struck if other is not one and not _holds(one, other, sign)]
+
+    def makes_way(press: Press) -> bool:
+        """Release a press if it cannot be held beside what is struck; return whether."""
+        if against := conflicts(press):
+            finger = press.finger + FINGERS_PER_HAND * (sign < 0)
+            span = {"onset": press.first - 1, "offset": press.last, "release": onset - 1}
+            release = EarlyRelease(key=press.key, finger=finger, for_key=against[0].key, **span)
+            releases.append(release)
+        return bool(against)
+
     for onset, chord in groupby(presses, key=lambda press: press.first):
         struck = list(chord)
-        held = [press for press in held if press.last >= onset]
-        while True:
-            worst = max(struck, key=lambda p: (len(conflicts(p, struck)), -_across(p, sign)))
-            if not (against := conflicts(worst, struck)):
-                break
+        while makes_way(
+            worst := max(struck, key=lambda one: (len(conflicts(one)), -_across(one, sign)))
+        ):
             struck.remove(worst)
-            releases.append((worst, onset - 1, against[0].key))
-        stay = []
-        for press in held:
-            if against := conflicts(press, struck):
-                releases.append((press, onset - 1, against[0].key))
-            else:
-                stay.append(press)
+        stay = [press for press in held if press.last >= onset and not makes_way(press)]
         held = stay + struck
     return releases
 
@@ -357,16 +345,16 @@ def _holds(one: Press, other: Press, sign: int) -> bool:
     if low.finger >= high.finger:  # fingers that cross are another matter
         return low.finger != high.finger
     apart = _across(high, sign) - _across(low, sign)
-    return _out_of_reach(apart, low.finger, high.finger) <= _MAX_OVERREACH
+    return bool(_out_of_reach(apart)[low.finger, high.finger] <= _MAX_OVERREACH)
 
 
-def _out_of_reach(apart: float, finger: int, other: int) -> float:
-    """Return how far two keys are from what two fingers can hold, 0 or more m.
+def _out_of_reach(apart: float) -> Table:
+    """Return how far two keys are from what fingers can hold, 0 or more m: (5, 5).
 
     Args:
         apart: How much nearer to the little finger's side the second key is, m.
-        finger: The finger on the first one, 0 (thumb) to 3.
-        other: The finger on the second one, more than ``finger``.
+
+    Returns:
+        By the finger on the first key and the one on the second, which has to be a higher one.
     """
-    farthest, nearest = _FARTHEST[finger, other], _NEAREST[finger, other]
-    return float(max(apart - farthest, nearest - apart, 0.0))
+    return np.maximum(np.maximum(apart - _FARTHEST, _NEAREST - apart), 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sb3_piano.music.constants import FINGERS_PER_HAND
-from sb3_piano.music.fingering.states import OVERLAP, TOGETHER
+from sb3_piano.music.fingering.ergonomic import OVERLAP, TOGETHER, struck_together
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.music.note import Note
 from sb3_piano.music.score import Score
@@ -17,57 +17,25 @@ Numbers = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, kw_only=True)
-class SplitWeights:
-    """Cost of giving notes to a hand. Widths and ways are in semitones.
-
-    Attributes:
-        width: Per semitone between the lowest and the highest key a hand strikes together.
-        comfortable: Width from which a semitone costs `wide` more.
-        wide: Per semitone beyond comfortable.
-        held: Per semitone that held keys add to the comfortable width.
-        held_most: What the keys that a hand holds cost it at most: it can let go of them.
-        finger: For each key beyond five that a hand has to strike together, or holds.
-        entry: For a hand that strikes for the first time.
-        way: Per semitone that the middle of a hand moves.
-        reach: Way from which a semitone costs `far` more.
-        far: Per semitone of way beyond reach.
-        crossing: For a right hand that strikes below the left one's last keys or the reverse.
-        crossing_size: The same, per semitone.
-        register: Per semitone of a key of the right hand below `centre`, or of the left above.
-        centre: The middle of the keyboard as hands see it, MIDI pitch.
-        memory: Time after which a hand's last place matters 1/e as much for crossing, in s.
-        pace: Time since a hand last struck at which ways cost what is said here, in s.
-    """
-
-    width: float = 0.1
-    comfortable: float = 12.0
-    wide: float = 1.0
-    held: float = 0.3
-    held_most: float = 3.0
-    finger: float = 5.0
-    entry: float = 0.5
-    way: float = 0.06
-    reach: float = 9.0
-    far: float = 0.15
-    crossing: float = 1.0
-    crossing_size: float = 0.2
-    register: float = 0.03
-    centre: float = 60.0
-    memory: float = 1.0
-    pace: float = 0.25
-
-
-DEFAULT_SPLIT = SplitWeights()
+# What it costs to give notes to a hand. Widths and ways are in semitones.
+_WIDTH = 0.1  # per semitone between the lowest and the highest key a hand strikes together
+_COMFORTABLE, _WIDE = 12.0, 1.0  # width from which a semitone costs more, and how much
+_HELD, _HELD_MOST = 0.3, 3.0  # per semitone and finger that held keys add; they can be let go of
+_FINGER = 5.0  # for each key beyond five that a hand has to strike together
+_ENTRY = 0.5  # for a hand that strikes for the first time
+_WAY = 0.06  # per semitone that the middle of a hand moves
+_REACH, _FAR = 9.0, 0.15  # way from which a semitone costs more, and how much
+_CROSSING, _CROSSING_SIZE = 1.0, 0.2  # for keys beyond the other hand's last ones, and per semitone
+_MEMORY = 1.0  # s after which a hand's last place matters 1/e as much for crossing
+_CENTRE, _REGISTER = 60.0, 0.03  # per semitone of the right hand below this pitch, the left above
+_PACE = 0.25  # s since a hand last struck at which ways cost what is said here
+_SLOWEST, _FASTEST = 0.3, 2.0  # between these the time there is weighs the ways
 
 _BEAM = 32
 """Ways to share the piece between the hands that are followed at a time."""
 
-_SLOWEST, _FASTEST = 0.3, 2.0
-"""Between these the time there is weighs the ways."""
 
-
-def assign_hands(score: Score, weights: SplitWeights = DEFAULT_SPLIT) -> Score:
+def assign_hands(score: Score) -> Score:
     """Return the score with a hand for each note.
 
     Hands that are known stay. The others are found by a beam search over the keys struck at a
@@ -76,11 +44,10 @@ def assign_hands(score: Score, weights: SplitWeights = DEFAULT_SPLIT) -> Score:
 
     Args:
         score: The score; notes keep everything else.
-        weights: What it costs to give notes to a hand.
     """
     if all(note.hand is not None for note in score.notes):
         return score
-    hands = _split(score.notes, weights)
+    hands = _split(score.notes)
     notes = [replace(note, hand=hand) for note, hand in zip(score.notes, hands, strict=True)]
     return replace(score, notes=tuple(notes))
 
@@ -104,13 +71,14 @@ class _Beam:
     left_holds: Flags
 
 
-def _split(notes: tuple[Note, ...], weights: SplitWeights) -> list[Hand]:
+def _split(notes: tuple[Note, ...]) -> list[Hand]:
     """Return the hand of each note."""
     never = np.full((1, 2), -np.inf)
     beam = _Beam(np.zeros(1), np.zeros((1, 2)), np.zeros((1, 2)), never, np.zeros((1, 0), bool))
     sounding: list[int] = []
     trail: list[tuple[list[int], Flags, NDArray[np.intp], NDArray[np.intp]]] = []
-    for group in _groups(notes):
+    for chord in struck_together(notes):
+        group = sorted(chord, key=lambda at: notes[at].pitch)
         onset = notes[group[0]].onset
         stays = np.array([notes[index].offset > onset + OVERLAP for index in sounding], dtype=bool)
         sounding = [index for index, stay in zip(sounding, stays, strict=True) if stay]
@@ -121,7 +89,7 @@ def _split(notes: tuple[Note, ...], weights: SplitWeights) -> list[Hand]:
         options = np.unique(np.where(hands == "", lowest, hands == "left"), axis=0)
         keys = np.array([notes[index].pitch for index in group], dtype=float)
         held = np.array([notes[index].pitch for index in sounding], dtype=float)
-        beam, way, option = _advance(beam, keys, held, onset, options, weights)
+        beam, way, option = _advance(beam, keys, held, onset, options)
         trail.append((group, options, way, option))
         sounding += group
     found: list[Hand] = ["right"] * len(notes)
@@ -139,7 +107,6 @@ def _advance(
     held: Numbers,
     onset: float,
     options: Flags,
-    weights: SplitWeights,
 ) -> tuple[_Beam, NDArray[np.intp], NDArray[np.intp]]:
     """Go on by the keys that are struck at a time, and keep the best ways.
 
@@ -154,12 +121,12 @@ def _advance(
         takes, holds = (options, beam.left_holds) if hand else (~options, ~beam.left_holds)
         low, high = np.where(plays[hand], _extent(sign * keys, takes), 0.0)
         middles[hand], edges[hand] = sign * (low + high) / 2, sign * low
-        wrong = np.maximum(sign * (weights.centre - keys), 0)
+        wrong = np.maximum(sign * (_CENTRE - keys), 0)
         part = (
-            _grip(weights, low, high, takes.sum(1), sign * held, holds)
-            + _way(weights, beam, hand, middles[hand], onset)
-            + _crossing(weights, beam, 1 - hand, sign, low, onset)
-            + weights.register * (takes * wrong).sum(1)
+            _grip(low, high, takes.sum(1), sign * held, holds)
+            + _way(beam, hand, middles[hand], onset)
+            + _crossing(beam, 1 - hand, sign, low, onset)
+            + _REGISTER * (takes * wrong).sum(1)
         )
         cost += np.where(plays[hand], part, 0.0)
     order = cost.argsort(axis=None, kind="stable")[: 2 * _BEAM]
@@ -178,7 +145,6 @@ def _advance(
 
 
 def _grip(
-    weights: SplitWeights,
     low: Numbers,
     high: Numbers,
     count: NDArray[np.int_],
@@ -187,43 +153,31 @@ def _grip(
 ) -> Numbers:
     """Cost of striking and holding keys together: (ways, options)."""
     width = high - low
-    strikes = weights.width * width + weights.wide * np.maximum(width - weights.comfortable, 0)
-    strikes += weights.finger * np.maximum(count - FINGERS_PER_HAND, 0)
+    strikes = _WIDTH * width + _WIDE * np.maximum(width - _COMFORTABLE, 0)
+    strikes += _FINGER * np.maximum(count - FINGERS_PER_HAND, 0)
     if not held.size:
         return np.asarray(strikes[None, :])
     held_low, held_high = _extent(held, holds)
     # Infinite where a hand holds nothing, which is left out below.
     whole = np.maximum(high, held_high[:, None]) - np.minimum(low, held_low[:, None])
-    added = np.maximum(whole, weights.comfortable) - np.maximum(width, weights.comfortable)
+    added = np.maximum(whole, _COMFORTABLE) - np.maximum(width, _COMFORTABLE)
     fingers = np.maximum(count + holds.sum(1)[:, None] - FINGERS_PER_HAND, 0)
-    cost = np.minimum(weights.held * added + weights.held * fingers, weights.held_most)
+    cost = np.minimum(_HELD * added + _HELD * fingers, _HELD_MOST)
     return np.asarray(strikes + np.where(np.asarray(holds.any(1))[:, None], cost, 0.0))
 
 
-def _way(weights: SplitWeights, beam: _Beam, hand: int, middle: Numbers, onset: float) -> Numbers:
+def _way(beam: _Beam, hand: int, middle: Numbers, onset: float) -> Numbers:
     way = np.abs(middle - beam.place[:, hand, None])
-    cost = weights.way * way + weights.far * np.maximum(way - weights.reach, 0)
+    cost = _WAY * way + _FAR * np.maximum(way - _REACH, 0)
     time = np.maximum(onset - beam.struck[:, hand, None], TOGETHER)
-    speed = np.clip(np.sqrt(weights.pace / time), _SLOWEST, _FASTEST)
-    return np.where(np.isfinite(time), speed * cost, weights.entry)
+    speed = np.clip(np.sqrt(_PACE / time), _SLOWEST, _FASTEST)
+    return np.where(np.isfinite(time), speed * cost, _ENTRY)
 
 
-def _crossing(
-    weights: SplitWeights, beam: _Beam, other: int, sign: float, low: Numbers, onset: float
-) -> Numbers:
+def _crossing(beam: _Beam, other: int, sign: float, low: Numbers, onset: float) -> Numbers:
     depth = sign * beam.edge[:, other, None] - low
-    fresh = np.exp(-(onset - beam.struck[:, other, None]) / weights.memory)
-    return np.where(depth >= 0, fresh * (weights.crossing + weights.crossing_size * depth), 0.0)
-
-
-def _groups(notes: tuple[Note, ...]) -> list[list[int]]:
-    """Return the indices of the notes struck together, each from low to high."""
-    groups: list[list[int]] = []
-    for index, note in enumerate(notes):
-        if not groups or note.onset > notes[groups[-1][0]].onset + TOGETHER:
-            groups.append([])
-        groups[-1].append(index)
-    return [sorted(group, key=lambda at: (notes[at].pitch, at)) for group in groups]
+    fresh = np.exp(-(onset - beam.struck[:, other, None]) / _MEMORY)
+    return np.where(depth >= 0, fresh * (_CROSSING + _CROSSING_SIZE * depth), 0.0)
 
 
 def _extent(keys: Numbers, chosen: Flags) -> tuple[Numbers, Numbers]:

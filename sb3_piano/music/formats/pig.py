@@ -8,13 +8,11 @@ key is held; an underscore may be left behind it. Lines that start with ``//`` a
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 import re
-import reprlib
-from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import UNKNOWN_FINGER
@@ -23,9 +21,7 @@ from sb3_piano.music.hands import HANDS, finger_number, finger_of, likely_hand
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_name, pitch_number
 from sb3_piano.music.score import Score
-from sb3_piano.music.text_file import read_text
-
-T = TypeVar("T")
+from sb3_piano.music.text_file import read_field, read_text
 
 _FIELDS = "id, onset, offset, pitch, onset velocity, offset velocity, channel, finger"
 _FINGER = re.compile(r"(-?)([0-5])(_(-?[0-5])?)*")
@@ -101,22 +97,13 @@ def _read_line(where: str, fields: list[str], left_out: LeftOut, shortest: float
     if len(fields) not in (7, 8):
         raise ScoreError(f"{where} has {len(fields)} fields: expected {_FIELDS}.")
     fields = [*fields, "0"][:8]
-
-    def read(index: int, name: str, convert: Callable[[str], T], expected: str) -> T:
-        try:
-            return convert(fields[index])
-        except ValueError as error:
-            value = reprlib.repr(fields[index])
-            raise ScoreError(
-                f"{where}: {name} {value} is not valid: expected {expected}."
-            ) from error
-
-    hand = HANDS[read(6, "channel", ("0", "1").index, "0 (right hand) or 1 (left hand)")]
-    onset = read(1, "onset", _seconds, "seconds from 0, such as 1.25")
-    offset = read(2, "offset", _seconds, "seconds from 0, such as 1.25")
-    pitch = read(3, "pitch", pitch_number, "a spelled pitch, such as C4, F#5, Bb3, C##4")
-    finger = read(7, "finger", _finger, "1 to 5, -1 to -5, 0, or a change such as 4_1")
-    velocity = read(4, "onset velocity", int, "1 to 127")
+    read = functools.partial(read_field, where)
+    hand = HANDS[read("channel", fields[6], ("0", "1").index, "0 (right hand) or 1 (left hand)")]
+    onset = read("onset", fields[1], _seconds, "seconds from 0, such as 1.25")
+    offset = read("offset", fields[2], _seconds, "seconds from 0, such as 1.25")
+    pitch = read("pitch", fields[3], pitch_number, "a spelled pitch, such as C4, F#5, Bb3, C##4")
+    finger = read("finger", fields[7], _finger, "1 to 5, -1 to -5, 0, or a change such as 4_1")
+    velocity = read("onset velocity", fields[4], int, "1 to 127")
     offset = onset + shortest if offset == onset else offset
     if not left_out.is_playable(onset, offset, pitch):
         return None

@@ -31,22 +31,18 @@ def write_report(
 ) -> Path:
     """Let a run's saved model play an episode, and write what there is to see into an HTML file.
 
-    The file needs nothing else, also no network.
+    The file needs nothing else, also no network. The resting hands get the
+    same seed.
 
     Args:
         folder: The run's folder.
         out: The file; by default ``evaluation/report.html`` in the run's folder.
-        seed: Seeds the environment, at least 0; the resting hands get the same.
+        seed: Seeds the environment, at least 0.
         physics: Name of the physics profile to play on; by default the run's own.
-        best: Play the best model by this metric, such as "f1", in place of the last one.
-
-    Returns:
-        The file.
+        best: Play the best model by this metric, in place of the last one.
 
     Raises:
-        ConfigError: If ``seed`` or ``physics`` is not valid, or the run's config is damaged.
-        RunError: If there is no run of a piano environment, it has no model that can be loaded, or
-            the file cannot be written.
+        RunError: If it is no run of a piano environment, or the file cannot be written.
     """
     with SavedPlayer.open(folder, seed=seed, physics=physics, best=best) as player:
         run, env = player.run, player.env
@@ -76,16 +72,10 @@ def write_report(
 
 
 def training_curves(run: RunFolder) -> dict[str, Curve]:
-    """Return what TensorBoard's files of a run say, by name.
+    """Return what TensorBoard's files of a run say, by name; none of the curves is empty.
 
     A run that was resumed from a checkpoint before its last log line has lines for some steps
     twice; those of the training that was given up are left out. So are numbers that are not finite.
-
-    Args:
-        run: The run's folder.
-
-    Returns:
-        The curves, none of them empty; no curve if there is no such file.
     """
     if not run.tensorboard_dir.is_dir():
         return {}

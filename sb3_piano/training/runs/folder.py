@@ -91,11 +91,8 @@ class RunFolder:
     ) -> RunFolder:
         """Make the folder of a new run, with config, provenance and score file.
 
-        Args:
-            config: The run's settings; a score file that they name is copied.
-            path: The folder, new or empty. By default ``<runs_dir>/<algo>/<env-id>_<n>`` with the
-                first ``n`` from 1 on that is free.
-            runs_dir: Where runs are kept.
+        Without a path it is ``<runs_dir>/<algo>/<env-id>_<n>`` with the first ``n`` from 1 on that
+        is free.
 
         Raises:
             RunError: If the folder is in use, or cannot be made or written.
@@ -119,11 +116,7 @@ class RunFolder:
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> RunFolder:
-        """Return the folder of a run that is there.
-
-        Raises:
-            RunError: If there is no run.
-        """
+        """Return the folder of a run, which has to be there."""
         folder = cls(Path(path))
         if not folder.path.is_dir():
             raise RunError(f"There is no folder '{folder.path}': {_EXPECTED}.")
@@ -133,11 +126,7 @@ class RunFolder:
 
     @contextlib.contextmanager
     def owned(self) -> Iterator[None]:
-        """Keep other processes from training in this folder; all may read it meanwhile.
-
-        Raises:
-            RunError: If another one does, or the folder cannot be written.
-        """
+        """Keep other processes from training in this folder; all may read it meanwhile."""
 
         def busy(owner: str) -> RunError:
             return RunError(
@@ -168,11 +157,7 @@ class RunFolder:
         return sorted(file.parent.name.removeprefix("best_") for file in found)
 
     def read_config(self) -> PlayConfig:
-        """Return the run's settings; a score file is that of the folder, wherever it is now.
-
-        Raises:
-            ConfigError: If the file is damaged.
-        """
+        """Return the run's settings; a score file is that of the folder, wherever it is now."""
         content = read_yaml_mapping(self.config_file)
         kind: type[PlayConfig] = PlannedConfig if content.get("algo") in PLANNERS else RunConfig
         try:

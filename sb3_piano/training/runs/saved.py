@@ -40,17 +40,11 @@ _FIELDS = ("mean", "var", "count")
 def model_files(
     run: RunFolder, config: PlayConfig, best: str | None = None
 ) -> tuple[Path, Path | None]:
-    """Return a model of a run and its statistics.
+    """Return the file of a model, and that of ``VecNormalize`` if the run normalises.
 
-    Args:
-        run: The run's folder.
-        config: Its settings.
-        best: The metric by which the model is the best; by default it is the newest one.
-
-    Returns:
-        The model's file, and that of ``VecNormalize`` if the run normalises: a zip file and a
-        pickle, or of a shared run its weights. What plays without training is all in the run's
-        config.
+    A zip file and a pickle, or of a shared run its weights. ``best`` is the metric by which the
+    model is the best; by default it is the newest one. What plays without training is all in the
+    config.
     """
     normalizes = isinstance(config, RunConfig) and config.normalize is not False
     if run.weights_file.is_file():  # then nothing is unpickled, whatever else the folder holds
@@ -95,13 +89,9 @@ def _best_files(run: RunFolder, metric: str, normalizes: bool) -> tuple[Path, Pa
 
 
 def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> BaseAlgorithm:
-    """Return a saved model on the given environments.
+    """Return a saved model on the given environments; ``changes`` are attributes of it.
 
-    Args:
-        config: The run's settings.
-        path: The model's zip file. Like all of SB3's it is unpickled: load only what you trust.
-        venv: Environments with the spaces that the model was trained in.
-        **changes: Attributes of the model to set before its networks and buffers are made.
+    Like all of SB3's its zip file is unpickled: load only what you trust.
     """
     device = config.algorithm_kwargs.get("device", "auto")
     try:
@@ -114,13 +104,7 @@ def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> B
 
 
 def load_player(config: PlayConfig, path: Path, venv: VecEnv) -> BaseAlgorithm | PianoPolicy:
-    """Return what plays in a run, without what only training needs.
-
-    Args:
-        config: The run's settings.
-        path: As :func:`model_files` gives it.
-        venv: The environments to play in.
-    """
+    """Return what plays in a run, of :func:`model_files`, without what only training needs."""
     if not isinstance(config, RunConfig):
         return build_planner(config, venv)
     # A replay buffer would be as large as in training.
@@ -154,13 +138,7 @@ def _model_of_weights(
 
 
 def load_statistics(config: PlayConfig, path: Path | None, venv: VecEnv) -> None:
-    """Set the statistics of ``VecNormalize``.
-
-    Args:
-        config: The run's settings.
-        path: As :func:`model_files` gives it, pickled or plain arrays; ``None`` for nothing to do.
-        venv: The environments, with ``VecNormalize`` outermost if there are statistics.
-    """
+    """Set the statistics of ``VecNormalize``, of :func:`model_files`, if there are any."""
     if path is None or not isinstance(venv, VecNormalize):
         return
     if path.suffix == ".safetensors":
@@ -185,12 +163,7 @@ def _unusable(path: Path, config: PlayConfig, reason: str) -> RunError:
 
 
 def pack_weights(model: BaseAlgorithm, config: RunConfig) -> bytes:
-    """Return a model's weights and statistics as the content of a safetensors file.
-
-    Args:
-        model: The model; its environment has the statistics, if there are any.
-        config: The run's settings.
-    """
+    """Return a model's weights and its environment's statistics as a safetensors file."""
     # Copies, since safetensors refuses tensors that share memory, as shared extractors do.
     tensors = {_POLICY + n: t.detach().cpu().clone() for n, t in model.policy.state_dict().items()}
     normalizer = model.get_vec_normalize_env()
@@ -201,11 +174,7 @@ def pack_weights(model: BaseAlgorithm, config: RunConfig) -> bytes:
 
 
 def read_weights(path: Path, config: PlayConfig) -> tuple[Tensors, int]:
-    """Return the tensors of a file that :func:`pack_weights` made for a run.
-
-    Returns:
-        The tensors, and the environment steps that the model was trained for.
-    """
+    """Return the tensors of a file of :func:`pack_weights`, and the steps trained for."""
     try:
         with safetensors.safe_open(path, framework="pt") as file:
             facts = dict(file.metadata() or {})

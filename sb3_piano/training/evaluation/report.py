@@ -15,7 +15,6 @@ import numpy as np
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import write_text
-from sb3_piano.performance import Performance
 from sb3_piano.training.playing.player import SavedPlayer
 from sb3_piano.training.runs.folder import RunFolder, provenance
 from sb3_piano.viewing.report import Curve, Report, report_html
@@ -52,12 +51,15 @@ def write_report(
                 f"{player.config.env_id!r} is no piano. Expected a run of a piano environment."
             )
         played, baseline = player.play()[0], player.rest()
-        assert played.performance is not None, "a piano's episode is recorded"
+        performance = played.performance
+        assert performance is not None, "a piano's episode is recorded"
+        if performance.title == env.default_score.title:  # no wrapper chose another piece
+            performance = dataclasses.replace(performance, title=player.piece)
         facts, commands = _origin(
             player, env.config.physics, seed, {"--physics": physics, "--best": best}
         )
         report = Report(
-            performance=_titled(played.performance, player.piece, env.default_score.title),
+            performance=performance,
             metrics=played.metrics,
             baseline=None if baseline is None else baseline.metrics,
             curves=training_curves(run),
@@ -106,13 +108,6 @@ def _curve(events: list[Any]) -> Curve:
 
 
 Texts = list[tuple[str, str]]
-
-
-def _titled(performance: Performance, piece: str, own_title: str) -> Performance:
-    """Return a performance by the run's name of its piece, unless a wrapper chose another one."""
-    if performance.title != own_title:
-        return performance
-    return dataclasses.replace(performance, title=piece)
 
 
 def _origin(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import datetime
 import importlib.metadata
-import itertools
 import os
 import platform
 import shlex
@@ -106,7 +105,8 @@ class RunFolder:
             else:
                 place.mkdir(parents=True, exist_ok=True)
                 with cls(place).owned():
-                    made = _empty(place)
+                    _check_empty(place)
+                    made = place
                     cls(made)._write(config)
         except OSError as error:
             if made is not None:
@@ -185,14 +185,17 @@ class RunFolder:
         write_text(self.provenance_file, yaml.safe_dump(dict(notes), sort_keys=False))
 
     def _write(self, config: PlayConfig) -> None:
-        notes = provenance(config.seed)
+        notes, library = provenance(config.seed), user_library()
         for option, text in _files(config).items():
-            file = _file_meant(option, text)
-            if file is not None:
-                notes[f"{option}_file"] = str(file)
-                copy = self.path / f"{option}{file.suffix}"
-                shutil.copyfile(file, copy)
-                config = config.in_env(**{option: str(copy)})
+            file = Path(text)
+            if not (file.suffix and file.is_file()):
+                if option != "score" or text not in library:
+                    continue
+                file = library.path(text)
+            notes[f"{option}_file"] = str(file)
+            copy = self.path / f"{option}{file.suffix}"
+            shutil.copyfile(file, copy)
+            config = config.in_env(**{option: str(copy)})
         self.write_provenance(notes)
         self.write_config(config)
 
@@ -233,27 +236,20 @@ def _files(config: PlayConfig) -> dict[str, str]:
     return {name: options[name] for name in FILE_OPTIONS if isinstance(options.get(name), str)}
 
 
-def _file_meant(option: str, text: str) -> Path | None:
-    """Return the file that an option names, as a path or as a piece of the user's library."""
-    if Path(text).suffix and Path(text).is_file():
-        return Path(text)
-    library = user_library()
-    return library.path(text) if option == "score" and text in library else None
-
-
 def _first_free(parent: Path, env_id: str) -> Path:
     """Make and return the first ``<env-id>_<n>`` that is not there; safe against rival runs."""
     parent.mkdir(parents=True, exist_ok=True)
-    for number in itertools.count(1):
+    number = 1
+    while True:
         path = parent / f"{env_id.replace('/', '-')}_{number}"
         with contextlib.suppress(FileExistsError):
             path.mkdir()
             return path
-    raise AssertionError("itertools.count does not end")
+        number += 1
 
 
-def _empty(path: Path) -> Path:
-    """Return a folder in which nothing is but its lock, or refuse it."""
+def _check_empty(path: Path) -> None:
+    """Refuse a folder in which anything is but its lock."""
     if (path / "config.yml").exists():
         raise RunError(
             f"Folder '{path}' holds a run already: expected a new or empty folder. To go on with "
@@ -261,4 +257,3 @@ def _empty(path: Path) -> Path:
         )
     if any(found.name != LOCK_SUFFIX for found in path.iterdir()):
         raise RunError(f"Folder '{path}' is not empty: expected a new or empty one.")
-    return path

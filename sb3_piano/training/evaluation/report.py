@@ -70,7 +70,17 @@ def write_report(
             facts=facts,
             commands=commands,
         )
-    return _write(run, report_html(report), out)
+    path = run.evaluation_dir / "report.html" if out is None else Path(out)
+    try:
+        if out is None:
+            path.parent.mkdir(exist_ok=True)
+        write_text(path, report_html(report))
+    except OSError as error:
+        raise RunError(
+            f"'{path}' cannot be written: {error.strerror}. Expected a file in a folder that is "
+            "there."
+        ) from error
+    return path
 
 
 def training_curves(run: RunFolder) -> dict[str, Curve]:
@@ -117,42 +127,29 @@ def _origin(
     config, run = player.config, player.run
     notes = run.read_provenance()
     now = provenance(seed)
-    facts = [
-        ("Piece", player.piece),
-        ("Environment", config.env_id),
-        ("Algorithm", config.algo),
-        ("Steps trained", f"{player.num_timesteps:,}"),
-        ("Model", "the last one" if options["--best"] is None else f"best by {options['--best']}"),
-        ("Physics", physics),
-        ("Seed", f"{seed} (of the training: {notes.get('seed', 'unknown')})"),
-        ("Run", str(run.path)),
-        ("Trained", str(notes.get("created", "unknown"))),
-        ("Trained with", _versions(notes.get("versions"))),
-        ("Played", now["created"]),
-        ("Played with", _versions(now["versions"])),
-    ]
+    best = options["--best"]
+    facts = {
+        "Piece": player.piece,
+        "Environment": config.env_id,
+        "Algorithm": config.algo,
+        "Steps trained": f"{player.num_timesteps:,}",
+        "Model": "the last one" if best is None else f"best by {best}",
+        "Physics": physics,
+        "Seed": f"{seed} (of the training: {notes.get('seed', 'unknown')})",
+        "Run": str(run.path),
+        "Trained": str(notes.get("created", "unknown")),
+        "Trained with": _versions(notes.get("versions")),
+        "Played": now["created"],
+        "Played with": _versions(now["versions"]),
+    }
     again = ["sb3-piano", "report", str(run.path), "--seed", str(seed)]
     for option, value in options.items():
         again += [] if value is None else [option, value]
     training = str(notes.get("command", "unknown"))
-    return facts, [("Training", training), ("This report", shlex.join(again))]
+    return list(facts.items()), [("Training", training), ("This report", shlex.join(again))]
 
 
 def _versions(versions: object) -> str:
     if not isinstance(versions, Mapping):
         return "unknown"
     return ", ".join(f"{name} {version}" for name, version in versions.items() if version)
-
-
-def _write(run: RunFolder, html: str, out: str | os.PathLike[str] | None) -> Path:
-    path = run.evaluation_dir / "report.html" if out is None else Path(out)
-    try:
-        if out is None:
-            run.evaluation_dir.mkdir(exist_ok=True)
-        write_text(path, html)
-    except OSError as error:
-        raise RunError(
-            f"'{path}' cannot be written: {error.strerror}. Expected a file in a folder that is "
-            "there."
-        ) from error
-    return path

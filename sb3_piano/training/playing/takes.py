@@ -241,23 +241,21 @@ def take_of_planner(
     with _planner(config) as (player, env, piano):
         observation, _ = env.reset(seed=config.seed)
         on_step(0, len(piano.roll))
-        began = time.perf_counter()
-        action, state = player.predict(observation)
-        planned = time.perf_counter()
-        while True:
+        times = [time.perf_counter()]
+        state = None
+        while not env.finished:
+            action, state = player.predict(observation, state)
+            times.append(time.perf_counter())
             observation, *_ = env.step(action)
             on_step(piano.steps_played, len(piano.roll))
-            if env.finished:
-                break
-            action, state = player.predict(observation, state)
-        ended = time.perf_counter()
+        times.append(time.perf_counter())
         (recording,) = env.finished
         return PlannedTake(
             take=_take_of_recording(piano.scene, recording),
             score=piano.score,
             metrics=recording.metrics,
-            planning=planned - began,
-            playing=ended - planned,
+            planning=times[1] - times[0],
+            playing=times[-1] - times[1],
         )
 
 

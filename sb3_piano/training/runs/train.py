@@ -218,8 +218,8 @@ def _learn(
             )
         )
         request = stack.enter_context(stop_on_signal())
-        ends = _Ends(request)
-        every = CallbackList([ends, *callbacks, *own])
+        bookends = _Bookends()
+        every = CallbackList([bookends, *callbacks, *own, _StopOnRequest(request)])
         try:
             model.learn(
                 config.n_timesteps - model.num_timesteps,
@@ -229,7 +229,7 @@ def _learn(
             )
         except KeyboardInterrupt:
             request.made = True
-            if ends.started:
+            if bookends.started:
                 every.on_training_end()  # SB3 leaves this out; it saves the last checkpoint
         except KeyError as error:
             if error.args and error.args[0] in config.monitor_kwargs.get("info_keywords", ()):
@@ -270,22 +270,32 @@ def _close_logger(model: BaseAlgorithm) -> None:
         model.logger.close()
 
 
-class _Ends(BaseCallback):
-    """Know that training began, end it soon after a request, log what SB3 then still holds back.
-
-    In the middle of a rollout the last step of off-policy algorithms is counted but not yet in the
-    replay buffer, so that they end between two, by ``KeyboardInterrupt``. On-policy algorithms
-    throw an unfinished rollout away: they end at once.
-    """
+class _Bookends(BaseCallback):
+    """Know that training began, and log at its end what SB3 still holds back."""
 
     started = False
+
+    def _on_training_start(self) -> None:
+        self.started = True
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_training_end(self) -> None:
+        if self.logger.name_to_value:
+            self.model.dump_logs()
+
+
+class _StopOnRequest(BaseCallback):
+    """End the training soon after a request, by raising ``KeyboardInterrupt`` between two rollouts.
+
+    In the middle of a rollout the last step of off-policy algorithms is counted but not yet in the
+    replay buffer. On-policy algorithms throw an unfinished rollout away, so they end at once.
+    """
 
     def __init__(self, request: StopRequest) -> None:
         super().__init__()
         self._request = request
-
-    def _on_training_start(self) -> None:
-        self.started = True
 
     def _on_rollout_start(self) -> None:
         if self._request.made:
@@ -293,10 +303,6 @@ class _Ends(BaseCallback):
 
     def _on_step(self) -> bool:
         return not (self._request.made and isinstance(self.model, OnPolicyAlgorithm))
-
-    def _on_training_end(self) -> None:
-        if self.logger.name_to_value:
-            self.model.dump_logs()
 
 
 @contextlib.contextmanager

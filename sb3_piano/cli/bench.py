@@ -4,41 +4,25 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from pathlib import Path
 from typing import Any
 
-from sb3_piano.cli.common import (
-    EXIT_INTERRUPTED,
-    EXIT_OK,
-    NUM_THREADS_HELP,
-    check_output_file,
-    whole_number,
-)
+from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, add_command, whole_number
 
 
 def add_parser(commands: Any) -> None:
     """Add the command and its arguments."""
-    bench = commands.add_parser("bench", help="measure speed and memory")
-    add = bench.add_argument
-    add("--peer-python", metavar="PATH", help="measure RoboPianist too: a Python that has it")
-    add("--before", metavar="FOLDER", help="measure another version too: a checkout's folder")
-    add(
-        "--rounds",
-        type=whole_number,
-        default=10,
-        metavar="N",
-        help="rounds to take medians of; default: 10",
+    add = add_command(commands, "bench", _bench, "measure speed and memory")
+    add("--peer-python", "PATH", "measure RoboPianist too: a Python that has it")
+    add("--before", "FOLDER", "measure another version too: a checkout's folder")
+    add("--rounds", "N", "rounds to take medians of", whole_number, 10)
+    parts, only = (
+        ("simulation", "learner", "memory"),
+        "measure this part; may be given several times",
     )
-    add(
-        "--only",
-        action="append",
-        choices=("simulation", "learner", "memory"),
-        help="measure this part; may be given several times",
-    )
-    add("--num-threads", type=whole_number, metavar="N", help=NUM_THREADS_HELP)
-    add("--json", type=Path, metavar="FILE", help="write the result to a file as well")
-    add("--no-progress", action="store_true", help="show no progress bar")
-    bench.set_defaults(command=_bench)
+    add("--only", text=only, action="append", choices=parts)
+    add("--num-threads")
+    add("--json", text="write the result to a file as well")
+    add("--no-progress")
 
 
 def _bench(arguments: argparse.Namespace) -> int:
@@ -47,8 +31,6 @@ def _bench(arguments: argparse.Namespace) -> int:
     from sb3_piano.bench import PARTS, render, run_bench
     from sb3_piano.files import write_json
 
-    file: Path | None = arguments.json
-    check_output_file("--json", file)
     report = run_bench(
         parts=arguments.only or PARTS,
         rounds=arguments.rounds,
@@ -58,7 +40,7 @@ def _bench(arguments: argparse.Namespace) -> int:
         progress=not arguments.no_progress,
     )
     Console().print(render(report))
-    if file is not None:
-        write_json(file, dataclasses.asdict(report))
-        print(f"Result: {file}")
+    if arguments.json is not None:
+        write_json(arguments.json, dataclasses.asdict(report))
+        print(f"Result: {arguments.json}")
     return EXIT_INTERRUPTED if report.interrupted else EXIT_OK

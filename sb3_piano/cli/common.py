@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.exceptions import ConfigError, SB3PianoError
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -24,13 +25,25 @@ TRUST = (
 
 EXIT_OK, EXIT_ERROR, EXIT_INTERRUPTED = 0, 2, 130
 
-NUM_THREADS_HELP = "threads of torch; default: 1, or as OMP_NUM_THREADS or MKL_NUM_THREADS says"
-
 _FILE_WIDTH = 160
 """Room for a table in a file, in characters."""
 
 # See sb3_piano.training.evaluation.statistics.bootstrap_interval, where the figures come from.
 _FEW_VALUES = 10
+
+
+def whole_number(text: str) -> int:
+    """Read a whole number from 1 on, also written as ``1e5``."""
+    try:
+        number = float(text)
+        if number < 1 or number != int(number):
+            raise ValueError
+    except (ValueError, OverflowError):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no whole number from 1 on, such as 1000 or 1e5"
+        ) from None
+    return int(number)
+
 
 _SHARED: dict[str, dict[str, Any]] = {
     "--best": {
@@ -48,41 +61,71 @@ _SHARED: dict[str, dict[str, Any]] = {
         "action": "append", "default": [], "metavar": "NAME=VALUE",
         "help": "an option of the environment, such as physics=fast; may be given several times",
     },
-    "--csv": {"type": Path, "metavar": "FILE"},
+    "--num-threads": {
+        "type": whole_number, "metavar": "N",
+        "help": "threads of torch; default: 1, or as OMP_NUM_THREADS or MKL_NUM_THREADS says",
+    },
+    "--csv": {"type": Path, "metavar": "FILE", "help": "write a row for each piece"},
     "--json": {
         "type": Path, "metavar": "FILE", "help": "write everything, statistics included"
     },
-    "--no-progress": {"action": "store_true", "help": "show no progress bar"},
+    "--no-progress": {"help": "show no progress bar"},
 }  # fmt: skip
+"""Options that several commands have."""
+
+Add = Callable[..., None]
+
+_Key = TypeVar("_Key")
+_Item = TypeVar("_Item")
+_Found = TypeVar("_Found")
 
 
-def whole_number(text: str) -> int:
-    """Read a whole number from 1 on, also written as ``1e5``."""
-    try:
-        number = float(text)
-        if number < 1 or number != int(number):
-            raise ValueError
-    except (ValueError, OverflowError):
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is no whole number from 1 on, such as 1000 or 1e5"
-        ) from None
-    return int(number)
+def add_command(
+    commands: Any, name: str, run: Callable[[argparse.Namespace], int], about: str, **options: Any
+) -> Add:
+    """Add a command, and return what adds its arguments."""
+    parser = commands.add_parser(name, help=about, **options)
+    parser.set_defaults(command=run)
+    return adder(parser)
 
 
-def add_shared(add: Callable[..., Any], name: str, **changes: Any) -> None:
-    """Add an option that several commands have, with other words where this one needs them."""
-    add(name, **{**_SHARED[name], **changes})
+def adder(parser: Any) -> Add:
+    """Return what adds an argument by its name, metavar, help, type and default.
+
+    An option that several commands have needs its name only, and what is different here. One
+    without a metavar is a flag. A default is told after the help, unless that speaks of it.
+    """
+
+    def add(
+        name: str,
+        metavar: str = "",
+        text: str = "",
+        kind: Any = None,
+        default: Any = None,
+        **more: Any,
+    ) -> None:
+        given = {"metavar": metavar, "help": text, "type": kind, "default": default}
+        given = {key: value for key, value in given.items() if value not in ("", None)}
+        options = {**_SHARED.get(name, {}), **given, **more}
+        about = options.get("help", "")
+        if default is not None and "default" not in about:
+            shown = " ".join(map(str, default)) if isinstance(default, list) else default
+            options["help"] = f"{about}; default: {shown}".removeprefix("; ")
+        if name.startswith("-") and not {"metavar", "choices"} & options.keys():
+            options["action"] = "store_true"
+        parser.add_argument(*name.split(), **options)
+
+    return add
 
 
-def add_piece_arguments(add: Callable[..., Any]) -> None:
+def add_piece_arguments(add: Add) -> None:
     """Add the arguments that say what is played: ``--env``, ``--midi`` and ``--fingering``."""
-    add("--env", metavar="ID", help="environment id; 'sb3-piano envs' lists ours")
-    file_help = "play a file, such as MIDI, or a piece by its name"
-    add("--midi", "--score", metavar="FILE", help=file_help)
+    add("--env", "ID", "environment id; 'sb3-piano envs' lists ours")
+    add("--midi --score", "FILE", "play a file, such as MIDI, or a piece by its name")
     add(
         "--fingering",
-        metavar="HOW",
-        help="keep (default): labels as they are; ergonomic: find fingers for notes without; "
+        "HOW",
+        "keep (default): labels as they are; ergonomic: find fingers for notes without; "
         "robot: those that suit the simulated hands; optimal-transport: no labels; or a file",
     )
 
@@ -93,9 +136,6 @@ def what_is_played(arguments: argparse.Namespace, instead: str = "") -> tuple[st
     Args:
         arguments: With those of :func:`add_piece_arguments`.
         instead: What else the command takes, for the error if neither is.
-
-    Raises:
-        ConfigError: If neither is given, or the environment plays one piece only.
     """
     from sb3_piano.envs import GENERAL_ID
 
@@ -114,11 +154,7 @@ def what_is_played(arguments: argparse.Namespace, instead: str = "") -> tuple[st
 
 
 def env_options(settings: Iterable[str]) -> dict[str, Any]:
-    """Return the options of an environment that ``--set`` was given as ``NAME=VALUE``.
-
-    Raises:
-        ConfigError: If one has another form, or a value that is no YAML.
-    """
+    """Return the options of an environment that ``--set`` was given as ``NAME=VALUE``."""
     from sb3_piano.training.configuration.yaml_files import parse_yaml
 
     found = {}
@@ -134,31 +170,24 @@ def env_options(settings: Iterable[str]) -> dict[str, Any]:
 
 
 def check_output_file(option: str, file: Path | None) -> None:
-    """Refuse a file that cannot be written, before anything is done.
-
-    Raises:
-        ConfigError: If it is a folder, or in a folder that does not exist.
-    """
+    """Refuse a file that cannot be written, before anything is done."""
     if file is not None and (file.is_dir() or not file.parent.is_dir()):
         raise ConfigError(f"{option} is '{file}': expected a file in a folder that exists.")
 
 
-def check_collection(collection: str, known: Iterable[str]) -> None:
-    """Refuse a collection that no piece is of.
+def tell_errors(*errors: object) -> int:
+    """Print errors after which a command went on, and return the exit status."""
+    for error in errors:
+        print(f"sb3-piano: error: {error}", file=sys.stderr)
+    return EXIT_ERROR if errors else EXIT_OK
 
-    Args:
-        collection: The value of ``--collection``.
-        known: The collections of the pieces there are.
 
-    Raises:
-        ConfigError: If there is none of that name.
-    """
-    names = sorted(set(known))
-    if collection not in names:
-        raise ConfigError(
-            f"No piece is of the collection {collection!r}.{near_names(collection, names)} "
-            f"Expected one of {', '.join(names)}."
-        )
+def tell_interrupted(interrupted: bool, status: int = EXIT_OK, hint: str = ".") -> int:
+    """Say that Ctrl-C ended a command early, if it did, and return the exit status."""
+    if not interrupted:
+        return status
+    print(f"sb3-piano: interrupted{hint}", file=sys.stderr)
+    return EXIT_INTERRUPTED
 
 
 def new_table(*headings: str, left: int = 1, **options: Any) -> Table:
@@ -178,7 +207,7 @@ def add_row(table: Table, *cells: str, style: str = "") -> None:
     table.add_row(*(Text(cell, style=style) for cell in cells))
 
 
-def print_table(table: Any) -> None:
+def print_table(table: Table) -> None:
     """Print a table of rich's, with all the room it needs where no terminal limits it."""
     from rich.console import Console
 
@@ -227,3 +256,34 @@ def progress_bar(
     finally:
         if bar.tasks:
             bar.stop()
+
+
+def tracked(arguments: argparse.Namespace, text: str, items: Iterable[_Item]) -> Iterator[_Item]:
+    """Yield items while a bar shows how many are done."""
+    several = list(items)
+    with progress_bar(arguments, text) as tell:
+        for done, item in enumerate(several):
+            tell(completed=done, total=len(several))
+            yield item
+
+
+def of_each(
+    items: Iterable[tuple[_Key, _Item]],
+    compute: Callable[[_Item], _Found | None],
+    failures: list[str],
+    failed: str = "{error}",
+) -> dict[_Key, _Found]:
+    """Return what is computed of each item by its name, without those of which nothing is.
+
+    An error of one item goes to the failures and does not stop the others.
+    """
+    results = {}
+    for name, item in items:
+        try:
+            result = compute(item)
+        except SB3PianoError as error:
+            failures.append(failed.format(name=name, error=error))
+            continue
+        if result is not None:
+            results[name] = result
+    return results

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from sb3_piano.cli.common import (
     EXIT_OK,
+    add_command,
     add_row,
-    add_shared,
-    check_output_file,
     new_table,
     print_narrowness,
 )
@@ -23,29 +22,25 @@ if TYPE_CHECKING:
     from sb3_piano.training.evaluation.comparison import MetricComparison
 
 
+_BY_HELP = (
+    "pair the means of each piece (default), or those of each seed of a piece: of the evaluation, "
+    "or of the training"
+)
+
+
 def add_parser(commands: Any) -> None:
     """Add the command and its arguments."""
-    compare = commands.add_parser("compare", help="compare two evaluations piece by piece")
-    add = compare.add_argument
-    source = "a JSON file of evaluate, an evaluated run, or a folder of evaluated runs"
-    add("a", metavar="A", help=source)
-    add("b", metavar="B", help="likewise; differences are B - A")
-    add("--metric", action="append", metavar="NAME", help="such as f1; may be given several times")
-    add(
-        "--by",
-        choices=("piece", "seed", "training-seed"),
-        default="piece",
-        help="pair the means of each piece (default), or those of each seed of a piece: of the "
-        "evaluation, or of the training",
-    )
-    add_shared(add, "--csv", help="write a row for each metric and pair")
-    add_shared(add, "--json")
-    compare.set_defaults(command=_compare)
+    add = add_command(commands, "compare", _compare, "compare two evaluations piece by piece")
+    add("a", "A", "a JSON file of evaluate, an evaluated run, or a folder of evaluated runs")
+    add("b", "B", "likewise; differences are B - A")
+    add("--metric", "NAME", "such as f1; may be given several times", action="append")
+    by = ("piece", "seed", "training-seed")
+    add("--by", text=_BY_HELP, default="piece", choices=by)
+    add("--csv", text="write a row for each metric and pair")
+    add("--json")
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    for option in ("csv", "json"):
-        check_output_file(f"--{option}", getattr(arguments, option))
     from sb3_piano.files import write_json
     from sb3_piano.training import compare
 

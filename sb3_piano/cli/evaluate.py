@@ -5,22 +5,20 @@ from __future__ import annotations
 import argparse
 import itertools
 import os
-import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sb3_piano.cli.common import (
-    EXIT_ERROR,
-    EXIT_INTERRUPTED,
-    EXIT_OK,
     TRUST,
     add_row,
-    add_shared,
-    check_output_file,
+    adder,
     new_table,
     print_narrowness,
     progress_bar,
+    tell_errors,
+    tell_interrupted,
     whole_number,
 )
 from sb3_piano.metrics import DEFINITIONS, FINGER_SHARES, Definition, has_value
@@ -42,33 +40,30 @@ _SHARES = {
 _METRICS_IN_TABLE = 5
 """As many as fit beside each other on most terminals."""
 
+_SCORE_HELP = (
+    "a file, such as MIDI, or a piece's name, to be played in place of each run's own piece; may "
+    "be given several times"
+)
+_MOTION_HELP = "also write how everything moved, as performance_<i>.npz beside each MIDI file"
+
 
 def add_parser(commands: Any) -> None:
     """Add the command and its arguments."""
-    evaluate = commands.add_parser("evaluate", help="let trained models play", epilog=TRUST)
-    add = evaluate.add_argument
-    add("runs", nargs="+", metavar="RUN", help="a folder that train made; several are compared")
-    add("--episodes", type=whole_number, default=1, metavar="N", help="of each seed; default: 1")
-    seeds = evaluate.add_mutually_exclusive_group()
-    seeds.add_argument("--seed", type=int, default=0, metavar="N", help="default: 0")
-    seeds.add_argument("--seeds", type=int, nargs="+", metavar="N", help="several, in its place")
-    add(
-        "--score",
-        action="append",
-        default=[],
-        metavar="PIECE",
-        help="a file, such as MIDI, or a piece's name, to be played in place of each run's own "
-        "piece; may be given several times",
-    )
-    add_shared(add, "--physics")
-    add_shared(add, "--best")
-    motion_help = "also write how everything moved, as performance_<i>.npz beside each MIDI file"
-    add("--motion", action="store_true", help=motion_help)
-    add("--metrics", nargs="+", metavar="NAME", help="show these, such as f1 onset_f1 return")
-    add_shared(add, "--csv", help="write a row for each episode")
-    add_shared(add, "--json")
-    add_shared(add, "--no-progress")
-    evaluate.set_defaults(command=_evaluate)
+    parser = commands.add_parser("evaluate", help="let trained models play", epilog=TRUST)
+    parser.set_defaults(command=_evaluate)
+    add, either = adder(parser), adder(parser.add_mutually_exclusive_group())
+    add("runs", "RUN", "a folder that train made; several are compared", nargs="+")
+    add("--episodes", "N", "of each seed", whole_number, 1)
+    either("--seed", "N", "", int, 0)
+    either("--seeds", "N", "several, in its place", int, nargs="+")
+    add("--score", "PIECE", _SCORE_HELP, action="append")
+    add("--physics")
+    add("--best")
+    add("--motion", text=_MOTION_HELP)
+    add("--metrics", "NAME", "show these, such as f1 onset_f1 return", nargs="+")
+    add("--csv", text="write a row for each episode")
+    add("--json")
+    add("--no-progress")
 
 
 def evaluate_run(run: str) -> None:
@@ -84,9 +79,9 @@ def label(name: str) -> str:
     return _with_unit(known.label, known.unit)
 
 
-def rounded(name: str, value: float) -> str:
-    """Return the value of a metric with its number of decimals."""
-    return _definition(name).rounded(value)
+def rounded(name: str, *values: float) -> str:
+    """Return the value of a metric, or both ends of an interval, with its number of decimals."""
+    return "..".join(map(_definition(name).rounded, values))
 
 
 def _definition(name: str) -> Definition:
@@ -94,21 +89,16 @@ def _definition(name: str) -> Definition:
 
 
 def _with_unit(text: str, unit: str) -> str:
-    if unit.startswith("/"):
-        return text + unit
-    return f"{text}, {unit}" if unit else text
+    return f"{text}{'' if unit.startswith('/') or not unit else ', '}{unit}"
 
 
 def _evaluate(arguments: argparse.Namespace) -> int:
     from sb3_piano.settings import refuse_unknown
-
-    refuse_unknown(arguments.metrics or [], DEFINITIONS, "metric")
-    for option in ("csv", "json"):
-        check_output_file(f"--{option}", getattr(arguments, option))
     from sb3_piano.training import evaluate_runs
 
-    seeds = [arguments.seed] if arguments.seeds is None else arguments.seeds
-    count = len(arguments.runs) * max(len(arguments.score), 1)
+    refuse_unknown(arguments.metrics or [], DEFINITIONS, "metric")
+    seeds, scores = arguments.seeds or [arguments.seed], arguments.score or []
+    count = len(arguments.runs) * max(len(scores), 1)
     arguments.no_progress |= count == 1
     with progress_bar(arguments, "episodes") as tell:
         tell(total=count * arguments.episodes * len(seeds))
@@ -117,7 +107,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
             arguments.episodes,
             seeds,
             physics=arguments.physics,
-            scores=arguments.score,
+            scores=scores,
             best=arguments.best,
             motion=arguments.motion,
             on_episode=lambda: tell(advance=1),
@@ -130,12 +120,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
         if arguments.json is not None:
             found.write_json(arguments.json)
             print(f"Everything:  {arguments.json}")
-    for failure in found.failures:
-        print(f"sb3-piano: error: {failure}", file=sys.stderr)
-    if found.interrupted:
-        print("sb3-piano: interrupted.", file=sys.stderr)
-        return EXIT_INTERRUPTED
-    return EXIT_ERROR if found.failures else EXIT_OK
+    return tell_interrupted(found.interrupted, tell_errors(*found.failures))
 
 
 def _show(found: Evaluations, metrics: list[str] | None) -> None:
@@ -205,32 +190,31 @@ def _list_performances(evaluation: Evaluation) -> None:
 
 def _one_run_table(evaluation: Evaluation, metrics: Sequence[str] | None) -> Table:
     """Return all metrics of one evaluation, or the named ones, by section."""
-    several, intervals = len(evaluation.episodes) > 1, evaluation.has_interval
-    baseline = evaluation.baseline
-    headings = ["metric", "policy (mean ± std)" if several else "policy"]
-    headings += ["95 % interval"] * intervals + ["no-op baseline"] * (baseline is not None)
+    mean, baseline = evaluation.mean, evaluation.baseline
+    has_interval, has_baseline = evaluation.has_interval, baseline is not None
+    headings = ["metric", "policy (mean ± std)" if len(evaluation.episodes) > 1 else "policy"]
+    headings += ["95 % interval"] * has_interval + ["no-op baseline"] * has_baseline
     table = new_table(*headings)
-    names = [name for name in _rows(metrics) if name in evaluation.summary]
+
+    def add(text: str, policy: str, interval: str, resting: str) -> None:
+        extra = [interval] * has_interval + [resting] * has_baseline
+        add_row(table, f"  {text}", policy, *extra)
+
+    compact = {"noop_f1", *FINGER_SHARES}  # in a column, or five in a row
+    wanted = DEFINITIONS.keys() - compact if metrics is None else metrics
+    names = [name for name in DEFINITIONS if name in mean and name in wanted]
     for section, group in itertools.groupby(names, key=lambda name: DEFINITIONS[name].section):
         table.add_section()
         add_row(table, section, style="bold")
-        rows = [
-            (
-                _with_unit(DEFINITIONS[name].short, DEFINITIONS[name].unit),
-                _mean_and_std(evaluation, name),
-                _interval(evaluation, name),
-                "" if baseline is None else _value(baseline, name),
-            )
-            for name in group
-        ]
+        for name in group:
+            value = _value(mean, name)
+            if len(evaluation.episodes) > 1 and value != _NOTHING:
+                value += f" ± {rounded(name, evaluation.std[name])}"
+            text = _with_unit(DEFINITIONS[name].short, DEFINITIONS[name].unit)
+            add(text, value, _interval(evaluation, name), _value(baseline or {}, name))
         if section == "Fingers" and metrics is None:
-            rows += [
-                (text, _shares(evaluation.mean, of), "", _shares(baseline or {}, of))
-                for text, of in _SHARES.items()
-            ]
-        for text, mean, interval, resting in rows:
-            extra = [interval] * intervals + [resting] * (baseline is not None)
-            add_row(table, f"  {text}", mean, *extra)
+            for text, of in _SHARES.items():
+                add(text, _shares(mean, of), "", _shares(baseline or {}, of))
     return table
 
 
@@ -241,17 +225,22 @@ def _several_runs_table(
     table = new_table("piece and run", *(label(name).replace(" ", "\n") for name in metrics))
     for column in table.columns[1:]:
         column.no_wrap = True
-    by_piece: dict[str, list[Evaluation]] = {}
+    by_piece: dict[str, list[Evaluation]] = defaultdict(list)
     for evaluation in evaluations:
-        by_piece.setdefault(evaluation.piece, []).append(evaluation)
+        by_piece[evaluation.piece].append(evaluation)
     for piece, of_piece in by_piece.items():
         table.add_section()
         add_row(table, piece, style="bold")
-        for evaluation in of_piece:
-            cells = [_mean_and_interval(evaluation, name) for name in metrics]
-            add_row(table, _name(evaluation, parent), *cells)
-        for heading, cells in _baselines(of_piece, metrics, parent):
-            add_row(table, heading, *cells)
+        resting: dict[str, tuple[str, ...]] = {}
+        for found in of_piece:
+            run = str(found.run.relative_to(parent) if parent != Path() else found.run)
+            values = ((_value(found.mean, name), _interval(found, name)) for name in metrics)
+            add_row(table, run, *("\n".join(value).rstrip() for value in values))
+            if found.baseline is not None:
+                resting[run] = tuple(_value(found.baseline, name) for name in metrics)
+        same = len(set(resting.values())) == 1
+        for run, cells in itertools.islice(resting.items(), 1 if same else None):
+            add_row(table, "no-op baseline" if same else f"no-op baseline of {run}", *cells)
             table.rows[-1].style = "italic"
     return table
 
@@ -262,17 +251,6 @@ def _common_parent(evaluations: Iterable[Evaluation]) -> Path:
         return Path(os.path.commonpath([evaluation.run.parent for evaluation in evaluations]))
     except ValueError:  # absolute and relative ones
         return Path()
-
-
-def _name(evaluation: Evaluation, parent: Path) -> str:
-    return str(evaluation.run.relative_to(parent) if parent != Path() else evaluation.run)
-
-
-def _rows(metrics: Sequence[str] | None) -> list[str]:
-    if metrics is not None:
-        return [name for name in DEFINITIONS if name in metrics]
-    compact = {"noop_f1", *FINGER_SHARES}  # in a column, or five in a row
-    return [name for name in DEFINITIONS if name not in compact]
 
 
 def _shares(metrics: Mapping[str, float], names: Sequence[str]) -> str:
@@ -286,37 +264,7 @@ def _value(metrics: Mapping[str, float], name: str) -> str:
     return rounded(name, metrics[name]) if has_value(name, metrics) else _NOTHING
 
 
-def _mean_and_std(evaluation: Evaluation, name: str) -> str:
-    value = _value(evaluation.mean, name)
-    if len(evaluation.episodes) == 1 or value == _NOTHING:
-        return value
-    return f"{value} ± {rounded(name, evaluation.std[name])}"
-
-
 def _interval(evaluation: Evaluation, name: str) -> str:
-    interval = evaluation.summary[name].interval
-    if interval is None or _value(evaluation.mean, name) == _NOTHING:
-        return ""
-    return "..".join(rounded(name, end) for end in interval)
-
-
-def _mean_and_interval(evaluation: Evaluation, name: str) -> str:
-    if name not in evaluation.summary:
-        return _NOTHING
-    return f"{_value(evaluation.mean, name)}\n{_interval(evaluation, name)}".rstrip()
-
-
-def _baselines(
-    evaluations: Sequence[Evaluation], metrics: Sequence[str], parent: Path
-) -> Iterator[tuple[str, list[str]]]:
-    """Yield what playing nothing scores: once if it is the same for all runs on a piece."""
-    rows = {
-        _name(found, parent): [_value(found.baseline, name) for name in metrics]
-        for found in evaluations
-        if found.baseline is not None
-    }
-    same = len({tuple(cells) for cells in rows.values()}) == 1
-    for run, cells in rows.items():
-        yield "no-op baseline" if same else f"no-op baseline of {run}", cells
-        if same:
-            return
+    """Return the 95 % interval of a mean; nothing where there is none."""
+    interval = evaluation.summary[name].interval if has_value(name, evaluation.mean) else None
+    return "" if interval is None else rounded(name, *interval)

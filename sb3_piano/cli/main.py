@@ -13,23 +13,39 @@ from typing import Any
 import sb3_piano
 from sb3_piano.cli import (
     bench,
-    clone,
     compare,
+    demonstrations,
     evaluate,
     pieces,
-    plan,
     play,
-    record,
     report,
     train,
     tune,
 )
-from sb3_piano.cli.common import EXIT_ERROR, EXIT_INTERRUPTED, EXIT_OK
+from sb3_piano.cli.common import (
+    EXIT_ERROR,
+    EXIT_OK,
+    add_command,
+    check_output_file,
+    tell_errors,
+    tell_interrupted,
+)
 from sb3_piano.exceptions import PlanWarning, SB3PianoError, ScoreWarning
 from sb3_piano.files import disk_refusal
 
 # torch and the simulator are imported by the commands that need them, so that --help is instant.
-_COMMANDS = (train, plan, tune, evaluate, compare, play, report, record, clone, pieces, bench)
+_ADDED = (
+    train.add_parser,
+    play.add_plan_parser,
+    tune.add_parser,
+    evaluate.add_parser,
+    compare.add_parser,
+    play.add_parser,
+    report.add_parser,
+    demonstrations.add_parser,
+    pieces.add_parser,
+    bench.add_parser,
+)
 
 _OURS = (PlanWarning, ScoreWarning)
 
@@ -45,16 +61,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = _parser().parse_args(argv)
     try:
+        for option in ("csv", "json"):
+            check_output_file(f"--{option}", getattr(arguments, option, None))
         with _warnings_told():
             status = int(arguments.command(arguments))
         sys.stdout.flush()  # so that what goes wrong with it is told below
         return status
     except SB3PianoError as error:
-        print(f"sb3-piano: error: {error}", file=sys.stderr)
-        return EXIT_ERROR
+        return tell_errors(error)
     except KeyboardInterrupt:
-        print("sb3-piano: interrupted.", file=sys.stderr)
-        return EXIT_INTERRUPTED
+        return tell_interrupted(True)
     except BrokenPipeError:  # nobody reads on, as in "sb3-piano evaluate RUN | head"
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for Python's last flush
         return EXIT_ERROR
@@ -62,12 +78,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         refusal = disk_refusal(error)
         if refusal is None:
             raise
-        print(
-            f"sb3-piano: error: A file cannot be written: {refusal}. What was finished before is "
-            "safe; when there is room, give the same command again.",
-            file=sys.stderr,
+        return tell_errors(
+            f"A file cannot be written: {refusal}. What was finished before is safe; when there is "
+            "room, give the same command again."
         )
-        return EXIT_ERROR
 
 
 @contextlib.contextmanager
@@ -99,21 +113,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {sb3_piano.__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for module in _COMMANDS:
-        module.add_parser(commands)
-    presets = commands.add_parser("presets", help="list the YAML files that come with the package")
-    presets.set_defaults(command=_presets)
-    envs = commands.add_parser("envs", help="list the environment ids")
-    envs.set_defaults(command=_envs)
+    for add_parser in _ADDED:
+        add_parser(commands)
+    add_command(commands, "presets", _presets, "list the YAML files that come with the package")
+    add_command(commands, "envs", _envs, "list the environment ids")
     return parser
 
 
 def _presets(arguments: argparse.Namespace) -> int:
     from sb3_piano.hyperparams import PRESETS
 
-    del arguments  # every command gets them
-    for path in PRESETS.values():
-        print(path)
+    print(*PRESETS.values(), sep="\n")
     return EXIT_OK
 
 
@@ -121,7 +131,5 @@ def _envs(arguments: argparse.Namespace) -> int:
     from sb3_piano.envs import ENV_IDS
     from sb3_piano.envs.registration import imported_ids
 
-    del arguments  # every command gets them
-    for env_id in (*ENV_IDS, *imported_ids()):
-        print(env_id)
+    print(*ENV_IDS, *imported_ids(), sep="\n")
     return EXIT_OK

@@ -11,110 +11,107 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sb3_piano.cli import fingering, piece_import, rank
+from sb3_piano.cli import rank
 from sb3_piano.cli.common import (
+    EXIT_ERROR,
     EXIT_OK,
+    add_command,
     add_row,
-    add_shared,
-    check_collection,
     check_output_file,
     new_table,
+    of_each,
     print_table,
+    progress_bar,
+    tell_errors,
+    tell_interrupted,
     whole_number,
 )
-from sb3_piano.exceptions import ConfigError, SB3PianoError, ScoreError, UnknownPieceError
+from sb3_piano.cli.rank import in_collection
+from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
 
 if TYPE_CHECKING:
     from sb3_piano.music import Note, Piece, Score
+    from sb3_piano.music.library import ImportReport, Unusable
 
+# Columns of the CSV file, and keys of the JSON file.
 _ABOUT = ("name", "title", "collection", "source", "fingering")
 _FEATURES = ("duration", "notes", "average_polyphony", "maximum_polyphony", "onset_density")
-_COLUMNS = (*_ABOUT, *_FEATURES, "difficulty_percentile")
-"""The columns of the CSV file, and the keys of the JSON file."""
+
+_IMPORT = (
+    "Import music into the user's library. Files that cannot be read are listed; the status is 2 "
+    "only if nothing was imported and nothing was there before. What was imported earlier is not "
+    "imported again, so that an import can be interrupted."
+)
+_FINGERING_HELP = (
+    "ergonomic (default): find fingers for notes that have none; robot: those that suit the "
+    "simulated hands; keep: only those in the file; optimal-transport: none, any finger will do; "
+    "or a file with labels"
+)
+
+_MOST_NAMED = 10
+"""Number of pieces that are told by name after an import."""
 
 _FEW_MOMENTS = 16
 """Number of moments shown of a piece whose bars are not known."""
 
 _HANDS = ("right", "left", None)
 
-Row = Mapping[str, Any]
-"""Facts about a piece, by column; None where not known."""
-
 
 def add_parser(commands: Any) -> None:
-    """Add the command with its own commands; the longer ones have a module each."""
+    """Add the command with its own commands."""
     pieces = commands.add_parser("pieces", help="import, list, show, rank and export pieces")
     own = pieces.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    parser = own.add_parser("list", help="list all pieces, built-in and imported")
-    collection_help = "only those of a collection, such as repertoire"
-    parser.add_argument("--collection", metavar="NAME", help=collection_help)
-    add_shared(parser.add_argument, "--csv", help="write a row for each piece")
-    add_shared(parser.add_argument, "--json", help="write the same as JSON")
-    parser.set_defaults(command=_list)
-    parser = own.add_parser("show", help="show what is known about a piece, and its beginning")
-    name_help = "as 'pieces list' shows it, or a file such as MIDI"
-    parser.add_argument("name", metavar="NAME|FILE", help=name_help)
-    parser.add_argument(
-        "--bars", type=whole_number, default=2, metavar="N", help="show so many bars; default: 2"
-    )
-    parser.set_defaults(command=_show)
-    piece_import.add_parser(own)
-    remove = own.add_parser("remove", help="remove imported pieces, without asking")
-    remove.add_argument("names", nargs="+", metavar="NAME", help="as 'pieces list' shows it")
-    remove.set_defaults(command=_remove)
-    export = own.add_parser("export", help="write a piece to a file")
-    export.add_argument("name", metavar="NAME", help="as 'pieces list' shows it")
-    export.add_argument("file", type=Path, metavar="FILE", help="MIDI, MusicXML or PIG, by suffix")
-    export.set_defaults(command=_export)
-    for module in (rank, fingering):
-        module.add_parser(own)
+    add = add_command(own, "list", _list, "list all pieces, built-in and imported")
+    add("--collection", "NAME", "only those of a collection, such as repertoire")
+    add("--csv")
+    add("--json", text="write the same as JSON")
+    add = add_command(own, "show", _show, "show what is known about a piece, and its beginning")
+    add("name", "NAME|FILE", "as 'pieces list' shows it, or a file such as MIDI")
+    add("--bars", "N", "show so many bars", whole_number, 2)
+    about = "import a file, a folder, the PIG data set, or a wheel or folder of robopianist"
+    add = add_command(own, "import", _import, about, description=_IMPORT)
+    add("path", "PATH", "MIDI, MusicXML, PIG text, a folder, or a robopianist wheel")
+    add("--fingering", "HOW", _FINGERING_HELP)
+    add("--name", "NAME", "the piece's name, for a single file; default: the file's")
+    add("--jobs", "N", "read in so many processes; default: one for each core", whole_number)
+    add("--no-progress")
+    add = add_command(own, "remove", _remove, "remove imported pieces, without asking")
+    add("names", "NAME", "as 'pieces list' shows it", nargs="+")
+    add = add_command(own, "export", _export, "write a piece to a file")
+    add("name", "NAME", "as 'pieces list' shows it")
+    add("file", "FILE", "MIDI, MusicXML or PIG, by suffix", Path)
+    rank.add_parser(own)
 
 
 def _list(arguments: argparse.Namespace) -> int:
-    for option in ("csv", "json"):
-        check_output_file(f"--{option}", getattr(arguments, option))
     from sb3_piano.files import write_csv, write_json
     from sb3_piano.music import pieces
-
-    failures: list[str] = []
-    rows = _rows(pieces(), failures)
-    if arguments.collection is not None:  # percentiles are those among all pieces
-        check_collection(arguments.collection, (row["collection"] for row in rows))
-        rows = [row for row in rows if row["collection"] == arguments.collection]
-    _print_list(rows)
-    if arguments.csv is not None:
-        write_csv(arguments.csv, _COLUMNS, rows)
-        print(f"Table: {arguments.csv}")
-    if arguments.json is not None:
-        write_json(arguments.json, {"pieces": rows})
-        print(f"JSON:  {arguments.json}")
-    for failure in failures:
-        print(f"sb3-piano: error: {failure}", file=sys.stderr)
-    return EXIT_OK
-
-
-def _rows(pieces: Mapping[str, Piece], failures: list[str]) -> list[Row]:
     from sb3_piano.music.difficulty import rank
     from sb3_piano.music.library import piece_features
 
-    measured = {}
-    for name, piece in pieces.items():
-        try:
-            measured[name] = piece_features(piece)
-        except SB3PianoError as error:
-            failures.append(str(error))
-    places = rank(measured)
-    return [
+    failures: list[str] = []
+    measured = of_each(pieces().items(), piece_features, failures)
+    places = rank(measured)  # among all pieces, whatever is shown
+    rows = [
         {
             **{about: getattr(piece, about) for about in _ABOUT},
             **{feature: getattr(measured.get(name), feature, None) for feature in _FEATURES},
             "difficulty_percentile": places[name].percentile if name in places else None,
         }
-        for name, piece in pieces.items()
+        for name, piece in in_collection(pieces(), arguments.collection).items()
     ]
+    _print_list(rows)
+    if arguments.csv is not None:
+        write_csv(arguments.csv, [*_ABOUT, *_FEATURES, "difficulty_percentile"], rows)
+        print(f"Table: {arguments.csv}")
+    if arguments.json is not None:
+        write_json(arguments.json, {"pieces": rows})
+        print(f"JSON:  {arguments.json}")
+    tell_errors(*failures)
+    return EXIT_OK
 
 
-def _print_list(rows: Sequence[Row]) -> None:
+def _print_list(rows: Sequence[Mapping[str, Any]]) -> None:
     table = new_table("piece", "s", "notes", "keys", "notes/s", "fingering", "%")
     table.columns[-2].justify = "left"
     for row in rows:
@@ -240,6 +237,49 @@ def _spelled(note: Note) -> str:
 
     name = pitch_name(note.pitch)
     return name if note.finger < 0 else f"{name}/{finger_number(note.finger)}"
+
+
+def _import(arguments: argparse.Namespace) -> int:
+    from sb3_piano.music.library import import_path, user_library
+
+    with progress_bar(arguments, "pieces") as tell:
+        report = import_path(
+            arguments.path,
+            fingering=arguments.fingering,
+            name=arguments.name,
+            jobs=arguments.jobs,
+            progress=lambda done, total: tell(completed=done, total=total),
+        )
+    _tell_imported(report)
+    print(f"Library: {user_library().folder}")
+    status = EXIT_OK if report.imported or report.present else EXIT_ERROR
+    hint = "; the same command goes on with the rest."
+    return tell_interrupted(report.interrupted, status, hint)
+
+
+def _tell_imported(report: ImportReport) -> None:
+    for note in report.notes:
+        print(f"Note: {_told(note)}")
+    for unusable in report.unusable:
+        print(f"Not imported: {_told(unusable)}", file=sys.stderr)
+    if report.imported:
+        print(f"Imported: {_names(report.imported)}")
+    if report.present:
+        print(f"There already: {_names(report.present)}")
+    if report.unusable:
+        print(f"Not imported: {len(report.unusable)}, as listed")
+
+
+def _told(file: Unusable) -> str:
+    """Return what is odd about a file, with its name once."""
+    named = str(file.path) in file.reason
+    return file.reason if named else f"{file.path}: {file.reason}"
+
+
+def _names(names: Sequence[str]) -> str:
+    if len(names) <= _MOST_NAMED:
+        return ", ".join(names)
+    return f"{', '.join(names[:_MOST_NAMED])} and {len(names) - _MOST_NAMED} more"
 
 
 def _remove(arguments: argparse.Namespace) -> int:

@@ -1,40 +1,73 @@
-"""``sb3-piano play``: watch and hear a trained model, a planned pianist, or a piece itself."""
+"""``sb3-piano play`` and ``plan``: a trained model, hands that only plan, or a piece by itself."""
 
 from __future__ import annotations
 
 import argparse
-import sys
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sb3_piano.cli.common import EXIT_ERROR, EXIT_OK, TRUST, add_shared, progress_bar
-from sb3_piano.cli.plan import add_planner_arguments, check_planned, planned_take
+from sb3_piano.cli.common import (
+    EXIT_OK,
+    TRUST,
+    Add,
+    add_command,
+    env_options,
+    progress_bar,
+    tell_errors,
+    whole_number,
+)
 from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
+    from sb3_piano.training import PlannedConfig
     from sb3_piano.viewing import Picture, Take
+
+_PLANNER_OPTIONS = ("rehearsals", "sampling", "nominal", "horizon", "reduced")
+_OF_SAMPLING = ("nominal", "horizon")
+_REHEARSALS_HELP = "play the plan N times in a simulation first, and try otherwise what goes wrong"
+_SAMPLING_HELP = "let predictive sampling try N ways on from each control step, and play the best"
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command and its arguments."""
-    play = commands.add_parser(
-        "play", help="watch and hear a trained model, or a piece", epilog=TRUST
-    )
-    add = play.add_argument
-    add("what", metavar="RUN|PIECE", help="a run's folder; or a file, such as MIDI, or a piece")
-    add("--planned", action="store_true", help="let planned hands play the piece, untrained")
-    add_planner_arguments(add)
-    add("--out", metavar="DIR", help="default: RUN/play, or play/<title> for a piece")
-    add("--score", metavar="PIECE", help="let the run's model play another piece")
-    add("--seed", type=int, metavar="N", help="seed of the run's environment; default: 0")
-    add_shared(add, "--physics")
-    add_shared(add, "--best")
-    add("--camera", choices=("overview", "topdown"), default="overview", help="default: overview")
-    add("--size", default="640x360", metavar="WxH", help="pixels of the video; default: 640x360")
-    add("--human", action="store_true", help="show it in a window first, in real time")
-    add("--no-video", action="store_true", help="write only the MIDI file and the sound")
-    add_shared(add, "--no-progress")
-    play.set_defaults(command=_play)
+    """Add both commands and their arguments."""
+    about = "watch and hear a trained model, or a piece"
+    add = add_command(commands, "play", _play, about, epilog=TRUST)
+    add("what", "RUN|PIECE", "a run's folder; or a file, such as MIDI, or a piece")
+    add("--planned", text="let planned hands play the piece, untrained")
+    _add_planner_arguments(add)
+    add("--out", "DIR", "default: RUN/play, or play/<title> for a piece")
+    add("--score", "PIECE", "let the run's model play another piece")
+    add("--seed", "N", "seed of the run's environment; default: 0", int)
+    add("--physics")
+    add("--best")
+    add("--camera", choices=("overview", "topdown"), default="overview")
+    add("--size", "WxH", "pixels of the video", default="640x360")
+    add("--human", text="show it in a window first, in real time")
+    add("--no-video", text="write only the MIDI file and the sound")
+    add("--no-progress")
+
+
+def add_plan_parser(commands: Any) -> None:
+    """Add ``plan`` and its arguments."""
+    add = add_command(commands, "plan", _plan, "make a run that plays without any training")
+    what = "a file, such as MIDI, a piece by its name, or an environment"
+    add("what", "PIECE|ENV_ID", what)
+    _add_planner_arguments(add)
+    add("--seed", "N", "what sampling draws from", int, 0)
+    add("--set")
+    add("--runs-dir", default="runs")
+    add("--out", "DIR", "the run's folder, in place of one in --runs-dir")
+
+
+def _add_planner_arguments(add: Add) -> None:
+    """Add what ``plan`` and ``play --planned`` take: who plays, and with which joints."""
+    add("--rehearsals", "N", _REHEARSALS_HELP, whole_number)
+    add("--sampling", "N", _SAMPLING_HELP, whole_number)
+    nominal = "what these ways change: plan (default), or none for sampling from zero"
+    add("--nominal", "WHAT", nominal)
+    add("--horizon", "H", "control steps that sampling looks ahead", whole_number)
+    add("--reduced", text="the reduced action space, not all joints")
 
 
 def play_run(run: str, arguments: argparse.Namespace) -> int:
@@ -54,6 +87,7 @@ def _play(arguments: argparse.Namespace) -> int:
     take, folder = _take(arguments)
     if arguments.human:
         show_take(take, camera=arguments.camera)
+    folder = folder if arguments.out is None else Path(arguments.out)
     return _write(take, folder, picture, arguments)
 
 
@@ -62,21 +96,17 @@ def _write(take: Take, folder: Path, picture: Picture | None, arguments: argpars
     from sb3_piano.viewing import write_take
 
     with progress_bar(arguments, "Video") as tell:
-        played = write_take(
-            take,
-            folder / FILE_NAME,
-            picture,
-            lambda done, total: tell(completed=done, total=total),
-        )
+
+        def on_frame(done: int, total: int) -> None:
+            tell(completed=done, total=total)
+
+        played = write_take(take, folder / FILE_NAME, picture, on_frame)
     silent = "no key was pressed, so there is no MIDI file and nothing to hear"
     print(f"MIDI:  {silent if played.midi is None else played.midi}")
     print(f"Sound: {played.wav}")
     if played.video is not None:
         print(f"Video: {played.video}")
-    if played.problem is None:
-        return EXIT_OK
-    print(f"sb3-piano: error: There is no video. {played.problem}", file=sys.stderr)
-    return EXIT_ERROR
+    return tell_errors(*[f"There is no video. {p}" for p in (played.problem,) if p is not None])
 
 
 def _picture(arguments: argparse.Namespace) -> Picture:
@@ -89,28 +119,36 @@ def _picture(arguments: argparse.Namespace) -> Picture:
 
 
 def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
-    """Let the run or the piece play; return that, and the folder to write it into."""
+    """Let the run or the piece play; return that, and the folder that it belongs into."""
     from sb3_piano.music import load_score
     from sb3_piano.training.playing.takes import default_folder, take_of_run, take_of_score
 
-    what, score = arguments.what, None
-    check_planned(arguments)
+    what, physics = arguments.what, arguments.physics
     if arguments.planned:
-        _check_piece(arguments, "score", "best")
-        return planned_take(arguments)
+        _check_planned(arguments)
+        return _planned_take(arguments)
+    for name in _PLANNER_OPTIONS:
+        if getattr(arguments, name) not in (None, False):
+            raise ConfigError(
+                f"--{name} cannot be given without --planned: expected --planned, too, and a piece."
+            )
     if Path(what).is_dir():
         score = None if arguments.score is None else load_score(arguments.score)
-        seed = 0 if arguments.seed is None else arguments.seed
-        take = take_of_run(
-            what, seed=seed, physics=arguments.physics, score=score, best=arguments.best
+        seed, best = arguments.seed or 0, arguments.best
+        take = take_of_run(what, seed=seed, physics=physics, score=score, best=best)
+        return take, default_folder(what, score)
+    _check_piece(arguments, "score", "seed", "best")
+    score = load_score(what)
+    return take_of_score(score, physics=physics or "reference"), default_folder(None, score)
+
+
+def _check_planned(arguments: argparse.Namespace) -> None:
+    if Path(arguments.what).is_dir():
+        raise ConfigError(
+            f"--planned cannot be given with the run '{arguments.what}': its own model plays. "
+            "Expected a piece, or no --planned."
         )
-        folder = default_folder(what, score)
-    else:
-        _check_piece(arguments, "score", "seed", "best")
-        score = load_score(what)
-        take = take_of_score(score, physics=arguments.physics or "reference")
-        folder = default_folder(None, score)
-    return take, folder if arguments.out is None else Path(arguments.out)
+    _check_piece(arguments, "score", "best")
 
 
 def _check_piece(arguments: argparse.Namespace, *of_runs: str) -> None:
@@ -128,3 +166,69 @@ def _check_piece(arguments: argparse.Namespace, *of_runs: str) -> None:
                 f"--{name} cannot be given with a piece, which {what!r} is. Expected a run's "
                 f"folder, or no --{name}."
             )
+
+
+def _planned_take(arguments: argparse.Namespace) -> tuple[Take, Path]:
+    """Let planned hands play a piece, say how well, and return that and the folder for it."""
+    from sb3_piano.training.playing.takes import default_folder, take_of_planner
+
+    physics = arguments.physics
+    options = {} if physics is None else {"physics": physics}
+    config = _config(arguments, arguments.seed or 0, options)
+    with progress_bar(arguments, "Planning") as tell:
+
+        def on_step(done: int, total: int) -> None:
+            tell(**({"description": "Playing", "completed": done, "total": total} if done else {}))
+
+        played = take_of_planner(config, on_step)
+    metrics, roll = played.metrics, played.take.performance.roll
+    print(
+        f"F1 {metrics['f1']:.3f} (precision {metrics['precision']:.3f}, recall "
+        f"{metrics['recall']:.3f}; playing nothing {metrics['noop_f1']:.3f}), onset F1 "
+        f"{metrics['onset_f1']:.3f}"
+    )
+    print(
+        f"Planned in {played.planning:.1f} s, {len(roll) * roll.control_timestep:.1f} s of music "
+        f"played in {played.playing:.1f} s"
+    )
+    folder = default_folder(None, played.score)
+    return played.take, folder.with_name(f"{folder.name}-{config.algo}")
+
+
+def _plan(arguments: argparse.Namespace) -> int:
+    from sb3_piano.training.playing.takes import plan_run
+
+    config = _config(arguments, arguments.seed, env_options(arguments.set))
+    folder, piece, seconds = plan_run(config, arguments.out, runs_dir=arguments.runs_dir)
+    path = shlex.quote(str(folder.path))
+    print(f"{piece}: ready to play after {seconds:.1f} s, without any training")
+    print(f"Run:         {folder.path}")
+    print(f"Evaluate:    sb3-piano evaluate {path}")
+    print(f"Watch:       sb3-piano play {path}")
+    return EXIT_OK
+
+
+def _config(arguments: argparse.Namespace, seed: int, options: dict[str, Any]) -> PlannedConfig:
+    """Return the settings of the player that the arguments stand for."""
+    from sb3_piano.training.playing.takes import planner_config
+
+    if arguments.reduced:
+        options["reduced_action_space"] = True
+    given = {n: value for n in _OF_SAMPLING if (value := getattr(arguments, n)) is not None}
+    plan = {} if arguments.rehearsals is None else {"rehearsals": arguments.rehearsals}
+    if arguments.sampling is None:
+        for name in given:
+            raise ConfigError(
+                f"--{name} cannot be given without --sampling: a plan is followed as it is. "
+                "Expected --sampling N, too."
+            )
+        algo, given = "planned", {"settings": plan} if plan else {}
+    else:
+        if plan and arguments.nominal == "none":
+            raise ConfigError(
+                "--rehearsals cannot be given with --nominal none: there is no plan to rehearse. "
+                "Expected one of them."
+            )
+        algo, given["samples"] = "sampling", arguments.sampling
+        given |= {"plan_settings": plan} if plan else {}
+    return planner_config(arguments.what, algo, seed=seed, env_kwargs=options, **given)

@@ -1,32 +1,35 @@
-"""``sb3-piano pieces rank``: pieces by difficulty."""
+"""``sb3-piano pieces rank`` and ``fingering``: difficulty of pieces, labels beside our fingers."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from sb3_piano.cli.common import (
-    EXIT_ERROR,
-    EXIT_OK,
+    add_command,
     add_row,
-    add_shared,
-    check_collection,
-    check_output_file,
     new_table,
+    of_each,
     print_table,
-    progress_bar,
+    tell_errors,
+    tracked,
 )
-from sb3_piano.exceptions import ConfigError, SB3PianoError
+from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
-    from sb3_piano.music import Piece
-    from sb3_piano.music.difficulty import Difficulty, Features, MotionFeatures
+    from rich.table import Table
 
+    from sb3_piano.music import Piece
+    from sb3_piano.music.difficulty import MotionFeatures
+
+_Row = dict[str, Any]
+
+# Key of a row, heading, form.
 _SCORE_COLUMNS = (
     ("notes", "notes", "{:d}"),
     ("duration", "s", "{:.1f}"),
@@ -37,148 +40,63 @@ _SCORE_COLUMNS = (
     ("hand_motion", "moves/s", "{:.2f}"),
 )
 _MOTION_COLUMNS = (
-    ("action_variance", "action var.", "{:.4f}"),
-    ("hand_motion", "joints", "{:.4f}"),
-    ("fingertip_motion", "tips, mm", "{:.2f}"),
+    ("recorded_action_variance", "action var.", "{:.4f}"),
+    ("recorded_hand_motion", "joints", "{:.4f}"),
+    ("recorded_fingertip_motion", "tips, mm", "{:.2f}"),
 )
-_METRES = {"fingertip_motion": 1000.0}  # shown in mm
+_SCALES = {"recorded_fingertip_motion": 1000.0}  # shown in mm
+
+_AGREEMENT = ("right", "left", "both", "hands")
+_RATES = ("general", "highest", "soft", "recombination")
+
+_MOTION_HELP = (
+    "recorded performances, which 'evaluate --motion' writes: files, or folders such as those of "
+    "runs; pieces without one are left out"
+)
+_LABELLED_HELP = (
+    "pieces with finger labels, or a folder of the PIG data set; default: all pieces with labels "
+    "that come with the package"
+)
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command and its arguments."""
-    rank = commands.add_parser("rank", help="rank pieces by difficulty, the easiest first")
-    add = rank.add_argument
-    add("pieces", nargs="*", metavar="NAME", help="rank these among themselves; default: all")
-    add("--collection", metavar="NAME", help="only the pieces of a collection, such as repertoire")
-    add(
-        "--motion",
-        nargs="+",
-        type=Path,
-        default=[],
-        metavar="PATH",
-        help="recorded performances, which 'evaluate --motion' writes: files, or folders such as "
-        "those of runs; pieces without one are left out",
-    )
-    add_shared(add, "--csv", help="write a row for each piece")
-    add_shared(add, "--no-progress")
-    rank.set_defaults(command=_rank)
+    """Add both commands and their arguments."""
+    add = add_command(commands, "rank", _rank, "rank pieces by difficulty, the easiest first")
+    add("pieces", "NAME", "rank these among themselves; default: all", nargs="*")
+    add("--collection", "NAME", "only the pieces of a collection, such as repertoire")
+    add("--motion", "PATH", _MOTION_HELP, Path, nargs="+")
+    add("--csv")
+    add("--no-progress")
+    about = "compare our fingering with finger labels, or with those of the PIG data"
+    add = add_command(commands, "fingering", _fingering, about)
+    add("pieces", "NAME", _LABELLED_HELP, nargs="*")
+    add("--csv")
+    add("--no-progress")
+
+
+def in_collection(pieces: Mapping[str, Piece], collection: str | None) -> dict[str, Piece]:
+    """Return the pieces of a collection, of which there has to be one; all if none is named."""
+    from sb3_piano.settings import refuse_unknown
+
+    if collection is None:
+        return dict(pieces)
+    known = sorted({piece.collection for piece in pieces.values()})
+    refuse_unknown([collection], known, "collection")
+    return {name: piece for name, piece in pieces.items() if piece.collection == collection}
 
 
 def _rank(arguments: argparse.Namespace) -> int:
-    check_output_file("--csv", arguments.csv)
-    from sb3_piano.music.difficulty import rank
-
-    failures: list[str] = []
-    pieces = _chosen(arguments.pieces, arguments.collection)
-    motion = _recorded(arguments.motion, pieces, failures) if arguments.motion else None
-    ranked = {name: piece for name, piece in pieces.items() if motion is None or name in motion}
-    found = _features(ranked, arguments, failures)
-    places = rank(found, motion)
-    if places:
-        _show(places, found, motion)
-    if motion is not None and len(ranked) < len(pieces):
-        print(f"{len(pieces) - len(ranked)} of {len(pieces)} pieces have no recorded performance.")
-    if arguments.csv is not None:
-        _write(arguments.csv, places, found, motion)
-    for failure in failures:
-        print(f"sb3-piano: error: {failure}", file=sys.stderr)
-    return EXIT_ERROR if failures else EXIT_OK
-
-
-def _chosen(names: Sequence[str], collection: str | None) -> dict[str, Piece]:
     from sb3_piano.music import find_piece, pieces
-
-    chosen = [find_piece(name) for name in names] if names else list(pieces().values())
-    if collection is not None:
-        check_collection(collection, (piece.collection for piece in chosen))
-        chosen = [piece for piece in chosen if piece.collection == collection]
-    return {piece.name: piece for piece in chosen}
-
-
-def _features(
-    pieces: Mapping[str, Piece], arguments: argparse.Namespace, failures: list[str]
-) -> dict[str, Features]:
+    from sb3_piano.music.difficulty import rank
     from sb3_piano.music.library import piece_features
 
-    found = {}
-    with progress_bar(arguments, "pieces") as tell:
-        for done, (name, piece) in enumerate(pieces.items()):
-            tell(completed=done, total=len(pieces))
-            try:
-                found[name] = piece_features(piece)
-            except SB3PianoError as error:
-                failures.append(f"Piece {name!r} was not ranked: {error}")
-    return found
-
-
-def _recorded(
-    paths: Sequence[Path], pieces: Mapping[str, Piece], failures: list[str]
-) -> dict[str, MotionFeatures]:
-    """Return what moved in the performances of each piece, as a mean over several."""
-    from sb3_piano.music.difficulty import mean_motion, read_motion
-
-    by_title = {piece.name.removeprefix(f"{piece.collection}-"): name
-                for name, piece in pieces.items()}  # fmt: skip
-    found: dict[str, list[MotionFeatures]] = defaultdict(list)
-    for path in _files(paths):
-        try:
-            recording = read_motion(path)
-        except SB3PianoError as error:
-            failures.append(str(error))
-            continue
-        name = recording.title if recording.title in pieces else by_title.get(recording.title)
-        if name is not None:
-            found[name].append(recording.features())
-    return {name: mean_motion(several) for name, several in found.items()}
-
-
-def _files(paths: Sequence[Path]) -> Iterator[Path]:
-    for path in paths:
-        if not path.is_dir():
-            yield path
-            continue
-        files = sorted(path.rglob("performance_*.npz"))
-        if not files:
-            raise ConfigError(
-                f"--motion '{path}' has no recorded performance: expected a folder with files that "
-                "'sb3-piano evaluate RUN --motion' wrote."
-            )
-        yield from files
-
-
-def _show(
-    places: Mapping[str, Difficulty],
-    found: Mapping[str, Features],
-    motion: Mapping[str, MotionFeatures] | None,
-) -> None:
-    columns = [*_SCORE_COLUMNS, *(_MOTION_COLUMNS if motion is not None else ())]
-    table = new_table("", "piece", "%", *(heading for _, heading, _ in columns), left=0)
-    table.columns[1].justify, table.columns[1].min_width = "left", 18
-    for name, place in places.items():
-        cells = _cells(found[name], _SCORE_COLUMNS)
-        if motion is not None:
-            cells += _cells(motion[name], _MOTION_COLUMNS)
-        add_row(table, str(place.rank), name, f"{place.percentile:.1f}", *cells)
-    print_table(table)
-    terms = "the score and recorded performances" if motion is not None else "the score alone"
-    print(
-        f"Difficulty by {terms}, the easiest first; %: percentile rank; keys: pressed at once, "
-        "mean and most; span: semitones of a hand; moves/s: semitones that the hands travel"
-    )
-
-
-def _cells(values: Features | MotionFeatures, columns: Sequence[tuple[str, str, str]]) -> list[str]:
-    return [form.format(getattr(values, n) * _METRES.get(n, 1)) for n, _, form in columns]
-
-
-def _write(
-    path: Path,
-    places: Mapping[str, Difficulty],
-    found: Mapping[str, Features],
-    motion: Mapping[str, MotionFeatures] | None,
-) -> None:
-    from sb3_piano.files import write_csv
-
+    failures: list[str] = []
+    named = {piece.name: piece for piece in map(find_piece, arguments.pieces)}
+    chosen = in_collection(named or pieces(), arguments.collection)
+    motion = _recorded(arguments.motion, chosen, failures) if arguments.motion else None
+    ranked = {name: piece for name, piece in chosen.items() if motion is None or name in motion}
+    bar = tracked(arguments, "pieces", ranked.items())
+    found = of_each(bar, piece_features, failures, "Piece {name!r} was not ranked: {error}")
     rows = [
         {
             "piece": name,
@@ -188,13 +106,154 @@ def _write(
             **{field: getattr(found[name], field) for field, _, _ in _SCORE_COLUMNS},
             "lowest_pitch": found[name].pitch_range[0],
             "highest_pitch": found[name].pitch_range[1],
-            **({} if motion is None else _recorded_columns(motion[name])),
+            **{f"recorded_{f}": v for f, v in (asdict(motion[name]) if motion else {}).items()},
         }
-        for name, place in places.items()
+        for name, place in rank(found, motion).items()
     ]
-    write_csv(path, list(rows[0]) if rows else ["piece"], rows)
-    print(f"Pieces: {path}")
+    if rows:
+        _show_ranks(rows, with_motion=motion is not None)
+    if len(ranked) < len(chosen):
+        print(f"{len(chosen) - len(ranked)} of {len(chosen)} pieces have no recorded performance.")
+    _write(arguments.csv, list(rows[0]) if rows else ["piece"], rows)
+    return tell_errors(*failures)
 
 
-def _recorded_columns(motion: MotionFeatures) -> dict[str, float]:
-    return {f"recorded_{field}": value for field, value in asdict(motion).items()}
+def _recorded(
+    paths: Sequence[Path], pieces: Mapping[str, Piece], failures: list[str]
+) -> dict[str, MotionFeatures]:
+    """Return what moved in the performances of each piece, as a mean over several."""
+    from sb3_piano.music.difficulty import mean_motion, read_motion
+
+    by_title = {p.name.removeprefix(f"{p.collection}-"): name for name, p in pieces.items()}
+    found: dict[str, list[MotionFeatures]] = defaultdict(list)
+    files = ((path, path) for path in _motion_files(paths))
+    for recording in of_each(files, read_motion, failures).values():
+        name = recording.title if recording.title in pieces else by_title.get(recording.title)
+        if name is not None:
+            found[name].append(recording.features())
+    return {name: mean_motion(several) for name, several in found.items()}
+
+
+def _motion_files(paths: Sequence[Path]) -> Iterator[Path]:
+    for path in paths:
+        files = sorted(path.rglob("performance_*.npz")) if path.is_dir() else [path]
+        if not files:
+            raise ConfigError(
+                f"--motion '{path}' has no recorded performance: expected a folder with files that "
+                "'sb3-piano evaluate RUN --motion' wrote."
+            )
+        yield from files
+
+
+def _show_ranks(rows: Sequence[_Row], *, with_motion: bool) -> None:
+    columns = [*_SCORE_COLUMNS, *(_MOTION_COLUMNS if with_motion else ())]
+    table = new_table("", "piece", "%", *(heading for _, heading, _ in columns), left=0)
+    table.columns[1].justify, table.columns[1].min_width = "left", 18
+    for row in rows:
+        cells = [form.format(row[key] * _SCALES.get(key, 1)) for key, _, form in columns]
+        add_row(table, str(row["rank"]), row["piece"], f"{row['percentile']:.1f}", *cells)
+    print_table(table)
+    terms = "the score and recorded performances" if with_motion else "the score alone"
+    print(
+        f"Difficulty by {terms}, the easiest first; %: percentile rank; keys: pressed at once, "
+        "mean and most; span: semitones of a hand; moves/s: semitones that the hands travel"
+    )
+
+
+def _fingering(arguments: argparse.Namespace) -> int:
+    folders = [name for name in arguments.pieces if Path(name).is_dir()]
+    if folders and len(arguments.pieces) > 1:
+        raise ConfigError(
+            f"Folder '{folders[0]}' is given with other pieces: expected one folder alone, or "
+            "names of pieces."
+        )
+    failures: list[str] = []
+    if folders:
+        _judge_folder(folders[0], arguments, failures)
+    else:
+        _judge_pieces(arguments, failures)
+    return tell_errors(*failures)
+
+
+def _judge_pieces(arguments: argparse.Namespace, failures: list[str]) -> None:
+    from sb3_piano.music import BUILT_IN, find_piece
+    from sb3_piano.music.fingering import Agreement, judge
+
+    named = [find_piece(name) for name in arguments.pieces]
+
+    def judged(piece: Piece) -> Agreement | None:
+        score = piece.score()
+        return judge(score) if score.has_fingering or named else None
+
+    def row(name: str, agreement: Agreement) -> _Row:
+        shares = {share: getattr(agreement, share) for share in _AGREEMENT}
+        return {"piece": name, "notes": sum(agreement.notes), **shares}
+
+    pieces = {piece.name: piece for piece in named or BUILT_IN.values()}
+    bar = tracked(arguments, "fingering", pieces.items())
+    found = of_each(bar, judged, failures, "Piece {name!r} was not compared: {error}")
+    rows = [row(name, agreement) for name, agreement in found.items()]
+    if rows:
+        counts: dict[str, Any] = {
+            field: tuple(map(sum, zip(*(getattr(a, field) for a in found.values()), strict=True)))
+            for field in ("notes", "same_finger", "same_hand")
+        }
+        below = _means(f"mean of {len(rows)} pieces", rows), row("all notes", Agreement(**counts))
+        caption = "Shares of labelled notes. Fingers: ours for the labels' hands."
+        headings = ("piece", "notes", "right", "left", "both", "same hand found")
+        _show_shares(new_table(*headings, caption=caption), rows, *below)
+    _write(arguments.csv, ("piece", "notes", *_AGREEMENT), rows)
+
+
+def _judge_folder(folder: str, arguments: argparse.Namespace, failures: list[str]) -> None:
+    from sb3_piano.music import read_pig
+    from sb3_piano.music.fingering import judge_annotated, pig_files
+
+    def judged(paths: Sequence[Path]) -> _Row | None:
+        annotations = of_each(((path, path) for path in paths), read_pig, failures)
+        if not annotations:
+            return None
+        rates = judge_annotated(list(annotations.values()))
+        shares = {name: getattr(rates, name) for name in _RATES}
+        return {"annotators": len(annotations), "notes": rates.notes, **shares}
+
+    bar = tracked(arguments, "fingering", pig_files(folder).items())
+    found = of_each(bar, judged, failures, "Piece {name} was not compared: {error}")
+    rows = [{"piece": number, **row} for number, row in found.items()]
+    columns = ("piece", "annotators", "notes", *_RATES)
+    if rows:
+        means = _means(f"mean of {len(rows)}", rows) | {"notes": sum(row["notes"] for row in rows)}
+        caption = "Match rates of Nakamura, Saito and Yoshii 2020."
+        _show_shares(new_table(*columns, caption=caption), rows, means)
+    _write(arguments.csv, columns, rows)
+
+
+def _means(name: str, rows: Sequence[_Row]) -> _Row:
+    """Return the mean of each share over the rows that have one; counts are left empty."""
+    means: _Row = {"piece": name}
+    for key in [key for key in rows[0] if key != "piece"]:
+        known = [row[key] for row in rows if row[key] is not None]
+        means[key] = "" if key in ("notes", "annotators") else fmean(known) if known else None
+    return means
+
+
+def _show_shares(table: Table, rows: Sequence[_Row], *below: _Row) -> None:
+    for index, row in enumerate([*rows, *below]):
+        if index == len(rows):
+            table.add_section()
+        add_row(table, *map(_cell, row.values()))
+    print_table(table)
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return f"{100 * value:.1f} %"
+    return "-" if value is None else str(value)
+
+
+def _write(file: Path | None, columns: Sequence[str], rows: Sequence[_Row]) -> None:
+    from sb3_piano.files import write_csv
+
+    if file is not None:
+        write_csv(file, columns, rows)
+        print(f"Pieces: {file}")

@@ -9,27 +9,23 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
-from sb3_piano.cli.common import EXIT_OK, TRUST, add_shared, check_output_file
+from sb3_piano.cli.common import EXIT_OK, TRUST, add_command, check_output_file
 
 
 def add_parser(commands: Any) -> None:
     """Add both commands and their arguments."""
-    report_help = "write an HTML page: piano roll, fingers, reward, training"
-    report = commands.add_parser("report", help=report_help, epilog=TRUST)
-    add = report.add_argument
-    add("run", metavar="RUN", help="the folder that train made")
-    add("--out", type=Path, metavar="FILE.html", help="default: RUN/evaluation/report.html")
-    add("--seed", type=int, default=0, metavar="N", help="default: 0")
-    add_shared(add, "--physics")
-    add_shared(add, "--best")
-    add("--open", action="store_true", help="open it in the web browser")
-    report.set_defaults(command=_report)
-    share = commands.add_parser("share", help="write a run for others to play, as plain files")
-    add = share.add_argument
-    add("run", metavar="RUN", help="the folder that train made")
-    add("folder", metavar="FOLDER", help="where to, new or empty")
-    add_shared(add, "--best", help="share the best model by f1 or onset_f1, not the last one")
-    share.set_defaults(command=_share)
+    about = "write an HTML page: piano roll, fingers, reward, training"
+    add = add_command(commands, "report", _report, about, epilog=TRUST)
+    add("run", "RUN", "the folder that train made")
+    add("--out", "FILE.html", "default: RUN/evaluation/report.html", Path)
+    add("--seed", "N", "", int, 0)
+    add("--physics")
+    add("--best")
+    add("--open", text="open it in the web browser")
+    add = add_command(commands, "share", _share, "write a run for others to play, as plain files")
+    add("run", "RUN", "the folder that train made")
+    add("folder", "FOLDER", "where to, new or empty")
+    add("--best", text="share the best model by f1 or onset_f1, not the last one")
 
 
 def _report(arguments: argparse.Namespace) -> int:

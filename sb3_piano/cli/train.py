@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 from sb3_piano.cli.common import (
     EXIT_INTERRUPTED,
     EXIT_OK,
-    NUM_THREADS_HELP,
     TRUST,
+    add_command,
     add_piece_arguments,
-    add_shared,
     what_is_played,
     whole_number,
 )
@@ -23,31 +22,29 @@ from sb3_piano.exceptions import ConfigError
 if TYPE_CHECKING:
     from sb3_piano.training import RunConfig, TrainResult
 
-_VEC_ENV_HELP = "dummy (one process), threads or subproc (one process for each)"
 _OF_CONFIG = ("seed", "n_envs", "vec_env", "num_threads")
 _NEW_RUN_ONLY = ("midi", "fingering", "config", *_OF_CONFIG, "run", "runs_dir")
 
 
 def add_parser(commands: Any) -> None:
     """Add the command and its arguments."""
-    train = commands.add_parser("train", help="train a model, or go on training one", epilog=TRUST)
-    add = train.add_argument
-    add("--algo", metavar="NAME", help="td3 (default), sac, tqc, ddpg, ppo, a2c, crossq or trpo")
+    about = "train a model, or go on training one"
+    add = add_command(commands, "train", _train, about, epilog=TRUST)
+    add("--algo", "NAME", "td3 (default), sac, tqc, ddpg, ppo, a2c, crossq or trpo")
     add_piece_arguments(add)
-    add_shared(add, "--config")
-    add("--steps", type=whole_number, metavar="N", help="environment steps in all, such as 1e6")
-    add("--seed", type=int, metavar="N", help="default: drawn, and noted in the run's folder")
-    add("--n-envs", type=whole_number, metavar="N", help="environments that play at the same time")
-    add("--vec-env", metavar="KIND", help=_VEC_ENV_HELP)
-    add("--num-threads", type=whole_number, metavar="N", help=NUM_THREADS_HELP)
-    add("--checkpoint-every", type=whole_number, metavar="N", help="default: 10000 steps")
-    add_shared(add, "--runs-dir")
-    add_shared(add, "--run")
-    add("--resume", metavar="RUN", help="go on with the run in this folder")
-    add_shared(add, "--no-progress")
-    add("--evaluate", action="store_true", help="evaluate the model afterwards")
-    add("--play", action="store_true", help="write a video of the model afterwards")
-    train.set_defaults(command=_train)
+    add("--config")
+    add("--steps", "N", "environment steps in all, such as 1e6", whole_number)
+    add("--seed", "N", "default: drawn, and noted in the run's folder", int)
+    add("--n-envs", "N", "environments that play at the same time", whole_number)
+    add("--vec-env", "KIND", "dummy (one process), threads or subproc (one process for each)")
+    add("--num-threads")
+    add("--checkpoint-every", "N", "default: 10000 steps", whole_number)
+    add("--runs-dir")
+    add("--run")
+    add("--resume", "RUN", "go on with the run in this folder")
+    add("--no-progress")
+    add("--evaluate", text="evaluate the model afterwards")
+    add("--play", text="write a video of the model afterwards")
 
 
 def _train(arguments: argparse.Namespace) -> int:
@@ -57,18 +54,17 @@ def _train(arguments: argparse.Namespace) -> int:
     if arguments.checkpoint_every is not None:
         options["checkpoint_every"] = arguments.checkpoint_every
     if arguments.resume is not None:
-        _refuse_new_run_options(arguments)
-        result = resume(
-            arguments.resume,
-            arguments.steps,
-            algo=arguments.algo,
-            env_id=arguments.env,
-            **options,
-        )
+        for name in _NEW_RUN_ONLY:
+            if getattr(arguments, name) is not None:
+                raise ConfigError(
+                    f"--{name.replace('_', '-')} cannot be given with --resume: a run keeps its "
+                    "settings. Expected --steps for a new total, or a new run."
+                )
+        expected = {"algo": arguments.algo, "env_id": arguments.env}
+        result = resume(arguments.resume, arguments.steps, **expected, **options)
     else:
-        config = _config(arguments)
         runs_dir = "runs" if arguments.runs_dir is None else arguments.runs_dir
-        result = train(config, arguments.run, runs_dir=runs_dir, **options)
+        result = train(_config(arguments), arguments.run, runs_dir=runs_dir, **options)
     _report_training(result)
     if result.interrupted:
         return EXIT_INTERRUPTED
@@ -78,15 +74,6 @@ def _train(arguments: argparse.Namespace) -> int:
         # A machine that cannot draw says so; the training has succeeded all the same.
         play_run(str(result.folder.path), arguments)
     return EXIT_OK
-
-
-def _refuse_new_run_options(arguments: argparse.Namespace) -> None:
-    for name in _NEW_RUN_ONLY:
-        if getattr(arguments, name) is not None:
-            raise ConfigError(
-                f"--{name.replace('_', '-')} cannot be given with --resume: a run keeps its "
-                "settings. Expected --steps for a new total, or a new run."
-            )
 
 
 def _config(arguments: argparse.Namespace) -> RunConfig:

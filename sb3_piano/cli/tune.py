@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import shlex
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,7 @@ from sb3_piano.cli.common import (
     EXIT_INTERRUPTED,
     EXIT_OK,
     add_piece_arguments,
+    adder,
     what_is_played,
     whole_number,
 )
@@ -20,66 +20,49 @@ from sb3_piano.cli.common import (
 if TYPE_CHECKING:
     from sb3_piano.tuning import StudyConfig, TuneResult
 
-_Option = tuple[str, str, Callable[[str], Any], Any, str]
-
-# Option, what its value is called, its type, its default, and what it is.
-_TRIAL_OPTIONS: list[_Option] = [
-    ("--trials", "N", whole_number, 20, "in all"),
-    ("--steps", "N", whole_number, 20_000, "of a training"),
-    ("--minutes", "M", float, None, "longest time of a trial; default: no limit"),
-    ("--seeds", "N", whole_number, 1, "trainings of a trial"),
-    ("--metric", "NAME", str, "f1", "f1 or onset_f1"),
-    ("--objective", "WHICH", str, "final", "final or best model"),
-    ("--evaluations", "N", whole_number, 5, "of a training"),
-    ("--eval-episodes", "N", whole_number, 1, "of an evaluation"),
-    ("--eval-seed", "N", int, 1000, "held out"),
-]
-_SEARCH_OPTIONS: list[_Option] = [
-    ("--sampler", "NAME", str, "tpe", "tpe, cmaes, gp or random"),
-    ("--pruner", "NAME", str, "median", "median, hyperband, halving or none"),
-    ("--startup-trials", "N", whole_number, 10, "at random first"),
-    ("--seed", "N", int, None, "seed of the sampler; default: drawn"),
-]
-_PLACE_OPTIONS: list[_Option] = [
-    ("--workers", "N", whole_number, 1, "processes"),
-    ("--storage", "URL", str, None, "a database, such as postgresql+psycopg://user@host/name"),
-    ("--name", "NAME", str, None, "the study's name; default: algorithm and environment"),
-    ("--studies-dir", "DIR", str, "studies", "where studies are"),
-]
+_SPACE_HELP = (
+    "a space by its name (sac, env, reward, ...) or a YAML file; may be given several times; "
+    "default: the algorithm's"
+)
+_DESCRIPTION = (
+    "Search hyperparameters, wrapper arguments and reward weights with Optuna. The same command "
+    "goes on with a study that was stopped."
+)
+_STORAGE_HELP = "a database, such as postgresql+psycopg://user@host/name"
 
 
 def add_parser(commands: Any) -> None:
     """Add the command and its arguments."""
     tune = commands.add_parser(
-        "tune",
-        help="search hyperparameters with Optuna",
-        description="Search hyperparameters, wrapper arguments and reward weights with Optuna. "
-        "The same command goes on with a study that was stopped.",
+        "tune", help="search hyperparameters with Optuna", description=_DESCRIPTION
     )
-    add = tune.add_argument
-    add("--algo", default="td3", metavar="NAME", help="td3 (default), sac, tqc, ...")
-    add_piece_arguments(add)
-    add("--config", metavar="FILE.yml", help="settings to depart from; default: the preset")
-    _add(tune.add_argument_group("trials"), _TRIAL_OPTIONS)
-    search = tune.add_argument_group("search")
-    search.add_argument(
-        "--space",
-        action="append",
-        metavar="SPACE",
-        help="a space by its name (sac, env, reward, ...) or a YAML file; may be given several "
-        "times; default: the algorithm's",
-    )
-    _add(search, _SEARCH_OPTIONS)
-    place = tune.add_argument_group("where")
-    _add(place, _PLACE_OPTIONS)
-    place.add_argument("--no-progress", action="store_true", help="show no progress bar")
     tune.set_defaults(command=_tune)
-
-
-def _add(group: Any, options: list[_Option]) -> None:
-    for option, metavar, kind, default, text in options:
-        text += "" if default is None else f"; default: {default}"
-        group.add_argument(option, metavar=metavar, type=kind, default=default, help=text)
+    add = adder(tune)
+    add("--algo", "NAME", "td3 (default), sac, tqc, ...", default="td3")
+    add_piece_arguments(add)
+    add("--config", text="settings to depart from; default: the preset")
+    add = adder(tune.add_argument_group("trials"))
+    add("--trials", "N", "in all", whole_number, 20)
+    add("--steps", "N", "of a training", whole_number, 20_000)
+    add("--minutes", "M", "longest time of a trial; default: no limit", float)
+    add("--seeds", "N", "trainings of a trial", whole_number, 1)
+    add("--metric", "NAME", "f1 or onset_f1", default="f1")
+    add("--objective", "WHICH", "final or best model", default="final")
+    add("--evaluations", "N", "of a training", whole_number, 5)
+    add("--eval-episodes", "N", "of an evaluation", whole_number, 1)
+    add("--eval-seed", "N", "held out", int, 1000)
+    add = adder(tune.add_argument_group("search"))
+    add("--space", "SPACE", _SPACE_HELP, action="append")
+    add("--sampler", "NAME", "tpe, cmaes, gp or random", default="tpe")
+    add("--pruner", "NAME", "median, hyperband, halving or none", default="median")
+    add("--startup-trials", "N", "at random first", whole_number, 10)
+    add("--seed", "N", "seed of the sampler; default: drawn", int)
+    add = adder(tune.add_argument_group("where"))
+    add("--workers", "N", "processes", whole_number, 1)
+    add("--storage", "URL", _STORAGE_HELP)
+    add("--name", "NAME", "the study's name; default: algorithm and environment")
+    add("--studies-dir", "DIR", "where studies are", default="studies")
+    add("--no-progress")
 
 
 def _tune(arguments: argparse.Namespace) -> int:

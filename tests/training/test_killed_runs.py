@@ -14,7 +14,7 @@ import yaml
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.training import RunFolder, resume
-from sb3_piano.training.runs import train as session_module
+from stable_baselines3 import TD3
 
 pytestmark = pytest.mark.slow
 
@@ -78,12 +78,13 @@ def test_a_run_killed_at_any_time_goes_on_from_its_last_checkpoint(start, tmp_pa
     assert saved.num_timesteps % 100 == 0
 
     rows = []
-    real = session_module.Session.run
-    monkeypatch.setattr(
-        session_module.Session,
-        "run",
-        lambda self, bar: (rows.append(self.model.replay_buffer.size()), real(self, bar))[1],
-    )
+    learn = TD3.learn
+
+    def spy(model, *arguments, **options):
+        rows.append(model.replay_buffer.size())
+        return learn(model, *arguments, **options)
+
+    monkeypatch.setattr(TD3, "learn", spy)
     target = saved.num_timesteps + 150
     result = resume(tmp_path / "run", target, progress_bar=False)
     assert rows == [min(saved.num_timesteps, 2000)]

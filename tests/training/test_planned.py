@@ -199,7 +199,7 @@ def test_what_is_not_trained_is_told_so_in_one_way(algo, capsys, caplog):
     ("arguments", "message"),
     [
         ({"samples": 2}, "Unknown key 'samples' for PlannedPianist"),
-        ({"algo": "td3"}, "algo is 'td3': expected one of planned, sampling"),
+        ({"algo": "td3"}, "algo is 'td3': expected one of 'planned', 'sampling'"),
         ({"settings": {"hovr": 1}}, "Unknown key 'hovr' for PlanSettings. Did you mean 'hover'"),
         ({"settings": {"hover": "high"}}, "hover is 'high': expected a number"),
         ({"settings": 3}, "settings is 3: expected a mapping or null"),

@@ -207,13 +207,13 @@ def test_resuming_appends_to_monitor_and_log(run, episodes_of):
 def test_resuming_keeps_the_statistics_of_vec_normalize(run, monkeypatch):
     first = run(n_timesteps=60, normalize=True)
     counts = []
-    real = session_module.Session.run
+    learn = TD3.learn
 
-    def spy(self, progress_bar):
-        counts.append(self.model.get_vec_normalize_env().obs_rms.count)
-        return real(self, progress_bar)
+    def spy(model, *arguments, **options):
+        counts.append(model.get_vec_normalize_env().obs_rms.count)
+        return learn(model, *arguments, **options)
 
-    monkeypatch.setattr(session_module.Session, "run", spy)
+    monkeypatch.setattr(TD3, "learn", spy)
     resume(first.folder.path, 80, progress_bar=False)
     assert counts[0] == pytest.approx(61, abs=0.01)  # 60 steps and the first reset
 

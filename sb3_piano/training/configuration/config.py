@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, Self
 
@@ -19,8 +19,7 @@ from stable_baselines3.common.utils import get_device
 from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.planning import PianoPolicy
-from sb3_piano.settings import Number, Whole, settings
+from sb3_piano.settings import Number, Whole, checked, settings
 from sb3_piano.training.configuration.names import (
     PLANNERS,
     algorithm_class,
@@ -70,12 +69,9 @@ class Plugin:
 
 
 def parse_plugins(value: Any, key: str, base: type) -> tuple[Plugin, ...]:
-    """Return the plugins of one key of a configuration, written as RL Zoo writes them.
+    """Return the plugins of a key, written as RL Zoo writes them, whose classes are below a base.
 
-    Args:
-        value: ``None``, an import path, a mapping from one path to its arguments, or a list.
-        key: The key, for error messages.
-        base: What each of the classes must be below.
+    That is ``None``, an import path, a mapping from one path to its arguments, or a list of these.
     """
     entries = value if isinstance(value, (list, tuple)) else [] if value is None else [value]
     plugins = tuple(_plugin(entry, key) for entry in entries)
@@ -109,23 +105,23 @@ def _read_arguments(value: Any, info: ValidationInfo) -> Any:
     return plain(coerce_mapping(value, str(info.field_name)), str(info.field_name))
 
 
-def _read_normalize(value: Any, info: ValidationInfo) -> Any:
-    if isinstance(value, bool):
-        return value
-    return check_arguments(
-        _read_arguments(value, info), VecNormalize, reserved=("venv", "training")
-    )
+def _arguments_of(function: Callable[..., Any], *reserved: str) -> BeforeValidator:
+    def read(value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, bool):
+            return value
+        return check_arguments(_read_arguments(value, info), function, reserved=reserved)
 
-
-def _read_monitor(value: Any, info: ValidationInfo) -> Any:
-    reserved = ("env", "filename", "override_existing", "reset_keywords")
-    return check_arguments(_read_arguments(value, info), Monitor, reserved=reserved)
+    return BeforeValidator(read)
 
 
 _Whole = Annotated[Whole, BeforeValidator(zoo_number)]
 _Number = Annotated[Number, BeforeValidator(zoo_number)]
 _Arguments = Annotated[Mapping[str, Any], BeforeValidator(_read_arguments)]
 _Plugins = tuple[Plugin, ...]
+
+# What a run sets itself.
+_OF_MONITOR = ("env", "filename", "override_existing", "reset_keywords")
+_OF_ALGORITHM = ("policy", "env", "seed", "tensorboard_log", "action_noise")
 
 
 @settings
@@ -177,6 +173,15 @@ class PlayConfig:
         """Return the config that :meth:`to_mapping` wrote."""
         return cls(**mapping)
 
+    def _check_algorithm_kwargs(self, made: type) -> dict[str, Any]:
+        """Fit the constructor's arguments to what plays; return them."""
+        others = [f.name for f in dataclasses.fields(self) if f.name != "algorithm_kwargs"]
+        arguments = check_arguments(
+            self.algorithm_kwargs, made, reserved=_OF_ALGORITHM, also_known=others
+        )
+        self._set(algorithm_kwargs=arguments)
+        return arguments
+
     def _set(self, **values: Any) -> None:
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -194,20 +199,12 @@ class PlannedConfig(PlayConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.algo not in PLANNERS:
-            raise ConfigError(
-                f"algo is {self.algo!r}: expected one of {', '.join(PLANNERS)}."
-                f"{near_names(self.algo, PLANNERS)}"
-            )
-        self._set(algorithm_kwargs=_checked_arguments(self, planner_class(self.algo)))
+        checked("algo", self.algo, Literal[PLANNERS])
+        self._check_algorithm_kwargs(planner_class(self.algo))
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
-        """Return the config that :meth:`to_mapping` wrote, also without those of a training.
-
-        Raises:
-            ConfigError: If a key is unknown or missing, or a value is not valid.
-        """
+        """Return the config that :meth:`to_mapping` wrote, without settings of a training."""
         own = {f.name for f in dataclasses.fields(cls)}
         training = {f.name for f in dataclasses.fields(RunConfig)} - own  # in folders of 0.1
         return cls(**{name: value for name, value in mapping.items() if name not in training})
@@ -239,9 +236,11 @@ class RunConfig(PlayConfig):
     """Wrappers put around the vector of environments, the first one innermost."""
     callback: Annotated[_Plugins, _plugins_below(BaseCallback)] = ()
     """SB3 callbacks of the training."""
-    normalize: Annotated[bool | Mapping[str, Any], BeforeValidator(_read_normalize)] = False
+    normalize: Annotated[
+        bool | Mapping[str, Any], _arguments_of(VecNormalize, "venv", "training")
+    ] = False
     """Whether to put ``VecNormalize`` around the environments; a mapping has its arguments."""
-    monitor_kwargs: Annotated[Mapping[str, Any], BeforeValidator(_read_monitor)] = field(
+    monitor_kwargs: Annotated[Mapping[str, Any], _arguments_of(Monitor, *_OF_MONITOR)] = field(
         default_factory=dict
     )
     """Keyword arguments of ``Monitor``, such as ``info_keywords``."""
@@ -263,50 +262,28 @@ class RunConfig(PlayConfig):
                 f"noise_type is {self.noise_type!r}, but {algorithm.__name__} takes no action "
                 "noise: expected an off-policy algorithm, or no noise_type."
             )
-        arguments = _checked_arguments(self, algorithm)
-        _check_device(arguments.get("device", "auto"))
+        arguments = self._check_algorithm_kwargs(algorithm)
+        device = arguments.get("device", "auto")
+        try:
+            get_device(device)
+        except (RuntimeError, TypeError) as error:
+            raise ConfigError(
+                f"device is {device!r}: expected auto, cpu, cuda or another of torch's ({error})."
+            ) from error
         policy = _policy_class(self.policy, algorithm)
         if arguments.get("policy_kwargs") is not None:
-            arguments["policy_kwargs"] = check_arguments(
-                arguments["policy_kwargs"],
-                policy,
-                reserved=("observation_space", "action_space", "lr_schedule"),
-            )
-        self._set(algorithm_kwargs=arguments)
+            spaces = ("observation_space", "action_space", "lr_schedule")
+            fitting = check_arguments(arguments["policy_kwargs"], policy, reserved=spaces)
+            arguments["policy_kwargs"] = fitting
 
     @property
     def algorithm(self) -> type[BaseAlgorithm]:
-        """The class of the algorithm.
-
-        Raises:
-            ConfigError: If it is none that is trained.
-        """
+        """The class of the algorithm."""
         return algorithm_class(self.algo)
 
     def alone(self) -> Self:
         """Return the settings for one environment without log files."""
         return dataclasses.replace(self, n_envs=1, vec_env="dummy", monitor_kwargs={})
-
-
-def _checked_arguments(
-    config: PlayConfig, made: type[BaseAlgorithm] | type[PianoPolicy]
-) -> dict[str, Any]:
-    return check_arguments(
-        config.algorithm_kwargs,
-        made,
-        # What a run sets itself.
-        reserved=("policy", "env", "seed", "tensorboard_log", "action_noise"),
-        also_known=[f.name for f in dataclasses.fields(config) if f.name != "algorithm_kwargs"],
-    )
-
-
-def _check_device(device: Any) -> None:
-    try:
-        get_device(device)
-    except (RuntimeError, TypeError) as error:
-        raise ConfigError(
-            f"device is {device!r}: expected auto, cpu, cuda or another of torch's ({error})."
-        ) from error
 
 
 def _policy_class(policy: str, algorithm: type[BaseAlgorithm]) -> type[BasePolicy]:

@@ -29,10 +29,7 @@ _EXAMPLE = "dict(net_arch=[256, 256], activation_fn=nn.ReLU)"
 
 
 def plain(value: Any, key: str) -> Any:
-    """Return a copy of a value in YAML's types.
-
-    Tuples become lists; paths of files, and classes by their import paths, become text.
-    """
+    """Return a copy in YAML's types: lists for tuples, text for paths and for classes."""
     if value is None or type(value) in (bool, int, float, str):
         return value
     if isinstance(value, os.PathLike):
@@ -80,30 +77,20 @@ def _parsed(node: ast.expr, text: str) -> Any:
             return [_parsed(item, text) for item in items]
         case ast.Dict(keys=keys, values=values):
             names = [getattr(key, "value", None) for key in keys]
-            return _parsed_mapping(names, values, node, text)
         case ast.Call(func=ast.Name(id="dict"), args=[], keywords=keywords):
             names, values = [k.arg for k in keywords], [k.value for k in keywords]
-            return _parsed_mapping(names, values, node, text)
         case ast.Name() | ast.Attribute():
             path = full_name(ast.unparse(node))
             import_name(path)
             return path
-    raise _unreadable(node, text)
-
-
-def _parsed_mapping(
-    names: list[Any], values: list[ast.expr], node: ast.expr, text: str
-) -> dict[str, Any]:
+        case _:
+            names, values = [None], []
     if not all(isinstance(name, str) for name in names):
-        raise _unreadable(node, text)
+        raise ConfigError(
+            f"{ast.unparse(node)!r} in {text!r} cannot be read: expected literals, dict(...) and "
+            f"names of classes, as in {_EXAMPLE!r}."
+        )
     return {name: _parsed(value, text) for name, value in zip(names, values, strict=True)}
-
-
-def _unreadable(node: ast.expr, text: str) -> ConfigError:
-    return ConfigError(
-        f"{ast.unparse(node)!r} in {text!r} cannot be read: expected literals, dict(...) and names "
-        f"of classes, as in {_EXAMPLE!r}."
-    )
 
 
 def coerce_mapping(value: Any, key: str) -> dict[str, Any]:
@@ -131,11 +118,8 @@ def check_arguments(
 ) -> dict[str, Any]:
     """Return keyword arguments with each value converted to what its parameter expects.
 
-    Args:
-        arguments: Names and plain values.
-        function: The class or function that they are for.
-        reserved: Parameters that may not be given.
-        also_known: Further names to suggest when one is unknown.
+    Parameters that are ``reserved`` may not be given; names that are ``also_known`` are suggested
+    when one is unknown.
     """
     parameters = parameters_of(function)
     takes_any = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
@@ -166,17 +150,14 @@ def coerce(value: Any, annotation: Any, key: str) -> Any:
     plain values cannot satisfy accept all.
     """
     options = {_kind(option): option for option in _options(annotation)}
-    wanted = [kind for kind in options if kind in _READERS]
+    wanted = [kind for kind in _WORDS if kind in options]
+    for kind in wanted:
+        fitting = _read(kind, options[kind], value, key)
+        if fitting is not _UNFIT:
+            return fitting
     if not wanted:
         return value
-    for kind, (_, read) in _READERS.items():
-        if kind in options:
-            option = options[kind]
-            of = (option,) if dataclasses.is_dataclass(option) else typing.get_args(option)
-            fitting = read(value, of, key)
-            if fitting is not _UNFIT:
-                return fitting
-    expected = " or ".join(dict.fromkeys(_READERS[kind][0] for kind in wanted))
+    expected = " or ".join(dict.fromkeys(_WORDS[kind] for kind in options if kind in _WORDS))
     raise ConfigError(f"{key} is {value!r}: expected {expected}.")
 
 
@@ -215,7 +196,7 @@ def _options(annotation: Any) -> tuple[Any, ...]:
 
 
 def _kind(option: Any) -> Any:
-    """Return the key of :data:`_READERS` that stands for one type."""
+    """Return the key of :data:`_WORDS` that stands for one type."""
     return dict if dataclasses.is_dataclass(option) else typing.get_origin(option) or option
 
 
@@ -238,32 +219,55 @@ def _number(value: Any) -> int | float | None:
         return None
 
 
-_UNFIT = object()
-_Reader = Callable[[Any, tuple[Any, ...], str], Any]
-"""Returns a value as one type wants it, or ``_UNFIT``, from value, the type's arguments and key."""
+_UNFIT: Any = object()
+
+_WORDS: Mapping[Any, str] = {
+    type(None): "null",
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    collections.abc.Callable: "lin_<number>",
+    type: "an import path",
+    dict: "a mapping",
+    list: "a list",
+    tuple: "a list",
+    str: "text",
+}
+"""Types that plain values can satisfy, in words, in the order in which they are tried: numbers come
+before text, so that ``1e-3`` becomes one where both may stand."""
 
 
-def _same(kind: type) -> _Reader:
-    return lambda value, of, key: value if isinstance(value, kind) else _UNFIT
-
-
-def _read_number(kind: type) -> _Reader:
-    def read(value: Any, of: tuple[Any, ...], key: str) -> Any:
+def _read(kind: Any, option: Any, value: Any, key: str) -> Any:
+    """Return a value as one kind of type wants it, or ``_UNFIT``."""
+    of = typing.get_args(option)
+    if kind in (int, float):
         number = _number(value)
         return _UNFIT if number is None or number != kind(number) else kind(number)
+    if kind is collections.abc.Callable:
+        return _UNFIT if linear_start(value) is None else value
+    if kind is type and isinstance(value, str):
+        class_of(value, tuple(base for base in of if isinstance(base, type)) or MODEL_PARTS, key)
+        return full_name(value)
+    if kind is dict and isinstance(value, (str, Mapping)):
+        items = coerce_mapping(value, key)
+        if dataclasses.is_dataclass(option):
+            made: Any = option
+            return check_arguments(items, made)
+        return {n: coerce(v, of[1] if of else Any, f"{key}.{n}") for n, v in items.items()}
+    if kind in (list, tuple):
+        return _read_sequence(kind, of, value, key)
+    return value if kind is not type and isinstance(value, kind) else _UNFIT
 
-    return read
 
-
-def _read_schedule(value: Any, of: tuple[Any, ...], key: str) -> Any:
-    return _UNFIT if linear_start(value) is None else value
-
-
-def _read_class(value: Any, of: tuple[Any, ...], key: str) -> Any:
-    if not isinstance(value, str):
+def _read_sequence(kind: Any, of: tuple[Any, ...], value: Any, key: str) -> Any:
+    if not isinstance(value, (list, tuple)):
         return _UNFIT
-    class_of(value, tuple(base for base in of if isinstance(base, type)) or MODEL_PARTS, key)
-    return full_name(value)
+    if not of or kind is list or of[-1] is Ellipsis:
+        of = (of[:1] or (Any,)) * len(value)
+    if len(of) != len(value):
+        return _UNFIT
+    pairs = enumerate(zip(value, of, strict=True))
+    return kind(coerce(item, annotation, f"{key}[{i}]") for i, (item, annotation) in pairs)
 
 
 def class_of(name: str, bases: tuple[type, ...], key: str) -> Any:
@@ -272,43 +276,3 @@ def class_of(name: str, bases: tuple[type, ...], key: str) -> Any:
         return import_class(name, *bases)
     except ConfigError as error:
         raise ConfigError(f"{key}: {error}") from error
-
-
-def _read_mapping(value: Any, of: tuple[Any, ...], key: str) -> Any:
-    if not isinstance(value, (str, Mapping)):
-        return _UNFIT
-    if of and dataclasses.is_dataclass(of[0]):
-        kind: Any = of[0]
-        return check_arguments(coerce_mapping(value, key), kind)
-    items = coerce_mapping(value, key).items()
-    return {n: coerce(item, of[1] if of else Any, f"{key}.{n}") for n, item in items}
-
-
-def _read_sequence(kind: type) -> _Reader:
-    def read(value: Any, of: tuple[Any, ...], key: str) -> Any:
-        if not isinstance(value, (list, tuple)):
-            return _UNFIT
-        if not of or kind is list or of[-1] is Ellipsis:
-            of = (of[:1] or (Any,)) * len(value)
-        if len(of) != len(value):
-            return _UNFIT
-        pairs = enumerate(zip(value, of, strict=True))
-        return kind(coerce(item, annotation, f"{key}[{i}]") for i, (item, annotation) in pairs)
-
-    return read
-
-
-_READERS: Mapping[Any, tuple[str, _Reader]] = {
-    type(None): ("null", _same(type(None))),
-    bool: ("true or false", _same(bool)),
-    int: ("a whole number", _read_number(int)),
-    float: ("a number", _read_number(float)),
-    collections.abc.Callable: ("lin_<number>", _read_schedule),
-    type: ("an import path", _read_class),
-    dict: ("a mapping", _read_mapping),
-    list: ("a list", _read_sequence(list)),
-    tuple: ("a list", _read_sequence(tuple)),
-    str: ("text", _same(str)),
-}
-"""Types that plain values can satisfy, in words, with how they are read. Numbers come before text,
-so that ``1e-3`` becomes one where both may stand."""

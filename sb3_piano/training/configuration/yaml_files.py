@@ -54,11 +54,7 @@ def load_entry(
 
 
 def entry_config(algo: str, env_id: str, entry: Mapping[str, Any]) -> RunConfig:
-    """Return the settings that an entry stands for.
-
-    Raises:
-        ConfigError: If one is not valid.
-    """
+    """Return the settings that an entry stands for, if all of them are valid."""
     names = {f.name for f in dataclasses.fields(RunConfig)}.difference(_NOT_IN_ENTRY)
     fields = {name: value for name, value in entry.items() if name in names}
     rest = {name: value for name, value in entry.items() if name not in names}

@@ -6,17 +6,19 @@ import json
 import math
 import os
 import statistics
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from sb3_piano.envs import PianoEnvConfig
-from sb3_piano.exceptions import ConfigError, RunError, near_names, one_line
+from sb3_piano.exceptions import RunError, one_line
 from sb3_piano.files import write_csv
+from sb3_piano.settings import checked, refuse_unknown
 from sb3_piano.training.evaluation.statistics import (
     SignedRankTest,
     Summary,
@@ -164,11 +166,7 @@ def compare(
         Demsar, Statistical Comparisons of Classifiers over Multiple Data Sets (2006): one pair for
         each task, compared by the signed-rank test.
     """
-    if by not in PAIRINGS:
-        raise ConfigError(
-            f"by is {by!r}: expected one of {', '.join(map(repr, PAIRINGS))}."
-            f"{near_names(str(by), PAIRINGS)}"
-        )
+    checked("by", by, Literal[PAIRINGS])
     tasks_a, tasks_b = _tasks(a, by), _tasks(b, by)
     common = [task for task in tasks_a if task in tasks_b]
     if not common:
@@ -207,7 +205,7 @@ _Paired = Sequence[tuple[_Task, _Played, _Played]]
 
 
 def _tasks(source: str | os.PathLike[str], by: str) -> dict[_Task, _Played]:
-    tasks: dict[_Task, _Played] = {}
+    tasks: dict[_Task, _Played] = defaultdict(_Played)
     for saved in read_episodes(source):
         if by == "training-seed" and saved.training_seed is None:
             raise RunError(
@@ -216,9 +214,9 @@ def _tasks(source: str | os.PathLike[str], by: str) -> dict[_Task, _Played]:
             )
         for seed, metrics in zip(saved.episode_seeds, saved.episodes, strict=True):
             paired = {"piece": None, "seed": seed, "training-seed": saved.training_seed}[by]
-            played = tasks.setdefault((saved.piece, paired), _Played())
+            played = tasks[saved.piece, paired]
             played.episodes.append(metrics)
-            played.physics.add(saved.physics)
+            played.physics.add(str(saved.env_kwargs.get("physics", PianoEnvConfig.physics)))
     return tasks
 
 
@@ -228,12 +226,7 @@ def _chosen(metrics: Sequence[str] | None, paired: _Paired) -> list[str]:
     known = [name for name in episodes[0] if all(name in metrics for metrics in episodes)]
     if metrics is None:
         return [name for name in MAIN_METRICS if name in known] or known
-    for name in metrics:
-        if name not in known:
-            raise ConfigError(
-                f"Unknown metric {name!r}.{near_names(name, known)} Expected one of "
-                f"{', '.join(known)}."
-            )
+    refuse_unknown(metrics, known, "metric")
     return list(dict.fromkeys(metrics))
 
 
@@ -274,19 +267,9 @@ class SavedEpisodes:
         if not self.episodes or len(self.episode_seeds) != len(self.episodes):
             raise ValueError(f"{len(self.episodes)} episodes with {len(self.episode_seeds)} seeds")
 
-    @property
-    def physics(self) -> str:
-        """Name of the physics profile that it was played on."""
-        return str(self.env_kwargs.get("physics", PianoEnvConfig.physics))
-
 
 def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
-    """Return the episodes that an evaluation wrote.
-
-    Args:
-        source: A JSON file of ``sb3-piano evaluate``, the folder of an evaluated run, or a folder
-            that holds such folders.
-    """
+    """Return the episodes of an evaluation's JSON file, of a run, or of a folder of runs."""
     path = Path(source)
     if path.is_file():
         return _read_file(path)
@@ -303,17 +286,14 @@ def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
             f"'{path}' is no run and holds none: expected a folder that 'sb3-piano train' made, or "
             "one in which such folders are."
         )
-    return [saved for run in runs for saved in _read_run(run)]
-
-
-def _read_run(run: RunFolder) -> list[SavedEpisodes]:
-    file = run.evaluation_dir / "metrics.json"
-    if not file.is_file():
-        raise RunError(
-            f"Run '{run.path}' has no evaluation: expected evaluation/metrics.json. To make it: "
-            f"sb3-piano evaluate {run.path}"
-        )
-    return _read_file(file)
+    files = [run.evaluation_dir / "metrics.json" for run in runs]
+    for run, file in zip(runs, files, strict=True):
+        if not file.is_file():
+            raise RunError(
+                f"Run '{run.path}' has no evaluation: expected evaluation/metrics.json. To make "
+                f"it: sb3-piano evaluate {run.path}"
+            )
+    return [saved for file in files for saved in _read_file(file)]
 
 
 def _read_file(file: Path) -> list[SavedEpisodes]:
@@ -325,19 +305,15 @@ def _read_file(file: Path) -> list[SavedEpisodes]:
         raise RunError(
             f"'{file}' cannot be read: {error.strerror}. Expected a JSON file."
         ) from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        raise _no_evaluation(file, f"{place}: {first['msg']}") from error
     except (ValueError, AttributeError) as error:
-        raise _no_evaluation(file, one_line(error)) from error
+        reason = one_line(error)
+        if isinstance(error, ValidationError):
+            first = error.errors()[0]
+            reason = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        raise RunError(
+            f"'{file}' holds no evaluation ({reason}): expected a file that 'sb3-piano evaluate' "
+            "of this version wrote."
+        ) from error
     if not found:
         raise RunError(f"'{file}' holds no evaluation: no run could be evaluated then.")
     return found
-
-
-def _no_evaluation(file: Path, reason: str) -> RunError:
-    return RunError(
-        f"'{file}' holds no evaluation ({reason}): expected a file that 'sb3-piano evaluate' of "
-        "this version wrote."
-    )

@@ -9,7 +9,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sb3_piano.envs import Recording
 from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError
@@ -95,22 +95,17 @@ class Evaluation:
         ``mean``, ``std`` and ``interval`` have a value for each metric, the latter both ends or
         ``None``; ``no_interval`` then has the reason.
         """
+        facts = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        del facts["summary"], facts["metrics_file"]
         summaries = self.summary.items()
         return {
+            **facts,
             "run": str(self.run),
-            "algo": self.algo,
-            "piece": self.piece,
-            "num_timesteps": self.num_timesteps,
-            "training_seed": self.training_seed,
             "env_kwargs": dict(self.env_kwargs),
-            "interrupted": self.interrupted,
             "mean": self.mean,
             "std": self.std,
             "interval": {name: summary.interval for name, summary in summaries},
             "no_interval": {name: s.no_interval for name, s in summaries if s.no_interval},
-            "baseline": self.baseline,
-            "episodes": self.episodes,
-            "episode_seeds": self.episode_seeds,
             "performances": [None if path is None else path.name for path in self.performances],
             "motions": [path.name for path in self.motions],
         }
@@ -222,7 +217,10 @@ def evaluate(
         try:
             for one in seeds:
                 for recording in itertools.islice(player.episodes(seed=one), episodes):
-                    played.append(_Episode.of(recording, one, player.piece if motion else None))
+                    moved = _titled_motion(recording, player.piece) if motion else None
+                    performance = recording.performance
+                    score_played = None if performance is None else performance.to_score()
+                    played.append(_Episode(one, recording.metrics, score_played, moved))
                     on_episode()
         except KeyboardInterrupt:
             if not played:
@@ -258,22 +256,9 @@ def evaluate_runs(
     """Evaluate several runs, each on its own piece or on the given ones.
 
     What cannot be evaluated does not stop the others. Ctrl-C does, and all that was played until
-    then is returned. Files in the runs' folders, and arguments of the same names, are those of
-    :func:`~sb3_piano.training.evaluate`.
-
-    Args:
-        folders: The runs' folders.
-        episodes: How many episodes to play from each seed, at least 1.
-        seeds: Seeds of the environment, at least 0.
-        physics: Name of the physics profile to play on.
-        scores: What to play in place of the runs' own pieces.
-        best: Play each run's best model by this metric.
-        motion: Also write how everything moved, which can only be done for the runs' own pieces.
-        on_episode: Is called after each episode.
-
-    Raises:
-        ConfigError: If a number is out of range, or a run is given twice.
-        ScoreError: If a score cannot be read.
+    then is returned. Arguments, files in the runs' folders and errors are those of
+    :func:`~sb3_piano.training.evaluate`; a run may not be given twice, and ``motion`` is written
+    only of the runs' own pieces.
     """
     seeds = _checked(seeds, episodes)
     runs = [Path(folder) for folder in folders]
@@ -281,22 +266,34 @@ def evaluate_runs(
         if [other.resolve() for other in runs].count(run.resolve()) > 1:
             raise ConfigError(f"Run '{run}' is given twice: expected each run once.")
     pieces: list[Score | None] = [load_score(score) for score in scores]
-    settings = {"physics": physics, "best": best, "motion": motion, "on_episode": on_episode}
     found: list[Evaluation] = []
     failures: list[Failure] = []
     interrupted = False
-    try:
-        for run, piece in itertools.product(runs, pieces or [None]):
-            result = _try(run, piece, episodes, seeds, settings)
-            if isinstance(result, Failure):
-                failures.append(result)
-                continue
-            found.append(result)
-            if result.interrupted:
-                interrupted = True
-                break
-    except KeyboardInterrupt:
-        interrupted = True
+    for run, piece in itertools.product(runs, pieces or [None]):
+        try:
+            evaluation = evaluate(
+                run,
+                episodes,
+                seeds,
+                physics=physics,
+                score=piece,
+                best=best,
+                motion=motion,
+                on_episode=on_episode,
+            )
+            found.append(evaluation)
+            interrupted = evaluation.interrupted
+        except KeyboardInterrupt:
+            interrupted = True
+        except Exception as error:  # a run's own wrappers may fail in any way
+            reason = str(error)
+            if not isinstance(error, SB3PianoError):
+                _log.exception("Evaluating run '%s' failed.", run)
+                reason = repr(error)
+            title = None if piece is None else piece.title
+            failures.append(Failure(run=run, piece=title, reason=reason))
+        if interrupted:
+            break
     return Evaluations(evaluations=tuple(found), failures=tuple(failures), interrupted=interrupted)
 
 
@@ -316,25 +313,7 @@ def _checked(seeds: Seeds, episodes: int) -> tuple[int, ...]:
     return several
 
 
-def _try(
-    run: Path,
-    piece: Score | None,
-    episodes: int,
-    seeds: Sequence[int],
-    settings: Mapping[str, Any],
-) -> Evaluation | Failure:
-    try:
-        return evaluate(run, episodes, seeds, score=piece, **settings)
-    except SB3PianoError as error:
-        reason = str(error)
-    except Exception as error:  # a run's own wrappers may fail in any way
-        _log.exception("Evaluating run '%s' failed.", run)
-        reason = repr(error)
-    return Failure(run=run, piece=None if piece is None else piece.title, reason=reason)
-
-
-@dataclass(frozen=True)
-class _Episode:
+class _Episode(NamedTuple):
     """An episode, without what is not needed any more."""
 
     seed: int
@@ -342,22 +321,15 @@ class _Episode:
     score: Score | None
     motion: MotionRecording | None
 
-    @classmethod
-    def of(cls, recording: Recording, seed: int, piece: str | None) -> _Episode:
-        """Return what is kept of a recording; with its motion if the name of the piece is given."""
-        played, motion = recording.performance, recording.motion
-        moved = None
-        if piece is not None and played is not None and motion is not None:
-            moved = MotionRecording(
-                # A score file that was copied into the run's folder has lost its title.
-                title=played.title if played.title in piece.split(" or ") else piece,
-                actions=motion.actions,
-                qpos=motion.qpos,
-                hand_qpos=motion.hand_qpos,
-                fingertips=motion.fingertips,
-            )
-        score = None if played is None else played.to_score()
-        return cls(seed, recording.metrics, score, moved)
+
+def _titled_motion(recording: Recording, piece: str) -> MotionRecording | None:
+    """Return how everything moved, under the name of the piece that was played."""
+    played, motion = recording.performance, recording.motion
+    if played is None or motion is None:
+        return None
+    # A score file that was copied into the run's folder has lost its title.
+    title = played.title if played.title in piece.split(" or ") else piece
+    return MotionRecording(title=title, **vars(motion))
 
 
 def _written(found: Evaluation, run: RunFolder, played: Sequence[_Episode]) -> Evaluation:

@@ -15,7 +15,6 @@ import numpy as np
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import write_text
-from sb3_piano.performance import Performance
 from sb3_piano.training.playing.player import SavedPlayer
 from sb3_piano.training.runs.folder import RunFolder, provenance
 from sb3_piano.viewing.report import Curve, Report, report_html
@@ -31,22 +30,18 @@ def write_report(
 ) -> Path:
     """Let a run's saved model play an episode, and write what there is to see into an HTML file.
 
-    The file needs nothing else, also no network.
+    The file needs nothing else, also no network. The resting hands get the
+    same seed.
 
     Args:
         folder: The run's folder.
         out: The file; by default ``evaluation/report.html`` in the run's folder.
-        seed: Seeds the environment, at least 0; the resting hands get the same.
+        seed: Seeds the environment, at least 0.
         physics: Name of the physics profile to play on; by default the run's own.
-        best: Play the best model by this metric, such as "f1", in place of the last one.
-
-    Returns:
-        The file.
+        best: Play the best model by this metric, in place of the last one.
 
     Raises:
-        ConfigError: If ``seed`` or ``physics`` is not valid, or the run's config is damaged.
-        RunError: If there is no run of a piano environment, it has no model that can be loaded, or
-            the file cannot be written.
+        RunError: If it is no run of a piano environment, or the file cannot be written.
     """
     with SavedPlayer.open(folder, seed=seed, physics=physics, best=best) as player:
         run, env = player.run, player.env
@@ -56,12 +51,15 @@ def write_report(
                 f"{player.config.env_id!r} is no piano. Expected a run of a piano environment."
             )
         played, baseline = player.play()[0], player.rest()
-        assert played.performance is not None, "a piano's episode is recorded"
+        performance = played.performance
+        assert performance is not None, "a piano's episode is recorded"
+        if performance.title == env.default_score.title:  # no wrapper chose another piece
+            performance = dataclasses.replace(performance, title=player.piece)
         facts, commands = _origin(
             player, env.config.physics, seed, {"--physics": physics, "--best": best}
         )
         report = Report(
-            performance=_titled(played.performance, player.piece, env.default_score.title),
+            performance=performance,
             metrics=played.metrics,
             baseline=None if baseline is None else baseline.metrics,
             curves=training_curves(run),
@@ -72,20 +70,24 @@ def write_report(
             facts=facts,
             commands=commands,
         )
-    return _write(run, report_html(report), out)
+    path = run.evaluation_dir / "report.html" if out is None else Path(out)
+    try:
+        if out is None:
+            path.parent.mkdir(exist_ok=True)
+        write_text(path, report_html(report))
+    except OSError as error:
+        raise RunError(
+            f"'{path}' cannot be written: {error.strerror}. Expected a file in a folder that is "
+            "there."
+        ) from error
+    return path
 
 
 def training_curves(run: RunFolder) -> dict[str, Curve]:
-    """Return what TensorBoard's files of a run say, by name.
+    """Return what TensorBoard's files of a run say, by name; none of the curves is empty.
 
     A run that was resumed from a checkpoint before its last log line has lines for some steps
     twice; those of the training that was given up are left out. So are numbers that are not finite.
-
-    Args:
-        run: The run's folder.
-
-    Returns:
-        The curves, none of them empty; no curve if there is no such file.
     """
     if not run.tensorboard_dir.is_dir():
         return {}
@@ -118,13 +120,6 @@ def _curve(events: list[Any]) -> Curve:
 Texts = list[tuple[str, str]]
 
 
-def _titled(performance: Performance, piece: str, own_title: str) -> Performance:
-    """Return a performance by the run's name of its piece, unless a wrapper chose another one."""
-    if performance.title != own_title:
-        return performance
-    return dataclasses.replace(performance, title=piece)
-
-
 def _origin(
     player: SavedPlayer, physics: str, seed: int, options: Mapping[str, str | None]
 ) -> tuple[Texts, Texts]:
@@ -132,42 +127,29 @@ def _origin(
     config, run = player.config, player.run
     notes = run.read_provenance()
     now = provenance(seed)
-    facts = [
-        ("Piece", player.piece),
-        ("Environment", config.env_id),
-        ("Algorithm", config.algo),
-        ("Steps trained", f"{player.num_timesteps:,}"),
-        ("Model", "the last one" if options["--best"] is None else f"best by {options['--best']}"),
-        ("Physics", physics),
-        ("Seed", f"{seed} (of the training: {notes.get('seed', 'unknown')})"),
-        ("Run", str(run.path)),
-        ("Trained", str(notes.get("created", "unknown"))),
-        ("Trained with", _versions(notes.get("versions"))),
-        ("Played", now["created"]),
-        ("Played with", _versions(now["versions"])),
-    ]
+    best = options["--best"]
+    facts = {
+        "Piece": player.piece,
+        "Environment": config.env_id,
+        "Algorithm": config.algo,
+        "Steps trained": f"{player.num_timesteps:,}",
+        "Model": "the last one" if best is None else f"best by {best}",
+        "Physics": physics,
+        "Seed": f"{seed} (of the training: {notes.get('seed', 'unknown')})",
+        "Run": str(run.path),
+        "Trained": str(notes.get("created", "unknown")),
+        "Trained with": _versions(notes.get("versions")),
+        "Played": now["created"],
+        "Played with": _versions(now["versions"]),
+    }
     again = ["sb3-piano", "report", str(run.path), "--seed", str(seed)]
     for option, value in options.items():
         again += [] if value is None else [option, value]
     training = str(notes.get("command", "unknown"))
-    return facts, [("Training", training), ("This report", shlex.join(again))]
+    return list(facts.items()), [("Training", training), ("This report", shlex.join(again))]
 
 
 def _versions(versions: object) -> str:
     if not isinstance(versions, Mapping):
         return "unknown"
     return ", ".join(f"{name} {version}" for name, version in versions.items() if version)
-
-
-def _write(run: RunFolder, html: str, out: str | os.PathLike[str] | None) -> Path:
-    path = run.evaluation_dir / "report.html" if out is None else Path(out)
-    try:
-        if out is None:
-            run.evaluation_dir.mkdir(exist_ok=True)
-        write_text(path, html)
-    except OSError as error:
-        raise RunError(
-            f"'{path}' cannot be written: {error.strerror}. Expected a file in a folder that is "
-            "there."
-        ) from error
-    return path

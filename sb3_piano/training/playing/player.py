@@ -8,6 +8,7 @@ import itertools
 import os
 import shutil
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
@@ -21,6 +22,7 @@ from sb3_piano.demonstrations import PerturbedStart
 from sb3_piano.envs import EpisodeRecorder, PianoEnv, Recording
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
 from sb3_piano.files import write_bytes
+from sb3_piano.layers import layers
 from sb3_piano.music import Score, load_score
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.settings import Count, Index, checked
@@ -32,6 +34,7 @@ from sb3_piano.training.runs.saved import load_player, load_statistics, model_fi
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
 
+@dataclass(kw_only=True)
 class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
     """The saved model of a run in its own environment, playing without exploring.
 
@@ -42,30 +45,19 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
             recordings = player.play(episodes=3)
 
     :meth:`open` makes one.
-
-    Attributes:
-        run: The run's folder.
-        config: The run's settings as they are played: one environment, the given physics.
-        piece: The name of what is played, of several pieces joined by "or"; the environment's id
-            if it is no piano.
-        model: The saved model, or what plays without training.
     """
 
-    def __init__(
-        self,
-        run: RunFolder,
-        config: PlayConfig,
-        piece: str,
-        model: BaseAlgorithm | PianoPolicy,
-        venv: VecEnv,
-        recorder: EpisodeRecorder,
-    ):
-        self.run = run
-        self.config = config
-        self.piece = piece
-        self.model = model
-        self._venv = venv
-        self._recorder = recorder
+    run: RunFolder
+    """The run's folder."""
+    config: PlayConfig
+    """The run's settings as they are played: one environment, the given physics."""
+    piece: str
+    """The name of what is played, of several pieces joined by "or"; the environment's id if it is
+    no piano."""
+    model: BaseAlgorithm | PianoPolicy
+    """The saved model, or what plays without training."""
+    _venv: VecEnv
+    _recorder: EpisodeRecorder
 
     @classmethod
     def open(
@@ -102,25 +94,29 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
             config = config.in_env(physics=physics)
         chosen = None if score is None else load_score(score)
         model_file, statistics = model_files(run, config, best)
-        recorders: list[EpisodeRecorder] = []
 
         def innermost(env: Env) -> EpisodeRecorder:
-            recorders.append(EpisodeRecorder(env if chosen is None else _FixedPiece(env, chosen)))
-            return recorders[-1]
+            return EpisodeRecorder(env if chosen is None else _FixedPiece(env, chosen))
 
         venv = build_vec_env(config, innermost)
         try:
             load_statistics(config, statistics, venv)
             if isinstance(venv, VecNormalize):
                 venv.training = False
+            env = cast(DummyVecEnv, venv.unwrapped).envs[0]
             if chosen is not None:
-                _check_playable(run, config, recorders[0], venv, chosen)
-            model = load_player(config, model_file, venv)
+                _check_playable(run, config, venv, chosen)
+            return cls(
+                run=run,
+                config=config,
+                piece=_own_piece(run, config, env) if chosen is None else chosen.title,
+                model=load_player(config, model_file, venv),
+                _venv=venv,
+                _recorder=[e for e in layers(env) if isinstance(e, EpisodeRecorder)][-1],
+            )
         except BaseException:
             venv.close()
             raise
-        piece = _own_piece(run, config, venv) if chosen is None else chosen.title
-        return cls(run, config, piece, model, venv, recorders[0])
 
     @property
     def env(self) -> Env:
@@ -133,11 +129,9 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         return self.model.num_timesteps
 
     def play(self, episodes: int = 1, *, seed: int | None = None) -> list[Recording]:
-        """Play from a freshly seeded environment.
+        """Play so many episodes from a freshly seeded environment.
 
-        Args:
-            episodes: How many episodes to play, at least 1.
-            seed: Seeds the environment, at least 0; by default the seed given to :meth:`open`.
+        The seed, at least 0, is by default that of :meth:`open`.
 
         Raises:
             ConfigError: If a number is out of range.
@@ -153,11 +147,7 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         return self._record(seed, resting=False)
 
     def rest(self, *, seed: int | None = None) -> Recording | None:
-        """Return an episode in which the hands rest, in the same environment and from its seed.
-
-        Returns:
-            The episode; ``None`` if the environment is no piano.
-        """
+        """Return an episode in which the hands rest; ``None`` if the environment is no piano."""
         return next(self._record(seed, resting=True)) if self._recorder.can_rest else None
 
     def predict(
@@ -179,11 +169,9 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
     def __exit__(self, *error: object) -> None:
         self.close()
 
-    def _predict(
-        self, observation: Any, state: Any, starts: npt.NDArray[Any] | None, deterministic: bool
-    ) -> tuple[Any, Any]:
+    def _predict(self, observation: Any, *arguments: Any) -> tuple[Any, Any]:
         with torch_threads():
-            return self.model.predict(observation, state, starts, deterministic=deterministic)
+            return self.model.predict(observation, *arguments)
 
     def _record(self, seed: int | None, *, resting: bool) -> Iterator[Recording]:
         seed = checked("seed", self.config.seed if seed is None else seed, Index | None)
@@ -198,7 +186,7 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         while True:
             # While the hands rest, nobody hears what is asked; to search for it would take long.
             if action is None or not self._recorder.resting:
-                action, state = self._predict(observation, state, starts, deterministic=True)
+                action, state = self._predict(observation, state, starts, True)
             observation, _, starts, _ = self._venv.step(action)
             if self._recorder.finished:
                 yield self._recorder.finished.pop()
@@ -219,10 +207,8 @@ class _FixedPiece(gym.Wrapper[Any, Any, Any, Any]):
         return self.env.reset(seed=seed, options={**others, "score": self._score})
 
 
-def _check_playable(
-    run: RunFolder, config: PlayConfig, env: Env, venv: VecEnv, score: Score
-) -> None:
-    if not isinstance(env.unwrapped, PianoEnv):
+def _check_playable(run: RunFolder, config: PlayConfig, venv: VecEnv, score: Score) -> None:
+    if not isinstance(cast(DummyVecEnv, venv.unwrapped).envs[0].unwrapped, PianoEnv):
         raise ConfigError(
             f"Run '{run.path}' cannot play {score.title!r}: its environment {config.env_id!r} is "
             "no piano. Expected a run of a piano environment, or no piece."
@@ -236,12 +222,11 @@ def _check_playable(
         ) from error
 
 
-def _own_piece(run: RunFolder, config: PlayConfig, venv: VecEnv) -> str:
+def _own_piece(run: RunFolder, config: PlayConfig, env: Env) -> str:
     """Return what a run's own piece is called, by its file's name before it was copied.
 
     Where wrappers choose the piece, all that they may choose are named.
     """
-    env = cast(DummyVecEnv, venv.unwrapped).envs[0]
     if not isinstance(env.unwrapped, PianoEnv):
         return config.env_id
     titles = list(dict.fromkeys(score.title for score in possible_scores(env)))
@@ -257,13 +242,8 @@ def run_to_record(
 ) -> Iterator[tuple[SavedPlayer | PianoPolicy, Env, PlayConfig]]:
     """Give a run's player, an environment with the run's wrappers, and its settings.
 
-    They are for :func:`~sb3_piano.demonstrations.record`, as long as the block lasts.
-
-    Args:
-        folder: The run's folder.
-        best: Play the best model by this metric, in place of the last one.
-        start: How far the hands begin out of place, rad (see
-            :class:`~sb3_piano.demonstrations.PerturbedStart`).
+    They are for :func:`~sb3_piano.demonstrations.record`, as long as the block lasts; the hands
+    begin out of place by ``start``, rad.
     """
     config = RunFolder.open(folder).read_config()
     if isinstance(config, RunConfig) and config.vec_env_wrapper:
@@ -282,9 +262,7 @@ def run_to_record(
 def env_to_record(config: PlayConfig, start: float = 0.0) -> Env:
     """Return a run's environment with its wrappers, and none that ``gymnasium.make`` cannot make.
 
-    Args:
-        config: The run's settings.
-        start: How far the hands begin out of place, rad.
+    Its hands begin out of place by ``start``, rad.
     """
     return build_env(config, (lambda env: PerturbedStart(env, start)) if start else None)
 
@@ -303,9 +281,8 @@ def share(
         best: Share the best model by this metric, such as "f1", in place of the last one.
 
     Raises:
-        ConfigError: If the run's config is damaged.
         RunError: If there is no run, it has no model that can be loaded, or the folder cannot be
-            used.
+        used.
     """
     with SavedPlayer.open(run, best=best) as player:
         config = player.run.read_config()

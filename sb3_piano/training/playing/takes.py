@@ -88,20 +88,9 @@ def play_score(
 ) -> Played:
     """Let a piece play itself: keys go down in their fingers' colours while the hands rest.
 
-    Writes the same files as :func:`play_run`; they show what should be played.
-
-    Args:
-        score: A score, or what :func:`~sb3_piano.music.load_score` accepts.
-        out: The folder to write into; by default ``play/<title>``.
-        physics: Name of the physics profile whose piano is shown.
-        picture: How the video looks; ``None`` for no video.
-        progress: Is told how far the video is.
-
-    Raises:
-        ConfigError: If a setting is out of range.
-        RunError: If the folder cannot be written.
-        ScoreError: If the score cannot be read, or a file cannot be written.
-        UnknownPieceError: If ``score`` is neither a piece's name nor a file.
+    Writes the same files as :func:`play_run`, which show what should be played. Arguments and
+    errors are those of it; the score is what :func:`~sb3_piano.music.load_score` accepts, and goes
+    to ``play/<title>`` by default.
     """
     piece = load_score(score)
     folder = default_folder(None, piece) if out is None else Path(out)
@@ -111,9 +100,7 @@ def play_score(
 def default_folder(run: str | os.PathLike[str] | None, score: Score | None) -> Path:
     """Return where a take is kept: of a run in its folder, of another piece by its title.
 
-    Args:
-        run: The run's folder; ``None`` if a piece plays itself.
-        score: The piece; ``None`` if it is the run's own.
+    Without a run a piece plays itself; without a score it is the run's own.
     """
     place = Path("play") if run is None else Path(run, "play")
     if score is None:
@@ -183,11 +170,7 @@ class PlannedTake:
 
 
 def where_played(what: str) -> tuple[str, dict[str, Any]]:
-    """Return the environment that plays something, and the options that it needs for that.
-
-    Args:
-        what: An environment's id, a file such as MIDI, or a piece by its name.
-    """
+    """Return the environment that plays a piece, a file or is named itself, and its options."""
     if what in gym.registry:
         return what, {}
     if is_path(what) and not Path(what).exists():
@@ -213,8 +196,7 @@ def planner_config(
         algo: One of :data:`~sb3_piano.training.PLANNERS`.
         seed: Seeds the environment and what is drawn at random, at least 0.
         env_kwargs: Options of the environment, beside and before those of :data:`PLANNED_IN`.
-        **arguments: Arguments of the planner, such as ``samples``; in plain values, mappings for
-            its settings.
+        **arguments: Arguments of the planner, such as ``samples``, in plain values.
     """
     env_id, options = where_played(what)
     return PlannedConfig(
@@ -235,12 +217,8 @@ def plan_run(
     """Make the folder of a run that plays without training, once it is known to work.
 
     The plan is made, so that a :class:`~sb3_piano.exceptions.PlanWarning` tells what cannot be
-    played; it is not kept, as making it again takes seconds.
-
-    Args:
-        config: What :func:`planner_config` returned.
-        folder: The run's folder, new or empty; by default the next free one in ``runs_dir``.
-        runs_dir: Where runs are kept.
+    played; it is not kept, as making it again takes seconds. Folders are those of
+    :func:`~sb3_piano.training.train`.
 
     Returns:
         The run's folder, the name of what is played, and how long it took to plan it, s.
@@ -258,31 +236,26 @@ def take_of_planner(
 ) -> PlannedTake:
     """Play a piece without training and without a run's folder.
 
-    Args:
-        config: What :func:`planner_config` returned.
-        on_step: Is told how many control steps are over, and of how many. The first call, with 0,
-            comes before planning.
+    ``on_step`` is told how many control steps are over, and of how many; first 0, before planning.
     """
     with _planner(config) as (player, env, piano):
         observation, _ = env.reset(seed=config.seed)
         on_step(0, len(piano.roll))
-        began = time.perf_counter()
-        action, state = player.predict(observation)
-        planned = time.perf_counter()
-        while True:
+        times = [time.perf_counter()]
+        state = None
+        while not env.finished:
+            action, state = player.predict(observation, state)
+            times.append(time.perf_counter())
             observation, *_ = env.step(action)
             on_step(piano.steps_played, len(piano.roll))
-            if env.finished:
-                break
-            action, state = player.predict(observation, state)
-        ended = time.perf_counter()
+        times.append(time.perf_counter())
         (recording,) = env.finished
         return PlannedTake(
             take=_take_of_recording(piano.scene, recording),
             score=piano.score,
             metrics=recording.metrics,
-            planning=planned - began,
-            playing=ended - planned,
+            planning=times[1] - times[0],
+            playing=times[-1] - times[1],
         )
 
 

@@ -49,12 +49,7 @@ class EpisodeLog(Monitor):
     """
 
     def write_episodes_to(self, path: str, append: bool) -> None:
-        """Write each episode that ends from now on.
-
-        Args:
-            path: The file, without ``.monitor.csv``.
-            append: Whether to add to a file that is there.
-        """
+        """Write each episode that ends from now on, without or after those that are there."""
         env_id = None if self.env.spec is None else self.env.spec.id
         self.results_writer = _EpisodeFile(
             path,
@@ -85,10 +80,8 @@ def build_env(
 ) -> Env:
     """Return one environment of a run.
 
-    Args:
-        config: The run's settings.
-        innermost: A wrapper for the bare environment.
-        log: A wrapper around that, inside of the config's ``env_wrapper``.
+    ``innermost`` is put around the bare environment, ``log`` around that, then the config's
+    ``env_wrapper``.
     """
     env_kwargs = dict(config.env_kwargs)
     try:
@@ -107,10 +100,6 @@ def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> Ve
 
     From the inside: the environment, ``innermost``, an ``EpisodeLog``, the config's
     ``env_wrapper``; then ``vec_env_wrapper`` and ``VecNormalize`` around the vector.
-
-    Args:
-        config: The run's settings.
-        innermost: A wrapper for the bare environment.
     """
     if not isinstance(config, RunConfig):
         return _seeded(DummyVecEnv([partial(build_env, config, innermost, EpisodeLog)]), config)

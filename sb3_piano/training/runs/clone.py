@@ -13,7 +13,6 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.demonstrations import Cloning, clone_behaviour, open_dataset
@@ -96,16 +95,9 @@ def clone(
     found = open_dataset(dataset)
     spec = _environment(found)
     seed = int(np.random.default_rng().integers(2**31)) if seed is None else seed
-    settings = load_config(
-        algo,
-        spec.id,
-        config,
-        seed=seed,
-        n_envs=1,
-        vec_env="dummy",
-        normalize={"norm_reward": False} if normalize else False,
-        **({"learning_starts": 0} if prefill else {}),
-    )
+    alone = {"n_envs": 1, "vec_env": "dummy"} | ({"learning_starts": 0} if prefill else {})
+    normalized = {"norm_reward": False} if normalize else False
+    settings = load_config(algo, spec.id, config, seed=seed, normalize=normalized, **alone)
     arguments = settings.algorithm_kwargs
     policy_kwargs = {**arguments.get("policy_kwargs", {}), "net_arch": list(net_arch)}
     filled = (Plugin(path=_PREFILL, kwargs={"dataset": found.id}),) if prefill else ()
@@ -144,11 +136,9 @@ def _environment(dataset: MinariDataset) -> EnvSpec:
             f"Data set {dataset.id!r} does not tell its environment: expected one that 'sb3-piano "
             "record' wrote."
         )
-    with reading(dataset.id):
-        env = dataset.recover_environment(eval_env=True)
-    env.close()
-    assert env.spec is not None, "it was made from one"
-    return env.spec
+    with reading(dataset.id), contextlib.closing(dataset.recover_environment(eval_env=True)) as env:
+        assert env.spec is not None, "it was made from one"
+        return env.spec
 
 
 def _in_environment(spec: EnvSpec, config: RunConfig) -> RunConfig:
@@ -167,18 +157,14 @@ def _in_environment(spec: EnvSpec, config: RunConfig) -> RunConfig:
 
 def _save(run: RunFolder, config: RunConfig, model: BaseAlgorithm) -> None:
     """Write the model, and the checkpoint of a training that has done no step yet."""
-    folder = run.checkpoint_dir
+    folder, name, statistics = run.checkpoint_dir, "model-0.zip", None
     folder.mkdir()
-    normalizer = model.get_vec_normalize_env()
-    checkpoint = Checkpoint(
-        num_timesteps=0,
-        model="model-0.zip",
-        vec_normalize=None if normalizer is None else "vecnormalize-0.pkl",
-        labels=config.labels,
-    )
-    for place in (run.model_file, folder / checkpoint.model):
+    for place in (run.model_file, folder / name):
         model.save(place)
-    if isinstance(normalizer, VecNormalize):
-        for place in (run.statistics_file, folder / "vecnormalize-0.pkl"):
+    normalizer = model.get_vec_normalize_env()
+    if normalizer is not None:
+        statistics = "vecnormalize-0.pkl"
+        for place in (run.statistics_file, folder / statistics):
             normalizer.save(str(place))
-    checkpoint.write(folder)
+    saved = Checkpoint(num_timesteps=0, model=name, vec_normalize=statistics, labels=config.labels)
+    saved.write(folder)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import datetime
 import importlib.metadata
-import itertools
 import os
 import platform
 import shlex
@@ -91,11 +90,8 @@ class RunFolder:
     ) -> RunFolder:
         """Make the folder of a new run, with config, provenance and score file.
 
-        Args:
-            config: The run's settings; a score file that they name is copied.
-            path: The folder, new or empty. By default ``<runs_dir>/<algo>/<env-id>_<n>`` with the
-                first ``n`` from 1 on that is free.
-            runs_dir: Where runs are kept.
+        Without a path it is ``<runs_dir>/<algo>/<env-id>_<n>`` with the first ``n`` from 1 on that
+        is free.
 
         Raises:
             RunError: If the folder is in use, or cannot be made or written.
@@ -109,7 +105,8 @@ class RunFolder:
             else:
                 place.mkdir(parents=True, exist_ok=True)
                 with cls(place).owned():
-                    made = _empty(place)
+                    _check_empty(place)
+                    made = place
                     cls(made)._write(config)
         except OSError as error:
             if made is not None:
@@ -119,11 +116,7 @@ class RunFolder:
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> RunFolder:
-        """Return the folder of a run that is there.
-
-        Raises:
-            RunError: If there is no run.
-        """
+        """Return the folder of a run, which has to be there."""
         folder = cls(Path(path))
         if not folder.path.is_dir():
             raise RunError(f"There is no folder '{folder.path}': {_EXPECTED}.")
@@ -133,11 +126,7 @@ class RunFolder:
 
     @contextlib.contextmanager
     def owned(self) -> Iterator[None]:
-        """Keep other processes from training in this folder; all may read it meanwhile.
-
-        Raises:
-            RunError: If another one does, or the folder cannot be written.
-        """
+        """Keep other processes from training in this folder; all may read it meanwhile."""
 
         def busy(owner: str) -> RunError:
             return RunError(
@@ -168,11 +157,7 @@ class RunFolder:
         return sorted(file.parent.name.removeprefix("best_") for file in found)
 
     def read_config(self) -> PlayConfig:
-        """Return the run's settings; a score file is that of the folder, wherever it is now.
-
-        Raises:
-            ConfigError: If the file is damaged.
-        """
+        """Return the run's settings; a score file is that of the folder, wherever it is now."""
         content = read_yaml_mapping(self.config_file)
         kind: type[PlayConfig] = PlannedConfig if content.get("algo") in PLANNERS else RunConfig
         try:
@@ -200,14 +185,17 @@ class RunFolder:
         write_text(self.provenance_file, yaml.safe_dump(dict(notes), sort_keys=False))
 
     def _write(self, config: PlayConfig) -> None:
-        notes = provenance(config.seed)
+        notes, library = provenance(config.seed), user_library()
         for option, text in _files(config).items():
-            file = _file_meant(option, text)
-            if file is not None:
-                notes[f"{option}_file"] = str(file)
-                copy = self.path / f"{option}{file.suffix}"
-                shutil.copyfile(file, copy)
-                config = config.in_env(**{option: str(copy)})
+            file = Path(text)
+            if not (file.suffix and file.is_file()):
+                if option != "score" or text not in library:
+                    continue
+                file = library.path(text)
+            notes[f"{option}_file"] = str(file)
+            copy = self.path / f"{option}{file.suffix}"
+            shutil.copyfile(file, copy)
+            config = config.in_env(**{option: str(copy)})
         self.write_provenance(notes)
         self.write_config(config)
 
@@ -248,27 +236,20 @@ def _files(config: PlayConfig) -> dict[str, str]:
     return {name: options[name] for name in FILE_OPTIONS if isinstance(options.get(name), str)}
 
 
-def _file_meant(option: str, text: str) -> Path | None:
-    """Return the file that an option names, as a path or as a piece of the user's library."""
-    if Path(text).suffix and Path(text).is_file():
-        return Path(text)
-    library = user_library()
-    return library.path(text) if option == "score" and text in library else None
-
-
 def _first_free(parent: Path, env_id: str) -> Path:
     """Make and return the first ``<env-id>_<n>`` that is not there; safe against rival runs."""
     parent.mkdir(parents=True, exist_ok=True)
-    for number in itertools.count(1):
+    number = 1
+    while True:
         path = parent / f"{env_id.replace('/', '-')}_{number}"
         with contextlib.suppress(FileExistsError):
             path.mkdir()
             return path
-    raise AssertionError("itertools.count does not end")
+        number += 1
 
 
-def _empty(path: Path) -> Path:
-    """Return a folder in which nothing is but its lock, or refuse it."""
+def _check_empty(path: Path) -> None:
+    """Refuse a folder in which anything is but its lock."""
     if (path / "config.yml").exists():
         raise RunError(
             f"Folder '{path}' holds a run already: expected a new or empty folder. To go on with "
@@ -276,4 +257,3 @@ def _empty(path: Path) -> Path:
         )
     if any(found.name != LOCK_SUFFIX for found in path.iterdir()):
         raise RunError(f"Folder '{path}' is not empty: expected a new or empty one.")
-    return path

@@ -40,17 +40,11 @@ _FIELDS = ("mean", "var", "count")
 def model_files(
     run: RunFolder, config: PlayConfig, best: str | None = None
 ) -> tuple[Path, Path | None]:
-    """Return a model of a run and its statistics.
+    """Return the file of a model, and that of ``VecNormalize`` if the run normalises.
 
-    Args:
-        run: The run's folder.
-        config: Its settings.
-        best: The metric by which the model is the best; by default it is the newest one.
-
-    Returns:
-        The model's file, and that of ``VecNormalize`` if the run normalises: a zip file and a
-        pickle, or of a shared run its weights. What plays without training is all in the run's
-        config.
+    A zip file and a pickle, or of a shared run its weights. ``best`` is the metric by which the
+    model is the best; by default it is the newest one. What plays without training is all in the
+    config.
     """
     normalizes = isinstance(config, RunConfig) and config.normalize is not False
     if run.weights_file.is_file():  # then nothing is unpickled, whatever else the folder holds
@@ -60,12 +54,23 @@ def model_files(
                 "expected no metric."
             )
         return run.weights_file, run.weights_file if normalizes else None
-    if best is not None:
-        return _best_files(run, best, normalizes)
-    if isinstance(config, PlannedConfig):
+    if best is None and isinstance(config, PlannedConfig):
         return run.config_file, None
-    if run.model_file.is_file() and (run.statistics_file.is_file() or not normalizes):
-        return run.model_file, run.statistics_file if normalizes else None
+    model, folder = run.model_file, run.path
+    if best is not None:
+        folder = run.best_dir(best)
+        model = folder / "best_model.zip"
+    statistics = folder / run.statistics_file.name
+    if model.is_file() and (statistics.is_file() or not normalizes):
+        return model, statistics if normalizes else None
+    if best is not None:
+        known = run.best_metrics()
+        have = f"it has one by {' and by '.join(known)}" if known else "it has none by any metric"
+        raise RunError(
+            f"Run '{run.path}' has no best model by {best!r}, {have}: expected a training with "
+            "sb3_piano.callbacks.F1Callback or OnsetF1Callback in its config, past its first "
+            "evaluation."
+        )
     saved = Checkpoint.read(run.checkpoint_dir)
     if saved is None:
         raise RunError(
@@ -73,35 +78,15 @@ def model_files(
             f"{f' and {run.statistics_file.name}' if normalizes else ''}, written with the first "
             f"checkpoint. To go on with it: sb3-piano train --resume {run.path}"
         )
-    statistics = saved.vec_normalize
-    return (
-        run.checkpoint_dir / saved.model,
-        None if statistics is None else run.checkpoint_dir / statistics,
-    )
-
-
-def _best_files(run: RunFolder, metric: str, normalizes: bool) -> tuple[Path, Path | None]:
-    folder = run.best_dir(metric)
-    model, statistics = folder / "best_model.zip", folder / "vecnormalize.pkl"
-    if not model.is_file() or (normalizes and not statistics.is_file()):
-        known = run.best_metrics()
-        have = f"it has one by {' and by '.join(known)}" if known else "it has none by any metric"
-        raise RunError(
-            f"Run '{run.path}' has no best model by {metric!r}, {have}: expected a training with "
-            "sb3_piano.callbacks.F1Callback or OnsetF1Callback in its config, past its first "
-            "evaluation."
-        )
-    return model, statistics if normalizes else None
+    pickled = saved.vec_normalize
+    place = run.checkpoint_dir
+    return place / saved.model, None if pickled is None else place / pickled
 
 
 def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> BaseAlgorithm:
-    """Return a saved model on the given environments.
+    """Return a saved model on the given environments; ``changes`` are attributes of it.
 
-    Args:
-        config: The run's settings.
-        path: The model's zip file. Like all of SB3's it is unpickled: load only what you trust.
-        venv: Environments with the spaces that the model was trained in.
-        **changes: Attributes of the model to set before its networks and buffers are made.
+    Like all of SB3's its zip file is unpickled: load only what you trust.
     """
     device = config.algorithm_kwargs.get("device", "auto")
     try:
@@ -114,30 +99,16 @@ def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> B
 
 
 def load_player(config: PlayConfig, path: Path, venv: VecEnv) -> BaseAlgorithm | PianoPolicy:
-    """Return what plays in a run, without what only training needs.
-
-    Args:
-        config: The run's settings.
-        path: As :func:`model_files` gives it.
-        venv: The environments to play in.
-    """
+    """Return what plays in a run, of :func:`model_files`, without what only training needs."""
     if not isinstance(config, RunConfig):
         return build_planner(config, venv)
     # A replay buffer would be as large as in training.
     off_policy = issubclass(config.algorithm, OffPolicyAlgorithm)
-    if path.suffix == ".safetensors":
-        return _model_of_weights(
-            config, path, venv, {"buffer_size": 2} if off_policy else {"n_steps": 2}
-        )
-    return load_model(config, path, venv, **({"buffer_size": 1} if off_policy else {}))
-
-
-def _model_of_weights(
-    config: RunConfig, path: Path, venv: VecEnv, changes: Mapping[str, Any]
-) -> BaseAlgorithm:
-    """Return the model that the config describes, with weights that are no pickle."""
+    if path.suffix != ".safetensors":
+        return load_model(config, path, venv, **({"buffer_size": 1} if off_policy else {}))
     tensors, num_timesteps = read_weights(path, config)
-    arguments = {**config.algorithm_kwargs, **changes}
+    small = {"buffer_size": 2} if off_policy else {"n_steps": 2}
+    arguments = {**config.algorithm_kwargs, **small}
     with warnings.catch_warnings():  # that so few steps are no batch
         warnings.simplefilter("ignore", UserWarning)
         model = build_model(dataclasses.replace(config, algorithm_kwargs=arguments), venv)
@@ -154,43 +125,25 @@ def _model_of_weights(
 
 
 def load_statistics(config: PlayConfig, path: Path | None, venv: VecEnv) -> None:
-    """Set the statistics of ``VecNormalize``.
-
-    Args:
-        config: The run's settings.
-        path: As :func:`model_files` gives it, pickled or plain arrays; ``None`` for nothing to do.
-        venv: The environments, with ``VecNormalize`` outermost if there are statistics.
-    """
+    """Set the statistics of ``VecNormalize``, of :func:`model_files`, if there are any."""
     if path is None or not isinstance(venv, VecNormalize):
         return
     if path.suffix == ".safetensors":
         tensors = read_weights(path, config)[0]
-    else:
-        try:
+    try:
+        if path.suffix != ".safetensors":
             with path.open("rb") as file:
                 tensors = dict(_normalization_tensors(pickle.load(file)))
-        except Exception as error:  # unpickling fails in any way
-            raise _unusable(path, config, one_line(error)) from error
-    try:
         _put_normalization(tensors, venv)
-    except ValueError as error:
-        raise _unusable(path, config, str(error)) from error
-
-
-def _unusable(path: Path, config: PlayConfig, reason: str) -> RunError:
-    return RunError(
-        f"Statistics '{path}' cannot be loaded ({reason}): expected those of VecNormalize for "
-        f"{config.env_id!r}."
-    )
+    except Exception as error:  # unpickling fails in any way
+        raise RunError(
+            f"Statistics '{path}' cannot be loaded ({one_line(error)}): expected those of "
+            f"VecNormalize for {config.env_id!r}."
+        ) from error
 
 
 def pack_weights(model: BaseAlgorithm, config: RunConfig) -> bytes:
-    """Return a model's weights and statistics as the content of a safetensors file.
-
-    Args:
-        model: The model; its environment has the statistics, if there are any.
-        config: The run's settings.
-    """
+    """Return a model's weights and its environment's statistics as a safetensors file."""
     # Copies, since safetensors refuses tensors that share memory, as shared extractors do.
     tensors = {_POLICY + n: t.detach().cpu().clone() for n, t in model.policy.state_dict().items()}
     normalizer = model.get_vec_normalize_env()
@@ -201,30 +154,22 @@ def pack_weights(model: BaseAlgorithm, config: RunConfig) -> bytes:
 
 
 def read_weights(path: Path, config: PlayConfig) -> tuple[Tensors, int]:
-    """Return the tensors of a file that :func:`pack_weights` made for a run.
-
-    Returns:
-        The tensors, and the environment steps that the model was trained for.
-    """
+    """Return the tensors of a file of :func:`pack_weights`, and the steps trained for."""
     try:
         with safetensors.safe_open(path, framework="pt") as file:
             facts = dict(file.metadata() or {})
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        if facts.pop("sha256", None) != _digest(tensors, facts):
+            raise ValueError("its checksum is wrong")
+        for name, value in config.labels.items():
+            if facts.get(name) != value:
+                raise ValueError(f"its {name} is {facts.get(name)!r}, not {value!r}")
     except Exception as error:  # a damaged file fails in any way
-        raise _unreadable(path, one_line(error)) from error
-    if facts.pop("sha256", None) != _digest(tensors, facts):
-        raise _unreadable(path, "its checksum is wrong")
-    for name, value in config.labels.items():
-        if facts.get(name) != value:
-            raise _unreadable(path, f"its {name} is {facts.get(name)!r}, not {value!r}")
+        raise RunError(
+            f"Weights '{path}' cannot be loaded ({one_line(error)}): expected the file that "
+            "'sb3-piano share' wrote for this run."
+        ) from error
     return tensors, int(facts["num_timesteps"])
-
-
-def _unreadable(path: Path, reason: str) -> RunError:
-    return RunError(
-        f"Weights '{path}' cannot be loaded ({reason}): expected the file that 'sb3-piano share' "
-        "wrote for this run."
-    )
 
 
 def _digest(tensors: Tensors, facts: Mapping[str, str]) -> str:
@@ -239,11 +184,10 @@ def _digest(tensors: Tensors, facts: Mapping[str, str]) -> str:
 
 def _statistics(normalizer: VecNormalize) -> Iterator[tuple[str, RunningMeanStd, str]]:
     """Yield the name of each statistic of ``VecNormalize``, what has it, and as which attribute."""
-    found = {"returns": normalizer.ret_rms}
     observed = normalizer.obs_rms if normalizer.norm_obs else {}
-    if isinstance(observed, dict):
-        found.update({f"observations.{key}": each for key, each in observed.items()})
-    else:
+    several = observed if isinstance(observed, dict) else {}
+    found = {"returns": normalizer.ret_rms, **{f"observations.{k}": v for k, v in several.items()}}
+    if not isinstance(observed, dict):
         found["observations"] = observed
     for name, statistics in found.items():
         for field in _FIELDS:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import importlib.util
 import logging
 import os
@@ -101,8 +100,7 @@ def train(
         model, every_callback = build_model(config, venv), [*build_callbacks(config), *callbacks]
         run = RunFolder.create(config, folder, runs_dir)
         with _owned(run):
-            session = Session(config, run, model, every_callback, None, checkpoint_every)
-            return session.run(progress_bar)
+            return _learn(config, run, model, every_callback, None, checkpoint_every, progress_bar)
 
 
 def resume(
@@ -156,122 +154,120 @@ def resume(
         if steps is not None:
             config = dataclasses.replace(config, n_timesteps=steps)
         saved = Checkpoint.read(run.checkpoint_dir)
-        _check_labels(run, config, saved)
+        for name, value in ({} if saved is None else saved.labels).items():
+            if value != config.labels.get(name):
+                raise RunError(
+                    f"The checkpoint in '{run.checkpoint_dir}' is of a run with {name} {value!r}, "
+                    f"but '{run.config_file}' has {config.labels.get(name)!r}: expected the files "
+                    "of one run."
+                )
         done = 0 if saved is None else saved.num_timesteps
         if done >= config.n_timesteps:
             return TrainResult(
                 folder=run, started_at=done, num_timesteps=done, n_timesteps=config.n_timesteps
             )
-        played_on = functools.partial(_played_on, steps=done // config.n_envs)
+
+        def counting_on(env: Env) -> Env:
+            if isinstance(env.unwrapped, PianoEnv):
+                env.unwrapped.total_steps = done // config.n_envs
+            return env
+
         with (
             torch_threads(config.num_threads),
-            _closing(build_vec_env(config, innermost=played_on)) as venv,
+            _closing(build_vec_env(config, innermost=counting_on)) as venv,
         ):
             model = _restored(run, config, saved, venv)
             callbacks = build_callbacks(config)
             run.write_config(config)
-            session = Session(config, run, model, callbacks, saved, checkpoint_every)
-            return session.run(progress_bar)
+            return _learn(config, run, model, callbacks, saved, checkpoint_every, progress_bar)
 
 
-@dataclass(frozen=True)
-class Session:
-    """A model that is ready to train in a run's folder."""
+def _learn(
+    config: RunConfig,
+    run: RunFolder,
+    model: BaseAlgorithm,
+    callbacks: Sequence[BaseCallback],
+    resumed: Checkpoint | None,
+    checkpoint_every: int,
+    progress_bar: bool,
+) -> TrainResult:
+    """Train in a run's folder until the config's number of steps is done.
 
-    config: RunConfig
-    folder: RunFolder
-    model: BaseAlgorithm
-    callbacks: Sequence[BaseCallback]
-    """Callbacks of the user."""
-    resumed: Checkpoint | None
-    """The checkpoint from which the model was restored."""
-    checkpoint_every: int
-    """Environment steps between two checkpoints."""
+    Ctrl-C and SIGTERM end the training with a checkpoint. After any other exception the last
+    checkpoint stays as it is.
+    """
+    started_at = model.num_timesteps
+    _open_logs(run, model, append=resumed is not None)
 
-    def run(self, progress_bar: bool) -> TrainResult:
-        """Train until the config's number of steps is done.
+    def another_env(innermost: EnvWrapper | None) -> VecEnv:
+        return build_vec_env(config.alone(), innermost=innermost)
 
-        Ctrl-C and SIGTERM end the training with a checkpoint. After any other exception the last
-        checkpoint stays as it is.
-        """
-        started_at = self.model.num_timesteps
-        self._open_logs()
-        hand_over(RunContext(folder=self.folder.path, make_env=self._another_env), self.callbacks)
-        with contextlib.ExitStack() as stack:
-            stack.callback(self._close_logger)
-            own: list[BaseCallback] = [EpisodeMetricsCallback(), RewardTermsCallback()]
-            if progress_bar:
-                own.append(stack.enter_context(contextlib.closing(PianoProgressBar())))
-            own.append(
-                ResumableCheckpoint(
-                    self.folder.checkpoint_dir,
-                    self.checkpoint_every,
-                    model_copy=self.folder.model_file,
-                    labels=self.config.labels,
-                    resumed=self.resumed,
-                )
+    hand_over(RunContext(folder=run.path, make_env=another_env), callbacks)
+    own: list[BaseCallback] = [EpisodeMetricsCallback(), RewardTermsCallback()]
+    with contextlib.ExitStack() as stack:
+        stack.callback(_close_logger, model)
+        if progress_bar:
+            own.append(stack.enter_context(contextlib.closing(PianoProgressBar())))
+        own.append(
+            ResumableCheckpoint(
+                run.checkpoint_dir,
+                checkpoint_every,
+                model_copy=run.model_file,
+                labels=config.labels,
+                resumed=resumed,
             )
-            request = stack.enter_context(stop_on_signal())
-            callbacks = [*self.callbacks, *own, _StopOnRequest(request)]
-            interrupted = self._learn(callbacks) or request.made
-        done = self.model.num_timesteps
-        return TrainResult(
-            folder=self.folder,
-            started_at=started_at,
-            num_timesteps=done,
-            n_timesteps=self.config.n_timesteps,
-            interrupted=interrupted and done < self.config.n_timesteps,
         )
-
-    def _learn(self, callbacks: list[BaseCallback]) -> bool:
-        """Return whether ``KeyboardInterrupt`` ended the training."""
+        request = stack.enter_context(stop_on_signal())
         bookends = _Bookends()
-        every = CallbackList([bookends, *callbacks])
+        every = CallbackList([bookends, *callbacks, *own, _StopOnRequest(request)])
         try:
-            self.model.learn(
-                self.config.n_timesteps - self.model.num_timesteps,
+            model.learn(
+                config.n_timesteps - model.num_timesteps,
                 callback=every,
                 tb_log_name="run",
-                reset_num_timesteps=self.resumed is None,
+                reset_num_timesteps=resumed is None,
             )
         except KeyboardInterrupt:
+            request.made = True
             if bookends.started:
                 every.on_training_end()  # SB3 leaves this out; it saves the last checkpoint
-            return True
         except KeyError as error:
-            if error.args and error.args[0] in self.config.monitor_kwargs.get("info_keywords", ()):
+            if error.args and error.args[0] in config.monitor_kwargs.get("info_keywords", ()):
                 raise ConfigError(
                     f"monitor_kwargs: info_keywords has {error.args[0]!r}, which the info of "
-                    f"{self.config.env_id!r} lacks at the end of an episode: expected names in it."
+                    f"{config.env_id!r} lacks at the end of an episode: expected names in it."
                 ) from error
             raise
-        return False
+    return TrainResult(
+        folder=run,
+        started_at=started_at,
+        num_timesteps=model.num_timesteps,
+        n_timesteps=config.n_timesteps,
+        interrupted=request.made and model.num_timesteps < config.n_timesteps,
+    )
 
-    def _another_env(self, innermost: EnvWrapper | None) -> VecEnv:
-        """Return an environment like those of the training, alone and without log files."""
-        return build_vec_env(self.config.alone(), innermost=innermost)
 
-    def _open_logs(self) -> None:
-        """Let Monitor files and TensorBoard logs be written into the run's folder."""
-        venv = self.model.get_env()
-        assert venv is not None, "a session's model has its environments"
-        for index in range(venv.num_envs):
-            path = str(self.folder.monitor_dir / str(index))
-            append = self.resumed is not None
-            venv.env_method("write_episodes_to", path, append, indices=[index])
-        if importlib.util.find_spec("tensorboard") is None:
-            warnings.warn(
-                "TensorBoard is not installed, so that the training is not logged: "
-                "pip install tensorboard",
-                stacklevel=3,
-            )
-            return
-        self.model.tensorboard_log = str(self.folder.tensorboard_dir)
+def _open_logs(run: RunFolder, model: BaseAlgorithm, *, append: bool) -> None:
+    """Let Monitor files and TensorBoard logs be written into the run's folder."""
+    venv = model.get_env()
+    assert venv is not None, "a model that trains has its environments"
+    for index in range(venv.num_envs):
+        path = str(run.monitor_dir / str(index))
+        venv.env_method("write_episodes_to", path, append, indices=[index])
+    if importlib.util.find_spec("tensorboard") is None:
+        warnings.warn(
+            "TensorBoard is not installed, so that the training is not logged: "
+            "pip install tensorboard",
+            stacklevel=3,
+        )
+        return
+    model.tensorboard_log = str(run.tensorboard_dir)
 
-    def _close_logger(self) -> None:
-        """End the thread in which TensorBoard writes."""
-        if hasattr(self.model, "_logger"):  # which the model has once it learns
-            self.model.logger.close()
+
+def _close_logger(model: BaseAlgorithm) -> None:
+    """End the thread in which TensorBoard writes."""
+    if hasattr(model, "_logger"):  # which the model has once it learns
+        model.logger.close()
 
 
 class _Bookends(BaseCallback):
@@ -339,23 +335,6 @@ def _closing(venv: VecEnv) -> Iterator[VecEnv]:
         # Closing must not hide why an environment's process has gone.
         with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):
             venv.close()
-
-
-def _check_labels(run: RunFolder, config: RunConfig, saved: Checkpoint | None) -> None:
-    for name, value in ({} if saved is None else saved.labels).items():
-        actual = config.labels.get(name)
-        if value != actual:
-            raise RunError(
-                f"The checkpoint in '{run.checkpoint_dir}' is of a run with {name} {value!r}, but "
-                f"'{run.config_file}' has {actual!r}: expected the files of one run."
-            )
-
-
-def _played_on(env: Env, *, steps: int) -> Env:
-    """Let a piano count on from the control steps that were played before."""
-    if isinstance(env.unwrapped, PianoEnv):
-        env.unwrapped.total_steps = steps
-    return env
 
 
 def _restored(

@@ -140,14 +140,10 @@ def episode_actions() -> Actions:
 def simulation_measurements(
     actions: Actions, peer: Ask | None, before: str | None, stack: contextlib.ExitStack
 ) -> list[Measurement]:
-    """Environments and the bare physics under them, all with the same actions.
+    """Environments and the bare physics under them, all with the same actions, (steps, 39).
 
-    Args:
-        actions: (steps, 39), from :func:`episode_actions`.
-        peer: RoboPianist with the same actions.
-        before: Folder of another version of this package; then it and this one play in processes of
-            their own as well.
-        stack: Closes the environments.
+    With the folder of another version of this package, ``before``, it and this one play in
+    processes of their own as well.
     """
     found: dict[str, Measurement] = {}
 

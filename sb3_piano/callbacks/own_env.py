@@ -207,11 +207,7 @@ def _copy_layers(env: gym.Env[Any, Any], innermost: EnvWrapper | None) -> gym.En
 
 
 def _deepcopy(thing: Any, memo: dict[int, Any], kind: type) -> Any:
-    """Return a copy.
-
-    Raises:
-        ConfigError: If something in it, such as an open file or a window, cannot be copied.
-    """
+    """Return a copy; refuse what cannot be copied, such as an open file or a window."""
     try:
         return deepcopy(thing, memo)
     except (TypeError, ValueError, AttributeError, NotImplementedError) as error:

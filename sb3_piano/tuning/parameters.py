@@ -258,25 +258,23 @@ def parse_parameter(name: str, value: Any) -> Parameter:
     Raises:
         ConfigError: If it is nothing like that, or the parameter is not valid.
     """
-    try:
-        return value if isinstance(value, Parameter) else _parsed(value)
-    except ConfigError as error:
-        raise ConfigError(f"Search space: {name!r}: {error}") from error
-
-
-def _parsed(value: Any) -> Parameter:
+    if isinstance(value, Parameter):
+        return value
     options = dict(value) if isinstance(value, Mapping) else {}
     found = [kind for kind in _KINDS if kind in options]
-    if len(found) != 1:
-        suggestion = "" if found else near_names(str(next(iter(options), "")), _KINDS)
-        raise ConfigError(f"{value!r} cannot be searched.{suggestion} Expected {_FORMS}.")
-    kind, given = _KINDS[found[0]], options.pop(found[0])
-    refuse_unknown(options, [o.name for o in _options(kind)] or ["none"], "option", found[0])
-    if issubclass(kind, Choice):
-        return kind(given)
-    if not isinstance(given, (list, tuple)) or len(given) != 2:
-        raise ConfigError(f"{found[0]} is {given!r}: expected [low, high].")
-    return kind(*given, **options)
+    try:
+        if len(found) != 1:
+            suggestion = "" if found else near_names(str(next(iter(options), "")), _KINDS)
+            raise ConfigError(f"{value!r} cannot be searched.{suggestion} Expected {_FORMS}.")
+        kind, given = _KINDS[found[0]], options.pop(found[0])
+        refuse_unknown(options, [o.name for o in _options(kind)] or ["none"], "option", found[0])
+        if issubclass(kind, Choice):
+            return kind(given)
+        if not isinstance(given, (list, tuple)) or len(given) != 2:
+            raise ConfigError(f"{found[0]} is {given!r}: expected [low, high].")
+        return kind(*given, **options)
+    except ConfigError as error:
+        raise ConfigError(f"Search space: {name!r}: {error}") from error
 
 
 def _options(kind: type[Float | Choice]) -> list[Any]:

@@ -210,12 +210,6 @@ def check_space(space: Space, algo: str, env_id: str, entry: Mapping[str, Any]) 
 
     All parameters are at an end together; only where that fails are they tried one by one.
 
-    Args:
-        space: The space.
-        algo: Name of the algorithm.
-        env_id: Id of the environment, or ``module:Id``.
-        entry: The settings from which trials depart.
-
     Raises:
         ConfigError: If a setting is unknown, or one of its values impossible.
     """

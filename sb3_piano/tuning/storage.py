@@ -45,11 +45,8 @@ _PATIENCE_SECONDS = 5.0
 def open_storage(url: str | None, folder: StudyFolder) -> BaseStorage:
     """Return the store of studies: a database, whose tables are made if need be, or the journal.
 
-    No message shows the URL's password.
-
-    Args:
-        url: The database, in SQLAlchemy's form; ``None`` for the journal in the study's folder.
-        folder: The study's folder, which is made for the journal.
+    Without a URL, in SQLAlchemy's form, it is the journal in the study's folder, which is made for
+    it. No message shows the URL's password.
 
     Raises:
         ConfigError: If the URL is not valid here.
@@ -193,12 +190,6 @@ def open_study(
     """Return a study, which is made if need be; its sampler is left to the caller.
 
     The first trial of a new one waits with the settings from which it departs.
-
-    Args:
-        config: The study.
-        storage: Where it is kept.
-        name: Its name in the store.
-        search: How trials are ended early.
 
     Raises:
         ConfigError: If there is another study of that name.

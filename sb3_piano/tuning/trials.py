@@ -60,11 +60,8 @@ def requeue_lost(study: optuna.Study, is_ours: Callable[[FrozenTrial], bool]) ->
     """Queue the settings again of failed trials that note no failure: their process was gone.
 
     They are queued once for each such trial, however often this is called, and at most
-    :data:`MAX_RETRIES` times; interruptions do not count.
-
-    Args:
-        study: The study.
-        is_ours: Says which trials nobody else looks after.
+    :data:`MAX_RETRIES` times; interruptions do not count. Only trials are looked at of which
+    ``is_ours`` says that nobody else looks after them.
     """
     trials = study.get_trials()
     again = _retried(trials)

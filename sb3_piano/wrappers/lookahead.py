@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from annotated_types import Ge
+from numpy.lib.stride_tricks import sliding_window_view
 
 from sb3_piano.envs import ObservationBlock, ObservationLayout
 from sb3_piano.envs.config import LookaheadSteps
@@ -115,12 +116,9 @@ class _Ahead:
         self._steps, self._stride = steps, stride
         self._now = values.astype(np.float32)
         # Silence is appended, so that the lookahead of the last step can be cut like any other.
-        padded = np.zeros((len(values) + steps + stride, values.shape[1]), dtype=bool)
-        padded[: len(values)] = values
+        padded = np.pad(values, ((0, steps + stride), (0, 0)))
         # In row t, what any of the steps t + 1 to t + stride asks for.
-        soon = np.zeros((len(values) + steps, values.shape[1]), dtype=bool)
-        for later in range(1, stride + 1):
-            soon |= padded[later : later + len(soon)]
+        soon = np.logical_or.reduce(sliding_window_view(padded[1:], stride, axis=0), axis=-1)
         self._soon = soon.astype(np.float32)
 
     def rows(self, step: int) -> Float32Array:

@@ -32,12 +32,8 @@ class LayoutWrapper(gym.ObservationWrapper[Any, Any, Any]):
 def piano_of(env: gym.Env[Any, Any], asker: str) -> PianoEnv:
     """Return the piano environment inside all wrappers.
 
-    Args:
-        env: An environment, wrapped or not.
-        asker: Name of the wrapper that asks, for the message.
-
     Raises:
-        ConfigError: If it is no piano.
+        ConfigError: If it is no piano; the message names who asks.
     """
     inside = env.unwrapped
     if not isinstance(inside, PianoEnv):

@@ -161,16 +161,7 @@ class TemporalStretch(ScoreChange, gym.utils.RecordConstructorArgs):
 
 
 def _ends(name: str, value: Any, kind: Any) -> tuple[Any, Any, bool]:
-    """Return the lowest and the highest number of an argument, and whether one is drawn.
-
-    Args:
-        name: Name of the argument.
-        value: A number, or a pair of the lowest and the highest, both included.
-        kind: Annotation of a number.
-
-    Raises:
-        ConfigError: If it is neither.
-    """
+    """Return the lowest and the highest number of an argument, and whether one is drawn."""
     if isinstance(value, str) or not isinstance(value, Sequence):
         only = checked(name, value, kind)
         return only, only, False

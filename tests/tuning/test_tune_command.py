@@ -165,7 +165,7 @@ def test_the_workers_of_a_killed_study_end_and_the_same_command_goes_on(files, s
 
 def test_an_impossible_range_is_refused_before_there_is_a_study(files, capsys):
     write("space.yml", {"gamma": {"float": [0.5, 1.5]}})
-    assert "'gamma' = 1.5: gamma is 1.5: expected 0 to 1" in error(capsys)
+    assert "'gamma' = 1.5: gamma is 1.5: expected a finite number from 0 to 1" in error(capsys)
     assert not (files / "studies").exists()
 
 

@@ -6,7 +6,7 @@ import contextlib
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ from sb3_piano.interrupts import ctrl_c_deferred
 
 if TYPE_CHECKING:
     from minari import EpisodeData, MinariDataset
+    from minari.data_collector.episode_buffer import EpisodeBuffer
 
 EXPERT_ACTION = "expert_action"
 """Name in a data set's ``infos`` of what the policy would have done. Row ``i`` goes with row ``i``
@@ -186,26 +187,6 @@ def _expert_actions(episode: EpisodeData) -> npt.NDArray[Any]:
     return episode.actions if labels is None else np.asarray(labels)[:-1]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Episode:
-    """An episode of T steps, to be written."""
-
-    seed: int
-    """From which seed the environment began."""
-    observations: npt.NDArray[Any]
-    """(T + 1, ...)"""
-    actions: npt.NDArray[Any]
-    """(T, ...) what was played."""
-    expert_actions: npt.NDArray[Any]
-    """(T, ...) what the policy would have done."""
-    rewards: npt.NDArray[np.float64]
-    """(T,)"""
-    terminated: bool
-    """Whether the episode ended; otherwise it was truncated."""
-    notes: Mapping[str, float] = field(default_factory=dict)
-    """Notes on it, such as ``f1``."""
-
-
 class DatasetWriter:
     """Writes a data set episode by episode; it is there when :meth:`finish` returns, or not at all.
 
@@ -261,26 +242,11 @@ class DatasetWriter:
     def __exit__(self, *error: object) -> None:
         shutil.rmtree(self._made, ignore_errors=True)
 
-    def add(self, episode: Episode) -> None:
-        """Write an episode."""
-        from minari.data_collector.episode_buffer import EpisodeBuffer
-
-        ends = np.zeros((2, len(episode.rewards)), dtype=bool)
-        ends[0 if episode.terminated else 1, -1] = True
-        labels = episode.expert_actions
-        none_asked = labels[-1:] * np.nan if labels.dtype.kind == "f" else labels[-1:]
-        buffer = EpisodeBuffer(
-            seed=episode.seed,
-            observations=episode.observations,
-            actions=episode.actions,
-            rewards=episode.rewards,
-            terminations=ends[0],
-            truncations=ends[1],
-            infos={EXPERT_ACTION: np.concatenate([labels, none_asked])},
-        )
+    def add(self, episode: EpisodeBuffer, notes: Mapping[str, float]) -> None:
+        """Write an episode, and notes on it, such as ``f1``."""
         with ctrl_c_deferred():  # which would leave half an episode in the file
-            self._storage.update_episodes([buffer])
-            self._storage.update_episode_metadata([dict(episode.notes)], [self._count])
+            self._storage.update_episodes([episode])
+            self._storage.update_episode_metadata([dict(notes)], [self._count])
             self._count += 1
 
     def finish(self, metadata: Mapping[str, Any]) -> MinariDataset:

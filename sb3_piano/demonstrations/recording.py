@@ -16,7 +16,7 @@ import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 
 import sb3_piano
-from sb3_piano.demonstrations.dataset import DatasetWriter, Episode
+from sb3_piano.demonstrations.dataset import EXPERT_ACTION, DatasetWriter
 from sb3_piano.demonstrations.disturbances import DEFAULT_MEMORY, ActuatorNoise, PerturbedStart
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.metrics import EPISODE_METRICS
@@ -24,6 +24,7 @@ from sb3_piano.settings import Count, Index, checked
 
 if TYPE_CHECKING:
     from minari import MinariDataset
+    from minari.data_collector.episode_buffer import EpisodeBuffer
 
 Env = gym.Env[Any, Any]
 
@@ -112,10 +113,11 @@ def record(
         try:
             for number, episode_seed in enumerate(seeds):
                 turn = number % len(noise)
-                episode = _play(policy, env, episode_seed, noises[turn], noise[turn])
-                writer.add(episode)
-                notes.append(episode.notes)
-                on_episode(episode.notes)
+                episode, found = _play(policy, env, episode_seed, noises[turn])
+                found = {"noise": float(noise[turn]), **found}
+                writer.add(episode, found)
+                notes.append(found)
+                on_episode(found)
         except KeyboardInterrupt:
             if not notes:
                 raise
@@ -170,23 +172,30 @@ def _noise(env: Env, std: float, memory: float) -> ActuatorNoise | None:
 
 
 def _play(
-    policy: Predictor, env: Env, seed: int, noise: ActuatorNoise | None, std: float
-) -> Episode:
-    """Play one episode."""
+    policy: Predictor, env: Env, seed: int, noise: ActuatorNoise | None
+) -> tuple[EpisodeBuffer, dict[str, float]]:
+    """Play one episode; return it, and notes on it."""
+    from minari.data_collector.episode_buffer import EpisodeBuffer
+
     steps = list(_steps(policy, env, seed, noise))
     observations, actions, labels, rewards, ends, infos = zip(*steps[:-1], strict=True)
-    space = env.action_space
-    notes = {"noise": float(std), "return": float(sum(rewards))}
-    notes |= {name: float(infos[-1][name]) for name in EPISODE_METRICS if name in infos[-1]}
-    return Episode(
+    kind, info = env.action_space.dtype, infos[-1]
+    asked = np.array([*labels, labels[-1]], dtype=kind)
+    if asked.dtype.kind == "f":
+        asked[-1] = np.nan  # in the last state nothing is played any more
+    truncations = np.zeros(len(rewards), dtype=bool)
+    truncations[-1] = not ends[-1]
+    episode = EpisodeBuffer(
         seed=seed,
         observations=np.array([*observations, steps[-1][0]]),
-        actions=np.array(actions, dtype=space.dtype),
-        expert_actions=np.array(labels, dtype=space.dtype),
+        actions=np.array(actions, dtype=kind),
         rewards=np.array(rewards, dtype=np.float64),
-        terminated=ends[-1],
-        notes=notes,
+        terminations=np.array(ends, dtype=bool),
+        truncations=truncations,
+        infos={EXPERT_ACTION: asked},
     )
+    metrics = {name: float(info[name]) for name in EPISODE_METRICS if name in info}
+    return episode, {"return": float(sum(rewards)), **metrics}
 
 
 def _steps(

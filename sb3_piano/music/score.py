@@ -85,7 +85,15 @@ class Score:
                 f"Cannot transpose {self.title!r} by {semitones!r}: expected whole semitones."
             )
         shift = int(semitones)
-        self._check_transposition(shift)
+        outside = [n for n in self.notes if not MIN_PITCH <= n.pitch + shift <= MAX_PITCH]
+        if outside:
+            first, (low, high) = outside[0], self.pitch_range
+            raise ScoreError(
+                f"Transposing {self.title!r} by {shift} semitones takes {len(outside)} of its "
+                f"{len(self.notes)} notes off the keyboard, first note {self.notes.index(first)} "
+                f"(pitch {first.pitch} to {first.pitch + shift}): expected {MIN_PITCH - low} to "
+                f"{MAX_PITCH - high}."
+            )
         return replace(
             self, notes=tuple(replace(note, pitch=note.pitch + shift) for note in self.notes)
         )
@@ -162,22 +170,6 @@ class Score:
         ]
         bars = [line - start for line in self.bars if start <= line < end]
         return Score(notes=notes, pedals=pedals, title=self.title, bars=bars)
-
-    def _check_transposition(self, semitones: int) -> None:
-        lost = [
-            (index, note)
-            for index, note in enumerate(self.notes)
-            if not MIN_PITCH <= note.pitch + semitones <= MAX_PITCH
-        ]
-        if not lost:
-            return
-        index, note = lost[0]
-        low, high = self.pitch_range
-        raise ScoreError(
-            f"Transposing {self.title!r} by {semitones} semitones takes {len(lost)} of its "
-            f"{len(self.notes)} notes off the keyboard, first note {index} (pitch {note.pitch} "
-            f"to {note.pitch + semitones}): expected {MIN_PITCH - low} to {MAX_PITCH - high}."
-        )
 
 
 def _order(note: Note) -> tuple[float, int, float, int, str, int]:

@@ -239,12 +239,14 @@ class TestAgain:
         assert import_path(music, library).imported == ("a",)
         assert library.score("a").notes[0].pitch == 70
 
-    def test_two_files_do_not_replace_one_piece(self, music, library):
+    @pytest.mark.parametrize("fingering", [None, "keep"])
+    def test_two_files_do_not_replace_one_piece(self, music, library, fingering):
         save(music / "a.mid", 60)
         import_path(music, library, fingering="keep")
         (music / "a.mid").rename(music / "b.mid")
         save(music / "a.mid", 70)
-        assert import_path(music, library, jobs=1).imported == ("a", "b")
+        report = import_path(music, library, jobs=1, fingering=fingering)
+        assert report.imported == ("a", "b")
         assert [library.score(name).notes[0].pitch for name in "ab"] == [70, 60]
 
     def test_a_damaged_piece_is_not_written_over(self, music, library):

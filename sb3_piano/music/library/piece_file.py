@@ -10,10 +10,10 @@ from __future__ import annotations
 import io
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ from sb3_piano.files import write_bytes
 from sb3_piano.music.hands import HANDS
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.score import Score
+
+T = TypeVar("T")
 
 PIECE_SUFFIX = ".npz"
 
@@ -75,7 +77,7 @@ def read_info(path: Path) -> PieceInfo:
     Raises:
         ScoreError: If the file is missing, damaged, or written by a newer version.
     """
-    return _read(path)[0]
+    return _read(path, lambda info, arrays: info)
 
 
 def read_piece(path: Path) -> Score:
@@ -84,14 +86,10 @@ def read_piece(path: Path) -> Score:
     Raises:
         ScoreError: If the file is missing, damaged, or written by a newer version.
     """
-    info, arrays = _read(path, with_notes=True)
-    try:
-        return _from_arrays(arrays, info.name)
-    except Exception as error:
-        raise _damaged(path, error) from error
+    return _read(path, lambda info, arrays: _from_arrays(arrays, info.name))
 
 
-def _read(path: Path, *, with_notes: bool = False) -> tuple[PieceInfo, dict[str, NDArray[Any]]]:
+def _read(path: Path, make: Callable[[PieceInfo, Mapping[str, NDArray[Any]]], T]) -> T:
     if not os.path.isfile(path):
         raise ScoreError(f"There is no imported piece {str(path)!r}: expected an existing file.")
     try:
@@ -99,21 +97,17 @@ def _read(path: Path, *, with_notes: bool = False) -> tuple[PieceInfo, dict[str,
             header = json.loads(archive["header"].tobytes())
             version = header.pop("format")
             if version == _FORMAT:
-                return PieceInfo(**header), dict(archive) if with_notes else {}
+                return make(PieceInfo(**header), archive)
     except Exception as error:
         # A damaged archive surfaces as whatever zipfile, zlib, NumPy or json stumble over.
-        raise _damaged(path, error) from error
+        raise ScoreError(
+            f"Imported piece {str(path)!r} is damaged ({one_line(error)}): remove "
+            f"it with 'sb3-piano pieces remove {path.stem}' and import it again."
+        ) from error
     raise ScoreError(
         f"Imported piece {str(path)!r} is of format {version!r}, which this version of sb3-piano "
         f"does not know: expected {_FORMAT}. Install a newer one, or remove the piece and import "
         "it again."
-    )
-
-
-def _damaged(path: Path, error: Exception) -> ScoreError:
-    return ScoreError(
-        f"Imported piece {str(path)!r} is damaged ({one_line(error)}): remove "
-        f"it with 'sb3-piano pieces remove {path.stem}' and import it again."
     )
 
 

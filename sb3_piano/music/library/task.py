@@ -13,10 +13,11 @@ from dataclasses import asdict, dataclass
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, NamedTuple
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
-from sb3_piano.interrupts import StopRequest, stop_on_signal
+from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
@@ -88,8 +89,8 @@ def run_tasks(
     Args:
         tasks: What there is to do.
         folder: The library's folder.
-        jobs: How many processes work at a time, one for each task; with one, for one task, or on a
-            system without the processes and signals of POSIX, it is this one.
+        jobs: How many processes work; with one, for one task, or on a system without the
+            processes and signals of POSIX, it is this one.
         tell: Is called in this process and thread.
 
     Returns:
@@ -106,16 +107,30 @@ def run_tasks(
                 tell(task, run_task(task, folder))
             return stop.made
         # Processes are forked from one without threads or a simulator, started once for all.
-        multiprocessing.get_context("forkserver").set_forkserver_preload(["__main__", __name__])
+        multiprocessing.get_context("forkserver").set_forkserver_preload([__name__])
         resource_tracker.ensure_running()  # its start would let Ctrl-C through again
-        pool = ThreadPoolExecutor(jobs, initializer=_block_ctrl_c)
+        idle: SimpleQueue[_Worker] = SimpleQueue()
+        for _ in range(min(jobs, len(tasks))):
+            idle.put(_Worker())
+
+        def do(task: ImportTask) -> Outcome | None:
+            if stop.made:
+                return None
+            worker = idle.get()
+            outcome = worker.do(task, folder)
+            idle.put(worker)
+            return outcome
+
+        pool = ThreadPoolExecutor(idle.qsize(), initializer=_block_ctrl_c)
         try:
-            futures = {pool.submit(_run_apart, task, folder, stop): task for task in tasks}
+            futures = {pool.submit(do, task): task for task in tasks}
             for future in as_completed(futures):
                 if (outcome := future.result()) is not None:
                     tell(futures[future], outcome)
         finally:
             pool.shutdown(cancel_futures=True)
+            while not idle.empty():
+                idle.get().end()
         return stop.made
 
 
@@ -124,25 +139,41 @@ def _block_ctrl_c() -> None:
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
-def _run_apart(task: ImportTask, folder: Path, stop: StopRequest) -> Outcome | None:
-    """Do a task in a process of its own; return None if it is not begun any more."""
-    if stop.made:
-        return None
-    context = multiprocessing.get_context("forkserver")
-    answer, end = context.Pipe(duplex=False)
-    process = context.Process(target=_answer, args=(end, task, folder))
-    process.start()
-    end.close()
-    try:
-        outcome: Outcome = answer.recv()
-    except EOFError:
-        outcome = Outcome(error=_KILLED)
-    process.join()
-    return outcome
+class _Worker:
+    """A process that does tasks, begun with the first one and anew after it was killed."""
+
+    def __init__(self) -> None:
+        self._pipe: Connection | None = None
+
+    def do(self, task: ImportTask, folder: Path) -> Outcome:
+        """Do a task."""
+        if self._pipe is None:
+            context = multiprocessing.get_context("forkserver")
+            self._pipe, end = context.Pipe()
+            self._process = context.Process(target=_work, args=(end,))
+            self._process.start()
+            end.close()
+        try:
+            self._pipe.send((task, folder))
+            outcome: Outcome = self._pipe.recv()
+        except (EOFError, OSError):
+            self.end()
+            return Outcome(error=_KILLED)
+        return outcome
+
+    def end(self) -> None:
+        """End the process."""
+        if self._pipe is not None:
+            self._pipe.close()
+            self._process.join()
+            self._pipe = None
 
 
-def _answer(end: Connection, task: ImportTask, folder: Path) -> None:
-    end.send(run_task(task, folder))
+def _work(pipe: Connection) -> None:
+    """Do the tasks that come through a pipe, until it is closed."""
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            pipe.send(run_task(*pipe.recv()))
 
 
 def run_task(task: ImportTask, folder: Path) -> Outcome:

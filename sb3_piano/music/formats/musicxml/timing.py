@@ -175,14 +175,7 @@ def _endings_of(
 def _leap(
     marks: Marks, spans: Sequence[tuple[Fraction, Fraction]], here: int, leapt: bool
 ) -> int | None:
-    """Return the stretch to which a sign at the end of this one leads: back once, then to a coda.
-
-    Args:
-        marks: The signs.
-        spans: All stretches.
-        here: The one that was played.
-        leapt: Whether there was a leap back before.
-    """
+    """Return the stretch to which a sign at the end of one leads: back once, then to a coda."""
     stop = spans[here][1]
     if not leapt and marks.has(stop, "dacapo"):
         return 0

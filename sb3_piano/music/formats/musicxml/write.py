@@ -191,9 +191,9 @@ def _document(score: Score, tempo: Fraction) -> bytes:
             texts.append(_move(here, measure.start))
             text, here = _voice(measure, voice, chords, first_voices)
             texts.append(text)
-        for tick, kind in pedals[measure.start]:
-            texts += [_move(here, tick), _PEDAL.format(kind=kind)]
-            here = tick
+        for at, kind in pedals[measure.start]:
+            texts += [_move(here, at), _PEDAL.format(kind=kind)]
+            here = at
         texts += [_move(here, measure.end), "</measure>"]
     texts.append("</part></score-partwise>\n")
     return "\n".join(filter(None, texts)).encode()

@@ -239,8 +239,8 @@ class _Ergonomic:
             low % _OCTAVE,
             tuple(strike.key - low for strike in down),
             tuple((strike not in held, strike.label) for strike in down),
-            # They leave it only where labels give them no other way.
-            len(_states(_shape(struck), True)) > 0,
+            # Fingers leave the order of the keys only where labels give them no other way.
+            in_order=len(_states(_shape(struck), True)) > 0,
         )
         onset = min(strike.onset for strike in struck)
         release = max(strike.offset for strike in down)

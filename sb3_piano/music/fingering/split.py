@@ -28,8 +28,8 @@ _REACH, _FAR = 9.0, 0.15  # way from which a semitone costs more, and how much
 _CROSSING, _CROSSING_SIZE = 1.0, 0.2  # for keys beyond the other hand's last ones, and per semitone
 _MEMORY = 1.0  # s after which a hand's last place matters 1/e as much for crossing
 _CENTRE, _REGISTER = 60.0, 0.03  # per semitone of the right hand below this pitch, the left above
-_PACE = 0.25  # s since a hand last struck at which ways cost what is said here
 _SLOWEST, _FASTEST = 0.3, 2.0  # between these the time there is weighs the ways
+_PACE = 0.25  # s since a hand last struck at which ways cost what is said here
 
 _BEAM = 32
 """Ways to share the piece between the hands that are followed at a time."""

@@ -5,20 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sb3_piano.music import BUILT_IN, Note, Pedal, Score
-from sb3_piano.music.fingering import agreement, finger_score
+from sb3_piano.music.fingering import agreement, finger_score, without_fingers
 
 KEYS = ("C", "Db", "D", "Eb", "E", "F", "Gb", "G", "Ab", "A", "Bb", "B")
-
-
-def stripped(score):
-    """The score without fingers, but with hands."""
-    return Score(notes=[replace(n, finger=-1, hand=n.hand) for n in score.notes])
 
 
 def shares(pieces, **options):
     """The share of fingers found again, over all of some pieces: (right hand, left hand)."""
     found = [
-        agreement(score, finger_score(stripped(score)))
+        agreement(score, finger_score(without_fingers(score, keep_hands=True)))
         for score in (BUILT_IN[name].score(**options) for name in pieces)
     ]
     return tuple(
@@ -76,7 +71,7 @@ def test_a_known_hand_is_kept_even_in_the_others_register():
 
 
 def test_the_mirrored_piece_has_the_mirrored_fingers():
-    piece = stripped(BUILT_IN["repertoire-MapleLeafRag"].score())
+    piece = without_fingers(BUILT_IN["repertoire-MapleLeafRag"].score(), keep_hands=True)
 
     def mirrored(score):
         # About D4 and with hands changed; fingers 0-4 are the right hand's, 5-9 the left's.
@@ -113,7 +108,7 @@ def test_major_scales_get_the_standard_fingers():
     # standard has the fingers with which a longer scale would go on.
     for key in KEYS:
         piece = BUILT_IN[f"scale-{key}Major"].score()
-        found = finger_score(stripped(piece))
+        found = finger_score(without_fingers(piece, keep_hands=True))
         for hand in ("right", "left"):
             pairs = zip(numbers(piece, hand), numbers(found, hand), strict=True)
             other = {place for place, (standard, digit) in enumerate(pairs) if standard != digit}

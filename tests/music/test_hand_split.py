@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sb3_piano.music import BUILT_IN, Note, Score
-from sb3_piano.music.fingering import assign_hands
+from sb3_piano.music.fingering import assign_hands, without_fingers
 
 
 def score(*notes):
@@ -28,13 +26,9 @@ def hands(*notes):
     return "".join("R" if note.hand == "right" else "L" for note in found.notes)
 
 
-def without_hands(labelled):
-    return Score(notes=[replace(note, finger=-1, hand=None) for note in labelled.notes])
-
-
 def share_recovered(name):
     labelled = BUILT_IN[name].score()
-    found = assign_hands(without_hands(labelled))
+    found = assign_hands(without_fingers(labelled, keep_hands=False))
     # Notes of equal onset and pitch are the same to whoever sees no hands.
     truth = sorted((n.onset, n.pitch, n.hand) for n in labelled.notes)
     answer = sorted((n.onset, n.pitch, n.hand) for n in found.notes)
@@ -128,7 +122,7 @@ def test_every_note_has_a_hand_and_known_ones_keep_theirs(drawn):
 @settings(max_examples=60, deadline=None)
 @given(SCORES)
 def test_hands_never_cross_within_a_chord(drawn):
-    found = assign_hands(without_hands(built(drawn)))
+    found = assign_hands(without_fingers(built(drawn), keep_hands=False))
     for onset in {note.onset for note in found.notes}:
         chord = [note for note in found.notes if note.onset == onset]
         left = [note.pitch for note in chord if note.hand == "left"]

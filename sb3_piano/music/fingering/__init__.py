@@ -8,9 +8,13 @@ from sb3_piano.music.fingering.agreement import (
     judge_annotated,
     match_rates,
     pig_files,
+)
+from sb3_piano.music.fingering.apply import (
+    FINGERINGS,
+    apply_fingering,
+    finger_score,
     without_fingers,
 )
-from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering, finger_score
 from sb3_piano.music.fingering.labels import read_labels
 from sb3_piano.music.fingering.split import assign_hands
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.fingering.apply import finger_score
+from sb3_piano.music.fingering.apply import finger_score, without_fingers
 from sb3_piano.music.fingering.labels import pair_all
 from sb3_piano.music.fingering.split import assign_hands
 from sb3_piano.music.hands import HANDS
@@ -189,15 +189,6 @@ def _recombined(same: NDArray[np.bool_], truths: NDArray[np.int_]) -> int:
 
 
 # Our own fingering, judged.
-
-
-def without_fingers(score: Score, *, keep_hands: bool) -> Score:
-    """Return the score with no finger known, and hands only if they are kept."""
-    notes = [
-        replace(note, finger=UNKNOWN_FINGER, hand=note.hand if keep_hands else None)
-        for note in score.notes
-    ]
-    return replace(score, notes=tuple(notes))
 
 
 def judge(labelled: Score) -> Agreement:

@@ -19,7 +19,6 @@ from sb3_piano.music.score import Score
 FINGERINGS = ("ergonomic", "robot", "keep", "optimal-transport")
 """Ways to choose the fingers, beside a file with labels."""
 
-
 DEFAULT_TIMESTEP = 0.05
 """Length of a control step for which fingers are chosen unless one says otherwise, s."""
 
@@ -45,8 +44,7 @@ def apply_fingering(
     if fingering == "keep":
         return score
     if fingering == "optimal-transport":
-        free = [replace(note, finger=UNKNOWN_FINGER, hand=None) for note in score.notes]
-        return replace(score, notes=tuple(free))
+        return without_fingers(score, keep_hands=False)
     if fingering not in FINGERINGS:
         return read_labels(labels_file(fingering), score)
     if any(note.finger == UNKNOWN_FINGER for note in score.notes):
@@ -77,6 +75,15 @@ def finger_score(score: Score, weights: FingeringWeights = DEFAULT_WEIGHTS) -> S
         for index, finger in zip(indices, found.fingers, strict=True):
             if notes[index].finger == UNKNOWN_FINGER != finger:
                 notes[index] = replace(notes[index], finger=finger_of(hand, finger + 1))
+    return replace(score, notes=tuple(notes))
+
+
+def without_fingers(score: Score, *, keep_hands: bool) -> Score:
+    """Return the score with no finger known, and hands only if they are kept."""
+    notes = [
+        replace(note, finger=UNKNOWN_FINGER, hand=note.hand if keep_hands else None)
+        for note in score.notes
+    ]
     return replace(score, notes=tuple(notes))
 
 

@@ -71,9 +71,7 @@ class FingeringWeights:
     several runs of what benchmarks/tune_fingering_weights.py does, and rounded.
     """
 
-    physical: Share = (
-        0.48  # of distances in mm (as 1/12 of an octave); else semitones (Jacobs 2001)
-    )
+    physical: Share = 0.48  # of mm in distances, the rest is semitones (Jacobs 2001)
     stretch: _NotNegative = 2.52  # "stretch", per semitone beyond comfortable
     span_thumb: _NotNegative = 0.93  # "small span", "large span" with the thumb, beyond relaxed
     span_fingers: _NotNegative = 1.44  # the same without the thumb
@@ -236,7 +234,5 @@ class _Pairs:
         )
 
 
-@lru_cache(maxsize=8)
-def cost_tables(weights: FingeringWeights) -> CostTables:
-    """Return the tables of `weights`, which take a moment to work out, once."""
-    return CostTables(weights)
+cost_tables = lru_cache(maxsize=8)(CostTables)
+"""Make tables, which takes a moment, once for the same weights."""

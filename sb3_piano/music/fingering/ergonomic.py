@@ -239,8 +239,8 @@ class _Ergonomic:
             low % _OCTAVE,
             tuple(strike.key - low for strike in down),
             tuple((strike not in held, strike.label) for strike in down),
-            # They leave it only where labels give them no other way.
-            len(_states(_shape(struck), True)) > 0,
+            # Fingers leave the order of the keys only where labels give them no other way.
+            in_order=len(_states(_shape(struck), True)) > 0,
         )
         onset = min(strike.onset for strike in struck)
         release = max(strike.offset for strike in down)
@@ -252,13 +252,8 @@ class _Ergonomic:
             return own
         weights = self.tables.weights
         last = path[-1]
-        kept = tuple(
-            (last.down.index(strike), place)
-            for place, strike in enumerate(onset.down)
-            if not onset.pattern.shape[place][0]
-        )
         rise = onset.lowest - last.lowest
-        moves, colours = _step_costs(self.tables, last.pattern, onset.pattern, rise, kept)
+        moves, colours = _step_costs(self.tables, last.pattern, onset.pattern, rise)
         calm = _calm(last, onset, weights)
         cost = colours + _speed(onset.onset - last.onset, weights) * calm * moves + own
         if len(path) == 1:
@@ -308,23 +303,24 @@ def _own_costs(tables: CostTables, pattern: _Pattern) -> Table:
 
 @lru_cache(maxsize=_CACHE)
 def _step_costs(
-    tables: CostTables,
-    first: _Pattern,
-    second: _Pattern,
-    rise: int,
-    kept: tuple[tuple[int, int], ...],
+    tables: CostTables, first: _Pattern, second: _Pattern, rise: int
 ) -> tuple[Table, Table]:
     """Return what each step costs that depends on time, and what does not: (first, second) states.
 
-    The latter is infinite where a finger would have to leave a key that is held. `kept` has the
-    places of keys held over, `rise` is from the lowest key to the next one's.
+    The latter is infinite where a finger would have to leave a key that is held. `rise` is from
+    the lowest key to the next lowest.
     """
-    left = [place for place in range(len(first.intervals)) if place not in dict(kept)]
+    kept = {
+        first.intervals.index(second.intervals[place] + rise): place
+        for place, (struck, _) in enumerate(second.shape)
+        if not struck
+    }
+    left = [place for place in range(len(first.intervals)) if place not in kept]
     chord = len(left) > 1 or len(second.struck) > 1
     table = tables.chord_moves if chord else tables.moves
     moves = _mean_pairs(table, first, second, rise, left)
     colours = _mean_pairs(tables.colours, first, second, rise, left)
-    for place, later in kept:
+    for place, later in kept.items():
         colours[first.states[:, None, place] != second.states[None, :, later]] = np.inf
     return moves, colours
 

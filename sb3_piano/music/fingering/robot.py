@@ -20,10 +20,9 @@ from dataclasses import dataclass
 from itertools import combinations, groupby, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK, MIDDLE, THUMB, UNKNOWN_FINGER
-from sb3_piano.music.fingering.search import Onset, Table, search
+from sb3_piano.music.fingering.search import Onset, States, Table, search
 from sb3_piano.music.presses import Press, presses_of_hand
 from sb3_piano.music.roll import EarlyRelease, PianoRoll, floor_steps
 from sb3_piano.music.score import Score
@@ -85,9 +84,6 @@ _MAX_OVERREACH = 0.018
 
 _HANDS = ((0, 1), (1, -1))
 """Number and sign of each hand: 1 for the right one, whose thumb is on the left."""
-
-_Fingers = Mapping[Press, NDArray[np.intp]]
-"""The finger on each key that is down, by state."""
 
 
 def robot_fingers(score: Score, control_timestep: float) -> Score:
@@ -214,7 +210,7 @@ class _Robot:
         self, path: Sequence[Onset[Press]], held: list[Press], struck: list[Press]
     ) -> Onset[Press]:
         before = path[-1] if path else _NOTHING
-        struck = sorted(struck, key=self._across)
+        struck = sorted(struck, key=lambda press: _across(press, self.sign))
         places = [before.down.index(press) for press in held]
         states: list[tuple[int, ...]] = []
         for way in dict.fromkeys(map(tuple, before.states[:, places].tolist())):
@@ -246,23 +242,23 @@ class _Robot:
             cost[before[press] != now[press]] = np.inf
         return cost
 
-    def _lost_to_leaps(self, before: _Fingers, now: _Fingers) -> tuple[Table, Table]:
+    def _lost_to_leaps(
+        self, before: Mapping[Press, States], now: Mapping[Press, States]
+    ) -> tuple[Table, Table]:
         """Return by how much new notes begin late and ended ones end early, summed over notes."""
         late = dict.fromkeys((press for press in now if press not in before), np.zeros(1))
         early = dict.fromkeys((press for press in before if press not in now), np.zeros(1))
         for one, other in product(early, late):
-            leaps = _leaps(one.key, other.key, other.first - one.last - 1, self.sign)
+            rest = min(other.first - one.last - 1, LEAP_REST + 1)
+            leaps = _leaps(one.key, other.key, rest, self.sign)
             begins_late, ends_early = leaps[:, before[one], now[other]]
             late[other] = np.maximum(late[other], begins_late)
             early[one] = np.maximum(early[one], ends_early)
         return sum(late.values(), np.zeros(1)), sum(early.values(), np.zeros(1))
 
-    def _across(self, press: Press) -> float:
-        return _across(press, self.sign)
-
     def _grips(self, one: Press, other: Press) -> Table:
         """Return what it costs that two keys are held together, by their fingers: (5, 5)."""
-        apart = self._across(other) - self._across(one)
+        apart = _across(other, self.sign) - _across(one, self.sign)
         if apart < 0:
             return self._grips(other, one).T
         together = max(min(one.last, other.last) - max(one.first, other.first) + 1, 1)
@@ -271,14 +267,10 @@ class _Robot:
 
 
 @functools.lru_cache(maxsize=8192)
-def _leaps(key: int, later_key: int, rest: int, sign: int) -> NDArray[np.float64]:
+def _leaps(key: int, later_key: int, rest: int, sign: int) -> Table:
     """Return how late a note begins and how early the one before ends, by their fingers: (2, 5, 5).
 
-    Args:
-        key: Key of the earlier note.
-        later_key: Key of the later one.
-        rest: Control steps between them.
-        sign: 1 for the right hand, -1 for the left one.
+    `rest` is the control steps between them.
     """
 
     def costs(finger: int, other: int) -> tuple[float, float]:
@@ -318,16 +310,23 @@ def _early_releases(presses: Sequence[Press], sign: int) -> list[EarlyRelease]:
         """Release a press if it cannot be held beside what is struck; return whether."""
         if against := conflicts(press):
             finger = press.finger + FINGERS_PER_HAND * (sign < 0)
-            span = {"onset": press.first - 1, "offset": press.last, "release": onset - 1}
-            release = EarlyRelease(key=press.key, finger=finger, for_key=against[0].key, **span)
+            release = EarlyRelease(
+                key=press.key,
+                finger=finger,
+                onset=press.first - 1,
+                offset=press.last,
+                release=onset - 1,
+                for_key=against[0].key,
+            )
             releases.append(release)
         return bool(against)
 
     for onset, chord in groupby(presses, key=lambda press: press.first):
         struck = list(chord)
-        while makes_way(
-            worst := max(struck, key=lambda one: (len(conflicts(one)), -_across(one, sign)))
-        ):
+        while True:
+            worst = max(struck, key=lambda one: (len(conflicts(one)), -_across(one, sign)))
+            if not makes_way(worst):
+                break
             struck.remove(worst)
         stay = [press for press in held if press.last >= onset and not makes_way(press)]
         held = stay + struck
@@ -349,12 +348,8 @@ def _holds(one: Press, other: Press, sign: int) -> bool:
 
 
 def _out_of_reach(apart: float) -> Table:
-    """Return how far two keys are from what fingers can hold, 0 or more m: (5, 5).
+    """Return how far two keys are out of reach, m, by their fingers, of which the second is higher.
 
-    Args:
-        apart: How much nearer to the little finger's side the second key is, m.
-
-    Returns:
-        By the finger on the first key and the one on the second, which has to be a higher one.
+    `apart` is how much nearer to the little finger's side the second key is, m.
     """
     return np.maximum(np.maximum(apart - _FARTHEST, _NEAREST - apart), 0.0)

@@ -92,8 +92,7 @@ def search(
         while True:
             onset = model.lay(path, held, struck)
             total = best[..., None] + model.costs(path, onset)
-            back = total.argmin(0)
-            reached = np.take_along_axis(total, back[None], 0)[0]
+            reached, back = total.min(0), total.argmin(0)
             if np.isfinite(reached).any():
                 break
             assert held, "What is struck alone can always be reached."

@@ -28,8 +28,8 @@ _REACH, _FAR = 9.0, 0.15  # way from which a semitone costs more, and how much
 _CROSSING, _CROSSING_SIZE = 1.0, 0.2  # for keys beyond the other hand's last ones, and per semitone
 _MEMORY = 1.0  # s after which a hand's last place matters 1/e as much for crossing
 _CENTRE, _REGISTER = 60.0, 0.03  # per semitone of the right hand below this pitch, the left above
-_PACE = 0.25  # s since a hand last struck at which ways cost what is said here
 _SLOWEST, _FASTEST = 0.3, 2.0  # between these the time there is weighs the ways
+_PACE = 0.25  # s since a hand last struck at which ways cost what is said here
 
 _BEAM = 32
 """Ways to share the piece between the hands that are followed at a time."""
@@ -54,21 +54,18 @@ def assign_hands(score: Score) -> Score:
 
 @dataclass(slots=True)
 class _Beam:
-    """Ways to share the piece up to some time; each array's first axis is the ways.
-
-    Attributes:
-        cost: (ways,), what each has cost so far.
-        place: (ways, 2), the middle of what each hand struck last, MIDI pitch.
-        edge: (ways, 2), the key that was nearest to the other hand.
-        struck: (ways, 2), when that was, in s.
-        left_holds: (ways, sounding), which sounding notes are the left hand's.
-    """
+    """Ways to share the piece up to some time."""
 
     cost: Numbers
+    """(ways,) what each has cost so far."""
     place: Numbers
+    """(ways, 2) middle of what each hand struck last, MIDI pitch."""
     edge: Numbers
+    """(ways, 2) its key that was nearest to the other hand."""
     struck: Numbers
+    """(ways, 2) when that was, in s."""
     left_holds: Flags
+    """(ways, sounding) which sounding notes are the left hand's."""
 
 
 def _split(notes: tuple[Note, ...]) -> list[Hand]:
@@ -102,11 +99,7 @@ def _split(notes: tuple[Note, ...]) -> list[Hand]:
 
 
 def _advance(
-    beam: _Beam,
-    keys: Numbers,
-    held: Numbers,
-    onset: float,
-    options: Flags,
+    beam: _Beam, keys: Numbers, held: Numbers, onset: float, options: Flags
 ) -> tuple[_Beam, NDArray[np.intp], NDArray[np.intp]]:
     """Go on by the keys that are struck at a time, and keep the best ways.
 
@@ -145,11 +138,7 @@ def _advance(
 
 
 def _grip(
-    low: Numbers,
-    high: Numbers,
-    count: NDArray[np.int_],
-    held: Numbers,
-    holds: Flags,
+    low: Numbers, high: Numbers, count: NDArray[np.int_], held: Numbers, holds: Flags
 ) -> Numbers:
     """Cost of striking and holding keys together: (ways, options)."""
     width = high - low

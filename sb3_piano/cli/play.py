@@ -125,7 +125,12 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
 
     what, physics = arguments.what, arguments.physics
     if arguments.planned:
-        _check_planned(arguments)
+        if Path(what).is_dir():
+            raise ConfigError(
+                f"--planned cannot be given with the run '{what}': its own model plays. Expected a "
+                "piece, or no --planned."
+            )
+        _check_piece(arguments, "score", "best")
         return _planned_take(arguments)
     for name in _PLANNER_OPTIONS:
         if getattr(arguments, name) not in (None, False):
@@ -140,15 +145,6 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     _check_piece(arguments, "score", "seed", "best")
     score = load_score(what)
     return take_of_score(score, physics=physics or "reference"), default_folder(None, score)
-
-
-def _check_planned(arguments: argparse.Namespace) -> None:
-    if Path(arguments.what).is_dir():
-        raise ConfigError(
-            f"--planned cannot be given with the run '{arguments.what}': its own model plays. "
-            "Expected a piece, or no --planned."
-        )
-    _check_piece(arguments, "score", "best")
 
 
 def _check_piece(arguments: argparse.Namespace, *of_runs: str) -> None:

@@ -13,12 +13,10 @@ from typing import Any
 import sb3_piano
 from sb3_piano.cli import (
     bench,
-    compare,
     demonstrations,
     evaluate,
     pieces,
     play,
-    report,
     train,
     tune,
 )
@@ -39,9 +37,8 @@ _ADDED = (
     play.add_plan_parser,
     tune.add_parser,
     evaluate.add_parser,
-    compare.add_parser,
     play.add_parser,
-    report.add_parser,
+    play.add_report_parsers,
     demonstrations.add_parser,
     pieces.add_parser,
     bench.add_parser,

@@ -11,15 +11,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import sb3_piano
-from sb3_piano.cli import (
-    bench,
-    demonstrations,
-    evaluate,
-    pieces,
-    play,
-    train,
-    tune,
-)
+from sb3_piano.cli import bench, demonstrations, evaluate, pieces, play, train, tune
 from sb3_piano.cli.common import (
     EXIT_ERROR,
     EXIT_OK,

@@ -30,6 +30,7 @@ _PLANNER_OPTIONS = ("rehearsals", "sampling", "nominal", "horizon", "reduced")
 _OF_SAMPLING = ("nominal", "horizon")
 _REHEARSALS_HELP = "play the plan N times in a simulation first, and try otherwise what goes wrong"
 _SAMPLING_HELP = "let predictive sampling try N ways on from each control step, and play the best"
+_SET_HELP = "an option of the environment, such as physics=fast; may be given several times"
 
 
 def add_parser(commands: Any) -> None:
@@ -58,7 +59,7 @@ def add_plan_parser(commands: Any) -> None:
     add("what", "PIECE|ENV_ID", what)
     _add_planner_arguments(add)
     add("--seed", "N", "what sampling draws from", int, 0)
-    add("--set")
+    add("--set", "NAME=VALUE", _SET_HELP, action="append")
     add("--runs-dir", default="runs")
     add("--out", "DIR", "the run's folder, in place of one in --runs-dir")
 
@@ -213,7 +214,7 @@ def _planned_take(arguments: argparse.Namespace) -> tuple[Take, Path]:
 def _plan(arguments: argparse.Namespace) -> int:
     from sb3_piano.training.playing.takes import plan_run
 
-    config = _config(arguments, arguments.seed, env_options(arguments.set))
+    config = _config(arguments, arguments.seed, env_options(arguments.set or ()))
     folder, piece, seconds = plan_run(config, arguments.out, runs_dir=arguments.runs_dir)
     path = shlex.quote(str(folder.path))
     print(f"{piece}: ready to play after {seconds:.1f} s, without any training")

@@ -34,7 +34,7 @@ from sb3_piano.training.runs.saved import load_player, load_statistics, model_fi
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
 
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, eq=False)
 class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
     """The saved model of a run in its own environment, playing without exploring.
 

@@ -45,33 +45,22 @@ def whole_number(text: str) -> int:
     return int(number)
 
 
-_SHARED: dict[str, dict[str, Any]] = {
-    "--best": {
-        "metavar": "METRIC", "help": "play the best model by f1 or onset_f1, not the last one"
-    },
-    "--physics": {
-        "metavar": "NAME", "help": "reference or fast; default: what it was trained on"
-    },
-    "--config": {
-        "metavar": "FILE.yml", "help": "hyperparameters; default: the algorithm's preset"
-    },
-    "--runs-dir": {"metavar": "DIR", "help": "where runs are kept; default: runs"},
-    "--run": {"metavar": "DIR", "help": "the run's folder, in place of one in --runs-dir"},
-    "--set": {
-        "action": "append", "default": [], "metavar": "NAME=VALUE",
-        "help": "an option of the environment, such as physics=fast; may be given several times",
-    },
-    "--num-threads": {
-        "type": whole_number, "metavar": "N",
-        "help": "threads of torch; default: 1, or as OMP_NUM_THREADS or MKL_NUM_THREADS says",
-    },
-    "--csv": {"type": Path, "metavar": "FILE", "help": "write a row for each piece"},
-    "--json": {
-        "type": Path, "metavar": "FILE", "help": "write everything, statistics included"
-    },
-    "--no-progress": {"help": "show no progress bar"},
-}  # fmt: skip
-"""Options that several commands have."""
+_SHARED: dict[str, tuple[Any, ...]] = {
+    "--best": ("METRIC", "play the best model by f1 or onset_f1, not the last one"),
+    "--physics": ("NAME", "reference or fast; default: what it was trained on"),
+    "--config": ("FILE.yml", "hyperparameters; default: the algorithm's preset"),
+    "--runs-dir": ("DIR", "where runs are kept; default: runs"),
+    "--run": ("DIR", "the run's folder, in place of one in --runs-dir"),
+    "--num-threads": (
+        "N",
+        "threads of torch; default: 1, or as OMP_NUM_THREADS or MKL_NUM_THREADS says",
+        whole_number,
+    ),
+    "--csv": ("FILE", "write a row for each piece", Path),
+    "--json": ("FILE", "write everything, statistics included", Path),
+    "--no-progress": ("", "show no progress bar"),
+}
+"""Metavar, help and type of options that several commands have."""
 
 Add = Callable[..., None]
 
@@ -104,13 +93,14 @@ def adder(parser: Any) -> Add:
         default: Any = None,
         **more: Any,
     ) -> None:
-        given = {"metavar": metavar, "help": text, "type": kind, "default": default}
-        given = {key: value for key, value in given.items() if value not in ("", None)}
-        options = {**_SHARED.get(name, {}), **given, **more}
-        about = options.get("help", "")
-        if default is not None and "default" not in about:
+        shared = _SHARED.get(name, ("", "", None))
+        metavar, text = metavar or shared[0], text or shared[1]
+        kind = shared[2] if kind is None and len(shared) > 2 else kind
+        given = {"metavar": metavar, "help": text, "type": kind, "default": default, **more}
+        options = {key: value for key, value in given.items() if value not in ("", None)}
+        if default is not None and "default" not in text:
             shown = " ".join(map(str, default)) if isinstance(default, list) else default
-            options["help"] = f"{about}; default: {shown}".removeprefix("; ")
+            options["help"] = f"{text}; default: {shown}".removeprefix("; ")
         if name.startswith("-") and not {"metavar", "choices"} & options.keys():
             options["action"] = "store_true"
         parser.add_argument(*name.split(), **options)

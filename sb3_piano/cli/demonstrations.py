@@ -65,7 +65,7 @@ def add_parser(commands: Any) -> None:
     add("--start", "RAD", "standard deviation of the joints at the start; default: 0", float, 0.0)
     add("--seed", "N", "", int, 0)
     add("--fingering", "HOW", "as for train, of no run; default: ergonomic")
-    add("--set", text=_SET_HELP)
+    add("--set", "NAME=VALUE", _SET_HELP, action="append")
     add("--best", text="the run's best model by f1 or onset_f1, not the last one")
     add("--no-progress")
 
@@ -160,7 +160,7 @@ def _new_env(arguments: argparse.Namespace) -> gym.Env[Any, Any]:
     env_id, options = where_played(arguments.what)
     if "score" in options and is_path(options["score"]):
         options["score"] = str(Path(options["score"]).resolve())  # the data set lies elsewhere
-    options |= {**_OBSERVED, **env_options(arguments.set)}
+    options |= {**_OBSERVED, **env_options(arguments.set or ())}
     if arguments.fingering is not None:
         options["fingering"] = arguments.fingering
     config = PlannedConfig(algo=_POLICIES[0], env_id=env_id, env_kwargs=options)

@@ -1,4 +1,4 @@
-"""``sb3-piano evaluate``: let trained models play, and say how well they do."""
+"""``sb3-piano evaluate`` and ``compare``: what trained models reach, alone and beside others."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import argparse
 import itertools
 import os
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sb3_piano.cli.common import (
+    EXIT_OK,
     TRUST,
+    add_command,
     add_row,
     adder,
     new_table,
@@ -26,7 +28,8 @@ from sb3_piano.metrics import DEFINITIONS, FINGER_SHARES, Definition, has_value
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from sb3_piano.training import Evaluation, Evaluations
+    from sb3_piano.training import Comparison, Evaluation, Evaluations
+    from sb3_piano.training.evaluation.comparison import MetricComparison
 
 _MOST_FILES_LISTED = 5
 _REPETITION = (
@@ -47,8 +50,14 @@ _SCORE_HELP = (
 _MOTION_HELP = "also write how everything moved, as performance_<i>.npz beside each MIDI file"
 
 
+_BY_HELP = (
+    "pair the means of each piece (default), or those of each seed of a piece: of the evaluation, "
+    "or of the training"
+)
+
+
 def add_parser(commands: Any) -> None:
-    """Add the command and its arguments."""
+    """Add both commands and their arguments."""
     parser = commands.add_parser("evaluate", help="let trained models play", epilog=TRUST)
     parser.set_defaults(command=_evaluate)
     add, either = adder(parser), adder(parser.add_mutually_exclusive_group())
@@ -64,6 +73,14 @@ def add_parser(commands: Any) -> None:
     add("--csv", text="write a row for each episode")
     add("--json")
     add("--no-progress")
+    add = add_command(commands, "compare", _compare, "compare two evaluations piece by piece")
+    add("a", "A", "a JSON file of evaluate, an evaluated run, or a folder of evaluated runs")
+    add("b", "B", "likewise; differences are B - A")
+    add("--metric", "NAME", "such as f1; may be given several times", action="append")
+    by = ("piece", "seed", "training-seed")
+    add("--by", text=_BY_HELP, default="piece", choices=by)
+    add("--csv", text="write a row for each metric and pair")
+    add("--json")
 
 
 def evaluate_run(run: str) -> None:
@@ -268,3 +285,106 @@ def _interval(evaluation: Evaluation, name: str) -> str:
     """Return the 95 % interval of a mean; nothing where there is none."""
     interval = evaluation.summary[name].interval if has_value(name, evaluation.mean) else None
     return "" if interval is None else rounded(name, *interval)
+
+
+def _compare(arguments: argparse.Namespace) -> int:
+    from sb3_piano.files import write_json
+    from sb3_piano.training import compare
+
+    comparison = compare(arguments.a, arguments.b, arguments.metric, by=arguments.by)
+    _show_comparison(comparison)
+    if arguments.csv is not None:
+        comparison.write_csv(arguments.csv)
+        print(f"Pairs:      {arguments.csv}")
+    if arguments.json is not None:
+        write_json(arguments.json, comparison.to_json())
+        print(f"Everything: {arguments.json}")
+    return EXIT_OK
+
+
+def _show_comparison(comparison: Comparison) -> None:
+    from rich.console import Console
+
+    print(f"A: {comparison.a}\nB: {comparison.b}")
+    console = Console()
+    console.print(_pairs_table(comparison))
+    console.print(_summary_table(comparison))
+    for note in _notes(comparison):
+        print(note)
+    if any(found.difference.interval is not None for found in comparison.metrics):
+        print_narrowness(len(comparison.metrics[0].pairs))
+
+
+def _pairs_table(comparison: Comparison) -> Table:
+    """Return each pair of each metric."""
+    table = new_table("pair", "A", "B", "B - A")
+    for found in comparison.metrics:
+        table.add_section()
+        add_row(table, label(found.metric), style="bold")
+        for pair in found.pairs:
+            name = pair.piece if pair.seed is None else f"{pair.piece}, seed {pair.seed}"
+            values = (rounded(found.metric, pair.a), rounded(found.metric, pair.b))
+            add_row(table, name, *values, _signed(found.metric, pair.difference))
+    return table
+
+
+def _summary_table(comparison: Comparison) -> Table:
+    """Return the statistics of each metric."""
+    headings = ("mean A", "mean B", "B - A", "95 % interval", "A < B", "Wilcoxon p")
+    table = new_table("metric", *headings)
+    for found in comparison.metrics:
+        metric, interval, p = found.metric, found.difference.interval, found.test.p
+        add_row(
+            table,
+            label(metric),
+            rounded(metric, found.mean_a),
+            rounded(metric, found.mean_b),
+            _signed(metric, found.difference.mean),
+            "-" if interval is None else "..".join(_signed(metric, end) for end in interval),
+            f"{found.n_a_below_b} of {len(found.pairs)}",
+            "-" if p is None else "< 0.0001" if p < 0.0001 else f"{p:.3g}",
+        )
+    return table
+
+
+def _signed(metric: str, value: float) -> str:
+    text = rounded(metric, value)
+    return f"+{text}" if float(text) > 0 else text
+
+
+def _notes(comparison: Comparison) -> Iterator[str]:
+    """Yield in words what the tables do not tell."""
+    if comparison.physics_a != comparison.physics_b or len(comparison.physics_a) > 1:
+        yield (
+            f"Not played on the same physics: A on {' and '.join(comparison.physics_a)}, B on "
+            f"{' and '.join(comparison.physics_b)}. To play both on one: sb3-piano evaluate "
+            "--physics."
+        )
+    for side, missing in (("A", comparison.only_in_a), ("B", comparison.only_in_b)):
+        if missing:
+            yield f"Left out, as only {side} has them: {'; '.join(missing)}."
+    remarks: dict[str, list[str]] = {}
+    for found in comparison.metrics:
+        for remark in _remarks(found):
+            remarks.setdefault(remark, []).append(label(found.metric))
+    for remark, names in remarks.items():
+        of_all = len(names) == len(comparison.metrics)
+        yield f"{remark}." if of_all else f"{remark} ({', '.join(names)})."
+
+
+def _remarks(found: MetricComparison) -> Iterator[str]:
+    test = found.test
+    if found.difference.no_interval is not None:
+        yield f"No interval: {found.difference.no_interval}"
+    if test.no_test is not None:
+        yield f"No test: {test.no_test}"
+        return
+    n_equal = len(found.pairs) - test.n
+    if n_equal > 0:
+        yield f"{n_equal} equal {_pairs(n_equal)} left out of the test"
+    if test.least_p is not None and test.least_p > 0.05:
+        yield f"With {test.n} {_pairs(test.n)} p cannot be below {test.least_p:g}"
+
+
+def _pairs(count: int) -> str:
+    return "pair" if count == 1 else "pairs"

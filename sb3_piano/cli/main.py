@@ -11,17 +11,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import sb3_piano
-from sb3_piano.cli import (
-    bench,
-    compare,
-    demonstrations,
-    evaluate,
-    pieces,
-    play,
-    report,
-    train,
-    tune,
-)
+from sb3_piano.cli import bench, demonstrations, evaluate, pieces, play, train, tune
 from sb3_piano.cli.common import (
     EXIT_ERROR,
     EXIT_OK,
@@ -39,9 +29,8 @@ _ADDED = (
     play.add_plan_parser,
     tune.add_parser,
     evaluate.add_parser,
-    compare.add_parser,
     play.add_parser,
-    report.add_parser,
+    play.add_report_parsers,
     demonstrations.add_parser,
     pieces.add_parser,
     bench.add_parser,

@@ -6,7 +6,7 @@ import argparse
 import bisect
 import itertools
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,6 +36,18 @@ if TYPE_CHECKING:
 # Columns of the CSV file, and keys of the JSON file.
 _ABOUT = ("name", "title", "collection", "source", "fingering")
 _FEATURES = ("duration", "notes", "average_polyphony", "maximum_polyphony", "onset_density")
+
+_FORMS = {
+    "name": "{}",
+    "duration": "{:.1f}",
+    "notes": "{:d}",
+    "average_polyphony": "{:.2f}",
+    "maximum_polyphony": "{:2d}",
+    "onset_density": "{:.2f}",
+    "fingering": "{}",
+    "difficulty_percentile": "{:.0f}",
+}
+"""Columns of the table with their forms; the mean and the most keys share one."""
 
 _IMPORT = (
     "Import music into the user's library. Files that cannot be read are listed; the status is 2 "
@@ -115,17 +127,9 @@ def _print_list(rows: Sequence[Mapping[str, Any]]) -> None:
     table = new_table("piece", "s", "notes", "keys", "notes/s", "fingering", "%")
     table.columns[-2].justify = "left"
     for row in rows:
-        mean, most = row["average_polyphony"], row["maximum_polyphony"]
-        add_row(
-            table,
-            row["name"],
-            _cell("{:.1f}", row["duration"]),
-            _cell("{:d}", row["notes"]),
-            f"{_cell('{:.2f}', mean)} {_cell('{:2d}', most)}",
-            _cell("{:.2f}", row["onset_density"]),
-            row["fingering"],
-            _cell("{:.0f}", row["difficulty_percentile"]),
-        )
+        cells = {key: "-" if row[key] is None else f.format(row[key]) for key, f in _FORMS.items()}
+        cells["average_polyphony"] += f" {cells.pop('maximum_polyphony')}"
+        add_row(table, *cells.values())
     print_table(table)
     count = "1 piece" if len(rows) == 1 else f"{len(rows)} pieces"
     print(
@@ -134,18 +138,29 @@ def _print_list(rows: Sequence[Mapping[str, Any]]) -> None:
     )
 
 
-def _cell(form: str, value: float | None) -> str:
-    return "-" if value is None else form.format(value)
-
-
 def _show(arguments: argparse.Namespace) -> int:
+    from sb3_piano.music.library import piece_features
+
     piece = _piece(arguments.name)
     score = piece.score()
     _tell(piece)
-    _print_pairs("feature", _feature_rows(piece))
-    _print_pairs("option", sorted(piece.options.items()))
+    try:
+        measured = asdict(piece_features(piece))
+    except ScoreError as error:
+        measured = {"none": str(error)}
+    features = {name.replace("_", " "): _short(value) for name, value in measured.items()}
+    for heading, pairs in (("feature", features), ("option", dict(sorted(piece.options.items())))):
+        table = new_table(heading, "", left=2)
+        for name, text in pairs.items():
+            add_row(table, name, text)
+        if pairs:
+            print_table(table)
     _print_notes(score, _beginning(score, arguments.bars))
     return EXIT_OK
+
+
+def _short(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _piece(text: str) -> Piece:
@@ -171,41 +186,23 @@ def _tell(piece: Piece) -> None:
     from sb3_piano.envs.registration import GENERAL_ID
     from sb3_piano.music.library import user_library
 
-    print(f"{piece.title}")
-    print(f"Name:       {piece.name}")
-    env_id = f"RoboPianist-{piece.name}-v0"
+    env_id, library = f"RoboPianist-{piece.name}-v0", user_library()
     general = f'{GENERAL_ID} with score="{piece.name}"'
-    print(f"Id:         {env_id if env_id in gymnasium.registry else general}")
-    print(f"Collection: {piece.collection}")
-    print(f"Source:     {piece.source}")
-    print(f"Fingering:  {piece.fingering}")
-    library = user_library()
+    facts = {
+        "Name": piece.name,
+        "Id": env_id if env_id in gymnasium.registry else general,
+        "Collection": piece.collection,
+        "Source": piece.source,
+        "Fingering": piece.fingering,
+    }
     if piece.name in library:
         info = library.info(piece.name)
-        print(f"Kept in:    {library.path(piece.name)}")
-        print(f"From:       {info.path or 'elsewhere'}")
-        print(f"SHA-256:    {info.sha256 or 'unknown'}")
-
-
-def _feature_rows(piece: Piece) -> Iterator[tuple[str, str]]:
-    from sb3_piano.music.library import piece_features
-
-    try:
-        measured = asdict(piece_features(piece))
-    except ScoreError as error:
-        yield "none", str(error)
-        return
-    for name, value in measured.items():
-        text = f"{value:.4g}" if isinstance(value, float) else str(value)
-        yield name.replace("_", " "), text
-
-
-def _print_pairs(heading: str, rows: Iterable[tuple[str, str]]) -> None:
-    table = new_table(heading, "", left=2)
-    for row in rows:
-        add_row(table, *row)
-    if table.rows:
-        print_table(table)
+        facts["Kept in"] = str(library.path(piece.name))
+        facts["From"] = info.path or "elsewhere"
+        facts["SHA-256"] = info.sha256 or "unknown"
+    print(piece.title)
+    for name, text in facts.items():
+        print(f"{name + ':':<11} {text}")
 
 
 def _beginning(score: Score, n_bars: int) -> list[list[Note]]:

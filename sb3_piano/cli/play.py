@@ -1,9 +1,11 @@
-"""``sb3-piano play`` and ``plan``: a trained model, hands that only plan, or a piece by itself."""
+"""``sb3-piano play``, ``plan``, ``report`` and ``share``: what a model, a plan or a piece plays."""
 
 from __future__ import annotations
 
 import argparse
 import shlex
+import sys
+import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +14,7 @@ from sb3_piano.cli.common import (
     TRUST,
     Add,
     add_command,
+    check_output_file,
     env_options,
     progress_bar,
     tell_errors,
@@ -27,10 +30,11 @@ _PLANNER_OPTIONS = ("rehearsals", "sampling", "nominal", "horizon", "reduced")
 _OF_SAMPLING = ("nominal", "horizon")
 _REHEARSALS_HELP = "play the plan N times in a simulation first, and try otherwise what goes wrong"
 _SAMPLING_HELP = "let predictive sampling try N ways on from each control step, and play the best"
+_SET_HELP = "an option of the environment, such as physics=fast; may be given several times"
 
 
 def add_parser(commands: Any) -> None:
-    """Add both commands and their arguments."""
+    """Add ``play`` and its arguments."""
     about = "watch and hear a trained model, or a piece"
     add = add_command(commands, "play", _play, about, epilog=TRUST)
     add("what", "RUN|PIECE", "a run's folder; or a file, such as MIDI, or a piece")
@@ -55,9 +59,25 @@ def add_plan_parser(commands: Any) -> None:
     add("what", "PIECE|ENV_ID", what)
     _add_planner_arguments(add)
     add("--seed", "N", "what sampling draws from", int, 0)
-    add("--set")
+    add("--set", "NAME=VALUE", _SET_HELP, action="append")
     add("--runs-dir", default="runs")
     add("--out", "DIR", "the run's folder, in place of one in --runs-dir")
+
+
+def add_report_parsers(commands: Any) -> None:
+    """Add ``report`` and ``share`` with their arguments."""
+    about = "write an HTML page: piano roll, fingers, reward, training"
+    add = add_command(commands, "report", _report, about, epilog=TRUST)
+    add("run", "RUN", "the folder that train made")
+    add("--out", "FILE.html", "default: RUN/evaluation/report.html", Path)
+    add("--seed", "N", "", int, 0)
+    add("--physics")
+    add("--best")
+    add("--open", text="open it in the web browser")
+    add = add_command(commands, "share", _share, "write a run for others to play, as plain files")
+    add("run", "RUN", "the folder that train made")
+    add("folder", "FOLDER", "where to, new or empty")
+    add("--best", text="share the best model by f1 or onset_f1, not the last one")
 
 
 def _add_planner_arguments(add: Add) -> None:
@@ -125,7 +145,12 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
 
     what, physics = arguments.what, arguments.physics
     if arguments.planned:
-        _check_planned(arguments)
+        if Path(what).is_dir():
+            raise ConfigError(
+                f"--planned cannot be given with the run '{what}': its own model plays. Expected a "
+                "piece, or no --planned."
+            )
+        _check_piece(arguments, "score", "best")
         return _planned_take(arguments)
     for name in _PLANNER_OPTIONS:
         if getattr(arguments, name) not in (None, False):
@@ -140,15 +165,6 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     _check_piece(arguments, "score", "seed", "best")
     score = load_score(what)
     return take_of_score(score, physics=physics or "reference"), default_folder(None, score)
-
-
-def _check_planned(arguments: argparse.Namespace) -> None:
-    if Path(arguments.what).is_dir():
-        raise ConfigError(
-            f"--planned cannot be given with the run '{arguments.what}': its own model plays. "
-            "Expected a piece, or no --planned."
-        )
-    _check_piece(arguments, "score", "best")
 
 
 def _check_piece(arguments: argparse.Namespace, *of_runs: str) -> None:
@@ -198,7 +214,7 @@ def _planned_take(arguments: argparse.Namespace) -> tuple[Take, Path]:
 def _plan(arguments: argparse.Namespace) -> int:
     from sb3_piano.training.playing.takes import plan_run
 
-    config = _config(arguments, arguments.seed, env_options(arguments.set))
+    config = _config(arguments, arguments.seed, env_options(arguments.set or ()))
     folder, piece, seconds = plan_run(config, arguments.out, runs_dir=arguments.runs_dir)
     path = shlex.quote(str(folder.path))
     print(f"{piece}: ready to play after {seconds:.1f} s, without any training")
@@ -232,3 +248,32 @@ def _config(arguments: argparse.Namespace, seed: int, options: dict[str, Any]) -
         algo, given["samples"] = "sampling", arguments.sampling
         given |= {"plan_settings": plan} if plan else {}
     return planner_config(arguments.what, algo, seed=seed, env_kwargs=options, **given)
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    check_output_file("--out", arguments.out)
+    from sb3_piano.training import write_report
+
+    path = write_report(
+        arguments.run,
+        arguments.out,
+        seed=arguments.seed,
+        physics=arguments.physics,
+        best=arguments.best,
+    )
+    print(f"Report: {path}")
+    if arguments.open and not webbrowser.open(path.resolve().as_uri()):
+        print("No web browser could be started: open the file in one.", file=sys.stderr)
+    return EXIT_OK
+
+
+def _share(arguments: argparse.Namespace) -> int:
+    from sb3_piano.training import share
+
+    shared = share(arguments.run, arguments.folder, best=arguments.best)
+    print(f"Shared:   {shared.path}")
+    print(
+        "          no file in it is a pickle; run.yml tells the command and paths of its training"
+    )
+    print(f"Evaluate: sb3-piano evaluate {shlex.quote(str(shared.path))}")
+    return EXIT_OK

@@ -95,17 +95,19 @@ class Evaluation:
         ``mean``, ``std`` and ``interval`` have a value for each metric, the latter both ends or
         ``None``; ``no_interval`` then has the reason.
         """
-        facts = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        del facts["summary"], facts["metrics_file"]
+
+        def own(*names: str) -> dict[str, Any]:
+            return {name: getattr(self, name) for name in names}
+
         summaries = self.summary.items()
         return {
-            **facts,
             "run": str(self.run),
+            **own("algo", "piece", "num_timesteps", "training_seed"),
             "env_kwargs": dict(self.env_kwargs),
-            "mean": self.mean,
-            "std": self.std,
+            **own("interrupted", "mean", "std"),
             "interval": {name: summary.interval for name, summary in summaries},
             "no_interval": {name: s.no_interval for name, s in summaries if s.no_interval},
+            **own("baseline", "episodes", "episode_seeds"),
             "performances": [None if path is None else path.name for path in self.performances],
             "motions": [path.name for path in self.motions],
         }

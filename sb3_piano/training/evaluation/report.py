@@ -30,8 +30,7 @@ def write_report(
 ) -> Path:
     """Let a run's saved model play an episode, and write what there is to see into an HTML file.
 
-    The file needs nothing else, also no network. The resting hands get the
-    same seed.
+    The file needs nothing else, also no network. The resting hands get the same seed.
 
     Args:
         folder: The run's folder.

@@ -34,7 +34,7 @@ from sb3_piano.training.runs.saved import load_player, load_statistics, model_fi
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
 
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, eq=False)
 class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
     """The saved model of a run in its own environment, playing without exploring.
 
@@ -105,7 +105,7 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
                 venv.training = False
             env = cast(DummyVecEnv, venv.unwrapped).envs[0]
             if chosen is not None:
-                _check_playable(run, config, venv, chosen)
+                _check_playable(run, config, env, venv, chosen)
             return cls(
                 run=run,
                 config=config,
@@ -207,8 +207,10 @@ class _FixedPiece(gym.Wrapper[Any, Any, Any, Any]):
         return self.env.reset(seed=seed, options={**others, "score": self._score})
 
 
-def _check_playable(run: RunFolder, config: PlayConfig, venv: VecEnv, score: Score) -> None:
-    if not isinstance(cast(DummyVecEnv, venv.unwrapped).envs[0].unwrapped, PianoEnv):
+def _check_playable(
+    run: RunFolder, config: PlayConfig, env: Env, venv: VecEnv, score: Score
+) -> None:
+    if not isinstance(env.unwrapped, PianoEnv):
         raise ConfigError(
             f"Run '{run.path}' cannot play {score.title!r}: its environment {config.env_id!r} is "
             "no piano. Expected a run of a piano environment, or no piece."

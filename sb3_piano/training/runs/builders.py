@@ -101,8 +101,11 @@ def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> Ve
     From the inside: the environment, ``innermost``, an ``EpisodeLog``, the config's
     ``env_wrapper``; then ``vec_env_wrapper`` and ``VecNormalize`` around the vector.
     """
+    venv: VecEnv
     if not isinstance(config, RunConfig):
-        return _seeded(DummyVecEnv([partial(build_env, config, innermost, EpisodeLog)]), config)
+        venv = DummyVecEnv([partial(build_env, config, innermost, EpisodeLog)])
+        venv.seed(config.seed)
+        return venv
     training_process = os.getpid()
     log = partial(EpisodeLog, **config.monitor_kwargs)
 
@@ -116,22 +119,16 @@ def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> Ve
         return env
 
     makers: list[Callable[[], Env]] = [partial(make, rank) for rank in range(config.n_envs)]
-    venv: VecEnv
     if config.vec_env == "subproc":
         make(0).close()  # what is wrong is easier told from here than from a process
         # fork is not safe in a process with threads, such as torch's
         venv = SubprocVecEnv(makers, start_method="spawn")
     else:
         venv = ThreadVecEnv(makers) if config.vec_env == "threads" else DummyVecEnv(makers)
-    _seeded(venv, config)
+    venv.seed(config.seed)
     for plugin in config.vec_env_wrapper:
         venv = plugin(venv)
     return _normalized(config, venv)
-
-
-def _seeded(venv: VecEnv, config: PlayConfig) -> VecEnv:
-    venv.seed(config.seed)
-    return venv
 
 
 def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:

@@ -2,7 +2,7 @@
 
 An order-k Viterbi search (Viterbi 1967). A *state* is a way to lay fingers on all keys that are
 down from one onset to the next; a cost depends on the states of an onset and of the k before it.
-The search is exact unless the model limits how many states are followed. Its time and memory grow
+The search is exact unless the number of states that are followed is limited. Time and memory grow
 with the number of onsets.
 """
 

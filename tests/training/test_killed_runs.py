@@ -10,11 +10,11 @@ import time
 
 import pytest
 import yaml
+from stable_baselines3 import TD3
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.training import RunFolder, resume
-from stable_baselines3 import TD3
 
 pytestmark = pytest.mark.slow
 

@@ -9,8 +9,8 @@ from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
-import yaml
 
+from sb3_piano.files import read_table
 from sb3_piano.metrics.fingers import effective_fingers, finger_shares, fingering_agreement
 from sb3_piano.metrics.frames import count_frames, frame_scores
 from sb3_piano.metrics.onsets import (
@@ -46,9 +46,7 @@ class Definition:
 DEFINITIONS: Mapping[str, Definition] = MappingProxyType(
     {
         name: Definition(name, section, short=words.pop("short", words["label"]), **words)
-        for section, numbers in yaml.safe_load(
-            Path(__file__).with_name("definitions.yml").read_text("utf-8")
-        ).items()
+        for section, numbers in read_table(Path(__file__).with_name("definitions.yml")).items()
         for name, words in numbers.items()
     }
 )

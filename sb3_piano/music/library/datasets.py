@@ -29,9 +29,9 @@ from pathlib import Path
 from types import MappingProxyType
 
 import pretty_midi
-import yaml
 
 from sb3_piano.exceptions import ScoreError, UnknownPieceError, one_line
+from sb3_piano.files import read_table
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.formats import read_midi, read_pig
 from sb3_piano.music.formats.common import read_member
@@ -44,9 +44,7 @@ _REPERTOIRE, _ETUDE = "repertoire-150", "etude-12"
 
 _SITE = "https://beam.kisarazu.ac.jp/~saito/research/PianoFingeringDataset/"
 
-_COLLECTIONS: dict[str, list[str]] = yaml.safe_load(
-    Path(__file__).with_name("pig.yml").read_text("utf-8")
-)
+_COLLECTIONS: dict[str, list[str]] = read_table(Path(__file__).with_name("pig.yml"))
 
 _FILES, _LIST = "FingeringFiles", "List.csv"
 _FILE = re.compile(r"(\d+)-(\d+)_fingering\.txt")

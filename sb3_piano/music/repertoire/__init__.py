@@ -9,8 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import yaml
-
+from sb3_piano.files import read_table
 from sb3_piano.music.formats.midi_reading import read_midi
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
@@ -36,10 +35,7 @@ def _piece(stem: str, facts: Mapping[str, Any]) -> Piece:
     )
 
 
-_PIECES = [
-    _piece(stem, facts)
-    for stem, facts in yaml.safe_load((_FOLDER / "pieces.yml").read_text("utf-8")).items()
-]
+_PIECES = [_piece(stem, facts) for stem, facts in read_table(_FOLDER / "pieces.yml").items()]
 
 REPERTOIRE: Mapping[str, Piece] = MappingProxyType({piece.name: piece for piece in _PIECES})
 """The pieces by name: one for each entry of ``pieces.yml`` and each MIDI file beside it."""

@@ -29,8 +29,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
-import yaml
-
+from sb3_piano.files import read_table
 from sb3_piano.music.hands import HANDS, Hand, finger_of
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
@@ -104,9 +103,7 @@ def hanon(
 
 @lru_cache(maxsize=1)
 def _exercises() -> dict[int, dict[str, Any]]:
-    exercises: dict[int, dict[str, Any]] = yaml.safe_load(
-        Path(__file__).with_suffix(".yml").read_text("utf-8")
-    )
+    exercises: dict[int, dict[str, Any]] = read_table(Path(__file__).with_suffix(".yml"))
     return exercises
 
 

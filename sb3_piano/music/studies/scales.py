@@ -14,8 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import yaml
-
+from sb3_piano.files import read_table
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
@@ -84,8 +83,7 @@ def up_and_down(
 
 
 def _pieces() -> Iterator[Piece]:
-    kinds = yaml.safe_load(Path(__file__).with_suffix(".yml").read_text("utf-8"))
-    for kind in kinds:
+    for kind in read_table(Path(__file__).with_suffix(".yml")):
         for tonic, (key, fingers) in enumerate(kind["fingers"].items()):
             name = kind["name"].format(key=key)
             spoken = key[0] + key[1:].replace("Sharp", " sharp").replace("b", " flat")

@@ -11,7 +11,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 import yaml
@@ -101,27 +100,8 @@ def test_the_algorithms_share_what_the_paper_has_for_both():
 # The driver, as a user runs it: interrupted, then run again.
 
 
-class Sitting(NamedTuple):
-    """What one run of the driver left behind."""
-
-    status: int
-    output: str
-    files: dict[str, bytes]
-    """The run's files, by their paths in its folder."""
-
-    def json(self, name):
-        return json.loads(self.files[name])
-
-    @property
-    def steps(self):
-        return self.json("checkpoint/checkpoint.json")["num_timesteps"]
-
-
-def arguments(runs):
-    return [CELL, "--steps", str(STEPS), "--runs", str(runs), "--no-progress"]
-
-
 def start(runs):
+    """Start the driver in a process of its own."""
     return subprocess.Popen(
         [sys.executable, str(FOLDER / "run.py"), *arguments(runs)],
         cwd=runs.parent,
@@ -132,82 +112,50 @@ def start(runs):
     )
 
 
-def finish(process, folder):
-    try:
+def arguments(runs):
+    return [CELL, "--steps", str(STEPS), "--runs", str(runs), "--no-progress"]
+
+
+def steps_of(folder):
+    return json.loads((folder / "checkpoint/checkpoint.json").read_bytes())["num_timesteps"]
+
+
+@pytest.mark.slow
+def test_the_driver_goes_on_where_it_was_interrupted_and_the_table_shows_it(
+    tmp_path, monkeypatch, capsys
+):
+    runs = tmp_path / "runs"
+    folder = runs / "td3" / "d_major_seed_0"
+    log, metrics = folder / "monitor" / "0.monitor.csv", folder / "evaluation" / "metrics.json"
+    with start(runs) as process:
+        # Until the log of episodes has a line beside its two of heading.
+        while process.poll() is None and not (log.is_file() and log.read_text().count("\n") > 2):
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
         output, _ = process.communicate(timeout=120)
-    finally:
-        process.kill()
-    return Sitting(process.returncode, output, files_in(folder))
+    assert process.returncode == 130, output
+    assert "the same command goes on from here" in output
+    assert 0 < steps_of(folder) < STEPS
+    assert not metrics.exists()
+    before = log.read_bytes()
 
-
-def files_in(folder):
-    files = (path for path in folder.rglob("*") if path.is_file())
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
-
-
-def wait_for_an_episode(process, folder):
-    """Wait until the log of episodes has a line beside its two of heading."""
-    log = folder / "monitor" / "0.monitor.csv"
-    while process.poll() is None and not (log.is_file() and log.read_text().count("\n") > 2):
-        time.sleep(0.01)
-
-
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory):
-    return tmp_path_factory.mktemp("study") / "runs"
-
-
-@pytest.fixture(scope="module")
-def folder(runs):
-    return runs / "td3" / "d_major_seed_0"
-
-
-@pytest.fixture(scope="module")
-def interrupted(runs, folder):
-    process = start(runs)
-    wait_for_an_episode(process, folder)
-    process.send_signal(signal.SIGINT)
-    return finish(process, folder)
-
-
-@pytest.fixture(scope="module")
-def finished(interrupted, runs, folder):
-    return finish(start(runs), folder)
-
-
-@pytest.mark.slow
-def test_ctrl_c_ends_the_driver_with_a_checkpoint(interrupted):
-    assert interrupted.status == 130, interrupted.output
-    assert "the same command goes on from here" in interrupted.output
-    assert 0 < interrupted.steps < STEPS
-    assert "evaluation/metrics.json" not in interrupted.files
-
-
-@pytest.mark.slow
-def test_the_same_command_goes_on_to_the_end_and_evaluates(interrupted, finished):
-    assert finished.status == 0, finished.output
-    assert finished.steps == STEPS
-    log = "monitor/0.monitor.csv"
-    assert finished.files[log].startswith(interrupted.files[log])
-    assert {"config.yml", "model.zip", "evaluation/metrics.json"} <= set(finished.files)
-    config = yaml.safe_load(finished.files["config.yml"])
+    with start(runs) as process:
+        output, _ = process.communicate(timeout=120)
+    assert process.returncode == 0, output
+    assert steps_of(folder) == STEPS
+    assert log.read_bytes().startswith(before)
+    config = yaml.safe_load((folder / "config.yml").read_text())
     assert (config["n_timesteps"], config["seed"], config["algo"]) == (STEPS, 0, "td3")
-    mean = finished.json("evaluation/metrics.json")["mean"]
-    assert f"return {mean['return']:.2f}, F1 {mean['f1']:.3f}" in finished.output
+    mean = json.loads(metrics.read_bytes())["mean"]
+    assert f"return {mean['return']:.2f}, F1 {mean['f1']:.3f}" in output
 
-
-@pytest.mark.slow
-def test_a_finished_cell_is_skipped(finished, runs, folder, monkeypatch, capsys):
+    times = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
     with pytest.raises(SystemExit) as exit_status:
         run_script("run.py", arguments(runs), monkeypatch)
     assert exit_status.value.code == 0
     assert capsys.readouterr().out == f"[1/1] {CELL}, seed 0\n  finished before\n"
-    assert files_in(folder) == finished.files
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == times
 
-
-@pytest.mark.slow
-def test_the_table_shows_what_was_measured(finished, runs, monkeypatch, capsys):
-    mean = finished.json("evaluation/metrics.json")["mean"]
     run_script("table.py", ["--runs", str(runs)], monkeypatch)
     printed = capsys.readouterr().out
     measured, *_ = re.findall(rf"^\| {CELL} \| (.*) \|$", printed, re.MULTILINE)

@@ -254,8 +254,7 @@ class PianoEnv(gym.Env[Any, Any]):
         step, last, pedal_down = self._record.steps, len(self._goal) - 1, self.pedal_down
         config = self.config
         terms = reward_terms(self._simulation, self._goal, step, pedal_down, config.forearm_reward)
-        weights = config.reward_weights
-        weighted = {name: weights[name] * term for name, term in terms.items()}
+        weighted = {name: weight * terms[name] for name, weight in config.reward_weights.items()}
         self._record.add(self._simulation, pedal_down, weighted)
         self.total_steps += 1
         truncated = step == last

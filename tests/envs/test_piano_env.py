@@ -118,6 +118,14 @@ def test_the_song_ends_in_truncation_after_its_last_step_with_all_numbers_in_inf
     assert info["sustain_f1"] == pytest.approx(4 / 6)
 
 
+def test_returns_belong_to_their_terms_in_whatever_order_these_come(env, monkeypatch):
+    terms = {"fingering": 3.0, "energy": -20.0, "forearm": 0.0, "sustain": 1.0, "key_press": 0.5}
+    monkeypatch.setattr("sb3_piano.envs.piano_env.reward_terms", lambda *_: terms)
+    info = [env.step(env.rest_action)[-1] for _ in range(6)][-1]
+    expected = {f"return_{n}": 6 * w * terms[n] for n, w in DEFAULT_REWARD_WEIGHTS.items()}
+    assert {name: info[name] for name in RETURN_KEYS} == pytest.approx(expected)
+
+
 @pytest.mark.parametrize(
     ("enabled", "key", "step", "ends"),
     [

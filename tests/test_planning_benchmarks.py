@@ -43,18 +43,6 @@ def test_what_is_in_the_file_is_not_measured_again(table, tmp_path, monkeypatch)
         table.complete(path, [("hanon-02", "zero")], jobs=1)
 
 
-def test_names_stand_for_pieces_and_collections(table):
-    assert table.chosen(["FurElise", "hanon-01", "FurElise"]) == [
-        "repertoire-FurElise",
-        "hanon-01",
-    ]
-    assert len(table.chosen(["debug"])) == 6
-    assert len(table.chosen(["all"])) == 99
-    assert table.chosen(["none"]) == []
-    with pytest.raises(SystemExit, match="'Furelise'"):
-        table.chosen(["Furelise"])
-
-
 def test_means_are_over_pieces_that_all_columns_have(table, capsys):
     rows = [
         row(table, "repertoire-FurElise", "planned", f1="0.4", cpu="2"),

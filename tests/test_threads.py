@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import gc
 import itertools
 import os
 import pickle
@@ -154,17 +153,6 @@ def test_closing_ends_the_threads_and_another_job_starts_new_ones(make_team):
     assert not any(thread.is_alive() for thread in first)
     _, *second = served_by(team, 3)
     assert all(thread.is_alive() for thread in second)
-
-
-@pytest.mark.slow
-def test_the_threads_of_a_forgotten_team_end():
-    team = ThreadTeam(3, 3)
-    _, *threads = served_by(team, 3)
-    del team
-    gc.collect()
-    for thread in threads:
-        thread.join(PATIENCE)
-        assert not thread.is_alive()
 
 
 @pytest.mark.parametrize(

@@ -51,21 +51,6 @@ def test_all_parts_are_measured_in_their_order_printed_and_written(tmp_path, cap
         assert abs(median / row["value"] - 1) < 0.01
 
 
-def test_options_reach_the_measurement(monkeypatch):
-    report = BenchReport(
-        machine=sb3_piano.bench.machine_info(), peer=None, rows=[], interrupted=False
-    )
-    asked = []
-    monkeypatch.setattr(sb3_piano.bench, "run_bench", lambda **given: asked.append(given) or report)
-    options = "--only memory --rounds 3 --num-threads 2 --peer-python x --before y --no-progress"
-    main(["bench"])
-    main(["bench", *options.split()])
-    defaults = {"parts": ("simulation", "learner", "memory"), "rounds": 10, "progress": True}
-    assert asked[0] == {**defaults, "peer_python": None, "before": None, "num_threads": None}
-    chosen = {"parts": ["memory"], "rounds": 3, "progress": False}
-    assert asked[1] == {**chosen, "peer_python": "x", "before": "y", "num_threads": 2}
-
-
 @pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_prints_and_writes_what_there_is(monkeypatch, tmp_path, capsys):
     real, resets = PianoVectorEnv.reset, []

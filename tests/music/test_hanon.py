@@ -1,6 +1,7 @@
 """Hanon's exercises, against bars copied from the edition as the Mutopia Project gives it."""
 
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 
@@ -10,39 +11,7 @@ from sb3_piano.music.hands import finger_number
 from sb3_piano.music.pitch import pitch_number
 from sb3_piano.music.studies import HANON
 
-# Of some exercises the first two bars, the last bar up, the first and the last bar down: what the
-# right hand plays (the left is an octave below), and the fingers of the right and the left hand.
-BARS = """
-1  C3 E3 F3 G3 A3 G3 F3 E3  12345432 54321234
-   D3 F3 G3 A3 B3 A3 G3 F3  12345432 54321234
-   B4 D5 E5 F5 G5 F5 E5 D5  12345432 54321234
-   G5 E5 D5 C5 B4 C5 D5 E5  54321234 12345432
-   G3 E3 D3 C3 B2 C3 D3 E3  54321234 12345432
-
-6  C3 A3 G3 A3 F3 A3 E3 A3  15453525 51213141
-   D3 B3 A3 B3 G3 B3 F3 B3  15453525 51213141
-   B4 G5 F5 G5 E5 G5 D5 C5  15453521 51213145
-   G5 B4 C5 B4 D5 B4 E5 B4  51213141 15453525
-   A3 C3 D3 C3 E3 C3 F3 E3  51213143 15453523
-
-12 G3 C3 E3 D3 C3 D3 E3 C3  51321231 15345435
-   B3 D3 F3 E3 D3 E3 F3 D3  51321231 15345435
-   G5 B4 D5 C5 B4 C5 D5 E5  51321234 15345432
-   B4 G5 E5 F5 G5 F5 E5 G5  15345435 51321231
-   C3 G3 E3 F3 G3 F3 E3 F3  15345434 51321232
-
-17 C3 E3 A3 G3 B3 A3 G3 A3  12435434 54231232
-   D3 F3 B3 A3 C4 B3 A3 B3  12435434 54231232
-   B4 D5 G5 F5 A5 G5 F5 E5  12435432 54231234
-   G5 D5 B4 C5 A4 B4 C5 A4  53231231 12435435
-   B3 F3 D3 E3 C3 D3 E3 D3  53231232 12435434
-
-20 E3 G3 C4 E4 C4 B3 C4 A3  12454342 54212324
-   F3 A3 D4 F4 D4 C4 D4 B3  12454342 54212324
-   E5 G5 C6 E6 C6 B5 C6 G5  12454342 54212324
-   E6 C6 G5 E5 G5 F5 G5 E5  54213231 12453435
-   E4 C4 G3 E3 G3 F3 G3 F3  54213232 12453434
-"""
+BARS = Path(__file__).parents[1] / "data" / "music" / "hanon_bars.txt"
 
 # Bars on the way up and on the way down, before the last note.
 BAR_COUNTS = {
@@ -55,9 +24,9 @@ BAR_COUNTS = {
 
 
 def written_bars():
-    """Return the table above: notes and fingers of five bars, by number."""
+    """Return notes and fingers of five bars, by number."""
     bars = {}
-    for block in BARS.strip().split("\n\n"):
+    for block in BARS.read_text().strip().split("\n\n")[1:]:
         number, *rest = block.split()
         rows = [rest[start : start + 10] for start in range(0, 50, 10)]
         assert len(rest) == 50

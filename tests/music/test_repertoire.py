@@ -145,51 +145,12 @@ def test_the_pedal_comes_up_before_it_goes_down_again_and_at_the_end(score):
 # What was composed
 
 
-# For each piece: the beats of a bar and of a minute, beats before the first bar, how many bars,
-# how often the pedal goes down; then how each hand, right and left, begins in MIDI pitches.
-OPENINGS = """
-BachMinuetG 3 112 0 32 0
-  74 67 69 71 72 74 67 67 76 72 74 76 78 79 67 67 72 74 72 71 69 71 72 71 69 67
-  55 59 62 57 59 60 59 57
-BachPreludeC 4 72 0 35 0
-  67 72 76 67 72 76 67 72 76 67 72 76 69 74 77 69 74 77 69 74 77 69 74 77
-  60 64 60 64 60 62 60 62 59 62 59 62 60 64
-ChopinNocturneOp9No2 12 132 1 4 15
-  70 79 77 79 77 75 70 79 72 84 79 82 80 79 77 79 74 75 72 70 86 84 82 80 79 80 72 74 75
-  39 55 63 58 63 67 51 56 62 59 62 68
-ClairDeLune 3 46 0 8 15
-  77 80 73 77 72 75 73 77 72 75 70 73 72 75 70 73 77 73
-  65 68 66 69 65 68 63 66 61 63 60 63 58 61
-FantaisieImpromptu 2 72 0 8 11
-  68 69 68 67 68 73 76 75 73 75 73 72 73 76 80 68 69 68 67 68 73 76 75 73 75 73 72 73 76 80
-  49 56 61 64 61 56 52 56 61 64 61 56 49 56
-FurElise 1.5 66 0.5 22 16
-  76 75 76 75 76 71 74 72 69 60 64 69 71 64 68 71 72 64 76 75 76 75 76 71 74 72 69
-  45 52 57 40 52 56 45 52 57
-Gymnopedie1 3 72 0 21 21
-  78 81 79 78 73 71 73 74 69 66 78 81 79 78 73 71 73 74 69 73 78 64
-  43 59 62 66 38 57 61 66 43 59 62 66
-MapleLeafRag 2 92 0.5 16 0
-  68 63 75 68 72 63 75 67 63 75 67 70 63 75 68
-  39 51 44 56 51 56 60 51 56 60 45 57 46 58
-OdeToJoy 4 112 0 16 0
-  64 64 65 67 67 65 64 62 60 60 62 64 64 62 62 64 64 65 67 67 65 64 62 60 60 62 64 62 60 60
-  48 52 55 47 50 55 48 52 55
-PathetiqueRondo 4 168 1.5 8 12
-  67 72 74 75 77 74 75 72 74 72 71 72 74 77 75 74 75 77 79 79
-  48 51 55 60 48 53 55 59 48 51 55 60
-Reverie 4 92 0 10 10
-  79 74 76 77 79 76 74 76 72 76 74 70 74 76 77 72 67 69
-  58 60 62 67 62 60 58 60 62 67 62 60 58
-TwinkleTwinkle 4 100 0 12 0
-  60 60 67 67 69 69 67 65 65 64 64 62 62 60 67 67 65 65 64 64 62 67 67 65 65 64 64 62
-  48 52 53 52 50 48 53 55 48 52 50 48
-"""
+OPENINGS = Path(__file__).parents[1] / "data" / "music" / "openings.txt"
 
 
 def openings():
-    """Return the table above: name, five numbers, pitches of the right hand and of the left."""
-    lines = OPENINGS.strip().splitlines()
+    """Return name, five numbers, pitches of the right hand and of the left."""
+    lines = OPENINGS.read_text().strip().splitlines()[2:]
     for head, right, left in zip(lines[::3], lines[1::3], lines[2::3], strict=True):
         name, *numbers = head.split()
         pitches = [[int(pitch) for pitch in hand.split()] for hand in (right, left)]

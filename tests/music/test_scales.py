@@ -1,80 +1,22 @@
 import pickle
+from pathlib import Path
 
 import pytest
+import yaml
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.hands import finger_number
 from sb3_piano.music.pitch import pitch_number
 from sb3_piano.music.studies import ARPEGGIOS, SCALES
 
-# One octave up, right and left hand, as charts for one octave print them.
-MAJOR = {
-    **dict.fromkeys("CDEGA", ("1 2 3 1 2 3 4 5", "5 4 3 2 1 3 2 1")),
-    "Db": ("2 3 1 2 3 4 1 2", "3 2 1 4 3 2 1 3"),
-    "Eb": ("3 1 2 3 4 1 2 3", "3 2 1 4 3 2 1 3"),
-    "F": ("1 2 3 4 1 2 3 4", "5 4 3 2 1 3 2 1"),
-    "Gb": ("2 3 4 1 2 3 1 2", "4 3 2 1 3 2 1 4"),
-    "Ab": ("3 4 1 2 3 1 2 3", "3 2 1 4 3 2 1 3"),
-    "Bb": ("2 1 2 3 1 2 3 4", "3 2 1 4 3 2 1 3"),
-    "B": ("1 2 3 1 2 3 4 5", "4 3 2 1 4 3 2 1"),
-}
-NATURAL_MINOR = {
-    **dict.fromkeys("CDEGA", ("1 2 3 1 2 3 4 5", "5 4 3 2 1 3 2 1")),
-    "CSharp": ("3 4 1 2 3 1 2 3", "3 2 1 4 3 2 1 3"),
-    "Eb": ("3 1 2 3 4 1 2 3", "2 1 4 3 2 1 3 2"),
-    "F": ("1 2 3 4 1 2 3 4", "5 4 3 2 1 3 2 1"),
-    "FSharp": ("3 4 1 2 3 1 2 3", "4 3 2 1 3 2 1 4"),
-    "GSharp": ("3 4 1 2 3 1 2 3", "3 2 1 3 2 1 4 3"),
-    "Bb": ("2 1 2 3 1 2 3 4", "2 1 3 2 1 4 3 2"),
-    "B": ("1 2 3 1 2 3 4 5", "4 3 2 1 4 3 2 1"),
-}
-HARMONIC_MINOR = {**NATURAL_MINOR, "GSharp": ("3 4 1 2 3 1 2 3", "3 2 1 4 3 2 1 3")}
-
-# Two octaves up, from the chart of the Bellingham Music Teachers Association.
-TWO_OCTAVES = {
-    "C": ("1 2 3 1 2 3 4 1 2 3 1 2 3 4 5", "5 4 3 2 1 3 2 1 4 3 2 1 3 2 1"),
-    "B": ("1 2 3 1 2 3 4 1 2 3 1 2 3 4 5", "4 3 2 1 4 3 2 1 3 2 1 4 3 2 1"),
-    "Gb": ("2 3 4 1 2 3 1 2 3 4 1 2 3 1 2", "4 3 2 1 3 2 1 4 3 2 1 3 2 1 4"),
-    "Db": ("2 3 1 2 3 4 1 2 3 1 2 3 4 1 2", "3 2 1 4 3 2 1 3 2 1 4 3 2 1 3"),
-}
-
-# One octave up, right and left hand, from St. Olaf College's list of arpeggio fingerings.
-ARPEGGIO_FINGERS = {
-    **dict.fromkeys(["CMajor", "FMajor", "GMajor"], ("1 2 3 5", "5 4 2 1")),
-    **dict.fromkeys(["DMajor", "EMajor", "AMajor", "BMajor"], ("1 2 3 5", "5 3 2 1")),
-    **dict.fromkeys(["DbMajor", "EbMajor", "AbMajor"], ("2 1 2 4", "2 1 4 2")),
-    "GbMajor": ("1 2 3 5", "5 3 2 1"),
-    "BbMajor": ("2 1 2 4", "3 2 1 3"),
-    **dict.fromkeys([f"{key}Minor" for key in "CDEFGAB"], ("1 2 3 5", "5 4 2 1")),
-    **dict.fromkeys(["CSharpMinor", "FSharpMinor", "GSharpMinor"], ("2 1 2 4", "2 1 4 2")),
-    "EbMinor": ("1 2 3 5", "5 4 2 1"),
-    "BbMinor": ("2 3 1 2", "3 2 1 3"),
-}
-
-# Two octaves up: C to D flat from the chart of the Bellingham Music Teachers Association (whose
-# other right hand for D flat this is), the rest from St. Olaf College.
-ARPEGGIO_TWO_OCTAVES = {
-    "CMajor": ("1 2 3 1 2 3 5", "5 4 2 1 4 2 1"),
-    "DMajor": ("1 2 3 1 2 3 5", "5 3 2 1 3 2 1"),
-    "GbMajor": ("1 2 3 1 2 3 5", "5 3 2 1 3 2 1"),
-    "DbMajor": ("2 1 2 4 1 2 4", "2 1 4 2 1 4 2"),
-    "BbMajor": ("2 1 2 4 1 2 4", "3 2 1 3 2 1 3"),
-    "BbMinor": ("2 3 1 2 3 1 2", "3 2 1 3 2 1 3"),
-}
-
-
 STUDIES = {**SCALES, **ARPEGGIOS}
-ONE_OCTAVE = {
-    **{f"scale-{key}Major": fingers for key, fingers in MAJOR.items()},
-    **{f"scale-{key}NaturalMinor": fingers for key, fingers in NATURAL_MINOR.items()},
-    **{f"scale-{key}HarmonicMinor": fingers for key, fingers in HARMONIC_MINOR.items()},
-    "scale-Chromatic": ("1 3 1 3 1 2 3 1 3 1 3 1 2", "1 3 1 3 2 1 3 1 3 1 3 2 1"),
-    **{f"arpeggio-{key}": fingers for key, fingers in ARPEGGIO_FINGERS.items()},
-}
+FINGERS = yaml.safe_load(
+    (Path(__file__).parents[1] / "data" / "music" / "scale_fingers.yml").read_text()
+)
 CASES = [
-    *((name, 1, fingers) for name, fingers in ONE_OCTAVE.items()),
-    *((f"scale-{key}Major", 2, fingers) for key, fingers in TWO_OCTAVES.items()),
-    *((f"arpeggio-{key}", 2, fingers) for key, fingers in ARPEGGIO_TWO_OCTAVES.items()),
+    (name, octaves, fingers)
+    for octaves, table in enumerate(FINGERS.values(), start=1)
+    for name, fingers in table.items()
 ]
 
 
@@ -96,7 +38,7 @@ def digits(text):
 
 
 def test_there_are_scales_and_arpeggios_in_all_keys_and_no_others():
-    assert sorted(STUDIES) == sorted(ONE_OCTAVE)
+    assert sorted(STUDIES) == sorted(FINGERS["one octave"])
 
 
 @pytest.mark.parametrize(("name", "octaves", "fingers"), CASES)
@@ -122,13 +64,13 @@ def test_the_left_hand_plays_two_octaves_below_the_right(name, pitches):
     assert [note.pitch + 24 for note in part(name, "left")] == there_and_back(up)
 
 
-@pytest.mark.parametrize("key", MAJOR)
-def test_a_major_scale_is_robovirtuosos_15_quarter_notes_a_hand(key):
-    score = SCALES[f"scale-{key}Major"].score()
+@pytest.mark.parametrize("name", [name for name in SCALES if name.endswith("Major")])
+def test_a_major_scale_is_robovirtuosos_15_quarter_notes_a_hand(name):
+    score = SCALES[name].score()
     assert score.bars == (0.0, 3.0, 6.0, 9.0)
     assert score.duration == 11.25
     for hand in ("right", "left"):
-        notes = part(f"scale-{key}Major", hand)
+        notes = part(name, hand)
         assert [note.onset for note in notes] == [0.75 * index for index in range(15)]
         assert {note.duration for note in notes} == {0.75}
 

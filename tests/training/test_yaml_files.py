@@ -2,46 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.training import load_config
 
-ZOO_FILE = """
-defaults: &base
-  n_timesteps: !!float 1e4
-  policy: 'MlpPolicy'
-  buffer_size: 1.0e3
-  learning_rate: 7.3e-4
-  policy_kwargs: "dict(net_arch=[64, 64], activation_fn=nn.ReLU)"
-
-Pendulum-v1:
-  <<: *base
-  n_envs: 2
-  env_kwargs: {max_episode_steps: 20, render_mode: null}
-  env_wrapper:
-    - gymnasium.wrappers.RescaleAction:
-        min_action: -1.0
-        max_action: 1.0
-    - gymnasium.wrappers.FlattenObservation
-  noise_type: 'normal'
-  noise_std: 0.1
-
-MountainCarContinuous-v0:
-  <<: *base
-"""
+ZOO_FILE = Path(__file__).parents[1] / "data" / "zoo_td3.yml"
 
 
-@pytest.fixture
-def zoo_file(tmp_path):
-    path = tmp_path / "td3.yml"
-    path.write_text(ZOO_FILE)
-    return path
-
-
-def test_an_entry_of_the_zoo_is_split_into_run_and_algorithm(zoo_file):
-    config = load_config("td3", "Pendulum-v1", zoo_file)
+def test_an_entry_of_the_zoo_is_split_into_run_and_algorithm():
+    config = load_config("td3", "Pendulum-v1", ZOO_FILE)
     assert (config.n_timesteps, config.n_envs, config.noise_std) == (10_000, 2, 0.1)
     assert [plugin.path.rpartition(".")[2] for plugin in config.env_wrapper] == [
         "RescaleAction",
@@ -62,11 +35,11 @@ def test_default_stands_for_all_other_environments(tmp_path):
     assert load_config("sac", "MountainCarContinuous-v0", path).n_timesteps == 5
 
 
-def test_overrides_replace_keys_and_env_kwargs_are_added(zoo_file):
+def test_overrides_replace_keys_and_env_kwargs_are_added():
     config = load_config(
         "td3",
         "Pendulum-v1",
-        zoo_file,
+        ZOO_FILE,
         n_timesteps=50,
         gamma="0.5",
         seed=0,
@@ -77,14 +50,14 @@ def test_overrides_replace_keys_and_env_kwargs_are_added(zoo_file):
     assert config.env_kwargs == {"max_episode_steps": 9, "render_mode": None, "g": 5.0}
 
 
-def test_an_unknown_environment_is_answered_before_the_file_is_read(zoo_file):
+def test_an_unknown_environment_is_answered_before_the_file_is_read():
     with pytest.raises(ConfigError, match=r"^Unknown environment 'Pendulum-v9'"):
-        load_config("td3", "Pendulum-v9", zoo_file)
+        load_config("td3", "Pendulum-v9", ZOO_FILE)
 
 
-def test_an_environment_without_entry_is_answered_with_the_nearest_one(zoo_file):
+def test_an_environment_without_entry_is_answered_with_the_nearest_one():
     with pytest.raises(ConfigError, match=r"td3\.yml' has no entry for 'MountainCar-v0'. Did you"):
-        load_config("td3", "MountainCar-v0", zoo_file)
+        load_config("td3", "MountainCar-v0", ZOO_FILE)
 
 
 @pytest.mark.parametrize(
@@ -125,9 +98,9 @@ def test_a_missing_or_binary_file_is_named(tmp_path):
         load_config("td3", "Pendulum-v1", tmp_path / "binary.yml")
 
 
-def test_a_wrong_override_is_named_as_such(zoo_file):
+def test_a_wrong_override_is_named_as_such():
     with pytest.raises(ConfigError, match="'Pendulum-v1' with n_envs replaced: n_envs is 0"):
-        load_config("td3", "Pendulum-v1", zoo_file, n_envs=0)
+        load_config("td3", "Pendulum-v1", ZOO_FILE, n_envs=0)
 
 
 @pytest.mark.parametrize("algo", ["ddpg", "sac", "td3", "tqc"])

@@ -14,43 +14,20 @@ from sb3_piano.music import Score
 from sb3_piano.wrappers import Excerpt, OctaveShift, PitchShift, RandomPiece, TemporalStretch
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper, possible_scores
 
-DRAWN = {
-    "PitchShift": lambda env: PitchShift(env, [-9, 9]),
-    "OctaveShift": lambda env: OctaveShift(env, [-2, 2]),
-    "TemporalStretch": lambda env: TemporalStretch(env, [0.5, 2.0]),
-    "RandomPiece": lambda env: RandomPiece(env, [melody(p, title=str(p)) for p in range(60, 80)]),
-    "Excerpt": lambda env: Excerpt(env, start="random", length=1.0),
-}
-
 
 def debug_env():
     id = "RoboPianist-debug-CMajorScaleOneHand-v0"
     return gym.make(id, physics="fast", n_steps_lookahead=0)
 
 
-def stack(env):
-    """Return an environment with one of each around it."""
-    env = RandomPiece(TemporalStretch(env, (0.8, 1.25)), ["CMajorScaleTwoHands", melody(50, 70)])
-    return PitchShift(Excerpt(OctaveShift(env, [-1, 1]), start="random", length=1), [-3, 3])
-
-
 def sequence(env, seed, count=6):
     return [played(env, seed=seed if i == 0 else None) for i in range(count)]
 
 
-class TestSeeds:
-    @pytest.mark.parametrize("name", DRAWN)
-    def test_equal_seeds_give_equal_pieces_and_others_do_not(self, name):
-        env = DRAWN[name](piano(melody(*range(60, 70))))
-        first = sequence(env, 1)
-        assert sequence(env, 1) == first
-        assert sequence(env, 2) != first
-        assert len({score.notes for score in first}) > 2
-
-    def test_fixed_changes_leave_the_generator_alone(self):
-        env = Excerpt(TemporalStretch(OctaveShift(PitchShift(piano(), 1), 1), 0.5), length=2)
-        env.reset(seed=3)
-        assert env.unwrapped.np_random.random() == np.random.default_rng(3).random()
+def test_fixed_changes_leave_the_generator_alone():
+    env = Excerpt(TemporalStretch(OctaveShift(PitchShift(piano(), 1), 1), 0.5), length=2)
+    env.reset(seed=3)
+    assert env.unwrapped.np_random.random() == np.random.default_rng(3).random()
 
 
 class TestOrderAndOptions:
@@ -61,11 +38,6 @@ class TestOrderAndOptions:
         assert [len(played(env).notes) for env in (outer_stretch, outer_excerpt)] == [1, 2]
         assert [env.unwrapped.score.duration for env in (outer_stretch, outer_excerpt)] == [4, 4]
 
-    def test_a_score_given_to_reset_is_changed(self):
-        env = TemporalStretch(PitchShift(piano(), 2), 0.5)
-        score = played(env, score=melody(40, 50))
-        assert [(n.pitch, n.offset) for n in score.notes] == [(42, 0.5), (52, 1.0)]
-
     def test_a_transform_given_to_reset_acts_before_the_wrappers(self):
         def last_note(score, random):
             return Score(notes=score.notes[-1:], title=str(random.integers(1000)))
@@ -74,15 +46,6 @@ class TestOrderAndOptions:
         env.reset(seed=5, options={"transform": last_note})
         assert [note.pitch for note in env.unwrapped.score.notes] == [71]
         assert env.unwrapped.score.title == str(np.random.default_rng(5).integers(1000))
-
-    def test_the_environment_inside_stays_as_it_was(self):
-        env = piano()
-        space, default = env.observation_space, env.default_score
-        stack(env).reset(seed=0)
-        assert env.score != default
-        assert (env.observation_space, env.default_score) == (space, default)
-        env.reset()
-        assert env.score is default
 
 
 class TestSameObject:

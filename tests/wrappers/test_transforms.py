@@ -101,14 +101,6 @@ class TestDrawnShift:
         assert set(shifts(wrapper(piano(), steps), score, 10)) == {shift}
         assert set(shifts(wrapper(piano(score), steps), score, 10)) == {shift}
 
-    def test_is_drawn_from_the_generator_of_the_environment(self):
-        env = PitchShift(piano(melody(60)), [-9, 9])
-        twin = np.random.default_rng(4)
-        for episode in range(5):
-            score = played(env, seed=4 if episode == 0 else None)
-            assert score.notes[0].pitch == 60 + twin.integers(-9, 10)
-        assert env.unwrapped.np_random.random() == twin.random()
-
 
 FACTORS = st.floats(0.1, 10.0)
 

@@ -63,12 +63,13 @@ class ThreadTeam:
         try:
             futures = self._submit(job)
             _do(job, self._own)
-            wait(futures)
+            errors = [future.exception() for future in futures]  # which waits for them
         except BaseException:  # Ctrl-C may come at any line: not all threads need have begun
             wait(self._submit(_nothing))
             raise
-        for future in futures:
-            future.result()
+        for error in errors:
+            if error is not None:
+                raise error
 
     def close(self) -> None:
         """Wait for the threads and end them; another job would start new ones."""

@@ -85,7 +85,7 @@ def make_own_env(
 
     Args:
         model: The model that is being trained.
-        run: The run, if its session told the callback.
+        run: The run, if the training told the callback.
         innermost: A wrapper for the bare environment.
 
     Raises:

@@ -51,9 +51,8 @@ def processes(monkeypatch):
     return started
 
 
-@pytest.mark.parametrize("more", ["", "\nimport time\ntime.sleep(30)"])
-def test_the_process_ends_with_the_context(double, processes, more):
-    with double(DOUBLE + more):
+def test_the_process_ends_with_the_context(double, processes):
+    with double(f"{DOUBLE}\nimport time\ntime.sleep(30)"):
         assert processes[0].poll() is None
     assert processes[0].returncode == -signal.SIGKILL
 

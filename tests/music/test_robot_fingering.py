@@ -64,6 +64,14 @@ def every_way(presses, sign):
     return follow(0, 0)
 
 
+def test_only_the_cheapest_ways_go_on(monkeypatch):
+    notes = zip((0, 2, 4, 6, 3, 8, 1), (0, 1, 2, 0, 3, 4, 0), strict=True)
+    presses = [chord(one, first=3 * i + 1, last=3 * i + 3)[0] for i, one in enumerate(notes)]
+    exact = choose(presses, 1, 0.0)
+    monkeypatch.setattr(robot, "_MOST_STATES", 1)
+    assert choose(presses, 1, 0.0) != exact
+
+
 @settings(max_examples=40, deadline=None)
 @given(hand_presses(most=5), st.sampled_from([1, -1]))
 def test_no_other_fingers_cost_less(presses, sign):

@@ -29,6 +29,7 @@ ROOMS = [
     "layers",
     "music",
     "simulation",
+    "reading",
     "metrics",
     "performance",
     "viewing",

@@ -7,18 +7,18 @@ behind the ``predict`` of a trained model. What a plan is made of is cheap, and 
 """
 
 from sb3_piano.music.presses import Press, presses_of_hand
-from sb3_piano.planning.arms import wanted_places
 from sb3_piano.planning.hand_plan import HandPlan
-from sb3_piano.planning.key_frames import KeyFrames, key_frames
-from sb3_piano.planning.keyboard import KeyPlaces
-from sb3_piano.planning.kinematics import HandKinematics
 from sb3_piano.planning.pianist import PlannedPianist, Trackers
 from sb3_piano.planning.plan import Plan, plan, refine
 from sb3_piano.planning.policy import PianoPolicy
-from sb3_piano.planning.presses import TimedPress, time_presses
 from sb3_piano.planning.problems import Problem
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import Tracker
+from sb3_piano.reading.arms import wanted_places
+from sb3_piano.reading.key_frames import KeyFrames, key_frames
+from sb3_piano.reading.keyboard import KeyPlaces
+from sb3_piano.reading.kinematics import HandKinematics
+from sb3_piano.reading.presses import TimedPress, time_presses
 
 __all__ = [
     "HandKinematics",

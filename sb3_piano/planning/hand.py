@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +11,9 @@ from scipy.optimize import least_squares
 
 from sb3_piano.music.constants import FINGERS_PER_HAND, MIDDLE, THUMB
 from sb3_piano.music.fingering.robot import KEY_SPACING
-from sb3_piano.planning.keyboard import WHITE_X, KeyPlaces
-from sb3_piano.planning.kinematics import HandKinematics
 from sb3_piano.planning.tracking_control import HandDynamics
+from sb3_piano.reading.keyboard import WHITE_X, KeyPlaces
+from sb3_piano.reading.kinematics import HandKinematics
 from sb3_piano.simulation import PianoScene
 
 FloatArray = npt.NDArray[np.float64]
@@ -54,10 +55,18 @@ class Hand:
             n_substeps: Physics steps in a control step.
         """
         kinematics = HandKinematics(scene, side)
-        rest = resting_posture(kinematics, keys)
+        rest = _posture_in(scene, side)
         pull = _PULL * np.array([_firmness(name) for name in kinematics.names])
         dynamics = HandDynamics.of(scene, kinematics, rest, n_substeps)
         return cls(kinematics, keys, rest, pull, dynamics)
+
+
+@functools.lru_cache(maxsize=8)
+def _posture_in(scene: PianoScene, side: int) -> FloatArray:
+    """Return a hand's resting posture, sought once a scene, which takes a tenth of a second."""
+    posture = resting_posture(HandKinematics(scene, side), KeyPlaces.of(scene))
+    posture.flags.writeable = False
+    return posture
 
 
 def resting_posture(kinematics: HandKinematics, keys: KeyPlaces) -> FloatArray:

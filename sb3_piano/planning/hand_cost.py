@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.music.constants import FINGERS_PER_HAND
-from sb3_piano.planning.key_frames import KeyFrames
-from sb3_piano.planning.kinematics import HandKinematics
+from sb3_piano.reading.key_frames import KeyFrames
+from sb3_piano.reading.kinematics import HandKinematics
 
 FloatArray = npt.NDArray[np.float64]
 

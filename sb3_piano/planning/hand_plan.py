@@ -9,14 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.music.constants import THUMB
-from sb3_piano.planning.arms import bounds_of
 from sb3_piano.planning.hand import Hand
 from sb3_piano.planning.hand_cost import HandCost
-from sb3_piano.planning.key_frames import KeyFrames, key_frames
 from sb3_piano.planning.least_squares import HandProblem, Smoothness
-from sb3_piano.planning.presses import TimedPress
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracking_control import TrackingControl
+from sb3_piano.reading.arms import bounds_of
+from sb3_piano.reading.key_frames import KeyFrames, key_frames
+from sb3_piano.reading.presses import TimedPress
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -43,7 +43,15 @@ class HandTask:
         return cls(
             hand,
             timed,
-            key_frames(timed, kinematics.sign, n_states, kinematics.radius, hand.keys, settings),
+            key_frames(
+                timed,
+                kinematics.sign,
+                n_states,
+                kinematics.radius,
+                hand.keys,
+                settings.hover,
+                settings.hold_depth,
+            ),
         )
 
 

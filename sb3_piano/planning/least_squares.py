@@ -17,7 +17,7 @@ from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from sb3_piano.planning.hand import Hand
 from sb3_piano.planning.hand_cost import HandCost
-from sb3_piano.planning.kinematics import HandKinematics
+from sb3_piano.reading.kinematics import HandKinematics
 
 FloatArray = npt.NDArray[np.float64]
 

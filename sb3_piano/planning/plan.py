@@ -16,16 +16,12 @@ from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.fingering import apply_fingering
-from sb3_piano.music.fingering.robot import release_early
-from sb3_piano.music.presses import presses_of_hand
-from sb3_piano.planning.arms import dividing_line, wanted_places
 from sb3_piano.planning.hand import Hand
 from sb3_piano.planning.hand_plan import HandPlan, HandTask, plan_hands
-from sb3_piano.planning.keyboard import KeyPlaces
-from sb3_piano.planning.presses import time_presses
 from sb3_piano.planning.problems import Problem, problems_of
 from sb3_piano.planning.refinement import refine_hands
 from sb3_piano.planning.settings import PlanSettings
+from sb3_piano.reading import KeyPlaces, read_piece
 from sb3_piano.simulation import PianoScene
 
 FloatArray = npt.NDArray[np.float64]
@@ -106,26 +102,29 @@ def plan(
         score = apply_fingering(piece, "robot", control_timestep)
         piece = PianoRoll.from_score(score, control_timestep)
     _check_fingers(piece)
-    made = _plan_roll(release_early(piece), scene, settings)
+    made = _plan_roll(piece, scene, settings)
     return refine(made, scene, settings) if settings.rehearsals > 0 else made
 
 
 def _plan_roll(roll: PianoRoll, scene: PianoScene, settings: PlanSettings) -> Plan:
-    keys, n_states = KeyPlaces.of(scene), len(roll) + 1
+    keys = KeyPlaces.of(scene)
     n_substeps = round(roll.control_timestep / scene.model.opt.timestep)
-    tasks, places, busy = [], [], []
-    for side in (0, 1):
-        hand = Hand.of(scene, side, keys, n_substeps)
-        sign = hand.kinematics.sign
-        presses = time_presses(presses_of_hand(roll, side), sign)
-        task = HandTask.of(hand, presses, n_states, settings)
-        place, plays = wanted_places(task.frames, sign, hand.kinematics.middle)
-        tasks.append(task)
-        places.append(place)
-        busy.append(plays)
-    line = dividing_line(places, busy, settings.arms_apart)
-    hands, line = plan_hands(tasks, places, line, settings, roll.control_timestep)
-    return Plan(roll=roll, hands=hands, arm_line=line, problems=problems_of(roll, hands, scene))
+    right, left = (Hand.of(scene, side, keys, n_substeps) for side in (0, 1))
+    read = read_piece(
+        roll,
+        (right.kinematics, left.kinematics),
+        keys,
+        hover=settings.hover,
+        hold_depth=settings.hold_depth,
+        arms_apart=settings.arms_apart,
+    )
+    pairs = zip((right, left), read.hands, strict=True)
+    tasks = [HandTask(hand, one.presses, one.frames) for hand, one in pairs]
+    places = [one.place for one in read.hands]
+    hands, line = plan_hands(tasks, places, read.line, settings, roll.control_timestep)
+    return Plan(
+        roll=read.roll, hands=hands, arm_line=line, problems=problems_of(read.roll, hands, scene)
+    )
 
 
 def _check_fingers(roll: PianoRoll) -> None:

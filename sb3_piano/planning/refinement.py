@@ -20,9 +20,9 @@ from sb3_piano.envs.actions import ActionMap
 from sb3_piano.metrics.frames import count_frames
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning.hand_plan import Both, replan_hands
-from sb3_piano.planning.presses import TimedPress
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import corrected
+from sb3_piano.reading.presses import TimedPress
 from sb3_piano.simulation import PianoScene, Simulation
 
 FloatArray = npt.NDArray[np.float64]

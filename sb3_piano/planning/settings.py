@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from sb3_piano.reading.key_frames import HOLD_DEPTH, HOVER
+from sb3_piano.reading.piece import ARMS_APART
 from sb3_piano.settings import Count, Index, Number, Positive, settings
 
 
@@ -21,15 +23,15 @@ class PlanSettings:
     feedback: Number = 0.5
     """Share of the optimal feedback that is used: contacts are not in the linear model."""
 
-    hover: Number = 0.010
+    hover: Number = HOVER
     """Height over a key of a finger that will soon play it, m."""
-    hold_depth: Number = 1.05
+    hold_depth: Number = HOLD_DEPTH
     """Depth of a key while it is down."""
     press_force: Number = 3.0
     """Force on a key that is held, as a multiple of what its spring takes."""
     press_force_thumb: Number = 4.0
     """The same for thumbs."""
-    arms_apart: Number = 0.16
+    arms_apart: Number = ARMS_APART
     """Least distance of the two forearms, m; they touch at 0.15."""
 
     rounds: Count = 8

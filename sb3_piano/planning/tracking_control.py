@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.planning.hand_cost import HandCost
-from sb3_piano.planning.kinematics import HandKinematics
+from sb3_piano.reading.kinematics import HandKinematics
 from sb3_piano.simulation import PianoScene
 
 FloatArray = npt.NDArray[np.float64]

@@ -24,7 +24,7 @@ from sb3_piano.music.fingering.robot import (
     robot_fingers,
 )
 from sb3_piano.music.presses import Press
-from sb3_piano.planning.keyboard import KeyPlaces
+from sb3_piano.reading.keyboard import KeyPlaces
 from sb3_piano.simulation import compile_scene
 
 WHITE = [key for key in range(NUM_KEYS) if not KEY_IS_BLACK[key]]

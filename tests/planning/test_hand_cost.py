@@ -9,8 +9,8 @@ from hand_parts import SETTINGS, hand_of, keys_of, random_positions, rest_of, sc
 from sb3_piano.music.presses import Press
 from sb3_piano.planning import hand_cost
 from sb3_piano.planning.hand_cost import HandCost
-from sb3_piano.planning.key_frames import key_frames
-from sb3_piano.planning.presses import TimedPress
+from sb3_piano.reading.key_frames import key_frames
+from sb3_piano.reading.presses import TimedPress
 
 BOTH_HANDS = pytest.mark.parametrize("hand", [0, 1])
 FAR = 10.0  # m
@@ -51,7 +51,7 @@ def busy_cost(hand, full=True, n_states=24):
     kinematics, keys = hand_of(scene, hand), keys_of(scene)
     presses = [Press(C4 + 1, 1, 5, 8), Press(C4 + 5, 3, 7, 12), Press(C4 + 6, 4, 13, 20)]
     timed = [TimedPress(press, press.first, press.last) for press in presses]
-    frames = key_frames(timed, kinematics.sign, n_states, kinematics.radius, keys, SETTINGS)
+    frames = key_frames(timed, kinematics.sign, n_states, kinematics.radius, keys)
     random = np.random.default_rng(hand)
     share = random.uniform(0, 0.5, (n_states, 1))
     positions = (1 - share) * rest_of(scene, hand) + share * random_positions(kinematics, n_states)

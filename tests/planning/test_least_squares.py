@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hand_parts import SETTINGS, hand_of, keys_of, scene_of, whole_hand
+from hand_parts import hand_of, keys_of, scene_of, whole_hand
 
 from sb3_piano.music.presses import Press
 from sb3_piano.planning import hand_cost, least_squares
 from sb3_piano.planning.hand_cost import HandCost
-from sb3_piano.planning.key_frames import key_frames
 from sb3_piano.planning.least_squares import HandProblem, Smoothness
-from sb3_piano.planning.presses import TimedPress
+from sb3_piano.reading.key_frames import key_frames
+from sb3_piano.reading.presses import TimedPress
 
 BOTH_HANDS = pytest.mark.parametrize("hand", [0, 1])
 C4, N_STATES = 39, 24
@@ -25,7 +25,7 @@ class Parts:
         kinematics, keys = hand_of(scene, hand), keys_of(scene)
         timed = [TimedPress(press, press.first, press.last) for press in presses]
         sign = kinematics.sign
-        frames = key_frames(timed, sign, N_STATES, kinematics.radius, keys, SETTINGS)
+        frames = key_frames(timed, sign, N_STATES, kinematics.radius, keys)
         bound = np.full(N_STATES, -10.0 * sign) if bound is None else bound
         self.kinematics = kinematics
         self.cost = HandCost(kinematics, frames, bound)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hand_parts import SETTINGS, hand_of, keys_of, rest_of, scene_of, whole_hand
+from hand_parts import hand_of, keys_of, rest_of, scene_of, whole_hand
 
 from sb3_piano.music.presses import Press
 from sb3_piano.planning import tracking_control
 from sb3_piano.planning.hand_cost import HandCost
-from sb3_piano.planning.key_frames import key_frames
 from sb3_piano.planning.least_squares import HandProblem, Smoothness
-from sb3_piano.planning.presses import TimedPress
 from sb3_piano.planning.tracking_control import HandDynamics, TrackingControl
+from sb3_piano.reading.key_frames import key_frames
+from sb3_piano.reading.presses import TimedPress
 
 SCENE = scene_of()
 KINEMATICS = hand_of(SCENE, 0)
@@ -138,7 +138,7 @@ PRESSES = [Press(C4 + 8, 1, 5, 8), Press(C4 + 10, 2, 9, 13), Press(C4 + 15, 4, 1
 def real_problem():
     keys = keys_of(SCENE)
     timed = [TimedPress(press, press.first, press.last) for press in PRESSES]
-    frames = key_frames(timed, 1, N_STATES + 1, KINEMATICS.radius, keys, SETTINGS)
+    frames = key_frames(timed, 1, N_STATES + 1, KINEMATICS.radius, keys)
     cost = HandCost(KINEMATICS, frames.between(1, None), np.full(N_STATES, -10.0))
     smoothness = Smoothness(KINEMATICS, np.tile(REST, (2, 1)), N_STATES)
     start = np.tile(REST, (N_STATES, 1))

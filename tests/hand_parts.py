@@ -9,8 +9,8 @@ import numpy as np
 
 from sb3_piano.planning import PlanSettings
 from sb3_piano.planning.hand import Hand, resting_posture
-from sb3_piano.planning.keyboard import KeyPlaces
-from sb3_piano.planning.kinematics import HandKinematics
+from sb3_piano.reading.keyboard import KeyPlaces
+from sb3_piano.reading.kinematics import HandKinematics
 from sb3_piano.simulation import SIDES, compile_scene
 
 SETTINGS = PlanSettings()

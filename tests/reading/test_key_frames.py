@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from drawn_presses import hand_presses
 from hand_parts import (
-    SETTINGS,
     hand_of,
     keys_of,
     over_the_top,
@@ -20,11 +19,11 @@ from hypothesis import strategies as st
 from sb3_piano.music.constants import KEY_IS_BLACK
 from sb3_piano.music.fingering.robot import KEY_SPACING
 from sb3_piano.music.presses import Press
-from sb3_piano.planning.key_frames import (
+from sb3_piano.reading.key_frames import (
     _REACH,
     key_frames,
 )
-from sb3_piano.planning.presses import TimedPress, time_presses
+from sb3_piano.reading.presses import TimedPress, time_presses
 
 SCENE = scene_of()
 KEYS = keys_of(SCENE)
@@ -35,7 +34,7 @@ C4 = 39
 
 
 def frames_of(timed, n_states=40, sign=1):
-    return key_frames(timed, sign, n_states, RADIUS, KEYS, SETTINGS)
+    return key_frames(timed, sign, n_states, RADIUS, KEYS)
 
 
 def held(key, finger, first=20, last=24, leaps=False):

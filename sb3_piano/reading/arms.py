@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from sb3_piano.music.constants import MIDDLE
 from sb3_piano.music.fingering.robot import KEY_SPACING
-from sb3_piano.planning.key_frames import KeyFrames
+from sb3_piano.reading.key_frames import KeyFrames
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

@@ -10,12 +10,16 @@ import numpy.typing as npt
 
 from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK
 from sb3_piano.music.fingering.robot import hand_place
-from sb3_piano.planning.keyboard import KeyPlaces, press_x
-from sb3_piano.planning.presses import TimedPress
-from sb3_piano.planning.settings import PlanSettings
+from sb3_piano.reading.keyboard import KeyPlaces, press_x
+from sb3_piano.reading.presses import TimedPress
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
+
+HOVER = 0.010
+"""Height over a key of a finger that will soon play it, m."""
+HOLD_DEPTH = 1.05
+"""Depth of a key while it is down, a share of its travel."""
 
 # What may replace what: a finger that lets go a key has the right of way over its next approach.
 _HOVER, _LIFT, _READY, _RELEASE, _HOLD = range(1, 6)
@@ -72,7 +76,8 @@ def key_frames(
     n_states: int,
     radius: FloatArray,
     keys: KeyPlaces,
-    settings: PlanSettings,
+    hover: float = HOVER,
+    hold_depth: float = HOLD_DEPTH,
 ) -> KeyFrames:
     """Return what a hand's presses ask of its fingertips.
 
@@ -82,7 +87,8 @@ def key_frames(
         n_states: How many states there are.
         radius: (5,) radius of the fingertips, m.
         keys: The keyboard.
-        settings: The plan's settings.
+        hover: Height over a key of a finger that will soon play it, m.
+        hold_depth: Depth of a key while it is down, a share of its travel.
     """
     arrays = _FrameArrays(n_states)
     held = _held_places(timed, sign, n_states)
@@ -92,7 +98,7 @@ def key_frames(
         finger = one.press.finger
         place = hand_place(one.press.key, finger, sign)
         x = press_x(one.press.key, finger, mixed[index]) + one.adjustment.along
-        goal = _Goal(one, x, float(radius[finger]), keys, settings)
+        goal = _Goal(one, x, float(radius[finger]), keys, hover, hold_depth)
         start = max(last[finger] + 2, one.first - _HOVER_STATES)
         free = {
             state: _is_free(held[state], finger, place)
@@ -132,7 +138,8 @@ class _Goal:
     x: float
     radius: float
     keys: KeyPlaces
-    settings: PlanSettings
+    hover: float
+    hold_depth: float
 
     def write(self, arrays: _FrameArrays, start: int, free: dict[int, bool]) -> None:
         """Write the targets.
@@ -142,7 +149,7 @@ class _Goal:
             start: The first state in which the finger may move towards the key.
             free: By state before the key is struck, whether the hand is near enough to.
         """
-        one, settings, finger = self.one, self.settings, self.one.press.finger
+        one, finger = self.one, self.one.press.finger
         black = bool(KEY_IS_BLACK[one.press.key])
         full = _WEIGHT_BLACK if black else _WEIGHT
         strike = one.first - 1  # the state before the key is down
@@ -150,7 +157,7 @@ class _Goal:
             near = 1 - (strike - state) / _HOVER_STATES
             share = max(_LEAST_HOVER_SHARE, near**3)
             if free.get(state, False):
-                arrays.put(state, finger, _HOVER, self._at(0.0, settings.hover), full * share)
+                arrays.put(state, finger, _HOVER, self._at(0.0, self.hover), full * share)
         if free.get(strike - 1, False):
             place = self._at(_LIFT_DEPTH)
             arrays.put(strike - 1, finger, _LIFT, place, full * _LIFT_SHARE)
@@ -158,7 +165,7 @@ class _Goal:
         ready += one.adjustment.ready
         arrays.put(strike, finger, _READY, self._at(ready), full * _READY_SHARE)
         for state in range(one.first, one.last + 1):
-            arrays.put(state, finger, _HOLD, self._at(settings.hold_depth), full)
+            arrays.put(state, finger, _HOLD, self._at(self.hold_depth), full)
         depth = _LEAP_RELEASE_DEPTH if one.leaps else _RELEASE_DEPTH
         if one.repeated:
             depth = _REPEAT_DEPTH

@@ -14,7 +14,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.settings import Number, TextOrPath, Unit, Whole, refuse_unknown, settings
 from sb3_piano.simulation import physics_profile
 
-ObservationKind = Literal["roll", "window", "fingers"]
+ObservationKind = Literal["roll", "window", "fingers", "hands"]
 """Ways to observe goal and state."""
 
 LookaheadSteps = Annotated[
@@ -56,7 +56,8 @@ class PianoEnvConfig:
     """Control steps after the current one that the goal shows; 0 to 10,000."""
     observation: ObservationKind = "roll"
     """"roll" is RoboPianist's observation; "window" is the same for the keys of the piece and three
-    beside them; "fingers" has for each finger where and when it must press next."""
+    beside them; "fingers" has for each finger where and when it must press next; "hands" has what
+    each hand read in the whole piece, both seen as right hands."""
     control_timestep: Number = 0.05
     """Length of a control step, s; a whole number of physics steps."""
     initial_buffer_time: Annotated[Number, Ge(0), Unit("s")] = 0.0

@@ -24,10 +24,6 @@ IntArray = npt.NDArray[np.intp]
 GOAL_WIDTH = NUM_KEYS + 1
 """Numbers in one row of the goal: the keys, then the pedal."""
 
-# How many keys the window shows beyond those of the piece, on either side: what a finger that
-# misses is likely to press.
-_WINDOW_MARGIN = 3
-
 # Joint limits are soft: a joint that is pushed may overshoot its range by a little. The declared
 # bounds leave this much room (rad, or m for the sliders).
 _JOINT_OVERSHOOT = 1.0
@@ -62,24 +58,6 @@ class Encoding(ABC):
             simulation: What is played, as it was read.
             pedal: The pedal's command in [0, 1].
         """
-
-
-def make_encoding(
-    name: str, scene: PianoScene, n_steps_lookahead: int, control_timestep: float, roll: PianoRoll
-) -> Encoding:
-    """Return the encoding called ``name``.
-
-    Args:
-        name: One of :data:`~sb3_piano.envs.config.ObservationKind`.
-        scene: The scene that is observed.
-        n_steps_lookahead: How many control steps after the current one the goal shows.
-        control_timestep: Length of a control step, s.
-        roll: The piece for which a window of keys is cut.
-    """
-    if name == "fingers":
-        return FingerEncoding(scene, n_steps_lookahead, control_timestep)
-    window = KeyWindow.of(roll, _WINDOW_MARGIN) if name == "window" else ALL_KEYS
-    return RollEncoding(scene, n_steps_lookahead, window)
 
 
 class RollEncoding(Encoding):
@@ -299,7 +277,7 @@ class FingerGoals:
         Raises:
             ScoreError: If a note has no finger label.
         """
-        _check_labels(roll)
+        check_labels(roll, "fingers")
         steps = len(roll)
         held = _held_keys(roll)
         key, onset = np.full_like(held, -1), np.full_like(held, horizon)
@@ -344,12 +322,21 @@ def _ends(held: IntArray, step: int) -> npt.NDArray[np.bool_]:
     return np.asarray(held[step + 1] != held[step])
 
 
-def _check_labels(roll: PianoRoll) -> None:
+def check_labels(roll: PianoRoll, observation: str) -> None:
+    """Refuse a roll with a note that has no finger.
+
+    Args:
+        roll: The piece.
+        observation: What asks for fingers.
+
+    Raises:
+        ScoreError: If there is such a note.
+    """
     unlabelled = np.argwhere(roll.unlabelled)
     if len(unlabelled) > 0:
         step, key = unlabelled[0]
         raise ScoreError(
             f"The note of pitch {key + MIN_PITCH} at control step {step} has no finger label: "
-            "the observation 'fingers' expects one for every note. Let fingers be found with "
-            "fingering='ergonomic' or 'robot', or choose the observation 'roll' or 'window'."
+            f"the observation {observation!r} expects one for every note. Let fingers be found "
+            "with fingering='ergonomic' or 'robot', or choose the observation 'roll' or 'window'."
         )

@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from sb3_piano.envs.actions import ActionMap
 from sb3_piano.envs.config import PianoEnvConfig
-from sb3_piano.envs.encodings import make_encoding
+from sb3_piano.envs.encodings import Encoding, FingerEncoding, RollEncoding
 from sb3_piano.envs.goal import Goal, reward_terms
+from sb3_piano.envs.hand_encoding import HandEncoding
 from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, ObservationLayout, ObservationSpace
 from sb3_piano.envs.record import EnvState, EpisodeRecord
 from sb3_piano.envs.score_choice import ScoreSource, chosen_score, own_score
@@ -20,13 +21,17 @@ from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedE
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.apply import apply_fingering
 from sb3_piano.performance import Performance
-from sb3_piano.simulation import Simulation, compile_scene, pedal_threshold
+from sb3_piano.simulation import PianoScene, Simulation, compile_scene, pedal_threshold
 from sb3_piano.viewing import FrameRenderer
 
 Observation = npt.NDArray[np.float32]
 
 # RoboPianist's range for the random offset of both hands along the keyboard, m.
 _HAND_OFFSET = 0.05
+
+# How many keys the window shows beyond those of the piece, on either side: what a finger that
+# misses is likely to press.
+_WINDOW_MARGIN = 3
 
 
 class PianoEnv(gym.Env[Any, Any]):
@@ -369,10 +374,8 @@ class PianoEnv(gym.Env[Any, Any]):
         self.action_map = ActionMap(self.scene)
         """Map from actions to the actuators' targets and the pedal, and back."""
         self._goal = Goal(self._default_score, config)
-        roll, lookahead = self._goal.roll, config.n_steps_lookahead
-        self._encoding = make_encoding(
-            config.observation, self.scene, lookahead, config.control_timestep, roll
-        )
+        roll = self._goal.roll
+        self._encoding = _make_encoding(config, self.scene, roll)
         self._encoding.prepare(roll)
         self._clear_episode()
 
@@ -392,3 +395,13 @@ class PianoEnv(gym.Env[Any, Any]):
         """Return the observation; after the last step it repeats the last goal."""
         step = min(self._record.steps, len(self._goal) - 1)
         return self._encoding.write(step, self._simulation, self._pedal)
+
+
+def _make_encoding(config: PianoEnvConfig, scene: PianoScene, roll: PianoRoll) -> Encoding:
+    """Return what writes the observations; a window of keys is cut for the roll."""
+    if config.observation == "hands":
+        return HandEncoding(scene, config.control_timestep)
+    if config.observation == "fingers":
+        return FingerEncoding(scene, config.n_steps_lookahead, config.control_timestep)
+    window = KeyWindow.of(roll, _WINDOW_MARGIN) if config.observation == "window" else ALL_KEYS
+    return RollEncoding(scene, config.n_steps_lookahead, window)

@@ -58,7 +58,7 @@ class PlannedPianist(PianoPolicy):
     def _positions(self, slot: int, observation: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
         """Return where the actuators are, (n,) rad or m, from the joints that are observed."""
         piano, layout = self._pianos[slot], self._layout
-        if layout is None:  # a wrapper shows something else
+        if layout is None or "right_joints" not in layout:  # something else is shown
             return np.asarray(piano.data.actuator_length)
         joints = np.concatenate([observation[layout[f"{side}_joints"].slice] for side in SIDES])
         return piano.scene.actuator_positions(joints)

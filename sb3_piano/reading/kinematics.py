@@ -198,7 +198,12 @@ class HandKinematics:
             [j for body in chain for j in self._links[number[body]].joints] for chain in chains
         ]
         self._tip_link = [number[body] for body in tip_bodies]
-        self._tip_offset = [_far_end(model, int(g)) for g in geoms]
+        self.tip_along = np.array([_far_end(model, int(g)) for g in geoms])
+        """(5,) how far along the axis of its capsule each fingertip is from the middle, m."""
+        self._tip_offset = [
+            model.geom_pos[g] + _axis(model, int(g)) * along
+            for g, along in zip(geoms, self.tip_along, strict=True)
+        ]
         self.radius[:] = model.geom_size[geoms, 0]
 
 
@@ -246,11 +251,15 @@ def _link(model: mujoco.MjModel, body: int, number: dict[int, int], order: dict[
     )
 
 
-def _far_end(model: mujoco.MjModel, geom: int) -> FloatArray:
-    """Return the centre of the far sphere of a capsule, in its body."""
-    along = _matrix(model.geom_quat[geom])[:, 2] * model.geom_size[geom, 1]
-    ends = [model.geom_pos[geom] + along, model.geom_pos[geom] - along]
-    return np.asarray(max(ends, key=lambda end: float(np.linalg.norm(end))))
+def _far_end(model: mujoco.MjModel, geom: int) -> float:
+    """Return where along its axis a capsule's sphere farther from the joint is, m."""
+    half = float(model.geom_size[geom, 1])
+    near, axis = model.geom_pos[geom], _axis(model, geom)
+    return max((half, -half), key=lambda end: float(np.linalg.norm(near + end * axis)))
+
+
+def _axis(model: mujoco.MjModel, geom: int) -> FloatArray:
+    return np.asarray(_matrix(model.geom_quat[geom])[:, 2])
 
 
 def _matrix(quaternion: FloatArray) -> FloatArray:

@@ -1,6 +1,7 @@
 """Gymnasium wrappers for the piano: what is played, what is observed, what is rewarded."""
 
 from sb3_piano.wrappers.excerpt import Excerpt
+from sb3_piano.wrappers.hand_actions import HandActions
 from sb3_piano.wrappers.hide_fingering import HideFingering
 from sb3_piano.wrappers.key_range import KeyRange
 from sb3_piano.wrappers.lookahead import Lookahead
@@ -21,6 +22,7 @@ from sb3_piano.wrappers.transforms import OctaveShift, PitchShift, TemporalStret
 __all__ = [
     "Excerpt",
     "FingeringDecay",
+    "HandActions",
     "HideFingering",
     "KeyRange",
     "KeyRewardTiering",

@@ -1,0 +1,372 @@
+"""The observation of two hands that have read the piece: each sees itself as a right hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.envs.encodings import Encoding, check_labels
+from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
+from sb3_piano.music import PianoRoll
+from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK, NUM_KEYS
+from sb3_piano.reading import (
+    HandKinematics,
+    HandReading,
+    KeyPlaces,
+    TimedPress,
+    bounds_of,
+    read_piece,
+)
+from sb3_piano.reading.piece import ARMS_APART
+from sb3_piano.simulation import SIDES, PianoScene, Simulation
+
+Float32Array = npt.NDArray[np.float32]
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+
+FRAMES_AHEAD = np.array([1, 2, 3, 4, 6, 8])
+"""States after the present one whose key frames are shown."""
+
+PLACES_AHEAD = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32])
+"""States after the present one of which is shown where the arm is wanted."""
+
+BUSY_AHEAD = np.array([1, 6, 16])
+"""States after the present one of which is shown whether the hand plays about then."""
+
+LINE_AHEAD = np.array([1, 4, 8, 16])
+"""States after the present one of which is shown how far the arm may go."""
+
+PRESSES_AHEAD = 2
+"""Presses of each finger that are shown: the one under way or else the next, and that after it."""
+
+MOST_TIME = 2.0
+"""The farthest that presses are seen ahead and back, s."""
+
+_DM_PER_M = 10.0  # so that the last centimetre counts among numbers of the order of 1
+_CM_PER_M = 100.0
+_FARTHEST = 20.0  # dm
+_FULL_WEIGHT = 10.0  # of a key frame across the keys, per m
+_FASTEST = 50.0  # rad/s, or m/s
+_OVERSHOOT = 1.0  # joint limits are soft; rad or m
+_AROUND = np.array([-1, 0, 1])  # keys around a finger that are shown
+_MARGIN = 1  # keys added beyond both ends of the keyboard, so that each key has neighbours
+_GRID = 1e-3  # of the table of keys by place, m
+
+
+class HandEncoding(Encoding):
+    """What each hand read in the piece, relative to its arm and its fingers."""
+
+    def __init__(self, scene: PianoScene, control_timestep: float):
+        """Lay out the observation.
+
+        Args:
+            scene: The scene that is observed.
+            control_timestep: Length of a control step, s.
+        """
+        right, left = HandKinematics(scene, 0), HandKinematics(scene, 1)
+        self._hands = (right, left)
+        self._places = KeyPlaces.of(scene)
+        self._control_timestep = control_timestep
+        self.layout = _layout(scene)
+        self._size = self.layout.size // 2
+        blocks = list(self.layout.values())[: len(self.layout) // 2]
+        self._at = {block.name.removeprefix("right_"): block.slice for block in blocks}
+        self._qpos = np.stack(scene.joint_qpos)
+        self._dofs = np.stack([scene.model.jnt_dofadr[joints] for joints in scene.joints])
+        self._tip_geoms = scene.fingertip_geom
+        self._tip_along = np.concatenate([right.tip_along, left.tip_along])[:, None]
+        # The left hand in a mirror: y changes its sign, and so does the slider along it.
+        self._sign = np.array([1.0, -1.0])[:, None]  # (2, 1)
+        self._mirror = np.array([[[1.0, 1.0, 1.0]], [[1.0, -1.0, 1.0]]])
+        slider = int(np.argmax(right.joint_of_actuator[:, right.index("forearm_tx")]))
+        self._joint_sign = np.ones(self._qpos.shape)
+        self._joint_sign[1, slider] = -1.0
+        self._slider = slider
+        self._slope = float(right.arm_slope[right.index("forearm_tx")])
+        self._nearest, self._lowest = _keys_by_place(self._places.y)
+        self._black = np.pad(KEY_IS_BLACK.astype(np.float32), _MARGIN)
+        self._state = np.zeros(NUM_KEYS + 2 * _MARGIN)
+
+    def prepare(self, roll: PianoRoll) -> None:
+        """Take a piece; see :meth:`Encoding.prepare`."""
+        check_labels(roll, "hands")
+        read = read_piece(roll, self._hands, self._places)
+        bounds = bounds_of(read.line, ARMS_APART)
+        steps = len(roll)
+        presses = [_FingerPresses.of(hand.presses, hand, steps) for hand in read.hands]
+        known = np.zeros((steps, 2, self._size), dtype=np.float32)
+        target, scale = [], []
+        for side, (hand, press) in enumerate(zip(read.hands, presses, strict=True)):
+            self._write_known(known[:, side], hand, press, bounds[side], self._sign.item(side))
+            shown = _states(steps, FRAMES_AHEAD)
+            points = np.concatenate([hand.frames.target[shown], press.point], axis=1)
+            target.append(points * self._mirror[side] * _DM_PER_M)
+            asked = [hand.frames.weight[shown, :, 1] > 0, press.there]
+            scale.append(np.concatenate(asked, axis=1)[..., None])
+        self._known = known
+        self._target = np.stack(target, axis=1)  # (T, 2, frames and presses, 5, 3) dm, mirrored
+        self._scale = np.stack(scale, axis=1).astype(float)
+        self._press_key = np.stack([press.key for press in presses], axis=1)
+        self._press_there = np.stack([press.there for press in presses], axis=1)
+        self._due = np.pad(roll.active, ((0, 0), (_MARGIN, _MARGIN))).astype(np.float32)
+
+    def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
+        """Return the observation; see :meth:`Encoding.write`."""
+        del pedal  # which nothing but the score moves
+        data, at, key_state = simulation.data, self._at, simulation.key_state
+        rows: Float32Array = self._known[step].copy()
+        joints = simulation.qpos[self._qpos] * self._joint_sign
+        velocities = data.qvel[self._dofs] * self._joint_sign
+        # (2, 1): the middle of a hand whose slider is at 0 is as far out on both sides.
+        arm = (self._hands[0].middle + self._slope * joints[:, self._slider])[:, None]
+        axes = data.geom_xmat.take(self._tip_geoms, axis=0)[:, 2::3]
+        tips = simulation.geom_xpos.take(self._tip_geoms, axis=0) + axes * self._tip_along
+        tips = tips.reshape(2, FINGERS_PER_HAND, 3) * self._mirror
+        here = tips * _DM_PER_M
+        rows[:, at["positions"]] = joints
+        rows[:, at["velocities"]] = np.minimum(np.maximum(velocities, -_FASTEST), _FASTEST)
+        ways = (self._target[step] - here[:, None]) * self._scale[step]
+        frames, presses = rows[:, at["frames"]], rows[:, at["presses"]]
+        count = len(FRAMES_AHEAD)
+        frames.reshape(2, count, FINGERS_PER_HAND, -1)[..., :3] = ways[:, :count]
+        presses = presses.reshape(2, PRESSES_AHEAD, FINGERS_PER_HAND, -1)
+        presses[..., :3] = ways[:, count:]
+        presses[..., 3] = key_state[self._press_key[step]] * self._press_there[step]
+        self._write_keys(rows[:, at["keys"]], step, tips[:, :, 1], key_state)
+        from_arm = arm * _DM_PER_M
+        here[:, :, 1] -= from_arm
+        rows[:, at["fingertips"]] = here.reshape(2, -1)
+        rows[:, at["places"]] -= from_arm
+        rows[:, at["line"]] -= from_arm
+        rows[:, at["other_arm"]] = from_arm + from_arm[::-1]
+        return rows.reshape(-1)
+
+    def _write_keys(
+        self, rows: Float32Array, step: int, places: FloatArray, key_state: FloatArray
+    ) -> None:
+        """Write what the keys around each finger do, and whether they should."""
+        across = places * self._sign  # (2, 5) in the world
+        cells = ((across - self._lowest) * (1 / _GRID)).astype(np.intp)
+        key = self._nearest.take(cells, mode="clip")
+        around = key[:, :, None] + (_AROUND * self._sign.astype(np.intp))[:, None] + _MARGIN
+        self._state[_MARGIN:-_MARGIN] = key_state
+        shown = rows.reshape(2, FINGERS_PER_HAND, -1)
+        shown[..., 0:3] = self._state[around]
+        shown[..., 3:6] = self._due[step][around]
+        shown[..., 6:9] = self._black[around]
+        shown[..., 9] = _CM_PER_M * (self._places.y[key] - across) * self._sign
+
+    def _write_known(
+        self,
+        known: Float32Array,
+        hand: HandReading,
+        presses: _FingerPresses,
+        bound: FloatArray,
+        sign: float,
+    ) -> None:
+        """Write what does not depend on the simulation."""
+        at, steps = self._at, len(known)
+        frames = np.zeros((steps, len(FRAMES_AHEAD), FINGERS_PER_HAND, 4))
+        weight = hand.frames.weight[_states(steps, FRAMES_AHEAD), :, 1]
+        frames[..., 3] = weight / _FULL_WEIGHT
+        known[:, at["frames"]] = frames.reshape(steps, -1)
+        times = np.stack([presses.first, presses.last], axis=-1) * self._control_timestep
+        facts = np.zeros((steps, PRESSES_AHEAD, FINGERS_PER_HAND, _PRESS_NUMBERS))
+        facts[..., 4:6] = np.clip(times, -MOST_TIME, MOST_TIME) * presses.there[..., None]
+        facts[..., 6:] = presses.facts
+        known[:, at["presses"]] = facts.reshape(steps, -1)
+        scale = _DM_PER_M * sign
+        known[:, at["places"]] = scale * hand.place[_states(steps, PLACES_AHEAD)]
+        known[:, at["busy"]] = hand.busy[_states(steps, BUSY_AHEAD)]
+        known[:, at["line"]] = scale * bound[_states(steps, LINE_AHEAD)]
+
+
+_PRESS_NUMBERS = 11
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _FingerPresses:
+    """In each of T states, each finger's press under way or else the next, and that after it."""
+
+    key: IntArray
+    """(T, 2, 5) its key; 0 if there is none."""
+    there: npt.NDArray[np.bool_]
+    """(T, 2, 5) whether there is one."""
+    first: IntArray
+    """(T, 2, 5) states until the key must be down; negative where it has been."""
+    last: IntArray
+    """(T, 2, 5) states until the last one in which it must be down."""
+    point: FloatArray
+    """(T, 2, 5, 3) where the fingertip is when the key is down, m."""
+    facts: FloatArray
+    """(T, 2, 5, 5) 1 if there is one, if it is black, if the hand came by a leap, if it leaves by
+    one, if the same finger strikes the key again at once."""
+
+    @classmethod
+    def of(cls, presses: tuple[TimedPress, ...], hand: HandReading, steps: int) -> _FingerPresses:
+        shape = (steps, PRESSES_AHEAD, FINGERS_PER_HAND)
+        key, first, last = (np.zeros(shape, dtype=np.intp) for _ in range(3))
+        point, facts = np.zeros((*shape, 3)), np.zeros((*shape, 5))
+        states = np.arange(steps)
+        for finger in range(FINGERS_PER_HAND):
+            own = [one for one in presses if one.press.finger == finger]
+            ends = np.maximum.accumulate([one.last for one in own] or [0])
+            following = np.searchsorted(ends, states + 1) if own else np.zeros(steps, np.intp)
+            table = _table(own, hand, finger)
+            for ahead in range(PRESSES_AHEAD):
+                at = following + ahead
+                there = at < len(own)
+                rows = table[at[there]]
+                key[there, ahead, finger] = rows[:, 0].astype(np.intp)
+                first[there, ahead, finger] = rows[:, 1].astype(np.intp) - states[there]
+                last[there, ahead, finger] = rows[:, 2].astype(np.intp) - states[there]
+                point[there, ahead, finger] = rows[:, 3:6]
+                facts[there, ahead, finger] = rows[:, 6:]
+        return cls(
+            key=key, there=facts[..., 0] > 0, first=first, last=last, point=point, facts=facts
+        )
+
+
+def _table(presses: list[TimedPress], hand: HandReading, finger: int) -> FloatArray:
+    """Return a row for each press of a finger: key, first and last state, point, facts."""
+    rows = [
+        (
+            one.press.key,
+            one.first,
+            one.last,
+            *hand.frames.target[min(one.first, len(hand.place) - 1), finger],
+            True,
+            KEY_IS_BLACK[one.press.key],
+            one.leapt,
+            one.leaps,
+            one.repeated,
+        )
+        for one in presses
+    ]
+    return np.array(rows, dtype=float).reshape(-1, 11)
+
+
+def _states(steps: int, ahead: IntArray) -> IntArray:
+    """Return for each of T states those that are shown, (T, n); after the last one it is that."""
+    return np.minimum(np.arange(steps)[:, None] + ahead, steps)
+
+
+def _keys_by_place(places: FloatArray) -> tuple[IntArray, float]:
+    """Return the nearest key for each millimetre across the keyboard, and where that begins, m."""
+    cells = np.arange(places[0], places[-1], _GRID) + _GRID / 2
+    return np.abs(cells[:, None] - places).argmin(axis=1), float(places[0])
+
+
+def _layout(scene: PianoScene) -> ObservationLayout:
+    """Return the blocks of the right hand, then those of the left one."""
+    return ObservationLayout([block for side in SIDES for block in _hand_blocks(scene, side)])
+
+
+def _hand_blocks(scene: PianoScene, side: str) -> list[ObservationBlock]:
+    low, high = scene.joint_range[0].T  # in the mirror they are the left hand's, too
+    count = len(low)
+    frames = (len(FRAMES_AHEAD), FINGERS_PER_HAND, 4)
+    presses = (PRESSES_AHEAD, FINGERS_PER_HAND, _PRESS_NUMBERS)
+    far = [_FARTHEST] * 3
+    minus = [-_FARTHEST] * 3
+    return [
+        ObservationBlock(
+            name=f"{side}_positions",
+            shape=(count,),
+            unit="rad, m for the last two",
+            meaning=f"{side} hand's joint positions, wrist to thumb, then the sliders along the "
+            "keyboard and towards the hinges of the keys",
+            low=low - _OVERSHOOT,
+            high=high + _OVERSHOOT,
+        ),
+        ObservationBlock(
+            name=f"{side}_velocities",
+            shape=(count,),
+            unit="rad/s, m/s for the last two",
+            meaning=f"how fast they change, cut at {_FASTEST:g}",
+            low=-_FASTEST,
+            high=_FASTEST,
+        ),
+        ObservationBlock(
+            name=f"{side}_fingertips",
+            shape=(FINGERS_PER_HAND, 3),
+            unit="dm",
+            meaning="centres of the fingertips, thumb to little finger: x towards the player, y "
+            "away from the arm to the little finger's side, z up",
+            low=-_FARTHEST,
+            high=_FARTHEST,
+        ),
+        ObservationBlock(
+            name=f"{side}_frames",
+            shape=frames,
+            unit="dm (3), 1",
+            meaning=f"for the states after {_listed(FRAMES_AHEAD)} control steps and each finger: "
+            "the way from where its tip is now to where it is wanted, and how much that counts; 0 "
+            "where it may be anywhere",
+            low=[*minus, 0.0],
+            high=[*far, 10.0],
+        ),
+        ObservationBlock(
+            name=f"{side}_presses",
+            shape=presses,
+            unit="dm (3), 1, s (2), 1 (5)",
+            meaning="for each finger's press under way or else the next, then the one after it: "
+            "the way to where its tip is when the key is down; the key's angle over its largest "
+            "angle; times until it must be down first and last, less than 0 for those that are "
+            f"over, cut at {MOST_TIME:g}; 1 if there is such a press, if the key is black, if the "
+            "hand comes by a leap, if it leaves by one, if the finger strikes the key anew at once",
+            low=[*minus, 0.0, -MOST_TIME, -MOST_TIME, *[0.0] * 5],
+            high=[*far, 1.0, MOST_TIME, MOST_TIME, *[1.0] * 5],
+        ),
+        ObservationBlock(
+            name=f"{side}_keys",
+            shape=(FINGERS_PER_HAND, 10),
+            unit="1 (9), cm",
+            meaning="for the key that is nearest to each fingertip, and its neighbours on the "
+            "thumb's and on the little finger's side (in the order neighbour, key, neighbour): "
+            "angles over their largest angles; 1 for those that should sound; 1 for black ones; "
+            "then how far the key is to the little finger's side",
+            low=[*[0.0] * 9, -200.0],
+            high=[*[1.0] * 9, 200.0],
+        ),
+        ObservationBlock(
+            name=f"{side}_places",
+            shape=(len(PLACES_AHEAD),),
+            unit="dm",
+            meaning=f"how far the hand is wanted to the little finger's side of where its arm is, "
+            f"in the states after {_listed(PLACES_AHEAD)} control steps",
+            low=-_FARTHEST,
+            high=_FARTHEST,
+        ),
+        ObservationBlock(
+            name=f"{side}_busy",
+            shape=(len(BUSY_AHEAD),),
+            unit="1",
+            meaning=f"1 if the hand plays at about {_listed(BUSY_AHEAD)} control steps from now",
+            binary=True,
+        ),
+        ObservationBlock(
+            name=f"{side}_line",
+            shape=(len(LINE_AHEAD),),
+            unit="dm",
+            meaning="how far to the little finger's side the arm has to stay, from where it is, "
+            f"in the states after {_listed(LINE_AHEAD)} control steps",
+            low=-_FARTHEST,
+            high=_FARTHEST,
+        ),
+        ObservationBlock(
+            name=f"{side}_other_arm",
+            shape=(1,),
+            unit="dm",
+            meaning="how far the right arm is to the right of the left one",
+            low=-_FARTHEST,
+            high=_FARTHEST,
+        ),
+    ]
+
+
+def _listed(numbers: IntArray) -> str:
+    *first, last = numbers.tolist()
+    return f"{', '.join(map(str, first))} and {last}"

@@ -1,0 +1,122 @@
+"""Actions of two hands, each a right hand's, that begin where the hand is."""
+
+from __future__ import annotations
+
+from typing import Any, SupportsFloat
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.exceptions import ConfigError, InvalidActionError
+from sb3_piano.layers import layers
+from sb3_piano.settings import Positive, checked
+from sb3_piano.simulation import PianoScene
+from sb3_piano.wrappers.piano import piano_of
+
+FloatArray = npt.NDArray[np.float64]
+
+# What moves a fingertip about as far in a control step of 0.05 s, relative to a rad of a finger's
+# joint: of what they are told fingers follow two thirds, wrists a half, sliders 8 % (these in m).
+_UNIT = {"finger": 1.0, "wrist": 0.5, "forearm": 0.5}
+
+
+class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """Take actions as offsets from where the actuators are, both hands as right hands.
+
+    The action has one number in [-1, 1] for each actuator and none for the pedal, which is moved as
+    the score asks. An actuator is told where it is plus its reach times the number, cut at the ends
+    of its control range; the left hand's slider along the keyboard moves the other way, so that
+    what moves the right hand to the right moves the left one to the left. With the observation
+    "hands" both hands see and do the same in the mirror, and one network can play either.
+
+    Args:
+        env: A piano environment, wrapped or not.
+        reach: How far from where it is an action of 1 sends a finger's joint, rad, above 0; a
+            wrist's joint half as far, a slider half as many metres, since it follows slowly.
+
+    Raises:
+        ConfigError: If ``reach`` is out of range, ``env`` is no piano, or another wrapper inside
+            has changed the actions.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], reach: float = 1.2) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, reach=reach)
+        super().__init__(env)
+        self._piano = piano_of(env, "HandActions")
+        own = self._piano.action_space
+        if env.action_space != own:
+            raise ConfigError(
+                f"HandActions cannot stand for actions of {env.action_space}: expected those of "
+                f"the piano itself, {own}. Put wrappers that change them further out."
+            )
+        self.reach = checked("reach", reach, Positive) * hand_action_unit(self._piano.scene)
+        """(n,) what an action of 1 adds, rad, or m for the sliders; negative in the mirror."""
+        shape = self.reach.shape
+        self._low, self._high = np.full(shape, -1.0), np.ones(shape)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, shape, dtype=np.float32)
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Play a control step.
+
+        Raises:
+            InvalidActionError: If the action has the wrong shape or is not finite.
+        """
+        return self.env.step(self.piano_action(action))
+
+    def piano_action(self, action: npt.ArrayLike) -> npt.NDArray[np.float32]:
+        """Return the action of the piano itself that an action stands for in the present state.
+
+        Raises:
+            InvalidActionError: If the action has the wrong shape or is not finite.
+        """
+        offsets = np.asarray(action, dtype=np.float64)
+        if offsets.shape != self.reach.shape:
+            raise InvalidActionError(
+                f"The action has shape {offsets.shape}: expected {self.reach.shape}, one number "
+                "for each actuator and none for the pedal."
+            )
+        scene, roll = self._piano.scene, self._piano.roll
+        offsets = np.minimum(np.maximum(offsets, self._low), self._high)
+        controls = self._positions() + self.reach * offsets
+        controls = np.minimum(np.maximum(controls, scene.ctrl_low), scene.ctrl_high)
+        down = bool(roll.sustain[min(self._piano.steps_played, len(roll) - 1)])
+        return self._piano.action_map.action(controls, pedal_down=down)
+
+    def action_for(self, controls: FloatArray) -> npt.NDArray[np.float32]:
+        """Return the action that tells the actuators something in the present state, or nearly.
+
+        Args:
+            controls: (n,) what they are to be told, rad or m; what is farther away than the reach
+                is cut.
+        """
+        offsets = (controls - self._positions()) / self.reach
+        return np.minimum(np.maximum(offsets, self._low), self._high).astype(np.float32)
+
+    def _positions(self) -> FloatArray:
+        piano = self._piano
+        return piano.scene.actuator_positions(piano.data.qpos[piano.scene.hand_qpos])
+
+
+def hand_action_unit(scene: PianoScene) -> FloatArray:
+    """Return what moves fingertips alike, (n,) rad, or m for sliders; negative in the mirror."""
+    unit = np.array([_UNIT[str(kind)] for kind in scene.actuator_kind])
+    slider = len(unit) - 2  # the left hand's last two are its sliders, along the keyboard first
+    assert scene.model.actuator(slider).name.endswith("forearm_tx"), "the order of the hand's table"
+    unit[slider] *= -1
+    return unit
+
+
+def hand_actions_of(env: gym.Env[Any, Any], asker: str) -> HandActions:
+    """Return the wrapper among those around a piano.
+
+    Raises:
+        ConfigError: If it is not there; the message names who asks.
+    """
+    for layer in layers(env):
+        if isinstance(layer, HandActions):
+            return layer
+    raise ConfigError(
+        f"{asker} finds no HandActions around the piano: expected "
+        "sb3_piano.wrappers.HandActions among the wrappers."
+    )

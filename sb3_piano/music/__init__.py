@@ -10,6 +10,7 @@ from sb3_piano.music.constants import (
     NUM_KEYS,
     UNKNOWN_FINGER,
 )
+from sb3_piano.music.corpus import Corpus
 from sb3_piano.music.formats import (
     read_midi,
     read_musicxml,
@@ -20,6 +21,7 @@ from sb3_piano.music.formats import (
     write_pig,
     write_score,
 )
+from sb3_piano.music.generation import generate_score
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.roll import PianoRoll
@@ -38,12 +40,14 @@ __all__ = [
     "SAMPLE_RATE",
     "STUDIES",
     "UNKNOWN_FINGER",
+    "Corpus",
     "Note",
     "Pedal",
     "PianoRoll",
     "Piece",
     "Score",
     "find_piece",
+    "generate_score",
     "is_path",
     "load_score",
     "major_scale",

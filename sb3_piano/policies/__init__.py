@@ -1,5 +1,11 @@
 """Policies for stock Stable-Baselines3 algorithms."""
 
+from sb3_piano.policies.hand_network import (
+    hand_weights,
+    load_hand_weights,
+    set_standardization,
+)
+from sb3_piano.policies.hands import HandsActorCriticPolicy, HandsSACPolicy, HandsTD3Policy
 from sb3_piano.policies.regularized import (
     RegularizedSACPolicy,
     RegularizedTD3Policy,
@@ -8,8 +14,14 @@ from sb3_piano.policies.regularized import (
 )
 
 __all__ = [
+    "HandsActorCriticPolicy",
+    "HandsSACPolicy",
+    "HandsTD3Policy",
     "RegularizedSACPolicy",
     "RegularizedTD3Policy",
     "ResidualSACPolicy",
     "ResidualTD3Policy",
+    "hand_weights",
+    "load_hand_weights",
+    "set_standardization",
 ]

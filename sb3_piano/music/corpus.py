@@ -1,0 +1,229 @@
+"""The corpus: many different excerpts of music, from which a policy learns to read."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Mapping
+from dataclasses import field, replace
+from pathlib import Path
+
+import numpy as np
+
+from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.music.catalogue import is_path, load_score, pieces
+from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH, UNKNOWN_FINGER
+from sb3_piano.music.formats import READERS
+from sb3_piano.music.generation import generate_score
+from sb3_piano.music.library import imported_pieces
+from sb3_piano.music.repertoire import REPERTOIRE
+from sb3_piano.music.score import Score
+from sb3_piano.music.studies import STUDIES
+from sb3_piano.settings import Count, Index, Positive, settings
+
+SOURCES = ("generated", "studies", "repertoire", "library")
+"""Sources of excerpts, beside the path of a file or of a folder of MIDI files."""
+
+HELD_OUT = (
+    "scale-EbMajor",
+    "arpeggio-BMinor",
+    "scale-AMajor",
+    "scale-DbMajor",
+    "scale-GNaturalMinor",
+    "scale-BbNaturalMinor",
+    "scale-CSharpHarmonicMinor",
+    "scale-EHarmonicMinor",
+    "arpeggio-FMajor",
+    "arpeggio-AbMajor",
+    "arpeggio-DMajor",
+    "arpeggio-CSharpMinor",
+    "hanon-05",
+    "hanon-11",
+    "hanon-17",
+)
+"""Studies that are kept for judging, spread over kinds and keys."""
+
+_STRETCH = 1.25
+"""Longest stretch of a given piece; the shortest is one by it."""
+
+_TEMPO = (60.0, 140.0)
+"""Quarter notes a minute of studies; those in quarter notes are also played twice as fast."""
+
+_FARTHEST = 12
+"""Semitones by which a piece is transposed at most."""
+
+_MIDI = (".mid", ".midi")
+
+
+@settings
+class Corpus:
+    """Excerpts of music, each a pure function of the seed and of its index.
+
+    Excerpts that are not generated come from a random place of a piece, which is transposed
+    within the keyboard and played slower or faster. A transposed piece keeps its hands, but not
+    its fingers. What would equal a held-out piece in another octave is not made.
+
+    Attributes:
+        seed: Another seed gives another corpus.
+        duration: Length of an excerpt, at most, in s.
+        sources: Weight of each source: ``"generated"`` (:func:`generate_score`), ``"studies"``,
+            ``"repertoire"``, ``"library"`` (what the user has imported), or the path of a file or
+            of a folder of MIDI files.
+        held_out: Names of pieces that are never used, with or without their collection; of files,
+            without their suffix.
+        n: How many excerpts there are.
+
+    Raises:
+        ConfigError: If a source is unknown or has no piece that may be used, or there is no piece
+            of a held-out name.
+    """
+
+    seed: Index = 0
+    duration: Positive = 12.0
+    sources: Mapping[str, Positive] = field(
+        default_factory=lambda: {"generated": 0.8, "studies": 0.2}
+    )
+    held_out: tuple[str, ...] = HELD_OUT
+    n: Count = 2000
+
+    def __post_init__(self) -> None:
+        if not self.sources:
+            raise ConfigError(f"sources is empty: expected weights of {', '.join(SOURCES)}.")
+        given = {source: _names(source) for source in self.sources if source != "generated"}
+        known = {alias for name in pieces() for alias in _aliases(name)}
+        known |= {alias for names in given.values() for name in names for alias in _aliases(name)}
+        for name in self.held_out:
+            if name not in known:
+                raise ConfigError(
+                    f"held_out names {name!r}, which is no piece.{near_names(name, known)} "
+                    "Expected names from 'sb3-piano pieces list' or of files in the sources."
+                )
+        for source, names in given.items():
+            if not self._kept(names):
+                raise ConfigError(
+                    f"Source {source!r} has no piece to learn from: expected at least one that is "
+                    f"not held out; {len(names)} are."
+                )
+
+    def __len__(self) -> int:
+        return self.n
+
+    def __iter__(self) -> Iterator[Score]:
+        return (self[index] for index in range(self.n))
+
+    def __getitem__(self, index: int) -> Score:
+        """Return an excerpt.
+
+        Args:
+            index: 0 to ``len(corpus) - 1``; negative ones count from the end.
+
+        Raises:
+            IndexError: If there is no such excerpt.
+            ScoreError: If a file cannot be read.
+        """
+        if not -self.n <= index < self.n:
+            raise IndexError(f"Excerpt {index} is not in the corpus: it has {self.n}.")
+        index = int(index) % self.n
+        random = np.random.default_rng((self.seed, index))
+        weights = np.array(list(self.sources.values()))
+        source = list(self.sources)[int(random.choice(len(weights), p=weights / weights.sum()))]
+        if source == "generated":
+            score = generate_score(random, self.duration)
+            return replace(score, title=f"{score.title} {index:05d}")
+        names = self.names[source]
+        return self._excerpt(random, names[int(random.integers(len(names)))])
+
+    @functools.cached_property
+    def names(self) -> Mapping[str, tuple[str, ...]]:
+        """The names, or paths, of the pieces of each source, but for generated music."""
+        return {
+            source: self._kept(_names(source)) for source in self.sources if source != "generated"
+        }
+
+    def _kept(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        held_out = set(self.held_out)
+        return tuple(name for name in names if not held_out & _aliases(name))
+
+    def _excerpt(self, random: np.random.Generator, name: str) -> Score:
+        if name in STUDIES and STUDIES[name].options:
+            score, factor = _study(random, name), 1.0
+        else:
+            factor = float(np.exp(random.uniform(-1, 1) * np.log(_STRETCH)))
+            score = _score(name).stretch(factor)
+        low, high = score.pitch_range
+        shifts = range(max(MIN_PITCH - low, -_FARTHEST), min(MAX_PITCH - high, _FARTHEST) + 1)
+        allowed = [shift for shift in shifts if _opening(score, shift) not in self._openings]
+        semitones = int(random.choice(allowed)) if allowed else 0
+        score = score.transpose(semitones)
+        if semitones % 12:
+            notes = [replace(note, finger=UNKNOWN_FINGER) for note in score.notes]
+            score = replace(score, notes=tuple(notes))
+        last = max(score.duration - self.duration, 0.0)
+        starts = sorted({note.onset for note in score.notes if note.onset <= last})
+        start = float(random.choice(starts)) if starts else score.notes[0].onset
+        excerpt = score.excerpt(start, start + self.duration)
+        short = Path(name).stem if is_path(name) else name
+        title = f"{short} {semitones:+d} x{factor:.2f} from {start:.1f} s"
+        return replace(excerpt, title=title)
+
+    @functools.cached_property
+    def _openings(self) -> frozenset[tuple[tuple[int, ...], ...]]:
+        """How the held-out studies begin."""
+        studies = (name for name in STUDIES if not self._kept((name,)))
+        return frozenset(_opening(STUDIES[name].score(), 0) for name in studies)
+
+
+def _opening(score: Score, semitones: int) -> tuple[tuple[int, ...], ...]:
+    """Return the pitch classes with which a piece that is transposed begins, whoever plays."""
+    struck: dict[float, set[int]] = {}
+    for note in score.notes[:8]:
+        struck.setdefault(note.onset, set()).add((note.pitch + semitones) % 12)
+    return tuple(tuple(sorted(classes)) for classes in list(struck.values())[:4])
+
+
+def _study(random: np.random.Generator, name: str) -> Score:
+    piece = STUDIES[name]
+    tempo = float(random.uniform(*_TEMPO))
+    if piece.collection != "hanon" and random.random() < 0.3:
+        tempo *= 2
+    options = {
+        "tempo": tempo,
+        "hands": str(random.choice(("both", "right", "left"), p=(0.8, 0.1, 0.1))),
+        "repeats": int(random.integers(1, 4)),
+        "octaves": int(random.integers(1, 3)),
+    }
+    return piece.score(**{key: options[key] for key in piece.options if key in options})
+
+
+@functools.lru_cache(maxsize=256)
+def _score(name: str) -> Score:
+    return load_score(name)
+
+
+def _names(source: str) -> tuple[str, ...]:
+    """Return the names, or the paths, of all pieces of a source.
+
+    Raises:
+        ConfigError: If there is no such source.
+    """
+    named = {"studies": lambda: STUDIES, "repertoire": lambda: REPERTOIRE}
+    named["library"] = imported_pieces
+    if source in named:
+        return tuple(named[source]())
+    path = Path(source)
+    if path.is_dir():
+        files = (file for file in path.rglob("*") if file.suffix.lower() in _MIDI)
+        return tuple(sorted(str(file) for file in files if file.is_file()))
+    if path.is_file() and path.suffix.lower() in READERS:
+        # With a separator it is taken for a path wherever a piece may be given.
+        return (str(path.absolute()),)
+    raise ConfigError(
+        f"Unknown source {source!r}.{near_names(source, SOURCES)} Expected one of "
+        f"{', '.join(SOURCES)}, or the path of a file of music or of a folder of MIDI files."
+    )
+
+
+def _aliases(name: str) -> set[str]:
+    """Return what a piece may be called: by its full name or without the collection, or file."""
+    if is_path(name):
+        return {name, Path(name).name, Path(name).stem}
+    return {name, name.partition("-")[2]} - {""}

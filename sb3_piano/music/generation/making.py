@@ -1,0 +1,211 @@
+"""Music for two hands, made by rules."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sb3_piano.music.constants import PITCH_CLASS_IS_BLACK
+from sb3_piano.music.generation.frame import (
+    DORIAN,
+    HARMONIC,
+    MAJOR,
+    MINOR,
+    Frame,
+    Tone,
+    progression,
+)
+from sb3_piano.music.generation.styles import NEAR, PEDALLED, STYLES
+from sb3_piano.music.generation.timing import Touch, draw_touch, fastest_tempo, perform
+from sb3_piano.music.hands import HANDS, Hand
+from sb3_piano.music.note import Pedal
+from sb3_piano.music.score import Score
+from sb3_piano.settings import Positive, checked, refuse_unknown
+
+_METERS = ((4.0, 1.0), (3.0, 1.0), (2.0, 1.0), (3.0, 1.5))
+"""Length of a bar and of a beat in quarter notes: 4/4, 3/4, 2/4, 6/8."""
+
+_FORMS = ("AABA", "ABAB", "AABB", "ABAC", "ABCA")
+_SLOWEST, _FASTEST = 50.0, 180.0
+"""Quarter notes a minute."""
+
+_SILENT = 0.05
+"""Share of phrases in which a hand is silent."""
+
+
+def generate_score(random: np.random.Generator, duration: float, style: str | None = None) -> Score:
+    """Make a piece of music for the piano.
+
+    Key, meter, tempo, harmony, registers, figures and touch are drawn, then phrases are written
+    that come back with variations. Most notes say which hand plays them, none with which finger.
+
+    Args:
+        random: The source of chance.
+        duration: Length, in s: what lies beyond is cut off.
+        style: One of `STYLES`; by default drawn.
+
+    Raises:
+        ConfigError: If the duration is not above 0, or there is no such style.
+    """
+    duration = checked("duration", duration, Positive)
+    if style is not None:
+        refuse_unknown([style], STYLES, "style")
+    else:
+        style = str(random.choice(list(STYLES)))
+    plan = _Plan.drawn(random, style)
+    tones: list[Tone] = []
+    phrases: dict[str, list[Tone]] = {}
+    tempo = float(np.exp(random.uniform(np.log(_SLOWEST), np.log(_FASTEST))))
+    count = 0
+    while not tones or count * plan.length < (duration * tempo / 60):
+        letter = plan.form[count % len(plan.form)]
+        written = plan.phrase(random, letter, phrases)
+        if count == 0:
+            tempo = min(tempo, fastest_tempo(written))
+        tones += [replace(tone, start=tone.start + count * plan.length) for tone in written]
+        count += 1
+    notes = perform(tones, tempo, plan.touch, random)
+    if random.random() < 0.2:  # as a file that does not tell the hands
+        notes = [replace(note, hand=None) for note in notes]
+    score = Score(
+        notes=notes,
+        pedals=plan.pedals(60 / tempo, count * plan.length),
+        title=f"generated {style}",
+    )
+    start = score.notes[0].onset
+    return score.excerpt(start, start + duration)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Plan:
+    """What a piece keeps from phrase to phrase."""
+
+    style: str
+    form: str
+    """A letter for each phrase: the same letter, the same music."""
+    tonic: int
+    scale: tuple[int, ...]
+    bar: float
+    beat: float
+    bars: int
+    per_bar: float
+    """Chords a bar."""
+    seventh: float
+    habits: int
+    register: dict[Hand, float]
+    touch: Touch
+    pedalled: bool
+
+    @classmethod
+    def drawn(cls, random: np.random.Generator, style: str) -> _Plan:
+        """Draw a plan for a style."""
+        scales = (MAJOR, HARMONIC, MINOR, DORIAN)
+        scale = scales[int(random.choice(4, p=(0.55, 0.25, 0.15, 0.05)))]
+        bar, beat = _METERS[int(random.choice(4, p=(0.45, 0.25, 0.15, 0.15)))]
+        if style == "stride" and random.random() < 0.5:
+            bar, beat = 3.0, 1.0
+        two = bar in (2.0, 4.0)
+        right = float(np.clip(random.normal(73, 6), 60, 92))
+        apart = random.uniform(5, 14) if style in NEAR else random.uniform(12, 34)
+        if random.random() < 0.08:
+            apart = random.uniform(0, 12)
+        return cls(
+            style=style,
+            form=str(random.choice(_FORMS)),
+            tonic=_tonic(random, scale),
+            scale=scale,
+            bar=bar,
+            beat=beat,
+            bars=int(random.choice((2, 4), p=(0.6, 0.4))),
+            per_bar=float(random.choice((1, 2 if two else 1, 0.5), p=(0.6, 0.3, 0.1))),
+            seventh=float(random.choice((0.0, 0.15, 0.5))),
+            habits=int(random.integers(2**31)),
+            register={"right": right, "left": float(np.clip(right - apart, 40, 66))},
+            touch=draw_touch(random),
+            pedalled=bool(random.random() < (0.7 if style in PEDALLED else 0.15)),
+        )
+
+    @property
+    def length(self) -> float:
+        """Length of a phrase, in quarter notes."""
+        return self.bars * self.bar
+
+    def phrase(
+        self, random: np.random.Generator, letter: str, written: dict[str, list[Tone]]
+    ) -> list[Tone]:
+        """Write a phrase, or come back to one that was written, perhaps varied."""
+        if letter in written and random.random() < 0.75:
+            return _varied(random, written[letter], self.scale, self.tonic)
+        register = {hand: self.register[hand] + float(random.normal(0, 2)) for hand in HANDS}
+        start = 0 if letter == "A" else int(random.choice((0, 3, 4, 5)))
+        count = max(round(self.bars * self.per_bar), 1)
+        frame = Frame(
+            random=random,
+            habits=self.habits,
+            tonic=self.tonic,
+            scale=self.scale,
+            bar=self.bar,
+            beat=self.beat,
+            bars=self.bars,
+            chords=progression(random, count, self.seventh, start),
+            register=register,
+        )
+        tones = STYLES[self.style](frame)
+        silent = HANDS[int(random.integers(2))]
+        others = [tone for tone in tones if tone.hand != silent]
+        if others and written and random.random() < _SILENT:
+            tones = others
+        written[letter] = tones
+        return tones
+
+    def pedals(self, second: float, length: float) -> list[Pedal]:
+        """Return presses of the pedal, one for each chord.
+
+        Args:
+            second: Length of a quarter note, s.
+            length: Length of the piece, in quarter notes.
+        """
+        if not self.pedalled:
+            return []
+        every = self.bar / max(self.per_bar, 1)
+        starts = np.arange(0, length, every)
+        return [
+            Pedal(onset=(start + 0.1) * second, offset=(start + every - 0.1) * second)
+            for start in starts.tolist()
+        ]
+
+
+def _tonic(random: np.random.Generator, scale: tuple[int, ...]) -> int:
+    """Draw a tonic, with more weight on the keys of a scale with few black keys."""
+    black = [
+        sum(PITCH_CLASS_IS_BLACK[(tonic + step) % 12] for step in scale) for tonic in range(12)
+    ]
+    weights = np.interp(black, (0, 6), (2.0, 0.8))
+    return int(random.choice(12, p=weights / weights.sum()))
+
+
+def _varied(
+    random: np.random.Generator, tones: Sequence[Tone], scale: tuple[int, ...], tonic: int
+) -> list[Tone]:
+    """Return a phrase as it is, moved by an octave, or with a few other notes."""
+    kind = random.random()
+    if kind < 0.4:
+        return list(tones)
+    if kind < 0.55:
+        shift = 12 if np.mean([tone.pitch for tone in tones]) < 63 else -12
+        hand = HANDS[int(random.integers(2))]
+        both = random.random() < 0.5
+        return [
+            replace(tone, pitch=tone.pitch + shift) if both or tone.hand == hand else tone
+            for tone in tones
+        ]
+    moved = []
+    for tone in tones:
+        pitch = tone.pitch
+        if random.random() < 0.1:
+            pitch += int(random.choice((-2, -1, 1, 2)))
+            pitch = pitch if (pitch - tonic) % 12 in scale else tone.pitch
+        moved.append(replace(tone, pitch=pitch))
+    return moved

@@ -1,0 +1,175 @@
+"""From tones in quarter notes to notes in seconds: tempo, touch, and what hands can hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sb3_piano.music.constants import FINGERS_PER_HAND
+from sb3_piano.music.generation.frame import Tone, on_keyboard
+from sb3_piano.music.hands import HANDS, Hand
+from sb3_piano.music.note import Note
+
+_SHORTEST = 0.06
+"""Shortest note, s."""
+
+_GAP = 0.02
+"""Least time for which a key is up before it is struck again, s."""
+
+_REACH = 13
+"""Semitones that a hand holds at most between its outer keys."""
+
+_OVERLAP = 0.08
+"""Longest time for which notes of a hand overlap by its touch alone, s."""
+
+_LEGATO = 4
+"""Semitones from which on such notes do not overlap: the hand moves on."""
+
+_FASTEST = 0.085
+"""Least time between strikes of a hand, s: the tempo is chosen so that most keep to it."""
+
+_LEAP_PACE = 0.017
+"""Least time for each semitone that a hand leaps by, s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Touch:
+    """How a piece is performed."""
+
+    lengths: Mapping[Hand, float]
+    """Share of its written length for which each hand holds a note."""
+    volumes: Mapping[Hand, float]
+    """MIDI velocity of each hand."""
+    jitter: float
+    """Standard deviation of the onsets, s."""
+    rubato: float
+    """How far the tempo swings within a phrase, as a share of it."""
+
+
+def draw_touch(random: np.random.Generator) -> Touch:
+    """Draw how a piece is performed."""
+    kinds = (
+        lambda: random.uniform(0.3, 0.6),
+        lambda: random.uniform(0.7, 0.95),
+        lambda: 1.0,
+        lambda: random.uniform(1.02, 1.12),
+    )
+    first = int(random.choice(4, p=(0.08, 0.27, 0.5, 0.15)))
+    second = int(random.choice(4, p=(0.12, 0.3, 0.45, 0.13))) if random.random() < 0.4 else first
+    loud = float(random.uniform(55, 95))
+    return Touch(
+        lengths={"right": float(kinds[first]()), "left": float(kinds[second]())},
+        volumes={"right": loud, "left": loud - float(random.uniform(-3, 18))},
+        jitter=float(random.uniform(0.003, 0.012)) if random.random() < 0.3 else 0.0,
+        rubato=float(random.uniform(0.03, 0.15)) if random.random() < 0.3 else 0.0,
+    )
+
+
+def fastest_tempo(tones: Iterable[Tone]) -> float:
+    """Return the tempo, in quarter notes a minute, above which the hands would have to hurry."""
+    slowest = 0.0
+    for hand in HANDS:
+        struck: dict[float, list[int]] = {}
+        for tone in tones:
+            if tone.hand == hand:
+                struck.setdefault(round(tone.start, 4), []).append(tone.pitch)
+        starts = sorted(struck)
+        if len(starts) < 2:
+            continue
+        centres = np.array([np.mean(struck[start]) for start in starts])
+        ways = np.abs(np.diff(centres))
+        needed = np.where(ways > 7, np.maximum(ways * _LEAP_PACE, _FASTEST), _FASTEST)
+        slowest = max(slowest, float(np.quantile(needed / np.diff(starts), 0.95)))
+    return 60 / slowest if slowest else np.inf
+
+
+def perform(
+    tones: Sequence[Tone], tempo: float, touch: Touch, random: np.random.Generator
+) -> list[Note]:
+    """Return the notes of tones.
+
+    Args:
+        tones: What is written.
+        tempo: Quarter notes a minute.
+        touch: How it is performed.
+        random: The source of chance.
+    """
+    second = 60 / tempo
+    swing = float(random.uniform(0, 2 * np.pi))
+    late: dict[tuple[float, Hand], float] = {}
+    notes = []
+    for tone in sorted(tones, key=lambda tone: (tone.start, tone.pitch)):
+        place = (round(tone.start, 4), tone.hand)
+        shift = late.setdefault(place, float(np.clip(random.normal(0, 1), -2.5, 2.5)))
+        own = touch.jitter * (shift + 0.3 * random.normal(0, 1)) if touch.jitter else 0.0
+        onset = _seconds(tone.start, second, touch.rubato, swing) + own
+        end = tone.start + tone.length * min(touch.lengths[tone.hand], 1.0)
+        offset = _seconds(end, second, touch.rubato, swing) + own
+        if touch.lengths[tone.hand] > 1:
+            offset += min((touch.lengths[tone.hand] - 1) * tone.length * second, 0.06)
+        velocity = touch.volumes[tone.hand] + tone.accent + random.normal(0, 3)
+        notes.append(
+            Note(
+                onset=max(onset, 0.0),
+                offset=max(offset, max(onset, 0.0) + _SHORTEST),
+                pitch=on_keyboard(tone.pitch),
+                velocity=int(np.clip(velocity, 15, 125)),
+                hand=tone.hand,
+            )
+        )
+    return _holdable(notes)
+
+
+def _seconds(time: float, second: float, rubato: float, swing: float) -> float:
+    """Return when a time in quarter notes is, in s: the tempo swings once in eight of them."""
+    pace = 2 * np.pi / 8
+    sway = np.sin(pace * time + swing) - np.sin(swing)
+    return float(second * (time + rubato * sway / pace))
+
+
+@dataclass
+class _Sounding:
+    onset: float
+    offset: float
+    note: Note
+
+
+def _holdable(notes: Sequence[Note]) -> list[Note]:
+    """Let go of notes where another one needs their key, or the hand, and drop what is double."""
+    found: list[_Sounding] = []
+    held: list[_Sounding] = []
+    for note in sorted(notes, key=lambda note: (note.onset, note.pitch)):
+        held = [one for one in held if one.offset > note.onset]
+        same = [one for one in held if one.note.pitch == note.pitch]
+        if any(note.onset - one.onset < _SHORTEST + _GAP for one in same):
+            continue
+        for one in same:
+            one.offset = min(one.offset, note.onset - _GAP)
+        mine = [one for one in held if one.note.hand == note.hand]
+        together = [one for one in mine if note.onset - one.onset < 0.03]
+        if len(together) >= FINGERS_PER_HAND:
+            continue
+        for one in mine:
+            brief = one.offset - note.onset < _OVERLAP
+            too_far = abs(one.note.pitch - note.pitch) > (_LEGATO if brief else _REACH)
+            if too_far and one not in together:
+                one.offset = max(min(one.offset, note.onset), one.onset + _SHORTEST)
+        mine = [one for one in mine if one.offset > note.onset]
+        while len(mine) >= FINGERS_PER_HAND:
+            oldest = mine.pop(0)
+            oldest.offset = max(note.onset, oldest.onset + _SHORTEST)
+        sounding = _Sounding(note.onset, note.offset, note)
+        held = [*held, sounding]
+        found.append(sounding)
+    return [
+        Note(
+            onset=one.onset,
+            offset=one.offset,
+            pitch=one.note.pitch,
+            velocity=one.note.velocity,
+            hand=one.note.hand,
+        )
+        for one in found
+    ]

@@ -1,0 +1,297 @@
+"""Policies in which one network plays every hand, under stock SAC, TD3 and PPO."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from gymnasium.envs.registration import EnvSpec
+from safetensors.torch import load_file, save_file
+from stable_baselines3 import PPO, SAC, TD3
+from stable_baselines3.common.noise import NormalActionNoise
+from torch import nn
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.policies import (
+    HandsActorCriticPolicy,
+    HandsSACPolicy,
+    HandsTD3Policy,
+    RegularizedTD3Policy,
+    hand_weights,
+    load_hand_weights,
+    set_standardization,
+)
+from sb3_piano.policies.hand_network import CLIP, HandHead, Standardize
+from sb3_piano.training import load_config, train
+
+N, M = 12, 4
+MODELS = {"sac": SAC, "td3": TD3, "ppo": PPO}
+POLICIES = {"sac": HandsSACPolicy, "td3": HandsTD3Policy, "ppo": HandsActorCriticPolicy}
+OF_ALGORITHM = {
+    "sac": {"learning_starts": 20, "buffer_size": 500},
+    "td3": {
+        "learning_starts": 20,
+        "buffer_size": 500,
+        "action_noise": NormalActionNoise(np.zeros(2 * M), np.full(2 * M, 0.1)),
+    },
+    "ppo": {"n_steps": 64, "batch_size": 32},
+}
+SMALL = {"pi": [16, 8], "qf": [16], "vf": [16]}
+each = pytest.mark.parametrize("name", MODELS)
+
+
+class Reach(gym.Env):
+    """Each hand's actions should be the tanh of the first numbers that it sees."""
+
+    def __init__(self, hands=2, n=N, m=M):
+        self.observation_space = gym.spaces.Box(-np.inf, np.inf, (hands * n,), np.float32)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (hands * m,), np.float32)
+        self._hands, self._m, self._steps = hands, m, 0
+
+    def _observe(self):
+        shape = self.observation_space.shape
+        self._observation = self.np_random.normal(size=shape).astype(np.float32)
+        return self._observation
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self._steps = 0
+        return self._observe(), {}
+
+    def step(self, action):
+        wanted = np.tanh(self._observation.reshape(self._hands, -1)[:, : self._m]).ravel()
+        reward = -float(np.mean((action - wanted) ** 2))
+        self._steps += 1
+        return self._observe(), reward, False, self._steps >= 16, {}
+
+
+def make(name, hands=2, **policy_kwargs):
+    return MODELS[name](
+        POLICIES[name],
+        Reach(hands),
+        policy_kwargs={"n_hands": hands, "net_arch": SMALL, **policy_kwargs},
+        seed=0,
+        device="cpu",
+        **OF_ALGORITHM[name],
+    )
+
+
+def observations(count=30, hands=2):
+    return np.random.default_rng(1).normal(size=(count, hands * N)).astype(np.float32)
+
+
+def acted(model, seen=None):
+    return model.predict(observations() if seen is None else seen, deterministic=True)[0]
+
+
+def weights(seed=0):
+    """Return weights with which actions are far from 0."""
+    generator = torch.Generator().manual_seed(seed)
+    return {
+        name: torch.rand(tensor.shape, generator=generator) - 0.5
+        for name, tensor in hand_weights(make("sac").policy).items()
+    }
+
+
+def test_the_same_weights_act_alike_in_all_three():
+    models = [make(name) for name in MODELS]
+    for model in models:
+        assert np.abs(acted(model)).max() < 0.1  # small at first
+        load_hand_weights(model.policy, weights())
+    actions = [acted(model) for model in models]
+    assert np.abs(actions[0]).max() > 0.5
+    for others in actions[1:]:
+        np.testing.assert_allclose(others, actions[0], atol=1e-6)
+
+
+@each
+def test_it_learns_is_the_same_after_loading_and_learns_on(name, tmp_path):
+    model = make(name)
+    before = hand_weights(model.policy)
+    model.learn(200)
+    for part, tensor in hand_weights(model.policy).items():
+        assert torch.equal(tensor, before[part]) == part.startswith("standardize."), part
+    set_standardization(model.policy, np.full(N, 0.3), np.full(N, 2.0))
+    model.save(tmp_path / "model.zip")
+    loaded = MODELS[name].load(tmp_path / "model.zip", env=Reach())
+    np.testing.assert_array_equal(acted(loaded), acted(model))
+    loaded.learn(100, reset_num_timesteps=False)
+    assert np.abs(acted(loaded) - acted(model)).max() > 0
+    model.policy.save(tmp_path / "policy.pt")
+    alone = POLICIES[name].load(tmp_path / "policy.pt")
+    np.testing.assert_array_equal(acted(alone), acted(model))
+
+
+@each
+def test_hands_that_swap_what_they_see_swap_what_they_do(name):
+    model = make(name)
+    load_hand_weights(model.policy, weights())
+    swapped = np.roll(observations(), N, axis=1)
+    np.testing.assert_allclose(acted(model, swapped), np.roll(acted(model), M, axis=1), atol=1e-6)
+
+
+@each
+def test_one_hand_s_weights_play_both_hands(name):
+    """And so through a file, from PPO that has learnt with hands as agents."""
+    one = make("ppo", hands=1)
+    one.learn(128)
+    seen = observations()
+    both = make(name)
+    load_hand_weights(both.policy, hand_weights(one.policy))
+    apart = [acted(one, hand) for hand in np.split(seen, 2, axis=1)]
+    np.testing.assert_allclose(acted(both, seen), np.concatenate(apart, axis=1), atol=1e-6)
+
+
+def test_weights_survive_a_file_which_is_small(tmp_path):
+    space = Reach(n=400, m=22)
+    arguments = (space.observation_space, space.action_space, lambda _: 1e-3)
+    trained, other = HandsTD3Policy(*arguments), HandsActorCriticPolicy(*arguments)
+    save_file(hand_weights(trained), tmp_path / "hand.safetensors")
+    assert 1.8e6 < (tmp_path / "hand.safetensors").stat().st_size < 2.0e6
+    load_hand_weights(other, load_file(tmp_path / "hand.safetensors"))
+    seen = np.random.default_rng(0).normal(size=(5, 800)).astype(np.float32)
+    trained_actions, other_actions = (
+        p.predict(seen, deterministic=True)[0] for p in (trained, other)
+    )
+    np.testing.assert_allclose(trained_actions, other_actions, atol=1e-6)
+
+
+@each
+def test_all_networks_see_standardised_observations(name):
+    model = make(name)
+    mean, std = np.linspace(-3, 3, N), np.linspace(0, 2, N)
+    set_standardization(model.policy, mean, std)
+    extractors = [part for part in model.policy.modules() if isinstance(part, Standardize)]
+    assert len(extractors) == {"sac": 3, "td3": 4, "ppo": 1}[name]
+    seen = 20 * observations()
+    wanted = (seen.reshape(-1, 2, N) - mean) / np.where(std == 0, 1, std)
+    assert np.abs(wanted).max() > CLIP
+    wanted = np.clip(wanted, -CLIP, CLIP).reshape(seen.shape)
+    for extractor in extractors:
+        got = extractor(torch.as_tensor(seen)).numpy()
+        np.testing.assert_allclose(got, wanted, rtol=1e-4, atol=1e-4)
+    load_hand_weights(model.policy, {**weights(), **_standardization(model.policy)})
+    plain = make(name)
+    load_hand_weights(plain.policy, {**weights(), **_standardization(plain.policy)})
+    expected = acted(plain, wanted.astype(np.float32))
+    np.testing.assert_allclose(acted(model, seen), expected, atol=1e-4)
+
+
+def _standardization(policy):
+    return {k: v for k, v in hand_weights(policy).items() if k.startswith("standardize.")}
+
+
+@pytest.mark.parametrize("name", ["sac", "ppo"])
+def test_exploration_is_small_at_first_and_learnt(name):
+    model = make(name, log_std_init=-3.0)
+    torch.manual_seed(0)
+    seen = np.repeat(observations(1), 4000, axis=0)
+    spread = (model.predict(seen)[0] - acted(model, seen)).std(axis=0)
+    np.testing.assert_allclose(spread, np.exp(-3.0), rtol=0.1)
+    log_std = model.actor.log_std.values if name == "sac" else model.policy.log_std
+    before = log_std.detach().clone()
+    model.learn(100)
+    assert not torch.equal(log_std, before)
+
+
+@each
+def test_all_that_learns_is_optimised_once(name):
+    model = make(name)
+    parts = [model.policy] if name == "ppo" else [model.actor, model.critic]
+    for part in parts:
+        optimised = [p for group in part.optimizer.param_groups for p in group["params"]]
+        assert {id(p) for p in optimised} == {id(p) for p in part.parameters()}
+
+
+@each
+def test_critics_may_learn_faster_than_the_actor(name, tmp_path):
+    scale = 50.0
+    model = make(name, critic_lr_scale=scale)
+    model.policy.save(tmp_path / "policy.pt")
+    assert POLICIES[name].load(tmp_path / "policy.pt").critic_lr_scale == scale
+    if name == "ppo":
+        model.n_epochs, model.batch_size = 1, 64
+    else:
+        model.learning_starts, model.policy_delay = 62, 1
+    before = {part: p.detach().clone() for part, p in model.policy.named_parameters()}
+    model.learn(64 if name == "ppo" else 63)  # one update
+    moved = {part: _moved(p, before[part]) for part, p in model.policy.named_parameters()}
+    # Adam's first step is about as long as the learning rate, whatever the gradient.
+    for part, distance in moved.items():
+        if "target" not in part:
+            rate = model.learning_rate * (scale if "value_net" in part or "critic" in part else 1)
+            assert 0.5 * rate < distance < 1.01 * rate, part
+
+
+def _moved(now, before):
+    return (now.detach() - before).abs().max().item()
+
+
+YAML = """
+Reach-v0:
+  policy: sb3_piano.policies.{policy}
+  n_timesteps: 128
+  device: cpu
+  {settings}
+  policy_kwargs:
+    n_hands: 2
+    net_arch: {{pi: [16], qf: [16], vf: [16]}}
+    activation_fn: torch.nn.SiLU
+"""
+
+
+@each
+def test_settings_in_a_file_train_it(name, tmp_path, monkeypatch):
+    monkeypatch.setitem(gym.registry, "Reach-v0", EnvSpec("Reach-v0", entry_point=Reach))
+    settings = "n_steps: 64" if name == "ppo" else "buffer_size: 500"
+    text = YAML.format(policy=POLICIES[name].__name__, settings=settings)
+    (tmp_path / "settings.yml").write_text(text)
+    config = load_config(name, "Reach-v0", tmp_path / "settings.yml", seed=0)
+    result = train(config, tmp_path / "run", progress_bar=False)
+    loaded = MODELS[name].load(result.folder.model_file)
+    assert isinstance(loaded.policy, POLICIES[name])
+    assert any(isinstance(part, nn.SiLU) for part in loaded.policy.modules())
+
+
+@each
+def test_activation_and_sizes_are_as_given(name):
+    model = make(name, activation_fn=nn.SiLU)
+    assert any(isinstance(part, nn.SiLU) for part in model.policy.modules())
+    heads = [part for part in model.policy.modules() if isinstance(part, HandHead)]
+    assert {(head.in_features, head.out_features) for head in heads} == {(8 + N, M)}
+
+
+@pytest.mark.parametrize(
+    ("hands", "message"), [(5, "n_hands is 5, the observation space has 24"), (0, "n_hands is 0")]
+)
+def test_hands_that_do_not_divide_the_spaces_are_refused(hands, message):
+    with pytest.raises(ConfigError, match=message):
+        make("ppo", n_hands=hands)
+
+
+def test_actions_beyond_1_and_noise_that_depends_on_the_state_are_refused():
+    space, wide = Reach().observation_space, gym.spaces.Box(-2.0, 2.0, (2 * M,))
+    with pytest.raises(ConfigError, match=r"from -2 to 2: expected -1 to 1\. Wrap"):
+        HandsTD3Policy(space, wide, lambda _: 1e-3)
+    with pytest.raises(ConfigError, match="use_sde is True: expected False"):
+        SAC(HandsSACPolicy, Reach(), use_sde=True)
+
+
+def test_weights_that_do_not_fit_are_refused_and_change_nothing():
+    policy = make("td3").policy
+    before = hand_weights(policy)
+    with pytest.raises(ConfigError, match=r"only one of both has network\.hidden\.2\.linear"):
+        load_hand_weights(policy, hand_weights(make("td3", net_arch=[16, 8, 8]).policy))
+    with pytest.raises(
+        ConfigError, match=r"head\.weight has the shape \(3, 20\): expected \(4, 20"
+    ):
+        load_hand_weights(policy, {**weights(), "head.weight": torch.ones(3, N + 8)})
+    with pytest.raises(ConfigError, match=r"mean has the shape \(3,\)"):
+        set_standardization(policy, np.zeros(3), np.ones(N))
+    with pytest.raises(ConfigError, match="std has -1: expected no number below 0"):
+        set_standardization(policy, np.zeros(N), -np.ones(N))
+    assert all(torch.equal(hand_weights(policy)[name], before[name]) for name in before)
+    other = TD3(RegularizedTD3Policy, Reach(), buffer_size=100).policy
+    with pytest.raises(ConfigError, match="of the class RegularizedTD3Policy: expected HandsSAC"):
+        hand_weights(other)

@@ -1,4 +1,4 @@
-"""The vector of environments for Stable-Baselines3 that steps them in threads."""
+"""Vectors of environments for Stable-Baselines3: stepped in threads, or with hands as agents."""
 
 from __future__ import annotations
 
@@ -8,10 +8,16 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from stable_baselines3.common.vec_env import DummyVecEnv
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepReturn
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecEnvWrapper
+from stable_baselines3.common.vec_env.base_vec_env import (
+    VecEnvIndices,
+    VecEnvObs,
+    VecEnvStepReturn,
+)
 
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.threads import ThreadTeam
+from sb3_piano.wrappers.hand_reward import HAND_REWARDS
 
 
 class ThreadVecEnv(DummyVecEnv):
@@ -113,3 +119,96 @@ class ThreadVecEnv(DummyVecEnv):
             seed=self._seeds[index], **options
         )
         self._save_obs(index, observation)
+
+
+class HandsAsAgents(VecEnvWrapper):
+    """A vector in which each hand is an environment of its own, so that one policy learns for both.
+
+    Environment ``2 i`` is the right hand of environment ``i``, ``2 i + 1`` the left one. Each
+    observes its half of the observation "hands", acts by its half of
+    :class:`~sb3_piano.wrappers.HandActions`, and gets its reward of
+    :class:`~sb3_piano.wrappers.HandReward`; both end together. What is learnt is the network of
+    one hand (``policy_kwargs: {n_hands: 1}`` of the policies of :mod:`sb3_piano.policies`).
+
+    In a run's YAML: ``vec_env_wrapper: sb3_piano.vec_env.HandsAsAgents``.
+
+    Args:
+        venv: Environments whose observations and actions are two halves of equal meaning.
+
+    Raises:
+        ConfigError: If they cannot be halved.
+    """
+
+    def __init__(self, venv: VecEnv) -> None:
+        spaces = [_half(venv.observation_space), _half(venv.action_space)]
+        super().__init__(venv, *spaces)
+        self.num_envs = 2 * venv.num_envs
+
+    def reset(self) -> VecEnvObs:
+        """Begin an episode in every environment."""
+        observations = self._halves(self.venv.reset())
+        self.reset_infos = [info for info in self.venv.reset_infos for _ in (0, 1)]
+        return observations
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Play what both hands do."""
+        self.venv.step_async(actions.reshape(self.venv.num_envs, -1))
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Return what each hand observes, and its reward."""
+        observations, _, dones, infos = self.venv.step_wait()
+        rewards = np.array([info[HAND_REWARDS] for info in infos], dtype=np.float32)
+        return self._halves(observations), rewards.reshape(-1), dones.repeat(2), _of_hands(infos)
+
+    def env_method(
+        self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any
+    ) -> list[Any]:
+        """Call a method of the environments that hands are in."""
+        inside = self._inside(indices)
+        return self.venv.env_method(method_name, *args, indices=inside, **kwargs)
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """Return an attribute of the environments that hands are in."""
+        return self.venv.get_attr(attr_name, self._inside(indices))
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Set an attribute of the environments that hands are in."""
+        self.venv.set_attr(attr_name, value, self._inside(indices))
+
+    def env_is_wrapped(
+        self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
+    ) -> list[bool]:
+        """Return whether the environments that hands are in have a wrapper."""
+        return self.venv.env_is_wrapped(wrapper_class, self._inside(indices))
+
+    def _halves(self, observations: VecEnvObs) -> np.ndarray:
+        assert isinstance(observations, np.ndarray), "boxes alone have halves"
+        return observations.reshape(self.num_envs, -1)
+
+    def _inside(self, indices: VecEnvIndices) -> list[int]:
+        return [hand // 2 for hand in self._get_indices(indices)]
+
+
+def _half(space: gym.Space[Any]) -> gym.spaces.Box:
+    """Return the space of one hand."""
+    if isinstance(space, gym.spaces.Box) and len(space.shape) == 1 and space.shape[0] % 2 == 0:
+        low, high = space.low.reshape(2, -1), space.high.reshape(2, -1)
+        if np.array_equal(low[0], low[1]) and np.array_equal(high[0], high[1]):
+            return gym.spaces.Box(low[0], high[0], dtype=space.dtype.type)
+    raise ConfigError(
+        f"HandsAsAgents cannot give each hand half of {space}: expected two halves with equal "
+        'bounds, as of the observation "hands" and of sb3_piano.wrappers.HandActions.'
+    )
+
+
+def _of_hands(infos: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the info of each hand; that of an episode is the right one's alone."""
+    result = []
+    for info in infos:
+        ends = info.get("terminal_observation")
+        for side in (0, 1):
+            own = dict(info) if side == 0 else {k: v for k, v in info.items() if k != "episode"}
+            if ends is not None:
+                own["terminal_observation"] = ends.reshape(2, -1)[side]
+            result.append(own)
+    return result

@@ -158,6 +158,11 @@ class PianoEnv(gym.Env[Any, Any]):
         return self._record.steps
 
     @property
+    def simulation(self) -> Simulation:
+        """The simulation, as it was last read, for those who look at every step."""
+        return self._simulation
+
+    @property
     def observation_layout(self) -> ObservationLayout:
         """Layout of the observation: place and meaning of its numbers."""
         return self._encoding.layout

@@ -2,6 +2,7 @@
 
 from sb3_piano.wrappers.excerpt import Excerpt
 from sb3_piano.wrappers.hand_actions import HandActions
+from sb3_piano.wrappers.hand_reward import HandReward
 from sb3_piano.wrappers.hide_fingering import HideFingering
 from sb3_piano.wrappers.key_range import KeyRange
 from sb3_piano.wrappers.lookahead import Lookahead
@@ -23,6 +24,7 @@ __all__ = [
     "Excerpt",
     "FingeringDecay",
     "HandActions",
+    "HandReward",
     "HideFingering",
     "KeyRange",
     "KeyRewardTiering",

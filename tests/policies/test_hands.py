@@ -22,7 +22,7 @@ from sb3_piano.policies import (
     load_hand_weights,
     set_standardization,
 )
-from sb3_piano.policies.hands import CLIP, HandHead, Standardize
+from sb3_piano.policies.hand_network import CLIP, HandHead, Standardize
 from sb3_piano.training import load_config, train
 
 N, M = 12, 4
@@ -202,6 +202,30 @@ def test_all_that_learns_is_optimised_once(name):
     for part in parts:
         optimised = [p for group in part.optimizer.param_groups for p in group["params"]]
         assert {id(p) for p in optimised} == {id(p) for p in part.parameters()}
+
+
+@each
+def test_critics_may_learn_faster_than_the_actor(name, tmp_path):
+    scale = 50.0
+    model = make(name, critic_lr_scale=scale)
+    model.policy.save(tmp_path / "policy.pt")
+    assert POLICIES[name].load(tmp_path / "policy.pt").critic_lr_scale == scale
+    if name == "ppo":
+        model.n_epochs, model.batch_size = 1, 64
+    else:
+        model.learning_starts, model.policy_delay = 62, 1
+    before = {part: p.detach().clone() for part, p in model.policy.named_parameters()}
+    model.learn(64 if name == "ppo" else 63)  # one update
+    moved = {part: _moved(p, before[part]) for part, p in model.policy.named_parameters()}
+    # Adam's first step is about as long as the learning rate, whatever the gradient.
+    for part, distance in moved.items():
+        if "target" not in part:
+            rate = model.learning_rate * (scale if "value_net" in part or "critic" in part else 1)
+            assert 0.5 * rate < distance < 1.01 * rate, part
+
+
+def _moved(now, before):
+    return (now.detach() - before).abs().max().item()
 
 
 YAML = """

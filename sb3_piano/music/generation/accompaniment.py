@@ -246,7 +246,7 @@ def toccata(frame: Frame, unit: float) -> list[Tone]:
 
 def chord_rhythm(frame: Frame, habit: np.random.Generator) -> Rhythm:
     """Draw how often chords are struck: with the harmony, on beats, halves of beats, after them."""
-    kind = int(habit.choice(5, p=(0.3, 0.25, 0.15, 0.15, 0.15)))
+    kind = int(habit.choice(5, p=(0.4, 0.2, 0.08, 0.14, 0.18)))
     if kind == 3:
         return offbeats(frame)
     if kind == 4:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sb3_piano.music.constants import PITCH_CLASS_IS_BLACK
 from sb3_piano.music.generation.frame import (
     DORIAN,
     HARMONIC,
@@ -101,6 +102,7 @@ class _Plan:
     def drawn(cls, random: np.random.Generator, style: str) -> _Plan:
         """Draw a plan for a style."""
         scales = (MAJOR, HARMONIC, MINOR, DORIAN)
+        scale = scales[int(random.choice(4, p=(0.55, 0.25, 0.15, 0.05)))]
         bar, beat = _METERS[int(random.choice(4, p=(0.45, 0.25, 0.15, 0.15)))]
         if style == "stride" and random.random() < 0.5:
             bar, beat = 3.0, 1.0
@@ -112,15 +114,15 @@ class _Plan:
         return cls(
             style=style,
             form=str(random.choice(_FORMS)),
-            tonic=int(random.integers(12)),
-            scale=scales[int(random.choice(4, p=(0.55, 0.25, 0.15, 0.05)))],
+            tonic=_tonic(random, scale),
+            scale=scale,
             bar=bar,
             beat=beat,
             bars=int(random.choice((2, 4), p=(0.6, 0.4))),
             per_bar=float(random.choice((1, 2 if two else 1, 0.5), p=(0.6, 0.3, 0.1))),
             seventh=float(random.choice((0.0, 0.15, 0.5))),
             habits=int(random.integers(2**31)),
-            register={"right": right, "left": float(np.clip(right - apart, 34, 66))},
+            register={"right": right, "left": float(np.clip(right - apart, 40, 66))},
             touch=draw_touch(random),
             pedalled=bool(random.random() < (0.7 if style in PEDALLED else 0.15)),
         )
@@ -173,6 +175,15 @@ class _Plan:
             Pedal(onset=(start + 0.1) * second, offset=(start + every - 0.1) * second)
             for start in starts.tolist()
         ]
+
+
+def _tonic(random: np.random.Generator, scale: tuple[int, ...]) -> int:
+    """Draw a tonic, with more weight on the keys of a scale with few black keys."""
+    black = [
+        sum(PITCH_CLASS_IS_BLACK[(tonic + step) % 12] for step in scale) for tonic in range(12)
+    ]
+    weights = np.interp(black, (0, 6), (2.0, 0.8))
+    return int(random.choice(12, p=weights / weights.sum()))
 
 
 def _varied(

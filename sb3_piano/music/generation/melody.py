@@ -11,7 +11,7 @@ from sb3_piano.music.generation.frame import Frame, Tone, pick
 from sb3_piano.music.generation.rhythm import Rhythm, even, phrase_rhythm
 from sb3_piano.music.hands import Hand
 
-_MOVES = {0: 8, 1: 28, -1: 30, 2: 9, -2: 9, 3: 4, -3: 4, 4: 2, -4: 2, 5: 1, -5: 1, 7: 1, -7: 0.5}
+_MOVES = {0: 6, 1: 32, -1: 34, 2: 9, -2: 9, 3: 4, -3: 4, 4: 2, -4: 2, 5: 1, -5: 1, 7: 1, -7: 0.5}
 """By how many steps of the scale a melody goes on, with weights: mostly to a neighbour."""
 
 _RANGE = 8
@@ -48,7 +48,7 @@ def melody(
             move = -move
         leapt = move if abs(move) > 2 else 0
         step = int(np.clip(step + move, middle - _RANGE, middle + _RANGE))
-        if abs(start / frame.beat % 1) < 1e-6 and random.random() < 0.5:
+        if abs(start / frame.beat % 1) < 1e-6 and random.random() < 0.35:
             step = _chord_step(frame, start, step)
         if tones and random.random() < rests:
             continue
@@ -107,9 +107,10 @@ def thicken(frame: Frame, tones: Sequence[Tone], kind: str, share: float = 1.0) 
         if kind in ("octaves", "chords"):
             others = [tone.pitch + 12 * side]
         if kind == "chords":
-            low, high = sorted((tone.pitch + 2 * side, tone.pitch + 10 * side))
+            # Farther from the little finger, no finger of the robot reaches them beside the thumb.
+            low, high = sorted((tone.pitch + 2 * side, tone.pitch + 7 * side))
             inner = frame.chord(tone.start, low, high)
-            count = min(int(frame.random.integers(1, 3)), len(inner))
+            count = min(1 + int(frame.random.random() < 0.25), len(inner))
             others += sorted(frame.random.choice(inner, count, replace=False).tolist())
             if frame.random.random() < 0.4:
                 others = others[1:] or others

@@ -11,8 +11,8 @@ import numpy as np
 from sb3_piano.music.generation import accompaniment as low
 from sb3_piano.music.generation import melody as high
 from sb3_piano.music.generation.frame import Frame, Tone
-from sb3_piano.music.generation.rhythm import even
-from sb3_piano.music.hands import Hand
+from sb3_piano.music.generation.rhythm import even, phrase_rhythm
+from sb3_piano.music.hands import HANDS, Hand
 
 Style = Callable[[Frame], list[Tone]]
 
@@ -28,7 +28,7 @@ def _tune(frame: Frame, hand: Hand = "right", density: float | None = None) -> l
     """Draw a melody, perhaps with ornaments, or with more notes here and there."""
     habit = frame.habit()
     density = float(habit.uniform(0.6, 2.2)) if density is None else density
-    tones = high.melody(frame, hand, density=density)
+    tones = high.melody(frame, hand, density=density, rests=float(habit.uniform(0, 0.2)))
     if habit.random() < 0.25:
         tones = high.ornament(frame, tones, 0.2)
     if habit.random() < 0.3:
@@ -312,6 +312,43 @@ def _unison(frame: Frame) -> list[Tone]:
     return tones + [replace(tone, pitch=tone.pitch - down, hand="left") for tone in tones]
 
 
+def _slow(frame: Frame) -> list[Tone]:
+    """Hold thirds and sixths with both hands, and move on calmly."""
+    habit = frame.habit()
+    tones = []
+    for hand in HANDS:
+        density = float(habit.uniform(0.25, 0.8))
+        kind = str(habit.choice(("thirds", "sixths")))
+        line = high.melody(
+            frame, hand, density=density, rhythm=phrase_rhythm(frame, density, salt=len(hand))
+        )
+        tones += high.thicken(frame, line, kind, float(habit.choice((0.5, 1.0))))
+    return tones
+
+
+def _mixed(frame: Frame) -> list[Tone]:
+    """Let each hand do one of many things, whatever the other one does."""
+    habit = frame.habit()
+    unit = max(_sixteenths(frame, habit), 0.25)
+    span, density = int(habit.integers(10, 22)), float(habit.uniform(0.6, 2.2))
+    tones = []
+    for hand in HANDS:
+        parts: tuple[Callable[[Hand], list[Tone]], ...] = (
+            lambda hand: high.melody(frame, hand, density=density),
+            lambda hand: high.thicken(frame, high.melody(frame, hand, density=density), "chords"),
+            lambda hand: high.run(frame, hand, unit),
+            lambda hand: high.sequence(frame, hand, unit),
+            lambda hand: high.figuration(frame, hand, unit),
+            lambda hand: low.alberti(frame, hand),
+            lambda hand: low.wave(frame, hand, span=span, unit=unit),
+            lambda hand: low.stride(frame, hand),
+            lambda hand: low.held(frame, hand, density=density),
+            lambda hand: low.leaps(frame, hand),
+        )
+        tones += parts[int(habit.integers(len(parts)))](hand)
+    return tones
+
+
 STYLES: Mapping[str, Style] = MappingProxyType(
     {
         "alberti": _alberti,
@@ -324,6 +361,7 @@ STYLES: Mapping[str, Style] = MappingProxyType(
         "held": _held,
         "leaps": _leaps,
         "octaves": _octaves,
+        "mixed": _mixed,
         "oompah": _oompah,
         "polyrhythm": _polyrhythm,
         "prelude": _prelude,
@@ -331,6 +369,7 @@ STYLES: Mapping[str, Style] = MappingProxyType(
         "repeated": _repeated,
         "runs": _runs,
         "sequence": _sequence,
+        "slow": _slow,
         "stride": _stride,
         "syncopation": _syncopation,
         "tenor": _tenor,
@@ -341,7 +380,7 @@ STYLES: Mapping[str, Style] = MappingProxyType(
 )
 """The makers of a phrase, by name."""
 
-PEDALLED = frozenset({"arpeggios", "bells", "figuration", "octaves", "polyrhythm", "wide"})
+PEDALLED = frozenset({"arpeggios", "bells", "figuration", "polyrhythm", "slow", "wide"})
 """Styles in which the sustain pedal is usual."""
 
 NEAR = frozenset({"toccata", "prelude"})

@@ -21,10 +21,16 @@ _GAP = 0.02
 _REACH = 13
 """Semitones that a hand holds at most between its outer keys."""
 
+_OVERLAP = 0.08
+"""Longest time for which notes of a hand overlap by its touch alone, s."""
+
+_LEGATO = 4
+"""Semitones from which on such notes do not overlap: the hand moves on."""
+
 _FASTEST = 0.085
 """Least time between strikes of a hand, s: the tempo is chosen so that most keep to it."""
 
-_LEAP_PACE = 0.014
+_LEAP_PACE = 0.017
 """Least time for each semitone that a hand leaps by, s."""
 
 
@@ -74,8 +80,8 @@ def fastest_tempo(tones: Iterable[Tone]) -> float:
             continue
         centres = np.array([np.mean(struck[start]) for start in starts])
         ways = np.abs(np.diff(centres))
-        needed = np.where(ways > 9, np.maximum(ways * _LEAP_PACE, _FASTEST), _FASTEST)
-        slowest = max(slowest, float(np.quantile(needed / np.diff(starts), 0.9)))
+        needed = np.where(ways > 7, np.maximum(ways * _LEAP_PACE, _FASTEST), _FASTEST)
+        slowest = max(slowest, float(np.quantile(needed / np.diff(starts), 0.95)))
     return 60 / slowest if slowest else np.inf
 
 
@@ -146,7 +152,8 @@ def _holdable(notes: Sequence[Note]) -> list[Note]:
         if len(together) >= FINGERS_PER_HAND:
             continue
         for one in mine:
-            too_far = abs(one.note.pitch - note.pitch) > _REACH
+            brief = one.offset - note.onset < _OVERLAP
+            too_far = abs(one.note.pitch - note.pitch) > (_LEGATO if brief else _REACH)
             if too_far and one not in together:
                 one.offset = max(min(one.offset, note.onset), one.onset + _SHORTEST)
         mine = [one for one in mine if one.offset > note.onset]

@@ -38,6 +38,7 @@ ROOMS = [
     "wrappers",
     "interop",
     "policies",
+    "players",
     "buffers",
     "vec_env",
     "demonstrations",

@@ -20,6 +20,7 @@ from stable_baselines3.common.utils import get_device
 
 import sb3_piano
 from sb3_piano.bench.measurement import Measurement, Row, Sample, measure
+from sb3_piano.bench.players import player_rows
 from sb3_piano.bench.workloads import (
     ENV_ID,
     PeerError,
@@ -46,12 +47,13 @@ __all__ = [
     "run_bench",
 ]
 
-PARTS = ("simulation", "learner", "memory")
+PARTS = ("simulation", "players", "learner", "memory")
 """Parts that can be measured."""
 
 _PACKAGES = ("mujoco", "torch", "numpy", "stable_baselines3")
 _TITLES = {
     "simulation": "Simulation",
+    "players": "Players",
     "learner": "Learner",
     "training": "Whole training",
     "memory": "Full replay buffer",
@@ -115,6 +117,8 @@ def run_bench(
                 if peer_python is not None:
                     versions, peer = stack.enter_context(open_peer(peer_python, actions))
                 run("simulation", simulation_measurements, actions, peer, before)
+            if "players" in parts:
+                rows += player_rows(rounds)
             if "learner" in parts:
                 run("learner", update_measurements)
                 run("training", training_measurements)

@@ -16,7 +16,7 @@ def add_parser(commands: Any) -> None:
     add("--before", "FOLDER", "measure another version too: a checkout's folder")
     add("--rounds", "N", "rounds to take medians of", whole_number, 10)
     parts, only = (
-        ("simulation", "learner", "memory"),
+        ("simulation", "players", "learner", "memory"),
         "measure this part; may be given several times",
     )
     add("--only", text=only, action="append", choices=parts)

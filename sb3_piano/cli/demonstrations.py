@@ -22,6 +22,7 @@ from sb3_piano.cli.common import (
     whole_number,
 )
 from sb3_piano.cli.evaluate import evaluate_run
+from sb3_piano.cli.play import PLAYERS, WEIGHTS_HELP
 from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from sb3_piano.demonstrations import Recorded
     from sb3_piano.demonstrations.recording import Predictor
 
-_POLICIES = ("planned", "sampling")
 _OBSERVED = {"observation": "fingers", "fingering": "ergonomic"}
 """Options of an environment that is made here unless given: little is observed, by finger."""
 
@@ -57,7 +57,8 @@ def add_parser(commands: Any) -> None:
     about = "write performances as a data set to learn from"
     add = add_command(commands, "record", _record, about, epilog=TRUST)
     add("what", "RUN|ENV_ID|PIECE", _WHAT)
-    add("--policy", text="who plays, of no run; default: planned", choices=_POLICIES)
+    add("--policy --player", text="who plays, of no run; default: planned", choices=PLAYERS)
+    add("--weights", "FILE", WEIGHTS_HELP)
     add("--out", "ID", "the data set's name; default: robopianist/PIECE/POLICY-v0")
     add("--overwrite", text="replace a data set of this name")
     add("--episodes", "N", "", whole_number, 24)
@@ -126,12 +127,12 @@ def _player(
     arguments: argparse.Namespace,
 ) -> Iterator[tuple[Predictor, gym.Env[Any, Any], str]]:
     """Give who plays, where, and what the data set is called by default."""
-    from sb3_piano.training.configuration.names import planner_class
+    from sb3_piano.players import make_player
     from sb3_piano.training.playing.player import run_to_record
 
     what = arguments.what
     if Path(what).is_dir():
-        for option in ("set", "policy", "fingering"):
+        for option in ("set", "policy", "weights", "fingering"):
             if getattr(arguments, option):
                 raise ConfigError(
                     f"--{option} cannot be given with the run '{what}': its own model plays in its "
@@ -146,12 +147,18 @@ def _player(
             f"--best cannot be given with {what!r}: only a run has models. Expected a run's "
             "folder, or no --best."
         )
-    with contextlib.closing(_new_env(arguments)) as env:
-        name = arguments.policy or _POLICIES[0]
-        yield planner_class(name)(env), env, _default_id(env, name)
+    name = arguments.policy or PLAYERS[0]
+    if arguments.weights is not None and name != "sight-reader":
+        raise ConfigError(
+            f"--weights cannot be given to the player {name!r}: expected --player sight-reader, or "
+            "no --weights."
+        )
+    model = {} if arguments.weights is None else {"model": arguments.weights}
+    with contextlib.closing(_new_env(arguments, name)) as env:
+        yield make_player(name, env, **model), env, _default_id(env, name)
 
 
-def _new_env(arguments: argparse.Namespace) -> gym.Env[Any, Any]:
+def _new_env(arguments: argparse.Namespace, player: str) -> gym.Env[Any, Any]:
     from sb3_piano.music import is_path
     from sb3_piano.training import PlannedConfig
     from sb3_piano.training.playing.player import env_to_record
@@ -160,10 +167,13 @@ def _new_env(arguments: argparse.Namespace) -> gym.Env[Any, Any]:
     env_id, options = where_played(arguments.what)
     if "score" in options and is_path(options["score"]):
         options["score"] = str(Path(options["score"]).resolve())  # the data set lies elsewhere
-    options |= {**_OBSERVED, **env_options(arguments.set or ())}
+    options |= _OBSERVED
+    if player == "sight-reader":  # which knows no other
+        options["reduced_action_space"] = False
+    options |= env_options(arguments.set or ())
     if arguments.fingering is not None:
         options["fingering"] = arguments.fingering
-    config = PlannedConfig(algo=_POLICIES[0], env_id=env_id, env_kwargs=options)
+    config = PlannedConfig(algo=player, env_id=env_id, env_kwargs=options)
     return env_to_record(config, arguments.start)
 
 

@@ -26,10 +26,20 @@ if TYPE_CHECKING:
     from sb3_piano.training import PlannedConfig
     from sb3_piano.viewing import Picture, Take
 
-_PLANNER_OPTIONS = ("rehearsals", "sampling", "nominal", "horizon", "reduced")
+_PLAYER_OPTIONS = ("rehearsals", "sampling", "nominal", "horizon", "reduced", "weights")
 _OF_SAMPLING = ("nominal", "horizon")
+_PLANNED, _SAMPLING, _SIGHT_READER = PLAYERS = ("planned", "sampling", "sight-reader")
+"""What plays any piece at once, by the names of :data:`sb3_piano.players.PLAYERS`."""
 _REHEARSALS_HELP = "play the plan N times in a simulation first, and try otherwise what goes wrong"
 _SAMPLING_HELP = "let predictive sampling try N ways on from each control step, and play the best"
+_PLAYER_HELP = (
+    "who plays the piece, untrained on it: planned hands, those with sampling, or a learned "
+    "network that plans nothing"
+)
+WEIGHTS_HELP = (
+    "of the sight-reader: another network than the package's, as a file, or a folder with a "
+    "hand.safetensors such as share writes"
+)
 _SET_HELP = "an option of the environment, such as physics=fast; may be given several times"
 
 
@@ -38,8 +48,8 @@ def add_parser(commands: Any) -> None:
     about = "watch and hear a trained model, or a piece"
     add = add_command(commands, "play", _play, about, epilog=TRUST)
     add("what", "RUN|PIECE", "a run's folder; or a file, such as MIDI, or a piece")
-    add("--planned", text="let planned hands play the piece, untrained")
-    _add_planner_arguments(add)
+    add("--planned", text="the same as --player planned, or sampling if --sampling is given")
+    _add_player_arguments(add)
     add("--out", "DIR", "default: RUN/play, or play/<title> for a piece")
     add("--score", "PIECE", "let the run's model play another piece")
     add("--seed", "N", "seed of the run's environment; default: 0", int)
@@ -57,7 +67,7 @@ def add_plan_parser(commands: Any) -> None:
     add = add_command(commands, "plan", _plan, "make a run that plays without any training")
     what = "a file, such as MIDI, a piece by its name, or an environment"
     add("what", "PIECE|ENV_ID", what)
-    _add_planner_arguments(add)
+    _add_player_arguments(add)
     add("--seed", "N", "what sampling draws from", int, 0)
     add("--set", "NAME=VALUE", _SET_HELP, action="append")
     add("--runs-dir", default="runs")
@@ -80,14 +90,16 @@ def add_report_parsers(commands: Any) -> None:
     add("--best", text="share the best model by f1 or onset_f1, not the last one")
 
 
-def _add_planner_arguments(add: Add) -> None:
-    """Add what ``plan`` and ``play --planned`` take: who plays, and with which joints."""
+def _add_player_arguments(add: Add) -> None:
+    """Add what ``plan`` and ``play --player`` take: who plays, and with which joints."""
+    add("--player", text=_PLAYER_HELP, choices=PLAYERS)
     add("--rehearsals", "N", _REHEARSALS_HELP, whole_number)
     add("--sampling", "N", _SAMPLING_HELP, whole_number)
     nominal = "what these ways change: plan (default), or none for sampling from zero"
     add("--nominal", "WHAT", nominal)
     add("--horizon", "H", "control steps that sampling looks ahead", whole_number)
-    add("--reduced", text="the reduced action space, not all joints")
+    add("--reduced", text="the reduced action space, not all joints; not of the sight-reader")
+    add("--weights", "FILE", WEIGHTS_HELP)
 
 
 def play_run(run: str, arguments: argparse.Namespace) -> int:
@@ -144,18 +156,20 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     from sb3_piano.training.playing.takes import default_folder, take_of_run, take_of_score
 
     what, physics = arguments.what, arguments.physics
-    if arguments.planned:
+    if arguments.planned or arguments.player is not None:
+        option = "--player" if arguments.player is not None else "--planned"
         if Path(what).is_dir():
             raise ConfigError(
-                f"--planned cannot be given with the run '{what}': its own model plays. Expected a "
-                "piece, or no --planned."
+                f"{option} cannot be given with the run '{what}': its own model plays. Expected a "
+                f"piece, or no {option}."
             )
         _check_piece(arguments, "score", "best")
-        return _planned_take(arguments)
-    for name in _PLANNER_OPTIONS:
+        return _played_take(arguments)
+    for name in _PLAYER_OPTIONS:
         if getattr(arguments, name) not in (None, False):
             raise ConfigError(
-                f"--{name} cannot be given without --planned: expected --planned, too, and a piece."
+                f"--{name} cannot be given without --planned: expected --planned or --player, too, "
+                "and a piece."
             )
     if Path(what).is_dir():
         score = None if arguments.score is None else load_score(arguments.score)
@@ -184,14 +198,15 @@ def _check_piece(arguments: argparse.Namespace, *of_runs: str) -> None:
             )
 
 
-def _planned_take(arguments: argparse.Namespace) -> tuple[Take, Path]:
-    """Let planned hands play a piece, say how well, and return that and the folder for it."""
+def _played_take(arguments: argparse.Namespace) -> tuple[Take, Path]:
+    """Let a player play a piece, say how well, and return that and the folder for it."""
     from sb3_piano.training.playing.takes import default_folder, take_of_planner
 
     physics = arguments.physics
     options = {} if physics is None else {"physics": physics}
     config = _config(arguments, arguments.seed or 0, options)
-    with progress_bar(arguments, "Planning") as tell:
+    reads = config.algo == _SIGHT_READER
+    with progress_bar(arguments, "Reading" if reads else "Planning") as tell:
 
         def on_step(done: int, total: int) -> None:
             tell(**({"description": "Playing", "completed": done, "total": total} if done else {}))
@@ -203,8 +218,9 @@ def _planned_take(arguments: argparse.Namespace) -> tuple[Take, Path]:
         f"{metrics['recall']:.3f}; playing nothing {metrics['noop_f1']:.3f}), onset F1 "
         f"{metrics['onset_f1']:.3f}"
     )
+    done = "Read" if reads else "Planned"
     print(
-        f"Planned in {played.planning:.1f} s, {len(roll) * roll.control_timestep:.1f} s of music "
+        f"{done} in {played.planning:.1f} s, {roll.duration:.1f} s of music "
         f"played in {played.playing:.1f} s"
     )
     folder = default_folder(None, played.score)
@@ -228,26 +244,52 @@ def _config(arguments: argparse.Namespace, seed: int, options: dict[str, Any]) -
     """Return the settings of the player that the arguments stand for."""
     from sb3_piano.training.playing.takes import planner_config
 
+    player = _player(arguments)
     if arguments.reduced:
         options["reduced_action_space"] = True
+    if player == _SIGHT_READER:
+        weights = {} if arguments.weights is None else {"model": arguments.weights}
+        return planner_config(arguments.what, player, seed=seed, env_kwargs=options, **weights)
     given = {n: value for n in _OF_SAMPLING if (value := getattr(arguments, n)) is not None}
     plan = {} if arguments.rehearsals is None else {"rehearsals": arguments.rehearsals}
-    if arguments.sampling is None:
-        for name in given:
-            raise ConfigError(
-                f"--{name} cannot be given without --sampling: a plan is followed as it is. "
-                "Expected --sampling N, too."
-            )
-        algo, given = "planned", {"settings": plan} if plan else {}
+    if player == _PLANNED:
+        given = {"settings": plan} if plan else {}
     else:
         if plan and arguments.nominal == "none":
             raise ConfigError(
                 "--rehearsals cannot be given with --nominal none: there is no plan to rehearse. "
                 "Expected one of them."
             )
-        algo, given["samples"] = "sampling", arguments.sampling
+        given |= {} if arguments.sampling is None else {"samples": arguments.sampling}
         given |= {"plan_settings": plan} if plan else {}
-    return planner_config(arguments.what, algo, seed=seed, env_kwargs=options, **given)
+    return planner_config(arguments.what, player, seed=seed, env_kwargs=options, **given)
+
+
+def _player(arguments: argparse.Namespace) -> str:
+    """Return who plays, without options of others."""
+    named = arguments.player
+    if named is not None and getattr(arguments, "planned", False):
+        raise ConfigError(f"--planned cannot be given with --player {named}: expected one of them.")
+    player: str = named or (_PLANNED if arguments.sampling is None else _SAMPLING)
+    others = {
+        _PLANNED: ("sampling", *_OF_SAMPLING, "weights"),
+        _SAMPLING: ("weights",),
+        _SIGHT_READER: ("rehearsals", "sampling", *_OF_SAMPLING),
+    }
+    for name in others[player]:
+        if getattr(arguments, name) is None:
+            continue
+        if named is None and name in _OF_SAMPLING:
+            raise ConfigError(
+                f"--{name} cannot be given without --sampling: a plan is followed as it is. "
+                "Expected --sampling N, too."
+            )
+        owner = next(other for other, refused in others.items() if name not in refused)
+        raise ConfigError(
+            f"--{name} cannot be given to the player {player!r}: expected --player {owner}, or no "
+            f"--{name}."
+        )
+    return player
 
 
 def _report(arguments: argparse.Namespace) -> int:

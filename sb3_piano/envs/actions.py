@@ -9,9 +9,18 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from sb3_piano.exceptions import InvalidActionError
+from sb3_piano.settings import Positive, checked
 from sb3_piano.simulation import PianoScene
 
 ActionArray = npt.NDArray[np.float32]
+FloatArray = npt.NDArray[np.float64]
+
+REACH = 1.2
+"""How far from where it is hands send a finger's joint at most, rad, unless told otherwise."""
+
+# What moves a fingertip about as far in a control step of 0.05 s, relative to a rad of a finger's
+# joint: of what they are told fingers follow two thirds, wrists a half, sliders 8 % (these in m).
+_UNIT = {"finger": 1.0, "wrist": 0.5, "forearm": 0.5}
 
 
 class ActionMap:
@@ -75,3 +84,60 @@ class ActionMap:
                     f"Element {bad} of the action is {array[bad]}: expected numbers in [-1, 1]."
                 )
         return array
+
+
+class HandActionMap:
+    """Maps actions of two right hands, which begin where a hand is, onto the actuators' targets.
+
+    An action has one number in [-1, 1] for each actuator, in the scene's order. An actuator is told
+    where it is plus its reach times the number, cut at the ends of its control range. The left hand
+    is a right one in the mirror: its slider along the keyboard moves the other way.
+    """
+
+    def __init__(self, scene: PianoScene, reach: float = REACH):
+        """Take the actuators of a scene.
+
+        Args:
+            scene: Where they are.
+            reach: How far from where it is an action of 1 sends a finger's joint, rad, above 0; a
+                wrist's joint half as far, a slider half as many metres, since it follows slowly.
+
+        Raises:
+            ConfigError: If ``reach`` is out of range.
+        """
+        self.reach = checked("reach", reach, Positive) * hand_action_unit(scene)
+        """(n,) what an action of 1 adds, rad, or m for the sliders; negative in the mirror."""
+        shape = self.reach.shape
+        self._low, self._high = np.full(shape, -1.0), np.ones(shape)
+        self._ctrl_low, self._ctrl_high = scene.ctrl_low.copy(), scene.ctrl_high.copy()
+        self.space = spaces.Box(-1.0, 1.0, shape, dtype=np.float32)
+
+    def controls(self, action: npt.NDArray[np.floating], positions: FloatArray) -> FloatArray:
+        """Return the actuators' targets, (n,) rad or m; what is outside of [-1, 1] is clipped.
+
+        Args:
+            action: (n,) numbers.
+            positions: (n,) where the actuators are, rad or m.
+        """
+        offsets = np.minimum(np.maximum(action, self._low), self._high)
+        controls = positions + self.reach * offsets
+        return np.minimum(np.maximum(controls, self._ctrl_low), self._ctrl_high)
+
+    def action(self, controls: FloatArray, positions: FloatArray) -> ActionArray:
+        """Return the action for targets of the actuators; what is beyond the reach is cut.
+
+        Args:
+            controls: (n,) what the actuators are to be told, rad or m.
+            positions: (n,) where they are, rad or m.
+        """
+        offsets = (controls - positions) / self.reach
+        return np.minimum(np.maximum(offsets, self._low), self._high).astype(np.float32)
+
+
+def hand_action_unit(scene: PianoScene) -> FloatArray:
+    """Return what moves fingertips alike, (n,) rad, or m for sliders; negative in the mirror."""
+    unit = np.array([_UNIT[str(kind)] for kind in scene.actuator_kind])
+    slider = len(unit) - 2  # the left hand's last two are its sliders, along the keyboard first
+    assert scene.model.actuator(slider).name.endswith("forearm_tx"), "the order of the hand's table"
+    unit[slider] *= -1
+    return unit

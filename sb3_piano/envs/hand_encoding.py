@@ -15,6 +15,7 @@ from sb3_piano.reading import (
     HandKinematics,
     HandReading,
     KeyPlaces,
+    Reading,
     TimedPress,
     bounds_of,
     read_piece,
@@ -92,6 +93,10 @@ class HandEncoding(Encoding):
     def prepare(self, roll: PianoRoll) -> None:
         """Take a piece; see :meth:`Encoding.prepare`."""
         check_labels(roll, "hands")
+        self.read(roll)
+
+    def read(self, roll: PianoRoll) -> Reading:
+        """Take a piece of which no hand plays the notes without finger; return what was read."""
         read = read_piece(roll, self._hands, self._places)
         bounds = bounds_of(read.line, ARMS_APART)
         steps = len(roll)
@@ -111,6 +116,7 @@ class HandEncoding(Encoding):
         self._press_key = np.stack([press.key for press in presses], axis=1)
         self._press_there = np.stack([press.there for press in presses], axis=1)
         self._due = np.pad(roll.active, ((0, 0), (_MARGIN, _MARGIN))).astype(np.float32)
+        return read
 
     def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
         """Return the observation; see :meth:`Encoding.write`."""

@@ -12,12 +12,10 @@ import numpy.typing as npt
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.envs.goal import roll_of
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import PianoRoll
-from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.planning.plan import plan
-from sb3_piano.planning.policy import PianoPolicy
+from sb3_piano.planning.policy import PianoPolicy, roll_with_fingers
 from sb3_piano.planning.problems import summary
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import Tracker
@@ -103,7 +101,7 @@ class Trackers:
         return None
 
     def _make(self, piano: PianoEnv) -> Tracker:
-        made = plan(_with_fingers(piano), piano.scene, self.settings)
+        made = plan(roll_with_fingers(piano), piano.scene, self.settings)
         if made.problems:
             warnings.warn(summary(made.problems), PlanWarning, stacklevel=3)
         return Tracker(made, piano.scene, self.settings.feedback)
@@ -126,12 +124,3 @@ def action_of(
     sustain = tracker.plan.roll.sustain
     down = bool(sustain[min(step, len(sustain) - 1)])
     return piano.action_map.action(controls, pedal_down=down)
-
-
-def _with_fingers(piano: PianoEnv) -> PianoRoll:
-    """Return what an environment plays as a roll in which every note has a finger."""
-    roll, config = piano.roll, piano.config
-    if not roll.unlabelled.any():
-        return roll
-    fingering = "ergonomic" if piano.score.has_fingering else "robot"
-    return roll_of(apply_fingering(piano.score, fingering, config.control_timestep), config)

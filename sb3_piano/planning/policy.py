@@ -13,7 +13,10 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
 from sb3_piano.envs import ObservationLayout, ObservationSpace, PianoEnv
+from sb3_piano.envs.goal import roll_of
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import PianoRoll
+from sb3_piano.music.fingering import apply_fingering
 
 Steps = npt.NDArray[np.intp]
 
@@ -142,6 +145,15 @@ def pianos_of(env: gym.Env[Any, Any] | VecEnv) -> list[PianoEnv]:
         if not isinstance(piano, PianoEnv):
             raise ConfigError(f"A {type(piano).__name__} cannot be played: expected a piano.")
     return inside
+
+
+def roll_with_fingers(piano: PianoEnv) -> PianoRoll:
+    """Return what an environment plays as a roll in which every note has a finger."""
+    roll, config = piano.roll, piano.config
+    if not roll.unlabelled.any():
+        return roll
+    fingering = "ergonomic" if piano.score.has_fingering else "robot"
+    return roll_of(apply_fingering(piano.score, fingering, config.control_timestep), config)
 
 
 def _layout_of(env: gym.Env[Any, Any] | VecEnv) -> ObservationLayout | None:

@@ -49,7 +49,7 @@ def problems_of(
         hands: The plans of the right and of the left hand.
         scene: Where it is played.
     """
-    found = [*_fingerless(roll), *_released(roll)]
+    found = unheld(roll)
     told = {(problem.pitch, problem.time) for problem in found}
     of_hands = [
         problem
@@ -58,6 +58,19 @@ def problems_of(
     ]
     found += [one for one in of_hands if (one.pitch, one.time) not in told]
     return tuple(sorted(found, key=lambda problem: problem.time))
+
+
+def unheld(roll: PianoRoll) -> list[Problem]:
+    """Return the notes that no finger holds as written, in order of time.
+
+    They have no finger, are let go early, or are left out. This is all that a roll tells without a
+    plan.
+
+    Args:
+        roll: The piece, after :func:`~sb3_piano.music.fingering.robot.release_early`.
+    """
+    found = [*_fingerless(roll), *_released(roll)]
+    return sorted(found, key=lambda problem: problem.time)
 
 
 def _fingerless(roll: PianoRoll) -> list[Problem]:

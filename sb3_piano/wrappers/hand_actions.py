@@ -8,17 +8,12 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.envs.actions import REACH, HandActionMap
 from sb3_piano.exceptions import ConfigError, InvalidActionError
 from sb3_piano.layers import layers
-from sb3_piano.settings import Positive, checked
-from sb3_piano.simulation import PianoScene
 from sb3_piano.wrappers.piano import piano_of
 
 FloatArray = npt.NDArray[np.float64]
-
-# What moves a fingertip about as far in a control step of 0.05 s, relative to a rad of a finger's
-# joint: of what they are told fingers follow two thirds, wrists a half, sliders 8 % (these in m).
-_UNIT = {"finger": 1.0, "wrist": 0.5, "forearm": 0.5}
 
 
 class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
@@ -40,7 +35,7 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
             has changed the actions.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], reach: float = 1.2) -> None:
+    def __init__(self, env: gym.Env[Any, Any], reach: float = REACH) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, reach=reach)
         super().__init__(env)
         self._piano = piano_of(env, "HandActions")
@@ -50,11 +45,14 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
                 f"HandActions cannot stand for actions of {env.action_space}: expected those of "
                 f"the piano itself, {own}. Put wrappers that change them further out."
             )
-        self.reach = checked("reach", reach, Positive) * hand_action_unit(self._piano.scene)
+        self.map = HandActionMap(self._piano.scene, reach)
+        """Map from these actions to the actuators' targets, and back."""
+        self.action_space = self.map.space
+
+    @property
+    def reach(self) -> FloatArray:
         """(n,) what an action of 1 adds, rad, or m for the sliders; negative in the mirror."""
-        shape = self.reach.shape
-        self._low, self._high = np.full(shape, -1.0), np.ones(shape)
-        self.action_space = gym.spaces.Box(-1.0, 1.0, shape, dtype=np.float32)
+        return self.map.reach
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Play a control step.
@@ -76,12 +74,10 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
                 f"The action has shape {offsets.shape}: expected {self.reach.shape}, one number "
                 "for each actuator and none for the pedal."
             )
-        scene, roll = self._piano.scene, self._piano.roll
-        offsets = np.minimum(np.maximum(offsets, self._low), self._high)
-        controls = self._positions() + self.reach * offsets
-        controls = np.minimum(np.maximum(controls, scene.ctrl_low), scene.ctrl_high)
-        down = bool(roll.sustain[min(self._piano.steps_played, len(roll) - 1)])
-        return self._piano.action_map.action(controls, pedal_down=down)
+        piano, roll = self._piano, self._piano.roll
+        controls = self.map.controls(offsets, self._positions())
+        down = bool(roll.sustain[min(piano.steps_played, len(roll) - 1)])
+        return piano.action_map.action(controls, pedal_down=down)
 
     def action_for(self, controls: FloatArray) -> npt.NDArray[np.float32]:
         """Return the action that tells the actuators something in the present state, or nearly.
@@ -90,21 +86,11 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
             controls: (n,) what they are to be told, rad or m; what is farther away than the reach
                 is cut.
         """
-        offsets = (controls - self._positions()) / self.reach
-        return np.minimum(np.maximum(offsets, self._low), self._high).astype(np.float32)
+        return self.map.action(controls, self._positions())
 
     def _positions(self) -> FloatArray:
         piano = self._piano
         return piano.scene.actuator_positions(piano.data.qpos[piano.scene.hand_qpos])
-
-
-def hand_action_unit(scene: PianoScene) -> FloatArray:
-    """Return what moves fingertips alike, (n,) rad, or m for sliders; negative in the mirror."""
-    unit = np.array([_UNIT[str(kind)] for kind in scene.actuator_kind])
-    slider = len(unit) - 2  # the left hand's last two are its sliders, along the keyboard first
-    assert scene.model.actuator(slider).name.endswith("forearm_tx"), "the order of the hand's table"
-    unit[slider] *= -1
-    return unit
 
 
 def hand_actions_of(env: gym.Env[Any, Any], asker: str) -> HandActions:

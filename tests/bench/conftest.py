@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sb3_piano.bench import workloads
+from sb3_piano.bench import players, workloads
 
 
 @pytest.fixture
@@ -15,3 +15,6 @@ def short(monkeypatch):
     monkeypatch.setattr(workloads, "SLOTS", (1, 2))
     monkeypatch.setattr(workloads, "UPDATES", 2)
     monkeypatch.setattr(workloads, "TRAINING_STEPS", 3)
+    monkeypatch.setattr(players, "PIECE", 3.0)
+    monkeypatch.setattr(players, "PLANNED", 1.0)
+    monkeypatch.setattr(players, "STEPS", 5)

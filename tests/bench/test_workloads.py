@@ -152,7 +152,12 @@ def test_each_preset_is_updated_with_each_observation(short, trained):
     assert {sample.count for sample in samples} == {2}
     expected = {}
     for algo, kind in CLASSES.items():
-        for observation, size in (("roll", 1124), ("window", 584), ("fingers", 130)):
+        for observation, size in (
+            ("roll", 1124),
+            ("window", 584),
+            ("fingers", 130),
+            ("hands", 724),
+        ):
             expected[f"{algo}, {observation}"] = (kind, 2, 256, size, 4)
         expected[f"{algo} for debug pieces"] = (kind, 2, 128, 130, 4)
     assert [measurement.name for measurement in measurements] == list(expected)

@@ -19,13 +19,13 @@ from stable_baselines3.common.utils import get_device
 from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 
 from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.players import player_class
 from sb3_piano.settings import Number, Whole, checked, settings
 from sb3_piano.training.configuration.names import (
     PLANNERS,
     algorithm_class,
     full_name,
     import_name,
-    planner_class,
     registered_id,
 )
 from sb3_piano.training.configuration.values import (
@@ -200,7 +200,7 @@ class PlannedConfig(PlayConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         checked("algo", self.algo, Literal[PLANNERS])
-        self._check_algorithm_kwargs(planner_class(self.algo))
+        self._check_algorithm_kwargs(player_class(self.algo))
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:

@@ -12,7 +12,7 @@ import gymnasium as gym
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.planning import PianoPolicy
+from sb3_piano.players import PLAYERS
 from sb3_piano.settings import refuse_unknown
 
 _ALGORITHMS = {
@@ -26,15 +26,10 @@ _ALGORITHMS = {
     "trpo": "sb3_contrib.TRPO",
 }
 
-_PLANNERS = {
-    "planned": "sb3_piano.planning.PlannedPianist",
-    "sampling": "sb3_piano.planning.sampling.PredictiveSampling",
-}
-
 ALGORITHMS = tuple(_ALGORITHMS)
 """Names of the algorithms that are trained, as on the command line."""
 
-PLANNERS = tuple(_PLANNERS)
+PLANNERS = tuple(PLAYERS)
 """Names of what plays without training."""
 
 _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
@@ -152,10 +147,4 @@ def algorithm_class(name: str) -> type[BaseAlgorithm]:
         )
     refuse_unknown([name], ALGORITHMS, "algorithm")
     found: type[BaseAlgorithm] = import_name(_ALGORITHMS[name])
-    return found
-
-
-def planner_class(name: str) -> type[PianoPolicy]:
-    """Return the class of what plays without training, one of :data:`PLANNERS`."""
-    found: type[PianoPolicy] = import_name(_PLANNERS[name])
     return found

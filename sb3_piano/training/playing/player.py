@@ -25,6 +25,7 @@ from sb3_piano.files import write_bytes
 from sb3_piano.layers import layers
 from sb3_piano.music import Score, load_score
 from sb3_piano.planning import PianoPolicy
+from sb3_piano.players import HandModel
 from sb3_piano.settings import Count, Index, checked
 from sb3_piano.threads import torch_threads
 from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
@@ -261,6 +262,16 @@ def run_to_record(
         yield build_planner(config, env) if planned else player, env, config
 
 
+def _hand_model(player: SavedPlayer) -> HandModel | None:
+    """Return the network of a hand; ``None`` if the run has learnt something else."""
+    assert isinstance(player.model, BaseAlgorithm), "what is trained has weights"
+    env = cast(DummyVecEnv, player._venv.unwrapped).envs[0]
+    try:
+        return HandModel.of(player.model.policy, env, player.num_timesteps)
+    except ConfigError:  # another policy, other actions, or another observation
+        return None
+
+
 def env_to_record(config: PlayConfig, start: float = 0.0) -> Env:
     """Return a run's environment with its wrappers, and none that ``gymnasium.make`` cannot make.
 
@@ -273,6 +284,10 @@ def share(
     run: str | os.PathLike[str], folder: str | os.PathLike[str], *, best: str | None = None
 ) -> RunFolder:
     """Write what playing a run needs: its settings, origin, score and weights, in plain files.
+
+    If it learnt one network for both hands (a policy for hands, acting by
+    :class:`~sb3_piano.wrappers.HandActions`), that is written as well: ``hand.safetensors`` plays
+    any piece as a :class:`~sb3_piano.players.SightReader`.
 
     The new folder has no pickles, so that loading it runs no code of it. It is evaluated, played
     and reported on like the run, with the same result to the last bit; it cannot be trained on.
@@ -295,6 +310,9 @@ def share(
             if isinstance(config, RunConfig):
                 assert isinstance(player.model, BaseAlgorithm), "what is trained has weights"
                 write_bytes(shared.weights_file, pack_weights(player.model, config))
+                hand = _hand_model(player)
+                if hand is not None:
+                    hand.save(shared.hand_file)
         except OSError as error:
             shutil.rmtree(shared.path, ignore_errors=True)
             raise unwritable(shared.path, error) from error

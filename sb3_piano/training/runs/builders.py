@@ -29,8 +29,9 @@ from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PianoPolicy
+from sb3_piano.players import player_class
 from sb3_piano.training.configuration.config import PlayConfig, RunConfig
-from sb3_piano.training.configuration.names import import_class, planner_class, registered_id
+from sb3_piano.training.configuration.names import import_class, registered_id
 from sb3_piano.training.configuration.values import (
     classes_made,
     dataclass_made,
@@ -153,7 +154,7 @@ def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
 
 def build_planner(config: PlayConfig, env: Env | VecEnv) -> PianoPolicy:
     """Return what plays without training, in the environments that it is for."""
-    made = planner_class(config.algo)
+    made = player_class(config.algo)
     parameters = parameters_of(made)
     arguments = {
         name: dataclass_made(value, parameters[name].annotation)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import datetime
 import importlib.metadata
 import os
@@ -23,12 +24,16 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import write_text
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music.library import user_library
+from sb3_piano.players.hand_model import FILE_NAME as HAND_FILE
 from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
 from sb3_piano.training.configuration.names import PLANNERS
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 
 FILE_OPTIONS = ("score", "fingering")
 """The options of the environment that may name a file."""
+
+MODEL = "model"
+"""The argument of what plays without training that may name the file of its network."""
 
 _EXPECTED = "expected a folder that 'sb3-piano train' made"
 _PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch")
@@ -57,6 +62,8 @@ class RunFolder:
                              piece; likewise ``fingering.<suffix>``, a file of finger labels
     ``model.zip``            the newest saved model; ``vecnormalize.pkl`` beside it, if it has any
     ``policy.safetensors``   in place of both, in a run that was shared to be played
+    ``hand.safetensors``     the network of a hand that plays any piece as a sight-reader, if the
+                             run was given one, or was shared and its policy has one
     ``checkpoint/``          what resuming needs, see :class:`~sb3_piano.callbacks.Checkpoint`
     ``monitor/``             one ``<n>.monitor.csv`` per environment. After a crash it also has the
                              episodes since the last checkpoint, which are then played again
@@ -76,6 +83,7 @@ class RunFolder:
     model_file = _Place("model.zip")
     statistics_file = _Place("vecnormalize.pkl")
     weights_file = _Place("policy.safetensors")
+    hand_file = _Place(HAND_FILE)
     checkpoint_dir = _Place("checkpoint")
     monitor_dir = _Place("monitor")
     tensorboard_dir = _Place("tensorboard")
@@ -165,12 +173,12 @@ class RunFolder:
         except ConfigError as error:
             raise ConfigError(f"'{self.config_file}': {error}") from error
         found = {name: self.path / file for name, file in _files(config).items()}
-        return config.in_env(**{n: str(path) for n, path in found.items() if path.is_file()})
+        return _with_files(config, {n: str(path) for n, path in found.items() if path.is_file()})
 
     def write_config(self, config: PlayConfig) -> None:
         """Write the run's settings, a score file in this folder as a name relative to it."""
         ours = {n: Path(f).name for n, f in _files(config).items() if Path(f).parent == self.path}
-        mapping = config.in_env(**ours).to_mapping()
+        mapping = _with_files(config, ours).to_mapping()
         write_text(self.config_file, yaml.safe_dump(mapping, sort_keys=False))
 
     def read_provenance(self) -> Mapping[str, Any]:
@@ -188,14 +196,16 @@ class RunFolder:
         notes, library = provenance(config.seed), user_library()
         for option, text in _files(config).items():
             file = Path(text)
+            if option == MODEL:
+                file = Path(file, HAND_FILE) if file.is_dir() else file
             if not (file.suffix and file.is_file()):
                 if option != "score" or text not in library:
                     continue
                 file = library.path(text)
             notes[f"{option}_file"] = str(file)
-            copy = self.path / f"{option}{file.suffix}"
+            copy = self.hand_file if option == MODEL else self.path / f"{option}{file.suffix}"
             shutil.copyfile(file, copy)
-            config = config.in_env(**{option: str(copy)})
+            config = _with_files(config, {option: str(copy)})
         self.write_provenance(notes)
         self.write_config(config)
 
@@ -231,9 +241,20 @@ def _version(package: str) -> str | None:
 
 
 def _files(config: PlayConfig) -> dict[str, str]:
-    """Return the environment's options that may name files."""
-    options = config.env_kwargs
-    return {name: options[name] for name in FILE_OPTIONS if isinstance(options.get(name), str)}
+    """Return what may name files: the environment's options, and the network of what plays."""
+    options = {name: config.env_kwargs.get(name) for name in FILE_OPTIONS}
+    if isinstance(config, PlannedConfig):
+        options[MODEL] = config.algorithm_kwargs.get(MODEL)
+    return {name: text for name, text in options.items() if isinstance(text, str)}
+
+
+def _with_files(config: PlayConfig, files: Mapping[str, str]) -> PlayConfig:
+    """Return the settings with other files in place of those of :func:`_files`."""
+    options = {name: file for name, file in files.items() if name != MODEL}
+    arguments = {name: file for name, file in files.items() if name == MODEL}
+    return dataclasses.replace(
+        config.in_env(**options), algorithm_kwargs={**config.algorithm_kwargs, **arguments}
+    )
 
 
 def _first_free(parent: Path, env_id: str) -> Path:

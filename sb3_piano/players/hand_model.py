@@ -1,0 +1,269 @@
+"""A learned network of one hand, as a file of plain arrays, and its forward pass in NumPy."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from collections.abc import Callable, Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Literal
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+import safetensors
+import safetensors.numpy
+from stable_baselines3.common.policies import BasePolicy
+
+from sb3_piano.envs import ObservationLayout, PianoEnv
+from sb3_piano.envs.hand_encoding import HandEncoding
+from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
+from sb3_piano.files import write_bytes
+from sb3_piano.policies.hand_network import CLIP, hand_weights
+from sb3_piano.settings import Count, Index, Positive, settings
+from sb3_piano.simulation import SIDES
+from sb3_piano.wrappers.hand_actions import hand_actions_of
+from sb3_piano.wrappers.piano import piano_of
+
+Float32Array = npt.NDArray[np.float32]
+Tensors = Mapping[str, Float32Array]
+
+SHIPPED = Path(str(files("sb3_piano.players") / "sight_reader.safetensors"))
+"""The file that comes with the package; ``sight_reader.md`` beside it says how it was made."""
+
+FILE_NAME = "hand.safetensors"
+"""Name of a network's file in the folder of a run."""
+
+FORMAT = "1"
+"""Version of the files."""
+
+_EXPECTED = "expected a safetensors file of a hand's network, as HandModel.save writes"
+
+
+def _silu(x: Float32Array) -> Float32Array:
+    half: Float32Array = np.float32(0.5) * x
+    return half + half * np.tanh(half)  # x / (1 + exp(-x)), which overflows
+
+
+_ACTIVATIONS: Mapping[str, Callable[[Float32Array], Float32Array]] = {
+    "SiLU": _silu,
+    "ReLU": lambda x: np.maximum(x, np.float32(0.0)),
+    "Tanh": np.tanh,
+}
+
+
+@settings
+class HandFacts:
+    """What a hand's network was trained for, and how."""
+
+    activation: Literal["SiLU", "ReLU", "Tanh"]
+    """Name in ``torch.nn`` of what comes after each hidden layer."""
+    control_timestep: Positive
+    """Length of a control step, s."""
+    reach: Positive
+    """Of :class:`~sb3_piano.wrappers.HandActions`, rad."""
+    blocks: Mapping[str, Count]
+    """Sizes of the blocks of a hand's half of the observation "hands", by name."""
+    actions: Count
+    """Actuators of a hand."""
+    num_timesteps: Index = 0
+    """Environment steps of its training."""
+    about: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """Anything else that is known of its training, in words."""
+
+
+class HandModel:
+    """A learned network of one hand, which plays both.
+
+    Args:
+        tensors: By the names of :func:`~sb3_piano.policies.hand_weights`, float32.
+        facts: What they are for.
+
+    Raises:
+        ConfigError: If they do not fit together.
+    """
+
+    def __init__(self, tensors: Tensors, facts: HandFacts) -> None:
+        self.tensors = {n: np.ascontiguousarray(t, dtype=np.float32) for n, t in tensors.items()}
+        """Weights by name."""
+        self.facts = facts
+        """What they are for."""
+        _check_tensors(self.tensors, facts)
+        t, self._activation = self.tensors, _ACTIVATIONS[facts.activation]
+        self._mean, self._scale = t["standardize.mean"], t["standardize.scale"]
+        self._layers = [
+            _centred(*(t[f"network.hidden.{i}.{name}"] for name in _OF_LAYER))
+            for i in range(_depth(t))
+        ]
+        self._head, self._bias = t["head.weight"], t["head.bias"][:, None]
+
+    @classmethod
+    def of(
+        cls, policy: BasePolicy, env: gym.Env[Any, Any], num_timesteps: int = 0, **about: str
+    ) -> HandModel:
+        """Return the network of a trained policy.
+
+        Args:
+            policy: One of :mod:`sb3_piano.policies` for hands, such as ``model.policy``.
+            env: Where it was trained, with :class:`~sb3_piano.wrappers.HandActions`.
+            num_timesteps: Environment steps of its training.
+            **about: Anything else that is known of its training, in words.
+
+        Raises:
+            ConfigError: If the policy is another one, or the environment has no such wrapper.
+        """
+        tensors = {name: tensor.numpy() for name, tensor in hand_weights(policy).items()}
+        activation: Any = policy.activation_fn
+        facts = HandFacts(
+            activation=activation.__name__,
+            reach=float(hand_actions_of(env, "HandModel.of").reach.max()),  # a finger's
+            num_timesteps=num_timesteps,
+            about=about,
+            **_of_piano(piano_of(env, "HandModel.of")),
+        )
+        return cls(tensors, facts)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> HandModel:
+        """Return the network of a file, or of a folder with a ``hand.safetensors``.
+
+        Raises:
+            ConfigError: If there is no such file, or it holds something else.
+        """
+        path = Path(path, FILE_NAME) if Path(path).is_dir() else Path(path)
+        try:
+            with safetensors.safe_open(path, framework="np") as file:
+                metadata = dict(file.metadata() or {})
+                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        except Exception as error:  # a damaged file fails in any way
+            raise ConfigError(
+                f"'{path}' cannot be read ({one_line(error)}): {_EXPECTED}."
+            ) from error
+        try:
+            if metadata.pop("format", None) != FORMAT:
+                raise ConfigError(f"It has no metadata of format {FORMAT}.")
+            return cls(tensors, HandFacts(**{n: json.loads(t) for n, t in metadata.items()}))
+        except (SB3PianoError, ValueError) as error:
+            raise ConfigError(f"'{path}' cannot be used: {_EXPECTED}. {one_line(error)}") from error
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a file that :meth:`load` reads, in place of one that is there."""
+        facts = {name: json.dumps(value) for name, value in dataclasses.asdict(self.facts).items()}
+        content = safetensors.numpy.save(self.tensors, {"format": FORMAT, **facts})
+        write_bytes(Path(path), content)
+
+    def act(self, observation: npt.NDArray[np.floating]) -> Float32Array:
+        """Return the action of both hands, (2 k,) in [-1, 1].
+
+        Args:
+            observation: (2 n,) the observation "hands": the right hand's numbers, then the left's.
+        """
+        hands = observation.astype(np.float32, copy=False).reshape(2, -1)
+        seen = (hands - self._mean) * self._scale
+        seen = np.minimum(np.maximum(seen, np.float32(-CLIP)), np.float32(CLIP)).T  # (n, 2)
+        hidden = seen
+        for weight, bias, gain, shift in self._layers:
+            hidden = weight @ hidden
+            hidden += bias
+            # Its mean is 0: the layer is such.
+            variance = np.einsum("ij,ij->j", hidden, hidden) * np.float32(1 / len(hidden))
+            hidden *= 1 / np.sqrt(variance + _EPSILON)
+            hidden = self._activation(hidden * gain + shift)
+        latent = np.concatenate([hidden, seen])
+        return np.tanh(self._head @ latent + self._bias).T.reshape(-1)
+
+    def check(self, piano: PianoEnv, name: str) -> None:
+        """Make sure that this network can play in an environment.
+
+        Args:
+            piano: The environment.
+            name: What the message calls the network.
+
+        Raises:
+            ConfigError: If it was trained for another control step, action space or observation.
+        """
+        for fact, here in _of_piano(piano).items():
+            trained = getattr(self.facts, fact)
+            if trained != here:
+                raise ConfigError(
+                    f"{name} was trained for {_FACTS[fact]} {_shown(trained)}, and here it is "
+                    f"{_shown(here)}: expected an environment such as it was trained in, with "
+                    f"control_timestep={self.facts.control_timestep:g} and "
+                    "reduced_action_space=False, or another network."
+                )
+
+
+_FACTS = {
+    "control_timestep": "a control step, in s, of",
+    "actions": "a number of actuators of a hand of",
+    "blocks": "an observation of a hand of",
+}
+"""What a network is trained for, in words."""
+
+_OF_LAYER = ("linear.weight", "linear.bias", "norm.weight", "norm.bias")
+_EPSILON = np.float32(1e-5)  # torch.nn.LayerNorm's
+
+
+def _of_piano(piano: PianoEnv) -> dict[str, Any]:
+    """Return what a network must have been trained for to play here."""
+    timestep = piano.config.control_timestep
+    layout = HandEncoding(piano.scene, timestep).layout
+    return {
+        "control_timestep": timestep,
+        "actions": len(piano.scene.ctrl_low) // len(SIDES),
+        "blocks": _blocks_of_hand(layout),
+    }
+
+
+def _blocks_of_hand(layout: ObservationLayout) -> dict[str, int]:
+    prefix = f"{SIDES[0]}_"
+    return {n.removeprefix(prefix): b.size for n, b in layout.items() if n.startswith(prefix)}
+
+
+def _shown(fact: Any) -> str:
+    if isinstance(fact, Mapping):
+        return f"{sum(fact.values())} numbers ({', '.join(f'{n} {s}' for n, s in fact.items())})"
+    return f"{fact:g}"
+
+
+def _depth(tensors: Tensors) -> int:
+    return sum(name.endswith(_OF_LAYER[0]) for name in tensors)
+
+
+def _check_tensors(tensors: Tensors, facts: HandFacts) -> None:
+    """Make sure that the layers are there, follow each other and have finite numbers."""
+    inputs = sum(facts.blocks.values())
+    shapes: dict[str, tuple[int, ...]] = {"standardize.mean": (inputs,)}
+    shapes["standardize.scale"] = (inputs,)
+    before = inputs
+    for i in range(_depth(tensors)):
+        prefix = f"network.hidden.{i}."
+        size = len(tensors.get(f"{prefix}linear.bias", ()))
+        shapes |= {f"{prefix}{name}": (size,) for name in _OF_LAYER[1:]}
+        shapes[f"{prefix}{_OF_LAYER[0]}"] = (size, before)
+        before = size
+    shapes["head.weight"] = (facts.actions, before + inputs)
+    shapes["head.bias"] = (facts.actions,)
+    if shapes.keys() != tensors.keys():
+        different = ", ".join(sorted(shapes.keys() ^ tensors.keys()))
+        raise ConfigError(f"The names of its weights differ from those of a network: {different}.")
+    for name, shape in shapes.items():
+        if tensors[name].shape != shape:
+            raise ConfigError(f"{name} has the shape {tensors[name].shape}: expected {shape}.")
+        if not np.isfinite(tensors[name]).all():
+            raise ConfigError(f"{name} has numbers that are not finite.")
+
+
+def _centred(
+    weight: Float32Array, bias: Float32Array, gain: Float32Array, shift: Float32Array
+) -> tuple[Float32Array, Float32Array, Float32Array, Float32Array]:
+    """Return a layer whose outputs have the mean 0, so that no forward pass subtracts it.
+
+    LayerNorm takes the mean over the outputs away; that of W x + b is mean(W) x + mean(b).
+    """
+    exact, added = weight.astype(np.float64), bias.astype(np.float64)
+    exact, added = exact - exact.mean(axis=0), added - added.mean()
+    columns = (added.astype(np.float32)[:, None], gain[:, None], shift[:, None])
+    return exact.astype(np.float32), *columns

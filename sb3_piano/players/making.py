@@ -1,0 +1,47 @@
+"""Players by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+import gymnasium as gym
+from stable_baselines3.common.vec_env import VecEnv
+
+from sb3_piano.planning import PianoPolicy, PlannedPianist
+from sb3_piano.planning.sampling import PredictiveSampling
+from sb3_piano.players.sight_reader import SightReader
+from sb3_piano.settings import refuse_unknown
+
+PLAYERS: Mapping[str, type[PianoPolicy]] = MappingProxyType(
+    {"planned": PlannedPianist, "sampling": PredictiveSampling, "sight-reader": SightReader}
+)
+"""Class of what plays any piece at once, without training on it, by its name."""
+
+
+def player_class(name: str) -> type[PianoPolicy]:
+    """Return the class of a player, one of :data:`PLAYERS`.
+
+    Raises:
+        ConfigError: If there is none of this name.
+    """
+    refuse_unknown([name], PLAYERS, "player")
+    return PLAYERS[name]
+
+
+def make_player(name: str, env: gym.Env[Any, Any] | VecEnv, **settings: Any) -> PianoPolicy:
+    """Return what plays an environment at once, behind SB3's ``predict``.
+
+    Args:
+        name: One of :data:`PLAYERS`.
+        env: The environment, wrapped or not, or several of them in this process as a vector
+            environment of Stable-Baselines3.
+        **settings: Arguments of the player's class, such as ``model`` or ``samples``.
+
+    Raises:
+        ConfigError: If there is no such player, or it cannot play there.
+    """
+    make: Any = player_class(name)
+    player: PianoPolicy = make(env, **settings)
+    return player

@@ -1,0 +1,114 @@
+"""The sight-reader on the command line, with the network of a run."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sb3_piano.cli import main
+from sb3_piano.envs import GENERAL_ID
+from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.players import HandModel, SightReader
+from sb3_piano.training import RunConfig, RunFolder, SavedPlayer, share
+from sb3_piano.training.runs.builders import build_model, build_vec_env
+
+FAST = ["--set", "physics=fast"]
+READER = ["--player", "sight-reader"]
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    notes = [Note(onset=i / 4, offset=(i + 1) / 4, pitch=72 + i) for i in range(3)]
+    write_midi(Score(notes=notes), "tune.mid")
+
+
+@pytest.fixture
+def shared():
+    """Return the folder of a run that was shared: an untrained policy of PPO for hands."""
+    config = RunConfig(
+        algo="ppo",
+        env_id=GENERAL_ID,
+        n_timesteps=1,
+        seed=0,
+        policy="sb3_piano.policies.HandsActorCriticPolicy",
+        env_wrapper="sb3_piano.wrappers.HandActions",
+        env_kwargs={
+            "score": "TwinkleTwinkle",
+            "observation": "hands",
+            "reduced_action_space": False,
+            "physics": "fast",
+        },
+        algorithm_kwargs={
+            "n_steps": 2,
+            "batch_size": 2,
+            "policy_kwargs": {
+                "activation_fn": "torch.nn.SiLU",
+                "net_arch": {"pi": [16], "vf": [8]},
+            },
+        },
+    )
+    run = RunFolder.create(config, "run")
+    build_model(config, build_vec_env(config)).save(run.model_file)
+    return share(run.path, "shared").path
+
+
+def test_the_network_of_a_shared_run_plays_another_piece_by_every_command(shared, capsys):
+    weights = [*READER, "--weights", str(shared)]
+    play = ["play", "tune.mid", *weights, "--physics", "fast", "--no-video"]
+    assert main(play) == 0
+    assert "Read in 0." in capsys.readouterr().out
+    assert Path("play/tune-sight-reader/performance.wav").is_file()
+    assert main(["plan", "tune.mid", *weights, *FAST, "--out", "plan"]) == 0
+    tensors = HandModel.load(shared).tensors
+    shutil.rmtree(shared)  # the plan keeps the network
+    shutil.move("plan", "moved")
+    with SavedPlayer.open("moved") as player:
+        assert isinstance(player.model, SightReader)
+        found = player.model.model.tensors
+    assert found.keys() == tensors.keys()
+    for name, tensor in found.items():
+        np.testing.assert_array_equal(tensor, tensors[name])
+    assert main(["evaluate", "moved"]) == 0
+    assert main(["report", "moved"]) == 0
+    assert main(["compare", "moved", "moved", "--metric", "f1", "--json", "c.json"]) == 0
+    [pair] = json.loads(Path("c.json").read_text())["metrics"]["f1"]["pairs"]
+    assert (pair["piece"], pair["difference"]) == ("tune", 0.0)
+
+
+def test_the_network_that_is_shipped_plays_and_is_recorded(capsys):
+    assert main(["play", "tune.mid", *READER, "--physics", "fast", "--no-video"]) == 0
+    assert main(["record", "tune.mid", *READER, *FAST, "--episodes", "1"]) == 0
+    assert "robopianist/tune/sight-reader-v0" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("play tune.mid --weights x", "--weights cannot be given without --planned: expected"),
+        (
+            "play tune.mid --planned --weights x",
+            "--weights cannot be given to the player 'planned'",
+        ),
+        (
+            "play tune.mid --player sight-reader --sampling 2",
+            "--sampling cannot be given to the player 'sight-reader': expected --player sampling",
+        ),
+        ("play tune.mid --player sight-reader --planned", "cannot be given with --player"),
+        ("play tune.mid --player sight-reader --reduced", "was trained for a number of actuators"),
+        ("play tune.mid --player sight-reader --weights no", "'no' cannot be read"),
+        ("plan tune.mid --player planned --horizon 2", "expected --player sampling"),
+        ("record tune.mid --weights x", "--weights cannot be given to the player 'planned'"),
+        ("train --algo sight-reader --midi tune.mid", "is not trained, it plays at once"),
+    ],
+)
+def test_an_error_is_one_line(command, message, capsys):
+    assert main(command.split()) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1

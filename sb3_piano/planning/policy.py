@@ -1,4 +1,4 @@
-"""Players that know the score and the simulator, behind the ``predict`` of a trained model."""
+"""Players of any piece, behind the ``predict`` of a model that was trained for one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Steps = npt.NDArray[np.intp]
 
 
 class PianoPolicy(ABC):
-    """Acts in piano environments like a model of Stable-Baselines3, without any network.
+    """Acts in piano environments like a model of Stable-Baselines3, whatever they play.
 
     Where the hands are comes from the observation, where in the piece it is from ``state``, what
     is played from the environment it was made for. It has what ``evaluate_policy`` and callbacks
@@ -37,9 +37,9 @@ class PianoPolicy(ABC):
     """
 
     num_timesteps = 0
-    """Environment steps that it was trained for: none."""
+    """Environment steps that it was trained for: none, unless it has a network."""
     device = torch.device("cpu")
-    """Device of its networks, if it had any."""
+    """Where it computes."""
 
     def __init__(self, env: gym.Env[Any, Any] | VecEnv) -> None:
         self._env = env

@@ -6,7 +6,6 @@ import dataclasses
 import json
 import os
 from collections.abc import Callable, Mapping
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
@@ -30,7 +29,7 @@ from sb3_piano.wrappers.piano import piano_of
 Float32Array = npt.NDArray[np.float32]
 Tensors = Mapping[str, Float32Array]
 
-SHIPPED = Path(str(files("sb3_piano.players") / "sight_reader.safetensors"))
+SHIPPED = Path(__file__).with_name("sight_reader.safetensors")
 """The file that comes with the package; ``sight_reader.md`` beside it says how it was made."""
 
 FILE_NAME = "hand.safetensors"
@@ -39,7 +38,10 @@ FILE_NAME = "hand.safetensors"
 FORMAT = "1"
 """Version of the files."""
 
-_EXPECTED = "expected a safetensors file of a hand's network, as HandModel.save writes"
+_EXPECTED = (
+    "expected a safetensors file of a hand's network, such as 'sb3-piano share' and HandModel.save "
+    "write"
+)
 
 
 def _silu(x: Float32Array) -> Float32Array:
@@ -184,14 +186,16 @@ class HandModel:
         Raises:
             ConfigError: If it was trained for another control step, action space or observation.
         """
-        for fact, here in _of_piano(piano).items():
+        found = _of_piano(piano)
+        reduced = piano.config.reduced_action_space == (found["actions"] == self.facts.actions)
+        for fact, here in found.items():
             trained = getattr(self.facts, fact)
             if trained != here:
                 raise ConfigError(
                     f"{name} was trained for {_FACTS[fact]} {_shown(trained)}, and here it is "
                     f"{_shown(here)}: expected an environment such as it was trained in, with "
                     f"control_timestep={self.facts.control_timestep:g} and "
-                    "reduced_action_space=False, or another network."
+                    f"reduced_action_space={reduced}, or another network."
                 )
 
 
@@ -240,7 +244,7 @@ def _check_tensors(tensors: Tensors, facts: HandFacts) -> None:
     before = inputs
     for i in range(_depth(tensors)):
         prefix = f"network.hidden.{i}."
-        size = len(tensors.get(f"{prefix}linear.bias", ()))
+        size = np.size(tensors.get(f"{prefix}linear.bias", ()))
         shapes |= {f"{prefix}{name}": (size,) for name in _OF_LAYER[1:]}
         shapes[f"{prefix}{_OF_LAYER[0]}"] = (size, before)
         before = size

@@ -93,7 +93,8 @@ class SightReader(PianoPolicy):
         problems = unheld(encoding.read(roll_with_fingers(piano)).roll)
         if problems:
             warnings.warn(summary(problems), PlanWarning, stacklevel=4)
-        shown = self._layout is not None and _places(self._layout) == _places(encoding.layout)
+        layout = self._layout if self._normalizer is None else None  # which cuts what is far off
+        shown = layout is not None and _places(layout) == _places(encoding.layout)
         self._read[slot] = made = _Read(piano.roll, piano.scene, encoding, shown)
         return made
 

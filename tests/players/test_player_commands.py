@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from sb3_piano.cli import main
+from sb3_piano.cli.play import PLAYERS as ON_COMMAND_LINE
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.music import Note, Score, write_midi
-from sb3_piano.players import HandModel, SightReader
+from sb3_piano.players import PLAYERS, HandModel, SightReader
 from sb3_piano.training import RunConfig, RunFolder, SavedPlayer, share
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 
@@ -112,3 +113,7 @@ def test_an_error_is_one_line(command, message, capsys):
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_every_player_can_be_named():
+    assert tuple(PLAYERS) == ON_COMMAND_LINE

@@ -21,6 +21,8 @@ from sb3_piano.music import Note, Score
 from sb3_piano.wrappers import (
     Excerpt,
     FingeringDecay,
+    HandActions,
+    HandReward,
     HideFingering,
     KeyRange,
     KeyRewardTiering,
@@ -62,6 +64,8 @@ ARGUMENTS = {
     Excerpt: {"start": "random", "length": 0.1},
     KeyRange: {"keys": [36, 91]},
     Lookahead: {"steps": 4, "stride": 2, "fingers": True},
+    HandActions: {"reach": 0.8},
+    HandReward: {"own": 0.5, "within": 0.2, "strikes": 0.1},
     HideFingering: {},
     PreviousActionReward: {},
     ResidualAction: {"scale": 0.2, "lookahead": 3, "settings": {"feedback": 0.4}},

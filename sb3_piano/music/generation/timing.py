@@ -27,6 +27,15 @@ _OVERLAP = 0.08
 _LEGATO = 4
 """Semitones from which on such notes do not overlap: the hand moves on."""
 
+_LEAP = 7
+"""Farther than so many semitones a hand lifts before it goes on; beside chords it always does."""
+
+_LIFT = 0.05
+"""For how long, s."""
+
+_TOGETHER = 0.03
+"""Longest time between notes that are struck together, s."""
+
 _FASTEST = 0.085
 """Least time between strikes of a hand, s: the tempo is chosen so that most keep to it."""
 
@@ -46,6 +55,8 @@ class Touch:
     """Standard deviation of the onsets, s."""
     rubato: float
     """How far the tempo swings within a phrase, as a share of it."""
+    lifts: bool
+    """Whether hands come up in time for chords and leaps; else notes end where the next begin."""
 
 
 def draw_touch(random: np.random.Generator) -> Touch:
@@ -64,6 +75,7 @@ def draw_touch(random: np.random.Generator) -> Touch:
         volumes={"right": loud, "left": loud - float(random.uniform(-3, 18))},
         jitter=float(random.uniform(0.003, 0.012)) if random.random() < 0.3 else 0.0,
         rubato=float(random.uniform(0.03, 0.15)) if random.random() < 0.3 else 0.0,
+        lifts=bool(random.random() < 0.85),
     )
 
 
@@ -119,7 +131,7 @@ def perform(
                 hand=tone.hand,
             )
         )
-    return _holdable(notes)
+    return _holdable(notes, touch.lifts)
 
 
 def _seconds(time: float, second: float, rubato: float, swing: float) -> float:
@@ -134,33 +146,52 @@ class _Sounding:
     onset: float
     offset: float
     note: Note
+    in_chord: bool
 
 
-def _holdable(notes: Sequence[Note]) -> list[Note]:
+def _in_chords(notes: Sequence[Note]) -> list[bool]:
+    """Return whether each note, in order of onset, is struck together with others of its hand."""
+    found = [False] * len(notes)
+    last: dict[Hand | None, int] = {}
+    for at, note in enumerate(notes):
+        before = last.get(note.hand)
+        if before is not None and note.onset - notes[before].onset < _TOGETHER:
+            found[before] = found[at] = True
+        last[note.hand] = at
+    return found
+
+
+def _holdable(notes: Sequence[Note], lifts: bool) -> list[Note]:
     """Let go of notes where another one needs their key, or the hand, and drop what is double."""
     found: list[_Sounding] = []
     held: list[_Sounding] = []
-    for note in sorted(notes, key=lambda note: (note.onset, note.pitch)):
-        held = [one for one in held if one.offset > note.onset]
+    notes = sorted(notes, key=lambda note: (note.onset, note.pitch))
+    chord = _in_chords(notes)
+    for at, note in enumerate(notes):
+        held = [one for one in held if one.offset > note.onset - _LIFT]
         same = [one for one in held if one.note.pitch == note.pitch]
         if any(note.onset - one.onset < _SHORTEST + _GAP for one in same):
             continue
         for one in same:
             one.offset = min(one.offset, note.onset - _GAP)
         mine = [one for one in held if one.note.hand == note.hand]
-        together = [one for one in mine if note.onset - one.onset < 0.03]
+        together = [one for one in mine if note.onset - one.onset < _TOGETHER]
         if len(together) >= FINGERS_PER_HAND:
             continue
         for one in mine:
             brief = one.offset - note.onset < _OVERLAP
-            too_far = abs(one.note.pitch - note.pitch) > (_LEGATO if brief else _REACH)
-            if too_far and one not in together:
-                one.offset = max(min(one.offset, note.onset), one.onset + _SHORTEST)
+            way = abs(one.note.pitch - note.pitch)
+            too_far = way > (_LEGATO if brief else _REACH)
+            if one in together or not (too_far or (brief and (chord[at] or one.in_chord))):
+                continue
+            lift = _LIFT if lifts and (way > _LEAP or chord[at] or one.in_chord) else 0.0
+            end = note.onset - lift
+            one.offset = max(min(one.offset, end), one.onset + _SHORTEST)
         mine = [one for one in mine if one.offset > note.onset]
         while len(mine) >= FINGERS_PER_HAND:
             oldest = mine.pop(0)
             oldest.offset = max(note.onset, oldest.onset + _SHORTEST)
-        sounding = _Sounding(note.onset, note.offset, note)
+        sounding = _Sounding(note.onset, note.offset, note, chord[at])
         held = [*held, sounding]
         found.append(sounding)
     return [

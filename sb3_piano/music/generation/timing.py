@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -143,10 +143,19 @@ def _seconds(time: float, second: float, rubato: float, swing: float) -> float:
 
 @dataclass
 class _Sounding:
-    onset: float
-    offset: float
+    """A note whose end may still come earlier."""
+
     note: Note
+    offset: float
     in_chord: bool
+
+    @property
+    def onset(self) -> float:
+        return self.note.onset
+
+    def release(self, time: float) -> None:
+        """Let go at a time, if the note has sounded long enough by then, else a little later."""
+        self.offset = max(min(self.offset, time), self.onset + _SHORTEST)
 
 
 def _in_chords(notes: Sequence[Note]) -> list[bool]:
@@ -166,41 +175,33 @@ def _holdable(notes: Sequence[Note], lifts: bool) -> list[Note]:
     found: list[_Sounding] = []
     held: list[_Sounding] = []
     notes = sorted(notes, key=lambda note: (note.onset, note.pitch))
-    chord = _in_chords(notes)
-    for at, note in enumerate(notes):
+    for note, in_chord in zip(notes, _in_chords(notes), strict=True):
+        new = _Sounding(note, note.offset, in_chord)
         held = [one for one in held if one.offset > note.onset - _LIFT]
         same = [one for one in held if one.note.pitch == note.pitch]
-        if any(note.onset - one.onset < _SHORTEST + _GAP for one in same):
-            continue
-        for one in same:
-            one.offset = min(one.offset, note.onset - _GAP)
         mine = [one for one in held if one.note.hand == note.hand]
         together = [one for one in mine if note.onset - one.onset < _TOGETHER]
-        if len(together) >= FINGERS_PER_HAND:
+        struck_now = any(note.onset - one.onset < _SHORTEST + _GAP for one in same)
+        if struck_now or len(together) >= FINGERS_PER_HAND:
             continue
+        for one in same:
+            one.release(note.onset - _GAP)
         for one in mine:
-            brief = one.offset - note.onset < _OVERLAP
-            way = abs(one.note.pitch - note.pitch)
-            too_far = way > (_LEGATO if brief else _REACH)
-            if one in together or not (too_far or (brief and (chord[at] or one.in_chord))):
-                continue
-            lift = _LIFT if lifts and (way > _LEAP or chord[at] or one.in_chord) else 0.0
-            end = note.onset - lift
-            one.offset = max(min(one.offset, end), one.onset + _SHORTEST)
+            if one not in together:
+                _make_way(one, new, lifts)
         mine = [one for one in mine if one.offset > note.onset]
-        while len(mine) >= FINGERS_PER_HAND:
-            oldest = mine.pop(0)
-            oldest.offset = max(note.onset, oldest.onset + _SHORTEST)
-        sounding = _Sounding(note.onset, note.offset, note, chord[at])
-        held = [*held, sounding]
-        found.append(sounding)
-    return [
-        Note(
-            onset=one.onset,
-            offset=one.offset,
-            pitch=one.note.pitch,
-            velocity=one.note.velocity,
-            hand=one.note.hand,
-        )
-        for one in found
-    ]
+        for one in mine[: max(len(mine) - FINGERS_PER_HAND + 1, 0)]:
+            one.release(note.onset)
+        held.append(new)
+        found.append(new)
+    return [replace(one.note, offset=one.offset) for one in found]
+
+
+def _make_way(one: _Sounding, new: _Sounding, lifts: bool) -> None:
+    """Let go of a note if its hand cannot hold it, or need not, when it strikes another one."""
+    way = abs(one.note.pitch - new.note.pitch)
+    by_touch = one.offset - new.onset < _OVERLAP
+    beside_chord = one.in_chord or new.in_chord
+    if way > (_LEGATO if by_touch else _REACH) or (by_touch and beside_chord):
+        lift = _LIFT if lifts and (way > _LEAP or beside_chord) else 0.0
+        one.release(new.onset - lift)

@@ -17,7 +17,7 @@ from sb3_piano.music.generation.frame import (
     Tone,
     progression,
 )
-from sb3_piano.music.generation.styles import NEAR, PEDALLED, STYLES
+from sb3_piano.music.generation.styles import LEAPING, NEAR, PEDALLED, STYLES
 from sb3_piano.music.generation.timing import Touch, draw_touch, fastest_tempo, perform
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.music.note import Pedal
@@ -109,7 +109,9 @@ class _Plan:
         two = bar in (2.0, 4.0)
         right = float(np.clip(random.normal(73, 6), 60, 92))
         apart = random.uniform(5, 14) if style in NEAR else random.uniform(12, 34)
-        if random.random() < 0.08:
+        if style in LEAPING:
+            apart = random.uniform(22, 36)
+        elif random.random() < 0.08:
             apart = random.uniform(0, 12)
         return cls(
             style=style,
@@ -122,7 +124,7 @@ class _Plan:
             per_bar=float(random.choice((1, 2 if two else 1, 0.5), p=(0.6, 0.3, 0.1))),
             seventh=float(random.choice((0.0, 0.15, 0.5))),
             habits=int(random.integers(2**31)),
-            register={"right": right, "left": float(np.clip(right - apart, 40, 66))},
+            register={"right": right, "left": float(np.clip(right - apart, 43, 66))},
             touch=draw_touch(random),
             pedalled=bool(random.random() < (0.7 if style in PEDALLED else 0.15)),
         )

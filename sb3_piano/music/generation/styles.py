@@ -385,3 +385,6 @@ PEDALLED = frozenset({"arpeggios", "bells", "figuration", "polyrhythm", "slow", 
 
 NEAR = frozenset({"toccata", "prelude"})
 """Styles in which the hands play close to each other."""
+
+LEAPING = frozenset({"bells", "leaps", "oompah", "rag", "stride", "syncopation"})
+"""Styles in which the left hand needs room."""

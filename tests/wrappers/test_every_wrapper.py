@@ -19,6 +19,7 @@ from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
 from sb3_piano.layers import layers
 from sb3_piano.music import Note, Score
 from sb3_piano.wrappers import (
+    CorpusExcerpt,
     Excerpt,
     FingeringDecay,
     HandActions,
@@ -61,6 +62,7 @@ ARGUMENTS = {
     OctaveShift: {"octaves": [-1, 1]},
     TemporalStretch: {"factor": [0.5, 2]},
     RandomPiece: {"pieces": [PIECE, OTHER], "weights": [1, 2]},
+    CorpusExcerpt: {"corpus": {"seed": 3, "n": 2, "duration": 0.5}},
     Excerpt: {"start": "random", "length": 0.1},
     KeyRange: {"keys": [36, 91]},
     Lookahead: {"steps": 4, "stride": 2, "fingers": True},

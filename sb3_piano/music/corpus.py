@@ -62,7 +62,7 @@ _Names = Annotated[
 
 @settings
 class Corpus:
-    """Excerpts of music, each a pure function of the seed and of its index.
+    """Excerpts of music, each a pure function of the settings and of its index.
 
     Excerpts that are not generated come from a random place of a piece, which is transposed
     within the keyboard and played slower or faster. A transposed piece keeps its hands, but not

@@ -15,7 +15,8 @@ SEEDS = range(20)
 
 
 def generated(style: str, seed: int) -> Score:
-    return generate_score(np.random.default_rng(seed), DURATION, style)
+    """Return a score whose draws differ from style to style, too."""
+    return generate_score(np.random.default_rng([*style.encode(), seed]), DURATION, style)
 
 
 def struck_together(score: Score, hand: str) -> list[list[int]]:
@@ -50,12 +51,12 @@ def test_a_style_is_music_for_two_hands(style):
 @pytest.mark.parametrize("style", STYLES)
 def test_the_robot_s_fingers_hold_nearly_all_notes_of_a_style(style):
     due = held = 0
-    for seed in range(6):
+    for seed in range(5):
         score = apply_fingering(generated(style, seed), "robot", 0.05)
         roll = release_early(PianoRoll.from_score(score, 0.05))
         due += np.count_nonzero(roll.active)
         held += np.count_nonzero(roll.active & (roll.finger >= 0))
-    assert held > 0.93 * due
+    assert held > 0.95 * due
 
 
 def test_a_voice_holds_each_key_once_at_a_time():

@@ -18,7 +18,14 @@ from sb3_piano.music.generation.frame import (
     progression,
 )
 from sb3_piano.music.generation.styles import LEAPING, NEAR, PEDALLED, STYLES
-from sb3_piano.music.generation.timing import Touch, draw_touch, fastest_tempo, perform
+from sb3_piano.music.generation.timing import (
+    Clock,
+    Touch,
+    draw_clock,
+    draw_touch,
+    fastest_tempo,
+    perform,
+)
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.music.note import Pedal
 from sb3_piano.music.score import Score
@@ -66,12 +73,13 @@ def generate_score(random: np.random.Generator, duration: float, style: str | No
             tempo = min(tempo, fastest_tempo(written))
         tones += [replace(tone, start=tone.start + count * plan.length) for tone in written]
         count += 1
-    notes = perform(tones, tempo, plan.touch, random)
+    clock = draw_clock(random, tempo)
+    notes = perform(tones, clock, plan.touch, random)
     if random.random() < 0.2:  # as a file that does not tell the hands
         notes = [replace(note, hand=None) for note in notes]
     score = Score(
         notes=notes,
-        pedals=plan.pedals(60 / tempo, count * plan.length),
+        pedals=plan.pedals(clock, count * plan.length),
         title=f"generated {style}",
     )
     start = score.notes[0].onset
@@ -162,11 +170,11 @@ class _Plan:
         written[letter] = tones
         return tones
 
-    def pedals(self, second: float, length: float) -> list[Pedal]:
+    def pedals(self, clock: Clock, length: float) -> list[Pedal]:
         """Return presses of the pedal, one for each chord.
 
         Args:
-            second: Length of a quarter note, s.
+            clock: When what is written is played.
             length: Length of the piece, in quarter notes.
         """
         if not self.pedalled:
@@ -174,7 +182,7 @@ class _Plan:
         every = self.bar / max(self.per_bar, 1)
         starts = np.arange(0, length, every)
         return [
-            Pedal(onset=(start + 0.1) * second, offset=(start + every - 0.1) * second)
+            Pedal(onset=clock.seconds(start + 0.1), offset=clock.seconds(start + every - 0.1))
             for start in starts.tolist()
         ]
 

@@ -44,6 +44,24 @@ _LEAP_PACE = 0.017
 
 
 @dataclass(frozen=True, kw_only=True)
+class Clock:
+    """When what is written is played."""
+
+    quarter: float
+    """Length of a quarter note, s."""
+    rubato: float
+    """How far the tempo swings, as a share of it; once in eight quarter notes."""
+    phase: float
+    """Where the swing begins, rad."""
+
+    def seconds(self, time: float) -> float:
+        """Return when a time in quarter notes is, in s."""
+        pace = 2 * np.pi / 8
+        sway = np.sin(pace * time + self.phase) - np.sin(self.phase)
+        return float(self.quarter * (time + self.rubato * sway / pace))
+
+
+@dataclass(frozen=True, kw_only=True)
 class Touch:
     """How a piece is performed."""
 
@@ -53,10 +71,14 @@ class Touch:
     """MIDI velocity of each hand."""
     jitter: float
     """Standard deviation of the onsets, s."""
-    rubato: float
-    """How far the tempo swings within a phrase, as a share of it."""
     lifts: bool
     """Whether hands come up in time for chords and leaps; else notes end where the next begin."""
+
+
+def draw_clock(random: np.random.Generator, tempo: float) -> Clock:
+    """Draw the course of a tempo, in quarter notes a minute: most pieces keep to it."""
+    rubato = float(random.uniform(0.03, 0.15)) if random.random() < 0.3 else 0.0
+    return Clock(quarter=60 / tempo, rubato=rubato, phase=float(random.uniform(0, 2 * np.pi)))
 
 
 def draw_touch(random: np.random.Generator) -> Touch:
@@ -74,8 +96,7 @@ def draw_touch(random: np.random.Generator) -> Touch:
         lengths={"right": float(kinds[first]()), "left": float(kinds[second]())},
         volumes={"right": loud, "left": loud - float(random.uniform(-3, 18))},
         jitter=float(random.uniform(0.003, 0.012)) if random.random() < 0.3 else 0.0,
-        rubato=float(random.uniform(0.03, 0.15)) if random.random() < 0.3 else 0.0,
-        lifts=bool(random.random() < 0.85),
+        lifts=bool(random.random() < 0.92),
     )
 
 
@@ -98,29 +119,27 @@ def fastest_tempo(tones: Iterable[Tone]) -> float:
 
 
 def perform(
-    tones: Sequence[Tone], tempo: float, touch: Touch, random: np.random.Generator
+    tones: Sequence[Tone], clock: Clock, touch: Touch, random: np.random.Generator
 ) -> list[Note]:
     """Return the notes of tones.
 
     Args:
         tones: What is written.
-        tempo: Quarter notes a minute.
+        clock: When.
         touch: How it is performed.
         random: The source of chance.
     """
-    second = 60 / tempo
-    swing = float(random.uniform(0, 2 * np.pi))
     late: dict[tuple[float, Hand], float] = {}
     notes = []
     for tone in sorted(tones, key=lambda tone: (tone.start, tone.pitch)):
         place = (round(tone.start, 4), tone.hand)
         shift = late.setdefault(place, float(np.clip(random.normal(0, 1), -2.5, 2.5)))
         own = touch.jitter * (shift + 0.3 * random.normal(0, 1)) if touch.jitter else 0.0
-        onset = _seconds(tone.start, second, touch.rubato, swing) + own
+        onset = clock.seconds(tone.start) + own
         end = tone.start + tone.length * min(touch.lengths[tone.hand], 1.0)
-        offset = _seconds(end, second, touch.rubato, swing) + own
+        offset = clock.seconds(end) + own
         if touch.lengths[tone.hand] > 1:
-            offset += min((touch.lengths[tone.hand] - 1) * tone.length * second, 0.06)
+            offset += min((touch.lengths[tone.hand] - 1) * tone.length * clock.quarter, 0.06)
         velocity = touch.volumes[tone.hand] + tone.accent + random.normal(0, 3)
         notes.append(
             Note(
@@ -132,13 +151,6 @@ def perform(
             )
         )
     return _holdable(notes, touch.lifts)
-
-
-def _seconds(time: float, second: float, rubato: float, swing: float) -> float:
-    """Return when a time in quarter notes is, in s: the tempo swings once in eight of them."""
-    pace = 2 * np.pi / 8
-    sway = np.sin(pace * time + swing) - np.sin(swing)
-    return float(second * (time + rubato * sway / pace))
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""``ThreadVecEnv`` gives what ``DummyVecEnv`` gives, in threads."""
+"""``ThreadVecEnv`` and ``ProcessVecEnv`` give what ``DummyVecEnv`` gives."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ import pytest
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
+from sb3_piano.exceptions import RunError
 from sb3_piano.hyperparams import PRESETS
-from sb3_piano.vec_env import ThreadVecEnv
+from sb3_piano.vec_env import ProcessVecEnv, ThreadVecEnv
 
 ENV_ID = "RoboPianist-debug-CMajorScaleOneHand-v0"
 
@@ -197,3 +198,50 @@ def test_rl_zoo_trains_in_threads_as_the_docstring_says(tmp_path):
     run = tmp_path / "logs" / "td3" / f"{ENV_ID}_1"
     assert (run / f"{ENV_ID}.zip").is_file()
     assert len(list(run.glob("*.monitor.csv"))) == 2
+
+
+class Flat(gym.ObservationWrapper):
+    """Shows a plain array, as processes hand on."""
+
+    def __init__(self):
+        super().__init__(Monitor(Scripted()))
+        self.observation_space = gym.spaces.Box(-99, 99, (3,))
+
+    def observation(self, observation):
+        return np.append(observation["seen"], np.float32(observation["step"]))
+
+    def end_process(self):
+        os._exit(3)
+
+    def fail(self):
+        raise ValueError("stuck")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n_processes", [1, 2])
+def test_processes_give_what_dummy_vec_env_gives(venvs, n_processes):
+    plain = venvs(DummyVecEnv, [Flat] * 3)
+    shared = venvs(ProcessVecEnv, [Flat] * 3, n_processes=n_processes)
+    for vector in (plain, shared):
+        vector.seed(7)
+        vector.set_options([{"a": 1}, {}, {"b": 2}])
+    np.testing.assert_equal(shared.reset(), plain.reset())
+    actions = np.random.default_rng(0).uniform(-1, 1, (40, 3, 1)).astype(np.float32)
+    assert_equal_steps(plain, shared, actions)
+    for vector in (plain, shared):
+        vector.set_attr("mark", [1], indices=[2, 0])
+        assert vector.env_is_wrapped(Monitor, [1]) == [True]
+    assert shared.get_attr("mark", [0, 2]) == [[1], [1]]
+    assert shared.env_method("get_wrapper_attr", "played", indices=[2, 1]) == plain.env_method(
+        "get_wrapper_attr", "played", indices=[2, 1]
+    )
+    with pytest.raises(ValueError, match="stuck"):
+        shared.env_method("fail", indices=[0])
+
+
+@pytest.mark.slow
+def test_a_process_that_ends_is_named(venvs):
+    shared = venvs(ProcessVecEnv, [Flat] * 2, n_processes=2)
+    shared.reset()
+    with pytest.raises(RunError, match="Process 1 of the environments has ended with exit code 3"):
+        shared.env_method("end_process", indices=[1])

@@ -36,7 +36,7 @@ def add_parser(commands: Any) -> None:
     add("--steps", "N", "environment steps in all, such as 1e6", whole_number)
     add("--seed", "N", "default: drawn, and noted in the run's folder", int)
     add("--n-envs", "N", "environments that play at the same time", whole_number)
-    add("--vec-env", "KIND", "dummy (one process), threads or subproc (one process for each)")
+    add("--vec-env", "KIND", "dummy (one process), threads, processes or subproc (a process each)")
     add("--num-threads")
     add("--checkpoint-every", "N", "default: 10000 steps", whole_number)
     add("--runs-dir")

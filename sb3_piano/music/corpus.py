@@ -6,8 +6,10 @@ import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import field, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import BeforeValidator
 
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.music.catalogue import is_path, load_score, pieces
@@ -53,10 +55,14 @@ _FARTHEST = 12
 
 _MIDI = (".mid", ".midi")
 
+_Names = Annotated[
+    tuple[str, ...], BeforeValidator(lambda value: tuple(value) if type(value) is list else value)
+]
+
 
 @settings
 class Corpus:
-    """Excerpts of music, each a pure function of the seed and of its index.
+    """Excerpts of music, each a pure function of the settings and of its index.
 
     Excerpts that are not generated come from a random place of a piece, which is transposed
     within the keyboard and played slower or faster. A transposed piece keeps its hands, but not
@@ -82,7 +88,7 @@ class Corpus:
     sources: Mapping[str, Positive] = field(
         default_factory=lambda: {"generated": 0.8, "studies": 0.2}
     )
-    held_out: tuple[str, ...] = HELD_OUT
+    held_out: _Names = HELD_OUT
     n: Count = 2000
 
     def __post_init__(self) -> None:
@@ -147,23 +153,21 @@ class Corpus:
         if name in STUDIES and STUDIES[name].options:
             score, factor = _study(random, name), 1.0
         else:
-            factor = float(np.exp(random.uniform(-1, 1) * np.log(_STRETCH)))
-            score = _score(name).stretch(factor)
+            score, factor = _score(name), float(_STRETCH ** random.uniform(-1, 1))
         low, high = score.pitch_range
         shifts = range(max(MIN_PITCH - low, -_FARTHEST), min(MAX_PITCH - high, _FARTHEST) + 1)
         allowed = [shift for shift in shifts if _opening(score, shift) not in self._openings]
         semitones = int(random.choice(allowed)) if allowed else 0
-        score = score.transpose(semitones)
+        length = self.duration / factor
+        last = max(score.duration - length, score.notes[0].onset)
+        start = float(random.choice(sorted({n.onset for n in score.notes if n.onset <= last})))
+        score = score.excerpt(start, start + length).transpose(semitones).stretch(factor)
         if semitones % 12:
             notes = [replace(note, finger=UNKNOWN_FINGER) for note in score.notes]
             score = replace(score, notes=tuple(notes))
-        last = max(score.duration - self.duration, 0.0)
-        starts = sorted({note.onset for note in score.notes if note.onset <= last})
-        start = float(random.choice(starts)) if starts else score.notes[0].onset
-        excerpt = score.excerpt(start, start + self.duration)
         short = Path(name).stem if is_path(name) else name
         title = f"{short} {semitones:+d} x{factor:.2f} from {start:.1f} s"
-        return replace(excerpt, title=title)
+        return replace(score, title=title)
 
     @functools.cached_property
     def _openings(self) -> frozenset[tuple[tuple[int, ...], ...]]:
@@ -188,7 +192,7 @@ def _study(random: np.random.Generator, name: str) -> Score:
     options = {
         "tempo": tempo,
         "hands": str(random.choice(("both", "right", "left"), p=(0.8, 0.1, 0.1))),
-        "repeats": int(random.integers(1, 4)),
+        "repeats": 1 if piece.collection == "hanon" else int(random.integers(1, 4)),
         "octaves": int(random.integers(1, 3)),
     }
     return piece.score(**{key: options[key] for key in piece.options if key in options})

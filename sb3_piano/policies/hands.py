@@ -13,7 +13,7 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy, ContinuousCritic
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from stable_baselines3.common.type_aliases import Schedule
+from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 from torch import nn
 
 from sb3_piano.exceptions import ConfigError
@@ -25,7 +25,7 @@ from sb3_piano.policies.hand_network import (
     Standardize,
 )
 from sb3_piano.policies.regularized import RegularizedSACPolicy, RegularizedTD3Policy
-from sb3_piano.settings import Count, Positive, checked
+from sb3_piano.settings import Count, Index, Positive, checked
 
 
 class _Hands(BasePolicy):
@@ -42,10 +42,12 @@ class _Hands(BasePolicy):
         lr_schedule: Schedule,
         n_hands: int = 2,
         critic_lr_scale: float = 1.0,
+        critic_first: int = 0,
         **kwargs: Any,
     ) -> None:
         self.n_hands: int = checked("n_hands", n_hands, Count)
         self.critic_lr_scale: float = checked("critic_lr_scale", critic_lr_scale, Positive)
+        self.critic_first: int = checked("critic_first", critic_first, Index)
         self._inputs = _block("observation", observation_space, self.n_hands)
         self._actions = _block("action", action_space, self.n_hands)
         _check_bounds(action_space)
@@ -76,8 +78,8 @@ class _Hands(BasePolicy):
     ) -> torch.optim.Optimizer:
         """Return an optimizer of parameters, those of a critic with their own learning rate."""
         groups = [
-            {"params": actor, "lr_scale": 1.0},
-            {"params": critic, "lr_scale": self.critic_lr_scale},
+            {"params": actor, "lr_scale": 1.0, "waits": self.critic_first},
+            {"params": critic, "lr_scale": self.critic_lr_scale, "waits": 0},
         ]
         optimizer = self.optimizer_class(
             [group for group in groups if group["params"]],
@@ -91,12 +93,14 @@ class _Hands(BasePolicy):
     def _get_constructor_parameters(self) -> dict[str, Any]:
         parameters = super()._get_constructor_parameters()
         del parameters["features_extractor_class"], parameters["features_extractor_kwargs"]
-        return {**parameters, "n_hands": self.n_hands, "critic_lr_scale": self.critic_lr_scale}
+        own = ("n_hands", "critic_lr_scale", "critic_first")
+        return {**parameters, **{name: getattr(self, name) for name in own}}
 
 
 class _OffPolicyHands(_Hands):
     """Such policies with critics of actions."""
 
+    actor: Any
     critic: ContinuousCritic
     _defaults: ClassVar[dict[str, Any]] = {
         "net_arch": {"pi": [384, 384, 384], "qf": [256, 256]},
@@ -105,7 +109,8 @@ class _OffPolicyHands(_Hands):
 
     def _build(self, lr_schedule: Schedule) -> None:
         super()._build(lr_schedule)  # type: ignore[misc]  # of SB3's policies
-        critic = list(self.critic.parameters())
+        actor, critic = list(self.actor.parameters()), list(self.critic.parameters())
+        self.actor.optimizer = self._new_optimizer(lr_schedule, actor, [])
         self.critic.optimizer = self._new_optimizer(lr_schedule, [], critic)
 
 
@@ -121,6 +126,8 @@ class HandsSACPolicy(_OffPolicyHands, RegularizedSACPolicy):
         n_hands: Number of blocks.
         critic_lr_scale: Learning rate of the critics, as a multiple of the algorithm's: an actor
             that plays already bears only small steps, with which a new critic would hardly learn.
+        critic_first: Number of updates in which the critics learn and the actor stays as it is: the
+            advice of a new critic is worth nothing.
         **kwargs: As of :class:`RegularizedSACPolicy`: ``net_arch`` (default: three layers of 384
             for a hand, two of 256 for a critic), ``log_std_init`` (default: -4), ``dropout`` of
             the critics (default: 0).
@@ -151,6 +158,7 @@ class HandsTD3Policy(_OffPolicyHands, RegularizedTD3Policy):
         lr_schedule: Learning rate.
         n_hands: Number of blocks.
         critic_lr_scale: As of :class:`HandsSACPolicy`.
+        critic_first: As of :class:`HandsSACPolicy`.
         **kwargs: As of :class:`RegularizedTD3Policy`: ``net_arch`` (default: three layers of 384
             for a hand, two of 256 for a critic), ``dropout`` of the critics (default: 0).
 
@@ -177,6 +185,12 @@ class HandsActorCriticPolicy(_Hands, ActorCriticPolicy):
         lr_schedule: Learning rate.
         n_hands: Number of blocks.
         critic_lr_scale: As of :class:`HandsSACPolicy`, for the value network.
+        critic_first: As of :class:`HandsSACPolicy`, for the value network.
+        anchored: Whether ``ent_coef`` weighs, in place of the entropy, how far the policy has gone
+            from the weights that it was given last, by
+            :func:`~sb3_piano.policies.load_hand_weights`: as the Kullback-Leibler divergence of two
+            normal distributions with the same standard deviations, a hand. What was learnt from a
+            teacher is then not forgotten for small gains.
         **kwargs: As of ``ActorCriticPolicy``: ``net_arch`` (default: three layers of 384 for a
             hand, two of 256 for the value), ``log_std_init`` (default: -4).
 
@@ -189,16 +203,41 @@ class HandsActorCriticPolicy(_Hands, ActorCriticPolicy):
         "log_std_init": -4.0,
     }
 
+    def __init__(self, *args: Any, anchored: bool = False, **kwargs: Any) -> None:
+        self.anchored: bool = checked("anchored", anchored, bool)
+        super().__init__(*args, **kwargs)
+
+    def evaluate_actions(
+        self, obs: PyTorchObs, actions: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
+        """Return values, log probabilities and entropies; if anchored, the latter see above."""
+        values, log_probabilities, entropy = super().evaluate_actions(obs, actions)
+        if self.anchored:
+            features = self.features_extractor(obs)
+            mean = self.action_net(self.mlp_extractor.forward_actor(features))
+            with torch.no_grad():
+                start = self.anchor(features)
+            entropy = -0.5 * (((mean - start) / self.log_std.exp()) ** 2).sum(dim=1)
+        return values, log_probabilities, entropy
+
     def _build(self, lr_schedule: Schedule) -> None:
         super()._build(lr_schedule)
         hidden, head, latent = self._new_network()
         self.mlp_extractor.policy_net = hidden  # type: ignore[assignment]  # SB3's is Sequential
         self.mlp_extractor.latent_dim_pi = latent
         self.action_net = nn.Sequential(head, nn.Tanh())
+        if self.anchored:
+            hidden_then, head_then, _ = self._new_network()
+            self.anchor = nn.Sequential(hidden_then, head_then, nn.Tanh())
+            self.anchor.load_state_dict(nn.Sequential(hidden, *self.action_net).state_dict())
+            self.anchor.requires_grad_(requires_grad=False)
         self.to(self.device)
         actor = [*hidden.parameters(), *head.parameters(), self.log_std]
         critic = [*self.mlp_extractor.value_net.parameters(), *self.value_net.parameters()]
         self.optimizer = self._new_optimizer(lr_schedule, actor, critic)
+
+    def _get_constructor_parameters(self) -> dict[str, Any]:
+        return {**super()._get_constructor_parameters(), "anchored": self.anchored}
 
 
 def _scale_rates(optimizer: torch.optim.Optimizer, *arguments: Any) -> None:
@@ -206,7 +245,8 @@ def _scale_rates(optimizer: torch.optim.Optimizer, *arguments: Any) -> None:
     del arguments
     for group in optimizer.param_groups:
         group["unscaled_lr"] = group["lr"]
-        group["lr"] *= group["lr_scale"]
+        group["lr"] *= 0.0 if group["waits"] > 0 else group["lr_scale"]
+        group["waits"] = max(group["waits"] - 1, 0)
 
 
 def _restore_rates(optimizer: torch.optim.Optimizer, *arguments: Any) -> None:

@@ -1,5 +1,6 @@
 """Gymnasium wrappers for the piano: what is played, what is observed, what is rewarded."""
 
+from sb3_piano.wrappers.corpus_excerpt import CorpusExcerpt
 from sb3_piano.wrappers.excerpt import Excerpt
 from sb3_piano.wrappers.hand_actions import HandActions
 from sb3_piano.wrappers.hand_reward import HandReward
@@ -21,6 +22,7 @@ from sb3_piano.wrappers.score_wrapper import ScoreWrapper
 from sb3_piano.wrappers.transforms import OctaveShift, PitchShift, TemporalStretch
 
 __all__ = [
+    "CorpusExcerpt",
     "Excerpt",
     "FingeringDecay",
     "HandActions",

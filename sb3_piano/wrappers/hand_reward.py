@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import dataclass
 from typing import Annotated, Any, SupportsFloat
 
 import gymnasium as gym
@@ -82,48 +84,37 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         return observation, float(rewards.mean()), terminated, truncated, info
 
     def _rewards(self, step: int) -> FloatArray:
-        simulation, due = self._piano.simulation, self._piano.roll.active[step]
-        sounding = self._piano.scene.sounding_at(simulation.key_angles)  # (p, 88)
-        heard = (1 - self._within) * sounding[-1] + self._within * sounding.mean(axis=0)
-        keys = np.flatnonzero(due | (heard > 0))
+        # Some keys at a time: plain numbers are faster than arrays.
+        piano, length = self._piano, self._piano.config.control_timestep
+        sounding = piano.scene.sounding_at(piano.simulation.key_angles)  # (p, 88)
         before, self._sounding = self._sounding, sounding[-1]
-        if len(keys) == 0:
-            return np.zeros(2)
-        hands = self._hand_of[step, keys]
-        if (hands < 0).any():  # which nobody holds: wrong ones, and those released early
-            tips = simulation.fingertips[:, 1]
-            near = np.abs(tips[:, None] - KEY_Y[keys]).argmin(axis=0) // FINGERS_PER_HAND
-            hands = np.where(hands < 0, near, hands)
-        asked, heard = due[keys].astype(float), heard[keys]
-        both = _f1(asked, heard)
-        rewards = np.array(
-            [
-                self._own * _f1(asked[hands == side], heard[hands == side])
-                + (1 - self._own) * both
-                - 1.0
-                for side in (0, 1)
-            ]
-        )
-        if self._strikes > 0:
-            self._add_strikes(rewards, step, before, sounding, keys, hands)
-        return rewards
+        substeps, due = sounding.sum(axis=0), piano.roll.active[step]
+        keys = np.flatnonzero(due | (substeps > 0)).tolist()
+        counts, earned = (_Count(), _Count()), [0.0, 0.0]
+        for key in keys:
+            hand, asked = self._hand(step, key), bool(due[key])
+            share = self._within * substeps.item(key) / len(sounding)
+            counts[hand].add(asked, share + (1 - self._within) * bool(sounding[-1, key]))
+            if self._strikes > 0 and substeps[key] > 0:
+                column = [bool(before[key]), *sounding[:, key].tolist()]
+                for substep, (was, now) in enumerate(itertools.pairwise(column), start=1):
+                    if now and not was:
+                        hit = self._strike(key, (step + substep / len(sounding)) * length)
+                        earned[hand] += self._strikes if hit else -self._strikes
+        both = _Count()
+        for one in counts:
+            both.merge(one)
+        own, all_keys = self._own, (1 - self._own) * both.f1 - 1.0
+        pairs = zip(counts, earned, strict=True)
+        return np.array([own * one.f1 + all_keys + strikes for one, strikes in pairs])
 
-    def _add_strikes(
-        self,
-        rewards: FloatArray,
-        step: int,
-        before: npt.NDArray[np.bool_],
-        sounding: npt.NDArray[np.bool_],
-        keys: npt.NDArray[np.intp],
-        hands: npt.NDArray[np.intp],
-    ) -> None:
-        """Add to the hands' rewards what their strikes in this step are worth."""
-        columns = np.concatenate([before[None, keys], sounding[:, keys]]).astype(np.int8)
-        length = self._piano.config.control_timestep
-        for substep, index in np.argwhere(np.diff(columns, axis=0) == 1).tolist():
-            time = (step + (substep + 1) / len(sounding)) * length
-            hit = self._strike(int(keys[index]), time)
-            rewards[hands[index]] += self._strikes * (1.0 if hit else -1.0)
+    def _hand(self, step: int, key: int) -> int:
+        """Return the hand that holds a key, or is the nearest one: 0 or 1."""
+        hand = self._hand_of.item(step, key)
+        if hand < 0:  # a wrong key, or one that was released early
+            tips = self._piano.simulation.fingertips[:, 1]
+            hand = int(np.abs(tips - KEY_Y[key]).argmin()) // FINGERS_PER_HAND
+        return hand
 
     def _strike(self, key: int, time: float) -> bool:
         """Return whether a strike hits a note that was not struck before, which it now is."""
@@ -134,7 +125,28 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         return bool(near)
 
 
-def _f1(asked: FloatArray, heard: FloatArray) -> float:
-    """Return F1 of how much of each key is heard, 0 to 1, where it is asked for or not."""
-    total = float(asked.sum() + heard.sum())
-    return 2 * float((asked * heard).sum()) / total if total > 0 else 1.0
+@dataclass
+class _Count:
+    """Keys of a control step; each is heard by a share from 0 to 1."""
+
+    asked: float = 0.0
+    heard: float = 0.0
+    hit: float = 0.0
+
+    def add(self, asked: bool, heard: float) -> None:
+        """Count a key."""
+        self.asked += asked
+        self.heard += heard
+        self.hit += asked * heard
+
+    def merge(self, other: _Count) -> None:
+        """Count the keys of another one, too."""
+        self.asked += other.asked
+        self.heard += other.heard
+        self.hit += other.hit
+
+    @property
+    def f1(self) -> float:
+        """F1, in [0, 1]; 1 if there was nothing to play and nothing is heard."""
+        total = self.asked + self.heard
+        return 2 * self.hit / total if total > 0 else 1.0

@@ -295,3 +295,36 @@ def test_weights_that_do_not_fit_are_refused_and_change_nothing():
     other = TD3(RegularizedTD3Policy, Reach(), buffer_size=100).policy
     with pytest.raises(ConfigError, match="of the class RegularizedTD3Policy: expected HandsSAC"):
         hand_weights(other)
+
+
+def test_an_anchored_policy_stays_near_the_weights_that_it_was_given(tmp_path):
+    away = {}
+    for weight in (0.0, 3.0):
+        model = make("ppo", anchored=True, log_std_init=-2.0)
+        model.ent_coef, model.learning_rate = weight, 3e-3
+        model._setup_lr_schedule()
+        load_hand_weights(model.policy, weights())
+        before = acted(model)
+        model.learn(512)
+        away[weight] = np.abs(acted(model) - before).mean()
+    assert 0 < away[3.0] < 0.5 * away[0.0]
+    model.save(tmp_path / "anchored")
+    seen = torch.as_tensor(observations())
+    loaded = PPO.load(tmp_path / "anchored", device="cpu")
+    for one in (model, loaded):  # the anchor is saved, too
+        acts = torch.as_tensor(before)
+        assert one.policy.evaluate_actions(seen, acts)[2].mean() < 0
+    np.testing.assert_allclose(
+        *(one.policy.evaluate_actions(seen, acts)[2].detach() for one in (model, loaded)), rtol=1e-5
+    )
+
+
+@each
+def test_the_actor_waits_until_the_critic_has_learnt(name):
+    model = make(name, critic_first=10_000)
+    before = acted(model)
+    critic = model.policy.value_net if name == "ppo" else model.policy.critic
+    start = torch.nn.utils.parameters_to_vector(critic.parameters()).clone()
+    model.learn(130)
+    np.testing.assert_array_equal(acted(model), before)
+    assert not torch.equal(torch.nn.utils.parameters_to_vector(critic.parameters()), start)

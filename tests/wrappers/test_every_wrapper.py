@@ -19,8 +19,11 @@ from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
 from sb3_piano.layers import layers
 from sb3_piano.music import Note, Score
 from sb3_piano.wrappers import (
+    CorpusExcerpt,
     Excerpt,
     FingeringDecay,
+    HandActions,
+    HandReward,
     HideFingering,
     KeyRange,
     KeyRewardTiering,
@@ -59,9 +62,12 @@ ARGUMENTS = {
     OctaveShift: {"octaves": [-1, 1]},
     TemporalStretch: {"factor": [0.5, 2]},
     RandomPiece: {"pieces": [PIECE, OTHER], "weights": [1, 2]},
+    CorpusExcerpt: {"corpus": {"seed": 3, "n": 2, "duration": 0.5}},
     Excerpt: {"start": "random", "length": 0.1},
     KeyRange: {"keys": [36, 91]},
     Lookahead: {"steps": 4, "stride": 2, "fingers": True},
+    HandActions: {"reach": 0.8},
+    HandReward: {"own": 0.5, "within": 0.2, "strikes": 0.1},
     HideFingering: {},
     PreviousActionReward: {},
     ResidualAction: {"scale": 0.2, "lookahead": 3, "settings": {"feedback": 0.4}},

@@ -19,6 +19,10 @@ _TURNS = {
 """Orders in which three tones of a chord are broken, in turns of three and of four."""
 
 
+_VOICE_REACH = 10
+"""Semitones from a held key within which another finger of the hand plays a voice."""
+
+
 def strike(rhythm: Rhythm, pitches: Callable[[float], Sequence[int]], hand: Hand) -> list[Tone]:
     """Return what is struck together at each start of a rhythm."""
     return [
@@ -156,12 +160,13 @@ def held(frame: Frame, hand: Hand, *, density: float, count: int = 1) -> list[To
 
     found = strike(even(frame, frame.slot), pitches, hand)
     rhythm = phrase_rhythm(frame, density, salt=7)
+    middle = bottom + sign * (4 + 2 * count)
+    voice = melody(frame, hand, density=density, rhythm=rhythm, centre=middle, width=3, rests=0.0)
     # The little finger's side holds, the thumb's side moves within reach of it.
-    for tone in melody(frame, hand, density=density, rhythm=rhythm, centre=bottom + sign * 8):
+    for tone in voice:
         outer = pitches(tone.start)
-        edge = outer[-1] if sign > 0 else outer[0]
-        far = outer[0] if sign > 0 else outer[-1]
-        if sign * (tone.pitch - edge) > 1 and abs(tone.pitch - far) <= 12:
+        edge, far = (outer[-1], outer[0]) if sign > 0 else (outer[0], outer[-1])
+        if sign * (tone.pitch - edge) > 0 and abs(tone.pitch - far) <= _VOICE_REACH:
             found.append(tone)
     return found
 

@@ -17,8 +17,15 @@ from sb3_piano.music.generation.frame import (
     Tone,
     progression,
 )
-from sb3_piano.music.generation.styles import NEAR, PEDALLED, STYLES
-from sb3_piano.music.generation.timing import Touch, draw_touch, fastest_tempo, perform
+from sb3_piano.music.generation.styles import LEAPING, NEAR, PEDALLED, STYLES
+from sb3_piano.music.generation.timing import (
+    Clock,
+    Touch,
+    draw_clock,
+    draw_touch,
+    fastest_tempo,
+    perform,
+)
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.music.note import Pedal
 from sb3_piano.music.score import Score
@@ -66,12 +73,13 @@ def generate_score(random: np.random.Generator, duration: float, style: str | No
             tempo = min(tempo, fastest_tempo(written))
         tones += [replace(tone, start=tone.start + count * plan.length) for tone in written]
         count += 1
-    notes = perform(tones, tempo, plan.touch, random)
+    clock = draw_clock(random, tempo)
+    notes = perform(tones, clock, plan.touch, random)
     if random.random() < 0.2:  # as a file that does not tell the hands
         notes = [replace(note, hand=None) for note in notes]
     score = Score(
         notes=notes,
-        pedals=plan.pedals(60 / tempo, count * plan.length),
+        pedals=plan.pedals(clock, count * plan.length),
         title=f"generated {style}",
     )
     start = score.notes[0].onset
@@ -109,7 +117,9 @@ class _Plan:
         two = bar in (2.0, 4.0)
         right = float(np.clip(random.normal(73, 6), 60, 92))
         apart = random.uniform(5, 14) if style in NEAR else random.uniform(12, 34)
-        if random.random() < 0.08:
+        if style in LEAPING:
+            apart = random.uniform(22, 36)
+        elif random.random() < 0.08:
             apart = random.uniform(0, 12)
         return cls(
             style=style,
@@ -122,7 +132,7 @@ class _Plan:
             per_bar=float(random.choice((1, 2 if two else 1, 0.5), p=(0.6, 0.3, 0.1))),
             seventh=float(random.choice((0.0, 0.15, 0.5))),
             habits=int(random.integers(2**31)),
-            register={"right": right, "left": float(np.clip(right - apart, 40, 66))},
+            register={"right": right, "left": float(np.clip(right - apart, 43, 66))},
             touch=draw_touch(random),
             pedalled=bool(random.random() < (0.7 if style in PEDALLED else 0.15)),
         )
@@ -160,11 +170,11 @@ class _Plan:
         written[letter] = tones
         return tones
 
-    def pedals(self, second: float, length: float) -> list[Pedal]:
+    def pedals(self, clock: Clock, length: float) -> list[Pedal]:
         """Return presses of the pedal, one for each chord.
 
         Args:
-            second: Length of a quarter note, s.
+            clock: When what is written is played.
             length: Length of the piece, in quarter notes.
         """
         if not self.pedalled:
@@ -172,7 +182,7 @@ class _Plan:
         every = self.bar / max(self.per_bar, 1)
         starts = np.arange(0, length, every)
         return [
-            Pedal(onset=(start + 0.1) * second, offset=(start + every - 0.1) * second)
+            Pedal(onset=clock.seconds(start + 0.1), offset=clock.seconds(start + every - 0.1))
             for start in starts.tolist()
         ]
 

@@ -15,7 +15,7 @@ _MOVES = {0: 6, 1: 32, -1: 34, 2: 9, -2: 9, 3: 4, -3: 4, 4: 2, -4: 2, 5: 1, -5: 
 """By how many steps of the scale a melody goes on, with weights: mostly to a neighbour."""
 
 _RANGE = 8
-"""Steps of the scale that a melody goes away from its middle."""
+"""Steps of the scale that a melody goes away from its middle, unless told."""
 
 
 def melody(
@@ -26,6 +26,7 @@ def melody(
     rhythm: Rhythm | None = None,
     centre: float | None = None,
     rests: float = 0.06,
+    width: int = _RANGE,
 ) -> list[Tone]:
     """Draw a melody: a walk on the scale that stands on chord tones where it is strong.
 
@@ -36,18 +37,19 @@ def melody(
         rhythm: When the notes are; by default drawn.
         centre: Pitch around which it moves; by default the hand's register.
         rests: The share of notes left out.
+        width: Steps of the scale that it goes away from its middle, at most.
     """
     random = frame.random
     middle = frame.step(frame.register[hand] if centre is None else centre)
-    step = _chord_step(frame, 0.0, middle + int(random.integers(-3, 4)))
+    step = _chord_step(frame, 0.0, middle + int(random.integers(-width // 3, width // 3 + 1)))
     tones: list[Tone] = []
     leapt = 0
     for start, length in rhythm or phrase_rhythm(frame, density):
         move = -int(np.sign(leapt)) if leapt else pick(random, _MOVES)
-        if abs(step + move - middle) > _RANGE:
+        if abs(step + move - middle) > width:
             move = -move
         leapt = move if abs(move) > 2 else 0
-        step = int(np.clip(step + move, middle - _RANGE, middle + _RANGE))
+        step = int(np.clip(step + move, middle - width, middle + width))
         if abs(start / frame.beat % 1) < 1e-6 and random.random() < 0.35:
             step = _chord_step(frame, start, step)
         if tones and random.random() < rests:

@@ -67,12 +67,15 @@ def _rag(frame: Frame) -> list[Tone]:
 
 
 def _syncopated(frame: Frame, density: float) -> list[Tone]:
-    """Draw a melody that is moved before or after the beat here and there."""
+    """Draw a melody some of whose notes come before the beat."""
     tones = high.melody(frame, "right", density=density)
     shift = 0.5 if density < 1.5 else 0.25
+    starts = [max(tone.start - shift * (frame.random.random() < 0.4), 0.0) for tone in tones]
+    ends = [*starts[1:], frame.length]
     return [
-        replace(tone, start=max(tone.start - shift, 0.0)) if later else tone
-        for tone, later in zip(tones, frame.random.random(len(tones)) < 0.4, strict=True)
+        replace(tone, start=start, length=min(tone.length + shift, end - start))
+        for tone, start, end in zip(tones, starts, ends, strict=True)
+        if end - start > 0.1  # else it falls together with the next one
     ]
 
 
@@ -360,8 +363,8 @@ STYLES: Mapping[str, Style] = MappingProxyType(
         "figuration": _figuration,
         "held": _held,
         "leaps": _leaps,
-        "octaves": _octaves,
         "mixed": _mixed,
+        "octaves": _octaves,
         "oompah": _oompah,
         "polyrhythm": _polyrhythm,
         "prelude": _prelude,
@@ -385,3 +388,6 @@ PEDALLED = frozenset({"arpeggios", "bells", "figuration", "polyrhythm", "slow", 
 
 NEAR = frozenset({"toccata", "prelude"})
 """Styles in which the hands play close to each other."""
+
+LEAPING = frozenset({"bells", "leaps", "oompah", "rag", "stride", "syncopation"})
+"""Styles in which the left hand needs room."""

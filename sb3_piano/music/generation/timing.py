@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,11 +27,38 @@ _OVERLAP = 0.08
 _LEGATO = 4
 """Semitones from which on such notes do not overlap: the hand moves on."""
 
+_LEAP = 7
+"""Farther than so many semitones a hand lifts before it goes on; beside chords it always does."""
+
+_LIFT = 0.05
+"""For how long, s."""
+
+_TOGETHER = 0.03
+"""Longest time between notes that are struck together, s."""
+
 _FASTEST = 0.085
 """Least time between strikes of a hand, s: the tempo is chosen so that most keep to it."""
 
 _LEAP_PACE = 0.017
 """Least time for each semitone that a hand leaps by, s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clock:
+    """When what is written is played."""
+
+    quarter: float
+    """Length of a quarter note, s."""
+    rubato: float
+    """How far the tempo swings, as a share of it; once in eight quarter notes."""
+    phase: float
+    """Where the swing begins, rad."""
+
+    def seconds(self, time: float) -> float:
+        """Return when a time in quarter notes is, in s."""
+        pace = 2 * np.pi / 8
+        sway = np.sin(pace * time + self.phase) - np.sin(self.phase)
+        return float(self.quarter * (time + self.rubato * sway / pace))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +71,14 @@ class Touch:
     """MIDI velocity of each hand."""
     jitter: float
     """Standard deviation of the onsets, s."""
-    rubato: float
-    """How far the tempo swings within a phrase, as a share of it."""
+    lifts: bool
+    """Whether hands come up in time for chords and leaps; else notes end where the next begin."""
+
+
+def draw_clock(random: np.random.Generator, tempo: float) -> Clock:
+    """Draw the course of a tempo, in quarter notes a minute: most pieces keep to it."""
+    rubato = float(random.uniform(0.03, 0.15)) if random.random() < 0.3 else 0.0
+    return Clock(quarter=60 / tempo, rubato=rubato, phase=float(random.uniform(0, 2 * np.pi)))
 
 
 def draw_touch(random: np.random.Generator) -> Touch:
@@ -63,7 +96,7 @@ def draw_touch(random: np.random.Generator) -> Touch:
         lengths={"right": float(kinds[first]()), "left": float(kinds[second]())},
         volumes={"right": loud, "left": loud - float(random.uniform(-3, 18))},
         jitter=float(random.uniform(0.003, 0.012)) if random.random() < 0.3 else 0.0,
-        rubato=float(random.uniform(0.03, 0.15)) if random.random() < 0.3 else 0.0,
+        lifts=bool(random.random() < 0.92),
     )
 
 
@@ -86,29 +119,27 @@ def fastest_tempo(tones: Iterable[Tone]) -> float:
 
 
 def perform(
-    tones: Sequence[Tone], tempo: float, touch: Touch, random: np.random.Generator
+    tones: Sequence[Tone], clock: Clock, touch: Touch, random: np.random.Generator
 ) -> list[Note]:
     """Return the notes of tones.
 
     Args:
         tones: What is written.
-        tempo: Quarter notes a minute.
+        clock: When.
         touch: How it is performed.
         random: The source of chance.
     """
-    second = 60 / tempo
-    swing = float(random.uniform(0, 2 * np.pi))
     late: dict[tuple[float, Hand], float] = {}
     notes = []
     for tone in sorted(tones, key=lambda tone: (tone.start, tone.pitch)):
         place = (round(tone.start, 4), tone.hand)
         shift = late.setdefault(place, float(np.clip(random.normal(0, 1), -2.5, 2.5)))
         own = touch.jitter * (shift + 0.3 * random.normal(0, 1)) if touch.jitter else 0.0
-        onset = _seconds(tone.start, second, touch.rubato, swing) + own
+        onset = clock.seconds(tone.start) + own
         end = tone.start + tone.length * min(touch.lengths[tone.hand], 1.0)
-        offset = _seconds(end, second, touch.rubato, swing) + own
+        offset = clock.seconds(end) + own
         if touch.lengths[tone.hand] > 1:
-            offset += min((touch.lengths[tone.hand] - 1) * tone.length * second, 0.06)
+            offset += min((touch.lengths[tone.hand] - 1) * tone.length * clock.quarter, 0.06)
         velocity = touch.volumes[tone.hand] + tone.accent + random.normal(0, 3)
         notes.append(
             Note(
@@ -119,57 +150,70 @@ def perform(
                 hand=tone.hand,
             )
         )
-    return _holdable(notes)
-
-
-def _seconds(time: float, second: float, rubato: float, swing: float) -> float:
-    """Return when a time in quarter notes is, in s: the tempo swings once in eight of them."""
-    pace = 2 * np.pi / 8
-    sway = np.sin(pace * time + swing) - np.sin(swing)
-    return float(second * (time + rubato * sway / pace))
+    return _holdable(notes, touch.lifts)
 
 
 @dataclass
 class _Sounding:
-    onset: float
-    offset: float
+    """A note whose end may still come earlier."""
+
     note: Note
+    offset: float
+    in_chord: bool
+
+    @property
+    def onset(self) -> float:
+        return self.note.onset
+
+    def release(self, time: float) -> None:
+        """Let go at a time, if the note has sounded long enough by then, else a little later."""
+        self.offset = max(min(self.offset, time), self.onset + _SHORTEST)
 
 
-def _holdable(notes: Sequence[Note]) -> list[Note]:
+def _in_chords(notes: Sequence[Note]) -> list[bool]:
+    """Return whether each note, in order of onset, is struck together with others of its hand."""
+    found = [False] * len(notes)
+    last: dict[Hand | None, int] = {}
+    for at, note in enumerate(notes):
+        before = last.get(note.hand)
+        if before is not None and note.onset - notes[before].onset < _TOGETHER:
+            found[before] = found[at] = True
+        last[note.hand] = at
+    return found
+
+
+def _holdable(notes: Sequence[Note], lifts: bool) -> list[Note]:
     """Let go of notes where another one needs their key, or the hand, and drop what is double."""
     found: list[_Sounding] = []
     held: list[_Sounding] = []
-    for note in sorted(notes, key=lambda note: (note.onset, note.pitch)):
-        held = [one for one in held if one.offset > note.onset]
+    notes = sorted(notes, key=lambda note: (note.onset, note.pitch))
+    for note, in_chord in zip(notes, _in_chords(notes), strict=True):
+        new = _Sounding(note, note.offset, in_chord)
+        held = [one for one in held if one.offset > note.onset - _LIFT]
         same = [one for one in held if one.note.pitch == note.pitch]
-        if any(note.onset - one.onset < _SHORTEST + _GAP for one in same):
+        mine = [one for one in held if one.note.hand == note.hand]
+        together = [one for one in mine if note.onset - one.onset < _TOGETHER]
+        struck_now = any(note.onset - one.onset < _SHORTEST + _GAP for one in same)
+        if struck_now or len(together) >= FINGERS_PER_HAND:
             continue
         for one in same:
-            one.offset = min(one.offset, note.onset - _GAP)
-        mine = [one for one in held if one.note.hand == note.hand]
-        together = [one for one in mine if note.onset - one.onset < 0.03]
-        if len(together) >= FINGERS_PER_HAND:
-            continue
+            one.release(note.onset - _GAP)
         for one in mine:
-            brief = one.offset - note.onset < _OVERLAP
-            too_far = abs(one.note.pitch - note.pitch) > (_LEGATO if brief else _REACH)
-            if too_far and one not in together:
-                one.offset = max(min(one.offset, note.onset), one.onset + _SHORTEST)
+            if one not in together:
+                _make_way(one, new, lifts)
         mine = [one for one in mine if one.offset > note.onset]
-        while len(mine) >= FINGERS_PER_HAND:
-            oldest = mine.pop(0)
-            oldest.offset = max(note.onset, oldest.onset + _SHORTEST)
-        sounding = _Sounding(note.onset, note.offset, note)
-        held = [*held, sounding]
-        found.append(sounding)
-    return [
-        Note(
-            onset=one.onset,
-            offset=one.offset,
-            pitch=one.note.pitch,
-            velocity=one.note.velocity,
-            hand=one.note.hand,
-        )
-        for one in found
-    ]
+        for one in mine[: max(len(mine) - FINGERS_PER_HAND + 1, 0)]:
+            one.release(note.onset)
+        held.append(new)
+        found.append(new)
+    return [replace(one.note, offset=one.offset) for one in found]
+
+
+def _make_way(one: _Sounding, new: _Sounding, lifts: bool) -> None:
+    """Let go of a note if its hand cannot hold it, or need not, when it strikes another one."""
+    way = abs(one.note.pitch - new.note.pitch)
+    by_touch = one.offset - new.onset < _OVERLAP
+    beside_chord = one.in_chord or new.in_chord
+    if way > (_LEGATO if by_touch else _REACH) or (by_touch and beside_chord):
+        lift = _LIFT if lifts and (way > _LEAP or beside_chord) else 0.0
+        one.release(new.onset - lift)

@@ -226,9 +226,10 @@ class RunConfig(PlayConfig):
     """A policy of the algorithm by its short name, or the import path of one."""
     n_envs: Annotated[_Whole, Ge(1)] = 1
     """Environments that play at the same time; at least 1."""
-    vec_env: Literal["dummy", "threads", "subproc"] = "dummy"
-    """``dummy``: one plays after the other; ``threads``: in threads of this process; ``subproc``:
-    each in a process of its own."""
+    vec_env: Literal["dummy", "threads", "processes", "subproc"] = "dummy"
+    """``dummy``: one plays after the other; ``threads``: in threads of this process;
+    ``processes``: in as many processes as there are cores; ``subproc``: each in a process of its
+    own."""
     num_threads: Annotated[_Whole, Ge(1)] | None = None
     """Threads of torch, at least 1; by default as :func:`~sb3_piano.threads.torch_threads`
     chooses: one, unless ``OMP_NUM_THREADS`` or ``MKL_NUM_THREADS`` is set."""

@@ -38,7 +38,7 @@ from sb3_piano.training.configuration.values import (
     linear_start,
     parameters_of,
 )
-from sb3_piano.vec_env import ThreadVecEnv
+from sb3_piano.vec_env import ProcessVecEnv, ThreadVecEnv
 
 Env = gym.Env[Any, Any]
 
@@ -125,7 +125,9 @@ def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> Ve
         # fork is not safe in a process with threads, such as torch's
         venv = SubprocVecEnv(makers, start_method="spawn")
     else:
-        venv = ThreadVecEnv(makers) if config.vec_env == "threads" else DummyVecEnv(makers)
+        kinds: dict[str, Callable[[list[Callable[[], Env]]], VecEnv]]
+        kinds = {"dummy": DummyVecEnv, "threads": ThreadVecEnv, "processes": ProcessVecEnv}
+        venv = kinds[config.vec_env](makers)
     venv.seed(config.seed)
     for plugin in config.vec_env_wrapper:
         venv = plugin(venv)

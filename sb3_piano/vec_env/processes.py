@@ -1,0 +1,209 @@
+"""The vector of environments for Stable-Baselines3 that shares them out among processes."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import multiprocessing
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from multiprocessing.connection import Connection
+from typing import Annotated, Any
+
+import gymnasium as gym
+import numpy as np
+from annotated_types import Ge
+from stable_baselines3.common.vec_env import CloudpickleWrapper, DummyVecEnv, VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import (
+    VecEnvIndices,
+    VecEnvObs,
+    VecEnvStepReturn,
+)
+
+from sb3_piano.exceptions import RunError
+from sb3_piano.settings import Whole, checked
+from sb3_piano.threads import torch_threads, usable_cores
+
+EnvMaker = Callable[[], gym.Env[Any, Any]]
+
+
+class ProcessVecEnv(VecEnv):
+    """Some processes, each of which steps its share of the environments one after the other.
+
+    It gives what ``DummyVecEnv`` gives, for observations that are plain arrays. Python's lock,
+    which threads share, holds none up: with wrappers that compute in Python, as those of
+    observations and rewards do, two processes are nearly twice as fast as one. SB3's
+    ``SubprocVecEnv`` has a process for each environment, of which each takes some 300 MB.
+
+    An error in an environment is raised here; after it the vector can only be closed.
+
+    Args:
+        env_fns: Functions that make the environments; each process calls those of its share.
+        n_processes: Processes to use; by default one for each environment or each usable core,
+            whichever are fewer.
+
+    Raises:
+        ConfigError: If ``n_processes`` is not a whole number from 1 on.
+        RunError: At any call, if a process has ended, as when the system killed it.
+    """
+
+    def __init__(self, env_fns: list[EnvMaker], n_processes: int | None = None) -> None:
+        number = checked("n_processes", n_processes, Annotated[Whole, Ge(1)] | None)
+        self.n_processes = min(len(env_fns), number or usable_cores())
+        """Number of processes."""
+        bounds = [len(env_fns) * i // self.n_processes for i in range(self.n_processes + 1)]
+        self._shares = [slice(*pair) for pair in itertools.pairwise(bounds)]
+        context = multiprocessing.get_context("spawn")  # fork is not safe beside threads
+        self._ours: list[Connection] = []
+        self._processes: list[Any] = []
+        for share in self._shares:
+            ours, theirs = context.Pipe()
+            arguments = (theirs, ours, CloudpickleWrapper(env_fns[share]))
+            process = context.Process(target=_serve, args=arguments, daemon=True)
+            process.start()
+            theirs.close()
+            self._ours.append(ours)
+            self._processes.append(process)
+        spaces = self._answers()[0]
+        super().__init__(len(env_fns), *spaces)
+
+    def reset(self) -> VecEnvObs:
+        """Begin an episode in every environment, with the seeds and options set for it."""
+        for ours, share in self._pairs():
+            ours.send(("_reset", (self._seeds[share], self._options[share]), {}))
+        parts = self._answers()
+        self._reset_seeds()
+        self._reset_options()
+        self.reset_infos = [info for _, infos in parts for info in infos]
+        return np.concatenate([observations for observations, _ in parts])
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Begin a step in every environment."""
+        for ours, share in self._pairs():
+            ours.send(("_step", (actions[share],), {}))
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """Return what the steps gave; an environment whose episode ended is reset."""
+        parts = zip(*self._answers(), strict=True)
+        observations, rewards, dones, infos, reset_infos = parts
+        self.reset_infos = list(itertools.chain.from_iterable(reset_infos))
+        return (
+            np.concatenate(observations),
+            np.concatenate(rewards),
+            np.concatenate(dones),
+            list(itertools.chain.from_iterable(infos)),
+        )
+
+    def close(self) -> None:
+        """Close every environment and end the processes."""
+        for ours in self._ours:
+            with contextlib.suppress(OSError):  # it has ended already
+                ours.send(None)
+        for process, ours in zip(self._processes, self._ours, strict=True):
+            process.join(timeout=10)
+            process.kill()
+            ours.close()
+        self._ours, self._processes, self._shares = [], [], []
+
+    def env_method(
+        self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any
+    ) -> list[Any]:
+        """Call a method of the environments."""
+        return self._of_each("env_method", indices, method_name, *args, **kwargs)
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """Return an attribute of the environments."""
+        return self._of_each("get_attr", indices, attr_name)
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Set an attribute of the environments."""
+        self._of_each("_set_attr", indices, attr_name, value)
+
+    def env_is_wrapped(
+        self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
+    ) -> list[bool]:
+        """Return whether the environments have a wrapper."""
+        return self._of_each("env_is_wrapped", indices, wrapper_class)
+
+    def get_images(self) -> Sequence[np.ndarray | None]:
+        """Return a picture of every environment."""
+        for ours in self._ours:
+            ours.send(("get_images", (), {}))
+        return list(itertools.chain.from_iterable(self._answers()))
+
+    def _pairs(self) -> Iterator[tuple[Connection, slice]]:
+        return zip(self._ours, self._shares, strict=True)
+
+    def _of_each(self, method: str, indices: VecEnvIndices, *args: Any, **kwargs: Any) -> list[Any]:
+        """Call a method of the vectors inside for some environments; return the answers."""
+        asked = list(self._get_indices(indices))
+        shares = [range(self.num_envs)[share] for share in self._shares]
+        for ours, own in zip(self._ours, shares, strict=True):
+            inside = [index - own.start for index in asked if index in own]
+            ours.send((method, args, {**kwargs, "indices": inside}))
+        found = {
+            index: answer
+            for own, part in zip(shares, self._answers(), strict=True)
+            for index, answer in zip((i for i in asked if i in own), part, strict=True)
+        }
+        return [found[index] for index in asked]
+
+    def _answers(self) -> list[Any]:
+        """Return what the processes answer, or raise what one of them raised, once all have."""
+        answers, errors = [], []
+        for number, ours in enumerate(self._ours):
+            try:
+                answer, error = ours.recv()
+            except (EOFError, OSError) as gone:
+                answer, error = None, _ended(number, self._processes[number])
+                error.__cause__ = gone
+            answers.append(answer)
+            errors += [] if error is None else [error]
+        if errors:
+            raise errors[0]
+        return answers
+
+
+def _ended(number: int, process: Any) -> RunError:
+    process.join(timeout=5)
+    return RunError(
+        f"Process {number} of the environments has ended with exit code {process.exitcode}: "
+        "expected it to play on. If the system killed it for its memory, use fewer environments."
+    )
+
+
+class _Share(DummyVecEnv):
+    """The environments of one process."""
+
+    def _reset(self, seeds: list[int | None], options: list[dict[str, Any]]) -> tuple[Any, Any]:
+        self._seeds, self._options = seeds, options
+        return self.reset(), self.reset_infos
+
+    def _step(self, actions: np.ndarray) -> tuple[Any, ...]:
+        return (*self.step(actions), self.reset_infos)
+
+    def _set_attr(self, name: str, value: Any, indices: list[int]) -> list[None]:
+        self.set_attr(name, value, indices)
+        return [None] * len(indices)
+
+
+def _serve(theirs: Connection, ours: Connection, env_fns: CloudpickleWrapper) -> None:
+    """Make environments in a process, and do what is asked until nothing more is."""
+    ours.close()  # else the end of the other process would go unnoticed
+    # Ctrl-C reaches the whole process group; it is for the training alone to answer it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    venv: _Share | None = None
+    with contextlib.suppress(EOFError, BrokenPipeError), torch_threads(1):
+        try:
+            venv = _Share(env_fns.var)
+            theirs.send(((venv.observation_space, venv.action_space), None))
+            while (asked := theirs.recv()) is not None:
+                method, args, kwargs = asked
+                theirs.send((getattr(venv, method)(*args, **kwargs), None))
+        except (EOFError, BrokenPipeError):
+            raise
+        except Exception as error:
+            theirs.send((None, error))
+        finally:
+            if venv is not None:
+                venv.close()

@@ -1,0 +1,81 @@
+"""An excerpt of a corpus chosen at random for each episode."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from sb3_piano.music import MAX_PITCH, MIN_PITCH, Corpus, Note, Score
+from sb3_piano.music.fingering import apply_fingering
+from sb3_piano.settings import checked
+from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper
+
+_KEPT = 20_000
+"""Excerpts that a process keeps, some 10 kB each: their fingers take longer than their notes."""
+
+
+class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
+    """Play another excerpt of a corpus in each episode, with fingers for the simulated hands.
+
+    All excerpts are equally likely; equal seeds choose alike. It takes the place of the
+    environment's own piece as :class:`~sb3_piano.wrappers.RandomPiece` does. An environment that
+    finds fingers itself (``fingering="robot"``) does it again: "keep" is faster.
+
+    Args:
+        env: A piano environment, wrapped or not.
+        corpus: The corpus, or settings of one by name, in place of its own.
+
+    Raises:
+        ConfigError: If a setting is wrong, or ``env`` is no piano.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], corpus: Corpus | Mapping[str, Any]) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, corpus=corpus)
+        super().__init__(env)
+        if not isinstance(corpus, Corpus):
+            corpus = Corpus(**checked("corpus", corpus, Mapping))
+        self._corpus = corpus
+
+    @property
+    def sources(self) -> list[Score]:
+        """A score from the lowest to the highest key: excerpts may be anywhere."""
+        ends = [Note(onset=0.0, offset=1.0, pitch=pitch) for pitch in (MIN_PITCH, MAX_PITCH)]
+        return [Score(notes=ends, title="corpus")]
+
+    def choose(self, random: np.random.Generator) -> Score:
+        """Return the excerpt of an episode."""
+        return fingered_excerpt(self._corpus, int(random.integers(len(self._corpus))))
+
+    def extend(self, plan: ScorePlan, options: Mapping[str, Any]) -> ScorePlan:
+        """Return the plan with this choice, unless the piece is settled further out."""
+        if "score" in options or plan.choose is not None:
+            return plan
+        return replace(plan, choose=self.choose)
+
+
+def fingered_excerpt(corpus: Corpus, index: int) -> Score:
+    """Return an excerpt with fingers for the simulated hands, found once in a process."""
+    return _fingered(_Equal(corpus), index)
+
+
+class _Equal:
+    """A corpus as a key: equal settings are one, though they hold what cannot be hashed."""
+
+    def __init__(self, corpus: Corpus) -> None:
+        self.corpus = corpus
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Equal) and self.corpus == other.corpus
+
+    def __hash__(self) -> int:
+        return hash((self.corpus.seed, self.corpus.n))
+
+
+@functools.lru_cache(maxsize=_KEPT)
+def _fingered(key: _Equal, index: int) -> Score:
+    return apply_fingering(key.corpus[index], "robot")

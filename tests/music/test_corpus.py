@@ -1,0 +1,108 @@
+"""The corpus: each excerpt depends on seed and index alone, and never shows a held-out piece."""
+
+import pickle
+
+import pytest
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Corpus, load_score, write_midi
+from sb3_piano.music.corpus import HELD_OUT
+from sb3_piano.music.library import user_library
+from sb3_piano.music.studies import STUDIES
+
+ALL = {"generated": 1.0, "studies": 1.0, "repertoire": 1.0}
+
+
+def source(score) -> str:
+    return score.title.partition(" ")[0]
+
+
+def test_an_excerpt_is_a_function_of_seed_and_index():
+    corpus = Corpus(sources=ALL, n=40)
+    there = list(corpus)
+    again = pickle.loads(pickle.dumps(Corpus(sources=ALL, n=1000)))
+    assert [again[index] for index in range(39, -1, -1)] == there[::-1]
+    assert len({score.notes for score in there}) == len(corpus) == 40
+    assert corpus[-1] == there[-1]
+    other = Corpus(seed=1, sources=ALL, n=40)
+    assert not {score.notes for score in other} & {score.notes for score in there}
+    with pytest.raises(IndexError, match="Excerpt 40 is not in the corpus: it has 40"):
+        corpus[40]
+
+
+def test_excerpts_are_of_their_length_and_sources_of_their_weight():
+    corpus = Corpus(n=200, duration=6.0)
+    scores = list(corpus)
+    assert all(0.3 < score.duration <= 6 + 1e-9 for score in scores)
+    assert all(score.notes[0].onset < 0.5 for score in scores)
+    made = [score for score in scores if source(score) == "generated"]
+    assert 0.7 < len(made) / len(scores) < 0.9
+    assert all(source(score) in STUDIES for score in scores if score not in made)
+    assert made[0].title.split()[2].isdigit()
+
+
+def test_held_out_pieces_never_occur_not_even_transposed():
+    corpus = Corpus(sources={"studies": 1.0}, n=200)
+    assert not {source(score) for score in corpus} & set(HELD_OUT)
+    held_out = tuple(f"scale-{key}Major" for key in ("C", "Db", "D", "Eb", "E", "F", "Gb", "G"))
+    few = Corpus(sources={"studies": 1.0}, n=200, held_out=held_out)
+    majors = [score for score in few if source(score).endswith("Major")]
+    scales = [score for score in majors if source(score).startswith("scale-")]
+    openings = {score.notes[0].pitch % 12 for score in scales if "from 0.0 s" in score.title}
+    assert len(openings) > 1
+    assert openings <= {8, 9, 10, 11}
+
+
+def test_fingers_stay_where_a_piece_is_not_transposed():
+    corpus = Corpus(sources={"studies": 1.0}, n=100)
+    for score in corpus:
+        semitones = int(score.title.split()[1])
+        assert score.has_fingering == (semitones % 12 == 0)
+        assert all(note.hand for note in score.notes)
+
+
+def test_short_names_hold_out_and_lists_are_welcome():
+    corpus = Corpus(sources={"repertoire": 1.0}, held_out=["FurElise"], n=100)
+    assert "repertoire-FurElise" not in corpus.names["repertoire"]
+    assert len(corpus.names["repertoire"]) == 11
+    assert {source(score) for score in corpus} == set(corpus.names["repertoire"])
+
+
+def test_files_folders_and_the_library_are_sources(tmp_path):
+    scale = load_score("scale-CMajor")
+    (tmp_path / "inside").mkdir()
+    write_midi(scale, tmp_path / "one.mid")
+    write_midi(scale.transpose(1), tmp_path / "inside" / "two.midi")
+    (tmp_path / "readme.txt").write_text("no music")
+    folder = Corpus(sources={str(tmp_path): 1.0}, n=20)
+    assert {source(score) for score in folder} == {"one", "two"}
+    assert {source(s) for s in Corpus(sources={str(tmp_path): 1.0}, held_out=("two",), n=9)} == {
+        "one"
+    }
+    single = Corpus(sources={str(tmp_path / "one.mid"): 1.0}, n=5)
+    assert {source(score) for score in single} == {"one"}
+    user_library().add(scale, "mine", source="a test", fingering="keep")
+    assert source(Corpus(sources={"library": 1.0}, n=1)[0]) == "mine"
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"sources": {"studie": 1.0}}, "Unknown source 'studie'.*Did you mean 'studies'"),
+        ({"sources": {}}, "sources is empty"),
+        ({"sources": {"studies": 0.0}}, "sources\\['studies'\\] is 0.0: expected"),
+        ({"sources": {"library": 1.0}}, "'library' has no piece to learn from"),
+        ({"held_out": ("FurElyse",)}, "'FurElyse', which is no piece.*Did you mean 'FurElise'"),
+        ({"sources": {"studies": 1.0}, "held_out": tuple(STUDIES)}, "held out; 87 are"),
+        ({"n": 0}, "n is 0: expected a whole number, 1 or more"),
+        ({"duration": -1.0}, "duration is -1.0: expected a finite number above 0"),
+    ],
+)
+def test_what_is_not_valid_is_refused(values, message):
+    with pytest.raises(ConfigError, match=message):
+        Corpus(**values)
+
+
+def test_an_empty_folder_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="has no piece to learn from"):
+        Corpus(sources={str(tmp_path): 1.0})

@@ -1,0 +1,166 @@
+"""Offsets in the mirror: what the actuators are told, and back; rewards by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, InvalidActionError
+from sb3_piano.music import Note, Pedal, Score
+from sb3_piano.planning import PlannedPianist
+from sb3_piano.vec_env import HandsAsAgents
+from sb3_piano.wrappers import HandActions, HandReward, ResidualAction
+
+PIECE = Score(
+    notes=[
+        Note(onset=0.0, offset=0.3, pitch=64, finger=1),
+        Note(onset=0.3, offset=0.6, pitch=67, finger=3),
+        Note(onset=0.2, offset=0.6, pitch=48, finger=6),
+    ],
+    pedals=[Pedal(onset=0.25, offset=0.5)],
+    title="two hands",
+)
+OPTIONS = {"physics": "fast", "reduced_action_space": False, "initial_buffer_time": 0.5}
+
+
+def piano(**changes):
+    return PianoEnv(PIECE, **{"observation": "hands", **OPTIONS, **changes})
+
+
+def test_no_offset_stays_where_the_hands_are_and_the_pedal_follows_the_score():
+    env = HandActions(piano())
+    env.reset()
+    pedals = []
+    for _ in range(len(env.unwrapped.roll)):
+        env.step(np.zeros(44))
+        pedals.append(env.unwrapped.pedal_down)
+    np.testing.assert_array_equal(pedals, env.unwrapped.roll.sustain)
+    assert np.abs(env.unwrapped.data.qpos[env.unwrapped.scene.hand_qpos]).max() < 0.2
+
+
+def test_the_same_action_moves_both_hands_alike_in_the_mirror():
+    env = HandActions(piano())
+    env.reset()
+    bare, scene = env.unwrapped, env.unwrapped.scene
+    action = np.random.default_rng(0).uniform(-0.2, 0.2, 22)
+    for _ in range(3):
+        env.step(np.tile(action, 2))
+    right, left = (bare.data.qpos[address].copy() for address in scene.joint_qpos)
+    left[-2] *= -1
+    np.testing.assert_allclose(right, left, atol=1e-3)
+    assert abs(right[-2]) > 1e-3
+
+
+def test_controls_become_actions_and_back():
+    env = HandActions(piano())
+    env.reset()
+    scene, random = env.unwrapped.scene, np.random.default_rng(1)
+    for _ in range(5):
+        controls = random.uniform(scene.ctrl_low, scene.ctrl_high)
+        near = np.abs(
+            controls - scene.actuator_positions(env.unwrapped.data.qpos[scene.hand_qpos])
+        ) <= np.abs(env.reach)
+        told, _ = env.unwrapped.action_map.controls(env.piano_action(env.action_for(controls)))
+        np.testing.assert_allclose(told[near], controls[near], atol=1e-6)
+        assert near.mean() > 0.5
+        env.step(env.action_for(controls))
+
+
+def test_the_planned_pianist_plays_as_well_through_it():
+    env = HandActions(piano())
+    player = PlannedPianist(env.unwrapped)
+    env.reset(seed=0)
+    tracker = player._trackers.of(env.unwrapped)
+    over, plain = False, piano()
+    while not over:
+        scene, data = env.unwrapped.scene, env.unwrapped.data
+        positions = scene.actuator_positions(data.qpos[scene.hand_qpos])
+        action = env.action_for(tracker.controls(env.unwrapped.steps_played, positions))
+        *_, over, info = env.step(action)
+    observation, _ = plain.reset(seed=0)
+    other, state, over = PlannedPianist(plain), None, False
+    while not over:
+        action, state = other.predict(observation, state)
+        observation, *_, over, told = plain.step(action)
+    assert info["f1"] == pytest.approx(told["f1"], abs=0.02)
+    assert info["f1"] > 0.8
+
+
+def test_what_cannot_be_is_refused():
+    with pytest.raises(ConfigError, match="reach is 0"):
+        HandActions(piano(), reach=0)
+    with pytest.raises(ConfigError, match="HandActions cannot stand for actions"):
+        HandActions(ResidualAction(piano()))
+    env = HandActions(piano())
+    env.reset()
+    with pytest.raises(InvalidActionError, match=r"shape \(45,\): expected \(44,\)"):
+        env.step(np.zeros(45))
+    with pytest.raises(InvalidActionError, match="Element 0 of the action is nan"):
+        env.step(np.full(44, np.nan))
+
+
+def played(env, player_of=None):
+    """Return what both hands earn in each step of a piece, resting or played by the planner."""
+    observation, _ = env.reset(seed=0)
+    player, state, over = player_of and player_of(env.unwrapped), None, False
+    earned = []
+    while not over:
+        action = env.unwrapped.rest_action
+        if player is not None:
+            action, state = player.predict(observation, state)
+        observation, reward, _, over, info = env.step(action)
+        np.testing.assert_allclose(reward, info["hand_rewards"].mean())
+        earned.append(info["hand_rewards"])
+    return np.array(earned), info
+
+
+def test_each_hand_is_told_how_its_keys_are_played():
+    env = HandReward(piano(), within=0.0, strikes=0.0)
+    rested, _ = played(env)
+    roll = env.unwrapped.roll
+    for side in (0, 1):
+        own = (roll.finger // 5 == side) & roll.active
+        expected = np.where(own.any(axis=1), -1.0, np.where(roll.active.any(axis=1), -0.4, 0.0))
+        np.testing.assert_allclose(rested[:, side], expected)
+    well, info = played(env, PlannedPianist)
+    assert info["f1"] > 0.8
+    assert well.sum() > 0.2 * rested.sum()
+
+
+def test_strikes_count_when_they_are_in_time():
+    plain, _ = played(HandReward(piano(), strikes=0.0), PlannedPianist)
+    struck, info = played(HandReward(piano(), strikes=1.0), PlannedPianist)
+    gained = (struck - plain).sum()
+    hits = info["onset_recall"] * len(PIECE.notes)
+    strikes = hits / info["onset_precision"]
+    assert gained == pytest.approx(hits - (strikes - hits))
+
+
+def test_hands_are_agents_with_half_of_everything_each():
+    def make():
+        return HandActions(HandReward(piano()))
+
+    venv, plain = HandsAsAgents(DummyVecEnv([make, make])), DummyVecEnv([make, make])
+    assert venv.num_envs == 4
+    assert venv.action_space.shape == (22,)
+    halves, whole = venv.reset(), plain.reset()
+    np.testing.assert_array_equal(halves.reshape(2, -1), whole)
+    random = np.random.default_rng(0)
+    ended = 0
+    for _ in range(30):
+        actions = random.uniform(-0.2, 0.2, (4, 22)).astype(np.float32)
+        halves, rewards, dones, infos = venv.step(actions)
+        whole, both, over, told = plain.step(actions.reshape(2, 44))
+        np.testing.assert_array_equal(halves.reshape(2, -1), whole)
+        np.testing.assert_allclose(rewards.reshape(2, 2).mean(axis=1), both, atol=1e-6)
+        np.testing.assert_array_equal(dones.reshape(2, 2), np.stack([over, over], axis=1))
+        for index in np.flatnonzero(dones):
+            last = told[index // 2]["terminal_observation"].reshape(2, -1)[index % 2]
+            np.testing.assert_array_equal(infos[index]["terminal_observation"], last)
+            ended += 1
+    assert ended == 4
+    assert venv.get_attr("metadata", [3]) == plain.get_attr("metadata", [1])
+    with pytest.raises(ConfigError, match="HandsAsAgents cannot give each hand half"):
+        HandsAsAgents(DummyVecEnv([lambda: PianoEnv(PIECE)]))

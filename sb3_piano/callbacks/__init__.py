@@ -3,6 +3,7 @@
 from sb3_piano.callbacks.checkpoint import Checkpoint, ResumableCheckpoint
 from sb3_piano.callbacks.demonstrations import DemonstrationsCallback
 from sb3_piano.callbacks.episode_metrics import EpisodeMetricsCallback, RewardTermsCallback
+from sb3_piano.callbacks.hand_weights import HandWeightsCallback
 from sb3_piano.callbacks.metric_eval import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.callbacks.performance_video import PerformanceVideoCallback
 from sb3_piano.callbacks.progress import PianoProgressBar
@@ -13,6 +14,7 @@ __all__ = [
     "DemonstrationsCallback",
     "EpisodeMetricsCallback",
     "F1Callback",
+    "HandWeightsCallback",
     "MetricEvalCallback",
     "OnsetF1Callback",
     "PerformanceVideoCallback",

@@ -251,9 +251,10 @@ def _open_logs(run: RunFolder, model: BaseAlgorithm, *, append: bool) -> None:
     """Let Monitor files and TensorBoard logs be written into the run's folder."""
     venv = model.get_env()
     assert venv is not None, "a model that trains has its environments"
-    for index in range(venv.num_envs):
+    bare = venv.unwrapped  # a wrapper may show more agents than there are environments
+    for index in range(bare.num_envs):
         path = str(run.monitor_dir / str(index))
-        venv.env_method("write_episodes_to", path, append, indices=[index])
+        bare.env_method("write_episodes_to", path, append, indices=[index])
     if importlib.util.find_spec("tensorboard") is None:
         warnings.warn(
             "TensorBoard is not installed, so that the training is not logged: "

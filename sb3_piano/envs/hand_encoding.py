@@ -100,7 +100,7 @@ class HandEncoding(Encoding):
         read = read_piece(roll, self._hands, self._places)
         bounds = bounds_of(read.line, ARMS_APART)
         steps = len(roll)
-        presses = [_FingerPresses.of(hand.presses, hand, steps) for hand in read.hands]
+        presses = [_FingerPresses.of(hand, read.roll) for hand in read.hands]
         known = np.zeros((steps, 2, self._size), dtype=np.float32)
         target, scale = [], []
         for side, (hand, press) in enumerate(zip(read.hands, presses, strict=True)):
@@ -181,7 +181,10 @@ class HandEncoding(Encoding):
         times = np.stack([presses.first, presses.last], axis=-1) * self._control_timestep
         facts = np.zeros((steps, PRESSES_AHEAD, FINGERS_PER_HAND, _PRESS_NUMBERS))
         facts[..., 4:6] = np.clip(times, -MOST_TIME, MOST_TIME) * presses.there[..., None]
-        facts[..., 6:] = presses.facts
+        facts[..., 6:11] = presses.facts
+        now = (np.arange(steps) * self._control_timestep)[:, None, None, None]
+        written = np.clip(presses.written - now, -MOST_TIME, MOST_TIME)
+        facts[..., 11:] = written * presses.there[..., None]
         known[:, at["presses"]] = facts.reshape(steps, -1)
         scale = _DM_PER_M * sign
         known[:, at["places"]] = scale * hand.place[_states(steps, PLACES_AHEAD)]
@@ -189,7 +192,7 @@ class HandEncoding(Encoding):
         known[:, at["line"]] = scale * bound[_states(steps, LINE_AHEAD)]
 
 
-_PRESS_NUMBERS = 11
+_PRESS_NUMBERS = 13
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -209,18 +212,27 @@ class _FingerPresses:
     facts: FloatArray
     """(T, 2, 5, 5) 1 if there is one, if it is black, if the hand came by a leap, if it leaves by
     one, if the same finger strikes the key again at once."""
+    written: FloatArray
+    """(T, 2, 5, 2) when its note begins and when it ends as it is written, s from the start."""
 
     @classmethod
-    def of(cls, presses: tuple[TimedPress, ...], hand: HandReading, steps: int) -> _FingerPresses:
+    def of(cls, hand: HandReading, roll: PianoRoll) -> _FingerPresses:
+        """Look up what each finger does in each state.
+
+        Args:
+            hand: What the hand has to do.
+            roll: The piece.
+        """
+        steps, onsets = len(roll), _onset_times(roll)
         shape = (steps, PRESSES_AHEAD, FINGERS_PER_HAND)
         key, first, last = (np.zeros(shape, dtype=np.intp) for _ in range(3))
-        point, facts = np.zeros((*shape, 3)), np.zeros((*shape, 5))
+        point, facts, written = (np.zeros((*shape, size)) for size in (3, 5, 2))
         states = np.arange(steps)
         for finger in range(FINGERS_PER_HAND):
-            own = [one for one in presses if one.press.finger == finger]
+            own = [one for one in hand.presses if one.press.finger == finger]
             ends = np.maximum.accumulate([one.last for one in own] or [0])
             following = np.searchsorted(ends, states + 1) if own else np.zeros(steps, np.intp)
-            table = _table(own, hand, finger)
+            table = _table(own, hand, onsets, roll.control_timestep)
             for ahead in range(PRESSES_AHEAD):
                 at = following + ahead
                 there = at < len(own)
@@ -229,29 +241,52 @@ class _FingerPresses:
                 first[there, ahead, finger] = rows[:, 1].astype(np.intp) - states[there]
                 last[there, ahead, finger] = rows[:, 2].astype(np.intp) - states[there]
                 point[there, ahead, finger] = rows[:, 3:6]
-                facts[there, ahead, finger] = rows[:, 6:]
+                facts[there, ahead, finger] = rows[:, 6:11]
+                written[there, ahead, finger] = rows[:, 11:]
         return cls(
-            key=key, there=facts[..., 0] > 0, first=first, last=last, point=point, facts=facts
+            key=key,
+            there=facts[..., 0] > 0,
+            first=first,
+            last=last,
+            point=point,
+            facts=facts,
+            written=written,
         )
 
 
-def _table(presses: list[TimedPress], hand: HandReading, finger: int) -> FloatArray:
-    """Return a row for each press of a finger: key, first and last state, point, facts."""
-    rows = [
-        (
-            one.press.key,
-            one.first,
-            one.last,
-            *hand.frames.target[min(one.first, len(hand.place) - 1), finger],
-            True,
-            KEY_IS_BLACK[one.press.key],
-            one.leapt,
-            one.leaps,
-            one.repeated,
+def _table(
+    presses: list[TimedPress],
+    hand: HandReading,
+    onsets: dict[tuple[int, int], float],
+    control_timestep: float,
+) -> FloatArray:
+    """Return a row for each press of a finger: key, states, point, facts, times as written."""
+    rows = []
+    for one in presses:
+        press = one.press
+        start = press.first - 1  # the control step that leads to the first state
+        rows.append(
+            (
+                press.key,
+                one.first,
+                one.last,
+                *hand.frames.target[min(one.first, len(hand.place) - 1), press.finger],
+                True,
+                KEY_IS_BLACK[press.key],
+                one.leapt,
+                one.leaps,
+                one.repeated,
+                onsets.get((start, press.key), start * control_timestep),
+                press.last * control_timestep,
+            )
         )
-        for one in presses
-    ]
-    return np.array(rows, dtype=float).reshape(-1, 11)
+    return np.array(rows, dtype=float).reshape(-1, 13)
+
+
+def _onset_times(roll: PianoRoll) -> dict[tuple[int, int], float]:
+    """Return when each strike is due, s, by control step and key."""
+    strikes = zip(np.argwhere(roll.onset).tolist(), roll.onset_time.tolist(), strict=True)
+    return {(step, key): time for (step, key), time in strikes}
 
 
 def _states(steps: int, ahead: IntArray) -> IntArray:
@@ -317,14 +352,16 @@ def _hand_blocks(scene: PianoScene, side: str) -> list[ObservationBlock]:
         ObservationBlock(
             name=f"{side}_presses",
             shape=presses,
-            unit="dm (3), 1, s (2), 1 (5)",
+            unit="dm (3), 1, s (2), 1 (5), s (2)",
             meaning="for each finger's press under way or else the next, then the one after it: "
             "the way to where its tip is when the key is down; the key's angle over its largest "
-            "angle; times until it must be down first and last, less than 0 for those that are "
-            f"over, cut at {MOST_TIME:g}; 1 if there is such a press, if the key is black, if the "
-            "hand comes by a leap, if it leaves by one, if the finger strikes the key anew at once",
-            low=[*minus, 0.0, -MOST_TIME, -MOST_TIME, *[0.0] * 5],
-            high=[*far, 1.0, MOST_TIME, MOST_TIME, *[1.0] * 5],
+            "angle; times until it is planned to be down first and last, less than 0 for those "
+            f"that are over, cut at {MOST_TIME:g}; 1 if there is such a press, if the key is "
+            "black, if the hand comes by a leap, if it leaves by one, if the finger strikes the "
+            "key anew at once; times until the note begins and ends as it is written, from which "
+            "leaps take a part",
+            low=[*minus, 0.0, -MOST_TIME, -MOST_TIME, *[0.0] * 5, -MOST_TIME, -MOST_TIME],
+            high=[*far, 1.0, MOST_TIME, MOST_TIME, *[1.0] * 5, MOST_TIME, MOST_TIME],
         ),
         ObservationBlock(
             name=f"{side}_keys",

@@ -29,6 +29,7 @@ PIECE = Score(
 )
 OPTIONS = {"reduced_action_space": False, "initial_buffer_time": 0.5, "physics": "fast"}
 SIDES = ("right", "left")
+ONE_STEP = 0.05 * np.array([1, 1, 0, 0, 0, 0, 0, 1, 1])
 
 
 def piano(**changes):
@@ -121,10 +122,12 @@ def test_presses_count_down_and_the_next_one_follows():
     assert after[0, 4] - now[0, 4] == pytest.approx(0.4, abs=0.051)
     assert now[0, 6] == after[0, 6] == 1
     second = next(step for step in range(len(now)) if now[step, 4] > now[step - 1, 4] and step)
-    np.testing.assert_allclose(now[second, 4:], after[second - 1, 4:] - [0.05, 0.05, 0, 0, 0, 0, 0])
+    np.testing.assert_allclose(now[second, 4:], after[second - 1, 4:] - ONE_STEP, atol=1e-6)
     assert now[-1, 6] == 1
     assert after[-1, 6] == 0  # the last note has none after it
-    assert after[second + 3, 8] == 1  # to C6 the hand leaps
+    assert after[second + 3, 8] == 1  # to C6 the hand leaps, and strikes later than written
+    assert after[second + 3, 11] < after[second + 3, 4] - 0.05 + 1e-6
+    np.testing.assert_allclose(now[0, 11:], [0.5, 0.7], atol=1e-6)
 
 
 def test_keys_around_a_finger_show_depth_and_whether_they_are_due():

@@ -44,6 +44,7 @@ ROOMS = [
     "callbacks",
     "hyperparams",
     "training",
+    "distillation",
     "tuning",
     "bench",
     "cli",

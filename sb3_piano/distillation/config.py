@@ -57,7 +57,13 @@ class PlayingSettings:
 
     physics: str = "fast"
     """Name of the physics profile."""
-    noise_scales: Annotated[tuple[Annotated[Number, Ge(0)], ...], MinLen(1)] = (0, 0.5, 1, 1.5, 2)
+    noise_scales: Annotated[tuple[Annotated[Number, Ge(0)], ...], MinLen(1)] = (
+        0.0,
+        0.5,
+        1.0,
+        1.5,
+        2.0,
+    )
     """What a round's noise is multiplied with; each excerpt draws one."""
     noise_memory: Annotated[Number, Ge(0), Unit("s")] = 0.2
     """Time in which the noise's correlation falls to 1/e, s."""

@@ -8,7 +8,7 @@ import os
 import shlex
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -41,7 +41,7 @@ from sb3_piano.distillation.shards import (
     shard_jobs,
 )
 from sb3_piano.distillation.teachers import new_teacher
-from sb3_piano.distillation.workers import StoppedError, map_jobs, process_pool
+from sb3_piano.distillation.workers import Job, Result, StoppedError, map_jobs, process_pool
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import read_json, write_csv, write_json, write_text
 from sb3_piano.interrupts import StopRequest, stop_on_signal
@@ -219,10 +219,10 @@ class _Work:
         missing = [job for job in jobs if found[job.name] is None]
         text = f"round {number}: playing, shards"
         self._tell(text, len(jobs) - len(missing), len(jobs))
-        made = map_jobs(self._executor, make_shard, missing, self._request)
-        for count, shard in enumerate(made, len(jobs) - len(missing) + 1):
-            found[shard.name] = shard
-            self._tell(text, count, len(jobs))
+        with self._mapped(make_shard, missing) as made:
+            for count, shard in enumerate(made, len(jobs) - len(missing) + 1):
+                found[shard.name] = shard
+                self._tell(text, count, len(jobs))
         self._shards[number] = [shard for shard in found.values() if shard is not None]
         return self._shards[number]
 
@@ -286,10 +286,17 @@ class _Work:
             for score in self._held_out
         ]
         self._tell(text, 0, len(jobs))
-        for title, metrics in map_jobs(self._executor, judge, jobs, self._request):
-            judged[title] = metrics
-            self._tell(text, len(judged), len(jobs))
+        with self._mapped(judge, jobs) as made:
+            for title, metrics in made:
+                judged[title] = metrics
+                self._tell(text, len(judged), len(jobs))
         return {score.title: judged[score.title] for score in self._held_out}
+
+    def _mapped(
+        self, function: Callable[[Job], Result], jobs: Sequence[Job]
+    ) -> contextlib.closing[Generator[Result, None, None]]:
+        """Give the results of jobs; those that have not begun are cancelled with the block."""
+        return contextlib.closing(map_jobs(self._executor, function, jobs, self._request))
 
 
 def _held_out(config: DistillConfig) -> list[Score]:

@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from multiprocessing.synchronize import Event
 from typing import TypeVar
@@ -55,10 +55,10 @@ def map_jobs(
     function: Callable[[Job], Result],
     jobs: Iterable[Job],
     request: StopRequest | None = None,
-) -> Iterator[Result]:
+) -> Generator[Result, None, None]:
     """Yield the results of jobs as they come, in any order.
 
-    Jobs that have not begun are cancelled when one fails, or when the generator ends early.
+    Jobs that have not begun are cancelled when one fails, or when the generator is closed.
 
     Args:
         executor: Does the jobs; functions, jobs and results must be fit to be pickled.

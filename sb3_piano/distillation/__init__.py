@@ -10,8 +10,9 @@ from sb3_piano.distillation.config import (
     Round,
     TeacherSettings,
 )
-from sb3_piano.distillation.distill import DistillResult, RoundResult, distill
+from sb3_piano.distillation.distill import DistillResult, distill
 from sb3_piano.distillation.network import read_weights
+from sb3_piano.distillation.rounds import RoundResult
 from sb3_piano.distillation.workers import map_jobs, process_pool
 
 __all__ = [

@@ -39,7 +39,7 @@ _LARGEST_GRADIENT = 1.0
 _RISING = 0.05
 """Share of the updates in which the learning rate rises."""
 
-_REPORTED_EVERY = 100
+_REPORTED_EVERY = 20  # updates
 
 
 def new_policy(settings: NetworkSettings, inputs: int, actions: int, hands: int) -> HandsTD3Policy:
@@ -76,7 +76,7 @@ def load_learner(settings: NetworkSettings, file: Path, env: HandActions) -> Bas
 
 def write_weights(policy: BasePolicy, file: Path, facts: Mapping[str, Any]) -> None:
     """Write one hand's network, and facts on it, by :func:`~sb3_piano.files.write_atomically`."""
-    notes = {name: json.dumps(value) for name, value in facts.items()}
+    notes = {"facts": json.dumps(facts)}  # one entry: of several the order is not always the same
     write_bytes(file, safetensors.torch.save(hand_weights(policy), notes))
 
 
@@ -88,7 +88,7 @@ def read_weights(file: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
     """
     try:
         with safetensors.safe_open(file, framework="pt") as opened:
-            facts = {name: json.loads(text) for name, text in (opened.metadata() or {}).items()}
+            facts = json.loads((opened.metadata() or {})["facts"])
             tensors = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
     except Exception as error:  # a damaged file fails in any way
         raise RunError(

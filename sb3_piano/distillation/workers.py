@@ -20,6 +20,7 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 _LOOK_EVERY = 0.2  # s
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 _stop: Event | None = None
 """Set when the pool of this process should end; of a process of a pool."""
@@ -69,7 +70,7 @@ def map_jobs(
     Raises:
         StoppedError: If the request is made.
     """
-    with ctrl_c_ignored():  # by the processes that start now, before they do so themselves
+    with ctrl_c_ignored(), _one_thread_each():  # by processes, which start now, from the beginning
         waiting: set[Future[Result]] = {executor.submit(function, job) for job in jobs}
     try:
         while waiting:
@@ -87,6 +88,21 @@ def check_stop() -> None:
     """Raise :class:`StoppedError` in a process whose pool should end; jobs call it now and then."""
     if _stop is not None and _stop.is_set():
         raise StoppedError
+
+
+@contextlib.contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Let processes that start meanwhile compute with one thread each, unless it is said already.
+
+    Libraries that are loaded, as in this process, keep their number.
+    """
+    changed = [name for name in _THREADS if name not in os.environ]
+    os.environ.update(dict.fromkeys(changed, "1"))
+    try:
+        yield
+    finally:
+        for name in changed:
+            del os.environ[name]
 
 
 def _begin(stop: Event) -> None:

@@ -15,17 +15,24 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 import torch
+from stable_baselines3 import TD3
 
 from sb3_piano.cli import main
 from sb3_piano.demonstrations.dataset import Transitions, open_dataset
-from sb3_piano.distillation import DEFAULT_FILE, DistillConfig, distill, read_weights
+from sb3_piano.distillation import (
+    DEFAULT_FILE,
+    DistillConfig,
+    TeacherSettings,
+    distill,
+    read_weights,
+)
 from sb3_piano.distillation.network import load_learner
-from sb3_piano.distillation.rollout import hands_env
+from sb3_piano.distillation.rollout import hands_env, play_excerpt
 from sb3_piano.distillation.shards import find_shard, read_rows, shard_jobs
 from sb3_piano.distillation.teachers import new_teacher
 from sb3_piano.exceptions import ConfigError, RunError, UnknownPieceError
 from sb3_piano.music import Note, Score, write_midi
-from sb3_piano.training import PlannedConfig, RunFolder
+from sb3_piano.training import PlannedConfig, Plugin, RunConfig, RunFolder, train
 
 TINY = """
 corpus: {duration: 2.0, n: 40}
@@ -204,11 +211,30 @@ def test_what_does_not_go_together_is_refused_at_once(whole, tiny, changes, erro
         distill(config, whole.folder)
 
 
-def test_a_run_that_sees_something_else_cannot_teach(tiny, tmp_path):
+def test_the_model_of_a_run_teaches_if_it_sees_what_the_learner_sees(tiny, tmp_path):
     RunFolder.create(PlannedConfig(algo="planned", env_id="RoboPianist-v0"), tmp_path / "planned")
     config = DistillConfig.from_yaml(tiny, **{"teacher.name": str(tmp_path / "planned")})
     with pytest.raises(ConfigError, match="cannot teach: expected a trained model with observ"):
         distill(config, tmp_path / "out")
+    observed = {"observation": "hands", "fingering": "robot", "reduced_action_space": False}
+    run = RunConfig(
+        algo="td3",
+        env_id="RoboPianist-v0",
+        n_timesteps=1,
+        policy="sb3_piano.policies.HandsTD3Policy",
+        env_kwargs={**observed, "score": "scale-CMajor"},
+        env_wrapper=(Plugin(path="sb3_piano.wrappers.HandActions"),),
+        algorithm_kwargs={"policy_kwargs": {"net_arch": [8]}, "buffer_size": 10},
+    )
+    model_file = train(run, tmp_path / "run", progress_bar=False).folder.model_file
+    env = hands_env("fast")
+    teacher = TeacherSettings(name=str(tmp_path / "run"))
+    with new_teacher(teacher, config.playing, env) as opened:
+        episode, _ = play_excerpt(config, 0, 0, env, opened, None)
+    labels, _ = TD3.load(model_file).predict(episode.observations[:-1], deterministic=True)
+    assert np.allclose(labels, episode.infos["expert_action"][:-1], atol=1e-6)
+    assert np.abs(labels - episode.actions).max() > 0.01
+    env.close()
 
 
 @pytest.mark.slow

@@ -45,6 +45,7 @@ ROOMS = [
     "callbacks",
     "hyperparams",
     "training",
+    "distillation",
     "tuning",
     "bench",
     "cli",

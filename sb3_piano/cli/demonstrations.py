@@ -89,7 +89,7 @@ def add_parser(commands: Any) -> None:
 
 
 def _record(arguments: argparse.Namespace) -> int:
-    _require_minari()
+    require_minari()
     from sb3_piano.demonstrations import record
 
     with (
@@ -112,12 +112,12 @@ def _record(arguments: argparse.Namespace) -> int:
     return tell_interrupted(recorded.interrupted)
 
 
-def _require_minari() -> None:
+def require_minari() -> None:
     """Refuse to go on without the packages that read and write data sets."""
-    from sb3_piano.demonstrations.dataset import require_minari
+    from sb3_piano.demonstrations import dataset
 
     try:
-        require_minari()
+        dataset.require_minari()
     except ImportError as error:
         raise ConfigError(str(error)) from error
 
@@ -203,7 +203,7 @@ def _show(recorded: Recorded) -> None:
 
 
 def _clone(arguments: argparse.Namespace) -> int:
-    _require_minari()
+    require_minari()
     from rich.progress import TextColumn
 
     from sb3_piano.training import clone

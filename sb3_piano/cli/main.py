@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import sb3_piano
-from sb3_piano.cli import bench, demonstrations, evaluate, pieces, play, train, tune
+from sb3_piano.cli import bench, demonstrations, distill, evaluate, pieces, play, train, tune
 from sb3_piano.cli.common import (
     EXIT_ERROR,
     EXIT_OK,
@@ -32,6 +32,7 @@ _ADDED = (
     play.add_parser,
     play.add_report_parsers,
     demonstrations.add_parser,
+    distill.add_parser,
     pieces.add_parser,
     bench.add_parser,
 )

@@ -2,13 +2,18 @@
 
 from sb3_piano.demonstrations.cloning import Cloning, clone_behaviour, fill_replay_buffer
 from sb3_piano.demonstrations.dataset import EXPERT_ACTION, open_dataset
-from sb3_piano.demonstrations.disturbances import ActuatorNoise, PerturbedStart
+from sb3_piano.demonstrations.disturbances import (
+    ActuatorNoise,
+    CorrelatedNoise,
+    PerturbedStart,
+)
 from sb3_piano.demonstrations.recording import Recorded, record
 
 __all__ = [
     "EXPERT_ACTION",
     "ActuatorNoise",
     "Cloning",
+    "CorrelatedNoise",
     "PerturbedStart",
     "Recorded",
     "clone_behaviour",

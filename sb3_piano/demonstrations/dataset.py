@@ -64,7 +64,7 @@ class Transitions:
                     f"Data set {dataset.id!r} has the space {space}: expected a Box, of "
                     "observations and of actions."
                 )
-        with reading(dataset.id):
+        with reading(dataset.id, Path(dataset.storage.data_path).parent):
             episodes = list(dataset.iterate_episodes())
             for episode in episodes:
                 _check_rows(dataset, episode)
@@ -82,11 +82,12 @@ class Transitions:
         return cls(**{name: np.concatenate(arrays) for name, arrays in parts.items()})
 
 
-def open_dataset(dataset: MinariDataset | str) -> MinariDataset:
+def open_dataset(dataset: MinariDataset | str, root: Path | None = None) -> MinariDataset:
     """Return a data set of this machine.
 
     Args:
         dataset: The data set, or its name.
+        root: The folder with all data sets; by default that of :func:`dataset_root`.
 
     Raises:
         ConfigError: If there is none of that name, or it cannot be read.
@@ -97,20 +98,20 @@ def open_dataset(dataset: MinariDataset | str) -> MinariDataset:
     require_minari()
     import minari
 
-    place = dataset_folder(dataset)
+    place = dataset_folder(dataset, root)
     if not place.is_dir():
-        known = ", ".join(minari.list_local_datasets()) or "none"
+        known = "" if root else f" ({', '.join(minari.list_local_datasets()) or 'none'})"
         raise ConfigError(
-            f"There is no data set {dataset!r} in '{dataset_root()}': expected one of those there "
-            f"({known}); 'sb3-piano record' writes one."
+            f"There is no data set {dataset!r} in '{root or dataset_root()}': expected one of "
+            f"those there{known}; 'sb3-piano record' writes one."
         )
-    with reading(dataset):
-        return minari.load_dataset(dataset)
+    with reading(dataset, place):
+        return minari.MinariDataset(place / "data")
 
 
 @contextlib.contextmanager
-def reading(dataset_id: str) -> Iterator[None]:
-    """Name the data set in whatever Minari and HDF5 raise at a damaged one.
+def reading(dataset_id: str, place: Path | None = None) -> Iterator[None]:
+    """Name the data set, and its folder, in whatever Minari and HDF5 raise at a damaged one.
 
     Raises:
         ConfigError: In place of any error in the block that is none of this package's.
@@ -121,7 +122,7 @@ def reading(dataset_id: str) -> Iterator[None]:
         raise
     except Exception as error:
         raise ConfigError(
-            f"Data set {dataset_id!r} in '{dataset_folder(dataset_id)}' cannot be read "
+            f"Data set {dataset_id!r} in '{place or dataset_folder(dataset_id)}' cannot be read "
             f"({one_line(error)}): expected what Minari wrote."
         ) from error
 
@@ -149,8 +150,8 @@ def dataset_root() -> Path:
     return get_dataset_path()
 
 
-def dataset_folder(dataset_id: str) -> Path:
-    """Return the folder of a data set, which need not exist.
+def dataset_folder(dataset_id: str, root: Path | None = None) -> Path:
+    """Return the folder of a data set, which need not exist, in that of all data sets.
 
     Raises:
         ConfigError: If it is no valid name.
@@ -163,7 +164,7 @@ def dataset_folder(dataset_id: str) -> Path:
             f"Data set name {dataset_id!r} is not valid: expected letters, digits, - and _ in "
             "parts divided by /, and a version at the end, such as robopianist/twinkle/planned-v0."
         )
-    return dataset_root() / dataset_id
+    return (root or dataset_root()) / dataset_id
 
 
 def require_minari() -> None:
@@ -199,6 +200,7 @@ class DatasetWriter:
         env: The environment that is played in.
         env_spec: How to make it again.
         overwrite: Whether a data set of this name is replaced.
+        root: The folder to put it into, which is there; by default that of :func:`dataset_root`.
 
     Raises:
         ConfigError: If it is no valid name, or there is such a data set.
@@ -212,19 +214,19 @@ class DatasetWriter:
         env_spec: EnvSpec | None = None,
         *,
         overwrite: bool = False,
+        root: Path | None = None,
     ) -> None:
         require_minari()
         from minari.dataset.minari_storage import MinariStorage
 
-        self._id = dataset_id
-        self._place = dataset_folder(dataset_id)
+        self._id, self._root = dataset_id, root
+        self._place = dataset_folder(dataset_id, root)
         if self._place.exists() and not overwrite:
             raise ConfigError(
                 f"There is a data set {dataset_id!r} already, in '{self._place}': expected a new "
                 "name, or leave to overwrite it."
             )
-        root = dataset_root()
-        self._made = Path(tempfile.mkdtemp(prefix=".recording-", dir=root))
+        self._made = Path(tempfile.mkdtemp(prefix=".recording-", dir=root or dataset_root()))
         new = self._made / "new"
         new.mkdir()
         self._storage = MinariStorage.new(
@@ -259,12 +261,13 @@ class DatasetWriter:
 
         notes = {"dataset_id": self._id, "minari_version": minari.__version__, **metadata}
         self._storage.update_metadata(notes)
-        _make_namespace(self._id)
+        if self._root is None:
+            _make_namespace(self._id)
         if self._place.exists():
             self._place.rename(self._made / "old")
         self._place.parent.mkdir(parents=True, exist_ok=True)
         (self._made / "new").rename(self._place)
-        return open_dataset(self._id)
+        return open_dataset(self._id, self._root)
 
 
 def _make_namespace(dataset_id: str) -> None:

@@ -19,11 +19,38 @@ DEFAULT_MEMORY = 0.2
 """Time in which the noise loses most (1 - 1/e) of its memory, s."""
 
 
-class ActuatorNoise:
-    """Noise that is added to the actions of a piano environment, correlated in time.
+class CorrelatedNoise:
+    """Noise that is correlated in time.
 
-    A first-order autoregressive process for each actuator, stationary from the first step on. The
-    pedal has none.
+    A first-order autoregressive process for each number, stationary from the first step on.
+
+    Args:
+        std: Standard deviation of each number.
+        memory: Time in which the correlation falls to 1/e, s; 0 for noise without memory.
+        timestep: Time between two samples, s.
+    """
+
+    def __init__(self, std: npt.NDArray[np.float64], memory: float, timestep: float) -> None:
+        self._std = std
+        self._kept = 0.0 if memory == 0 else math.exp(-timestep / memory)
+        self._last: npt.NDArray[np.float64] | None = None
+
+    def restart(self) -> None:
+        """Begin an episode."""
+        self._last = None
+
+    def sample(self, random: np.random.Generator) -> npt.NDArray[np.float64]:
+        """Return what to add to the next action."""
+        fresh = random.normal(size=self._std.shape) * self._std
+        if self._last is None:
+            self._last = fresh
+        else:
+            self._last = self._kept * self._last + math.sqrt(1 - self._kept**2) * fresh
+        return self._last
+
+
+class ActuatorNoise(CorrelatedNoise):
+    """Noise that is added to the actions of a piano environment; the pedal has none.
 
     Args:
         env: A piano environment, wrapped or not, whose actions are those of the bare one.
@@ -50,23 +77,8 @@ class ActuatorNoise:
                 f"expected those of the piano itself, {piano.action_space.shape}, or no noise."
             )
         units = np.where(piano.scene.actuator_kind == "forearm", TIP_TRAVEL, 1.0)
-        self._std = np.append(piano.action_map.change(std * units), 0.0)
-        timestep = piano.config.control_timestep
-        self._kept = 0.0 if memory == 0 else math.exp(-timestep / memory)
-        self._last: npt.NDArray[np.float64] | None = None
-
-    def restart(self) -> None:
-        """Begin an episode."""
-        self._last = None
-
-    def sample(self, random: np.random.Generator) -> npt.NDArray[np.float64]:
-        """Return what to add to the next action."""
-        fresh = random.normal(size=self._std.shape) * self._std
-        if self._last is None:
-            self._last = fresh
-        else:
-            self._last = self._kept * self._last + math.sqrt(1 - self._kept**2) * fresh
-        return self._last
+        std_of_actions = np.append(piano.action_map.change(std * units), 0.0)
+        super().__init__(std_of_actions, memory, piano.config.control_timestep)
 
 
 class PerturbedStart(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):

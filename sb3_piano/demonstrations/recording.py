@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -175,10 +175,24 @@ def _play(
     policy: Predictor, env: Env, seed: int, noise: ActuatorNoise | None
 ) -> tuple[EpisodeBuffer, dict[str, float]]:
     """Play one episode; return it, and notes on it."""
+    return as_episode(_steps(policy, env, seed, noise), env, seed)
+
+
+def as_episode(
+    steps: Iterable[tuple[Any, ...]], env: Env, seed: int
+) -> tuple[EpisodeBuffer, dict[str, float]]:
+    """Return what was played as Minari has it, and notes on it: ``return`` and music metrics.
+
+    Args:
+        steps: Observation, action, label, reward, termination and info of each step, and last the
+            observation in which it ended, with anything.
+        env: The environment that was played in.
+        seed: What it was reset with.
+    """
     from minari.data_collector.episode_buffer import EpisodeBuffer
 
-    steps = list(_steps(policy, env, seed, noise))
-    observations, actions, labels, rewards, ends, infos = zip(*steps[:-1], strict=True)
+    played = list(steps)
+    observations, actions, labels, rewards, ends, infos = zip(*played[:-1], strict=True)
     kind, info = env.action_space.dtype, infos[-1]
     asked = np.array([*labels, labels[-1]], dtype=kind)
     if asked.dtype.kind == "f":
@@ -187,7 +201,7 @@ def _play(
     truncations[-1] = not ends[-1]
     episode = EpisodeBuffer(
         seed=seed,
-        observations=np.array([*observations, steps[-1][0]]),
+        observations=np.array([*observations, played[-1][0]]),
         actions=np.array(actions, dtype=kind),
         rewards=np.array(rewards, dtype=np.float64),
         terminations=np.array(ends, dtype=bool),

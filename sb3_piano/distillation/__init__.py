@@ -1,0 +1,33 @@
+"""Distillation: one network that learns from a teacher to play any piece, in rounds."""
+
+from sb3_piano.distillation.config import (
+    DEFAULT_FILE,
+    DistillConfig,
+    EvaluationSettings,
+    LearningSettings,
+    NetworkSettings,
+    PlayingSettings,
+    Round,
+    TeacherSettings,
+)
+from sb3_piano.distillation.distill import DistillResult, distill
+from sb3_piano.distillation.network import read_weights
+from sb3_piano.distillation.rounds import RoundResult
+from sb3_piano.distillation.workers import map_jobs, process_pool
+
+__all__ = [
+    "DEFAULT_FILE",
+    "DistillConfig",
+    "DistillResult",
+    "EvaluationSettings",
+    "LearningSettings",
+    "NetworkSettings",
+    "PlayingSettings",
+    "Round",
+    "RoundResult",
+    "TeacherSettings",
+    "distill",
+    "map_jobs",
+    "process_pool",
+    "read_weights",
+]

@@ -1,0 +1,271 @@
+"""Settings of a distillation, and the YAML files that hold them."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import typing
+from collections.abc import Mapping
+from dataclasses import field
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from annotated_types import Ge, MinLen
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Corpus
+from sb3_piano.planning import PlanSettings
+from sb3_piano.settings import (
+    Count,
+    Index,
+    Number,
+    Positive,
+    Share,
+    Unit,
+    refuse_unknown,
+    settings,
+)
+from sb3_piano.training.configuration.values import coerce, coerce_mapping, plain
+from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
+
+DEFAULT_FILE = Path(__file__).with_name("distill.yml")
+"""The settings that come with the package."""
+
+PLANNED = "planned"
+"""The teacher that plans each excerpt."""
+
+Noise = Annotated[Number, Ge(0), Unit("rad")]
+
+
+@settings
+class Round:
+    """A round: excerpts that are played, after which the network is trained on all rounds'."""
+
+    excerpts: Count
+    """How many excerpts of the corpus are played, those after the last round's."""
+    learner: Share = 0.0
+    """Share of the segments that the network of the round before plays; 0 in the first round."""
+    noise: Noise = 0.04
+    """Standard deviation of what is added to the teacher's actions, rad of a finger's joint."""
+    learner_noise: Noise = 0.012
+    """The same for the learner's actions."""
+
+
+@settings
+class PlayingSettings:
+    """How excerpts are played to learn from."""
+
+    physics: str = "fast"
+    """Name of the physics profile."""
+    noise_scales: Annotated[tuple[Annotated[Number, Ge(0)], ...], MinLen(1)] = (
+        0.0,
+        0.5,
+        1.0,
+        1.5,
+        2.0,
+    )
+    """What a round's noise is multiplied with; each excerpt draws one."""
+    noise_memory: Annotated[Number, Ge(0), Unit("s")] = 0.2
+    """Time in which the noise's correlation falls to 1/e, s."""
+    segment: tuple[Positive, Positive] = (0.5, 3.0)
+    """Shortest and longest time for which it is drawn who plays, s."""
+    takeover_slider: Positive = 0.03
+    """Distance of a hand from its plan, along the keyboard, at which the teacher takes over, m. It
+    gives back at half of that."""
+    takeover_joints: Positive = 0.35
+    """The same for the root of the mean square of a hand's joint angles, rad."""
+
+
+@settings
+class TeacherSettings:
+    """Whose action is the label of each state."""
+
+    name: str = PLANNED
+    """``planned``, or the folder of a run whose model observes "hands" and acts by HandActions."""
+    plan: PlanSettings = field(
+        default_factory=lambda: PlanSettings(
+            rounds=3, iterations=3, dynamic_iterations=4, feedback=0.75
+        )
+    )
+    """How excerpts are planned: quickly, and by default without ``rehearsals``."""
+
+
+@settings
+class NetworkSettings:
+    """The network of a hand."""
+
+    net_arch: tuple[Count, ...] = (384, 384, 384)
+    """Sizes of the hidden layers."""
+    activation: Literal["silu", "relu"] = "silu"
+    """Activation after each."""
+
+
+@settings
+class LearningSettings:
+    """How the network is trained after each round."""
+
+    epochs: Count = 6
+    """How often it goes through all rounds' data."""
+    batch_size: Count = 512
+    """Hands' rows of an update."""
+    learning_rate: Positive = 1e-3
+    """Highest learning rate of AdamW, which rises and falls in one cycle."""
+    weight_decay: Annotated[Number, Ge(0)] = 0.0
+    """Weight decay of AdamW."""
+    huber: Positive = 0.1
+    """Error of a finger's joint beyond which the loss grows linearly, rad."""
+    warm: bool = False
+    """Whether it begins with the weights of the round before, in place of new ones."""
+
+
+@settings
+class EvaluationSettings:
+    """What is played after each round, by the network alone, to judge it."""
+
+    physics: str = "reference"
+    """Name of the physics profile."""
+    excerpts: Index = 12
+    """Excerpts of a corpus like the one that is learnt from, but of another seed."""
+    pieces: tuple[str, ...] = (
+        "FurElise",
+        "ClairDeLune",
+        "BachMinuetG",
+        "Reverie",
+        "BachPreludeC",
+        "TwinkleTwinkle",
+        "scale-EbMajor",
+        "arpeggio-BMinor",
+    )
+    """Names or files of pieces, none of which is in the corpus."""
+    duration: Positive = 30.0
+    """The most of a piece that is played, s."""
+
+    def __post_init__(self) -> None:
+        if not (self.excerpts or self.pieces):
+            raise ConfigError(
+                "evaluation has no excerpts and no pieces: expected something to judge by."
+            )
+
+
+@settings
+class DistillConfig:
+    """All settings of a distillation.
+
+    Raises:
+        ConfigError: If a setting is unknown, has the wrong type or is out of range, or a piece that
+            judges is also learnt from.
+    """
+
+    corpus: Corpus = field(default_factory=Corpus)
+    """What is played; rounds that ask for more excerpts than it has begin anew, with other noise
+    and other segments."""
+    rounds: Annotated[tuple[Round, ...], MinLen(1)] = (
+        Round(excerpts=1100),
+        Round(excerpts=300, learner=0.8),
+        Round(excerpts=300, learner=0.8),
+        Round(excerpts=300, learner=0.8),
+    )
+    playing: PlayingSettings = field(default_factory=PlayingSettings)
+    teacher: TeacherSettings = field(default_factory=TeacherSettings)
+    network: NetworkSettings = field(default_factory=NetworkSettings)
+    learning: LearningSettings = field(default_factory=LearningSettings)
+    evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
+    shard: Count = 25
+    """Excerpts of a data set, which one process plays."""
+    seed: Index = 0
+    """Seeds the noise, who plays when, and the network; the corpus has its own."""
+
+    def __post_init__(self) -> None:
+        if self.rounds[0].learner > 0:
+            raise ConfigError(
+                f"rounds[0].learner is {self.rounds[0].learner:g}: expected 0, there is no learner "
+                "before the first round."
+            )
+        low, high = self.playing.segment
+        if low > high:
+            raise ConfigError(
+                f"playing.segment is {low:g} to {high:g} s: expected the least first."
+            )
+        for source, names in self.corpus.names.items():
+            learnt = {alias for n in names for alias in (n, n.partition("-")[2], Path(n).stem)}
+            for piece in self.evaluation.pieces:
+                if piece in learnt:
+                    raise ConfigError(
+                        f"evaluation.pieces has {piece!r}, which the corpus learns from (source "
+                        f"{source!r}): expected other pieces, or it in corpus.held_out too."
+                    )
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
+        """Return the settings for what a YAML file holds; what is not given is the default."""
+        return _made(cls, mapping, "")
+
+    @classmethod
+    def from_yaml(cls, path: str | os.PathLike[str], **changes: Any) -> Self:
+        """Return the settings of a YAML file.
+
+        Args:
+            path: The file.
+            **changes: Values in place of the file's, by names such as ``learning.epochs`` or
+                ``rounds.0.excerpts``.
+
+        Raises:
+            ConfigError: If it cannot be read, or a setting is not valid.
+        """
+        mapping: Any = read_yaml_mapping(Path(path))
+        try:
+            for name, value in changes.items():
+                _change(mapping, name, value)
+            return cls.from_mapping(mapping)
+        except ConfigError as error:
+            given = f" with {', '.join(changes)} replaced" if changes else ""
+            raise ConfigError(f"'{path}'{given}: {error}") from error
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the settings in YAML's types; :meth:`from_mapping` gives them back."""
+        found: dict[str, Any] = plain(dataclasses.asdict(self), "config")
+        return found
+
+    def of_round(self, number: int) -> range:
+        """Return the numbers of a round's excerpts, counted over all rounds."""
+        first = sum(one.excerpts for one in self.rounds[:number])
+        return range(first, first + self.rounds[number].excerpts)
+
+
+def _change(mapping: Any, name: str, value: Any) -> None:
+    """Set a value in nested mappings and lists, by names that dots join."""
+    *path, last = name.split(".")
+    place = mapping
+    for part in path:
+        if isinstance(place, dict) and part not in place:
+            place[part] = {}
+        place = _at(place, part, name)[part if isinstance(place, dict) else int(part)]
+    _at(place, last, name)[last if isinstance(place, dict) else int(last)] = value
+
+
+def _at(place: Any, part: str, name: str) -> Any:
+    if isinstance(place, dict):
+        return place
+    if isinstance(place, list) and part.isdigit() and int(part) < len(place):
+        return place
+    raise ConfigError(f"Unknown setting {name!r}: there is no {part!r} to be set.")
+
+
+def _made(kind: Any, value: Any, key: str) -> Any:
+    """Return a class of settings for a mapping from the names of its fields to plain values."""
+    items = coerce_mapping(value, key or "distillation")
+    kinds = typing.get_type_hints(kind)
+    refuse_unknown(items, kinds, "setting", key)
+    try:
+        return kind(**{name: _value(kinds[name], item, name) for name, item in items.items()})
+    except ConfigError as error:
+        raise ConfigError(f"{key}: {error}" if key else str(error)) from error
+
+
+def _value(kind: Any, value: Any, key: str) -> Any:
+    if dataclasses.is_dataclass(kind):
+        return _made(kind, value, key)
+    of = typing.get_args(kind)
+    if of and dataclasses.is_dataclass(of[0]) and isinstance(value, list):
+        return tuple(_made(of[0], item, f"{key}[{index}]") for index, item in enumerate(value))
+    return coerce(value, kind, key)

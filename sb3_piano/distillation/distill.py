@@ -1,0 +1,196 @@
+"""Rounds of playing, training and judging: from a planned pianist to a network that reads."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shlex
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from sb3_piano.demonstrations.dataset import require_minari
+from sb3_piano.distillation.config import DistillConfig
+from sb3_piano.distillation.rollout import hands_env
+from sb3_piano.distillation.rounds import (
+    DATA,
+    Progress,
+    RoundResult,
+    Rounds,
+    held_out_pieces,
+    weights_file,
+)
+from sb3_piano.distillation.shards import JUDGED_BY
+from sb3_piano.distillation.teachers import new_teacher
+from sb3_piano.distillation.workers import StoppedError, process_pool
+from sb3_piano.exceptions import RunError
+from sb3_piano.files import write_csv, write_text
+from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.locks import LOCK_SUFFIX, hold
+from sb3_piano.threads import torch_threads
+from sb3_piano.training.runs.folder import provenance, unwritable
+
+_CONFIG, _PROVENANCE, _TABLE = "config.yml", "run.yml", "rounds.csv"
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistillResult:
+    """Result of :func:`distill`."""
+
+    folder: Path
+    """Folder of all files."""
+    rounds: tuple[RoundResult, ...]
+    """The rounds that are done."""
+    weights: Path | None
+    """File of the last round's weights, of one hand's network, if a round is done."""
+    interrupted: bool = False
+    """Whether Ctrl-C or SIGTERM ended it early."""
+
+
+def distill(
+    config: DistillConfig | None,
+    folder: str | os.PathLike[str],
+    *,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    num_threads: int | None = None,
+    on_progress: Progress = lambda text, done, total: None,
+    on_round: Callable[[RoundResult], object] = lambda result: None,
+) -> DistillResult:
+    """Make a policy that plays any piece, out of a teacher's labels in the states it comes into.
+
+    In each round excerpts are played, by the teacher and, from the second round on, by the network
+    of the round before, while the teacher says what would be right (DAgger, Ross et al. 2011); then
+    a network is trained on all rounds' data and plays held-out music alone.
+
+    A folder in which a distillation was begun is gone on with: what is whole is kept, and the
+    result is that of one which never stopped. Ctrl-C or SIGTERM ends it; at most the training of a
+    round, and the shard that each worker is at, are then lost.
+
+    ===================== ========================================================================
+    ``config.yml``        the settings
+    ``run.yml``           command line, versions of packages, time
+    ``data/``             Minari data sets of the rounds, and a manifest of each
+    ``round-N.safetensors`` weights of one hand's network after round N, from 0
+    ``round-N.json``      the round's :class:`RoundResult`; ``rounds.csv`` has a line of each
+    ===================== ========================================================================
+
+    Args:
+        config: The settings; ``None`` for those of a folder that is gone on with.
+        folder: Where to: a new or empty folder, or one to go on with.
+        executor: Plays the excerpts, where it sees the folder by the same path; by default a pool
+            of processes of this machine.
+        workers: Processes of that pool; by default one for each usable core.
+        num_threads: Threads of torch for the training; see :func:`sb3_piano.threads.torch_threads`.
+        on_progress: Tells what is being done.
+        on_round: Is called with the result of each round, also of those done before.
+
+    Raises:
+        ConfigError: If a setting is not valid, or the teacher does not fit.
+        RunError: If the folder cannot be used, or has other settings.
+        UnknownPieceError: If there is no piece to judge by of a given name.
+        ImportError: If Minari is not installed.
+    """
+    require_minari()
+    place = Path(folder)
+    if config is None:
+        config = _settings_of(place)
+    held_out = held_out_pieces(config)
+    with contextlib.closing(hands_env(config.playing.physics)) as env:
+        with new_teacher(config.teacher, config.playing, env):
+            pass  # what is wrong with it is better told now than by a worker
+        hands_env(config.evaluation.physics).close()
+    rounds: list[RoundResult] = []
+    interrupted = False
+    with _owned(place), torch_threads(num_threads), stop_on_signal() as request:
+        _begin(place, config)
+        pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
+        with pool as chosen, _broken_told(place):
+            work = Rounds(config, place.absolute(), held_out, chosen, request, on_progress)
+            try:
+                for number in range(len(config.rounds)):
+                    rounds.append(work.finish(number))
+                    _write_table(place, rounds)
+                    on_round(rounds[-1])
+            except (StoppedError, KeyboardInterrupt):
+                interrupted = True
+    weights = weights_file(place, len(rounds) - 1) if rounds else None
+    return DistillResult(
+        folder=place, rounds=tuple(rounds), weights=weights, interrupted=interrupted
+    )
+
+
+def _settings_of(place: Path) -> DistillConfig:
+    """Return the settings of a distillation that was begun."""
+    file = place / _CONFIG
+    if not file.is_file():
+        raise RunError(
+            f"There is no distillation in '{place}', it has no {_CONFIG}: expected a folder that "
+            "'sb3-piano distill' made."
+        )
+    return DistillConfig.from_yaml(file)
+
+
+def _begin(place: Path, config: DistillConfig) -> None:
+    """Write the settings into a new folder; check them against those of one to go on with."""
+    data, file = place / DATA, place / _CONFIG
+    if file.is_file():
+        theirs, ours = _settings_of(place).to_mapping(), config.to_mapping()
+        for name, value in ours.items():
+            if theirs[name] != value:
+                raise RunError(
+                    f"The distillation in '{place}' has {name} {theirs[name]}, not {value}: "
+                    "expected the same settings, or another folder."
+                )
+        for left in data.glob(".recording-*"):  # of a worker that was killed
+            shutil.rmtree(left, ignore_errors=True)
+        return
+    if any(found.name != LOCK_SUFFIX for found in place.iterdir()):
+        raise RunError(f"Folder '{place}' is not empty: expected a new or empty one.")
+    try:
+        data.mkdir()
+        notes = yaml.safe_dump(provenance(config.seed), sort_keys=False)
+        write_text(place / _PROVENANCE, notes)
+        write_text(file, yaml.safe_dump(config.to_mapping(), sort_keys=False))
+    except OSError as error:
+        raise unwritable(place, error) from error
+
+
+def _write_table(place: Path, rounds: Sequence[RoundResult]) -> None:
+    columns = ("number", "transitions", "loss", *JUDGED_BY, "minutes")
+    rows = [{name: getattr(result, name) for name in columns} for result in rounds]
+    write_csv(place / _TABLE, columns, rows)
+
+
+@contextlib.contextmanager
+def _owned(place: Path) -> Iterator[None]:
+    """Keep other processes from working in a folder."""
+
+    def busy(owner: str) -> RunError:
+        return RunError(
+            f"'{place}' is being worked in by {owner}: expected one distillation in a folder."
+        )
+
+    with hold(place / LOCK_SUFFIX, busy):
+        yield
+
+
+@contextlib.contextmanager
+def _broken_told(place: Path) -> Iterator[None]:
+    """Say how to go on when a worker was killed, as by a machine without memory."""
+    try:
+        yield
+    except BrokenExecutor as error:
+        raise RunError(
+            f"A worker ended before its work was done, as happens without memory: {error} What is "
+            f"whole is kept; go on, with fewer workers if need be: {go_on(place)}"
+        ) from error
+
+
+def go_on(place: Path) -> str:
+    """Return the command that goes on with a folder."""
+    return f"sb3-piano distill --resume {shlex.quote(str(place))}"

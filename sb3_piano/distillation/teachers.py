@@ -1,0 +1,154 @@
+"""Teachers: who says what would be right in each state."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from sb3_piano.distillation.config import PLANNED, PlayingSettings, TeacherSettings
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.planning import PlanSettings, Tracker, plan
+from sb3_piano.training.playing.player import SavedPlayer
+from sb3_piano.wrappers import HandActions
+from sb3_piano.wrappers.piano import piano_of
+
+Action = npt.NDArray[np.float32]
+
+_JOINTS = 20
+"""Actuators of a hand that turn a joint; then come its slider along the keyboard and the other."""
+
+
+class Lesson(Protocol):
+    """A teacher at one excerpt."""
+
+    def action(self, step: int, observation: npt.NDArray[np.float32]) -> Action:
+        """Return what the teacher would do in the present state."""
+
+    def distance(self, step: int) -> float:
+        """Return how far the hands are from where the teacher wants them.
+
+        At 1 the teacher takes over.
+        """
+
+
+class Teacher(Protocol):
+    """Gives lessons in the environment that it was made for."""
+
+    def prepare(self) -> Lesson:
+        """Begin with the excerpt that the environment was reset to.
+
+        Raises:
+            ScoreError: If the teacher cannot play it.
+        """
+
+
+def new_teacher(
+    settings: TeacherSettings, playing: PlayingSettings, env: HandActions
+) -> contextlib.AbstractContextManager[Teacher]:
+    """Give a teacher, as long as the block lasts.
+
+    Raises:
+        ConfigError: If there is no such teacher, or it sees or does other than the learner.
+        RunError: If a run's model cannot be loaded.
+    """
+    if settings.name == PLANNED:
+        return contextlib.nullcontext(PlannedTeacher(settings.plan, playing, env))
+    if not Path(settings.name).is_dir():
+        raise ConfigError(
+            f"teacher.name is {settings.name!r}: expected {PLANNED!r}, or the folder of a run."
+        )
+    return RunTeacher.of(settings.name, env)
+
+
+class PlannedTeacher:
+    """Follows a plan of each excerpt, back to it by feedback from wherever the hands are.
+
+    Args:
+        settings: The plans' settings.
+        playing: How far from the plan the teacher takes over.
+        env: The environment.
+    """
+
+    def __init__(self, settings: PlanSettings, playing: PlayingSettings, env: HandActions) -> None:
+        self._settings, self._playing, self._env = settings, playing, env
+
+    def prepare(self) -> Lesson:
+        """Plan what the environment plays; see :meth:`Teacher.prepare`."""
+        piano = piano_of(self._env, "PlannedTeacher")
+        made = plan(piano.roll, piano.scene, self._settings)
+        tracker = Tracker(made, piano.scene, self._settings.feedback)
+        return _PlannedLesson(tracker, piano, self._env, self._playing)
+
+
+class _PlannedLesson:
+    def __init__(
+        self, tracker: Tracker, piano: PianoEnv, env: HandActions, playing: PlayingSettings
+    ) -> None:
+        self._tracker, self._piano, self._env, self._playing = tracker, piano, env, playing
+
+    def action(self, step: int, observation: npt.NDArray[np.float32]) -> Action:
+        del observation  # the plan goes by where the actuators are
+        return self._env.action_for(self._tracker.controls(step, self._positions()))
+
+    def distance(self, step: int) -> float:
+        """Return the greatest distance of a hand, relative to that of taking over."""
+        off = (self._positions() - self._tracker.plan.positions[step]).reshape(2, -1)
+        along = np.abs(off[:, _JOINTS]) / self._playing.takeover_slider
+        turned = np.sqrt((off[:, :_JOINTS] ** 2).mean(axis=1)) / self._playing.takeover_joints
+        return float(max(along.max(), turned.max()))
+
+    def _positions(self) -> npt.NDArray[np.float64]:
+        scene = self._piano.scene
+        return scene.actuator_positions(self._piano.data.qpos[scene.hand_qpos])
+
+
+class RunTeacher(contextlib.AbstractContextManager["RunTeacher"]):
+    """The model of a run, which sees what the learner sees; it never takes over.
+
+    :meth:`of` opens one.
+    """
+
+    def __init__(self, player: SavedPlayer) -> None:
+        self._player = player
+
+    @classmethod
+    def of(cls, folder: str, env: HandActions) -> RunTeacher:
+        """Return the teacher of a run's folder; errors are those of :func:`new_teacher`."""
+        player = SavedPlayer.open(folder)
+        model = player.model
+        ours = env.observation_space, env.action_space
+        if not isinstance(model, BaseAlgorithm) or ours != (
+            model.observation_space,
+            model.action_space,
+        ):
+            player.close()
+            raise ConfigError(
+                f"The run '{folder}' cannot teach: expected a trained model with "
+                'observation="hands", reduced_action_space=False and HandActions around the piano, '
+                "which sees and does what the learner does."
+            )
+        return cls(player)
+
+    def prepare(self) -> Lesson:
+        """Return itself: it goes by the observation alone."""
+        return self
+
+    def action(self, step: int, observation: npt.NDArray[np.float32]) -> Action:
+        """Return what the model plays."""
+        del step
+        action: Action = self._player.predict(observation, deterministic=True)[0]
+        return action
+
+    def distance(self, step: int) -> float:
+        """Return 0: it wants the hands nowhere in particular."""
+        del step
+        return 0.0
+
+    def __exit__(self, *error: object) -> None:
+        self._player.close()

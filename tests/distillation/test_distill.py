@@ -1,0 +1,259 @@
+"""Distillations of a few seconds: what is learnt from, what is learnt, going on after a kill."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import torch
+from stable_baselines3 import TD3
+
+from sb3_piano.cli import main
+from sb3_piano.demonstrations.dataset import Transitions, open_dataset
+from sb3_piano.distillation import (
+    DEFAULT_FILE,
+    DistillConfig,
+    TeacherSettings,
+    distill,
+    read_weights,
+)
+from sb3_piano.distillation.network import load_learner
+from sb3_piano.distillation.rollout import hands_env, play_excerpt
+from sb3_piano.distillation.shards import find_shard, read_rows, shard_jobs
+from sb3_piano.distillation.teachers import new_teacher
+from sb3_piano.exceptions import ConfigError, RunError, UnknownPieceError
+from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.training import PlannedConfig, Plugin, RunConfig, RunFolder, train
+
+TINY = """
+corpus: {duration: 2.0, n: 40}
+rounds: [{excerpts: 3}, {excerpts: 3, learner: 0.8}]
+network: {net_arch: [32]}
+learning: {epochs: 20, batch_size: 64}
+evaluation: {physics: fast, excerpts: 1, pieces: [TwinkleTwinkle], duration: 2.0}
+shard: 2
+"""
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory):
+    file = tmp_path_factory.mktemp("settings") / "tiny.yml"
+    file.write_text(TINY)
+    return file
+
+
+@pytest.fixture(scope="module")
+def executor():
+    """One thread of this process, where the pool of processes would take seconds to begin."""
+    with ThreadPoolExecutor(1) as one:
+        yield one
+
+
+@pytest.fixture(scope="module")
+def whole(tiny, executor, tmp_path_factory):
+    """The result of a distillation that was not interrupted."""
+    folder = tmp_path_factory.mktemp("distilled")
+    return distill(DistillConfig.from_yaml(tiny), folder, executor=executor)
+
+
+def shards_of(folder, config, number):
+    learner = folder / f"round-{number - 1}.safetensors" if number else None
+    return [find_shard(job) for job in shard_jobs(config, number, learner, folder / "data")]
+
+
+def rows_of(folder, config):
+    """Return observations and labels of all rounds, of whole shards only."""
+    shards = [shard for number in (0, 1) for shard in shards_of(folder, config, number)]
+    return [
+        np.concatenate(a)
+        for a in zip(*(read_rows(folder / "data", s) for s in shards), strict=True)
+    ]
+
+
+def weights_of(folder):
+    return [(folder / f"round-{number}.safetensors").read_bytes() for number in (0, 1)]
+
+
+def test_the_file_that_comes_with_the_package_has_the_defaults():
+    config = DistillConfig.from_yaml(DEFAULT_FILE)
+    assert config == DistillConfig()
+    again = DistillConfig.from_mapping(config.to_mapping())
+    assert json.dumps(again.to_mapping()) == json.dumps(DistillConfig().to_mapping())
+    assert sum(one.excerpts for one in config.rounds) == len(config.corpus) == 2000
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("learning.epochs", 0, r"tiny.yml' with learning.epochs replaced: learning: epochs is 0: "),
+        ("learning.epoch", 1, r"Unknown setting 'epoch' of learning\. Did you mean 'epochs'\?"),
+        ("rounds.1.learner", 2, r"rounds\[1\]: learner is 2.0: expected .* from 0 to 1"),
+        ("rounds.0.learner", 0.5, r"rounds\[0\].learner is 0.5: expected 0"),
+        ("rounds.7.learner", 0.5, r"Unknown setting 'rounds.7.learner': there is no '7'"),
+        ("corpus.n", 0, r"corpus: n is 0: expected a whole number, 1 or more"),
+        ("evaluation.pieces", ["hanon-01"], r"'hanon-01', which the corpus learns from"),
+    ],
+)
+def test_a_wrong_setting_is_named(tiny, name, value, message):
+    with pytest.raises(ConfigError, match=message):
+        DistillConfig.from_yaml(tiny, **{name: value})
+
+
+def test_a_label_is_what_the_teacher_would_do_in_the_state_that_the_played_actions_led_to(whole):
+    config = DistillConfig.from_yaml(whole.folder / "config.yml")
+    shard = shards_of(whole.folder, config, 1)[0]
+    assert [notes["excerpt"] for notes in shard.episodes] == [3, 4]
+    assert max(notes["by_learner"] for notes in shard.episodes) > 0.3
+    data = Transitions.of(open_dataset(shard.name, whole.folder / "data"))
+    env = hands_env("fast")
+    observation, _ = env.reset(options={"score": config.corpus[3]})
+    with new_teacher(config.teacher, config.playing, env) as teacher:
+        lesson = teacher.prepare()
+        for step in range(40):
+            assert np.array_equal(observation, data.observations[step])
+            assert np.array_equal(lesson.action(step, observation), data.expert_actions[step])
+            observation = env.step(data.actions[step])[0]
+    assert np.abs(data.actions[:40] - data.expert_actions[:40]).max() > 0.05
+    env.close()
+
+
+def test_the_network_comes_near_the_labels_and_is_judged_on_other_music(whole):
+    config = DistillConfig.from_yaml(whole.folder / "config.yml")
+    assert not whole.interrupted
+    observations, labels = rows_of(whole.folder, config)
+    assert len(labels) == 2 * whole.rounds[1].transitions
+    env = hands_env("fast")
+    policy = load_learner(config.network, whole.weights, env)
+    actions, _ = policy.predict(observations.reshape(-1, 730), deterministic=True)
+    errors = [np.abs(guess - labels).mean() for guess in (0, actions.reshape(-1, 22))]
+    assert errors[1] < 0.4 * errors[0]
+    env.close()
+    for result in whole.rounds:
+        assert list(result.pieces)[-1] == "TwinkleTwinkle"
+        assert len(result.pieces) == 2
+        assert 0.1 < result.f1 <= 1
+    with (whole.folder / "rounds.csv").open() as file:
+        assert [float(row["f1"]) for row in csv.DictReader(file)] == [r.f1 for r in whole.rounds]
+
+
+@pytest.mark.slow
+def test_going_on_after_a_crash_makes_what_was_lost_again_and_nothing_else(
+    whole, tiny, executor, tmp_path
+):
+    config, folder = DistillConfig.from_yaml(tiny), tmp_path / "run"
+
+    def crash(text, done, total):
+        if text.startswith("round 1: playing") and done == 1:
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        distill(config, folder, executor=executor, on_progress=crash)
+    data = folder / "data"
+    assert shards_of(folder, config, 1)[0] is not None
+    (data / ".recording-of-a-killed-process").mkdir()
+    damaged = data / "round0-shard001-v0" / "data" / "main_data.hdf5"
+    damaged.write_bytes(damaged.read_bytes()[:-4000])
+    (folder / "round-0.json").unlink()  # killed after the training, before it was judged
+    kept = [data / "round0-shard000-v0.json", folder / "round-0.safetensors"]
+    times = [file.stat().st_mtime_ns for file in kept]
+    assert shards_of(folder, config, 0)[1] is None
+    result = distill(None, folder, executor=executor)
+    assert [file.stat().st_mtime_ns for file in kept] == times
+    assert not list(data.glob(".recording-*"))
+    for ours, theirs in zip(rows_of(folder, config), rows_of(whole.folder, config), strict=True):
+        assert np.array_equal(ours, theirs)
+    assert weights_of(folder) == weights_of(whole.folder)
+    without_times = [dataclasses.replace(r, minutes=0) for r in whole.rounds]
+    assert [dataclasses.replace(r, minutes=0) for r in result.rounds] == without_times
+
+
+def test_each_round_begins_with_new_weights_but_sees_as_the_first_one_did(whole):
+    first, second = (read_weights(whole.folder / f"round-{n}.safetensors")[0] for n in (0, 1))
+    for name, tensor in first.items():
+        assert torch.equal(tensor, second[name]) == name.startswith("standardize."), name
+
+
+def test_what_cannot_be_played_is_skipped_and_told(tiny, executor, tmp_path):
+    chord = [Note(onset=0.0, offset=1.0, pitch=pitch) for pitch in range(40, 70)]
+    file = tmp_path / "thirty notes at once.mid"
+    write_midi(Score(notes=chord), file)
+    changes = {"corpus.sources": {"generated": 1, str(file): 1}, "learning.epochs": 1}
+    changes |= {"rounds": [{"excerpts": 6}], "corpus.duration": 1.0}
+    config = DistillConfig.from_yaml(tiny, **changes)
+    result = distill(config, tmp_path / "run", executor=executor)
+    titles = [config.corpus[number].title for number in range(6)]
+    skipped = [n for n, title in enumerate(titles) if title.startswith("thirty")]
+    assert 0 < len(skipped) < 6
+    assert [int(n) for n in sorted(result.rounds[0].skipped)] == skipped
+    assert all("has no finger label" in why for why in result.rounds[0].skipped.values())
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"learning.epochs": 3}, RunError, "has learning {'epochs': 20, .*expected the same"),
+        ({"teacher.name": "plans"}, ConfigError, "teacher.name is 'plans': expected 'planned', or"),
+        ({"evaluation.pieces": ["Furelise"]}, UnknownPieceError, "FurElise"),
+    ],
+)
+def test_what_does_not_go_together_is_refused_at_once(whole, tiny, changes, error, message):
+    config = DistillConfig.from_yaml(tiny, **changes)
+    with pytest.raises(error, match=message):
+        distill(config, whole.folder)
+
+
+def test_the_model_of_a_run_teaches_if_it_sees_what_the_learner_sees(tiny, tmp_path):
+    RunFolder.create(PlannedConfig(algo="planned", env_id="RoboPianist-v0"), tmp_path / "planned")
+    config = DistillConfig.from_yaml(tiny, **{"teacher.name": str(tmp_path / "planned")})
+    with pytest.raises(ConfigError, match="cannot teach: expected a trained model with observ"):
+        distill(config, tmp_path / "out")
+    observed = {"observation": "hands", "fingering": "robot", "reduced_action_space": False}
+    run = RunConfig(
+        algo="td3",
+        env_id="RoboPianist-v0",
+        n_timesteps=1,
+        policy="sb3_piano.policies.HandsTD3Policy",
+        env_kwargs={**observed, "score": "scale-CMajor"},
+        env_wrapper=(Plugin(path="sb3_piano.wrappers.HandActions"),),
+        algorithm_kwargs={"policy_kwargs": {"net_arch": [8]}, "buffer_size": 10},
+    )
+    model_file = train(run, tmp_path / "run", progress_bar=False).folder.model_file
+    env = hands_env("fast")
+    teacher = TeacherSettings(name=str(tmp_path / "run"))
+    with new_teacher(teacher, config.playing, env) as opened:
+        episode, _ = play_excerpt(config, 0, 0, env, opened, None)
+    labels, _ = TD3.load(model_file).predict(episode.observations[:-1], deterministic=True)
+    assert np.allclose(labels, episode.infos["expert_action"][:-1], atol=1e-6)
+    assert np.abs(labels - episode.actions).max() > 0.01
+    env.close()
+
+
+@pytest.mark.slow
+def test_a_command_that_is_killed_and_resumed_ends_with_the_same_weights(
+    whole, tiny, tmp_path, capsys
+):
+    folder = tmp_path / "run"
+    command = [sys.executable, "-m", "sb3_piano.cli", "distill", "--workers", "1"]
+    killed = subprocess.Popen([*command, "--out", str(folder), "--config", str(tiny)])
+    while not list(folder.glob("data/*.json")):
+        assert killed.poll() is None
+        time.sleep(0.05)
+    os.kill(killed.pid, signal.SIGKILL)
+    killed.wait()
+    assert not (folder / "round-1.safetensors").exists()
+    assert main(["distill", "--resume", str(folder), "--set", "seed=1"]) == 2
+    assert "--set cannot be given with --resume" in capsys.readouterr().err
+    assert main(["distill", "--resume", str(folder), "--workers", "1"]) == 0
+    told = capsys.readouterr().out
+    assert f"Round 1: F1 {whole.rounds[1].f1:.3f}" in told
+    assert f"Weights:     {folder / 'round-1.safetensors'}" in told
+    assert weights_of(folder) == weights_of(whole.folder)

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_piano.distillation.config import PLANNED, PlayingSettings, TeacherSettings
-from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PlanSettings, Tracker, plan
 from sb3_piano.training.playing.player import SavedPlayer
@@ -24,8 +23,15 @@ _JOINTS = 20
 """Actuators of a hand that turn a joint; then come its slider along the keyboard and the other."""
 
 
-class Lesson(Protocol):
-    """A teacher at one excerpt."""
+class Teacher(Protocol):
+    """Tells what would be right in the environment that it was made for."""
+
+    def prepare(self) -> None:
+        """Begin with the excerpt that the environment was reset to.
+
+        Raises:
+            ScoreError: If the teacher cannot play it.
+        """
 
     def action(self, step: int, observation: npt.NDArray[np.float32]) -> Action:
         """Return what the teacher would do in the present state."""
@@ -34,17 +40,6 @@ class Lesson(Protocol):
         """Return how far the hands are from where the teacher wants them.
 
         At 1 the teacher takes over.
-        """
-
-
-class Teacher(Protocol):
-    """Gives lessons in the environment that it was made for."""
-
-    def prepare(self) -> Lesson:
-        """Begin with the excerpt that the environment was reset to.
-
-        Raises:
-            ScoreError: If the teacher cannot play it.
         """
 
 
@@ -77,22 +72,16 @@ class PlannedTeacher:
 
     def __init__(self, settings: PlanSettings, playing: PlayingSettings, env: HandActions) -> None:
         self._settings, self._playing, self._env = settings, playing, env
+        self._piano = piano_of(env, "PlannedTeacher")
 
-    def prepare(self) -> Lesson:
+    def prepare(self) -> None:
         """Plan what the environment plays; see :meth:`Teacher.prepare`."""
-        piano = piano_of(self._env, "PlannedTeacher")
-        made = plan(piano.roll, piano.scene, self._settings)
-        tracker = Tracker(made, piano.scene, self._settings.feedback)
-        return _PlannedLesson(tracker, piano, self._env, self._playing)
-
-
-class _PlannedLesson:
-    def __init__(
-        self, tracker: Tracker, piano: PianoEnv, env: HandActions, playing: PlayingSettings
-    ) -> None:
-        self._tracker, self._piano, self._env, self._playing = tracker, piano, env, playing
+        scene = self._piano.scene
+        made = plan(self._piano.roll, scene, self._settings)
+        self._tracker = Tracker(made, scene, self._settings.feedback)
 
     def action(self, step: int, observation: npt.NDArray[np.float32]) -> Action:
+        """Return what leads back to the plan."""
         del observation  # the plan goes by where the actuators are
         return self._env.action_for(self._tracker.controls(step, self._positions()))
 
@@ -135,9 +124,8 @@ class RunTeacher(contextlib.AbstractContextManager["RunTeacher"]):
             )
         return cls(player)
 
-    def prepare(self) -> Lesson:
-        """Return itself: it goes by the observation alone."""
-        return self
+    def prepare(self) -> None:
+        """Do nothing: it goes by the observation alone."""
 
     def action(self, step: int, observation: npt.NDArray[np.float32]) -> Action:
         """Return what the model plays."""

@@ -5,9 +5,10 @@
 
 Each piece is played once by each column: ``planned`` follows the plan, ``rehearsed`` one that was
 rehearsed 32 times before; ``sampling-8`` and ``sampling-32`` search around the plan,
-``rehearsed-8`` and ``rehearsed-32`` around the rehearsed one; ``zero`` searches without any plan.
-All joints, half a second before the first note, the reference physics (of candidates from zero, the
-fast one). One process for each job, one thread in each.
+``rehearsed-8`` and ``rehearsed-32`` around the rehearsed one; ``zero`` searches without any plan;
+``sight-reader`` is the network that comes with the package. All joints, half a second before the
+first note, the reference physics (of candidates from zero, the fast one). One process for each job,
+one thread in each.
 
 A row is appended to the CSV file as soon as it is measured, and what is in the file is not measured
 again: stop it and call it again to go on; after a change to the planner begin a new file. Then, and
@@ -40,6 +41,7 @@ from sb3_piano.training.playing.takes import planner_config, take_of_planner
 _REHEARSED = {"rehearsals": 32}
 COLUMNS: Mapping[str, tuple[str, dict[str, Any]]] = {
     "planned": ("planned", {}),
+    "sight-reader": ("sight-reader", {}),
     "rehearsed": ("planned", {"settings": _REHEARSED}),
     "sampling-8": ("sampling", {"samples": 8, "n_threads": 1}),
     "sampling-32": ("sampling", {"samples": 32, "n_threads": 1}),

@@ -68,6 +68,12 @@ class PianoEnv(gym.Env[Any, Any]):
     and whether it is black. Then come whether the pedal should be down and when that changes, the
     pedal's command, the number of wrong keys that sound, and the joints.
 
+    ``observation="hands"`` has two halves of equal meaning, one for each hand, both seen as right
+    hands: joints and their speeds, fingertips, the ways to where they are wanted next, two presses
+    of each finger with their times, the keys around each fingertip, and where the arm is wanted.
+    All of it follows from the piece as a whole, which is read when an episode begins. It needs
+    fingers, too; :class:`~sb3_piano.wrappers.HandActions` are the actions that go with it.
+
     ## Reward
 
     The sum of the named terms of :mod:`sb3_piano.envs.rewards` times their weights. They compare

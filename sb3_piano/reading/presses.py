@@ -48,9 +48,10 @@ def time_presses(presses: Sequence[Press], sign: int) -> tuple[TimedPress, ...]:
     """Return the presses of a hand, shortened around its leaps.
 
     A finger that is pressed down stands in the gap between the neighbouring keys: it has to come
-    up before it can move sideways, and the next one has to arrive before it can go down. Half of
-    the time for that is taken from the beginning of the later note, the rest from the end of the
-    earlier one.
+    up before it can move sideways, and the next one has to arrive before it can go down. The time
+    for that is taken from the end of the earlier note, all but one state of it, and only what is
+    then missing from the beginning of the later one: a strike that comes late is heard, a note
+    that ends early hardly.
 
     Args:
         presses: What the hand plays, in order of time.
@@ -66,11 +67,11 @@ def time_presses(presses: Sequence[Press], sign: int) -> tuple[TimedPress, ...]:
         if same_finger and before.key == after.key:
             timed[earlier] = replace(timed[earlier], repeated=rest <= 1)
         elif is_leap(distance, same_finger):
-            late, early = lost_to_leap(distance, rest)
-            first, last = timed[later].first, timed[earlier].last
-            if late > 0:
-                first = max(first, min(after.first + late, after.last))
-                last = min(last, max(before.last - early, before.first))
+            lost = sum(lost_to_leap(distance, rest))
+            early = min(lost, before.last - before.first)
+            late = min(lost - early, after.last - after.first)
+            first = max(timed[later].first, after.first + late)
+            last = min(timed[earlier].last, before.last - early)
             timed[later] = replace(timed[later], leapt=True, first=first)
             timed[earlier] = replace(timed[earlier], leaps=True, last=last)
     # A very short note keeps one state.

@@ -81,6 +81,15 @@ def test_a_leap_leaves_a_gap(sign):
     assert after.last == after.press.last
 
 
+@pytest.mark.parametrize(("length", "late"), [(LONG, 0), (3, 0), (2, 1), (1, 2)])
+def test_a_leap_takes_from_the_note_before_all_but_a_state_then_from_the_next_strike(length, late):
+    before = Press(WHITE[MIDDLE], 2, 1, length)
+    after = Press(WHITE[MIDDLE + 2], 2, length + 1, length + LONG)
+    first, second = time_presses([before, after], 1)
+    assert second.first - after.first == late
+    assert first.last == max(1, length - robot._LEAP_STEPS)
+
+
 def test_far_leaps_cost_no_less_than_near_ones():
     gaps = [gap(white_keys(0, distance)) for distance in range(16)]
     assert gaps == sorted(gaps)

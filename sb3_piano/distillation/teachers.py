@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
@@ -43,9 +44,10 @@ class Teacher(Protocol):
         """
 
 
+@contextlib.contextmanager
 def new_teacher(
     settings: TeacherSettings, playing: PlayingSettings, env: HandActions
-) -> contextlib.AbstractContextManager[Teacher]:
+) -> Iterator[Teacher]:
     """Give a teacher, as long as the block lasts.
 
     Raises:
@@ -53,12 +55,25 @@ def new_teacher(
         RunError: If a run's model cannot be loaded.
     """
     if settings.name == PLANNED:
-        return contextlib.nullcontext(PlannedTeacher(settings.plan, playing, env))
+        yield PlannedTeacher(settings.plan, playing, env)
+        return
     if not Path(settings.name).is_dir():
         raise ConfigError(
             f"teacher.name is {settings.name!r}: expected {PLANNED!r}, or the folder of a run."
         )
-    return RunTeacher.of(settings.name, env)
+    with SavedPlayer.open(settings.name) as player:
+        model = player.model
+        ours = env.observation_space, env.action_space
+        if not isinstance(model, BaseAlgorithm) or ours != (
+            model.observation_space,
+            model.action_space,
+        ):
+            raise ConfigError(
+                f"The run '{settings.name}' cannot teach: expected a trained model with "
+                'observation="hands", reduced_action_space=False and HandActions around the piano, '
+                "which sees and does what the learner does."
+            )
+        yield RunTeacher(player)
 
 
 class PlannedTeacher:
@@ -97,32 +112,15 @@ class PlannedTeacher:
         return scene.actuator_positions(self._piano.data.qpos[scene.hand_qpos])
 
 
-class RunTeacher(contextlib.AbstractContextManager["RunTeacher"]):
+class RunTeacher:
     """The model of a run, which sees what the learner sees; it never takes over.
 
-    :meth:`of` opens one.
+    Args:
+        player: The run's model.
     """
 
     def __init__(self, player: SavedPlayer) -> None:
         self._player = player
-
-    @classmethod
-    def of(cls, folder: str, env: HandActions) -> RunTeacher:
-        """Return the teacher of a run's folder; errors are those of :func:`new_teacher`."""
-        player = SavedPlayer.open(folder)
-        model = player.model
-        ours = env.observation_space, env.action_space
-        if not isinstance(model, BaseAlgorithm) or ours != (
-            model.observation_space,
-            model.action_space,
-        ):
-            player.close()
-            raise ConfigError(
-                f"The run '{folder}' cannot teach: expected a trained model with "
-                'observation="hands", reduced_action_space=False and HandActions around the piano, '
-                "which sees and does what the learner does."
-            )
-        return cls(player)
 
     def prepare(self) -> None:
         """Do nothing: it goes by the observation alone."""
@@ -137,6 +135,3 @@ class RunTeacher(contextlib.AbstractContextManager["RunTeacher"]):
         """Return 0: it wants the hands nowhere in particular."""
         del step
         return 0.0
-
-    def __exit__(self, *error: object) -> None:
-        self._player.close()

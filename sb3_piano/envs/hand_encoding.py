@@ -13,6 +13,7 @@ from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK, MIN_PITCH, NUM_KEYS
+from sb3_piano.music.pitch import pitch_name
 from sb3_piano.reading import (
     HandKinematics,
     HandReading,
@@ -102,13 +103,16 @@ class HandEncoding(Encoding):
         if not (roll.finger >= 0).any():
             check_labels(roll, "hands")
         self.read(roll)
-        left_out = np.argwhere(roll.onset & roll.unlabelled).tolist()
+        left_out = [
+            f"{pitch_name(MIN_PITCH + key)} (pitch {MIN_PITCH + key}) at "
+            f"{step * self._control_timestep:.2f} s"
+            for step, key in np.argwhere(roll.onset & roll.unlabelled).tolist()
+        ]
         if left_out:
-            notes = [f"pitch {key + MIN_PITCH} at control step {step}" for step, key in left_out]
-            more = f" and {len(notes) - _NAMED} more" if len(notes) > _NAMED else ""
+            more = f"; and {len(left_out) - _NAMED} more" if len(left_out) > _NAMED else ""
             warnings.warn(
-                f"{len(notes)} notes have no finger and are left out by the hands: "
-                f"{'; '.join(notes[:_NAMED])}{more}.",
+                "Notes without a finger, which the hands leave out: "
+                f"{'; '.join(left_out[:_NAMED])}{more}.",
                 PlanWarning,
                 stacklevel=2,
             )

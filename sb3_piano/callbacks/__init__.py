@@ -8,6 +8,7 @@ from sb3_piano.callbacks.metric_eval import F1Callback, MetricEvalCallback, Onse
 from sb3_piano.callbacks.performance_video import PerformanceVideoCallback
 from sb3_piano.callbacks.progress import PianoProgressBar
 from sb3_piano.callbacks.replay_segments import restore_replay_buffer
+from sb3_piano.callbacks.standardization import SightReaderStandardization
 
 __all__ = [
     "Checkpoint",
@@ -21,5 +22,6 @@ __all__ = [
     "PianoProgressBar",
     "ResumableCheckpoint",
     "RewardTermsCallback",
+    "SightReaderStandardization",
     "restore_replay_buffer",
 ]

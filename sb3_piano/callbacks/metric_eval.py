@@ -107,6 +107,8 @@ class MetricEvalCallback(EvalCallback):
             evaluations are comparable; ``None`` lets them go on from the last one.
         stop_threshold: End the training when the metric is this high; by default it never does.
         stop_patience: In how many evaluations in a row it has to be, at least 1.
+        evaluate_start: Whether to evaluate once before a training begins (not one that goes on): a
+            model that plays already is then the best one until it has become better.
 
     Raises:
         ConfigError: If a number is out of range; when training starts, if the training's
@@ -134,6 +136,7 @@ class MetricEvalCallback(EvalCallback):
         seed: int | None = 0,
         stop_threshold: float | None = None,
         stop_patience: int = 1,
+        evaluate_start: bool = False,
     ) -> None:
         if not hasattr(self, "metric"):
             raise ConfigError(
@@ -157,6 +160,7 @@ class MetricEvalCallback(EvalCallback):
         self.seed = seed
         self.stop_threshold = stop_threshold
         self.stop_patience = checked("stop_patience", stop_patience, Count)
+        self.evaluate_start = evaluate_start
         self.evaluations_metrics: list[list[Mapping[str, float]]] = []
         """The metrics of each episode of each evaluation."""
         self._makes_env = eval_env is None
@@ -181,6 +185,11 @@ class MetricEvalCallback(EvalCallback):
             saved = BestModel.read(Path(self.best_model_save_path))
             if saved is not None and saved.metric == self.metric:
                 self.best_mean_reward = max(self.best_mean_reward, saved.value)
+
+    def _on_training_start(self) -> None:
+        super()._on_training_start()
+        if self.evaluate_start and self.num_timesteps == 0:
+            self._on_step()
 
     def _on_training_end(self) -> None:
         if self._makes_env:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sb3_piano.training import RunConfig, TrainResult
 
 _OF_CONFIG = ("seed", "n_envs", "vec_env", "num_threads")
-_NEW_RUN_ONLY = ("midi", "fingering", "config", *_OF_CONFIG, "run", "runs_dir")
+_NEW_RUN_ONLY = ("from", "midi", "fingering", "config", *_OF_CONFIG, "run", "runs_dir")
 
 
 def add_parser(commands: Any) -> None:
@@ -32,7 +32,16 @@ def add_parser(commands: Any) -> None:
     add = add_command(commands, "train", _train, about, epilog=TRUST)
     add("--algo", "NAME", "td3 (default), sac, tqc, ddpg, ppo, a2c, crossq or trpo")
     add_piece_arguments(add)
-    add("--config")
+    add(
+        "--from",
+        "PLAYER",
+        "learn to correct the sight-reader: sight-reader, or the FILE.safetensors of another "
+        "network of a hand; with sac (then the default), td3 or ppo",
+    )
+    add(
+        "--config",
+        text="hyperparameters; default: the algorithm's preset; with --from: changes of it",
+    )
     add("--steps", "N", "environment steps in all, such as 1e6", whole_number)
     add("--seed", "N", "default: drawn, and noted in the run's folder", int)
     add("--n-envs", "N", "environments that play at the same time", whole_number)
@@ -77,13 +86,17 @@ def _train(arguments: argparse.Namespace) -> int:
 
 
 def _config(arguments: argparse.Namespace) -> RunConfig:
-    from sb3_piano.training import load_config
+    from sb3_piano.training import load_config, load_fine_tuning
 
     env_id, overrides = what_is_played(arguments, ", --midi FILE or --resume RUN")
     given = {"n_timesteps": arguments.steps, **{n: getattr(arguments, n) for n in _OF_CONFIG}}
     overrides |= {name: value for name, value in given.items() if value is not None}
-    algo = "td3" if arguments.algo is None else arguments.algo
-    return load_config(algo, env_id, arguments.config, **overrides)
+    start = getattr(arguments, "from")
+    if start is None:
+        return load_config(arguments.algo or "td3", env_id, arguments.config, **overrides)
+    network = None if start == "sight-reader" else start
+    algo = arguments.algo or "sac"
+    return load_fine_tuning(algo, env_id, arguments.config, network=network, **overrides)
 
 
 def _report_training(result: TrainResult) -> None:

@@ -49,9 +49,13 @@ def _silu(x: Float32Array) -> Float32Array:
     return half + half * np.tanh(half)  # x / (1 + exp(-x)), which overflows
 
 
+def _relu(x: Float32Array) -> Float32Array:
+    return np.maximum(x, np.float32(0.0))
+
+
 _ACTIVATIONS: Mapping[str, Callable[[Float32Array], Float32Array]] = {
     "SiLU": _silu,
-    "ReLU": lambda x: np.maximum(x, np.float32(0.0)),
+    "ReLU": _relu,
     "Tanh": np.tanh,
 }
 

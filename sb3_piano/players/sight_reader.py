@@ -24,7 +24,7 @@ from sb3_piano.planning.policy import PianoPolicy, roll_with_fingers
 from sb3_piano.planning.problems import summary, unheld
 from sb3_piano.players.hand_model import SHIPPED, HandModel
 from sb3_piano.simulation import PianoScene
-from sb3_piano.wrappers import HandActions
+from sb3_piano.wrappers.hand_actions import HandActions, hand_actions_of
 
 
 class SightReader(PianoPolicy):
@@ -134,9 +134,10 @@ def _hand_actions(single: gym.Env[Any, Any], env: gym.Env[Any, Any] | VecEnv) ->
     Raises:
         ConfigError: If it takes others.
     """
-    for layer in layers(single):
-        if isinstance(layer, HandActions) and env.action_space == layer.action_space:
-            return layer
+    if any(isinstance(layer, HandActions) for layer in layers(single)):
+        wrapper = hand_actions_of(single, "The sight-reader")
+        if env.action_space == wrapper.action_space:
+            return wrapper
     own = single.unwrapped.action_space
     if env.action_space != own:
         raise ConfigError(

@@ -43,11 +43,13 @@ class _Hands(BasePolicy):
         n_hands: int = 2,
         critic_lr_scale: float = 1.0,
         critic_first: int = 0,
+        zero_start: bool = False,
         **kwargs: Any,
     ) -> None:
         self.n_hands: int = checked("n_hands", n_hands, Count)
         self.critic_lr_scale: float = checked("critic_lr_scale", critic_lr_scale, Positive)
         self.critic_first: int = checked("critic_first", critic_first, Index)
+        self.zero_start: bool = checked("zero_start", zero_start, bool)
         self._inputs = _block("observation", observation_space, self.n_hands)
         self._actions = _block("action", action_space, self.n_hands)
         _check_bounds(action_space)
@@ -70,6 +72,8 @@ class _Hands(BasePolicy):
         arch = self.net_arch.get("pi", []) if isinstance(self.net_arch, dict) else self.net_arch
         network = HandNetwork(self._inputs, arch, self.activation_fn)
         head = HandHead(network.outputs, self._actions)
+        if self.zero_start:
+            nn.init.zeros_(head.weight)
         latent = self.n_hands * network.outputs
         return PerHand(network, self._inputs), PerHand(head, network.outputs), latent
 
@@ -93,7 +97,7 @@ class _Hands(BasePolicy):
     def _get_constructor_parameters(self) -> dict[str, Any]:
         parameters = super()._get_constructor_parameters()
         del parameters["features_extractor_class"], parameters["features_extractor_kwargs"]
-        own = ("n_hands", "critic_lr_scale", "critic_first")
+        own = ("n_hands", "critic_lr_scale", "critic_first", "zero_start")
         return {**parameters, **{name: getattr(self, name) for name in own}}
 
 
@@ -128,9 +132,11 @@ class HandsSACPolicy(_OffPolicyHands, RegularizedSACPolicy):
             that plays already bears only small steps, with which a new critic would hardly learn.
         critic_first: Number of updates in which the critics learn and the actor stays as it is: the
             advice of a new critic is worth nothing.
+        zero_start: Whether actions, without exploration, are exactly 0 at first: corrections of
+            something that plays already, as in :class:`~sb3_piano.players.SightReaderResidual`.
         **kwargs: As of :class:`RegularizedSACPolicy`: ``net_arch`` (default: three layers of 384
             for a hand, two of 256 for a critic), ``log_std_init`` (default: -4), ``dropout`` of
-            the critics (default: 0).
+            the critics (default: 0), ``action_cost``.
 
     Raises:
         ConfigError: If observations or actions cannot be divided so, or a setting is wrong.
@@ -158,9 +164,11 @@ class HandsTD3Policy(_OffPolicyHands, RegularizedTD3Policy):
         lr_schedule: Learning rate.
         n_hands: Number of blocks.
         critic_lr_scale: As of :class:`HandsSACPolicy`.
-        critic_first: As of :class:`HandsSACPolicy`.
+        critic_first: As of :class:`HandsSACPolicy`; the actor is updated less often than critics.
+        zero_start: As of :class:`HandsSACPolicy`.
         **kwargs: As of :class:`RegularizedTD3Policy`: ``net_arch`` (default: three layers of 384
-            for a hand, two of 256 for a critic), ``dropout`` of the critics (default: 0).
+            for a hand, two of 256 for a critic), ``dropout`` of the critics (default: 0),
+            ``action_cost``.
 
     Raises:
         ConfigError: If observations or actions cannot be divided so, or a setting is wrong.
@@ -186,6 +194,7 @@ class HandsActorCriticPolicy(_Hands, ActorCriticPolicy):
         n_hands: Number of blocks.
         critic_lr_scale: As of :class:`HandsSACPolicy`, for the value network.
         critic_first: As of :class:`HandsSACPolicy`, for the value network.
+        zero_start: As of :class:`HandsSACPolicy`.
         anchored: Whether ``ent_coef`` weighs, in place of the entropy, how far the policy has gone
             from the weights that it was given last, by
             :func:`~sb3_piano.policies.load_hand_weights`: as the Kullback-Leibler divergence of two

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from typing import Annotated, Any, cast
 
+import torch
 from annotated_types import Ge, Lt
 from stable_baselines3.common.policies import BasePolicy, ContinuousCritic
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
@@ -24,11 +25,16 @@ class RegularizedCritic(ContinuousCritic):
         *args: As of ``ContinuousCritic``.
         dropout: Probability with which an activation is dropped while training, in [0, 1).
         layer_norm: Whether hidden layers are normalised.
+        action_cost: What is taken off the values of actions that are being optimised, times the
+            mean of their squares. The values that are learnt do not have it.
         **kwargs: As of ``ContinuousCritic``.
     """
 
-    def __init__(self, *args: Any, dropout: float, layer_norm: bool, **kwargs: Any) -> None:
+    def __init__(
+        self, *args: Any, dropout: float, layer_norm: bool, action_cost: float, **kwargs: Any
+    ) -> None:
         super().__init__(*args, **kwargs)
+        self._action_cost = action_cost
         between = [functools.partial(_dropout, dropout)] if dropout > 0 else []
         layers = cast(list[Layer], [*between, *([nn.LayerNorm] if layer_norm else [])])
         first = cast(nn.Linear, cast(nn.Sequential, self.q_networks[0])[0])
@@ -46,6 +52,20 @@ class RegularizedCritic(ContinuousCritic):
             self.add_module(f"qf{index}", network)  # in place of the one that was there
             self.q_networks.append(network)
 
+    def forward(self, obs: torch.Tensor, actions: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        """Return what each critic says of actions, (n, 1)."""
+        return tuple(value - self._cost(actions) for value in super().forward(obs, actions))
+
+    def q1_forward(self, obs: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        """Return what the first critic says of actions, (n, 1)."""
+        return super().q1_forward(obs, actions) - self._cost(actions)
+
+    def _cost(self, actions: torch.Tensor) -> torch.Tensor | float:
+        # An actor's update alone differentiates by actions: those of others are data.
+        if not (self._action_cost and actions.requires_grad):
+            return 0.0
+        return self._action_cost * actions.square().mean(dim=1, keepdim=True)
+
 
 class _RegularizedCritics(BasePolicy):
     """Policies with :class:`RegularizedCritic` in place of SB3's critics."""
@@ -53,11 +73,18 @@ class _RegularizedCritics(BasePolicy):
     critic_kwargs: dict[str, Any]
 
     def __init__(
-        self, *args: Any, dropout: float = 0.01, layer_norm: bool = True, **kwargs: Any
+        self,
+        *args: Any,
+        dropout: float = 0.01,
+        layer_norm: bool = True,
+        action_cost: float = 0.0,
+        **kwargs: Any,
     ) -> None:
-        dropout = checked("dropout", dropout, Annotated[Number, Ge(0), Lt(1)])
-        layer_norm = checked("layer_norm", layer_norm, bool)
-        self._regularization: dict[str, Any] = {"dropout": dropout, "layer_norm": layer_norm}
+        self._regularization: dict[str, Any] = {
+            "dropout": checked("dropout", dropout, Annotated[Number, Ge(0), Lt(1)]),
+            "layer_norm": checked("layer_norm", layer_norm, bool),
+            "action_cost": checked("action_cost", action_cost, Annotated[Number, Ge(0)]),
+        }
         super().__init__(*args, **kwargs)
 
     def make_critic(
@@ -79,10 +106,12 @@ class RegularizedSACPolicy(_RegularizedCritics, SACPolicy):
         dropout: Probability with which an activation of a critic is dropped while training, 0 to
             less than 1.
         layer_norm: Whether the hidden layers of the critics are normalised.
+        action_cost: How much the actor heeds the mean square of its actions, in units of the
+            critics' values, 0 or more: an anchor for corrections of something that plays already.
         **kwargs: As of SB3's, such as ``net_arch``.
 
     Raises:
-        ConfigError: If ``dropout`` is out of range.
+        ConfigError: If ``dropout`` or ``action_cost`` is out of range.
     """
 
 
@@ -94,10 +123,12 @@ class RegularizedTD3Policy(_RegularizedCritics, TD3Policy):
         dropout: Probability with which an activation of a critic is dropped while training, 0 to
             less than 1.
         layer_norm: Whether the hidden layers of the critics are normalised.
+        action_cost: How much the actor heeds the mean square of its actions, in units of the
+            critics' values, 0 or more: an anchor for corrections of something that plays already.
         **kwargs: As of SB3's, such as ``net_arch``.
 
     Raises:
-        ConfigError: If ``dropout`` is out of range.
+        ConfigError: If ``dropout`` or ``action_cost`` is out of range.
     """
 
 

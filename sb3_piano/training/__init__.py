@@ -2,7 +2,12 @@
 
 from sb3_piano.training.configuration.config import PlannedConfig, Plugin, RunConfig
 from sb3_piano.training.configuration.names import ALGORITHMS, PLANNERS
-from sb3_piano.training.configuration.yaml_files import entry_config, load_config, load_entry
+from sb3_piano.training.configuration.yaml_files import (
+    entry_config,
+    load_config,
+    load_entry,
+    load_fine_tuning,
+)
 from sb3_piano.training.evaluation.comparison import MAIN_METRICS, Comparison, compare
 from sb3_piano.training.evaluation.evaluate import Evaluation, Evaluations, evaluate, evaluate_runs
 from sb3_piano.training.evaluation.report import training_curves, write_report
@@ -36,6 +41,7 @@ __all__ = [
     "evaluate_runs",
     "load_config",
     "load_entry",
+    "load_fine_tuning",
     "play_run",
     "play_score",
     "resume",

@@ -98,12 +98,15 @@ def _half(space: gym.Space[Any]) -> gym.spaces.Box:
 
 
 def _of_hands(infos: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the info of each hand; that of an episode is the right one's alone."""
+    """Return the info of each hand; both have that of an episode, which both have played.
+
+    SB3's ``evaluate_policy`` waits for an episode of each environment.
+    """
     result = []
     for info in infos:
         ends = info.get("terminal_observation")
         for side in (0, 1):
-            own = dict(info) if side == 0 else {k: v for k, v in info.items() if k != "episode"}
+            own = dict(info)
             if ends is not None:
                 own["terminal_observation"] = ends.reshape(2, -1)[side]
             result.append(own)

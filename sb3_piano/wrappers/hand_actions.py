@@ -93,13 +93,23 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         return piano.scene.actuator_positions(piano.data.qpos[piano.scene.hand_qpos])
 
 
+class CorrectsHandActions:
+    """Marks wrappers further out whose actions are of the same space and mean something else."""
+
+
 def hand_actions_of(env: gym.Env[Any, Any], asker: str) -> HandActions:
     """Return the wrapper among those around a piano.
 
     Raises:
-        ConfigError: If it is not there; the message names who asks.
+        ConfigError: If it is not there, or its actions are corrected further out; the message names
+            who asks.
     """
     for layer in layers(env):
+        if isinstance(layer, CorrectsHandActions):
+            raise ConfigError(
+                f"{asker} finds {type(layer).__name__}, whose actions are corrections: expected "
+                "HandActions without it."
+            )
         if isinstance(layer, HandActions):
             return layer
     raise ConfigError(

@@ -161,6 +161,16 @@ def test_the_statistics_of_the_normalisation_stand_beside_the_best_model(tmp_pat
     assert saved.obs_rms.count == pytest.approx(best_of(tmp_path)["num_timesteps"] + 1, abs=1e-3)
 
 
+def test_what_a_model_played_before_it_learnt_may_be_the_best(model, tmp_path):
+    callback = evaluating(0.6, 0.5, 0.7, evaluate_start=True, best_model_save_path=tmp_path)
+    model.learn(5, callback=callback)
+    note = {"metric": "f1", "value": 0.6, "num_timesteps": 0}
+    assert json.loads((tmp_path / "best_model.json").read_text()) == note
+    assert TD3.load(tmp_path / "best_model.zip").num_timesteps == 0
+    model.learn(4, callback=callback, reset_num_timesteps=False)  # one that goes on: not again
+    assert [found["f1"] for (found,) in callback.evaluations_metrics] == [0.6, 0.5]
+
+
 def test_a_training_that_goes_on_keeps_the_best_model_of_before(model, tmp_path):
     path = str(tmp_path)
     model.learn(10, evaluating(0.2, 0.6, best_model_save_path=path))

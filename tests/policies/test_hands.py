@@ -328,3 +328,15 @@ def test_the_actor_waits_until_the_critic_has_learnt(name):
     model.learn(130)
     np.testing.assert_array_equal(acted(model), before)
     assert not torch.equal(torch.nn.utils.parameters_to_vector(critic.parameters()), start)
+
+
+@each
+def test_actions_may_be_exactly_0_at_first(name, tmp_path):
+    model = make(name, zero_start=True)
+    assert (acted(model) == 0).all()
+    model.learn(130)
+    assert (acted(model) != 0).all()
+    model.save(tmp_path / "model.zip")
+    loaded = MODELS[name].load(tmp_path / "model.zip")
+    assert loaded.policy.zero_start
+    np.testing.assert_array_equal(acted(loaded), acted(model))

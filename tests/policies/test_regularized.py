@@ -113,3 +113,33 @@ def test_a_model_is_the_same_after_saving_and_loading(algorithm, policy, tmp_pat
 def test_a_dropout_out_of_range_is_refused(dropout):
     with pytest.raises(ConfigError, match=rf"dropout is {dropout}: expected .* and below 1"):
         make(SAC, RegularizedSACPolicy, dropout=dropout)
+
+
+@pytest.mark.parametrize(("algorithm", "policy"), ALGORITHMS, ids=IDS)
+def test_actions_cost_their_mean_square_where_they_are_optimised_and_nowhere_else(
+    algorithm, policy, tmp_path
+):
+    cost = 0.3
+    plain, model = (make(algorithm, policy, dropout=0.0, action_cost=c) for c in (0.0, cost))
+    observations, actions = transitions(model)
+    for ask in ("forward", "q1_forward"):
+        found = []
+        for critic in (plain.critic, model.critic):
+            given = actions.clone().requires_grad_()
+            value = getattr(critic, ask)(observations, given)
+            first = value[0] if isinstance(value, tuple) else value
+            (gradient,) = torch.autograd.grad(first.sum(), given)
+            found.append((first.detach(), gradient))
+        (value, gradient), (less, other) = found
+        wanted = cost * actions.square().mean(dim=1, keepdim=True)
+        torch.testing.assert_close(value - less, wanted)
+        torch.testing.assert_close(gradient - other, 2 * cost * actions / actions.shape[1])
+    for one, same in zip(
+        plain.critic(observations, actions), model.critic(observations, actions), strict=True
+    ):
+        assert torch.equal(one, same)
+    model.save(tmp_path / "model.zip")
+    loaded = algorithm.load(tmp_path / "model.zip")
+    assert loaded.policy._get_constructor_parameters()["action_cost"] == cost
+    with pytest.raises(ConfigError, match="action_cost is -1: expected"):
+        make(algorithm, policy, action_cost=-1)

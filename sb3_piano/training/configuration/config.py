@@ -19,7 +19,7 @@ from stable_baselines3.common.utils import get_device
 from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.players import player_class
+from sb3_piano.players import SightReaderResidual, player_class
 from sb3_piano.settings import Number, Whole, checked, settings
 from sb3_piano.training.configuration.names import (
     PLANNERS,
@@ -160,6 +160,29 @@ class PlayConfig:
         """Return the settings with other options of the environment."""
         return dataclasses.replace(self, env_kwargs={**self.env_kwargs, **options})
 
+    @property
+    def network(self) -> str | None:
+        """The file of the sight-reader's network that is corrected, if any is named."""
+        files = [p.kwargs.get("model") for p in self.env_wrapper if _corrects(p)]
+        return files[0] if files else None
+
+    def with_network(self, file: str) -> Self:
+        """Return the settings with another file of that network.
+
+        Raises:
+            ConfigError: If none is corrected.
+        """
+        if not any(map(_corrects, self.env_wrapper)):
+            raise ConfigError(
+                "env_wrapper has no sb3_piano.players.SightReaderResidual, which corrects the "
+                "sight-reader: expected it after sb3_piano.wrappers.HandActions."
+            )
+        wrappers = tuple(
+            dataclasses.replace(p, kwargs={**p.kwargs, "model": file}) if _corrects(p) else p
+            for p in self.env_wrapper
+        )
+        return dataclasses.replace(self, env_wrapper=wrappers)
+
     def to_mapping(self) -> dict[str, Any]:
         """Return the config in YAML's types; :meth:`from_mapping` gives it back."""
         mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
@@ -201,6 +224,15 @@ class PlannedConfig(PlayConfig):
         super().__post_init__()
         checked("algo", self.algo, Literal[PLANNERS])
         self._check_algorithm_kwargs(player_class(self.algo))
+
+    @property
+    def network(self) -> str | None:
+        """The file of the network that plays, if any is named."""
+        return self.algorithm_kwargs.get("model")
+
+    def with_network(self, file: str) -> Self:
+        """Return the settings with another file of that network."""
+        return dataclasses.replace(self, algorithm_kwargs={**self.algorithm_kwargs, "model": file})
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
@@ -285,6 +317,10 @@ class RunConfig(PlayConfig):
     def alone(self) -> Self:
         """Return the settings for one environment without log files."""
         return dataclasses.replace(self, n_envs=1, vec_env="dummy", monitor_kwargs={})
+
+
+def _corrects(wrapper: Plugin) -> bool:
+    return import_name(wrapper.path) is SightReaderResidual
 
 
 def _policy_class(policy: str, algorithm: type[BaseAlgorithm]) -> type[BasePolicy]:

@@ -11,7 +11,10 @@ from typing import Any
 import yaml
 
 from sb3_piano.exceptions import ConfigError, near_names, one_line
-from sb3_piano.hyperparams import PRESETS
+from sb3_piano.hyperparams import FINE_TUNING, PRESETS
+from sb3_piano.players import HandModel
+from sb3_piano.players.hand_model import SHIPPED
+from sb3_piano.settings import refuse_unknown
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
 from sb3_piano.training.configuration.values import coerce_mapping
@@ -43,6 +46,43 @@ def load_config(
     return _loaded(algo, env_id, path, overrides)[1]
 
 
+def load_fine_tuning(
+    algo: str,
+    env_id: str,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    network: str | os.PathLike[str] | None = None,
+    **overrides: Any,
+) -> RunConfig:
+    """Return the hyperparameters with which an algorithm corrects the sight-reader on one piece.
+
+    Args:
+        algo: Name of the algorithm.
+        env_id: Id of the environment, or ``module:Id``.
+        path: A YAML file as of :func:`load_config` with what is to be different from the preset.
+        network: The file of the sight-reader's network, or a folder with a ``hand.safetensors``; by
+            default the one that comes with this package.
+        **overrides: Keys to take instead of the entry's. ``env_kwargs`` are added to the entry's.
+
+    Raises:
+        ConfigError: As :func:`load_config`; or if there is no preset for the algorithm, no such
+            network, or the entry has wrappers without
+            :class:`~sb3_piano.players.SightReaderResidual`.
+    """
+    refuse_unknown([algo], FINE_TUNING, "algorithm for fine-tuning")
+    if path is not None:
+        file, (_, name) = Path(path), registered_id(env_id)
+        entry_name, entry = _entry_of(file, name)
+        try:
+            overrides = _merged(entry, overrides)
+        except ConfigError as error:
+            raise ConfigError(f"'{file}', entry {entry_name!r}: {error}") from error
+    config = _loaded(algo, env_id, FINE_TUNING[algo], overrides)[1]
+    corrected = os.fspath(SHIPPED if network is None else network)
+    HandModel.load(corrected)  # what is wrong with it is told before processes are started
+    return config.with_network(corrected)
+
+
 def load_entry(
     algo: str, env_id: str, path: str | os.PathLike[str] | None = None, **overrides: Any
 ) -> dict[str, Any]:
@@ -72,6 +112,17 @@ def _loaded(
             f"{', '.join(PRESETS)}, or a YAML file of your own (--config)."
         )
     file = PRESETS[algo] if path is None else Path(path)
+    entry_name, found = _entry_of(file, name)
+    try:
+        entry = _merged(found, overrides)
+        return entry, entry_config(algo, env_id, entry)
+    except ConfigError as error:
+        given = f" with {', '.join(overrides)} replaced" if overrides else ""
+        raise ConfigError(f"'{file}', entry {entry_name!r}{given}: {error}") from error
+
+
+def _entry_of(file: Path, name: str) -> tuple[str, Any]:
+    """Return the name and the content of a file's entry for an environment."""
     entries = read_yaml_mapping(file)
     entry_name = name if name in entries else _DEFAULT_ENTRY
     if entry_name not in entries:
@@ -79,12 +130,7 @@ def _loaded(
             f"'{file}' has no entry for {name!r}.{near_names(name, map(str, entries))} Expected "
             f"that id or {_DEFAULT_ENTRY!r} as a key at the top level."
         )
-    try:
-        entry = _merged(entries[entry_name], overrides)
-        return entry, entry_config(algo, env_id, entry)
-    except ConfigError as error:
-        given = f" with {', '.join(overrides)} replaced" if overrides else ""
-        raise ConfigError(f"'{file}', entry {entry_name!r}{given}: {error}") from error
+    return entry_name, entries[entry_name]
 
 
 def _merged(entry: Any, overrides: Mapping[str, Any]) -> dict[str, Any]:
@@ -92,8 +138,8 @@ def _merged(entry: Any, overrides: Mapping[str, Any]) -> dict[str, Any]:
         raise ConfigError(f"It holds {entry!r}: expected a mapping of hyperparameters.")
     merged = {**entry, **overrides}
     if "env_kwargs" in entry and "env_kwargs" in overrides:
-        own = coerce_mapping(entry["env_kwargs"], "env_kwargs")
-        merged["env_kwargs"] = {**own, **overrides["env_kwargs"]}
+        both = [coerce_mapping(e["env_kwargs"], "env_kwargs") for e in (entry, overrides)]
+        merged["env_kwargs"] = both[0] | both[1]
     return merged
 
 

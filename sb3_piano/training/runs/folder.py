@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import datetime
 import importlib.metadata
 import os
@@ -33,7 +32,7 @@ FILE_OPTIONS = ("score", "fingering")
 """The options of the environment that may name a file."""
 
 MODEL = "model"
-"""The argument of what plays without training that may name the file of its network."""
+"""What stands for a file of the sight-reader's network, which plays or is corrected."""
 
 _EXPECTED = "expected a folder that 'sb3-piano train' made"
 _PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch")
@@ -241,20 +240,17 @@ def _version(package: str) -> str | None:
 
 
 def _files(config: PlayConfig) -> dict[str, str]:
-    """Return what may name files: the environment's options, and the network of what plays."""
+    """Return what may name files: the environment's options, and the sight-reader's network."""
     options = {name: config.env_kwargs.get(name) for name in FILE_OPTIONS}
-    if isinstance(config, PlannedConfig):
-        options[MODEL] = config.algorithm_kwargs.get(MODEL)
+    options[MODEL] = config.network
     return {name: text for name, text in options.items() if isinstance(text, str)}
 
 
 def _with_files(config: PlayConfig, files: Mapping[str, str]) -> PlayConfig:
     """Return the settings with other files in place of those of :func:`_files`."""
     options = {name: file for name, file in files.items() if name != MODEL}
-    arguments = {name: file for name, file in files.items() if name == MODEL}
-    return dataclasses.replace(
-        config.in_env(**options), algorithm_kwargs={**config.algorithm_kwargs, **arguments}
-    )
+    config = config.in_env(**options)
+    return config.with_network(files[MODEL]) if MODEL in files else config
 
 
 def _first_free(parent: Path, env_id: str) -> Path:

@@ -10,6 +10,7 @@ import pytest
 from sb3_piano.distillation import process_pool
 
 
+@pytest.mark.slow
 def test_processes_end_with_their_pool_whatever_they_are_at():
     with process_pool(1) as pool:
         process = pool.submit(os.getpid).result()

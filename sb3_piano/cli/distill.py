@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from sb3_piano.distillation import DistillResult, RoundResult
 
 _SET_HELP = (
-    "a setting in place of the file's, such as learning.epochs=3, rounds.0.excerpts=100 or "
+    "a setting in place of the file's, such as rounds.0.epochs=3, improvement.n_timesteps=0 or "
     "teacher.plan.rehearsals=2; may be given several times"
 )
 
@@ -72,9 +73,10 @@ def _distill(arguments: argparse.Namespace) -> int:
 
 
 def _tell_round(result: RoundResult) -> None:
+    loss = "" if result.loss is None else f", loss {result.loss:.4f}"
     print(
-        f"Round {result.number}: F1 {result.f1:.3f}, onset F1 {result.onset_f1:.3f}, loss "
-        f"{result.loss:.4f}, {result.transitions} control steps, {result.minutes:.1f} min",
+        f"{result.name}: F1 {result.f1:.3f}, onset F1 {result.onset_f1:.3f}{loss}, "
+        f"{result.transitions} control steps, {result.minutes:.1f} min",
         flush=True,
     )
     if result.skipped:
@@ -88,9 +90,11 @@ def _tell_round(result: RoundResult) -> None:
 def _report(result: DistillResult) -> int:
     from sb3_piano.distillation.distill import go_on
 
+    folder = shlex.quote(str(result.folder))
     print(f"Folder:      {result.folder}")
     if result.weights is not None:
         print(f"Weights:     {result.weights}")
+        print(f"Play:        sb3-piano play PIECE --player sight-reader --weights {folder}")
     if result.interrupted:
         print(f"Go on:       {go_on(result.folder)}")
     return tell_interrupted(result.interrupted, EXIT_OK)

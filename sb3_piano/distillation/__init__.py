@@ -4,14 +4,13 @@ from sb3_piano.distillation.config import (
     DEFAULT_FILE,
     DistillConfig,
     EvaluationSettings,
-    LearningSettings,
+    ImprovementSettings,
     NetworkSettings,
     PlayingSettings,
     Round,
     TeacherSettings,
 )
 from sb3_piano.distillation.distill import DistillResult, distill
-from sb3_piano.distillation.network import read_weights
 from sb3_piano.distillation.rounds import RoundResult
 from sb3_piano.distillation.workers import map_jobs, process_pool
 
@@ -20,7 +19,7 @@ __all__ = [
     "DistillConfig",
     "DistillResult",
     "EvaluationSettings",
-    "LearningSettings",
+    "ImprovementSettings",
     "NetworkSettings",
     "PlayingSettings",
     "Round",
@@ -29,5 +28,4 @@ __all__ = [
     "distill",
     "map_jobs",
     "process_pool",
-    "read_weights",
 ]

@@ -49,6 +49,21 @@ class Round:
     """Standard deviation of what is added to the teacher's actions, rad of a finger's joint."""
     learner_noise: Noise = 0.012
     """The same for the learner's actions."""
+    warm: bool = False
+    """Whether training begins with the weights of the round before, in place of new ones."""
+    epochs: Count = 6
+    """How often it goes through all rounds' data."""
+    batch_size: Count = 512
+    """Hands' rows of an update."""
+    learning_rate: Positive = 1e-3
+    """Highest learning rate of Adam, which rises and falls in one cycle."""
+    huber: Positive = 0.1
+    """Error of a finger's joint beyond which the loss grows linearly, rad."""
+
+
+_LATER = 2 * (
+    Round(excerpts=200, learner=0.8, warm=True, epochs=4, batch_size=768, learning_rate=6e-4),
+)
 
 
 @settings
@@ -62,7 +77,6 @@ class PlayingSettings:
         0.5,
         1.0,
         1.5,
-        2.0,
     )
     """What a round's noise is multiplied with; each excerpt draws one."""
     noise_memory: Annotated[Number, Ge(0), Unit("s")] = 0.2
@@ -96,31 +110,13 @@ class NetworkSettings:
 
     net_arch: tuple[Count, ...] = (384, 384, 384)
     """Sizes of the hidden layers."""
-    activation: Literal["silu", "relu"] = "silu"
-    """Activation after each."""
-
-
-@settings
-class LearningSettings:
-    """How the network is trained after each round."""
-
-    epochs: Count = 6
-    """How often it goes through all rounds' data."""
-    batch_size: Count = 512
-    """Hands' rows of an update."""
-    learning_rate: Positive = 1e-3
-    """Highest learning rate of AdamW, which rises and falls in one cycle."""
-    weight_decay: Annotated[Number, Ge(0)] = 0.0
-    """Weight decay of AdamW."""
-    huber: Positive = 0.1
-    """Error of a finger's joint beyond which the loss grows linearly, rad."""
-    warm: bool = False
-    """Whether it begins with the weights of the round before, in place of new ones."""
+    activation: Literal["SiLU", "ReLU"] = "SiLU"
+    """Name in ``torch.nn`` of what comes after each."""
 
 
 @settings
 class EvaluationSettings:
-    """What is played after each round, by the network alone, to judge it."""
+    """What is played after each round, and in the end, by the network alone, to judge it."""
 
     physics: str = "reference"
     """Name of the physics profile."""
@@ -137,14 +133,33 @@ class EvaluationSettings:
         "arpeggio-BMinor",
     )
     """Names or files of pieces, none of which is in the corpus."""
-    duration: Positive = 30.0
-    """The most of a piece that is played, s."""
+    duration: Positive | None = 30.0
+    """The most of a piece that is played, s; none for whole pieces."""
 
     def __post_init__(self) -> None:
         if not (self.excerpts or self.pieces):
             raise ConfigError(
                 "evaluation has no excerpts and no pieces: expected something to judge by."
             )
+
+
+@settings
+class ImprovementSettings:
+    """Reinforcement learning that goes on from the last round's network, without a teacher."""
+
+    n_timesteps: Index = 6_000_000
+    """Steps of the training, of hands where those are its agents: twice the control steps; 0 for
+    no such training."""
+    algo: str = "ppo"
+    """Name of the algorithm."""
+    config: str | None = None
+    """File of its settings in RL Zoo's form, by default ``hyperparams/sight_reader/ppo.yml`` of
+    this package. Its ``CorpusExcerpt`` gets the corpus, its policy the network's size and the last
+    round's weights."""
+
+    def __post_init__(self) -> None:
+        if self.config is not None:  # which is read again when the rounds are done, from anywhere
+            object.__setattr__(self, "config", str(Path(self.config).absolute()))
 
 
 @settings
@@ -160,15 +175,13 @@ class DistillConfig:
     """What is played; rounds that ask for more excerpts than it has begin anew, with other noise
     and other segments."""
     rounds: Annotated[tuple[Round, ...], MinLen(1)] = (
-        Round(excerpts=1100),
-        Round(excerpts=300, learner=0.8),
-        Round(excerpts=300, learner=0.8),
-        Round(excerpts=300, learner=0.8),
+        Round(excerpts=900),
+        *_LATER,
     )
     playing: PlayingSettings = field(default_factory=PlayingSettings)
     teacher: TeacherSettings = field(default_factory=TeacherSettings)
     network: NetworkSettings = field(default_factory=NetworkSettings)
-    learning: LearningSettings = field(default_factory=LearningSettings)
+    improvement: ImprovementSettings = field(default_factory=ImprovementSettings)
     evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
     shard: Count = 25
     """Excerpts of a data set, which one process plays."""
@@ -176,11 +189,13 @@ class DistillConfig:
     """Seeds the noise, who plays when, and the network; the corpus has its own."""
 
     def __post_init__(self) -> None:
-        if self.rounds[0].learner > 0:
-            raise ConfigError(
-                f"rounds[0].learner is {self.rounds[0].learner:g}: expected 0, there is no learner "
-                "before the first round."
-            )
+        for name in ("learner", "warm"):
+            if getattr(self.rounds[0], name):
+                raise ConfigError(
+                    f"rounds[0].{name} is {getattr(self.rounds[0], name)}: expected "
+                    f"{getattr(Round(excerpts=1), name)}, there is no learner before the first "
+                    "round."
+                )
         low, high = self.playing.segment
         if low > high:
             raise ConfigError(
@@ -206,8 +221,8 @@ class DistillConfig:
 
         Args:
             path: The file.
-            **changes: Values in place of the file's, by names such as ``learning.epochs`` or
-                ``rounds.0.excerpts``.
+            **changes: Values in place of the file's, by names such as ``corpus.seed`` or
+                ``rounds.0.epochs``.
 
         Raises:
             ConfigError: If it cannot be read, or a setting is not valid.

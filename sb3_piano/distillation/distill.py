@@ -9,12 +9,14 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import yaml
 
 from sb3_piano.demonstrations.dataset import require_minari
 from sb3_piano.distillation.config import DistillConfig
+from sb3_piano.distillation.improvement import IMPROVED, improve, improvement_run
 from sb3_piano.distillation.rollout import hands_env
 from sb3_piano.distillation.rounds import (
     DATA,
@@ -22,15 +24,17 @@ from sb3_piano.distillation.rounds import (
     RoundResult,
     Rounds,
     held_out_pieces,
+    round_name,
     weights_file,
 )
 from sb3_piano.distillation.shards import JUDGED_BY
 from sb3_piano.distillation.teachers import new_teacher
-from sb3_piano.distillation.workers import StoppedError, process_pool
+from sb3_piano.distillation.workers import process_pool
 from sb3_piano.exceptions import RunError
-from sb3_piano.files import write_csv, write_text
+from sb3_piano.files import write_bytes, write_csv, write_text
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
+from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.threads import torch_threads
 from sb3_piano.training.runs.folder import provenance, unwritable
 
@@ -44,9 +48,9 @@ class DistillResult:
     folder: Path
     """Folder of all files."""
     rounds: tuple[RoundResult, ...]
-    """The rounds that are done."""
+    """The rounds that are done; and of the improvement, if it is."""
     weights: Path | None
-    """File of the last round's weights, of one hand's network, if a round is done."""
+    """File of the newest network of a hand, if a round is done."""
     interrupted: bool = False
     """Whether Ctrl-C or SIGTERM ended it early."""
 
@@ -65,19 +69,24 @@ def distill(
 
     In each round excerpts are played, by the teacher and, from the second round on, by the network
     of the round before, while the teacher says what would be right (DAgger, Ross et al. 2011); then
-    a network is trained on all rounds' data and plays held-out music alone.
+    a network is trained on all rounds' data and plays held-out music alone. Then it goes on without
+    the teacher, by reinforcement learning (``config.improvement``), and is judged once more.
 
     A folder in which a distillation was begun is gone on with: what is whole is kept, and the
-    result is that of one which never stopped. Ctrl-C or SIGTERM ends it; at most the training of a
-    round, and the shard that each worker is at, are then lost.
+    result of the rounds is that of one which never stopped. Ctrl-C or SIGTERM ends it; at most the
+    training of a round, and the shards that are being played, are then lost.
 
-    ===================== ========================================================================
-    ``config.yml``        the settings
-    ``run.yml``           command line, versions of packages, time
-    ``data/``             Minari data sets of the rounds, and a manifest of each
-    ``round-N.safetensors`` weights of one hand's network after round N, from 0
-    ``round-N.json``      the round's :class:`RoundResult`; ``rounds.csv`` has a line of each
-    ===================== ========================================================================
+    ======================= ======================================================================
+    ``config.yml``          the settings
+    ``run.yml``             command line, versions of packages, time
+    ``data/``               Minari data sets of the rounds, and a manifest of each
+    ``round-N.safetensors`` network of one hand after round N, from 0; ``round-N.json`` is its
+                            :class:`RoundResult`
+    ``ppo/``                the run of the improvement, as :func:`~sb3_piano.training.train` makes
+                            it; ``improved.safetensors`` and ``.json`` are what came of it
+    ``hand.safetensors``    the newest of these networks, a :class:`~sb3_piano.players.HandModel`
+    ``rounds.csv``          a line of each
+    ======================= ======================================================================
 
     Args:
         config: The settings; ``None`` for those of a folder that is gone on with.
@@ -85,9 +94,9 @@ def distill(
         executor: Plays the excerpts, where it sees the folder by the same path; by default a pool
             of processes of this machine.
         workers: Processes of that pool; by default one for each usable core.
-        num_threads: Threads of torch for the training; see :func:`sb3_piano.threads.torch_threads`.
+        num_threads: Threads of torch for all training; see :func:`sb3_piano.threads.torch_threads`.
         on_progress: Tells what is being done.
-        on_round: Is called with the result of each round, also of those done before.
+        on_round: Is called with each result, also of those done before.
 
     Raises:
         ConfigError: If a setting is not valid, or the teacher does not fit.
@@ -104,6 +113,11 @@ def distill(
         with new_teacher(config.teacher, config.playing, env):
             pass  # what is wrong with it is better told now than by a worker
         hands_env(config.evaluation.physics).close()
+    names = [round_name(number) for number in range(len(config.rounds))]
+    last = weights_file(place.absolute(), names[-1])
+    if config.improvement.n_timesteps > 0:
+        names.append(IMPROVED)
+        improvement_run(config, last, num_threads)
     rounds: list[RoundResult] = []
     interrupted = False
     with _owned(place), torch_threads(num_threads), stop_on_signal() as request:
@@ -111,14 +125,17 @@ def distill(
         pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
         with pool as chosen, _broken_told(place):
             work = Rounds(config, place.absolute(), held_out, chosen, request, on_progress)
+            improved = partial(improve, config, last, num_threads, on_progress)
             try:
-                for number in range(len(config.rounds)):
-                    rounds.append(work.finish(number))
-                    _write_table(place, rounds)
-                    on_round(rounds[-1])
-            except (StoppedError, KeyboardInterrupt):
+                for number, name in enumerate(names):
+                    further = number == len(config.rounds)
+                    result = work.judged(name, improved) if further else work.finish(number)
+                    rounds.append(result)
+                    _write_results(place, rounds, names)
+                    on_round(result)
+            except KeyboardInterrupt:
                 interrupted = True
-    weights = weights_file(place, len(rounds) - 1) if rounds else None
+    weights = place / FILE_NAME if rounds else None
     return DistillResult(
         folder=place, rounds=tuple(rounds), weights=weights, interrupted=interrupted
     )
@@ -160,10 +177,14 @@ def _begin(place: Path, config: DistillConfig) -> None:
         raise unwritable(place, error) from error
 
 
-def _write_table(place: Path, rounds: Sequence[RoundResult]) -> None:
-    columns = ("number", "transitions", "loss", *JUDGED_BY, "minutes")
+def _write_results(place: Path, rounds: Sequence[RoundResult], names: Sequence[str]) -> None:
+    """Write the table, and the newest network under the name by which others look for it."""
+    columns = ("name", "transitions", "loss", *JUDGED_BY, "minutes")
     rows = [{name: getattr(result, name) for name in columns} for result in rounds]
     write_csv(place / _TABLE, columns, rows)
+    files = [weights_file(place, name) for name in names]
+    newest = [file for file in files if file.is_file()][-1]
+    write_bytes(place / FILE_NAME, newest.read_bytes())
 
 
 @contextlib.contextmanager

@@ -1,37 +1,23 @@
-"""The learner: a policy with one network for each hand, its weights in a file, its regression."""
+"""The learner: one hand's network in torch, and its regression to what would have been right."""
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
-import safetensors
-import safetensors.torch
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import BasePolicy
 from torch import nn
 
-from sb3_piano.distillation.config import LearningSettings, NetworkSettings
-from sb3_piano.exceptions import RunError, one_line
-from sb3_piano.files import write_bytes
-from sb3_piano.policies import (
-    HandsTD3Policy,
-    hand_weights,
-    load_hand_weights,
-    set_standardization,
-)
-from sb3_piano.wrappers import HandActions
+from sb3_piano.distillation.config import NetworkSettings, Round
+from sb3_piano.policies import HandsTD3Policy, set_standardization
 
 Float32Array = npt.NDArray[np.float32]
 
-_ACTIVATIONS = {"silu": nn.SiLU, "relu": nn.ReLU}
 _CONSTANT = 1e-3
 """A standard deviation up to which a number of the observation counts as one that never changes."""
 
@@ -42,67 +28,29 @@ _RISING = 0.05
 _REPORTED_EVERY = 20  # updates
 
 
-def new_policy(settings: NetworkSettings, inputs: int, actions: int, hands: int) -> HandsTD3Policy:
-    """Return a policy of one hand, or of two, with new weights from torch's own generator.
+def new_policy(settings: NetworkSettings, inputs: int, actions: int) -> HandsTD3Policy:
+    """Return a policy of one hand with new weights from torch's own generator.
 
     Args:
-        settings: Of a hand's network.
+        settings: Of the network.
         inputs: Numbers of a hand's observation.
         actions: Actions of a hand.
-        hands: Number of hands.
     """
     return HandsTD3Policy(
-        spaces.Box(-np.inf, np.inf, (hands * inputs,), np.float32),
-        spaces.Box(-1.0, 1.0, (hands * actions,), np.float32),
+        spaces.Box(-np.inf, np.inf, (inputs,), np.float32),
+        spaces.Box(-1.0, 1.0, (actions,), np.float32),
         lambda _: 0.0,
-        n_hands=hands,
+        n_hands=1,
         net_arch={"pi": list(settings.net_arch), "qf": [1]},  # nothing is asked of the critics
-        activation_fn=_ACTIVATIONS[settings.activation],
+        activation_fn=getattr(nn, settings.activation),
     )
-
-
-def load_learner(settings: NetworkSettings, file: Path, env: HandActions) -> BasePolicy:
-    """Return a policy of both hands with the weights of a file.
-
-    Raises:
-        RunError: If the file is damaged.
-        ConfigError: If the weights are of another network.
-    """
-    policy = new_policy(settings, *_sizes(env), hands=2)
-    load_hand_weights(policy, read_weights(file)[0])
-    policy.set_training_mode(False)
-    return policy
-
-
-def write_weights(policy: BasePolicy, file: Path, facts: Mapping[str, Any]) -> None:
-    """Write one hand's network, and facts on it, by :func:`~sb3_piano.files.write_atomically`."""
-    notes = {"facts": json.dumps(facts)}  # one entry: of several the order is not always the same
-    write_bytes(file, safetensors.torch.save(hand_weights(policy), notes))
-
-
-def read_weights(file: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
-    """Return what :func:`write_weights` wrote: the weights by name, and the facts.
-
-    Raises:
-        RunError: If the file is damaged.
-    """
-    try:
-        with safetensors.safe_open(file, framework="pt") as opened:
-            facts = json.loads((opened.metadata() or {})["facts"])
-            tensors = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118
-    except Exception as error:  # a damaged file fails in any way
-        raise RunError(
-            f"Weights '{file}' cannot be loaded ({one_line(error)}): expected what 'sb3-piano "
-            "distill' wrote. Delete the file, and the round is trained again."
-        ) from error
-    return tensors, facts
 
 
 def regress(
     policy: HandsTD3Policy,
     observations: Float32Array,
     labels: Float32Array,
-    settings: LearningSettings,
+    settings: Round,
     *,
     reach: float,
     seed: int,
@@ -128,9 +76,7 @@ def regress(
     """
     rows, targets = torch.from_numpy(observations), torch.from_numpy(labels)
     parameters = list(policy.actor.parameters())
-    optimizer = torch.optim.AdamW(
-        parameters, settings.learning_rate, weight_decay=settings.weight_decay
-    )
+    optimizer = torch.optim.Adam(parameters, settings.learning_rate)
     updates = settings.epochs * math.ceil(len(rows) / settings.batch_size)
     rising = min(max(_RISING, 1.5 / updates), 0.9)  # of few updates, at least the first
     schedule = torch.optim.lr_scheduler.OneCycleLR(
@@ -162,10 +108,3 @@ def regress(
 def standardize(policy: BasePolicy, mean: npt.NDArray[Any], std: npt.NDArray[Any]) -> None:
     """Let a policy standardise what it sees, but for what hardly ever changed."""
     set_standardization(policy, mean, np.where(std < _CONSTANT, 0.0, std))
-
-
-def _sizes(env: gym.Env[Any, Any]) -> tuple[int, int]:
-    """Return how many numbers one hand observes, and how many it does."""
-    assert env.observation_space.shape is not None
-    assert env.action_space.shape is not None
-    return env.observation_space.shape[0] // 2, env.action_space.shape[0] // 2

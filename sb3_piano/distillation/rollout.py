@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
-from stable_baselines3.common.policies import BasePolicy
 
 from sb3_piano.demonstrations import CorrelatedNoise
 from sb3_piano.demonstrations.recording import as_episode
 from sb3_piano.distillation.config import DistillConfig, PlayingSettings, Round
-from sb3_piano.distillation.teachers import Action, Lesson, Teacher
+from sb3_piano.distillation.teachers import Action, Teacher
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.music import Score
+from sb3_piano.players import HandModel
 from sb3_piano.wrappers import HandActions
 from sb3_piano.wrappers.piano import piano_of
 
@@ -53,7 +53,7 @@ def play_excerpt(
     number: int,
     env: HandActions,
     teacher: Teacher,
-    learner: BasePolicy | None,
+    learner: HandModel | None,
 ) -> tuple[EpisodeBuffer, dict[str, float]]:
     """Return an excerpt as it is played in a round, with the teacher's action in each state.
 
@@ -65,7 +65,7 @@ def play_excerpt(
         number: The excerpt's number, counted over all rounds; see :meth:`DistillConfig.of_round`.
         env: An environment of :func:`hands_env`.
         teacher: A teacher in this environment.
-        learner: The learner's policy; ``None`` in the first round.
+        learner: The learner's network; ``None`` in the first round.
 
     Raises:
         ScoreError: If the excerpt cannot be played by the teacher.
@@ -75,19 +75,19 @@ def play_excerpt(
     random = np.random.default_rng((config.seed, round_number, number))
     observation, _ = env.reset(seed=number, options={"score": corpus[number % len(corpus)]})
     playing = _Playing(settings, config.playing, env, random)
-    steps = playing.steps(observation, teacher.prepare(), learner)
+    teacher.prepare()
+    steps = playing.steps(observation, teacher, learner)
     episode, notes = as_episode(steps, env, number)
     shares = {"by_learner": playing.by_learner, "taken_over": playing.taken_over}
     counted = {name: count / len(episode) for name, count in shares.items()}
     return episode, {"excerpt": number, "noise": playing.noise, **counted, **notes}
 
 
-def play_alone(env: HandActions, score: Score, learner: BasePolicy) -> dict[str, Any]:
+def play_alone(env: HandActions, score: Score, learner: HandModel) -> dict[str, Any]:
     """Return the last info of a piece that the learner plays, with the music metrics."""
     observation, _ = env.reset(seed=0, options={"score": score})
     while True:
-        action, _ = learner.predict(observation, deterministic=True)
-        observation, _, terminated, truncated, info = env.step(action)
+        observation, _, terminated, truncated, info = env.step(learner.act(observation))
         if terminated or truncated:
             return info
 
@@ -122,16 +122,16 @@ class _Playing:
         self.by_learner = self.taken_over = 0
 
     def steps(
-        self, observation: npt.NDArray[np.float32], lesson: Lesson, learner: BasePolicy | None
+        self, observation: npt.NDArray[np.float32], teacher: Teacher, learner: HandModel | None
     ) -> Iterator[tuple[Any, ...]]:
         """Yield what :func:`as_episode` wants of each step."""
         step, over = 0, False
         while not over:
-            label = lesson.action(step, observation)
+            label = teacher.action(step, observation)
             noise, action = self._sample(self._random), label
-            by_learner = learner is not None and self._is_learners(step, lesson.distance(step))
+            by_learner = learner is not None and self._is_learners(step, teacher.distance(step))
             if learner is not None and by_learner:
-                action = learner.predict(observation, deterministic=True)[0]
+                action = learner.act(observation)
             played: Action = np.clip(action + self._std[by_learner] * noise, -1, 1)
             played = played.astype(np.float32)
             before = observation

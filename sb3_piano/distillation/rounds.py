@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import math
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from statistics import fmean
 
@@ -16,18 +18,10 @@ import torch
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 
 from sb3_piano.distillation.config import DistillConfig
-from sb3_piano.distillation.network import (
-    Float32Array,
-    new_policy,
-    read_weights,
-    regress,
-    standardize,
-    write_weights,
-)
+from sb3_piano.distillation.network import Float32Array, new_policy, regress, standardize
 from sb3_piano.distillation.rollout import hands_env
 from sb3_piano.distillation.shards import (
     JUDGED_BY,
-    EvaluationJob,
     Shard,
     find_shard,
     judge,
@@ -35,11 +29,12 @@ from sb3_piano.distillation.shards import (
     read_rows,
     shard_jobs,
 )
-from sb3_piano.distillation.workers import Job, Result, StoppedError, map_jobs
+from sb3_piano.distillation.workers import Job, Result, map_jobs
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import read_json, write_json
 from sb3_piano.interrupts import StopRequest
 from sb3_piano.music import Score, load_score
+from sb3_piano.players import HandModel
 from sb3_piano.policies import HandsTD3Policy, hand_weights, load_hand_weights
 
 DATA = "data"
@@ -51,14 +46,14 @@ Progress = Callable[[str, int, int], object]
 
 @dataclass(frozen=True, kw_only=True)
 class RoundResult:
-    """Result of a round."""
+    """Result of a round, or of the improvement after the last one."""
 
-    number: int
-    """The round, from 0."""
+    name: str
+    """``round-N``, N from 0, or ``improved``; the files are called so."""
     transitions: int
-    """Control steps of this round and all before, that the network learnt from."""
-    loss: float
-    """Mean loss of the last epoch."""
+    """Control steps that the network learnt from so far, of this round and all before."""
+    loss: float | None
+    """Mean loss of the last epoch; none of the improvement."""
     f1: float
     """Mean F1 of what was played alone."""
     onset_f1: float
@@ -100,29 +95,39 @@ class Rounds:
         """Do what is left to do of a round; those before it are done.
 
         Raises:
-            StoppedError: If the request is made.
+            KeyboardInterrupt: If the request is made.
         """
-        started, weights = time.monotonic(), weights_file(self._place, number)
-        file = self._place / f"round-{number}.json"
+        return self.judged(round_name(number), partial(self._train, number))
+
+    def judged(self, name: str, make: Callable[[Path], Mapping[str, str]]) -> RoundResult:
+        """Return the result of a network, which is made and judged unless that is done.
+
+        Args:
+            name: What it is called.
+            make: Writes the network's file if it is not there; returns what it had to skip.
+
+        Raises:
+            KeyboardInterrupt: If the request is made.
+        """
+        started, weights = time.monotonic(), weights_file(self._place, name)
+        file = self._place / f"{name}.json"
         done = read_json(file, RoundResult, "delete it, and it is made again.")
         if done is not None and weights.is_file():
             return done
-        shards = self._play(number)
-        if not weights.is_file():
-            self._train(number, weights)
-        judged = self._judge(number, weights)
-        played = [metrics for metrics in judged.values() if metrics is not None]
+        skipped = make(weights)
+        pieces = self._judge(name, weights)
+        played = [metrics for metrics in pieces.values() if metrics is not None]
         if not played:
             raise RunError("Nothing could be played to judge by: expected other evaluation.pieces.")
-        facts = read_weights(weights)[1]
+        facts = HandModel.load(weights).facts
         result = RoundResult(
-            number=number,
-            transitions=facts["transitions"],
-            loss=facts["loss"],
-            **{name: fmean(metrics[name] for metrics in played) for name in JUDGED_BY},
+            name=name,
+            transitions=facts.num_timesteps,
+            loss=float(facts.about["loss"]) if "loss" in facts.about else None,
+            **{metric: fmean(metrics[metric] for metrics in played) for metric in JUDGED_BY},
             minutes=(time.monotonic() - started) / 60,
-            pieces=judged,
-            skipped={n: why for shard in shards for n, why in shard.skipped.items()},
+            pieces=pieces,
+            skipped=skipped,
         )
         write_json(file, dataclasses.asdict(result))
         return result
@@ -131,11 +136,11 @@ class Rounds:
         """Return the shards of a round, in order; those that are not there are made."""
         if number in self._shards:
             return self._shards[number]
-        learner = weights_file(self._place, number - 1) if number > 0 else None
+        learner = weights_file(self._place, round_name(number - 1)) if number > 0 else None
         jobs = shard_jobs(self._config, number, learner, self._place / DATA)
         found = {job.name: find_shard(job) for job in jobs}
         missing = [job for job in jobs if found[job.name] is None]
-        text = f"round {number}: playing, shards"
+        text = f"{round_name(number)}: playing, shards"
         self._tell(text, len(jobs) - len(missing), len(jobs))
         with self._mapped(make_shard, missing) as made:
             for count, shard in enumerate(made, len(jobs) - len(missing) + 1):
@@ -149,71 +154,78 @@ class Rounds:
         shards = [shard for n in range(last + 1) for shard in self._play(n) if shard.steps > 0]
         if not shards:
             raise RunError("No excerpt could be played: expected another corpus or teacher.")
-        rows = observations = labels = None
-        first, total = 0, 2 * sum(shard.steps for shard in shards)
+        total, first = 2 * sum(shard.steps for shard in shards), 0
+        observations = labels = np.empty((0, 0), np.float32)
         for shard in shards:
             rows = read_rows(self._place / DATA, shard)
-            if observations is None or labels is None:  # in one piece: there are gigabytes of it
-                observations, labels = (
-                    np.empty((total, array.shape[1]), np.float32) for array in rows
-                )
+            if first == 0:  # in one piece: there are gigabytes of it
+                observations, labels = (np.empty((total, a.shape[1]), np.float32) for a in rows)
             part = slice(first, first + len(rows[0]))
             observations[part], labels[part] = rows
             first = part.stop
-        assert observations is not None
-        assert labels is not None
         return observations, labels
 
-    def _train(self, number: int, weights: Path) -> None:
-        """Train a network on all data so far, and write its weights."""
-        config, seed = self._config, [self._config.seed, number]
+    def _train(self, number: int, weights: Path) -> Mapping[str, str]:
+        """Train a network on all data so far, unless it is there; see :meth:`judged`."""
+        skipped = {n: why for shard in self._play(number) for n, why in shard.skipped.items()}
+        if weights.is_file():
+            return skipped
+        config, name = self._config, round_name(number)
         observations, labels = self._rows(number)
-        torch_seed, shuffle = np.random.SeedSequence(seed).generate_state(2).tolist()
+        seed = np.random.SeedSequence([config.seed, number])
+        torch_seed, shuffle = seed.generate_state(2).tolist()
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(torch_seed)
-            policy = new_policy(config.network, observations.shape[1], labels.shape[1], hands=1)
+            policy = new_policy(config.network, observations.shape[1], labels.shape[1])
         self._prepare(policy, number, observations)
 
         def tell(done: int, updates: int, loss: float) -> None:
             if self._request.made:
-                raise StoppedError
-            self._tell(f"round {number}: training, loss {loss:.4f}, updates", done, updates)
+                raise KeyboardInterrupt
+            self._tell(f"{name}: training, loss {loss:.4f}, updates", done, updates)
 
         with contextlib.closing(hands_env(config.playing.physics)) as env:
             reach = float(np.abs(env.reach).max())
-        loss = regress(
-            policy, observations, labels, config.learning, reach=reach, seed=shuffle, on_update=tell
-        )
-        facts = {"loss": loss, "transitions": len(labels) // 2, "reach": reach}
-        facts |= dataclasses.asdict(config.network)
-        write_weights(policy, weights, facts)
+            loss = regress(
+                policy,
+                observations,
+                labels,
+                config.rounds[number],
+                reach=reach,
+                seed=shuffle,
+                on_update=tell,
+            )
+            HandModel.of(policy, env, len(labels) // 2, loss=repr(loss)).save(weights)
+        return skipped
 
     def _prepare(self, policy: HandsTD3Policy, number: int, observations: Float32Array) -> None:
         """Give a new network the standardisation of the first round, and weights if it is warm."""
         if number == 0:
             statistics = RunningMeanStd(shape=observations.shape[1:])
-            for part in np.array_split(observations, max(1, len(observations) // 10_000)):
+            for part in np.array_split(observations, math.ceil(len(observations) / 10_000)):
                 statistics.update(part)
             standardize(policy, statistics.mean, np.sqrt(statistics.var))
             return
-        kept = read_weights(weights_file(self._place, number - 1))[0]
-        if not self._config.learning.warm:
-            kept = {name: t for name, t in kept.items() if name.startswith("standardize.")}
+        before = HandModel.load(weights_file(self._place, round_name(number - 1))).tensors
+        warm = self._config.rounds[number].warm
+        kept = {
+            name: torch.from_numpy(tensor)
+            for name, tensor in before.items()
+            if warm or name.startswith("standardize.")
+        }
         load_hand_weights(policy, {**hand_weights(policy), **kept})
 
-    def _judge(self, number: int, weights: Path) -> dict[str, Mapping[str, float] | None]:
+    def _judge(self, name: str, weights: Path) -> dict[str, Mapping[str, float] | None]:
         """Return the metrics of each piece that the network plays alone."""
-        text, judged = f"round {number}: held-out pieces", {}
-        jobs = [
-            EvaluationJob(config=self._config, learner=weights, score=score)
-            for score in self._held_out
-        ]
-        self._tell(text, 0, len(jobs))
-        with self._mapped(judge, jobs) as made:
+        text, found = f"{name}: held-out pieces", {}
+        total = len(self._held_out)
+        self._tell(text, 0, total)
+        job = partial(judge, self._config.evaluation.physics, weights)
+        with self._mapped(job, self._held_out) as made:
             for title, metrics in made:
-                judged[title] = metrics
-                self._tell(text, len(judged), len(jobs))
-        return {score.title: judged[score.title] for score in self._held_out}
+                found[title] = metrics
+                self._tell(text, len(found), total)
+        return {score.title: found[score.title] for score in self._held_out}
 
     def _mapped(
         self, function: Callable[[Job], Result], jobs: Sequence[Job]
@@ -229,16 +241,17 @@ def held_out_pieces(config: DistillConfig) -> list[Score]:
         UnknownPieceError: If there is no piece of a name.
     """
     settings = config.evaluation
-    count = settings.excerpts
+    count, end = settings.excerpts, settings.duration or math.inf
     fresh = replace(config.corpus, seed=config.corpus.seed + 1, n=max(count, 1))
-    excerpts = [fresh[index] for index in range(count)]
-    pieces = [
-        replace(load_score(name).excerpt(0.0, settings.duration), title=name)
-        for name in settings.pieces
-    ]
-    return [*excerpts, *pieces]
+    pieces = [replace(load_score(name).excerpt(0.0, end), title=name) for name in settings.pieces]
+    return [*(fresh[index] for index in range(count)), *pieces]
 
 
-def weights_file(place: Path, number: int) -> Path:
-    """Return where the weights of a round are."""
-    return place / f"round-{number}.safetensors"
+def round_name(number: int) -> str:
+    """Return what a round is called, with its files."""
+    return f"round-{number}"
+
+
+def weights_file(place: Path, name: str) -> Path:
+    """Return where the network of a round, or the improved one, is."""
+    return place / f"{name}.safetensors"

@@ -21,13 +21,12 @@ from sb3_piano.demonstrations.dataset import (
     open_dataset,
 )
 from sb3_piano.distillation.config import DistillConfig
-from sb3_piano.distillation.network import load_learner
 from sb3_piano.distillation.rollout import hands_env, play_alone, play_excerpt
 from sb3_piano.distillation.teachers import new_teacher
-from sb3_piano.distillation.workers import check_stop
 from sb3_piano.exceptions import RunError, ScoreError, SimulationDivergedError
 from sb3_piano.files import read_json, write_json
 from sb3_piano.music import Score
+from sb3_piano.players import HandModel
 from sb3_piano.threads import torch_threads
 from sb3_piano.wrappers import HandActions
 
@@ -122,8 +121,7 @@ def make_shard(job: ShardJob) -> Shard:
     """Play the excerpts of a job and write the data set, in place of any that is there.
 
     Raises:
-        ConfigError: If the teacher or the learner's weights do not fit.
-        StoppedError: If the pool of this process should end.
+        ConfigError: If the teacher does not fit, or the learner's file is damaged.
     """
     config, env = job.config, _env(job.config.playing.physics)
     episodes, skipped = [], {}
@@ -132,11 +130,8 @@ def make_shard(job: ShardJob) -> Shard:
         new_teacher(config.teacher, config.playing, env) as teacher,
         DatasetWriter(job.name, env, env.spec, overwrite=True, root=job.root) as writer,
     ):
-        learner = None
-        if job.learner is not None:
-            learner = load_learner(config.network, job.learner, env)
+        learner = None if job.learner is None else HandModel.load(job.learner)
         for number in job.excerpts:
-            check_stop()
             try:
                 episode, notes = play_excerpt(
                     config, job.round_number, number, env, teacher, learner
@@ -180,29 +175,13 @@ def read_rows(root: Path, shard: Shard) -> tuple[Float32Array, Float32Array]:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class EvaluationJob:
-    """A piece that the learner is to play alone."""
-
-    config: DistillConfig
-    """The settings."""
-    learner: Path
-    """File of its weights."""
-    score: Score
-    """The piece."""
-
-
-def judge(job: EvaluationJob) -> tuple[str, Mapping[str, float] | None]:
-    """Return a piece's title, and the metrics of the learner; none of what cannot be played."""
-    check_stop()
-    env = _env(job.config.evaluation.physics)
-    with torch_threads():
-        learner = load_learner(job.config.network, job.learner, env)
-        try:
-            info = play_alone(env, job.score, learner)
-        except (ScoreError, SimulationDivergedError):
-            return job.score.title, None
-    return job.score.title, {name: float(info[name]) for name in JUDGED_BY}
+def judge(physics: str, learner: Path, score: Score) -> tuple[str, Mapping[str, float] | None]:
+    """Return a piece's title, and the metrics of a network; none of what cannot be played."""
+    try:
+        info = play_alone(_env(physics), score, HandModel.load(learner))
+    except (ScoreError, SimulationDivergedError):
+        return score.title, None
+    return score.title, {name: float(info[name]) for name in JUDGED_BY}
 
 
 @functools.lru_cache(maxsize=2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
@@ -11,7 +12,6 @@ import numpy.typing as npt
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_piano.distillation.config import PLANNED, PlayingSettings, TeacherSettings
-from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PlanSettings, Tracker, plan
 from sb3_piano.training.playing.player import SavedPlayer
@@ -24,8 +24,15 @@ _JOINTS = 20
 """Actuators of a hand that turn a joint; then come its slider along the keyboard and the other."""
 
 
-class Lesson(Protocol):
-    """A teacher at one excerpt."""
+class Teacher(Protocol):
+    """Tells what would be right in the environment that it was made for."""
+
+    def prepare(self) -> None:
+        """Begin with the excerpt that the environment was reset to.
+
+        Raises:
+            ScoreError: If the teacher cannot play it.
+        """
 
     def action(self, step: int, observation: npt.NDArray[np.float32]) -> Action:
         """Return what the teacher would do in the present state."""
@@ -37,20 +44,10 @@ class Lesson(Protocol):
         """
 
 
-class Teacher(Protocol):
-    """Gives lessons in the environment that it was made for."""
-
-    def prepare(self) -> Lesson:
-        """Begin with the excerpt that the environment was reset to.
-
-        Raises:
-            ScoreError: If the teacher cannot play it.
-        """
-
-
+@contextlib.contextmanager
 def new_teacher(
     settings: TeacherSettings, playing: PlayingSettings, env: HandActions
-) -> contextlib.AbstractContextManager[Teacher]:
+) -> Iterator[Teacher]:
     """Give a teacher, as long as the block lasts.
 
     Raises:
@@ -58,12 +55,25 @@ def new_teacher(
         RunError: If a run's model cannot be loaded.
     """
     if settings.name == PLANNED:
-        return contextlib.nullcontext(PlannedTeacher(settings.plan, playing, env))
+        yield PlannedTeacher(settings.plan, playing, env)
+        return
     if not Path(settings.name).is_dir():
         raise ConfigError(
             f"teacher.name is {settings.name!r}: expected {PLANNED!r}, or the folder of a run."
         )
-    return RunTeacher.of(settings.name, env)
+    with SavedPlayer.open(settings.name) as player:
+        model = player.model
+        ours = env.observation_space, env.action_space
+        if not isinstance(model, BaseAlgorithm) or ours != (
+            model.observation_space,
+            model.action_space,
+        ):
+            raise ConfigError(
+                f"The run '{settings.name}' cannot teach: expected a trained model with "
+                'observation="hands", reduced_action_space=False and HandActions around the piano, '
+                "which sees and does what the learner does."
+            )
+        yield RunTeacher(player)
 
 
 class PlannedTeacher:
@@ -77,22 +87,16 @@ class PlannedTeacher:
 
     def __init__(self, settings: PlanSettings, playing: PlayingSettings, env: HandActions) -> None:
         self._settings, self._playing, self._env = settings, playing, env
+        self._piano = piano_of(env, "PlannedTeacher")
 
-    def prepare(self) -> Lesson:
+    def prepare(self) -> None:
         """Plan what the environment plays; see :meth:`Teacher.prepare`."""
-        piano = piano_of(self._env, "PlannedTeacher")
-        made = plan(piano.roll, piano.scene, self._settings)
-        tracker = Tracker(made, piano.scene, self._settings.feedback)
-        return _PlannedLesson(tracker, piano, self._env, self._playing)
-
-
-class _PlannedLesson:
-    def __init__(
-        self, tracker: Tracker, piano: PianoEnv, env: HandActions, playing: PlayingSettings
-    ) -> None:
-        self._tracker, self._piano, self._env, self._playing = tracker, piano, env, playing
+        scene = self._piano.scene
+        made = plan(self._piano.roll, scene, self._settings)
+        self._tracker = Tracker(made, scene, self._settings.feedback)
 
     def action(self, step: int, observation: npt.NDArray[np.float32]) -> Action:
+        """Return what leads back to the plan."""
         del observation  # the plan goes by where the actuators are
         return self._env.action_for(self._tracker.controls(step, self._positions()))
 
@@ -108,36 +112,18 @@ class _PlannedLesson:
         return scene.actuator_positions(self._piano.data.qpos[scene.hand_qpos])
 
 
-class RunTeacher(contextlib.AbstractContextManager["RunTeacher"]):
+class RunTeacher:
     """The model of a run, which sees what the learner sees; it never takes over.
 
-    :meth:`of` opens one.
+    Args:
+        player: The run's model.
     """
 
     def __init__(self, player: SavedPlayer) -> None:
         self._player = player
 
-    @classmethod
-    def of(cls, folder: str, env: HandActions) -> RunTeacher:
-        """Return the teacher of a run's folder; errors are those of :func:`new_teacher`."""
-        player = SavedPlayer.open(folder)
-        model = player.model
-        ours = env.observation_space, env.action_space
-        if not isinstance(model, BaseAlgorithm) or ours != (
-            model.observation_space,
-            model.action_space,
-        ):
-            player.close()
-            raise ConfigError(
-                f"The run '{folder}' cannot teach: expected a trained model with "
-                'observation="hands", reduced_action_space=False and HandActions around the piano, '
-                "which sees and does what the learner does."
-            )
-        return cls(player)
-
-    def prepare(self) -> Lesson:
-        """Return itself: it goes by the observation alone."""
-        return self
+    def prepare(self) -> None:
+        """Do nothing: it goes by the observation alone."""
 
     def action(self, step: int, observation: npt.NDArray[np.float32]) -> Action:
         """Return what the model plays."""
@@ -149,6 +135,3 @@ class RunTeacher(contextlib.AbstractContextManager["RunTeacher"]):
         """Return 0: it wants the hands nowhere in particular."""
         del step
         return 0.0
-
-    def __exit__(self, *error: object) -> None:
-        self._player.close()

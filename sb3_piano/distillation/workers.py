@@ -9,7 +9,7 @@ import signal
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
-from multiprocessing.synchronize import Event
+from multiprocessing.connection import Connection
 from typing import TypeVar
 
 from sb3_piano.interrupts import StopRequest, ctrl_c_ignored
@@ -21,13 +21,6 @@ Result = TypeVar("Result")
 
 _LOOK_EVERY = 0.2  # s
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-
-_stop: Event | None = None
-"""Set when the pool of this process should end; of a process of a pool."""
-
-
-class StoppedError(Exception):
-    """Someone asked the work to end."""
 
 
 @contextlib.contextmanager
@@ -42,12 +35,12 @@ def process_pool(workers: int | None = None) -> Iterator[Executor]:
     """
     count = checked("workers", workers, Count | None) or usable_cores()
     context = multiprocessing.get_context("spawn")  # fork is not safe with torch's threads
-    stop = context.Event()
-    pool = ProcessPoolExecutor(count, context, initializer=_begin, initargs=(stop,))
+    theirs, ours = context.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(count, context, initializer=_begin, initargs=(theirs,))
     try:
         yield pool
     finally:
-        stop.set()
+        ours.close()  # nothing was ever sent: that it has an end is the message
         pool.shutdown(cancel_futures=True)
 
 
@@ -68,7 +61,7 @@ def map_jobs(
         request: Ends it when it is made.
 
     Raises:
-        StoppedError: If the request is made.
+        KeyboardInterrupt: If the request is made.
     """
     with ctrl_c_ignored(), _one_thread_each():  # by processes, which start now, from the beginning
         waiting: set[Future[Result]] = {executor.submit(function, job) for job in jobs}
@@ -76,18 +69,12 @@ def map_jobs(
         while waiting:
             done, waiting = wait(waiting, _LOOK_EVERY, FIRST_COMPLETED)
             if request is not None and request.made:
-                raise StoppedError
+                raise KeyboardInterrupt
             for future in done:
                 yield future.result()
     finally:
         for future in waiting:
             future.cancel()
-
-
-def check_stop() -> None:
-    """Raise :class:`StoppedError` in a process whose pool should end; jobs call it now and then."""
-    if _stop is not None and _stop.is_set():
-        raise StoppedError
 
 
 @contextlib.contextmanager
@@ -105,18 +92,15 @@ def _one_thread_each() -> Iterator[None]:
             del os.environ[name]
 
 
-def _begin(stop: Event) -> None:
+def _begin(lifeline: Connection) -> None:
     """Begin a process of a pool."""
-    global _stop
-    _stop = stop
     # Ctrl-C reaches all processes of a terminal; it is for the one that made the pool to answer it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
 
 
-def _end_with_parent() -> None:
-    """End this process when the one that made it is killed, which no job would notice."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None, "of a pool"
-    parent.join()
+def _end_with(lifeline: Connection) -> None:
+    """End this process, whatever it is at, when the pool's block ends or its process is killed."""
+    with contextlib.suppress(EOFError, OSError):
+        lifeline.recv()
     os._exit(1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +10,10 @@ import numpy.typing as npt
 
 from sb3_piano.envs.encodings import Encoding, check_labels
 from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
+from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import PianoRoll
-from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK, NUM_KEYS
+from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK, MIN_PITCH, NUM_KEYS
+from sb3_piano.music.pitch import pitch_name
 from sb3_piano.reading import (
     HandKinematics,
     HandReading,
@@ -54,6 +57,7 @@ _OVERSHOOT = 1.0  # joint limits are soft; rad or m
 _AROUND = np.array([-1, 0, 1])  # keys around a finger that are shown
 _MARGIN = 1  # keys added beyond both ends of the keyboard, so that each key has neighbours
 _GRID = 1e-3  # of the table of keys by place, m
+_NAMED = 5  # notes in a warning
 
 
 class HandEncoding(Encoding):
@@ -91,9 +95,27 @@ class HandEncoding(Encoding):
         self._state = np.zeros(NUM_KEYS + 2 * _MARGIN)
 
     def prepare(self, roll: PianoRoll) -> None:
-        """Take a piece; see :meth:`Encoding.prepare`."""
-        check_labels(roll, "hands")
+        """Take a piece; see :meth:`Encoding.prepare`.
+
+        A :class:`~sb3_piano.exceptions.PlanWarning` names the notes that have no finger, as hands
+        have too few: nobody plays them.
+        """
+        if not (roll.finger >= 0).any():
+            check_labels(roll, "hands")
         self.read(roll)
+        left_out = [
+            f"{pitch_name(MIN_PITCH + key)} (pitch {MIN_PITCH + key}) at "
+            f"{step * self._control_timestep:.2f} s"
+            for step, key in np.argwhere(roll.onset & roll.unlabelled).tolist()
+        ]
+        if left_out:
+            more = f"; and {len(left_out) - _NAMED} more" if len(left_out) > _NAMED else ""
+            warnings.warn(
+                "Notes without a finger, which the hands leave out: "
+                f"{'; '.join(left_out[:_NAMED])}{more}.",
+                PlanWarning,
+                stacklevel=2,
+            )
 
     def read(self, roll: PianoRoll) -> Reading:
         """Take a piece of which no hand plays the notes without finger; return what was read."""

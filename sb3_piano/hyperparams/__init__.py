@@ -9,6 +9,9 @@ _HERE = Path(__file__).parent
 PRESETS = {path.stem: path for path in sorted(_HERE.glob("*.yml"))}
 """The files by the name of their algorithm."""
 
+SIGHT_READER = _HERE / "sight_reader" / "ppo.yml"
+"""PPO on many pieces, from a distilled network of a hand."""
+
 FINE_TUNING = {path.stem: path for path in sorted(_HERE.glob("fine_tuning/*.yml"))}
 """Files for corrections of the sight-reader on one piece, likewise. RL Zoo does not know all their
 keys."""

@@ -19,6 +19,7 @@ from sb3_piano.envs.hand_encoding import HandEncoding
 from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll
+from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.planning.policy import PianoPolicy, roll_with_fingers
 from sb3_piano.planning.problems import summary, unheld
 from sb3_piano.players.hand_model import SHIPPED, HandModel
@@ -91,6 +92,8 @@ class SightReader(PianoPolicy):
         else:
             encoding = HandEncoding(piano.scene, piano.config.control_timestep)
         problems = unheld(encoding.read(roll_with_fingers(piano)).roll)
+        if piano.config.observation == "hands":  # the environment has told of those without finger
+            problems = [one for one in problems if one.finger != UNKNOWN_FINGER]
         if problems:
             warnings.warn(summary(problems), PlanWarning, stacklevel=4)
         layout = self._layout if self._normalizer is None else None  # which cuts what is far off

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import mujoco
 import numpy as np
 import pytest
@@ -10,8 +12,9 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.envs.hand_encoding import FRAMES_AHEAD, LINE_AHEAD, PLACES_AHEAD
-from sb3_piano.exceptions import ScoreError
+from sb3_piano.exceptions import PlanWarning, ScoreError
 from sb3_piano.music import Note, Score
+from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.planning import PlannedPianist
 from sb3_piano.reading import HandKinematics, KeyPlaces, read_piece
 
@@ -150,8 +153,28 @@ def test_keys_around_a_finger_show_depth_and_whether_they_are_due():
     assert left[1, 7] == 1  # B flat 2, due, black
 
 
-def test_notes_without_fingers_are_refused_unless_fingers_are_found():
+def test_pieces_without_fingers_are_refused_unless_fingers_are_found():
     bare = Score(notes=[Note(onset=0, offset=1, pitch=60)], title="bare")
     with pytest.raises(ScoreError, match="observation 'hands' expects one for every note"):
         PianoEnv(bare, observation="hands")
     PianoEnv(bare, observation="hands", fingering="robot").reset()
+
+
+@pytest.mark.parametrize("fingering", ["robot", "ergonomic", "keep"])
+def test_of_a_chord_of_twelve_notes_two_are_left_out_and_named(fingering):
+    chord = [Note(onset=0.1, offset=0.4, pitch=pitch) for pitch in range(60, 72)]
+    score = Score(notes=[Note(onset=0.0, offset=0.1, pitch=72), *chord], title="cluster")
+    if fingering == "keep":  # as wrappers do that choose a piece with fingers
+        score = apply_fingering(score, "robot")
+    with pytest.warns(
+        PlanWarning, match=r"without a finger.*: \w+ \(pitch 6\d\) at 0.60 s; [^;]*s\.$"
+    ):
+        env = PianoEnv(score, observation="hands", fingering=fingering, **OPTIONS)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # they are named once
+        env.reset(seed=0)
+        over = False
+        while not over:
+            observation, _, _, over, info = env.step(env.rest_action)
+            assert env.observation_space.contains(observation)
+    assert 0 <= info["f1"] < 1

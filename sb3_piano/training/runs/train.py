@@ -109,6 +109,7 @@ def resume(
     *,
     algo: str | None = None,
     env_id: str | None = None,
+    callbacks: Sequence[BaseCallback] = (),
     progress_bar: bool = True,
     checkpoint_every: int = DEFAULT_EVERY,
 ) -> TrainResult:
@@ -126,6 +127,7 @@ def resume(
         steps: The new total of environment steps; by default the run's.
         algo: The algorithm that the run is expected to have, if any.
         env_id: The environment that the run is expected to have, if any.
+        callbacks: Callbacks beside the config's.
         progress_bar: Whether to show progress on the terminal.
         checkpoint_every: Environment steps between two checkpoints.
 
@@ -177,9 +179,9 @@ def resume(
             _closing(build_vec_env(config, innermost=counting_on)) as venv,
         ):
             model = _restored(run, config, saved, venv)
-            callbacks = build_callbacks(config)
+            every = [*build_callbacks(config), *callbacks]
             run.write_config(config)
-            return _learn(config, run, model, callbacks, saved, checkpoint_every, progress_bar)
+            return _learn(config, run, model, every, saved, checkpoint_every, progress_bar)
 
 
 def _learn(

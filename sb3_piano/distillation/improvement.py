@@ -1,0 +1,136 @@
+"""The phase after the rounds: reinforcement learning from the last round's network on."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from stable_baselines3.common.callbacks import BaseCallback
+
+from sb3_piano.callbacks import HandWeightsCallback
+from sb3_piano.callbacks.progress import episode_summary
+from sb3_piano.distillation.config import DistillConfig
+from sb3_piano.distillation.rollout import hands_env
+from sb3_piano.distillation.rounds import Progress
+from sb3_piano.envs import GENERAL_ID
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.hyperparams import SIGHT_READER
+from sb3_piano.players import HandModel
+from sb3_piano.simulation import SIDES
+from sb3_piano.training import Plugin, RunConfig, load_config, resume, train
+from sb3_piano.training.configuration.names import import_name
+from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.wrappers import CorpusExcerpt
+
+IMPROVED = "improved"
+"""What the network is called, with its files."""
+
+_FOLDER = "ppo"
+
+
+def improvement_run(config: DistillConfig, start: Path, num_threads: int | None) -> RunConfig:
+    """Return the settings of the training.
+
+    Args:
+        config: The settings of the distillation.
+        start: File of the network with which it begins.
+        num_threads: Threads of torch, if they are chosen.
+
+    Raises:
+        ConfigError: If the settings in the file are not valid, or have no place for the corpus or
+            the network.
+    """
+    settings, file = config.improvement, Path(config.improvement.config or SIGHT_READER)
+    chosen = {} if num_threads is None else {"num_threads": num_threads}
+    run = load_config(
+        settings.algo,
+        GENERAL_ID,
+        file,
+        n_timesteps=settings.n_timesteps,
+        seed=config.seed,
+        **chosen,
+    )
+    corpus = {"corpus": dataclasses.asdict(config.corpus)}
+    policy = dict(run.algorithm_kwargs.get("policy_kwargs") or {})
+    given = policy.get("net_arch")
+    critics = given if isinstance(given, dict) else {"vf": [256, 256], "qf": [256, 256]}
+    policy["net_arch"] = {**critics, "pi": list(config.network.net_arch)}
+    policy["activation_fn"] = f"torch.nn.{config.network.activation}"
+    return dataclasses.replace(
+        run,
+        env_wrapper=_given(file, run.env_wrapper, CorpusExcerpt, corpus),
+        callback=_given(file, run.callback, HandWeightsCallback, {"model": str(start.absolute())}),
+        algorithm_kwargs={**run.algorithm_kwargs, "policy_kwargs": policy},
+    )
+
+
+def improve(
+    config: DistillConfig, start: Path, num_threads: int | None, tell: Progress, weights: Path
+) -> Mapping[str, str]:
+    """Train on, and write the network; what is done of it is not done again.
+
+    Args:
+        config: The settings of the distillation.
+        start: File of the network with which it begins.
+        num_threads: Threads of torch, if they are chosen.
+        tell: Tells how far it is.
+        weights: File of the network that is made; the run's folder is beside it.
+
+    Returns:
+        Nothing that could not be played.
+
+    Raises:
+        KeyboardInterrupt: If someone asked it to end.
+    """
+    folder, told = weights.with_name(_FOLDER), _Told(tell, config.improvement.n_timesteps)
+    if RunFolder(folder).config_file.is_file():
+        result = resume(folder, callbacks=[told], progress_bar=False)
+    else:
+        shutil.rmtree(folder, ignore_errors=True)  # of one that was killed as it began
+        run = improvement_run(config, start, num_threads)
+        result = train(run, folder, callbacks=[told], progress_bar=False)
+    if result.interrupted:
+        raise KeyboardInterrupt
+    config_of_run = result.folder.read_config()
+    assert isinstance(config_of_run, RunConfig), "it was trained"
+    policy: Any = config_of_run.algorithm.load(result.folder.model_file, device="cpu").policy
+    steps = HandModel.load(start).facts.num_timesteps
+    steps += result.num_timesteps * policy.n_hands // len(SIDES)
+    with contextlib.closing(hands_env(config.playing.physics)) as env:
+        HandModel.of(policy, env, steps).save(weights)
+    return {}
+
+
+def _given(
+    file: Path, plugins: tuple[Plugin, ...], kind: type, kwargs: dict[str, Any]
+) -> tuple[Plugin, ...]:
+    """Return plugins with other arguments for the one of a class, which has to be there."""
+    found = [import_name(plugin.path) is kind for plugin in plugins]
+    if not any(found):
+        raise ConfigError(
+            f"improvement.config is '{file}', which has no {kind.__name__}: expected it among the "
+            "entries of env_wrapper or callback, such as in the file that comes with the package."
+        )
+    return tuple(
+        Plugin(path=plugin.path, kwargs={**plugin.kwargs, **kwargs}) if this else plugin
+        for plugin, this in zip(plugins, found, strict=True)
+    )
+
+
+class _Told(BaseCallback):
+    """Tell how far a training is, and how well the last episode was played."""
+
+    def __init__(self, tell: Progress, total: int) -> None:
+        super().__init__()
+        self._tell, self._total, self._text = tell, total, f"{IMPROVED}: training, steps"
+
+    def _on_step(self) -> bool:
+        for info in self.locals["infos"]:
+            if "episode" in info:
+                self._text = f"{IMPROVED}: training, {episode_summary(info)}, steps"
+        self._tell(self._text, self.num_timesteps, self._total)
+        return True

@@ -12,7 +12,8 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, PlanWarning
-from sb3_piano.music import Note, Score
+from sb3_piano.music import Note, Score, load_score
+from sb3_piano.music.corpus import HELD_OUT
 from sb3_piano.planning import PlannedPianist
 from sb3_piano.players import HandModel, SightReader, make_player
 from sb3_piano.policies import (
@@ -172,7 +173,7 @@ def test_a_network_for_other_environments_is_refused_when_it_is_made(model, tmp_
         SightReader(piano(reduced_action_space=True), tmp_path / "x.safetensors")
     blocks = {**model.facts.blocks, "line": 5, "busy": 2}
     changed = HandModel(model.tensors, dataclasses.replace(model.facts, blocks=blocks))
-    with pytest.raises(ConfigError, match=r"365 numbers \(.*busy 2, line 5.*here it is 365"):
+    with pytest.raises(ConfigError, match=r"385 numbers \(.*busy 2, line 5.*here it is 385"):
         SightReader(piano(), changed)
     with pytest.raises(ConfigError, match="unchanged by other wrappers"):
         SightReader(gym.wrappers.RescaleAction(piano(), *np.float32([-0.5, 0.5])), model)
@@ -208,3 +209,17 @@ def test_players_are_made_by_name():
     assert len(play(env, shipped)[1]) == len(env.roll)
     with pytest.raises(ConfigError, match=r"Unknown player 'sightreader'. Did you mean 'sight-r"):
         make_player("sightreader", env)
+
+
+@pytest.mark.parametrize("piece", ["scale-DbMajor", "hanon-11"])
+def test_the_network_that_is_shipped_plays_pieces_that_it_never_saw(piece):
+    assert piece in HELD_OUT
+    part = load_score(piece).excerpt(0.0, 8.0)
+    env = PianoEnv(part, fingering="robot", reduced_action_space=False, initial_buffer_time=0.5)
+    player, over, state = make_player("sight-reader", env), False, None
+    observation, _ = env.reset(seed=0)
+    while not over:
+        action, state = player.predict(observation, state)
+        observation, _, _, over, info = env.step(action)
+    assert info["f1"] > 0.85
+    assert info["onset_f1"] > 0.6

@@ -191,6 +191,6 @@ def _table(rows: Sequence[Row]) -> Table:
 
 
 def rounded(value: float) -> str:
-    """A positive number with three digits: ``0.123``, ``1.23``, ``12.3``, or ``1234``."""
-    digits = 3 if value < 1 else 2 if value < 10 else 1 if value < 100 else 0
+    """A positive number in few digits: ``0.00123``, ``0.012``, ``0.123``, ``1.23``, ``1234``."""
+    digits = next((d for d, most in ((5, 0.01), (3, 1), (2, 10), (1, 100)) if value < most), 0)
     return f"{value:.{digits}f}"

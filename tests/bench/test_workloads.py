@@ -156,7 +156,7 @@ def test_each_preset_is_updated_with_each_observation(short, trained):
             ("roll", 1124),
             ("window", 584),
             ("fingers", 130),
-            ("hands", 718),
+            ("hands", 758),
         ):
             expected[f"{algo}, {observation}"] = (kind, 2, 256, size, 4)
         expected[f"{algo} for debug pieces"] = (kind, 2, 128, 130, 4)

@@ -19,7 +19,7 @@ SCORE = Score(
         for i, (pitch, finger) in enumerate([(60, 0), (72, 1), (74, 2), (60, 0)])
     ]
 )
-SETTINGS = PlanSettings(rounds=2, iterations=6, rehearsals=4)
+SETTINGS = PlanSettings(rounds=2, iterations=6, rehearsals=8)
 PLAIN = PlanSettings(rounds=2, iterations=6)
 ON_STAGE = {"reduced_action_space": False, "initial_buffer_time": 0.5, "fingering": "robot"}
 

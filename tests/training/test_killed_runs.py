@@ -109,7 +109,7 @@ def test_a_second_training_is_refused_at_once_but_all_may_read(start, tmp_path, 
     assert not (folder.path / ".lock").exists()
 
 
-@pytest.mark.parametrize("vec_env", ["threads", "processes", "subproc"])
+@pytest.mark.parametrize("vec_env", ["processes", "subproc"])
 def test_ctrl_c_saves_and_prints_how_to_go_on(start, tmp_path, vec_env):
     process = start("--n-envs", "2", "--vec-env", vec_env)
     monitor = tmp_path / "run" / "monitor" / "0.monitor.csv"

@@ -6,6 +6,7 @@ import contextlib
 import datetime
 import importlib.metadata
 import itertools
+import math
 import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -191,6 +192,6 @@ def _table(rows: Sequence[Row]) -> Table:
 
 
 def rounded(value: float) -> str:
-    """A positive number in few digits: ``0.00123``, ``0.012``, ``0.123``, ``1.23``, ``1234``."""
-    digits = next((d for d, most in ((5, 0.01), (3, 1), (2, 10), (1, 100)) if value < most), 0)
+    """A number with three digits: ``0.0123``, ``0.123``, ``1.23``, ``12.3``, or ``1234``."""
+    digits = max(0, 2 - math.floor(math.log10(value))) if value > 0 else 3
     return f"{value:.{digits}f}"

@@ -122,7 +122,7 @@ def test_the_table_has_the_rows_with_their_ratios():
     assert cells == [
         ["Simulation, steps/s", "", ""],
         ["a", "1235", ""],
-        ["b", "56.8", "0.046 x of a"],
+        ["b", "56.8", "0.0457 x of a"],
         ["", "", "1.12 env/bare"],
         ["Full replay buffer, GB", "", ""],
         ["c", "9.16", "12.3 x of d"],

@@ -1,5 +1,6 @@
 """Stable-Baselines3 callbacks: music in log and evaluation, progress, checkpoints, videos."""
 
+from sb3_piano.callbacks.averaged_weights import AveragedWeightsCallback
 from sb3_piano.callbacks.checkpoint import Checkpoint, ResumableCheckpoint
 from sb3_piano.callbacks.demonstrations import DemonstrationsCallback
 from sb3_piano.callbacks.episode_metrics import EpisodeMetricsCallback, RewardTermsCallback
@@ -11,6 +12,7 @@ from sb3_piano.callbacks.replay_segments import restore_replay_buffer
 from sb3_piano.callbacks.standardization import SightReaderStandardization
 
 __all__ = [
+    "AveragedWeightsCallback",
     "Checkpoint",
     "DemonstrationsCallback",
     "EpisodeMetricsCallback",

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sb3_piano.distillation import DistillResult, RoundResult
 
 _SET_HELP = (
-    "a setting in place of the file's, such as rounds.0.epochs=3, improvement.n_timesteps=0 or "
+    "a setting in place of the file's, such as rounds.0.epochs=3, improvements=[] or "
     "teacher.plan.rehearsals=2; may be given several times"
 )
 

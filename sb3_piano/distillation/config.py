@@ -144,18 +144,19 @@ class EvaluationSettings:
 
 
 @settings
-class ImprovementSettings:
-    """Reinforcement learning that goes on from the last round's network, without a teacher."""
+class Improvement:
+    """Reinforcement learning that goes on from the network before it, without a teacher."""
 
-    n_timesteps: Index = 6_000_000
-    """Steps of the training, of hands where those are its agents: twice the control steps; 0 for
-    no such training."""
+    n_timesteps: Count
+    """Steps of the training, of hands where those are its agents: twice the control steps."""
+    physics: str | None = None
+    """Name of the physics profile in place of the one in the file."""
     algo: str = "ppo"
     """Name of the algorithm."""
     config: str | None = None
     """File of its settings in RL Zoo's form, by default ``hyperparams/sight_reader/ppo.yml`` of
-    this package. Its ``CorpusExcerpt`` gets the corpus, its policy the network's size and the last
-    round's weights."""
+    this package. Its ``CorpusExcerpt`` gets the corpus, its policy the network's size and its
+    weights."""
 
     def __post_init__(self) -> None:
         if self.config is not None:  # which is read again when the rounds are done, from anywhere
@@ -181,7 +182,11 @@ class DistillConfig:
     playing: PlayingSettings = field(default_factory=PlayingSettings)
     teacher: TeacherSettings = field(default_factory=TeacherSettings)
     network: NetworkSettings = field(default_factory=NetworkSettings)
-    improvement: ImprovementSettings = field(default_factory=ImprovementSettings)
+    improvements: tuple[Improvement, ...] = (
+        Improvement(n_timesteps=4_000_000),
+        Improvement(n_timesteps=500_000, physics="reference"),
+    )
+    """What follows the rounds. Policies that learn on fast physics alone strike late on others."""
     evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
     shard: Count = 25
     """Excerpts of a data set, which one process plays."""

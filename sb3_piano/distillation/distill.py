@@ -6,7 +6,7 @@ import contextlib
 import os
 import shlex
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass
 from functools import partial
@@ -16,7 +16,7 @@ import yaml
 
 from sb3_piano.demonstrations.dataset import require_minari
 from sb3_piano.distillation.config import DistillConfig
-from sb3_piano.distillation.improvement import IMPROVED, improve, improvement_run
+from sb3_piano.distillation.improvement import improve, improvement_run
 from sb3_piano.distillation.rollout import hands_env
 from sb3_piano.distillation.rounds import (
     DATA,
@@ -48,7 +48,7 @@ class DistillResult:
     folder: Path
     """Folder of all files."""
     rounds: tuple[RoundResult, ...]
-    """The rounds that are done; and of the improvement, if it is."""
+    """The rounds that are done, and the improvements after them."""
     weights: Path | None
     """File of the newest network of a hand, if a round is done."""
     interrupted: bool = False
@@ -70,7 +70,7 @@ def distill(
     In each round excerpts are played, by the teacher and, from the second round on, by the network
     of the round before, while the teacher says what would be right (DAgger, Ross et al. 2011); then
     a network is trained on all rounds' data and plays held-out music alone. Then it goes on without
-    the teacher, by reinforcement learning (``config.improvement``), and is judged once more.
+    the teacher, by reinforcement learning (``config.improvements``), and is judged after each.
 
     A folder in which a distillation was begun is gone on with: what is whole is kept, and the
     result of the rounds is that of one which never stopped. Ctrl-C or SIGTERM ends it; at most the
@@ -82,8 +82,8 @@ def distill(
     ``data/``               Minari data sets of the rounds, and a manifest of each
     ``round-N.safetensors`` network of one hand after round N, from 0; ``round-N.json`` is its
                             :class:`RoundResult`
-    ``ppo/``                the run of the improvement, as :func:`~sb3_piano.training.train` makes
-                            it; ``improved.safetensors`` and ``.json`` are what came of it
+    ``improved-N/``         the run of improvement N, from 0, as :func:`~sb3_piano.training.train`
+                            makes it; ``.safetensors`` and ``.json`` are what came of it
     ``hand.safetensors``    the newest of these networks, a :class:`~sb3_piano.players.HandModel`
     ``rounds.csv``          a line of each
     ======================= ======================================================================
@@ -114,10 +114,12 @@ def distill(
             pass  # what is wrong with it is better told now than by a worker
         hands_env(config.evaluation.physics).close()
     names = [round_name(number) for number in range(len(config.rounds))]
-    last = weights_file(place.absolute(), names[-1])
-    if config.improvement.n_timesteps > 0:
-        names.append(IMPROVED)
-        improvement_run(config, last, num_threads)
+    improvements: dict[str, Callable[[Path], Mapping[str, str]]] = {}
+    for number in range(len(config.improvements)):
+        start = weights_file(place.absolute(), names[-1])
+        improvement_run(config, number, start, num_threads)
+        names.append(f"improved-{number}")
+        improvements[names[-1]] = partial(improve, config, number, start, num_threads, on_progress)
     rounds: list[RoundResult] = []
     interrupted = False
     with _owned(place), torch_threads(num_threads), stop_on_signal() as request:
@@ -125,11 +127,10 @@ def distill(
         pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
         with pool as chosen, _broken_told(place):
             work = Rounds(config, place.absolute(), held_out, chosen, request, on_progress)
-            improved = partial(improve, config, last, num_threads, on_progress)
             try:
                 for number, name in enumerate(names):
-                    further = number == len(config.rounds)
-                    result = work.judged(name, improved) if further else work.finish(number)
+                    further = improvements.get(name)
+                    result = work.judged(name, further) if further else work.finish(number)
                     rounds.append(result)
                     _write_results(place, rounds, names)
                     on_round(result)

@@ -1,4 +1,4 @@
-"""The phase after the rounds: reinforcement learning from the last round's network on."""
+"""What follows the rounds: reinforcement learning from the last round's network on."""
 
 from __future__ import annotations
 
@@ -26,17 +26,15 @@ from sb3_piano.training.configuration.names import import_name
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.wrappers import CorpusExcerpt
 
-IMPROVED = "improved"
-"""What the network is called, with its files."""
 
-_FOLDER = "ppo"
-
-
-def improvement_run(config: DistillConfig, start: Path, num_threads: int | None) -> RunConfig:
-    """Return the settings of the training.
+def improvement_run(
+    config: DistillConfig, number: int, start: Path, num_threads: int | None
+) -> RunConfig:
+    """Return the settings of a training.
 
     Args:
         config: The settings of the distillation.
+        number: Which of its improvements, from 0.
         start: File of the network with which it begins.
         num_threads: Threads of torch, if they are chosen.
 
@@ -44,14 +42,15 @@ def improvement_run(config: DistillConfig, start: Path, num_threads: int | None)
         ConfigError: If the settings in the file are not valid, or have no place for the corpus or
             the network.
     """
-    settings, file = config.improvement, Path(config.improvement.config or SIGHT_READER)
+    settings = config.improvements[number]
+    file = Path(settings.config or SIGHT_READER)
     chosen = {} if num_threads is None else {"num_threads": num_threads}
     run = load_config(
         settings.algo,
         GENERAL_ID,
         file,
         n_timesteps=settings.n_timesteps,
-        seed=config.seed,
+        seed=config.seed + number,  # not the first one's excerpts once more
         **chosen,
     )
     corpus = {"corpus": dataclasses.asdict(config.corpus)}
@@ -60,8 +59,10 @@ def improvement_run(config: DistillConfig, start: Path, num_threads: int | None)
     critics = given if isinstance(given, dict) else {"vf": [256, 256], "qf": [256, 256]}
     policy["net_arch"] = {**critics, "pi": list(config.network.net_arch)}
     policy["activation_fn"] = f"torch.nn.{config.network.activation}"
+    physics = {} if settings.physics is None else {"physics": settings.physics}
     return dataclasses.replace(
         run,
+        env_kwargs={**run.env_kwargs, **physics},
         env_wrapper=_given(file, run.env_wrapper, CorpusExcerpt, corpus),
         callback=_given(file, run.callback, HandWeightsCallback, {"model": str(start.absolute())}),
         algorithm_kwargs={**run.algorithm_kwargs, "policy_kwargs": policy},
@@ -69,16 +70,22 @@ def improvement_run(config: DistillConfig, start: Path, num_threads: int | None)
 
 
 def improve(
-    config: DistillConfig, start: Path, num_threads: int | None, tell: Progress, weights: Path
+    config: DistillConfig,
+    number: int,
+    start: Path,
+    num_threads: int | None,
+    tell: Progress,
+    weights: Path,
 ) -> Mapping[str, str]:
     """Train on, and write the network; what is done of it is not done again.
 
     Args:
         config: The settings of the distillation.
+        number: Which of its improvements, from 0.
         start: File of the network with which it begins.
         num_threads: Threads of torch, if they are chosen.
         tell: Tells how far it is.
-        weights: File of the network that is made; the run's folder is beside it.
+        weights: File of the network that is made; the run's folder is beside it, of that name.
 
     Returns:
         Nothing that could not be played.
@@ -86,12 +93,13 @@ def improve(
     Raises:
         KeyboardInterrupt: If someone asked it to end.
     """
-    folder, told = weights.with_name(_FOLDER), _Told(tell, config.improvement.n_timesteps)
+    folder = weights.with_suffix("")
+    told = _Told(tell, weights.stem, config.improvements[number].n_timesteps)
     if RunFolder(folder).config_file.is_file():
         result = resume(folder, callbacks=[told], progress_bar=False)
     else:
         shutil.rmtree(folder, ignore_errors=True)  # of one that was killed as it began
-        run = improvement_run(config, start, num_threads)
+        run = improvement_run(config, number, start, num_threads)
         result = train(run, folder, callbacks=[told], progress_bar=False)
     if result.interrupted:
         raise KeyboardInterrupt
@@ -112,8 +120,9 @@ def _given(
     found = [import_name(plugin.path) is kind for plugin in plugins]
     if not any(found):
         raise ConfigError(
-            f"improvement.config is '{file}', which has no {kind.__name__}: expected it among the "
-            "entries of env_wrapper or callback, such as in the file that comes with the package."
+            f"An improvement's config is '{file}', which has no {kind.__name__}: expected it "
+            "among the entries of env_wrapper or callback, such as in the file that comes with the "
+            "package."
         )
     return tuple(
         Plugin(path=plugin.path, kwargs={**plugin.kwargs, **kwargs}) if this else plugin
@@ -124,13 +133,14 @@ def _given(
 class _Told(BaseCallback):
     """Tell how far a training is, and how well the last episode was played."""
 
-    def __init__(self, tell: Progress, total: int) -> None:
+    def __init__(self, tell: Progress, name: str, total: int) -> None:
         super().__init__()
-        self._tell, self._total, self._text = tell, total, f"{IMPROVED}: training, steps"
+        self._tell, self._name, self._total = tell, name, total
+        self._text = f"{name}: training, steps"
 
     def _on_step(self) -> bool:
         for info in self.locals["infos"]:
             if "episode" in info:
-                self._text = f"{IMPROVED}: training, {episode_summary(info)}, steps"
+                self._text = f"{self._name}: training, {episode_summary(info)}, steps"
         self._tell(self._text, self.num_timesteps, self._total)
         return True

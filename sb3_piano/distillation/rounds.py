@@ -46,14 +46,14 @@ Progress = Callable[[str, int, int], object]
 
 @dataclass(frozen=True, kw_only=True)
 class RoundResult:
-    """Result of a round, or of the improvement after the last one."""
+    """Result of a round, or of an improvement after the last one."""
 
     name: str
-    """``round-N``, N from 0, or ``improved``; the files are called so."""
+    """``round-N`` or ``improved-N``, N from 0; the files are called so."""
     transitions: int
     """Control steps that the network learnt from so far, of this round and all before."""
     loss: float | None
-    """Mean loss of the last epoch; none of the improvement."""
+    """Mean loss of the last epoch; none of an improvement."""
     f1: float
     """Mean F1 of what was played alone."""
     onset_f1: float
@@ -253,5 +253,5 @@ def round_name(number: int) -> str:
 
 
 def weights_file(place: Path, name: str) -> Path:
-    """Return where the network of a round, or the improved one, is."""
+    """Return where the network of a round or an improvement is."""
     return place / f"{name}.safetensors"

@@ -44,7 +44,7 @@ rounds:
   - {excerpts: 3, epochs: 20, batch_size: 64}
   - {excerpts: 3, learner: 0.8, epochs: 20, batch_size: 64}
 network: {net_arch: [32]}
-improvement: {n_timesteps: 0}
+improvements: []
 evaluation: {physics: fast, excerpts: 1, pieces: [TwinkleTwinkle], duration: 2.0}
 shard: 2
 """
@@ -116,7 +116,7 @@ def test_the_file_that_comes_with_the_package_has_the_defaults():
         ),
         ("rounds.1.epoch", 1, r"Unknown setting 'epoch' of rounds\[1\]\. Did you mean 'epochs'\?"),
         ("rounds.0.warm", True, r"rounds\[0\].warm is True: expected False"),
-        ("improvement.n_timesteps", -1, r"improvement: n_timesteps is -1: expected"),
+        ("improvements", [{"n_timesteps": 0}], r"improvements\[0\]: n_timesteps is 0: expected"),
         ("rounds.1.learner", 2, r"rounds\[1\]: learner is 2.0: expected .* from 0 to 1"),
         ("rounds.0.learner", 0.5, r"rounds\[0\].learner is 0.5: expected 0"),
         ("rounds.7.learner", 0.5, r"Unknown setting 'rounds.7.learner': there is no '7'"),
@@ -280,13 +280,16 @@ def improved(whole, few_steps, executor, tmp_path_factory):
     folder = tmp_path_factory.mktemp("improved") / "run"
     shutil.copytree(whole.folder, folder)
     settings = yaml.safe_load((folder / "config.yml").read_text())
-    settings["improvement"] |= {"n_timesteps": 240, "config": str(few_steps)}
+    settings["improvements"] = [
+        {"n_timesteps": 240, "config": str(few_steps)},
+        {"n_timesteps": 80, "config": str(few_steps), "physics": "reference"},
+    ]
     (folder / "config.yml").write_text(yaml.safe_dump(settings))
     told = []
 
     def stop(text, done, total):
         told.append((text, done, total))
-        if done >= 100 and text.startswith("improved: training"):
+        if done >= 100 and text.startswith("improved-0: training"):
             signal.raise_signal(signal.SIGINT)
 
     before = distill(None, folder, executor=executor, on_progress=stop)
@@ -299,21 +302,24 @@ def improved(whole, few_steps, executor, tmp_path_factory):
 
 def test_reinforcement_learning_goes_on_from_the_last_round_also_when_interrupted(improved):
     interrupted, told, result = improved
-    steps = [done for text, done, _ in told if text.startswith("improved: training")]
+    steps = [done for text, done, _ in told if text.startswith("improved-0: training")]
     assert [done for _, done, _ in interrupted][-1] == 100
     assert not any("playing" in text for text, _, _ in told), "no round is done again"
     assert steps[0] == 104, "four hands go on"
     assert 240 <= steps[-1] < 320, "until the update is whole"
-    assert [one.name for one in result.rounds] == ["round-0", "round-1", "improved"]
+    assert [one.name for one in result.rounds] == ["round-0", "round-1", "improved-0", "improved-1"]
     before, after = (
-        HandModel.load(result.folder / f"{one.name}.safetensors") for one in result.rounds[1:]
+        HandModel.load(result.folder / f"{one.name}.safetensors") for one in result.rounds[1:3]
     )
     changes = [np.abs(after.tensors[n] - tensor).max() for n, tensor in before.tensors.items()]
     assert 0 < max(changes) < 1e-3
     assert result.rounds[2].transitions == result.rounds[1].transitions + steps[-1] // 2
     with (result.folder / "rounds.csv").open() as file:
-        assert [row["name"] for row in csv.DictReader(file)][-1] == "improved"
-    run = RunFolder.open(result.folder / "ppo").read_config()
+        assert [row["name"] for row in csv.DictReader(file)][-1] == "improved-1"
+    run, then = (RunFolder.open(result.folder / f"improved-{n}").read_config() for n in (0, 1))
+    assert [one.env_kwargs["physics"] for one in (run, then)] == ["fast", "reference"]
+    start = then.callback[0].kwargs["model"]
+    assert start == str(result.folder / "improved-0.safetensors")
     corpus = DistillConfig.from_yaml(result.folder / "config.yml").corpus
     assert Corpus(**run.env_wrapper[0].kwargs["corpus"]) == corpus
     assert (run.seed, run.algorithm_kwargs["policy_kwargs"]["net_arch"]["pi"]) == (0, [32])
@@ -330,7 +336,7 @@ def test_what_came_of_it_plays_as_it_was_judged(improved, executor):
         observation, _, _, over, info = env.step(player.predict(observation)[0])
     judged = result.rounds[-1].pieces["TwinkleTwinkle"]
     assert (info["f1"], info["onset_f1"]) == (judged["f1"], judged["onset_f1"])
-    kept = result.folder / "improved.json"
+    kept = result.folder / "improved-1.json"
     written = kept.stat().st_mtime_ns
     assert distill(None, result.folder, executor=executor).rounds == result.rounds
     assert kept.stat().st_mtime_ns == written
@@ -344,7 +350,7 @@ def test_settings_of_a_training_without_a_place_for_the_corpus_are_refused_at_on
     file.write_text(
         yaml.safe_dump({GENERAL_ID: {**entry, "env_wrapper": entry["env_wrapper"][1:]}})
     )
-    changes = {"improvement": {"n_timesteps": 1, "config": str(file)}}
+    changes = {"improvements": [{"n_timesteps": 1, "config": str(file)}]}
     with pytest.raises(ConfigError, match=r"one piece.yml', which has no CorpusExcerpt: expected"):
         distill(DistillConfig.from_yaml(tiny, **changes), tmp_path / "run")
 

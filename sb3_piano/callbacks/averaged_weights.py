@@ -1,0 +1,63 @@
+"""A training that ends with the mean of its last weights."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import torch
+from annotated_types import Ge, Lt
+from stable_baselines3.common.callbacks import BaseCallback
+
+from sb3_piano.settings import Number, checked
+
+
+class AveragedWeightsCallback(BaseCallback):
+    """Give the policy, when training ends, a moving average of its weights.
+
+    Each update of an on-policy algorithm is a step in a noisy direction; the mean of many plays
+    better than the last of them (Izmailov et al. 2018). Training itself goes on with the last
+    ones, and so do models that are saved before the end. After an interruption the average begins
+    anew. In YAML, for ``sb3-piano train``::
+
+        callback:
+          - sb3_piano.callbacks.AveragedWeightsCallback: {decay: 0.95}
+
+    Args:
+        decay: What is left of an update's weight after the next one, at least 0 and below 1: 0.95
+            takes the mean of about the last 20.
+
+    Raises:
+        ConfigError: If ``decay`` is out of range.
+    """
+
+    def __init__(self, decay: float = 0.95) -> None:
+        super().__init__()
+        self._decay = checked("decay", decay, Annotated[Number, Ge(0), Lt(1)])
+        self._average: list[torch.Tensor] = []
+        self._updates = 0
+
+    def _on_rollout_start(self) -> None:  # the update after the last roll-out is done
+        self._add()
+
+    def _on_training_end(self) -> None:
+        self._add()
+        with torch.no_grad():
+            for parameter, mean in zip(self._parameters(), self._average, strict=True):
+                parameter.copy_(mean)
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _parameters(self) -> list[torch.Tensor]:
+        return list(self.model.policy.parameters())
+
+    @torch.no_grad()
+    def _add(self) -> None:
+        """Take the present weights into the average."""
+        if not self._average:
+            self._average = [parameter.clone() for parameter in self._parameters()]
+        self._updates += 1
+        # Of the first updates the plain mean: the very first would count too much.
+        share = max(1 - self._decay, 1 / self._updates)
+        for mean, parameter in zip(self._average, self._parameters(), strict=True):
+            mean.lerp_(parameter, share)

@@ -13,6 +13,7 @@ from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK, MIN_PITCH, NUM_KEYS
+from sb3_piano.music.fingering.robot import ARMS_APART
 from sb3_piano.music.pitch import pitch_name
 from sb3_piano.reading import (
     HandKinematics,
@@ -23,7 +24,6 @@ from sb3_piano.reading import (
     bounds_of,
     read_piece,
 )
-from sb3_piano.reading.piece import ARMS_APART
 from sb3_piano.simulation import SIDES, PianoScene, Simulation
 
 Float32Array = npt.NDArray[np.float32]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from sb3_piano.music.fingering.robot import ARMS_APART
 from sb3_piano.reading.key_frames import HOLD_DEPTH, HOVER
-from sb3_piano.reading.piece import ARMS_APART
 from sb3_piano.settings import Count, Index, Number, Positive, settings
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.music import PianoRoll
-from sb3_piano.music.fingering.robot import release_early
+from sb3_piano.music.fingering.robot import ARMS_APART, release_early
 from sb3_piano.music.presses import presses_of_hand
 from sb3_piano.reading.arms import dividing_line, wanted_places
 from sb3_piano.reading.key_frames import HOLD_DEPTH, HOVER, KeyFrames, key_frames
@@ -18,9 +18,6 @@ from sb3_piano.reading.presses import TimedPress, time_presses
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
-
-ARMS_APART = 0.16
-"""Least distance of the two forearms, m; they touch at 0.15."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

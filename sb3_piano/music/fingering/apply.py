@@ -12,6 +12,7 @@ from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, FingeringWeights
 from sb3_piano.music.fingering.ergonomic import finger_hand
 from sb3_piano.music.fingering.labels import read_labels
 from sb3_piano.music.fingering.robot import robot_fingers
+from sb3_piano.music.fingering.robot_hands import robot_hands
 from sb3_piano.music.fingering.split import assign_hands
 from sb3_piano.music.hands import HANDS, finger_of
 from sb3_piano.music.score import Score
@@ -31,7 +32,7 @@ def apply_fingering(
     Args:
         score: The score.
         fingering: ``"ergonomic"``: each note that has no finger gets one, those that have keep
-            theirs. ``"robot"``: the same, then fingers are changed where others suit the simulated
+            theirs. ``"robot"``: hands, then fingers are changed where others suit the simulated
             hands better. ``"keep"``: nothing is changed. ``"optimal-transport"``: no note has a
             finger or a hand, so that the reward takes whichever fingers are nearest to the keys.
             Or the path of a file whose labels are put on the notes.
@@ -47,6 +48,8 @@ def apply_fingering(
         return without_fingers(score, keep_hands=False)
     if fingering not in FINGERINGS:
         return read_labels(labels_file(fingering), score)
+    if fingering == "robot":
+        score = robot_hands(score, control_timestep)
     if any(note.finger == UNKNOWN_FINGER for note in score.notes):
         score = finger_score(score)
     if fingering == "robot":

@@ -37,6 +37,9 @@ KEY_Y = np.round(np.where(KEY_IS_BLACK, _BLACK_Y, _WHITE_Y), 5)
 KEY_SPACING = float(np.median(np.diff(KEY_Y[~KEY_IS_BLACK])))
 """Distance of neighbouring white keys, m."""
 
+ARMS_APART = 0.16
+"""Least distance of the two forearms, m; they touch at 0.15."""
+
 CHANGE_FINGER = 0.5
 """Cost of a finger that is not the written one, in control steps of sound."""
 
@@ -49,10 +52,12 @@ _LEAP_WEIGHT = 5.0  # the way of a leap, per m: the shorter one, if as much is l
 _PASSED = 2.0  # a finger, not the thumb, that passes another one
 _MOST_STATES = 40  # ways to lay fingers on the keys that are followed at a time
 
-_LEAP_DISTANCE = 0.020  # from which on the hand's way between two notes costs time, m
-_LEAP_STEPS = 2  # control steps of sound that a leap costs, less the rest between the notes
-_LEAP_MORE = (0.09, 0.12, 0.2, 0.25)  # distances from which on it costs one more, m
-
+LEAP_DISTANCE = 0.020
+"""Way of the hand between two notes from which on it costs time, m."""
+LEAP_STEPS = 2
+"""Control steps of sound that a leap costs, less the rest between the notes."""
+LEAP_MORE = (0.09, 0.12, 0.2, 0.25)
+"""Ways from which on it costs one more, m."""
 LEAP_REST = 12
 """Control steps of rest after which there is time enough for any leap."""
 
@@ -145,7 +150,7 @@ def is_leap(distance: float, same_finger: bool) -> bool:
         distance: How far apart it is for them, m.
         same_finger: Whether one finger plays both.
     """
-    return same_finger or distance > _LEAP_DISTANCE
+    return same_finger or distance > LEAP_DISTANCE
 
 
 def lost_to_leap(distance: float, rest: int) -> tuple[int, int]:
@@ -155,7 +160,7 @@ def lost_to_leap(distance: float, rest: int) -> tuple[int, int]:
         distance: How far the hand has to go, m.
         rest: Control steps between the two notes.
     """
-    steps = _LEAP_STEPS + sum(distance > more for more in _LEAP_MORE) - rest
+    steps = LEAP_STEPS + sum(distance > more for more in LEAP_MORE) - rest
     late = max(steps + 1, 0) // 2
     return late, max(steps, 0) - late
 

@@ -1,0 +1,125 @@
+"""The search: which hand plays each note of a piece at the least cost, for any model of costs.
+
+A beam search over what is struck together. A *way* shares all notes up to some time between the
+hands; the cheapest are followed. Time and memory grow with the number of onsets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sb3_piano.music.fingering.ergonomic import OVERLAP, struck_together
+from sb3_piano.music.hands import HANDS, Hand
+from sb3_piano.music.note import Note
+
+Numbers = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_BEAM = 32
+"""Ways to share the piece between the hands that are followed at a time."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Chord:
+    """Notes that are struck together, and those that sound already."""
+
+    onset: float
+    """When the first is struck, s."""
+    struck: list[Note]
+    """In order of pitch."""
+    held: list[Note]
+    left_takes: Flags
+    """(options, struck) which of these the left hand strikes."""
+    left_holds: Flags
+    """(ways, held) which of these it holds."""
+
+    def of_hand(self, hand: int) -> tuple[Flags, Flags]:
+        """Return what the right (0) or the left hand (1) strikes and holds; see above."""
+        if hand:
+            return self.left_takes, self.left_holds
+        return ~self.left_takes, ~self.left_holds
+
+
+class CostModel(Protocol):
+    """What hands cost.
+
+    What it has to know of a hand's past is ``size`` numbers, its *state*.
+    """
+
+    @property
+    def start(self) -> Numbers:
+        """(size,) the state of a hand that has not played yet."""
+
+    def options(self, struck: Sequence[Note]) -> Flags:
+        """Return the ways to share notes that are struck together: (options, struck), if left."""
+
+    def costs(self, states: Numbers, chord: Chord) -> tuple[Numbers, Numbers]:
+        """Return what a chord costs, and what is then to be known.
+
+        Args:
+            states: (ways, 2, size) states of both hands.
+            chord: What is struck.
+
+        Returns:
+            (ways, options); (ways, options, 2, size) states, of hands that strike nothing, too.
+        """
+
+
+def search(notes: Sequence[Note], model: CostModel) -> list[Hand]:
+    """Return the hand of each note.
+
+    Args:
+        notes: The notes, by onset.
+        model: What hands cost.
+    """
+    cost = np.zeros(1)
+    states = np.tile(model.start, (1, 2, 1))
+    left_holds = np.zeros((1, 0), dtype=bool)
+    sounding: list[int] = []
+    trail: list[tuple[list[int], Flags, NDArray[np.intp], NDArray[np.intp]]] = []
+    for together in struck_together(notes):
+        group = sorted(together, key=lambda at: notes[at].pitch)
+        onset = notes[together[0]].onset
+        stays = np.array([notes[index].offset > onset + OVERLAP for index in sounding], dtype=bool)
+        sounding = [index for index, stay in zip(sounding, stays, strict=True) if stay]
+        struck = [notes[index] for index in group]
+        options = model.options(struck)
+        held = [notes[index] for index in sounding]
+        chord = Chord(onset, struck, held, options, left_holds[:, stays])
+        added, after = model.costs(states, chord)
+        total = cost[:, None] + added
+        order = total.argsort(axis=None, kind="stable")[: 2 * _BEAM]
+        way, option = np.unravel_index(order, total.shape)
+        left_holds = np.concatenate([chord.left_holds[way], options[option]], axis=1)
+        # What will cost the same from here on need not be followed twice.
+        rows = np.column_stack([after[way, option].reshape(len(way), -1), left_holds])
+        kept = np.sort(np.unique(rows, axis=0, return_index=True)[1])[:_BEAM]
+        way, option, left_holds = way[kept], option[kept], left_holds[kept]
+        cost, states = total[way, option], after[way, option]
+        trail.append((group, options, way, option))
+        sounding += group
+    found: list[Hand] = ["right"] * len(notes)
+    best = int(cost.argmin())
+    for group, options, ways, chosen in reversed(trail):
+        for index, left in zip(group, options[chosen[best]], strict=True):
+            found[index] = HANDS[int(left)]
+        best = int(ways[best])
+    return found
+
+
+def lowest_left(struck: Sequence[Note]) -> Flags:
+    """Return the ways to share notes in which the left hand takes the lowest: (options, struck)."""
+    count = len(struck)
+    return np.arange(count)[None, :] < np.arange(count + 1)[:, None]
+
+
+def extent(places: Numbers, chosen: Flags) -> tuple[Numbers, Numbers]:
+    """Return the least and the greatest chosen place of each row; infinity and less if none is."""
+    low = np.where(chosen, places, np.inf).min(1, initial=np.inf)
+    high = np.where(chosen, places, -np.inf).max(1, initial=-np.inf)
+    return low, high

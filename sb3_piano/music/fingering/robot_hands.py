@@ -1,0 +1,150 @@
+"""Hands for the simulated hands, whose forearms need room and whose leaps cost sound.
+
+What a score gives to a hand is for people, whose arms pass each other and whose hands meet on
+neighbouring keys. The simulated forearms are 15 cm thick and stay beside each other: where both
+hands are needed at one place, one of them is not there. A note goes to the other hand where that
+saves sound. Costs are in control steps of sound, as in :mod:`sb3_piano.music.fingering.robot`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sb3_piano.music.constants import FINGERS_PER_HAND, UNKNOWN_FINGER
+from sb3_piano.music.fingering.hand_search import (
+    Chord,
+    Flags,
+    Numbers,
+    extent,
+    lowest_left,
+    search,
+)
+from sb3_piano.music.fingering.robot import (
+    ARMS_APART,
+    KEY_SPACING,
+    KEY_Y,
+    LEAP_DISTANCE,
+    LEAP_MORE,
+    LEAP_REST,
+    LEAP_STEPS,
+)
+from sb3_piano.music.fingering.split import assign_hands
+from sb3_piano.music.hands import HANDS
+from sb3_piano.music.note import Note
+from sb3_piano.music.score import Score
+
+_CHANGE = 1.0  # a note that goes to the other hand
+_STRETCH = 1.5  # a white key between those struck together that is more than five fingers cover
+_SPAN, _OVERREACH = 0.18, 0.01  # m: of thumb and little finger; beyond that a key is lost
+_LOST = 8.0  # a key that is struck and cannot be reached, or has no finger
+_HELD = 2.0  # one that is held and has to be let go for want of a finger
+_TOO_NEAR = 2.0  # a strike of a hand that is 5 cm too near to the other one
+_NEAR_UNIT, _NEAR_MOST = 0.05, 0.10  # m
+_ARM_STEPS = 12  # control steps after its last note in which a hand is still where it was
+
+_LOW, _HIGH, _END = range(3)
+"""A hand's state: least and greatest place of its middle finger, as seen by a right hand, m, and
+when its last notes end, in control steps."""
+
+
+def robot_hands(score: Score, control_timestep: float) -> Score:
+    """Return a score with the hands that suit the simulated hands best.
+
+    Notes that change hands lose their fingers. A piece for one hand stays with that hand.
+
+    Args:
+        score: The piece; where it has no hands, it is first shared as between a pianist's.
+        control_timestep: Length of a control step, s.
+    """
+    score = assign_hands(score)
+    if {note.hand for note in score.notes} != set(HANDS):
+        return score
+    hands = search(score.notes, _Robot(control_timestep))
+    notes = [
+        note if note.hand == hand else replace(note, hand=hand, finger=UNKNOWN_FINGER)
+        for note, hand in zip(score.notes, hands, strict=True)
+    ]
+    return replace(score, notes=tuple(notes))
+
+
+@dataclass(frozen=True)
+class _Robot:
+    """Costs of the simulated hands: a `CostModel`."""
+
+    control_timestep: float
+
+    @property
+    def start(self) -> Numbers:
+        return np.array([-np.inf, np.inf, -np.inf])
+
+    def options(self, struck: Sequence[Note]) -> Flags:
+        return np.unique(np.vstack([lowest_left(struck), _written(struck)]), axis=0)
+
+    def costs(self, states: Numbers, chord: Chord) -> tuple[Numbers, Numbers]:
+        step = self.control_timestep
+        onset, end = chord.onset / step, max(note.offset for note in chord.struck) / step
+        keys = np.array([KEY_Y[note.key] for note in chord.struck])
+        held = np.array([KEY_Y[note.key] for note in chord.held])
+        changed = (chord.left_takes != _written(chord.struck)).sum(axis=1)
+        cost = np.repeat(_CHANGE * changed[None, :], len(states), axis=0)
+        after = np.repeat(states[:, None], len(chord.left_takes), axis=1)
+        for hand, sign in ((0, 1.0), (1, -1.0)):
+            takes, holds = chord.of_hand(hand)
+            plays = takes.any(axis=1)
+            low, high = np.where(plays, extent(sign * keys, takes), 0.0)
+            place, leap = _places(states[:, hand], low, high, onset)
+            part = _grip(low, high, takes.sum(axis=1), sign * held, holds) + leap
+            cost += np.where(plays, part, 0.0)
+            now = np.concatenate([place, np.full((*place.shape[:2], 1), end)], axis=-1)
+            after[:, plays, hand] = now[:, plays]
+        # How far the right hand can be from the left one, whose places are seen in the mirror.
+        apart = after[..., _HIGH].sum(axis=-1)
+        near = (onset - after[..., _END] <= _ARM_STEPS).all(axis=-1)
+        missing = np.clip(ARMS_APART - apart, 0, _NEAR_MOST) / _NEAR_UNIT
+        return cost + np.where(near, _TOO_NEAR * missing, 0.0), after
+
+
+def _written(struck: Sequence[Note]) -> Flags:
+    """Return which notes the score gives to the left hand."""
+    return np.array([note.hand == "left" for note in struck])
+
+
+def _grip(low: Numbers, high: Numbers, count: Numbers, held: Numbers, holds: Flags) -> Numbers:
+    """Cost of striking and holding keys together: (ways, options)."""
+    width = np.maximum(high - low, 0)
+    strikes = _STRETCH * np.maximum(width / KEY_SPACING - 4, 0)
+    strikes += _LOST * np.clip((width - _SPAN) / _OVERREACH, 0, 2)
+    strikes += _LOST * np.maximum(count - FINGERS_PER_HAND, 0)
+    if not held.size:
+        return np.asarray(strikes[None, :])
+    held_low, held_high = (place[:, None] for place in extent(held, holds))
+    whole = np.maximum(high, held_high) - np.minimum(low, held_low)
+    let_go = 2 * np.clip((whole - _SPAN) / _OVERREACH, 0, 1)
+    let_go += np.maximum(count + holds.sum(axis=1)[:, None] - FINGERS_PER_HAND, 0)
+    cost = _HELD * np.minimum(let_go, 2)
+    return np.asarray(strikes + np.where(np.asarray(holds.any(axis=1))[:, None], cost, 0.0))
+
+
+def _places(states: Numbers, low: Numbers, high: Numbers, onset: float) -> tuple[Numbers, Numbers]:
+    """Return where a hand is to be, (ways, options, 2), and what it costs it to go there.
+
+    Five fingers cover keys from two spacings below the middle finger to two above: a hand can be
+    wherever its keys are covered, and stays where it can.
+    """
+    ends = np.stack([high - 2 * KEY_SPACING, low + 2 * KEY_SPACING])
+    wide = ends[0] > ends[1]
+    least, greatest = np.where(wide, ends.mean(axis=0), ends)
+    before_least, before_greatest, end = states.T[..., None]
+    way = np.maximum(np.maximum(least - before_greatest, before_least - greatest), 0)
+    rest = np.maximum(onset - end, 0)
+    steps = LEAP_STEPS + sum((way > more).astype(float) for more in LEAP_MORE) - rest
+    cost = np.where(way > LEAP_DISTANCE, np.maximum(steps, 0), 0.0)
+    anew = (rest > LEAP_REST) | (way > 0)
+    place = [
+        np.where(anew, least, np.maximum(least, before_least)),
+        np.where(anew, greatest, np.minimum(greatest, before_greatest)),
+    ]
+    return np.stack(place, axis=-1), cost

@@ -48,10 +48,10 @@ class PianoEnvConfig:
 
     fingering: TextOrPath = "keep"
     """Source of the finger labels: "keep" leaves them as they are; "ergonomic" chooses fingers
-    for the notes without; "robot" does, too, and changes those that do not suit the simulated
-    hands; "optimal-transport" takes all labels away, so that any finger may play; or the path of a
-    file whose labels are put on the environment's own score (not on another one that ``reset``
-    names)."""
+    for the notes without; "robot" does, too, and changes hands and fingers that do not suit the
+    simulated hands; "optimal-transport" takes all labels away, so that any finger may play; or the
+    path of a file whose labels are put on the environment's own score (not on another one that
+    ``reset`` names)."""
     n_steps_lookahead: LookaheadSteps = 10
     """Control steps after the current one that the goal shows; 0 to 10,000."""
     observation: ObservationKind = "roll"

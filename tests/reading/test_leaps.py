@@ -55,8 +55,8 @@ def test_a_finger_comes_up_before_it_takes_the_key_next_to_its_own():
     black = next(key for key in range(WHITE[MIDDLE], 88) if KEY_IS_BLACK[key])
     near = [Press(black - 1, 2, 1, 10), Press(black, 2, 11, 20)]
     places = [hand_place(press.key, press.finger, 1) for press in near]
-    assert abs(places[0] - places[1]) < robot._LEAP_DISTANCE
-    assert gap(near) == robot._LEAP_STEPS
+    assert abs(places[0] - places[1]) < robot.LEAP_DISTANCE
+    assert gap(near) == robot.LEAP_STEPS
     other_finger = [near[0], Press(black, 3, 11, 20)]
     assert gap(other_finger) == 0
 
@@ -74,7 +74,7 @@ def test_a_finger_that_strikes_its_key_again_at_once_does_not_leave_it(rest, rep
 def test_a_leap_leaves_a_gap(sign):
     presses = white_keys(0, 7, sign=sign)
     before, after = time_presses(presses, sign)
-    assert gap(presses, sign) >= robot._LEAP_STEPS
+    assert gap(presses, sign) >= robot.LEAP_STEPS
     assert (before.leaps, after.leaps) == (True, False)
     # What is not next to the leap stays.
     assert before.first == before.press.first
@@ -87,13 +87,13 @@ def test_a_leap_takes_from_the_note_before_all_but_a_state_then_from_the_next_st
     after = Press(WHITE[MIDDLE + 2], 2, length + 1, length + LONG)
     first, second = time_presses([before, after], 1)
     assert second.first - after.first == late
-    assert first.last == max(1, length - robot._LEAP_STEPS)
+    assert first.last == max(1, length - robot.LEAP_STEPS)
 
 
 def test_far_leaps_cost_no_less_than_near_ones():
     gaps = [gap(white_keys(0, distance)) for distance in range(16)]
     assert gaps == sorted(gaps)
-    assert gaps[0] == 0 < gaps[-1] == robot._LEAP_STEPS + len(robot._LEAP_MORE)
+    assert gaps[0] == 0 < gaps[-1] == robot.LEAP_STEPS + len(robot.LEAP_MORE)
     assert gaps == [gap(white_keys(0, -distance)) for distance in range(16)]
 
 
@@ -116,5 +116,5 @@ def test_all_keys_of_a_chord_make_room_for_a_leap():
     timed = time_presses([*chord, *later], 1)
     end = max(one.last for one in timed[:3])
     begin = min(one.first for one in timed[3:])
-    assert begin - end - 1 >= robot._LEAP_STEPS
+    assert begin - end - 1 >= robot.LEAP_STEPS
     assert len({one.last for one in timed[:3]}) == len({one.first for one in timed[3:]}) == 1

@@ -94,7 +94,8 @@ _HANDS = ((0, 1), (1, -1))
 def robot_fingers(score: Score, control_timestep: float) -> Score:
     """Return a score with the fingers that suit the simulated hands best.
 
-    Each note stays with its hand. Notes without a finger stay without.
+    Each note stays with its hand, which :func:`~sb3_piano.music.fingering.robot_hands.robot_hands`
+    chooses before. Notes without a finger stay without.
 
     Args:
         score: The piece.

@@ -87,6 +87,8 @@ def _released(roll: PianoRoll) -> list[Problem]:
     """Return the notes that are let go before their end, or not struck."""
     timestep, problems = roll.control_timestep, []
     for one in roll.early_releases:
+        if one.onset < one.release == one.offset - 1:  # rounding to control steps, nobody hears it
+            continue
         instead = pitch_name(MIN_PITCH + one.for_key)
         reason = f"let go early by {(one.offset - one.release) * timestep:.2f} s for {instead}"
         if one.release <= one.onset:

@@ -24,6 +24,7 @@ from sb3_piano.music.fingering.robot import (
     robot_fingers,
 )
 from sb3_piano.music.presses import Press
+from sb3_piano.planning.problems import unheld
 from sb3_piano.reading.keyboard import KeyPlaces
 from sb3_piano.simulation import compile_scene
 
@@ -231,3 +232,18 @@ def test_where_a_piece_begins_makes_no_difference_and_bare_notes_get_fingers_fir
     assert -1 not in fingers
     trimmed = apply_fingering(bare.trim_silence(), "robot")
     assert [note.finger for note in trimmed.notes] == fingers
+
+
+@pytest.mark.parametrize("period", [0.4, 0.375, 0.33])
+def test_touching_octaves_keep_the_fingers_of_an_octave_at_any_tempo(period):
+    # Rounding to control steps makes some of them overlap by a step.
+    notes = [
+        Note(onset=period * i, offset=period * (i + 1), pitch=pitch + octave, hand="right")
+        for i, pitch in enumerate((60, 62, 64, 65, 67, 69, 71, 72))
+        for octave in (0, 12)
+    ]
+    found = apply_fingering(Score(notes=notes), "robot")
+    assert [note.finger for note in found.notes] == [0, 4] * 8
+    roll = release_early(PianoRoll.from_score(found, 0.05))
+    assert all(one.release >= one.offset - 1 for one in roll.early_releases)
+    assert unheld(roll) == []

@@ -210,7 +210,8 @@ class _Robot:
     """Cost of a finger that is not the written one."""
 
     def held(self, down: list[Press], struck: list[Press]) -> tuple[list[Press], list[Press]]:
-        return [press for press in down if press.last >= struck[0].first], []
+        # In its last state a key may come up: rounding to control steps makes legato overlap by one.
+        return [press for press in down if press.last > struck[0].first], []
 
     def lay(
         self, path: Sequence[Onset[Press]], held: list[Press], struck: list[Press]

@@ -8,12 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.exceptions import InvalidActionError
 from sb3_piano.settings import Positive, checked
 from sb3_piano.simulation import PianoScene
-
-ActionArray = npt.NDArray[np.float32]
-FloatArray = npt.NDArray[np.float64]
 
 REACH = 1.2
 """How far from where it is hands send a finger's joint at most, rad, unless told otherwise."""
@@ -35,12 +33,12 @@ class ActionMap:
         self.space = spaces.Box(-1.0, 1.0, self._shape, dtype=np.float32)
 
     @property
-    def rest(self) -> npt.NDArray[np.float32]:
+    def rest(self) -> Float32Array:
         """The action that holds all joints at 0, or as near as they can be, and the pedal up."""
         hands = np.clip(-self._middle / self._half_range, -1.0, 1.0)
         return np.append(hands, -1.0).astype(np.float32)
 
-    def controls(self, action: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], float]:
+    def controls(self, action: npt.ArrayLike) -> tuple[FloatArray, float]:
         """Return what an action commands; values outside [-1, 1] are clipped.
 
         Returns:
@@ -52,7 +50,7 @@ class ActionMap:
         clipped = np.minimum(np.maximum(self._checked(action), self._low), self._high)
         return self._middle + self._half_range * clipped[:-1], (clipped.item(-1) + 1.0) / 2.0
 
-    def action(self, controls: npt.NDArray[np.float64], *, pedal_down: bool) -> ActionArray:
+    def action(self, controls: FloatArray, *, pedal_down: bool) -> Float32Array:
         """Return the action that commands this, in [-1, 1] within the control ranges.
 
         Args:
@@ -62,11 +60,11 @@ class ActionMap:
         hands = (controls - self._middle) / self._half_range
         return np.append(hands.astype(np.float32), np.float32(1.0 if pedal_down else -1.0))
 
-    def change(self, controls: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def change(self, controls: FloatArray) -> FloatArray:
         """Return by how much an action changes where the actuators' targets do, (nu,)."""
         return controls / self._half_range
 
-    def _checked(self, action: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def _checked(self, action: npt.ArrayLike) -> FloatArray:
         try:
             array = np.asarray(action)
             if array.dtype.kind == "c":  # of which NumPy would drop a half with a warning
@@ -123,7 +121,7 @@ class HandActionMap:
         controls = positions + self.reach * offsets
         return np.minimum(np.maximum(controls, self._ctrl_low), self._ctrl_high)
 
-    def action(self, controls: FloatArray, positions: FloatArray) -> ActionArray:
+    def action(self, controls: FloatArray, positions: FloatArray) -> Float32Array:
         """Return the action for targets of the actuators; what is beyond the reach is cut.
 
         Args:

@@ -10,16 +10,13 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, Float32Array, IntArray
 from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, ObservationBlock, ObservationLayout
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import MIN_PITCH, NUM_FINGERS, NUM_KEYS
 from sb3_piano.simulation import KEY_IS_BLACK, PianoScene, Simulation
-
-Float32Array = npt.NDArray[np.float32]
-IntArray = npt.NDArray[np.intp]
 
 GOAL_WIDTH = NUM_KEYS + 1
 """Numbers in one row of the goal: the keys, then the pedal."""
@@ -249,7 +246,7 @@ def _joint_blocks(scene: PianoScene) -> list[ObservationBlock]:
     ]
 
 
-def _steps_to_change(values: npt.NDArray[np.bool_], most: int) -> npt.NDArray[np.intp]:
+def _steps_to_change(values: BoolArray, most: int) -> IntArray:
     """Return the number of steps that each value lasts from its step on, (T,), at most ``most``."""
     changes = np.flatnonzero(np.diff(values)) + 1
     following = np.searchsorted(changes, np.arange(len(values)), side="right")
@@ -312,7 +309,7 @@ def _held_keys(roll: PianoRoll) -> IntArray:
     return held
 
 
-def _ends(held: IntArray, step: int) -> npt.NDArray[np.bool_]:
+def _ends(held: IntArray, step: int) -> BoolArray:
     """Return for which fingers the note held at a step is over at the next one, (10,) bool.
 
     A key struck anew is silent for a step before, see :class:`~sb3_piano.music.PianoRoll`.

@@ -6,16 +6,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray
 from sb3_piano.envs import rewards
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.score_choice import fingered
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.robot import release_early
 from sb3_piano.simulation import Simulation
-
-BoolArray = npt.NDArray[np.bool_]
 
 
 class StepGoal(NamedTuple):

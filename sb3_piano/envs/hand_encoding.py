@@ -6,8 +6,8 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from sb3_piano.envs.encodings import Encoding, check_labels
 from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
 from sb3_piano.exceptions import PlanWarning
@@ -25,10 +25,6 @@ from sb3_piano.reading import (
     read_piece,
 )
 from sb3_piano.simulation import SIDES, PianoScene, Simulation
-
-Float32Array = npt.NDArray[np.float32]
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 
 FRAMES_AHEAD = np.array([1, 2, 3, 4, 6, 8])
 """States after the present one whose key frames are shown."""
@@ -223,7 +219,7 @@ class _FingerPresses:
 
     key: IntArray
     """(T, 2, 5) its key; 0 if there is none."""
-    there: npt.NDArray[np.bool_]
+    there: BoolArray
     """(T, 2, 5) whether there is one."""
     first: IntArray
     """(T, 2, 5) states until the key must be down; negative where it has been."""

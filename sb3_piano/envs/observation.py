@@ -11,12 +11,11 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from sb3_piano.arrays import IntArray
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import MIN_PITCH, NUM_KEYS
 from sb3_piano.music.pitch import pitch_name
-
-IntArray = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

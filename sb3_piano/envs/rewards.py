@@ -12,10 +12,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-FloatArray = npt.NDArray[np.float64]
+from sb3_piano.arrays import FloatArray
 
 DEFAULT_REWARD_WEIGHTS: Mapping[str, float] = MappingProxyType(
     {"key_press": 1.0, "sustain": 1.0, "energy": 0.005, "fingering": 1.0, "forearm": 0.5}

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-import numpy as np
-import numpy.typing as npt
-
+from sb3_piano.arrays import BoolArray, FingerArray
 from sb3_piano.files import read_table
 from sb3_piano.metrics.fingers import effective_fingers, finger_shares, fingering_agreement
 from sb3_piano.metrics.frames import count_frames, frame_scores
@@ -80,9 +78,6 @@ def normalized_return(value: float, highest: float) -> float:
     """
     return float(value / highest) if highest else 1.0
 
-
-BoolArray = npt.NDArray[np.bool_]
-FingerArray = npt.NDArray[np.int8]
 
 FINGER_SHARES = tuple(f"finger_share_{hand}{finger}" for hand in "rl" for finger in range(1, 6))
 """Names of the ten shares of the pressing, in the order of the fingers 0-9: right thumb

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-BoolArray = npt.NDArray[np.bool_]
-IntArray = npt.NDArray[np.intp]
+from sb3_piano.arrays import BoolArray, IntArray
 
 
 class FrameScores(NamedTuple):

@@ -28,8 +28,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import Float32Array, FloatArray, IntArray
 from sb3_piano.exceptions import ConfigError, one_line
 from sb3_piano.files import write_atomically
 from sb3_piano.music.constants import NUM_FINGERS
@@ -37,8 +37,6 @@ from sb3_piano.music.fingering import assign_hands
 from sb3_piano.music.hands import HANDS
 from sb3_piano.music.note import Note
 from sb3_piano.music.score import Score
-
-Numbers = npt.NDArray[np.float64]
 
 SAME_TIME = 1e-3
 """Overlaps shorter than this are none, in s."""
@@ -183,10 +181,10 @@ class MotionRecording:
     """
 
     title: str
-    actions: npt.NDArray[np.float32]
-    qpos: npt.NDArray[np.float64]
-    hand_qpos: npt.NDArray[np.intp]
-    fingertips: npt.NDArray[np.float64]
+    actions: Float32Array
+    qpos: FloatArray
+    hand_qpos: IntArray
+    fingertips: FloatArray
 
     def features(self) -> MotionFeatures:
         """Return how much moved.
@@ -321,11 +319,11 @@ def rank(
     return _ranked(names, np.sum(terms, axis=0))
 
 
-def _terms(weights: Mapping[str, float], pieces: Sequence[object]) -> list[Numbers]:
+def _terms(weights: Mapping[str, float], pieces: Sequence[object]) -> list[FloatArray]:
     return [w * _z([getattr(piece, name) for piece in pieces]) for name, w in weights.items()]
 
 
-def _z(values: Sequence[float]) -> Numbers:
+def _z(values: Sequence[float]) -> FloatArray:
     array = np.array(values, dtype=np.float64)
     spread = float(array.std())
     if spread <= _CONSTANT * float(np.abs(array).max()):
@@ -342,7 +340,7 @@ def _check_recorded(names: Sequence[str], motion: Mapping[str, MotionFeatures]) 
         )
 
 
-def _ranked(names: Sequence[str], scores: Numbers) -> dict[str, Difficulty]:
+def _ranked(names: Sequence[str], scores: FloatArray) -> dict[str, Difficulty]:
     # Equal pieces may differ by rounding, as sums over others do.
     scores = scores.round(9) + 0.0
     in_order = np.sort(scores)

@@ -6,17 +6,15 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from sb3_piano.arrays import FloatArray
 from sb3_piano.music.constants import FINGERS_PER_HAND, MIDDLE, THUMB
 from sb3_piano.music.fingering.robot import KEY_SPACING
 from sb3_piano.planning.tracking_control import HandDynamics
 from sb3_piano.reading.keyboard import WHITE_X, KeyPlaces
 from sb3_piano.reading.kinematics import HandKinematics
 from sb3_piano.simulation import PianoScene
-
-FloatArray = npt.NDArray[np.float64]
 
 # Curled fingers, a thumb held out: where the search for the posture begins, rad.
 _CURLED = {"J3": 1.0, "J0": 1.0, "WRJ1": -0.08, "THJ4": 0.8}

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.music.constants import FINGERS_PER_HAND
 from sb3_piano.reading.key_frames import KeyFrames
 from sb3_piano.reading.kinematics import HandKinematics
-
-FloatArray = npt.NDArray[np.float64]
 
 _X, _Y, _Z = range(3)
 _TARGETS = slice(0, 3 * FINGERS_PER_HAND)
@@ -111,9 +109,7 @@ class HandCost:
         gaps = self.sign * np.diff(tips[..., _Y], axis=1)
         return np.maximum(_SPACINGS - gaps, 0)
 
-    def _inside_wall(
-        self, tips: FloatArray
-    ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    def _inside_wall(self, tips: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
         """Return how far fingertips are inside the row of black keys, and which way leads out.
 
         Returns:

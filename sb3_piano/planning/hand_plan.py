@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, Float32Array, FloatArray
 from sb3_piano.music.constants import THUMB
 from sb3_piano.planning.hand import Hand
 from sb3_piano.planning.hand_cost import HandCost
@@ -17,9 +17,6 @@ from sb3_piano.planning.tracking_control import TrackingControl
 from sb3_piano.reading.arms import bounds_of
 from sb3_piano.reading.key_frames import KeyFrames, key_frames
 from sb3_piano.reading.presses import TimedPress
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 _UP = 2
 
@@ -67,7 +64,7 @@ class HandPlan:
     """(T + 1, n) where they should be."""
     commands: FloatArray
     """(T, n) what they are told for that."""
-    gains: npt.NDArray[np.float32]
+    gains: Float32Array
     """(T, n, n) by how much less that is per unit of positions that are ahead of the plan."""
 
 
@@ -151,7 +148,7 @@ class _Motion:
         self._weightless = [np.zeros((1, size))]
         self._states = [np.zeros((1, 2 * size))]
         self._commands: list[FloatArray] = []
-        self._gains: list[npt.NDArray[np.float32]] = []
+        self._gains: list[Float32Array] = []
 
     def problem(self, start: int, stop: int, bound: FloatArray, guess: FloatArray) -> HandProblem:
         """Return the least squares of the stretch that comes next.

@@ -12,14 +12,12 @@ are nearly linear (:mod:`sb3_piano.planning.tracking_control`).
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
+from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.planning.hand import Hand
 from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.reading.kinematics import HandKinematics
-
-FloatArray = npt.NDArray[np.float64]
 
 _LONGEST_STEP = 0.4  # rad, or m
 _FIRST_DAMPING = 1e-2
@@ -59,7 +57,7 @@ class HandProblem:
         self._pull = hand.pull**2
         self._damping = np.full(len(start), _FIRST_DAMPING)
         self._normal: tuple[FloatArray, FloatArray] | None = None
-        self._fixed: npt.NDArray[np.bool_] | None = None
+        self._fixed: BoolArray | None = None
         self._state_cost: FloatArray
         self._total: float
         self._evaluate()
@@ -70,7 +68,7 @@ class HandProblem:
         self._normal = None
         self._evaluate()
 
-    def improve(self, iterations: int, free: npt.NDArray[np.bool_] | None = None) -> None:
+    def improve(self, iterations: int, free: BoolArray | None = None) -> None:
         """Improve the positions.
 
         Args:
@@ -93,7 +91,7 @@ class HandProblem:
             factor = np.where(near, 2.0, 1 / 3) if better else np.where(near, 12.0, 2.0)
             self._damping = np.clip(self._damping * factor, _LEAST_DAMPING, _MOST_DAMPING)
 
-    def _try(self, step: FloatArray) -> tuple[bool, npt.NDArray[np.bool_]]:
+    def _try(self, step: FloatArray) -> tuple[bool, BoolArray]:
         """Take a step if it is one for the better; also return which states became worse."""
         kinematics = self.cost.kinematics
         candidate = np.clip(self.positions + step, kinematics.low, kinematics.high)

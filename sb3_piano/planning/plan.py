@@ -10,8 +10,8 @@ import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.constants import UNKNOWN_FINGER
@@ -23,8 +23,6 @@ from sb3_piano.planning.refinement import refine_hands
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.reading import KeyPlaces, read_piece
 from sb3_piano.simulation import PianoScene
-
-FloatArray = npt.NDArray[np.float64]
 
 _DEFAULT_TIMESTEP = 0.05
 
@@ -65,7 +63,7 @@ class Plan:
         return np.concatenate(tips, axis=1)
 
     @property
-    def gains(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    def gains(self) -> tuple[Float32Array, Float32Array]:
         """(T, n / 2, n / 2) each: the hands' feedback, :attr:`HandPlan.gains`."""
         right, left = self.hands
         return right.gains, left.gains

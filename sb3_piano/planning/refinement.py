@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.envs.actions import ActionMap
 from sb3_piano.metrics.frames import count_frames
 from sb3_piano.music import PianoRoll
@@ -24,9 +24,6 @@ from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import corrected
 from sb3_piano.reading.presses import TimedPress
 from sb3_piano.simulation import PianoScene, Simulation
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 Timed = list[list[TimedPress]]
 

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.simulation import PianoScene
 
 if TYPE_CHECKING:
     from sb3_piano.planning.plan import Plan
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Tracker:
@@ -58,7 +57,7 @@ class Tracker:
 def corrected(
     commands: FloatArray,
     ahead: FloatArray,
-    gains: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]],
+    gains: tuple[Float32Array, Float32Array],
     feedback: float,
 ) -> FloatArray:
     """Return commands, corrected by how far the actuators are ahead of the plan.

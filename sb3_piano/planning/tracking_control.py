@@ -13,13 +13,11 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import FloatArray
 from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.reading.kinematics import HandKinematics
 from sb3_piano.simulation import PianoScene
-
-FloatArray = npt.NDArray[np.float64]
 
 # Small weights that keep the problem well posed: what counts deviation from the first plan, speed,
 # and being outside the control range. The sliders' are those of metres, not of rad.

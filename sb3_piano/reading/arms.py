@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.music.constants import MIDDLE
 from sb3_piano.music.fingering.robot import KEY_SPACING
 from sb3_piano.reading.key_frames import KeyFrames
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 # A hand counts as busy so many states before and after it plays.
 _BUSY_STATES = 6

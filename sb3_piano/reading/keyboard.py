@@ -9,12 +9,10 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import FloatArray
 from sb3_piano.music.constants import KEY_IS_BLACK, THUMB
 from sb3_piano.simulation import PianoScene
-
-FloatArray = npt.NDArray[np.float64]
 
 WHITE_X = (0.052, 0.042)
 """Place along white keys where thumbs and where fingers press, m."""

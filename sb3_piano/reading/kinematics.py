@@ -10,13 +10,10 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import FloatArray, IntArray
 from sb3_piano.music.constants import FINGERS_PER_HAND
 from sb3_piano.simulation import PianoScene
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)

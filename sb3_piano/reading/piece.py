@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
+from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.fingering.robot import ARMS_APART, release_early
 from sb3_piano.music.presses import presses_of_hand
@@ -15,9 +13,6 @@ from sb3_piano.reading.key_frames import HOLD_DEPTH, HOVER, KeyFrames, key_frame
 from sb3_piano.reading.keyboard import KeyPlaces
 from sb3_piano.reading.kinematics import HandKinematics
 from sb3_piano.reading.presses import TimedPress, time_presses
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

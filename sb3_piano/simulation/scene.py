@@ -17,13 +17,11 @@ import numpy as np
 import numpy.typing as npt
 from annotated_types import Ge, Le
 
+from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.settings import Whole, checked
 from sb3_piano.simulation import hand, keyboard
 from sb3_piano.simulation.physics import physics_profile
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 
 SIDES = ("right", "left")
 
@@ -158,7 +156,7 @@ class PianoScene:
         # On so few numbers three times as fast as np.clip, and as with plain numbers as bounds.
         return np.minimum(angle, self.key_max_angle)
 
-    def sounding_at(self, angles: Iterable[bytes]) -> npt.NDArray[np.bool_]:
+    def sounding_at(self, angles: Iterable[bytes]) -> BoolArray:
         """Return which keys sound at angles of the moving ones (float64, rad), (n, 88) bool."""
         moving = self.moving_keys
         rows = np.frombuffer(b"".join(angles)).reshape(-1, len(self.key_qpos))

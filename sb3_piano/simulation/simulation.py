@@ -5,12 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import mujoco
-import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import FloatArray
 from sb3_piano.simulation.scene import PianoScene
-
-FloatArray = npt.NDArray[np.float64]
 
 # Neighbours in MuJoCo's list of warnings: bad positions, velocities, accelerations.
 _INSTABILITIES = slice(

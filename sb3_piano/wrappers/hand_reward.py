@@ -8,16 +8,14 @@ from typing import Annotated, Any, SupportsFloat
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 from annotated_types import Ge, Le
 
+from sb3_piano.arrays import FloatArray
 from sb3_piano.metrics.onsets import ONSET_TOLERANCE
 from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_KEYS
 from sb3_piano.music.fingering.robot import KEY_Y
 from sb3_piano.settings import Number, checked
 from sb3_piano.wrappers.piano import piano_of
-
-FloatArray = npt.NDArray[np.float64]
 
 HAND_REWARDS = "hand_rewards"
 """Name in a step's info of the rewards of the right and of the left hand, (2,)."""

@@ -5,14 +5,11 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-import numpy.typing as npt
 from annotated_types import Ge, Gt, Le
 from scipy.optimize import linear_sum_assignment
 
+from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.settings import Number, Positive, settings
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 _NotNegative = Annotated[Number, Ge(0)]
 
@@ -140,9 +137,7 @@ COST_FROM_ZERO = SamplingCost(wrong=1.0)
 """Cost for sampling without a plan, which with dearer wrong keys plays less."""
 
 
-def wrong_keys(
-    due: BoolArray, angles: FloatArray, sounding_angle: FloatArray
-) -> npt.NDArray[np.intp]:
+def wrong_keys(due: BoolArray, angles: FloatArray, sounding_angle: FloatArray) -> IntArray:
     """Return how many keys sound that should not, or do not that should.
 
     Args:

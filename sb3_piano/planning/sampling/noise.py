@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-import numpy.typing as npt
 from annotated_types import Ge, Gt, Le
 
+from sb3_piano.arrays import FloatArray, IntArray
 from sb3_piano.settings import Count, Number, Share, settings
 from sb3_piano.simulation import PianoScene
-
-FloatArray = npt.NDArray[np.float64]
 
 _NotNegative = Annotated[Number, Ge(0)]
 
@@ -85,7 +83,7 @@ class Candidates:
         return np.asarray(self._weights @ knots)
 
 
-def _spline(at: FloatArray | npt.NDArray[np.intp], times: FloatArray) -> FloatArray:
+def _spline(at: FloatArray | IntArray, times: FloatArray) -> FloatArray:
     """Return the weights of the knots at some times, (n, k); the last knot holds on."""
     unit = np.eye(len(times))
     return np.stack([np.interp(at, times, row) for row in unit], axis=1)

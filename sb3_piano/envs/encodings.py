@@ -61,13 +61,7 @@ class RollEncoding(Encoding):
     """RoboPianist's observation, for all keys or for a window of them."""
 
     def __init__(self, scene: PianoScene, n_steps_lookahead: int, window: KeyWindow = ALL_KEYS):
-        """Lay out the observation.
-
-        Args:
-            scene: The scene that is observed.
-            n_steps_lookahead: How many control steps after the current one the goal shows.
-            window: The keys that are shown.
-        """
+        """Lay out the observation of a window of keys, now and so many control steps later."""
         self._window = window
         self._rows_shown = n_steps_lookahead + 1
         self.layout, _ = window.restrict(_roll_layout(scene, n_steps_lookahead))
@@ -105,13 +99,7 @@ class FingerEncoding(Encoding):
     """For each finger, where and when it must press next: a tenth of RoboPianist's numbers."""
 
     def __init__(self, scene: PianoScene, n_steps_lookahead: int, control_timestep: float):
-        """Lay out the observation.
-
-        Args:
-            scene: The scene that is observed.
-            n_steps_lookahead: How many control steps ahead the fingers see.
-            control_timestep: Length of a control step, s.
-        """
+        """Lay out the observation of fingers that see so many control steps ahead."""
         self._scene = scene
         self._horizon = n_steps_lookahead + 1
         self._control_timestep = control_timestep
@@ -320,11 +308,7 @@ def _ends(held: IntArray, step: int) -> BoolArray:
 
 
 def check_labels(roll: PianoRoll, observation: str) -> None:
-    """Refuse a roll with a note that has no finger.
-
-    Args:
-        roll: The piece.
-        observation: What asks for fingers.
+    """Refuse a roll with a note that has no finger, for an observation that asks for fingers.
 
     Raises:
         ScoreError: If there is such a note.

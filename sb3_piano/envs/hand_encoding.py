@@ -60,12 +60,7 @@ class HandEncoding(Encoding):
     """What each hand read in the piece, relative to its arm and its fingers."""
 
     def __init__(self, scene: PianoScene, control_timestep: float):
-        """Lay out the observation.
-
-        Args:
-            scene: The scene that is observed.
-            control_timestep: Length of a control step, s.
-        """
+        """Lay out the observation."""
         right, left = HandKinematics(scene, 0), HandKinematics(scene, 1)
         self._hands = (right, left)
         self._places = KeyPlaces.of(scene)
@@ -235,12 +230,7 @@ class _FingerPresses:
 
     @classmethod
     def of(cls, hand: HandReading, roll: PianoRoll) -> _FingerPresses:
-        """Look up what each finger does in each state.
-
-        Args:
-            hand: What the hand has to do.
-            roll: The piece.
-        """
+        """Look up what each finger does in each state."""
         steps, onsets = len(roll), _onset_times(roll)
         shape = (steps, PRESSES_AHEAD, FINGERS_PER_HAND)
         key, first, last = (np.zeros(shape, dtype=np.intp) for _ in range(3))

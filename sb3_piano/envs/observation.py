@@ -99,10 +99,7 @@ class ObservationLayout(Mapping[str, ObservationBlock]):
         return f"ObservationLayout({blocks})"
 
     def restrict(self, kept: Mapping[str, IntArray]) -> tuple[ObservationLayout, IntArray]:
-        """Cut blocks along their last axis, such as the keys of the goal.
-
-        Args:
-            kept: For the blocks to be cut, the indices of the last axis that remain.
+        """Keep some indices of the last axis of blocks, by name, such as the keys of the goal.
 
         Returns:
             The layout of the shorter vector, and (its size,) the indices of its numbers in the
@@ -191,11 +188,7 @@ class KeyWindow:
     def check_keys(
         self, keys: Iterable[int], instead: str = "an environment made for this one"
     ) -> None:
-        """Make sure that the keys of a piece lie in the window.
-
-        Args:
-            keys: The keys that the piece uses, 0 to 87.
-            instead: What would show the piece, for the message.
+        """Make sure that the keys of a piece lie in the window; messages tell what to take instead.
 
         Raises:
             ScoreError: If some do not; the message names the notes.

@@ -59,12 +59,7 @@ class EpisodeRecord:
     """Grows by one control step at a time, up to the length of the roll."""
 
     def __init__(self, goal: Goal, scene: PianoScene):
-        """Begin an empty record.
-
-        Args:
-            goal: What should be played.
-            scene: Where it is played.
-        """
+        """Begin an empty record."""
         self._goal = goal
         self._scene = scene
         # Lists of what each step has, which grow faster than rows of an array are filled.
@@ -88,13 +83,7 @@ class EpisodeRecord:
     def add(
         self, simulation: Simulation, pedal_down: bool, weighted_terms: Mapping[str, float]
     ) -> None:
-        """Note down a control step.
-
-        Args:
-            simulation: What was played, read at its end.
-            pedal_down: Whether the pedal is down.
-            weighted_terms: The weighted reward terms, in the order of ``RETURN_KEYS``.
-        """
+        """Note down a control step, read at its end; terms are in the order of ``RETURN_KEYS``."""
         sounding = simulation.sounding
         if sounding != self._sounding:
             self._changes.append(len(self._sustain))

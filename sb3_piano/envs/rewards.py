@@ -114,10 +114,6 @@ def key_press(keys: Iterable[int], key_state: FloatArray, wrong: bool) -> float:
 def sustain(due: bool, pressed: bool) -> float:
     """Reward holding the pedal when it is due and releasing it when it is not.
 
-    Args:
-        due: Whether the pedal should be down.
-        pressed: Whether it is.
-
     Returns:
         1 if both agree, else nearly 0.
     """

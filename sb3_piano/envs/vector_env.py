@@ -19,7 +19,6 @@ from sb3_piano.settings import Count, checked
 from sb3_piano.threads import ThreadTeam
 
 
-
 class PianoVectorEnv(SyncVectorEnv[Any, Any]):
     """Several :class:`~sb3_piano.envs.PianoEnv` that step at the same time, in threads.
 

@@ -53,12 +53,7 @@ the environments, and what every episode has: ``return`` and ``length``."""
 
 
 def has_value(name: str, metrics: Mapping[str, float]) -> bool:
-    """Return whether a number says anything: timing does not where nothing was hit.
-
-    Args:
-        name: Its name.
-        metrics: All numbers of the episode or episodes, by name.
-    """
+    """Return whether a number among all of an episode says anything: timing needs a hit."""
     return name in metrics and not (
         name.startswith("onset_error") and metrics.get("onset_recall") == 0
     )
@@ -68,10 +63,6 @@ def normalized_return(value: float, highest: float) -> float:
     """Return the share of the highest return that the piece allows: ``value / highest``.
 
     It is below 0 if the costs outweigh the rewards.
-
-    Args:
-        value: The return.
-        highest: The highest return that the piece allows, at least 0.
 
     Returns:
         The share; 1.0 if the highest return is 0, as in a piece without a step.

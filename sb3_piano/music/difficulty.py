@@ -294,12 +294,8 @@ def rank(
     A z-score is a difference from the pieces' mean in standard deviations (of the population); of a
     feature that is the same for all it is 0. So every value depends on all pieces ranked with it,
     and z-scores over some of them do not compare with those over others: recordings are of all
-    pieces, or of none.
-
-    Args:
-        features: Features of each piece by its name.
-        motion: Features of a recorded performance of each piece by its name; None to rank by the
-            scores alone. What it has of other pieces is ignored.
+    pieces, or of none. What ``motion``, the features of recorded performances, has of other pieces
+    is ignored.
 
     Returns:
         The difficulty of each piece by its name, the easiest first, equal ones by name.

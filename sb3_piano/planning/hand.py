@@ -44,14 +44,7 @@ class Hand:
 
     @classmethod
     def of(cls, scene: PianoScene, side: int, keys: KeyPlaces, n_substeps: int) -> Hand:
-        """Find the posture in which the fingertips lie over neighbouring white keys.
-
-        Args:
-            scene: The scene that the hand is in.
-            side: 0 for the right hand, 1 for the left one.
-            keys: The keyboard.
-            n_substeps: Physics steps in a control step.
-        """
+        """Find the posture of a hand (0 right, 1 left), fingertips over neighbouring white keys."""
         kinematics = HandKinematics(scene, side)
         rest = _posture_in(scene, side)
         pull = _PULL * np.array([_firmness(name) for name in kinematics.names])

@@ -49,11 +49,7 @@ class HandCost:
         self.idle = ~self.frames.weight.any(axis=2)  # (s, 5)
 
     def values(self, positions: FloatArray) -> FloatArray:
-        """Return the residuals, (s, 30).
-
-        Args:
-            positions: (s, n) actuator positions.
-        """
+        """Return the residuals of (s, n) actuator positions, (s, 30)."""
         return self._values(positions, self.kinematics.fingertips(positions))
 
     def bound_violation(self, positions: FloatArray) -> FloatArray:
@@ -62,11 +58,7 @@ class HandCost:
         return np.asarray(np.maximum(too_far_in, 0))
 
     def quadratic(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the Gauss-Newton model of half the cost: (s, n, n) Hessians, (s, n) gradients.
-
-        Args:
-            positions: (s, n) actuator positions.
-        """
+        """Return the Gauss-Newton model of half the cost: (s, n, n) Hessians, (s, n) gradients."""
         tips, jacobian = self.kinematics.fingertips_and_jacobian(positions)
         values = self._values(positions, tips)
         slopes = self._slopes(tips, jacobian, values)

@@ -33,13 +33,8 @@ _JERK = {"WRJ1": 0.02, "WRJ2": 0.02, "forearm_tx": 0.12, "forearm_ty": 0.2}
 class HandProblem:
     """Levenberg-Marquardt with a damping of its own for every state.
 
-    A step that is too long in one bar need not be shortened in all the others.
-
-    Args:
-        cost: What is wrong with the states.
-        smoothness: What it costs to get from one to the next.
-        hand: The hand, to whose resting posture fingers return.
-        start: (s, n) actuator positions to start from.
+    A step that is too long in one bar need not be shortened in all the others. Fingers return to
+    the hand's resting posture; ``start`` are the (s, n) actuator positions to start from.
     """
 
     def __init__(
@@ -146,12 +141,9 @@ class HandProblem:
 
 
 class Smoothness:
-    """The sum of squared first and second differences, weighted by actuator.
+    """The sum of squared first and second differences of s states, weighted by actuator.
 
-    Args:
-        kinematics: The hand.
-        before: (2, n) actuator positions in the two states before the stretch.
-        n_states: How many states the stretch has.
+    ``before`` are the (2, n) actuator positions in the two states before them.
     """
 
     def __init__(self, kinematics: HandKinematics, before: FloatArray, n_states: int):

@@ -63,11 +63,7 @@ class PlannedPianist(PianoPolicy):
 
 
 class Trackers:
-    """Plans of the pieces that were played last, made when they are first played.
-
-    Args:
-        settings: The plans' settings.
-    """
+    """Plans of the pieces that were played last, made when they are first played."""
 
     def __init__(self, settings: PlanSettings | None = None):
         self.settings = settings or PlanSettings()

@@ -134,14 +134,9 @@ def _check_fingers(roll: PianoRoll) -> None:
 
 
 def refine(plan: Plan, scene: PianoScene, settings: PlanSettings) -> Plan:
-    """Improve a plan by playing it in a simulation of its own.
+    """Improve a plan by :attr:`PlanSettings.rehearsals` rounds in a simulation of its own.
 
     The same plan and settings give the same result.
-
-    Args:
-        plan: The plan.
-        scene: Where it is played.
-        settings: Its settings; :attr:`PlanSettings.rehearsals` rounds of refinement are made.
     """
     hands = refine_hands(plan.hands, plan.arm_line, plan.roll, scene, settings)
     return replace(plan, hands=hands, problems=problems_of(plan.roll, hands, scene))

@@ -39,15 +39,7 @@ _TRIALS_IN_A_ROW = 4
 def refine_hands(
     hands: Both, line: FloatArray, roll: PianoRoll, scene: PianoScene, settings: PlanSettings
 ) -> Both:
-    """Return the plans of both hands that sounded best in simulation.
-
-    Args:
-        hands: The plans to begin with.
-        line: (T + 1,) the line between the arms, m.
-        roll: The piece.
-        scene: Where it is played.
-        settings: The plan's settings; :attr:`PlanSettings.rehearsals` rounds are made.
-    """
+    """Return the plans of both hands that sounded best in simulation; ``line`` is (T + 1,) m."""
     rng = np.random.default_rng(_SEED)
     timed: Timed = [list(hand.task.presses) for hand in hands]
 

@@ -56,13 +56,8 @@ class HandDynamics:
         """Linearise a hand around a posture.
 
         The simulator's step is repeated as it is: semi-implicit Euler with implicit damping.
-        Friction of joints and all contacts are left out.
-
-        Args:
-            scene: The scene that the hand is in.
-            kinematics: The hand.
-            posture: (n,) actuator positions.
-            n_substeps: Physics steps in a control step.
+        Friction of joints and all contacts are left out. ``posture`` are (n,) actuator positions; a
+        control step has so many physics steps.
         """
         model = scene.model
         data = mujoco.MjData(model)

@@ -139,13 +139,7 @@ class _Goal:
     hold_depth: float
 
     def write(self, arrays: _FrameArrays, start: int, free: dict[int, bool]) -> None:
-        """Write the targets.
-
-        Args:
-            arrays: Arrays to write to.
-            start: The first state in which the finger may move towards the key.
-            free: By state before the key is struck, whether the hand is near enough to.
-        """
+        """Write the targets, from state ``start`` on where the hand is near enough (``free``)."""
         one, finger = self.one, self.one.press.finger
         black = bool(KEY_IS_BLACK[one.press.key])
         full = _WEIGHT_BLACK if black else _WEIGHT

@@ -75,12 +75,9 @@ def _holding_torque(scene: PianoScene) -> FloatArray:
 
 
 def press_x(key: int, finger: int, mixed: bool) -> float:
-    """Return where along a key a finger presses it, m.
+    """Return where along a key a finger, 0 (thumb) to 4, presses it, m.
 
-    Args:
-        key: 0 to 87.
-        finger: 0 (thumb) to 4.
-        mixed: Whether the hand plays keys of the other colour at about the same time.
+    In a mixed passage the hand plays keys of the other colour at about the same time.
     """
     white = _MIXED_X if mixed else WHITE_X
     return (_BLACK_X if KEY_IS_BLACK[key] else white)[finger != THUMB]

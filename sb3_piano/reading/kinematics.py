@@ -86,11 +86,7 @@ class HandKinematics:
         return self.names.index(name)
 
     def arm(self, positions: FloatArray) -> FloatArray:
-        """Return where across the keys the forearm is, (s,) m.
-
-        Args:
-            positions: (s, n) actuator positions of s postures.
-        """
+        """Return where across the keys the forearm is at (s, n) actuator positions, (s,) m."""
         return self._arm_offset + positions @ self.arm_slope
 
     def slider_for_arm(self, place: FloatArray) -> FloatArray:
@@ -100,20 +96,12 @@ class HandKinematics:
         return np.clip(at, self.low[along], self.high[along])
 
     def fingertips(self, positions: FloatArray) -> FloatArray:
-        """Return the fingertips in the world, (s, 5, 3) m.
-
-        Args:
-            positions: (s, n) actuator positions of s postures.
-        """
+        """Return the fingertips in the world at (s, n) actuator positions, (s, 5, 3) m."""
         _, places, rotations = self._chain(positions)
         return self._tips(places, rotations)
 
     def fingertips_and_jacobian(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the fingertips, (s, 5, 3) m, and their derivatives, (s, 5, 3, n).
-
-        Args:
-            positions: (s, n) actuator positions of s postures.
-        """
+        """Return the fingertips at (s, n) positions, (s, 5, 3) m, and derivatives, (s, 5, 3, n)."""
         axes, places, rotations = self._chain(positions)
         tips = self._tips(places, rotations)
         by_joint = np.zeros((len(positions), FINGERS_PER_HAND, 3, len(self._joints)))

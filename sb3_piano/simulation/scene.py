@@ -405,10 +405,6 @@ def _forearm_reach(model: mujoco.MjModel, geoms: list[list[int]]) -> float:
     """Return how far apart along the keyboard the first shapes are, at most, where forearms touch.
 
     Forearms slide but never turn, so that what their shapes cover moves with each of them.
-
-    Args:
-        model: The whole scene.
-        geoms: Shapes of the right forearm, and of the left.
     """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

@@ -16,10 +16,6 @@ class LayoutWrapper(gym.ObservationWrapper[Any, Any, Any]):
     The new observation space has the layout, so that wrappers further out, feature extractors and
     replay buffers find the blocks by name; ``env.unwrapped.observation_layout`` remains that of
     the environment itself.
-
-    Args:
-        env: A piano environment, wrapped or not.
-        layout: Which numbers of the new observation stand where.
     """
 
     def __init__(self, env: gym.Env[Any, Any], layout: ObservationLayout) -> None:

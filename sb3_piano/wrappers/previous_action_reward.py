@@ -23,9 +23,6 @@ class PreviousActionReward(LayoutWrapper, gym.utils.RecordConstructorArgs):
     Source: RoboPianist (Zakka et al. 2023), its "action-reward" observation; RoboVirtuoso,
     section 3, item 5.
 
-    Args:
-        env: A piano environment, wrapped or not.
-
     Raises:
         ConfigError: If ``env`` is no piano, its actions do not lie in [-1, 1], or the blocks are
             there already.

@@ -16,14 +16,7 @@ from sb3_piano.wrappers.score_wrapper import ScoreChange, possible_scores
 
 
 class KeyShift(ScoreChange):
-    """Shift each piece by a number of equal steps, fixed or drawn.
-
-    Args:
-        env: A piano environment, wrapped or not.
-        name: Name of the argument that has the number of steps, for messages.
-        steps: A whole number, or a pair of the lowest and the highest.
-        semitones: Length of a step.
-    """
+    """Shift each piece by steps of some semitones: a fixed number, or one drawn from a pair."""
 
     def __init__(self, env: gym.Env[Any, Any], name: str, steps: Any, *, semitones: int) -> None:
         super().__init__(env)

@@ -60,15 +60,12 @@ def apply_fingering(
 def finger_score(score: Score, weights: FingeringWeights = DEFAULT_WEIGHTS) -> Score:
     """Return the score with a finger for each note.
 
-    Fingers that are known stay, and so do hands; `assign_hands` finds the other hands. At most
-    ten fingers are on keys at a time, and none on two. Where more is asked of a hand, as by a
-    sustain pedal written out as long notes, it lets go of the key held longest first: that note
-    keeps its length, but its finger goes on. Of more than five keys struck together by one hand,
-    the outer five have a finger; the others have their hand, and no finger (-1).
-
-    Args:
-        score: The score; notes keep their times, pitches and velocities.
-        weights: What makes a fingering hard.
+    Fingers that are known stay, and so do hands; `assign_hands` finds the other hands. At most ten
+    fingers are on keys at a time, and none on two. Where more is asked of a hand, as by a sustain
+    pedal written out as long notes, it lets go of the key held longest first: that note keeps its
+    length, but its finger goes on. Of more than five keys struck together by one hand, the outer
+    five have a finger; the others have their hand, and no finger (-1). Notes keep their times,
+    pitches and velocities.
     """
     score = assign_hands(score)
     notes = list(score.notes)

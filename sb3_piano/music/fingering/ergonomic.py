@@ -66,15 +66,10 @@ class HandFingering:
 def finger_hand(
     notes: Sequence[Note], hand: Hand, weights: FingeringWeights = DEFAULT_WEIGHTS
 ) -> HandFingering:
-    """Find the fingering of one hand's notes that costs the least.
+    """Find the fingering of one hand's notes, sorted by onset, that costs the least.
 
     Notes that have a finger keep it. When a hand cannot hold all that it should (too many keys,
     too wide, or no way to reach the next ones), it lets go of the key held longest first.
-
-    Args:
-        notes: The notes of the hand, sorted by onset.
-        hand: Whose they are.
-        weights: What makes a fingering hard.
     """
     found = search(_chords(notes, hand), _Ergonomic(cost_tables(weights)), order=2)
     fingers = [UNKNOWN_FINGER] * len(notes)

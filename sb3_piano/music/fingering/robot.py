@@ -96,10 +96,6 @@ def robot_fingers(score: Score, control_timestep: float) -> Score:
 
     Each note stays with its hand, which :func:`~sb3_piano.music.fingering.robot_hands.robot_hands`
     chooses before. Notes without a finger stay without.
-
-    Args:
-        score: The piece.
-        control_timestep: Length of a control step, s.
     """
     trimmed = score.trim_silence()
     roll = PianoRoll.from_score(trimmed, control_timestep)
@@ -121,9 +117,6 @@ def release_early(roll: PianoRoll) -> PianoRoll:
     """Return a roll in which no hand holds what its fingers cannot hold together.
 
     A note has no finger label from where on its hand releases it to play another.
-
-    Args:
-        roll: The piece, with the fingers that play it.
     """
     label, releases = roll.finger.copy(), list(roll.early_releases)
     for hand, sign in _HANDS:
@@ -301,10 +294,6 @@ def _early_releases(presses: Sequence[Press], sign: int) -> list[EarlyRelease]:
 
     What is held already makes way for what is struck. Of a chord that cannot be struck, the note
     goes that is out of reach for most of the others; of equals, the one nearest to the thumb.
-
-    Args:
-        presses: What the hand plays, in order of time.
-        sign: 1 for the right hand, -1 for the left one.
     """
     releases: list[EarlyRelease] = []
     held: list[Press] = []

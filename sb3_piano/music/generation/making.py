@@ -171,12 +171,7 @@ class _Plan:
         return tones
 
     def pedals(self, clock: Clock, length: float) -> list[Pedal]:
-        """Return presses of the pedal, one for each chord.
-
-        Args:
-            clock: When what is written is played.
-            length: Length of the piece, in quarter notes.
-        """
+        """Return presses of the pedal, one for each chord."""
         if not self.pedalled:
             return []
         every = self.bar / max(self.per_bar, 1)

@@ -138,12 +138,9 @@ COST_FROM_ZERO = SamplingCost(wrong=1.0)
 
 
 def wrong_keys(due: BoolArray, angles: FloatArray, sounding_angle: FloatArray) -> IntArray:
-    """Return how many keys sound that should not, or do not that should.
+    """Return how many keys sound that should not, or do not that should: (m,), 0 to 88.
 
-    Args:
-        due: (88,) bool, keys that should sound.
-        angles: (m, 88) angle of each key, rad.
-        sounding_angle: (88,) angle from which on each key sounds, rad.
+    The arguments are those of :meth:`SamplingCost.key_cost`.
 
     Returns:
         (m,) 0 to 88.

@@ -54,15 +54,7 @@ class CandidateSearch:
         candidates: Candidates,
         cost: SamplingCost,
     ):
-        """Put the parts together.
-
-        Args:
-            roll: What should sound.
-            simulations: In which candidates are played.
-            tracker: The plan that candidates change; None for hands at rest.
-            candidates: What knots stand for.
-            cost: What counts how much.
-        """
+        """Put the parts together; without a tracker candidates change hands at rest."""
         self._roll = roll
         self._simulations = simulations
         self._tracker = tracker

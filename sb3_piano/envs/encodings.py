@@ -12,7 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from sb3_piano.arrays import BoolArray, Float32Array, IntArray
-from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, ObservationBlock, ObservationLayout
+from sb3_piano.envs.observation import (
+    ALL_KEYS,
+    KeyWindow,
+    ObservationBlock,
+    ObservationLayout,
+    used_keys,
+)
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import MIN_PITCH, NUM_FINGERS, NUM_KEYS
@@ -72,7 +78,7 @@ class RollEncoding(Encoding):
 
     def prepare(self, roll: PianoRoll) -> None:
         """Take a piece; see :meth:`Encoding.prepare`."""
-        self._window.check(roll)
+        self._window.check_keys(used_keys(roll))
         steps = len(roll)
         # Silence is appended, so that the lookahead of the last step can be cut like any other.
         rows = np.zeros((steps + self._rows_shown - 1, self._width), dtype=np.float32)
@@ -151,7 +157,6 @@ def _roll_layout(scene: PianoScene, n_steps_lookahead: int) -> ObservationLayout
             ObservationBlock(
                 name="goal",
                 shape=(n_steps_lookahead + 1, GOAL_WIDTH),
-                unit="1",
                 meaning="1 where a key (columns 0-87) or the pedal (column 88) should be down, for "
                 "the current control step and those after it; 0 beyond the end",
                 binary=True,
@@ -159,7 +164,6 @@ def _roll_layout(scene: PianoScene, n_steps_lookahead: int) -> ObservationLayout
             ObservationBlock(
                 name="fingering",
                 shape=(NUM_FINGERS,),
-                unit="1",
                 meaning="1 for each finger that is labelled to press now: right thumb to little, "
                 "then left",
                 binary=True,
@@ -167,7 +171,6 @@ def _roll_layout(scene: PianoScene, n_steps_lookahead: int) -> ObservationLayout
             ObservationBlock(
                 name="key_state",
                 shape=(NUM_KEYS,),
-                unit="1",
                 meaning="key angle over its largest angle, in [0, 1]",
             ),
             _pedal_block(),
@@ -205,7 +208,6 @@ def _finger_layout(scene: PianoScene, horizon: float) -> ObservationLayout:
             ObservationBlock(
                 name="wrong_keys",
                 shape=(1,),
-                unit="1",
                 meaning="how many keys sound that should not, at most 10",
                 high=float(_MOST_WRONG_KEYS),
             ),
@@ -216,7 +218,7 @@ def _finger_layout(scene: PianoScene, horizon: float) -> ObservationLayout:
 
 def _pedal_block() -> ObservationBlock:
     meaning = "the pedal's command in [0, 1]; down from 0.5 on"
-    return ObservationBlock(name="sustain", shape=(1,), unit="1", meaning=meaning)
+    return ObservationBlock(name="sustain", shape=(1,), meaning=meaning)
 
 
 def _joint_blocks(scene: PianoScene) -> list[ObservationBlock]:

@@ -26,7 +26,7 @@ class ObservationBlock:
     """Name by which wrappers cut the block."""
     shape: tuple[int, ...]
     """Shape of the block before it was flattened (row-major)."""
-    unit: str
+    unit: str = "1"
     """Unit of its numbers; "1" for pure numbers."""
     meaning: str
     """Meaning of its numbers, in a sentence."""
@@ -150,7 +150,7 @@ class KeyWindow:
     @classmethod
     def of(cls, roll: PianoRoll, margin: int) -> KeyWindow:
         """Return the keys that a piece uses, and up to ``margin`` more on either side."""
-        return cls.around(_used_keys(roll), margin)
+        return cls.around(used_keys(roll), margin)
 
     @classmethod
     def around(cls, keys: Iterable[int], margin: int) -> KeyWindow:
@@ -176,14 +176,6 @@ class KeyWindow:
     def __str__(self) -> str:
         low, high = self.first + MIN_PITCH, self.last + MIN_PITCH
         return f"of pitch {low} to {high} ({pitch_name(low)} to {pitch_name(high)})"
-
-    def check(self, roll: PianoRoll) -> None:
-        """Make sure that a piece stays within the window.
-
-        Raises:
-            ScoreError: If it does not; the message names the notes.
-        """
-        self.check_keys(_used_keys(roll))
 
     def check_keys(
         self, keys: Iterable[int], instead: str = "an environment made for this one"
@@ -237,6 +229,7 @@ ALL_KEYS = KeyWindow(0, NUM_KEYS - 1)
 """The whole keyboard."""
 
 
-def _used_keys(roll: PianoRoll) -> list[int]:
+def used_keys(roll: PianoRoll) -> list[int]:
+    """Return the keys, 0 to 87, that are due at any step of a piece."""
     used: list[int] = np.flatnonzero(roll.active.any(axis=0)).tolist()
     return used

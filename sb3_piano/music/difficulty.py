@@ -168,23 +168,28 @@ def mean_motion(several: Sequence[MotionFeatures]) -> MotionFeatures:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MotionRecording:
-    """Everything that moved in a performance of T control steps.
+class Motion:
+    """Everything that moved in T control steps, enough to draw it, and the actions that led to it.
 
     Attributes:
-        title: What the piece is called.
-        actions: (T, n) float32, what was done in each step, in the environment's action space.
+        actions: (T, n) float32, the action of each step, as it reached the bare environment.
         qpos: (T + 1, nq) float64, all joint positions at the start and after each step, rad or m.
         hand_qpos: (m,) int, where in a row of `qpos` the hands' joints stand; the others are keys.
         fingertips: (T + 1, 10, 3) float64, world positions of the fingertips at the same times, in
             the order of finger labels, m.
     """
 
-    title: str
     actions: Float32Array
     qpos: FloatArray
     hand_qpos: IntArray
     fingertips: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotionRecording(Motion):
+    """The motion of a performance, with the title of the piece."""
+
+    title: str
 
     def features(self) -> MotionFeatures:
         """Return how much moved.

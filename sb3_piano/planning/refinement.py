@@ -150,18 +150,14 @@ def _vary(timed: Timed, errors: FloatArray, rng: np.random.Generator) -> tuple[T
         if errors[start:stop].sum() <= 0 or taken[lead:stop].any():
             continue
         taken[lead:stop] = True
-        changed[hand][index] = _adjusted(timed[hand][index], rng)
+        ways = _adjustments(timed[hand][index])
+        changed[hand][index] = ways[int(rng.integers(len(ways)))](rng)
         trials.append(_Trial(hand, index, slice(start, stop)))
     return changed, trials
 
 
-def _adjusted(one: TimedPress, rng: np.random.Generator) -> TimedPress:
-    """Return a press with one random change."""
-    ways = _adjustments(one)
-    return ways[int(rng.integers(len(ways)))](rng)
-
-
 def _adjustments(one: TimedPress) -> Sequence[Callable[[np.random.Generator], TimedPress]]:
+    """Return the ways to change a press at random."""
     press, adjustment = one.press, one.adjustment
 
     def adjusted(**changes: float) -> TimedPress:

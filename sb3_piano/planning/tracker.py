@@ -25,13 +25,8 @@ class Tracker:
 
     def __init__(self, plan: Plan, scene: PianoScene, feedback: float):
         self.plan = plan
-        self.feed_forward = plan.commands
-        """(T, n) the commands if all goes as planned, rad or m."""
         self._low, self._high = scene.ctrl_low, scene.ctrl_high
         self._feedback = feedback
-
-    def __len__(self) -> int:
-        return len(self.feed_forward)
 
     def controls(self, step: int, positions: npt.ArrayLike) -> FloatArray:
         """Return what to tell the actuators.
@@ -43,8 +38,8 @@ class Tracker:
         Returns:
             Commands of the same shape, within the control ranges.
         """
-        step = min(step, len(self) - 1)
         plan, (right, left) = self.plan, self.plan.gains
+        step = min(step, len(plan.commands) - 1)
         commands = corrected(
             plan.commands[step],
             np.asarray(positions, dtype=float) - plan.positions[step],

@@ -53,7 +53,8 @@ class HandKinematics:
     def __init__(self, scene: PianoScene, hand: int):
         model = scene.model
         self.hand = hand
-        self.actuators = _actuators_of(scene, hand)
+        half = model.nu // 2
+        self.actuators = np.arange(half, dtype=np.intp) + hand * half
         """(n,) the hand's actuators among all of the scene."""
         self.low = scene.ctrl_low[self.actuators]
         """(n,) lower ends of the control ranges; rad, or m for the sliders."""
@@ -190,12 +191,6 @@ class HandKinematics:
             for g, along in zip(geoms, self.tip_along, strict=True)
         ]
         self.radius[:] = model.geom_size[geoms, 0]
-
-
-def _actuators_of(scene: PianoScene, hand: int) -> IntArray:
-    """Return the actuators that drive a hand's joints, in the scene's order."""
-    half = scene.model.nu // 2
-    return np.arange(half, dtype=np.intp) + hand * half
 
 
 def _coupling(scene: PianoScene, hand: int, actuators: IntArray) -> FloatArray:

@@ -138,7 +138,7 @@ def _layout(layout: ObservationLayout, rows: int, stride: int, fingers: bool) ->
             f"after it: right thumb to little, then left; 0 beyond the end{covers}"
         )
         shape = (rows, NUM_FINGERS)
-        block = ObservationBlock(name=_LABELS, shape=shape, unit="1", meaning=meaning, binary=True)
+        block = ObservationBlock(name=_LABELS, shape=shape, meaning=meaning, binary=True)
         blocks.append(block)
     return ObservationLayout(blocks)
 

@@ -71,14 +71,12 @@ def _blocks(action_shape: tuple[int, ...]) -> list[ObservationBlock]:
         ObservationBlock(
             name="previous_action",
             shape=action_shape,
-            unit="1",
             meaning="the action of the control step before; 0 at the start",
             low=-1.0,
         ),
         ObservationBlock(
             name="previous_reward",
             shape=(1,),
-            unit="1",
             meaning="the reward of the control step before; 0 at the start",
             low=-np.inf,
             high=np.inf,

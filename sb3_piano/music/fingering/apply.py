@@ -8,7 +8,6 @@ from pathlib import Path
 
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, FingeringWeights
 from sb3_piano.music.fingering.ergonomic import finger_hand
 from sb3_piano.music.fingering.labels import read_labels
 from sb3_piano.music.fingering.robot import robot_fingers
@@ -57,7 +56,7 @@ def apply_fingering(
     return score
 
 
-def finger_score(score: Score, weights: FingeringWeights = DEFAULT_WEIGHTS) -> Score:
+def finger_score(score: Score) -> Score:
     """Return the score with a finger for each note.
 
     Fingers that are known stay, and so do hands; `assign_hands` finds the other hands. At most ten
@@ -71,7 +70,7 @@ def finger_score(score: Score, weights: FingeringWeights = DEFAULT_WEIGHTS) -> S
     notes = list(score.notes)
     for hand in HANDS:
         indices = [index for index, note in enumerate(notes) if note.hand == hand]
-        found = finger_hand([notes[index] for index in indices], hand, weights)
+        found = finger_hand([notes[index] for index in indices], hand)
         for index, finger in zip(indices, found.fingers, strict=True):
             if notes[index].finger == UNKNOWN_FINGER != finger:
                 notes[index] = replace(notes[index], finger=finger_of(hand, finger + 1))

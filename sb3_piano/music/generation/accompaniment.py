@@ -51,12 +51,10 @@ def alberti(frame: Frame, hand: Hand) -> list[Tone]:
     return strike(rhythm, pitches, hand)
 
 
-def wave(
-    frame: Frame, hand: Hand, *, span: int, unit: float, per_turn: int | None = None
-) -> list[Tone]:
+def wave(frame: Frame, hand: Hand, *, span: int, unit: float) -> list[Tone]:
     """Break each chord widely, from its root up and perhaps down again."""
     habit = frame.habit()
-    per_turn = per_turn or max(round(min(frame.slot, frame.bar) / unit), 1)
+    per_turn = max(round(min(frame.slot, frame.bar) / unit), 1)
     skip, back = int(habit.integers(1, 3)), bool(habit.random() < 0.6)
     tones = []
     for index, (start, length) in enumerate(even(frame, unit)):

@@ -51,12 +51,7 @@ class ActionMap:
         return self._middle + self._half_range * clipped[:-1], (clipped.item(-1) + 1.0) / 2.0
 
     def action(self, controls: FloatArray, *, pedal_down: bool) -> Float32Array:
-        """Return the action that commands this, in [-1, 1] within the control ranges.
-
-        Args:
-            controls: (nu,) the actuators' targets, rad or m.
-            pedal_down: Whether the sustain pedal is to be down.
-        """
+        """Return the action that commands the actuators' targets, (nu,) rad or m, and the pedal."""
         hands = (controls - self._middle) / self._half_range
         return np.append(hands.astype(np.float32), np.float32(1.0 if pedal_down else -1.0))
 

@@ -156,9 +156,7 @@ class KeyWindow:
     def around(cls, keys: Iterable[int], margin: int) -> KeyWindow:
         """Return some keys with all between them and up to ``margin`` more on either side.
 
-        Args:
-            keys: Keys, 0 to 87; without any, the window is the whole keyboard.
-            margin: How many keys more, 0 or more; the keyboard's ends may leave fewer.
+        Without any keys it is the whole keyboard.
         """
         keys = set(keys)
         if not keys:
@@ -198,8 +196,7 @@ class KeyWindow:
     def restrict(self, layout: ObservationLayout) -> tuple[ObservationLayout, IntArray]:
         """Return what remains of a layout with one number per key, see its ``restrict``.
 
-        Args:
-            layout: Its goal and its key state may have been cut before.
+        Its goal and its key state may have been cut before.
 
         Raises:
             ConfigError: If it does not have all keys of the window.

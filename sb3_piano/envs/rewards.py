@@ -63,11 +63,6 @@ def tolerance(distance: float, bound: float, margin: float) -> float:
     """Return 1 where ``0 <= distance <= bound``, falling as a Gaussian to 0.1 at ``margin`` beyond.
 
     Source: dm_control's ``rewards.tolerance`` with ``bounds=(0, bound)``.
-
-    Args:
-        distance: The quantity to keep within the bounds.
-        bound: Upper end of the interval that earns 1.
-        margin: Distance from the interval at which 0.1 is earned; positive.
     """
     outside = max(distance - bound, -distance, 0.0) / margin
     closeness: float = 0.1 ** (outside * outside)

@@ -15,13 +15,7 @@ if TYPE_CHECKING:
 
 
 class Tracker:
-    """Commands for each control step of a plan.
-
-    Args:
-        plan: The plan.
-        scene: The scene that it was made for.
-        feedback: Share of the optimal feedback that is used, 0 for none.
-    """
+    """Commands for each control step of a plan, with a share of the optimal feedback."""
 
     def __init__(self, plan: Plan, scene: PianoScene, feedback: float):
         self.plan = plan
@@ -55,13 +49,9 @@ def corrected(
     gains: tuple[Float32Array, Float32Array],
     feedback: float,
 ) -> FloatArray:
-    """Return commands, corrected by how far the actuators are ahead of the plan.
+    """Return the commands of a plan, (n,), corrected by how far the actuators are ahead of it.
 
-    Args:
-        commands: (n,) what the plan says.
-        ahead: (n,) or (N, n) positions less those of the plan, rad or m.
-        gains: Of the right and the left hand, (n / 2, n / 2) each.
-        feedback: Share of them that is used.
+    ``ahead`` is (n,) or (N, n), rad or m, ``gains`` (n / 2, n / 2) for the right and the left hand.
     """
     half = ahead.shape[-1] // 2
     right, left = gains

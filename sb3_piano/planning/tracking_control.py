@@ -117,13 +117,8 @@ class HandControl:
 class TrackingControl:
     """The linear-quadratic problem of one hand over a stretch.
 
-    Args:
-        cost: What is wrong with its states.
-        dynamics: How it moves.
-        plan: (t, n) positions that were planned without inertia.
-        forces: (t, n) generalised forces of keys that are held.
-        start: (2 n,) positions and velocities before the stretch.
-        iterations: How many models of the costs are solved.
+    ``plan`` are (t, n) positions that were planned without inertia, ``forces`` (t, n) those of keys
+    that are held, ``start`` (2 n,) positions and velocities before the stretch.
     """
 
     def __init__(

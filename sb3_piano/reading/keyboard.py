@@ -50,13 +50,7 @@ class KeyPlaces:
         )
 
     def height(self, key: int, x: float, depth: float) -> float:
-        """Return how high the top of a key is at a place along it, m.
-
-        Args:
-            key: 0 to 87.
-            x: The place, m.
-            depth: Share of the key's travel.
-        """
+        """Return how high a key's top is at ``x``, m; ``depth`` is a share of its travel."""
         drop = (x - self.hinge[key]) * np.tan(depth * self.max_angle[key])
         return float(self.top[key] - drop)
 

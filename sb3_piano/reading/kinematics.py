@@ -39,15 +39,11 @@ class _Link:
 
 
 class HandKinematics:
-    """The five fingertips of a hand as functions of where its actuators are.
+    """The five fingertips of a hand (0 right, 1 left) as functions of where its actuators are.
 
     A fingertip is the centre of the sphere at the far end of the last finger link: whatever the
     finger's angle, what it touches below is its radius away. The two joints that share an actuator
     are taken to bend alike.
-
-    Args:
-        scene: The scene that the hand is in.
-        hand: 0 for the right hand, 1 for the left one.
     """
 
     def __init__(self, scene: PianoScene, hand: int):

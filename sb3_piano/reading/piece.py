@@ -52,15 +52,8 @@ def read_piece(
 ) -> Reading:
     """Return what a piece asks of both hands.
 
-    It takes some milliseconds for each second of music; nothing is optimised or simulated.
-
-    Args:
-        roll: The piece, with fingers.
-        hands: The right and the left hand.
-        keys: The keyboard.
-        hover: Height over a key of a finger that will soon play it, m.
-        hold_depth: Depth of a key while it is down, a share of its travel.
-        arms_apart: Least distance of the two forearms, m.
+    It takes some milliseconds for each second of music; nothing is optimised or simulated. Heights
+    and distances are in m, a depth is a share of a key's travel.
     """
     roll = release_early(roll)
     n_states = len(roll) + 1

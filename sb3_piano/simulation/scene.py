@@ -132,11 +132,7 @@ class PianoScene:
         return np.array([unit[str(kind)] for kind in self.actuator_kind])
 
     def actuator_positions(self, joints: npt.NDArray[np.floating]) -> FloatArray:
-        """Return where the actuators are, (nu,) rad or m.
-
-        Args:
-            joints: (m,) positions of both hands' joints, in the order of ``hand_qpos``.
-        """
+        """Return where the actuators are, (nu,) rad or m; joints are as in ``hand_qpos``."""
         return np.asarray(self.actuator_of_joint @ joints)
 
     def key_angle(self, data: mujoco.MjData) -> FloatArray:

@@ -24,12 +24,7 @@ class Simulation:
     """
 
     def __init__(self, scene: PianoScene, n_substeps: int):
-        """Make the data of a scene at rest.
-
-        Args:
-            scene: What is simulated.
-            n_substeps: Physics steps in a control step, at least 1.
-        """
+        """Make the data of a scene at rest; a control step has one physics step or more."""
         self.scene = scene
         self.data = mujoco.MjData(scene.model)
         self._n_substeps = n_substeps

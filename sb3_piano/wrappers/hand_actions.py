@@ -79,12 +79,7 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         return piano.action_map.action(controls, pedal_down=down)
 
     def action_for(self, controls: FloatArray) -> Float32Array:
-        """Return the action that tells the actuators something in the present state, or nearly.
-
-        Args:
-            controls: (n,) what they are to be told, rad or m; what is farther away than the reach
-                is cut.
-        """
+        """Return the action that tells the actuators something, (n,) rad or m, within its reach."""
         return self.map.action(controls, self._positions())
 
     def _positions(self) -> FloatArray:

@@ -95,11 +95,6 @@ class OctaveShift(KeyShift, gym.utils.RecordConstructorArgs):
         env: A piano environment, wrapped or not.
         octaves: The shift, negative for lower; or a pair of the lowest and the highest to draw
             from, both included.
-
-    Raises:
-        ConfigError: If ``octaves`` is neither, or ``env`` is no piano.
-        ScoreError: If a fixed shift takes a note off the keyboard, here for the environment's own
-            pieces, at ``reset`` for others.
     """
 
     def __init__(self, env: gym.Env[Any, Any], octaves: int | Sequence[int]) -> None:

@@ -76,11 +76,8 @@ def in_octaves(
 ) -> list[tuple[KeyPress, ...]]:
     """Return what the hands strike together, one after the other.
 
-    Args:
-        way: From a number of octaves to the notes, in semitones above the first of each hand, with
-            the pianists' numbers of its fingers.
-        octaves: How many octaves are climbed.
-        first: MIDI pitch of the first note of each hand that plays.
+    ``way`` leads from a number of octaves to the notes, in semitones above the first of each hand
+    (a MIDI pitch), with the pianists' numbers of its fingers.
 
     Raises:
         ConfigError: If `octaves` is no whole number, less than 1, or leaves the keyboard.

@@ -47,13 +47,7 @@ class Candidates:
     """Draws changes as splines: values at a few knots, straight lines between them."""
 
     def __init__(self, noise: SamplingNoise, scene: PianoScene, horizon: int):
-        """Choose the standard deviation of each actuator.
-
-        Args:
-            noise: How much and where.
-            scene: Whose actuators are told.
-            horizon: Control steps, at least 1.
-        """
+        """Choose the standard deviation of each actuator, over one control step or more."""
         self._noise = noise
         of_kind = {"finger": noise.finger, "wrist": noise.wrist, "forearm": noise.forearm}
         self.deviation = np.array([of_kind[str(kind)] for kind in scene.actuator_kind])

@@ -231,7 +231,8 @@ class _FingerPresses:
     @classmethod
     def of(cls, hand: HandReading, roll: PianoRoll) -> _FingerPresses:
         """Look up what each finger does in each state."""
-        steps, onsets = len(roll), _onset_times(roll)
+        steps = len(roll)
+        onsets = {(step, key): time for step, key, time in roll.strikes()}
         shown = np.zeros((steps, PRESSES_AHEAD, FINGERS_PER_HAND, _PRESS_NUMBERS))
         states = np.arange(steps)
         for finger in range(FINGERS_PER_HAND):
@@ -272,12 +273,6 @@ def _table(
         row[6:11] = True, KEY_IS_BLACK[key], one.leapt, one.leaps, one.repeated
         row[11:] = onset, one.press.last * control_timestep
     return table
-
-
-def _onset_times(roll: PianoRoll) -> dict[tuple[int, int], float]:
-    """Return when each strike is due, s, by control step and key."""
-    strikes = zip(np.argwhere(roll.onset).tolist(), roll.onset_time.tolist(), strict=True)
-    return {(step, key): time for (step, key), time in strikes}
 
 
 def _states(steps: int, ahead: IntArray) -> IntArray:

@@ -34,16 +34,13 @@ from sb3_piano.exceptions import ConfigError, one_line
 from sb3_piano.files import write_atomically
 from sb3_piano.music.constants import NUM_FINGERS
 from sb3_piano.music.fingering import assign_hands
+from sb3_piano.music.fingering.ergonomic import struck_together
 from sb3_piano.music.hands import HANDS
 from sb3_piano.music.note import Note
 from sb3_piano.music.score import Score
 
 SAME_TIME = 1e-3
 """Overlaps shorter than this are none, in s."""
-
-SAME_CHORD = 0.03
-"""A hand's onsets this close to a chord's first one belong to it, in s; as in E. Nakamura et al.,
-"Statistical learning and estimation of piano fingering", 2020."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,22 +122,11 @@ def _held(notes: Iterable[Note]) -> Iterator[list[int]]:
         yield [other.pitch for other in held]
 
 
-def _travel(notes: Iterable[Note]) -> float:
+def _travel(notes: Sequence[Note]) -> float:
     """Return how far one hand's centre moves altogether, in semitones."""
-    centres = [(min(chord) + max(chord)) / 2 for chord in _chords(notes)]
+    chords = [[notes[index].pitch for index in chord] for chord in struck_together(notes)]
+    centres = [(min(chord) + max(chord)) / 2 for chord in chords]
     return sum(abs(end - start) for start, end in itertools.pairwise(centres))
-
-
-def _chords(notes: Iterable[Note]) -> list[list[int]]:
-    """Return the pitches that one hand strikes together, in the order of time."""
-    chords: list[list[int]] = []
-    first = 0.0
-    for note in notes:
-        if not chords or note.onset > first + SAME_CHORD:
-            chords.append([])
-            first = note.onset
-        chords[-1].append(note.pitch)
-    return chords
 
 
 @dataclass(frozen=True, kw_only=True)

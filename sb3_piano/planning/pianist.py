@@ -29,14 +29,7 @@ class PlannedPianist(PianoPolicy):
 
     It plays whatever its environments play, also where wrappers choose the piece; plans are kept.
     ``evaluate_policy(PlannedPianist(env), env)`` judges it like a trained model.
-
-    Args:
-        env: The environment, wrapped or not, or several of them in this process as a vector
-            environment of Stable-Baselines3.
-        settings: The plan's settings.
-
-    Raises:
-        ConfigError: If it is no piano, or out of reach in another process.
+    The environment is as for :class:`~sb3_piano.planning.PianoPolicy`.
     """
 
     def __init__(

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
+from annotated_types import Gt, Le
 
 from sb3_piano.arrays import FloatArray, IntArray
-from sb3_piano.settings import Count, Number, Share, settings
+from sb3_piano.settings import Count, NotNegative, Number, Share, settings
 from sb3_piano.simulation import PianoScene
-
-_NotNegative = Annotated[Number, Ge(0)]
 
 
 @settings
@@ -29,11 +27,11 @@ class SamplingNoise:
     knots: Count = 2
     """Points of the horizon at which noise is drawn, the first and the last step included; it is
     linear between them. 1 (constant noise) or more."""
-    finger: _NotNegative = 0.12
+    finger: NotNegative = 0.12
     """Standard deviation at a knot, rad, of the fingers' actuators."""
-    wrist: _NotNegative = 0.04
+    wrist: NotNegative = 0.04
     """That of the wrists' actuators, rad."""
-    forearm: _NotNegative = 0.008
+    forearm: NotNegative = 0.008
     """That of the sliders on which the forearms stand, m."""
     decay: Share = 0.9
     """Share of the last control step's best change that is kept for the next one, in [0, 1]."""

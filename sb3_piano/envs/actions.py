@@ -108,21 +108,14 @@ class HandActionMap:
     def controls(self, action: npt.NDArray[np.floating], positions: FloatArray) -> FloatArray:
         """Return the actuators' targets, (n,) rad or m; what is outside of [-1, 1] is clipped.
 
-        Args:
-            action: (n,) numbers.
-            positions: (n,) where the actuators are, rad or m.
+        ``positions`` are where the actuators are, (n,) rad or m.
         """
         offsets = np.minimum(np.maximum(action, self._low), self._high)
         controls = positions + self.reach * offsets
         return np.minimum(np.maximum(controls, self._ctrl_low), self._ctrl_high)
 
     def action(self, controls: FloatArray, positions: FloatArray) -> Float32Array:
-        """Return the action for targets of the actuators; what is beyond the reach is cut.
-
-        Args:
-            controls: (n,) what the actuators are to be told, rad or m.
-            positions: (n,) where they are, rad or m.
-        """
+        """Return the action for (n,) targets of the actuators; what is beyond the reach is cut."""
         offsets = (controls - positions) / self.reach
         return np.minimum(np.maximum(offsets, self._low), self._high).astype(np.float32)
 

@@ -267,6 +267,8 @@ class FingerGoals:
         check_labels(roll, "fingers")
         steps = len(roll)
         held = _held_keys(roll)
+        # A key struck anew is silent for a step before; at the last step every note ends.
+        ends = (held >= 0) & (np.diff(held, axis=0, append=-2) != 0)
         key, onset = np.full_like(held, -1), np.full_like(held, horizon)
         release = np.full_like(held, horizon)
         # Steps to the next onset and to the release after it, carried from the end to the start;
@@ -277,8 +279,7 @@ class FingerGoals:
         for step in range(steps - 1, -1, -1):
             until_onset, until_release = until_onset + 1, until_release + 1
             holding = held[step] >= 0
-            ends = holding & _ends(held, step)
-            until_release[ends] = 1
+            until_release[ends[step]] = 1
             until_onset[holding] = 0
             next_key[holding] = held[step, holding]
             seen = until_onset <= horizon
@@ -297,16 +298,6 @@ def _held_keys(roll: PianoRoll) -> IntArray:
     steps, keys = steps[order], keys[order]
     held[steps, roll.finger[steps, keys]] = keys
     return held
-
-
-def _ends(held: IntArray, step: int) -> BoolArray:
-    """Return for which fingers the note held at a step is over at the next one, (10,) bool.
-
-    A key struck anew is silent for a step before, see :class:`~sb3_piano.music.PianoRoll`.
-    """
-    if step + 1 == len(held):
-        return np.ones(NUM_FINGERS, dtype=bool)
-    return np.asarray(held[step + 1] != held[step])
 
 
 def check_labels(roll: PianoRoll, observation: str) -> None:

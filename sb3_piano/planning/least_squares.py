@@ -64,12 +64,7 @@ class HandProblem:
         self._evaluate()
 
     def improve(self, iterations: int, free: BoolArray | None = None) -> None:
-        """Improve the positions.
-
-        Args:
-            iterations: How many steps are tried.
-            free: (s,) bool, the states that may change; by default all.
-        """
+        """Try some steps; states that are not ``free`` ((s,) bool) stay as they are."""
         self._fixed = None if free is None else ~free
         for _ in range(iterations):
             step = self._step()

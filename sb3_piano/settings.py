@@ -70,6 +70,9 @@ Index = Annotated[Whole, Ge(0)]
 Share = Annotated[Number, Ge(0), Le(1)]
 """A number from 0 to 1."""
 
+NotNegative = Annotated[Number, Ge(0)]
+"""A finite number, 0 or more."""
+
 Positive = Annotated[Number, Gt(0)]
 """A number above 0."""
 

@@ -23,6 +23,7 @@ ROOMS = [
     "exceptions",
     "settings",
     "files",
+    "arrays",
     "locks",
     "interrupts",
     "threads",

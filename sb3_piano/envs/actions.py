@@ -8,12 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.exceptions import InvalidActionError
 from sb3_piano.settings import Positive, checked
 from sb3_piano.simulation import PianoScene
-
-ActionArray = npt.NDArray[np.float32]
-FloatArray = npt.NDArray[np.float64]
 
 REACH = 1.2
 """How far from where it is hands send a finger's joint at most, rad, unless told otherwise."""
@@ -35,12 +33,12 @@ class ActionMap:
         self.space = spaces.Box(-1.0, 1.0, self._shape, dtype=np.float32)
 
     @property
-    def rest(self) -> npt.NDArray[np.float32]:
+    def rest(self) -> Float32Array:
         """The action that holds all joints at 0, or as near as they can be, and the pedal up."""
         hands = np.clip(-self._middle / self._half_range, -1.0, 1.0)
         return np.append(hands, -1.0).astype(np.float32)
 
-    def controls(self, action: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], float]:
+    def controls(self, action: npt.ArrayLike) -> tuple[FloatArray, float]:
         """Return what an action commands; values outside [-1, 1] are clipped.
 
         Returns:
@@ -52,21 +50,16 @@ class ActionMap:
         clipped = np.minimum(np.maximum(self._checked(action), self._low), self._high)
         return self._middle + self._half_range * clipped[:-1], (clipped.item(-1) + 1.0) / 2.0
 
-    def action(self, controls: npt.NDArray[np.float64], *, pedal_down: bool) -> ActionArray:
-        """Return the action that commands this, in [-1, 1] within the control ranges.
-
-        Args:
-            controls: (nu,) the actuators' targets, rad or m.
-            pedal_down: Whether the sustain pedal is to be down.
-        """
+    def action(self, controls: FloatArray, *, pedal_down: bool) -> Float32Array:
+        """Return the action that commands the actuators' targets, (nu,) rad or m, and the pedal."""
         hands = (controls - self._middle) / self._half_range
         return np.append(hands.astype(np.float32), np.float32(1.0 if pedal_down else -1.0))
 
-    def change(self, controls: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def change(self, controls: FloatArray) -> FloatArray:
         """Return by how much an action changes where the actuators' targets do, (nu,)."""
         return controls / self._half_range
 
-    def _checked(self, action: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def _checked(self, action: npt.ArrayLike) -> FloatArray:
         try:
             array = np.asarray(action)
             if array.dtype.kind == "c":  # of which NumPy would drop a half with a warning
@@ -115,21 +108,14 @@ class HandActionMap:
     def controls(self, action: npt.NDArray[np.floating], positions: FloatArray) -> FloatArray:
         """Return the actuators' targets, (n,) rad or m; what is outside of [-1, 1] is clipped.
 
-        Args:
-            action: (n,) numbers.
-            positions: (n,) where the actuators are, rad or m.
+        ``positions`` are where the actuators are, (n,) rad or m.
         """
         offsets = np.minimum(np.maximum(action, self._low), self._high)
         controls = positions + self.reach * offsets
         return np.minimum(np.maximum(controls, self._ctrl_low), self._ctrl_high)
 
-    def action(self, controls: FloatArray, positions: FloatArray) -> ActionArray:
-        """Return the action for targets of the actuators; what is beyond the reach is cut.
-
-        Args:
-            controls: (n,) what the actuators are to be told, rad or m.
-            positions: (n,) where they are, rad or m.
-        """
+    def action(self, controls: FloatArray, positions: FloatArray) -> Float32Array:
+        """Return the action for (n,) targets of the actuators; what is beyond the reach is cut."""
         offsets = (controls - positions) / self.reach
         return np.minimum(np.maximum(offsets, self._low), self._high).astype(np.float32)
 

@@ -10,16 +10,19 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, ObservationBlock, ObservationLayout
+from sb3_piano.arrays import BoolArray, Float32Array, IntArray
+from sb3_piano.envs.observation import (
+    ALL_KEYS,
+    KeyWindow,
+    ObservationBlock,
+    ObservationLayout,
+    used_keys,
+)
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import MIN_PITCH, NUM_FINGERS, NUM_KEYS
 from sb3_piano.simulation import KEY_IS_BLACK, PianoScene, Simulation
-
-Float32Array = npt.NDArray[np.float32]
-IntArray = npt.NDArray[np.intp]
 
 GOAL_WIDTH = NUM_KEYS + 1
 """Numbers in one row of the goal: the keys, then the pedal."""
@@ -64,13 +67,7 @@ class RollEncoding(Encoding):
     """RoboPianist's observation, for all keys or for a window of them."""
 
     def __init__(self, scene: PianoScene, n_steps_lookahead: int, window: KeyWindow = ALL_KEYS):
-        """Lay out the observation.
-
-        Args:
-            scene: The scene that is observed.
-            n_steps_lookahead: How many control steps after the current one the goal shows.
-            window: The keys that are shown.
-        """
+        """Lay out the observation of a window of keys, now and so many control steps later."""
         self._window = window
         self._rows_shown = n_steps_lookahead + 1
         self.layout, _ = window.restrict(_roll_layout(scene, n_steps_lookahead))
@@ -81,7 +78,7 @@ class RollEncoding(Encoding):
 
     def prepare(self, roll: PianoRoll) -> None:
         """Take a piece; see :meth:`Encoding.prepare`."""
-        self._window.check(roll)
+        self._window.check_keys(used_keys(roll))
         steps = len(roll)
         # Silence is appended, so that the lookahead of the last step can be cut like any other.
         rows = np.zeros((steps + self._rows_shown - 1, self._width), dtype=np.float32)
@@ -108,13 +105,7 @@ class FingerEncoding(Encoding):
     """For each finger, where and when it must press next: a tenth of RoboPianist's numbers."""
 
     def __init__(self, scene: PianoScene, n_steps_lookahead: int, control_timestep: float):
-        """Lay out the observation.
-
-        Args:
-            scene: The scene that is observed.
-            n_steps_lookahead: How many control steps ahead the fingers see.
-            control_timestep: Length of a control step, s.
-        """
+        """Lay out the observation of fingers that see so many control steps ahead."""
         self._scene = scene
         self._horizon = n_steps_lookahead + 1
         self._control_timestep = control_timestep
@@ -166,7 +157,6 @@ def _roll_layout(scene: PianoScene, n_steps_lookahead: int) -> ObservationLayout
             ObservationBlock(
                 name="goal",
                 shape=(n_steps_lookahead + 1, GOAL_WIDTH),
-                unit="1",
                 meaning="1 where a key (columns 0-87) or the pedal (column 88) should be down, for "
                 "the current control step and those after it; 0 beyond the end",
                 binary=True,
@@ -174,7 +164,6 @@ def _roll_layout(scene: PianoScene, n_steps_lookahead: int) -> ObservationLayout
             ObservationBlock(
                 name="fingering",
                 shape=(NUM_FINGERS,),
-                unit="1",
                 meaning="1 for each finger that is labelled to press now: right thumb to little, "
                 "then left",
                 binary=True,
@@ -182,7 +171,6 @@ def _roll_layout(scene: PianoScene, n_steps_lookahead: int) -> ObservationLayout
             ObservationBlock(
                 name="key_state",
                 shape=(NUM_KEYS,),
-                unit="1",
                 meaning="key angle over its largest angle, in [0, 1]",
             ),
             _pedal_block(),
@@ -220,7 +208,6 @@ def _finger_layout(scene: PianoScene, horizon: float) -> ObservationLayout:
             ObservationBlock(
                 name="wrong_keys",
                 shape=(1,),
-                unit="1",
                 meaning="how many keys sound that should not, at most 10",
                 high=float(_MOST_WRONG_KEYS),
             ),
@@ -231,7 +218,7 @@ def _finger_layout(scene: PianoScene, horizon: float) -> ObservationLayout:
 
 def _pedal_block() -> ObservationBlock:
     meaning = "the pedal's command in [0, 1]; down from 0.5 on"
-    return ObservationBlock(name="sustain", shape=(1,), unit="1", meaning=meaning)
+    return ObservationBlock(name="sustain", shape=(1,), meaning=meaning)
 
 
 def _joint_blocks(scene: PianoScene) -> list[ObservationBlock]:
@@ -249,7 +236,7 @@ def _joint_blocks(scene: PianoScene) -> list[ObservationBlock]:
     ]
 
 
-def _steps_to_change(values: npt.NDArray[np.bool_], most: int) -> npt.NDArray[np.intp]:
+def _steps_to_change(values: BoolArray, most: int) -> IntArray:
     """Return the number of steps that each value lasts from its step on, (T,), at most ``most``."""
     changes = np.flatnonzero(np.diff(values)) + 1
     following = np.searchsorted(changes, np.arange(len(values)), side="right")
@@ -280,6 +267,8 @@ class FingerGoals:
         check_labels(roll, "fingers")
         steps = len(roll)
         held = _held_keys(roll)
+        # A key struck anew is silent for a step before; at the last step every note ends.
+        ends = (held >= 0) & (np.diff(held, axis=0, append=-2) != 0)
         key, onset = np.full_like(held, -1), np.full_like(held, horizon)
         release = np.full_like(held, horizon)
         # Steps to the next onset and to the release after it, carried from the end to the start;
@@ -290,8 +279,7 @@ class FingerGoals:
         for step in range(steps - 1, -1, -1):
             until_onset, until_release = until_onset + 1, until_release + 1
             holding = held[step] >= 0
-            ends = holding & _ends(held, step)
-            until_release[ends] = 1
+            until_release[ends[step]] = 1
             until_onset[holding] = 0
             next_key[holding] = held[step, holding]
             seen = until_onset <= horizon
@@ -312,22 +300,8 @@ def _held_keys(roll: PianoRoll) -> IntArray:
     return held
 
 
-def _ends(held: IntArray, step: int) -> npt.NDArray[np.bool_]:
-    """Return for which fingers the note held at a step is over at the next one, (10,) bool.
-
-    A key struck anew is silent for a step before, see :class:`~sb3_piano.music.PianoRoll`.
-    """
-    if step + 1 == len(held):
-        return np.ones(NUM_FINGERS, dtype=bool)
-    return np.asarray(held[step + 1] != held[step])
-
-
 def check_labels(roll: PianoRoll, observation: str) -> None:
-    """Refuse a roll with a note that has no finger.
-
-    Args:
-        roll: The piece.
-        observation: What asks for fingers.
+    """Refuse a roll with a note that has no finger, for an observation that asks for fingers.
 
     Raises:
         ScoreError: If there is such a note.

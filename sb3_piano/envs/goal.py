@@ -6,16 +6,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray
 from sb3_piano.envs import rewards
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.score_choice import fingered
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.robot import release_early
 from sb3_piano.simulation import Simulation
-
-BoolArray = npt.NDArray[np.bool_]
 
 
 class StepGoal(NamedTuple):
@@ -38,10 +36,6 @@ class Goal:
 
     def __init__(self, score: Score, config: PianoEnvConfig):
         """Cut the score into control steps.
-
-        Args:
-            score: What is to be played.
-            config: Settings of the environment.
 
         Raises:
             ScoreError: If the score is too long.
@@ -101,15 +95,7 @@ def _step_goal(roll: PianoRoll, step: int) -> StepGoal:
 def reward_terms(
     simulation: Simulation, goal: Goal, step: int, pedal_down: bool, forearm: bool
 ) -> dict[str, float]:
-    """Return the unweighted reward terms by name.
-
-    Args:
-        simulation: What was played, as it was read.
-        goal: What the episode asks for.
-        step: The control step of it with which the state is compared.
-        pedal_down: Whether the sustain pedal is down.
-        forearm: Whether forearms are rewarded for keeping apart; otherwise that term is 0.
-    """
+    """Return the unweighted reward terms by name, of a state compared with a step of a goal."""
     now = goal.steps[step]
     wrong = int.from_bytes(simulation.sounding) & now.not_due > 0
     force, velocity = simulation.actuator_force, simulation.actuator_velocity

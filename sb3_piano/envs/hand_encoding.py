@@ -6,8 +6,8 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from sb3_piano.envs.encodings import Encoding, check_labels
 from sb3_piano.envs.observation import ObservationBlock, ObservationLayout
 from sb3_piano.exceptions import PlanWarning
@@ -25,10 +25,6 @@ from sb3_piano.reading import (
     read_piece,
 )
 from sb3_piano.simulation import SIDES, PianoScene, Simulation
-
-Float32Array = npt.NDArray[np.float32]
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 
 FRAMES_AHEAD = np.array([1, 2, 3, 4, 6, 8])
 """States after the present one whose key frames are shown."""
@@ -64,12 +60,7 @@ class HandEncoding(Encoding):
     """What each hand read in the piece, relative to its arm and its fingers."""
 
     def __init__(self, scene: PianoScene, control_timestep: float):
-        """Lay out the observation.
-
-        Args:
-            scene: The scene that is observed.
-            control_timestep: Length of a control step, s.
-        """
+        """Lay out the observation."""
         right, left = HandKinematics(scene, 0), HandKinematics(scene, 1)
         self._hands = (right, left)
         self._places = KeyPlaces.of(scene)
@@ -223,11 +214,11 @@ class _FingerPresses:
 
     key: IntArray
     """(T, 2, 5) its key; 0 if there is none."""
-    there: npt.NDArray[np.bool_]
+    there: BoolArray
     """(T, 2, 5) whether there is one."""
-    first: IntArray
+    first: FloatArray
     """(T, 2, 5) states until the key must be down; negative where it has been."""
-    last: IntArray
+    last: FloatArray
     """(T, 2, 5) states until the last one in which it must be down."""
     point: FloatArray
     """(T, 2, 5, 3) where the fingertip is when the key is down, m."""
@@ -239,16 +230,10 @@ class _FingerPresses:
 
     @classmethod
     def of(cls, hand: HandReading, roll: PianoRoll) -> _FingerPresses:
-        """Look up what each finger does in each state.
-
-        Args:
-            hand: What the hand has to do.
-            roll: The piece.
-        """
-        steps, onsets = len(roll), _onset_times(roll)
-        shape = (steps, PRESSES_AHEAD, FINGERS_PER_HAND)
-        key, first, last = (np.zeros(shape, dtype=np.intp) for _ in range(3))
-        point, facts, written = (np.zeros((*shape, size)) for size in (3, 5, 2))
+        """Look up what each finger does in each state."""
+        steps = len(roll)
+        onsets = {(step, key): time for step, key, time in roll.strikes()}
+        shown = np.zeros((steps, PRESSES_AHEAD, FINGERS_PER_HAND, _PRESS_NUMBERS))
         states = np.arange(steps)
         for finger in range(FINGERS_PER_HAND):
             own = [one for one in hand.presses if one.press.finger == finger]
@@ -258,21 +243,16 @@ class _FingerPresses:
             for ahead in range(PRESSES_AHEAD):
                 at = following + ahead
                 there = at < len(own)
-                rows = table[at[there]]
-                key[there, ahead, finger] = rows[:, 0].astype(np.intp)
-                first[there, ahead, finger] = rows[:, 1].astype(np.intp) - states[there]
-                last[there, ahead, finger] = rows[:, 2].astype(np.intp) - states[there]
-                point[there, ahead, finger] = rows[:, 3:6]
-                facts[there, ahead, finger] = rows[:, 6:11]
-                written[there, ahead, finger] = rows[:, 11:]
+                shown[there, ahead, finger] = table[at[there]]
+                shown[there, ahead, finger, 1:3] -= states[there, None]
         return cls(
-            key=key,
-            there=facts[..., 0] > 0,
-            first=first,
-            last=last,
-            point=point,
-            facts=facts,
-            written=written,
+            key=shown[..., 0].astype(np.intp),
+            there=shown[..., 6] > 0,
+            first=shown[..., 1],
+            last=shown[..., 2],
+            point=shown[..., 3:6],
+            facts=shown[..., 6:11],
+            written=shown[..., 11:],
         )
 
 
@@ -283,32 +263,16 @@ def _table(
     control_timestep: float,
 ) -> FloatArray:
     """Return a row for each press of a finger: key, states, point, facts, times as written."""
-    rows = []
-    for one in presses:
-        press = one.press
-        start = press.first - 1  # the control step that leads to the first state
-        rows.append(
-            (
-                press.key,
-                one.first,
-                one.last,
-                *hand.frames.target[min(one.first, len(hand.place) - 1), press.finger],
-                True,
-                KEY_IS_BLACK[press.key],
-                one.leapt,
-                one.leaps,
-                one.repeated,
-                onsets.get((start, press.key), start * control_timestep),
-                press.last * control_timestep,
-            )
-        )
-    return np.array(rows, dtype=float).reshape(-1, 13)
-
-
-def _onset_times(roll: PianoRoll) -> dict[tuple[int, int], float]:
-    """Return when each strike is due, s, by control step and key."""
-    strikes = zip(np.argwhere(roll.onset).tolist(), roll.onset_time.tolist(), strict=True)
-    return {(step, key): time for (step, key), time in strikes}
+    table = np.zeros((len(presses), _PRESS_NUMBERS))
+    for row, one in zip(table, presses, strict=True):
+        key, finger = one.press.key, one.press.finger
+        start = one.press.first - 1  # the control step that leads to the first state
+        onset = onsets.get((start, key), start * control_timestep)
+        row[:3] = key, one.first, one.last
+        row[3:6] = hand.frames.target[min(one.first, len(hand.place) - 1), finger]
+        row[6:11] = True, KEY_IS_BLACK[key], one.leapt, one.leaps, one.repeated
+        row[11:] = onset, one.press.last * control_timestep
+    return table
 
 
 def _states(steps: int, ahead: IntArray) -> IntArray:
@@ -408,7 +372,6 @@ def _hand_blocks(scene: PianoScene, side: str) -> list[ObservationBlock]:
         ObservationBlock(
             name=f"{side}_busy",
             shape=(len(BUSY_AHEAD),),
-            unit="1",
             meaning=f"1 if the hand plays at about {_listed(BUSY_AHEAD)} control steps from now",
             binary=True,
         ),

@@ -11,12 +11,11 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from sb3_piano.arrays import IntArray
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import MIN_PITCH, NUM_KEYS
 from sb3_piano.music.pitch import pitch_name
-
-IntArray = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,7 +26,7 @@ class ObservationBlock:
     """Name by which wrappers cut the block."""
     shape: tuple[int, ...]
     """Shape of the block before it was flattened (row-major)."""
-    unit: str
+    unit: str = "1"
     """Unit of its numbers; "1" for pure numbers."""
     meaning: str
     """Meaning of its numbers, in a sentence."""
@@ -100,10 +99,7 @@ class ObservationLayout(Mapping[str, ObservationBlock]):
         return f"ObservationLayout({blocks})"
 
     def restrict(self, kept: Mapping[str, IntArray]) -> tuple[ObservationLayout, IntArray]:
-        """Cut blocks along their last axis, such as the keys of the goal.
-
-        Args:
-            kept: For the blocks to be cut, the indices of the last axis that remain.
+        """Keep some indices of the last axis of blocks, by name, such as the keys of the goal.
 
         Returns:
             The layout of the shorter vector, and (its size,) the indices of its numbers in the
@@ -154,15 +150,13 @@ class KeyWindow:
     @classmethod
     def of(cls, roll: PianoRoll, margin: int) -> KeyWindow:
         """Return the keys that a piece uses, and up to ``margin`` more on either side."""
-        return cls.around(_used_keys(roll), margin)
+        return cls.around(used_keys(roll), margin)
 
     @classmethod
     def around(cls, keys: Iterable[int], margin: int) -> KeyWindow:
         """Return some keys with all between them and up to ``margin`` more on either side.
 
-        Args:
-            keys: Keys, 0 to 87; without any, the window is the whole keyboard.
-            margin: How many keys more, 0 or more; the keyboard's ends may leave fewer.
+        Without any keys it is the whole keyboard.
         """
         keys = set(keys)
         if not keys:
@@ -181,22 +175,10 @@ class KeyWindow:
         low, high = self.first + MIN_PITCH, self.last + MIN_PITCH
         return f"of pitch {low} to {high} ({pitch_name(low)} to {pitch_name(high)})"
 
-    def check(self, roll: PianoRoll) -> None:
-        """Make sure that a piece stays within the window.
-
-        Raises:
-            ScoreError: If it does not; the message names the notes.
-        """
-        self.check_keys(_used_keys(roll))
-
     def check_keys(
         self, keys: Iterable[int], instead: str = "an environment made for this one"
     ) -> None:
-        """Make sure that the keys of a piece lie in the window.
-
-        Args:
-            keys: The keys that the piece uses, 0 to 87.
-            instead: What would show the piece, for the message.
+        """Make sure that the keys of a piece lie in the window; messages tell what to take instead.
 
         Raises:
             ScoreError: If some do not; the message names the notes.
@@ -214,8 +196,7 @@ class KeyWindow:
     def restrict(self, layout: ObservationLayout) -> tuple[ObservationLayout, IntArray]:
         """Return what remains of a layout with one number per key, see its ``restrict``.
 
-        Args:
-            layout: Its goal and its key state may have been cut before.
+        Its goal and its key state may have been cut before.
 
         Raises:
             ConfigError: If it does not have all keys of the window.
@@ -245,6 +226,7 @@ ALL_KEYS = KeyWindow(0, NUM_KEYS - 1)
 """The whole keyboard."""
 
 
-def _used_keys(roll: PianoRoll) -> list[int]:
+def used_keys(roll: PianoRoll) -> list[int]:
+    """Return the keys, 0 to 87, that are due at any step of a piece."""
     used: list[int] = np.flatnonzero(roll.active.any(axis=0)).tolist()
     return used

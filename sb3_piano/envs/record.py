@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.envs.goal import Goal
 from sb3_piano.envs.rewards import RETURN_KEYS
 from sb3_piano.metrics import KeyBoxes, Presses, nearest_fingers, normalized_return, presses_of
@@ -17,10 +17,6 @@ from sb3_piano.music import Score
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene, Simulation
-
-IntArray = npt.NDArray[np.intp]
-BoolArray = npt.NDArray[np.bool_]
-FloatArray = npt.NDArray[np.float64]
 
 _LEAST = 1e-3
 """Least duration of a press, s: a key may go down with the very last physics step."""
@@ -33,7 +29,7 @@ _MANY = 2000
 class EnvState:
     """The physics and the episode's progress, from ``PianoEnv.get_state``; a copy, picklable."""
 
-    physics: npt.NDArray[np.float64]
+    physics: FloatArray
     """MuJoCo's integration state."""
     score: Score
     """Score that is played."""
@@ -41,16 +37,16 @@ class EnvState:
     """Whether the episode has ended."""
     pedal: float
     """The pedal's command in [0, 1]."""
-    key_active: npt.NDArray[np.bool_]
+    key_active: BoolArray
     """(step, 88) bool, keys that sounded after each control step."""
-    sustain: npt.NDArray[np.bool_]
+    sustain: BoolArray
     """(step,) bool, whether the pedal was down."""
-    fingertips: npt.NDArray[np.float64]
+    fingertips: FloatArray
     """(step, 10, 3) positions of the fingertips after each control step, m."""
-    within: Mapping[int, npt.NDArray[np.bool_]]
+    within: Mapping[int, BoolArray]
     """By control step in which a key went down or up: (p, 88) bool, keys that sounded after each of
     its p physics steps."""
-    returns: npt.NDArray[np.float64]
+    returns: FloatArray
     """(5,) sums so far of the weighted reward terms."""
 
     @property
@@ -63,12 +59,7 @@ class EpisodeRecord:
     """Grows by one control step at a time, up to the length of the roll."""
 
     def __init__(self, goal: Goal, scene: PianoScene):
-        """Begin an empty record.
-
-        Args:
-            goal: What should be played.
-            scene: Where it is played.
-        """
+        """Begin an empty record."""
         self._goal = goal
         self._scene = scene
         # Lists of what each step has, which grow faster than rows of an array are filled.
@@ -92,13 +83,7 @@ class EpisodeRecord:
     def add(
         self, simulation: Simulation, pedal_down: bool, weighted_terms: Mapping[str, float]
     ) -> None:
-        """Note down a control step.
-
-        Args:
-            simulation: What was played, read at its end.
-            pedal_down: Whether the pedal is down.
-            weighted_terms: The weighted reward terms, in the order of ``RETURN_KEYS``.
-        """
+        """Note down a control step, read at its end; terms are in the order of ``RETURN_KEYS``."""
         sounding = simulation.sounding
         if sounding != self._sounding:
             self._changes.append(len(self._sustain))
@@ -140,7 +125,7 @@ class EpisodeRecord:
             **dict(zip(RETURN_KEYS, returns, strict=True)),
         }
 
-    def save(self, *, physics: npt.NDArray[np.float64], finished: bool, pedal: float) -> EnvState:
+    def save(self, *, physics: FloatArray, finished: bool, pedal: float) -> EnvState:
         """Return a copy of the episode so far, with what the environment adds to it."""
         key_active, sustain, fingertips = self._arrays()
         return EnvState(

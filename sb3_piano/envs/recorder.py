@@ -12,22 +12,8 @@ import numpy.typing as npt
 
 from sb3_piano.envs.rewards import RETURN_KEYS
 from sb3_piano.metrics import EPISODE_METRICS
+from sb3_piano.music.difficulty import Motion
 from sb3_piano.performance import Performance
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """Motion of an episode, enough to draw it, and the actions that led to it."""
-
-    qpos: npt.NDArray[np.float64]
-    """(T + 1, nq) joint positions at the start and after each control step, rad or m."""
-    hand_qpos: npt.NDArray[np.intp]
-    """(m,) where in a row of ``qpos`` the hands' joints stand, the right hand's first."""
-    fingertips: npt.NDArray[np.float64]
-    """(T + 1, 10, 3) world positions of the fingertips at the same times, in the order of finger
-    labels, m."""
-    actions: npt.NDArray[np.float32]
-    """(T, n) the action of each control step, as it reached the bare environment."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,10 +12,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-FloatArray = npt.NDArray[np.float64]
+from sb3_piano.arrays import FloatArray
 
 DEFAULT_REWARD_WEIGHTS: Mapping[str, float] = MappingProxyType(
     {"key_press": 1.0, "sustain": 1.0, "energy": 0.005, "fingering": 1.0, "forearm": 0.5}
@@ -64,11 +63,6 @@ def tolerance(distance: float, bound: float, margin: float) -> float:
     """Return 1 where ``0 <= distance <= bound``, falling as a Gaussian to 0.1 at ``margin`` beyond.
 
     Source: dm_control's ``rewards.tolerance`` with ``bounds=(0, bound)``.
-
-    Args:
-        distance: The quantity to keep within the bounds.
-        bound: Upper end of the interval that earns 1.
-        margin: Distance from the interval at which 0.1 is earned; positive.
     """
     outside = max(distance - bound, -distance, 0.0) / margin
     closeness: float = 0.1 ** (outside * outside)
@@ -114,10 +108,6 @@ def key_press(keys: Iterable[int], key_state: FloatArray, wrong: bool) -> float:
 
 def sustain(due: bool, pressed: bool) -> float:
     """Reward holding the pedal when it is due and releasing it when it is not.
-
-    Args:
-        due: Whether the pedal should be down.
-        pressed: Whether it is.
 
     Returns:
         1 if both agree, else nearly 0.

@@ -24,10 +24,6 @@ def own_score(source: ScoreSource, options: Mapping[str, Any]) -> tuple[Score, d
     What may be chosen about a generated study (its tempo, its hands...) is an option of the
     environment that plays it.
 
-    Args:
-        source: The score, or what it is made of.
-        options: The options of the environment, those of a study among them.
-
     Raises:
         ConfigError: If an option of a study is out of range.
         ScoreError: If the score cannot be read.

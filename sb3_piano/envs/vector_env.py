@@ -10,15 +10,13 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
+from sb3_piano.arrays import BoolArray, Float32Array, FloatArray
 from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.envs.score_choice import ScoreSource, own_score
 from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError
 from sb3_piano.music import Score, load_score
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import ThreadTeam
-
-Observations = npt.NDArray[np.float32]
-BoolArray = npt.NDArray[np.bool_]
 
 
 class PianoVectorEnv(SyncVectorEnv[Any, Any]):
@@ -84,7 +82,7 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
         *,
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
-    ) -> tuple[Observations, dict[str, Any]]:
+    ) -> tuple[Float32Array, dict[str, Any]]:
         """Begin an episode in every environment, or in some.
 
         Args:
@@ -120,7 +118,7 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
 
     def step(
         self, actions: npt.ArrayLike
-    ) -> tuple[Observations, npt.NDArray[np.float64], BoolArray, BoolArray, dict[str, Any]]:
+    ) -> tuple[Float32Array, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
         """Play one control step in every environment.
 
         Args:

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-import numpy as np
-import numpy.typing as npt
-
+from sb3_piano.arrays import BoolArray, FingerArray
 from sb3_piano.files import read_table
 from sb3_piano.metrics.fingers import effective_fingers, finger_shares, fingering_agreement
 from sb3_piano.metrics.frames import count_frames, frame_scores
@@ -55,12 +53,7 @@ the environments, and what every episode has: ``return`` and ``length``."""
 
 
 def has_value(name: str, metrics: Mapping[str, float]) -> bool:
-    """Return whether a number says anything: timing does not where nothing was hit.
-
-    Args:
-        name: Its name.
-        metrics: All numbers of the episode or episodes, by name.
-    """
+    """Return whether a number among all of an episode says anything: timing needs a hit."""
     return name in metrics and not (
         name.startswith("onset_error") and metrics.get("onset_recall") == 0
     )
@@ -71,18 +64,11 @@ def normalized_return(value: float, highest: float) -> float:
 
     It is below 0 if the costs outweigh the rewards.
 
-    Args:
-        value: The return.
-        highest: The highest return that the piece allows, at least 0.
-
     Returns:
         The share; 1.0 if the highest return is 0, as in a piece without a step.
     """
     return float(value / highest) if highest else 1.0
 
-
-BoolArray = npt.NDArray[np.bool_]
-FingerArray = npt.NDArray[np.int8]
 
 FINGER_SHARES = tuple(f"finger_share_{hand}{finger}" for hand in "rl" for finger in range(1, 6))
 """Names of the ten shares of the pressing, in the order of the fingers 0-9: right thumb

@@ -7,10 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.arrays import FingerArray, FloatArray
 from sb3_piano.music.constants import NUM_FINGERS
-
-FloatArray = npt.NDArray[np.float64]
-FingerArray = npt.NDArray[np.int8]
 
 _NO_FINGER = -1
 

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-BoolArray = npt.NDArray[np.bool_]
-IntArray = npt.NDArray[np.intp]
+from sb3_piano.arrays import BoolArray, IntArray
 
 
 class FrameScores(NamedTuple):
@@ -89,10 +88,7 @@ def non_silent_f1(target: npt.ArrayLike, played: npt.ArrayLike) -> float:
 
     Source: the curriculum-strategies report on RoboPianist, section 3, "F1 over the passages where
     the piece sounds". It leaves the kind of mean open; here it is that of ``frame_scores``.
-
-    Args:
-        target: (T, n) bool, what should sound.
-        played: (T, n) bool, what does sound.
+    Arguments are (T, n) bool, as there.
 
     Returns:
         The mean, in [0, 1]; 1.0 if no key is due at any step.

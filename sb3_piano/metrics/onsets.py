@@ -138,12 +138,8 @@ def onset_scores(target: Onsets, played: Onsets, tolerance: float = ONSET_TOLERA
 
     Source: the curriculum-strategies report on RoboPianist, section 3. On pieces and performances
     that are not empty it is ``mir_eval.transcription.precision_recall_f1_overlap`` with
-    ``offset_ratio=None``; where one is empty, mir_eval has 0.
-
-    Args:
-        target: n target onsets.
-        played: m strikes.
-        tolerance: Greatest distance of a hit, in s, at least 0.
+    ``offset_ratio=None``; where one is empty, mir_eval has 0. The arguments are those of
+    :func:`match_onsets`.
 
     Raises:
         ValueError: If times and keys do not go together.

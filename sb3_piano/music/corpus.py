@@ -110,6 +110,9 @@ class Corpus:
                     f"not held out; {len(names)} are."
                 )
 
+    def __hash__(self) -> int:
+        return hash((self.seed, self.duration, self.n))  # the sources cannot be hashed
+
     def __len__(self) -> int:
         return self.n
 

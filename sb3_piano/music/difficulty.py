@@ -28,24 +28,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import Float32Array, FloatArray, IntArray
 from sb3_piano.exceptions import ConfigError, one_line
 from sb3_piano.files import write_atomically
 from sb3_piano.music.constants import NUM_FINGERS
 from sb3_piano.music.fingering import assign_hands
+from sb3_piano.music.fingering.ergonomic import struck_together
 from sb3_piano.music.hands import HANDS
 from sb3_piano.music.note import Note
 from sb3_piano.music.score import Score
 
-Numbers = npt.NDArray[np.float64]
-
 SAME_TIME = 1e-3
 """Overlaps shorter than this are none, in s."""
-
-SAME_CHORD = 0.03
-"""A hand's onsets this close to a chord's first one belong to it, in s; as in E. Nakamura et al.,
-"Statistical learning and estimation of piano fingering", 2020."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,22 +122,11 @@ def _held(notes: Iterable[Note]) -> Iterator[list[int]]:
         yield [other.pitch for other in held]
 
 
-def _travel(notes: Iterable[Note]) -> float:
+def _travel(notes: Sequence[Note]) -> float:
     """Return how far one hand's centre moves altogether, in semitones."""
-    centres = [(min(chord) + max(chord)) / 2 for chord in _chords(notes)]
+    chords = [[notes[index].pitch for index in chord] for chord in struck_together(notes)]
+    centres = [(min(chord) + max(chord)) / 2 for chord in chords]
     return sum(abs(end - start) for start, end in itertools.pairwise(centres))
-
-
-def _chords(notes: Iterable[Note]) -> list[list[int]]:
-    """Return the pitches that one hand strikes together, in the order of time."""
-    chords: list[list[int]] = []
-    first = 0.0
-    for note in notes:
-        if not chords or note.onset > first + SAME_CHORD:
-            chords.append([])
-            first = note.onset
-        chords[-1].append(note.pitch)
-    return chords
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,23 +154,28 @@ def mean_motion(several: Sequence[MotionFeatures]) -> MotionFeatures:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MotionRecording:
-    """Everything that moved in a performance of T control steps.
+class Motion:
+    """Everything that moved in T control steps, enough to draw it, and the actions that led to it.
 
     Attributes:
-        title: What the piece is called.
-        actions: (T, n) float32, what was done in each step, in the environment's action space.
+        actions: (T, n) float32, the action of each step, as it reached the bare environment.
         qpos: (T + 1, nq) float64, all joint positions at the start and after each step, rad or m.
         hand_qpos: (m,) int, where in a row of `qpos` the hands' joints stand; the others are keys.
         fingertips: (T + 1, 10, 3) float64, world positions of the fingertips at the same times, in
             the order of finger labels, m.
     """
 
+    actions: Float32Array
+    qpos: FloatArray
+    hand_qpos: IntArray
+    fingertips: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotionRecording(Motion):
+    """The motion of a performance, with the title of the piece."""
+
     title: str
-    actions: npt.NDArray[np.float32]
-    qpos: npt.NDArray[np.float64]
-    hand_qpos: npt.NDArray[np.intp]
-    fingertips: npt.NDArray[np.float64]
 
     def features(self) -> MotionFeatures:
         """Return how much moved.
@@ -296,12 +285,8 @@ def rank(
     A z-score is a difference from the pieces' mean in standard deviations (of the population); of a
     feature that is the same for all it is 0. So every value depends on all pieces ranked with it,
     and z-scores over some of them do not compare with those over others: recordings are of all
-    pieces, or of none.
-
-    Args:
-        features: Features of each piece by its name.
-        motion: Features of a recorded performance of each piece by its name; None to rank by the
-            scores alone. What it has of other pieces is ignored.
+    pieces, or of none. What ``motion``, the features of recorded performances, has of other pieces
+    is ignored.
 
     Returns:
         The difficulty of each piece by its name, the easiest first, equal ones by name.
@@ -321,11 +306,11 @@ def rank(
     return _ranked(names, np.sum(terms, axis=0))
 
 
-def _terms(weights: Mapping[str, float], pieces: Sequence[object]) -> list[Numbers]:
+def _terms(weights: Mapping[str, float], pieces: Sequence[object]) -> list[FloatArray]:
     return [w * _z([getattr(piece, name) for piece in pieces]) for name, w in weights.items()]
 
 
-def _z(values: Sequence[float]) -> Numbers:
+def _z(values: Sequence[float]) -> FloatArray:
     array = np.array(values, dtype=np.float64)
     spread = float(array.std())
     if spread <= _CONSTANT * float(np.abs(array).max()):
@@ -342,7 +327,7 @@ def _check_recorded(names: Sequence[str], motion: Mapping[str, MotionFeatures]) 
         )
 
 
-def _ranked(names: Sequence[str], scores: Numbers) -> dict[str, Difficulty]:
+def _ranked(names: Sequence[str], scores: FloatArray) -> dict[str, Difficulty]:
     # Equal pieces may differ by rounding, as sums over others do.
     scores = scores.round(9) + 0.0
     in_order = np.sort(scores)

@@ -96,11 +96,7 @@ class Pedal:
 
 
 def located_note(where: str, **fields: Any) -> Note:
-    """Make a note whose error, if it is refused, says which note of which piece it was.
-
-    Args:
-        where: The place, such as ``"Note 3 of 'etude'"``.
-        **fields: As in `Note`.
+    """Make a note whose error, if it is refused, says where it stands: ``"Note 3 of 'etude'"``.
 
     Raises:
         ScoreError: If `Note` refuses the values.

@@ -29,12 +29,7 @@ class Press:
 
 
 def presses_of_hand(roll: PianoRoll, hand: int) -> list[Press]:
-    """Return what a hand has to play, in order of time, then key.
-
-    Args:
-        roll: The piece, with fingers.
-        hand: 0 for the right hand, 1 for the left one.
-    """
+    """Return what a hand, 0 (right) or 1 (left), has to play, in order of time, then key."""
     presses = []
     for key in np.flatnonzero((roll.finger // FINGERS_PER_HAND == hand).any(axis=0)).tolist():
         # A note that outlasts another one on its key sounds on with its own label: a new press.

@@ -191,6 +191,11 @@ class PianoRoll:
         fingers[steps, self.finger[steps, keys]] = True
         return fingers
 
+    def strikes(self) -> list[tuple[int, int, float]]:
+        """Return the control step, the key and the time (s) of each strike, in order."""
+        pairs = zip(np.argwhere(self.onset).tolist(), self.onset_time.tolist(), strict=True)
+        return [(step, key, time) for (step, key), time in pairs]
+
     def due(self, step: int) -> tuple[NDArray[np.intp], NDArray[np.int8]]:
         """Return what should sound at a step.
 

@@ -23,11 +23,7 @@ def read_whole(text: str) -> int | None:
 
 
 def read_text(path: Path, kind: str) -> str:
-    """Return the text of a file in UTF-8, without a byte order mark.
-
-    Args:
-        path: The file.
-        kind: What it should be, for messages: ``"fingering file"``.
+    """Return the text of a file in UTF-8, without a byte order mark; messages tell its kind.
 
     Raises:
         ScoreError: If there is no such file, or it cannot be read as text.
@@ -39,11 +35,6 @@ def read_text(path: Path, kind: str) -> str:
 @contextlib.contextmanager
 def reading(path: Path, kind: str, expected: str) -> Iterator[None]:
     """Say of a file that cannot be read which one it is, and why.
-
-    Args:
-        path: The file.
-        kind: What it should be: ``"MIDI file"``.
-        expected: The end of the message.
 
     Raises:
         ScoreError: If there is no such file, or anything is raised meanwhile.
@@ -62,14 +53,7 @@ def reading(path: Path, kind: str, expected: str) -> Iterator[None]:
 
 
 def read_field(where: str, name: str, text: str, convert: Callable[[str], T], expected: str) -> T:
-    """Return what the text of a field stands for.
-
-    Args:
-        where: The place, for messages: ``"Line 3 of 'etude.txt'"``.
-        name: What the field is.
-        text: What it says.
-        convert: Makes a value of it, or raises ValueError.
-        expected: What it could say.
+    """Return what the text of a field stands for, by a function that may raise ValueError.
 
     Raises:
         ScoreError: If it is not valid.

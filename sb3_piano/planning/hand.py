@@ -6,17 +6,15 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 
+from sb3_piano.arrays import FloatArray
 from sb3_piano.music.constants import FINGERS_PER_HAND, MIDDLE, THUMB
 from sb3_piano.music.fingering.robot import KEY_SPACING
 from sb3_piano.planning.tracking_control import HandDynamics
 from sb3_piano.reading.keyboard import WHITE_X, KeyPlaces
 from sb3_piano.reading.kinematics import HandKinematics
 from sb3_piano.simulation import PianoScene
-
-FloatArray = npt.NDArray[np.float64]
 
 # Curled fingers, a thumb held out: where the search for the posture begins, rad.
 _CURLED = {"J3": 1.0, "J0": 1.0, "WRJ1": -0.08, "THJ4": 0.8}
@@ -46,14 +44,7 @@ class Hand:
 
     @classmethod
     def of(cls, scene: PianoScene, side: int, keys: KeyPlaces, n_substeps: int) -> Hand:
-        """Find the posture in which the fingertips lie over neighbouring white keys.
-
-        Args:
-            scene: The scene that the hand is in.
-            side: 0 for the right hand, 1 for the left one.
-            keys: The keyboard.
-            n_substeps: Physics steps in a control step.
-        """
+        """Find the posture of a hand (0 right, 1 left), fingertips over neighbouring white keys."""
         kinematics = HandKinematics(scene, side)
         rest = _posture_in(scene, side)
         pull = _PULL * np.array([_firmness(name) for name in kinematics.names])

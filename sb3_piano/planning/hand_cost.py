@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.music.constants import FINGERS_PER_HAND
 from sb3_piano.reading.key_frames import KeyFrames
 from sb3_piano.reading.kinematics import HandKinematics
-
-FloatArray = npt.NDArray[np.float64]
 
 _X, _Y, _Z = range(3)
 _TARGETS = slice(0, 3 * FINGERS_PER_HAND)
@@ -51,11 +49,7 @@ class HandCost:
         self.idle = ~self.frames.weight.any(axis=2)  # (s, 5)
 
     def values(self, positions: FloatArray) -> FloatArray:
-        """Return the residuals, (s, 30).
-
-        Args:
-            positions: (s, n) actuator positions.
-        """
+        """Return the residuals of (s, n) actuator positions, (s, 30)."""
         return self._values(positions, self.kinematics.fingertips(positions))
 
     def bound_violation(self, positions: FloatArray) -> FloatArray:
@@ -64,11 +58,7 @@ class HandCost:
         return np.asarray(np.maximum(too_far_in, 0))
 
     def quadratic(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the Gauss-Newton model of half the cost: (s, n, n) Hessians, (s, n) gradients.
-
-        Args:
-            positions: (s, n) actuator positions.
-        """
+        """Return the Gauss-Newton model of half the cost: (s, n, n) Hessians, (s, n) gradients."""
         tips, jacobian = self.kinematics.fingertips_and_jacobian(positions)
         values = self._values(positions, tips)
         slopes = self._slopes(tips, jacobian, values)
@@ -111,9 +101,7 @@ class HandCost:
         gaps = self.sign * np.diff(tips[..., _Y], axis=1)
         return np.maximum(_SPACINGS - gaps, 0)
 
-    def _inside_wall(
-        self, tips: FloatArray
-    ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    def _inside_wall(self, tips: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray, BoolArray]:
         """Return how far fingertips are inside the row of black keys, and which way leads out.
 
         Returns:

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, Float32Array, FloatArray
 from sb3_piano.music.constants import THUMB
 from sb3_piano.planning.hand import Hand
 from sb3_piano.planning.hand_cost import HandCost
@@ -17,9 +17,6 @@ from sb3_piano.planning.tracking_control import TrackingControl
 from sb3_piano.reading.arms import bounds_of
 from sb3_piano.reading.key_frames import KeyFrames, key_frames
 from sb3_piano.reading.presses import TimedPress
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 _UP = 2
 
@@ -67,7 +64,7 @@ class HandPlan:
     """(T + 1, n) where they should be."""
     commands: FloatArray
     """(T, n) what they are told for that."""
-    gains: npt.NDArray[np.float32]
+    gains: Float32Array
     """(T, n, n) by how much less that is per unit of positions that are ahead of the plan."""
 
 
@@ -83,12 +80,8 @@ def plan_hands(
 ) -> tuple[Both, FloatArray]:
     """Return the plans of the right and the left hand, and the line between the arms.
 
-    Args:
-        tasks: What each hand has to do.
-        wanted: (T + 1,) where across the keys each would be if it were alone, m.
-        line: (T + 1,) where the line between the arms may begin, m.
-        settings: The plan's settings.
-        control_timestep: Length of a control step, s.
+    ``wanted`` is where across the keys each hand would be if it were alone, ``line`` where the line
+    between the arms may begin, all (T + 1,) m.
     """
     motions = [_Motion(task, settings) for task in tasks]
     line = line.copy()
@@ -118,13 +111,8 @@ def replan_hands(
 ) -> Both:
     """Return plans of both hands for other presses, adapted from earlier plans.
 
-    Args:
-        before: The earlier plans.
-        presses: What each hand has to do now.
-        line: (T + 1,) the line between the arms, m.
-        free: (T + 1,) bool, the states in which the hands may move otherwise than before.
-        settings: The plan's settings.
-        control_timestep: Length of a control step, s.
+    The hands may move otherwise than before in the states that are ``free``, (T + 1,) bool;
+    ``line`` is that between the arms, (T + 1,) m.
     """
     motions = [
         _Motion(HandTask.of(plan.task.hand, timed, len(line), settings), settings)
@@ -151,16 +139,12 @@ class _Motion:
         self._weightless = [np.zeros((1, size))]
         self._states = [np.zeros((1, 2 * size))]
         self._commands: list[FloatArray] = []
-        self._gains: list[npt.NDArray[np.float32]] = []
+        self._gains: list[Float32Array] = []
 
     def problem(self, start: int, stop: int, bound: FloatArray, guess: FloatArray) -> HandProblem:
-        """Return the least squares of the stretch that comes next.
+        """Return the least squares of the states ``start`` to ``stop - 1``, which come next.
 
-        Args:
-            start: Its first state.
-            stop: The state after its last.
-            bound: (s,) beyond which the arm must be, m.
-            guess: (s, n) positions to start from.
+        The arm must be beyond ``bound``, (s,) m; ``guess``, (s, n), are positions to start from.
         """
         task, kinematics = self.task, self.task.hand.kinematics
         cost = HandCost(kinematics, task.frames.between(start, stop), bound)
@@ -169,12 +153,7 @@ class _Motion:
         return HandProblem(cost, Smoothness(kinematics, before, stop - start), task.hand, guess)
 
     def extend(self, problem: HandProblem, keep: int) -> None:
-        """Append the first states of a stretch that is solved, now with the hand's inertia.
-
-        Args:
-            problem: The stretch.
-            keep: The state after the last one to be kept.
-        """
+        """Append the states of a solved stretch up to ``keep``, now with the hand's inertia."""
         task, planned, count = self.task, problem.positions, keep - self._stop
         forces = _key_forces(task, planned, self._stop, self._settings)
         control = TrackingControl(

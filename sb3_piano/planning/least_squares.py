@@ -12,14 +12,12 @@ are nearly linear (:mod:`sb3_piano.planning.tracking_control`).
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
+from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.planning.hand import Hand
 from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.reading.kinematics import HandKinematics
-
-FloatArray = npt.NDArray[np.float64]
 
 _LONGEST_STEP = 0.4  # rad, or m
 _FIRST_DAMPING = 1e-2
@@ -35,13 +33,8 @@ _JERK = {"WRJ1": 0.02, "WRJ2": 0.02, "forearm_tx": 0.12, "forearm_ty": 0.2}
 class HandProblem:
     """Levenberg-Marquardt with a damping of its own for every state.
 
-    A step that is too long in one bar need not be shortened in all the others.
-
-    Args:
-        cost: What is wrong with the states.
-        smoothness: What it costs to get from one to the next.
-        hand: The hand, to whose resting posture fingers return.
-        start: (s, n) actuator positions to start from.
+    A step that is too long in one bar need not be shortened in all the others. Fingers return to
+    the hand's resting posture; ``start`` are the (s, n) actuator positions to start from.
     """
 
     def __init__(
@@ -59,7 +52,7 @@ class HandProblem:
         self._pull = hand.pull**2
         self._damping = np.full(len(start), _FIRST_DAMPING)
         self._normal: tuple[FloatArray, FloatArray] | None = None
-        self._fixed: npt.NDArray[np.bool_] | None = None
+        self._fixed: BoolArray | None = None
         self._state_cost: FloatArray
         self._total: float
         self._evaluate()
@@ -70,13 +63,8 @@ class HandProblem:
         self._normal = None
         self._evaluate()
 
-    def improve(self, iterations: int, free: npt.NDArray[np.bool_] | None = None) -> None:
-        """Improve the positions.
-
-        Args:
-            iterations: How many steps are tried.
-            free: (s,) bool, the states that may change; by default all.
-        """
+    def improve(self, iterations: int, free: BoolArray | None = None) -> None:
+        """Try some steps; states that are not ``free`` ((s,) bool) stay as they are."""
         self._fixed = None if free is None else ~free
         for _ in range(iterations):
             step = self._step()
@@ -93,7 +81,7 @@ class HandProblem:
             factor = np.where(near, 2.0, 1 / 3) if better else np.where(near, 12.0, 2.0)
             self._damping = np.clip(self._damping * factor, _LEAST_DAMPING, _MOST_DAMPING)
 
-    def _try(self, step: FloatArray) -> tuple[bool, npt.NDArray[np.bool_]]:
+    def _try(self, step: FloatArray) -> tuple[bool, BoolArray]:
         """Take a step if it is one for the better; also return which states became worse."""
         kinematics = self.cost.kinematics
         candidate = np.clip(self.positions + step, kinematics.low, kinematics.high)
@@ -148,12 +136,9 @@ class HandProblem:
 
 
 class Smoothness:
-    """The sum of squared first and second differences, weighted by actuator.
+    """The sum of squared first and second differences of s states, weighted by actuator.
 
-    Args:
-        kinematics: The hand.
-        before: (2, n) actuator positions in the two states before the stretch.
-        n_states: How many states the stretch has.
+    ``before`` are the (2, n) actuator positions in the two states before them.
     """
 
     def __init__(self, kinematics: HandKinematics, before: FloatArray, n_states: int):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import operator
 import warnings
-from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
@@ -29,14 +29,7 @@ class PlannedPianist(PianoPolicy):
 
     It plays whatever its environments play, also where wrappers choose the piece; plans are kept.
     ``evaluate_policy(PlannedPianist(env), env)`` judges it like a trained model.
-
-    Args:
-        env: The environment, wrapped or not, or several of them in this process as a vector
-            environment of Stable-Baselines3.
-        settings: The plan's settings.
-
-    Raises:
-        ConfigError: If it is no piano, or out of reach in another process.
+    The environment is as for :class:`~sb3_piano.planning.PianoPolicy`.
     """
 
     def __init__(
@@ -63,15 +56,11 @@ class PlannedPianist(PianoPolicy):
 
 
 class Trackers:
-    """Plans of the pieces that were played last, made when they are first played.
-
-    Args:
-        settings: The plans' settings.
-    """
+    """Plans of the pieces that were played last, made when they are first played."""
 
     def __init__(self, settings: PlanSettings | None = None):
         self.settings = settings or PlanSettings()
-        self._kept: list[_CachedTracker] = []
+        self._kept: list[tuple[PianoRoll, PianoScene, Tracker]] = []
 
     def of(self, piano: PianoEnv) -> Tracker:
         """Return the tracker of what an environment plays in this episode.
@@ -79,42 +68,19 @@ class Trackers:
         A :class:`PlanWarning` tells of notes that cannot be played as written.
         """
         roll, scene = piano.roll, piano.scene
-        kept = self._find(roll, scene)
-        if kept is None:
-            kept = _CachedTracker(roll, scene, self._make(piano))
-            self._kept = [kept, *self._kept[: _PLANS_KEPT - 1]]
-        elif kept is not self._kept[0]:
-            self._kept.remove(kept)
-            self._kept.insert(0, kept)
-        return kept.tracker
-
-    def _find(self, roll: PianoRoll, scene: PianoScene) -> _CachedTracker | None:
-        """Return the plan of a piece: a glance tells within an episode, not in the next one."""
-        candidates = [kept for kept in self._kept if kept.scene is scene]
-        for kept in candidates:
-            if kept.roll is roll:
-                return kept
-        for kept in candidates:
-            if kept.roll.equals(roll):
-                kept.roll = roll
-                return kept
-        return None
-
-    def _make(self, piano: PianoEnv) -> Tracker:
-        made = plan(roll_with_fingers(piano), piano.scene, self.settings)
+        # A glance tells within an episode, not in the next one.
+        for is_same in (operator.is_, PianoRoll.equals):
+            for index, (known, place, tracker) in enumerate(self._kept):
+                if place is scene and is_same(known, roll):
+                    del self._kept[index]
+                    self._kept.insert(0, (roll, scene, tracker))
+                    return tracker
+        made = plan(roll_with_fingers(piano), scene, self.settings)
         if made.problems:
-            warnings.warn(summary(made.problems), PlanWarning, stacklevel=3)
-        return Tracker(made, piano.scene, self.settings.feedback)
-
-
-@dataclass(eq=False)
-class _CachedTracker:
-    """A plan that was made."""
-
-    roll: PianoRoll
-    """The piece, as the environment had it last."""
-    scene: PianoScene
-    tracker: Tracker
+            warnings.warn(summary(made.problems), PlanWarning, stacklevel=2)
+        tracker = Tracker(made, scene, self.settings.feedback)
+        self._kept = [(roll, scene, tracker), *self._kept[: _PLANS_KEPT - 1]]
+        return tracker
 
 
 def action_of(

@@ -10,8 +10,8 @@ import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.constants import UNKNOWN_FINGER
@@ -23,8 +23,6 @@ from sb3_piano.planning.refinement import refine_hands
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.reading import KeyPlaces, read_piece
 from sb3_piano.simulation import PianoScene
-
-FloatArray = npt.NDArray[np.float64]
 
 _DEFAULT_TIMESTEP = 0.05
 
@@ -65,7 +63,7 @@ class Plan:
         return np.concatenate(tips, axis=1)
 
     @property
-    def gains(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    def gains(self) -> tuple[Float32Array, Float32Array]:
         """(T, n / 2, n / 2) each: the hands' feedback, :attr:`HandPlan.gains`."""
         right, left = self.hands
         return right.gains, left.gains
@@ -136,14 +134,9 @@ def _check_fingers(roll: PianoRoll) -> None:
 
 
 def refine(plan: Plan, scene: PianoScene, settings: PlanSettings) -> Plan:
-    """Improve a plan by playing it in a simulation of its own.
+    """Improve a plan by :attr:`PlanSettings.rehearsals` rounds in a simulation of its own.
 
     The same plan and settings give the same result.
-
-    Args:
-        plan: The plan.
-        scene: Where it is played.
-        settings: Its settings; :attr:`PlanSettings.rehearsals` rounds of refinement are made.
     """
     hands = refine_hands(plan.hands, plan.arm_line, plan.roll, scene, settings)
     return replace(plan, hands=hands, problems=problems_of(plan.roll, hands, scene))

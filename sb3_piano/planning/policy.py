@@ -12,13 +12,12 @@ import torch
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
+from sb3_piano.arrays import BoolArray, Float32Array, IntArray
 from sb3_piano.envs import ObservationLayout, ObservationSpace, PianoEnv
 from sb3_piano.envs.goal import roll_of
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.fingering import apply_fingering
-
-Steps = npt.NDArray[np.intp]
 
 
 class PianoPolicy(ABC):
@@ -54,9 +53,9 @@ class PianoPolicy(ABC):
         self,
         observation: Any,
         state: Any = None,
-        episode_start: npt.NDArray[np.bool_] | None = None,
+        episode_start: BoolArray | None = None,
         deterministic: bool = False,
-    ) -> tuple[npt.NDArray[np.float32], Any]:
+    ) -> tuple[Float32Array, Any]:
         """Return what to play next.
 
         Args:
@@ -115,7 +114,7 @@ class PianoPolicy(ABC):
             observation: What is observed, not normalised.
         """
 
-    def _steps(self, state: Any, episode_start: npt.NDArray[np.bool_] | None) -> Steps:
+    def _steps(self, state: Any, episode_start: BoolArray | None) -> IntArray:
         if state is None:
             steps = np.array([piano.steps_played for piano in self._pianos], dtype=np.intp)
         else:

@@ -42,13 +42,7 @@ class Problem:
 def problems_of(
     roll: PianoRoll, hands: Sequence[HandPlan], scene: PianoScene
 ) -> tuple[Problem, ...]:
-    """Return the notes that are not played as written, in order of time, one problem for each.
-
-    Args:
-        roll: The piece, with the fingers that play it.
-        hands: The plans of the right and of the left hand.
-        scene: Where it is played.
-    """
+    """Return the notes that are not played as written, in order of time, one problem for each."""
     found = unheld(roll)
     told = {(problem.pitch, problem.time) for problem in found}
     of_hands = [
@@ -64,10 +58,7 @@ def unheld(roll: PianoRoll) -> list[Problem]:
     """Return the notes that no finger holds as written, in order of time.
 
     They have no finger, are let go early, or are left out. This is all that a roll tells without a
-    plan.
-
-    Args:
-        roll: The piece, after :func:`~sb3_piano.music.fingering.robot.release_early`.
+    plan. The roll is one after :func:`~sb3_piano.music.fingering.robot.release_early`.
     """
     found = [*_fingerless(roll), *_released(roll)]
     return sorted(found, key=lambda problem: problem.time)

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.envs.actions import ActionMap
 from sb3_piano.metrics.frames import count_frames
 from sb3_piano.music import PianoRoll
@@ -24,9 +24,6 @@ from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import corrected
 from sb3_piano.reading.presses import TimedPress
 from sb3_piano.simulation import PianoScene, Simulation
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 Timed = list[list[TimedPress]]
 
@@ -42,15 +39,7 @@ _TRIALS_IN_A_ROW = 4
 def refine_hands(
     hands: Both, line: FloatArray, roll: PianoRoll, scene: PianoScene, settings: PlanSettings
 ) -> Both:
-    """Return the plans of both hands that sounded best in simulation.
-
-    Args:
-        hands: The plans to begin with.
-        line: (T + 1,) the line between the arms, m.
-        roll: The piece.
-        scene: Where it is played.
-        settings: The plan's settings; :attr:`PlanSettings.rehearsals` rounds are made.
-    """
+    """Return the plans of both hands that sounded best in simulation; ``line`` is (T + 1,) m."""
     rng = np.random.default_rng(_SEED)
     timed: Timed = [list(hand.task.presses) for hand in hands]
 
@@ -161,18 +150,14 @@ def _vary(timed: Timed, errors: FloatArray, rng: np.random.Generator) -> tuple[T
         if errors[start:stop].sum() <= 0 or taken[lead:stop].any():
             continue
         taken[lead:stop] = True
-        changed[hand][index] = _adjusted(timed[hand][index], rng)
+        ways = _adjustments(timed[hand][index])
+        changed[hand][index] = ways[int(rng.integers(len(ways)))](rng)
         trials.append(_Trial(hand, index, slice(start, stop)))
     return changed, trials
 
 
-def _adjusted(one: TimedPress, rng: np.random.Generator) -> TimedPress:
-    """Return a press with one random change."""
-    ways = _adjustments(one)
-    return ways[int(rng.integers(len(ways)))](rng)
-
-
 def _adjustments(one: TimedPress) -> Sequence[Callable[[np.random.Generator], TimedPress]]:
+    """Return the ways to change a press at random."""
     press, adjustment = one.press, one.adjustment
 
     def adjusted(**changes: float) -> TimedPress:

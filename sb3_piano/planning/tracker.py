@@ -7,32 +7,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.simulation import PianoScene
 
 if TYPE_CHECKING:
     from sb3_piano.planning.plan import Plan
 
-FloatArray = npt.NDArray[np.float64]
-
 
 class Tracker:
-    """Commands for each control step of a plan.
-
-    Args:
-        plan: The plan.
-        scene: The scene that it was made for.
-        feedback: Share of the optimal feedback that is used, 0 for none.
-    """
+    """Commands for each control step of a plan, with a share of the optimal feedback."""
 
     def __init__(self, plan: Plan, scene: PianoScene, feedback: float):
         self.plan = plan
-        self.feed_forward = plan.commands
-        """(T, n) the commands if all goes as planned, rad or m."""
         self._low, self._high = scene.ctrl_low, scene.ctrl_high
         self._feedback = feedback
-
-    def __len__(self) -> int:
-        return len(self.feed_forward)
 
     def controls(self, step: int, positions: npt.ArrayLike) -> FloatArray:
         """Return what to tell the actuators.
@@ -44,8 +32,8 @@ class Tracker:
         Returns:
             Commands of the same shape, within the control ranges.
         """
-        step = min(step, len(self) - 1)
         plan, (right, left) = self.plan, self.plan.gains
+        step = min(step, len(plan.commands) - 1)
         commands = corrected(
             plan.commands[step],
             np.asarray(positions, dtype=float) - plan.positions[step],
@@ -58,16 +46,12 @@ class Tracker:
 def corrected(
     commands: FloatArray,
     ahead: FloatArray,
-    gains: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]],
+    gains: tuple[Float32Array, Float32Array],
     feedback: float,
 ) -> FloatArray:
-    """Return commands, corrected by how far the actuators are ahead of the plan.
+    """Return the commands of a plan, (n,), corrected by how far the actuators are ahead of it.
 
-    Args:
-        commands: (n,) what the plan says.
-        ahead: (n,) or (N, n) positions less those of the plan, rad or m.
-        gains: Of the right and the left hand, (n / 2, n / 2) each.
-        feedback: Share of them that is used.
+    ``ahead`` is (n,) or (N, n), rad or m, ``gains`` (n / 2, n / 2) for the right and the left hand.
     """
     half = ahead.shape[-1] // 2
     right, left = gains

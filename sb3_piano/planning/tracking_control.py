@@ -13,13 +13,11 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import FloatArray
 from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.reading.kinematics import HandKinematics
 from sb3_piano.simulation import PianoScene
-
-FloatArray = npt.NDArray[np.float64]
 
 # Small weights that keep the problem well posed: what counts deviation from the first plan, speed,
 # and being outside the control range. The sliders' are those of metres, not of rad.
@@ -58,13 +56,8 @@ class HandDynamics:
         """Linearise a hand around a posture.
 
         The simulator's step is repeated as it is: semi-implicit Euler with implicit damping.
-        Friction of joints and all contacts are left out.
-
-        Args:
-            scene: The scene that the hand is in.
-            kinematics: The hand.
-            posture: (n,) actuator positions.
-            n_substeps: Physics steps in a control step.
+        Friction of joints and all contacts are left out. ``posture`` are (n,) actuator positions; a
+        control step has so many physics steps.
         """
         model = scene.model
         data = mujoco.MjData(model)
@@ -124,13 +117,8 @@ class HandControl:
 class TrackingControl:
     """The linear-quadratic problem of one hand over a stretch.
 
-    Args:
-        cost: What is wrong with its states.
-        dynamics: How it moves.
-        plan: (t, n) positions that were planned without inertia.
-        forces: (t, n) generalised forces of keys that are held.
-        start: (2 n,) positions and velocities before the stretch.
-        iterations: How many models of the costs are solved.
+    ``plan`` are (t, n) positions that were planned without inertia, ``forces`` (t, n) those of keys
+    that are held, ``start`` (2 n,) positions and velocities before the stretch.
     """
 
     def __init__(

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.music.constants import MIDDLE
 from sb3_piano.music.fingering.robot import KEY_SPACING
 from sb3_piano.reading.key_frames import KeyFrames
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 # A hand counts as busy so many states before and after it plays.
 _BUSY_STATES = 6
@@ -21,12 +18,7 @@ _IDLE_APART = 0.05  # additional distance of an arm that plays nothing, m
 
 
 def wanted_places(frames: KeyFrames, sign: int, rest: float) -> tuple[FloatArray, BoolArray]:
-    """Return where across the keys a hand would be if it were alone.
-
-    Args:
-        frames: What is asked of its fingertips, of s states.
-        sign: 1 for the right hand, -1 for the left one.
-        rest: Place of the middle finger of a hand that plays nothing, m.
+    """Return where across the keys a hand would be if it were alone; it rests at ``rest``, m.
 
     Returns:
         (s,) places of the middle finger, m; (s,) whether the hand is busy.

@@ -6,15 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK
 from sb3_piano.music.fingering.robot import hand_place
 from sb3_piano.reading.keyboard import KeyPlaces, press_x
 from sb3_piano.reading.presses import TimedPress
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 HOVER = 0.010
 """Height over a key of a finger that will soon play it, m."""
@@ -142,13 +139,7 @@ class _Goal:
     hold_depth: float
 
     def write(self, arrays: _FrameArrays, start: int, free: dict[int, bool]) -> None:
-        """Write the targets.
-
-        Args:
-            arrays: Arrays to write to.
-            start: The first state in which the finger may move towards the key.
-            free: By state before the key is struck, whether the hand is near enough to.
-        """
+        """Write the targets, from state ``start`` on where the hand is near enough (``free``)."""
         one, finger = self.one, self.one.press.finger
         black = bool(KEY_IS_BLACK[one.press.key])
         full = _WEIGHT_BLACK if black else _WEIGHT

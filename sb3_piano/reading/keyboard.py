@@ -9,12 +9,10 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import FloatArray
 from sb3_piano.music.constants import KEY_IS_BLACK, THUMB
 from sb3_piano.simulation import PianoScene
-
-FloatArray = npt.NDArray[np.float64]
 
 WHITE_X = (0.052, 0.042)
 """Place along white keys where thumbs and where fingers press, m."""
@@ -52,13 +50,7 @@ class KeyPlaces:
         )
 
     def height(self, key: int, x: float, depth: float) -> float:
-        """Return how high the top of a key is at a place along it, m.
-
-        Args:
-            key: 0 to 87.
-            x: The place, m.
-            depth: Share of the key's travel.
-        """
+        """Return how high a key's top is at ``x``, m; ``depth`` is a share of its travel."""
         drop = (x - self.hinge[key]) * np.tan(depth * self.max_angle[key])
         return float(self.top[key] - drop)
 
@@ -77,12 +69,9 @@ def _holding_torque(scene: PianoScene) -> FloatArray:
 
 
 def press_x(key: int, finger: int, mixed: bool) -> float:
-    """Return where along a key a finger presses it, m.
+    """Return where along a key a finger, 0 (thumb) to 4, presses it, m.
 
-    Args:
-        key: 0 to 87.
-        finger: 0 (thumb) to 4.
-        mixed: Whether the hand plays keys of the other colour at about the same time.
+    In a mixed passage the hand plays keys of the other colour at about the same time.
     """
     white = _MIXED_X if mixed else WHITE_X
     return (_BLACK_X if KEY_IS_BLACK[key] else white)[finger != THUMB]

@@ -10,13 +10,10 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import FloatArray, IntArray
 from sb3_piano.music.constants import FINGERS_PER_HAND
 from sb3_piano.simulation import PianoScene
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,21 +39,18 @@ class _Link:
 
 
 class HandKinematics:
-    """The five fingertips of a hand as functions of where its actuators are.
+    """The five fingertips of a hand (0 right, 1 left) as functions of where its actuators are.
 
     A fingertip is the centre of the sphere at the far end of the last finger link: whatever the
     finger's angle, what it touches below is its radius away. The two joints that share an actuator
     are taken to bend alike.
-
-    Args:
-        scene: The scene that the hand is in.
-        hand: 0 for the right hand, 1 for the left one.
     """
 
     def __init__(self, scene: PianoScene, hand: int):
         model = scene.model
         self.hand = hand
-        self.actuators = _actuators_of(scene, hand)
+        half = model.nu // 2
+        self.actuators = np.arange(half, dtype=np.intp) + hand * half
         """(n,) the hand's actuators among all of the scene."""
         self.low = scene.ctrl_low[self.actuators]
         """(n,) lower ends of the control ranges; rad, or m for the sliders."""
@@ -89,11 +83,7 @@ class HandKinematics:
         return self.names.index(name)
 
     def arm(self, positions: FloatArray) -> FloatArray:
-        """Return where across the keys the forearm is, (s,) m.
-
-        Args:
-            positions: (s, n) actuator positions of s postures.
-        """
+        """Return where across the keys the forearm is at (s, n) actuator positions, (s,) m."""
         return self._arm_offset + positions @ self.arm_slope
 
     def slider_for_arm(self, place: FloatArray) -> FloatArray:
@@ -103,20 +93,12 @@ class HandKinematics:
         return np.clip(at, self.low[along], self.high[along])
 
     def fingertips(self, positions: FloatArray) -> FloatArray:
-        """Return the fingertips in the world, (s, 5, 3) m.
-
-        Args:
-            positions: (s, n) actuator positions of s postures.
-        """
+        """Return the fingertips in the world at (s, n) actuator positions, (s, 5, 3) m."""
         _, places, rotations = self._chain(positions)
         return self._tips(places, rotations)
 
     def fingertips_and_jacobian(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the fingertips, (s, 5, 3) m, and their derivatives, (s, 5, 3, n).
-
-        Args:
-            positions: (s, n) actuator positions of s postures.
-        """
+        """Return the fingertips at (s, n) positions, (s, 5, 3) m, and derivatives, (s, 5, 3, n)."""
         axes, places, rotations = self._chain(positions)
         tips = self._tips(places, rotations)
         by_joint = np.zeros((len(positions), FINGERS_PER_HAND, 3, len(self._joints)))
@@ -205,12 +187,6 @@ class HandKinematics:
             for g, along in zip(geoms, self.tip_along, strict=True)
         ]
         self.radius[:] = model.geom_size[geoms, 0]
-
-
-def _actuators_of(scene: PianoScene, hand: int) -> IntArray:
-    """Return the actuators that drive a hand's joints, in the scene's order."""
-    half = scene.model.nu // 2
-    return np.arange(half, dtype=np.intp) + hand * half
 
 
 def _coupling(scene: PianoScene, hand: int, actuators: IntArray) -> FloatArray:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
+from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.fingering.robot import ARMS_APART, release_early
 from sb3_piano.music.presses import presses_of_hand
@@ -15,9 +13,6 @@ from sb3_piano.reading.key_frames import HOLD_DEPTH, HOVER, KeyFrames, key_frame
 from sb3_piano.reading.keyboard import KeyPlaces
 from sb3_piano.reading.kinematics import HandKinematics
 from sb3_piano.reading.presses import TimedPress, time_presses
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,15 +52,8 @@ def read_piece(
 ) -> Reading:
     """Return what a piece asks of both hands.
 
-    It takes some milliseconds for each second of music; nothing is optimised or simulated.
-
-    Args:
-        roll: The piece, with fingers.
-        hands: The right and the left hand.
-        keys: The keyboard.
-        hover: Height over a key of a finger that will soon play it, m.
-        hold_depth: Depth of a key while it is down, a share of its travel.
-        arms_apart: Least distance of the two forearms, m.
+    It takes some milliseconds for each second of music; nothing is optimised or simulated. Heights
+    and distances are in m, a depth is a share of a key's travel.
     """
     roll = release_early(roll)
     n_states = len(roll) + 1

@@ -52,10 +52,6 @@ def time_presses(presses: Sequence[Press], sign: int) -> tuple[TimedPress, ...]:
     for that is taken from the end of the earlier note, all but one state of it, and only what is
     then missing from the beginning of the later one: a strike that comes late is heard, a note
     that ends early hardly.
-
-    Args:
-        presses: What the hand plays, in order of time.
-        sign: 1 for the right hand, -1 for the left one.
     """
     timed = [TimedPress(press, press.first, press.last) for press in presses]
     places = [hand_place(press.key, press.finger, sign) for press in presses]

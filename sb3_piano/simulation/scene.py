@@ -17,13 +17,11 @@ import numpy as np
 import numpy.typing as npt
 from annotated_types import Ge, Le
 
+from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.settings import Whole, checked
 from sb3_piano.simulation import hand, keyboard
 from sb3_piano.simulation.physics import physics_profile
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 
 SIDES = ("right", "left")
 
@@ -134,11 +132,7 @@ class PianoScene:
         return np.array([unit[str(kind)] for kind in self.actuator_kind])
 
     def actuator_positions(self, joints: npt.NDArray[np.floating]) -> FloatArray:
-        """Return where the actuators are, (nu,) rad or m.
-
-        Args:
-            joints: (m,) positions of both hands' joints, in the order of ``hand_qpos``.
-        """
+        """Return where the actuators are, (nu,) rad or m; joints are as in ``hand_qpos``."""
         return np.asarray(self.actuator_of_joint @ joints)
 
     def key_angle(self, data: mujoco.MjData) -> FloatArray:
@@ -158,7 +152,7 @@ class PianoScene:
         # On so few numbers three times as fast as np.clip, and as with plain numbers as bounds.
         return np.minimum(angle, self.key_max_angle)
 
-    def sounding_at(self, angles: Iterable[bytes]) -> npt.NDArray[np.bool_]:
+    def sounding_at(self, angles: Iterable[bytes]) -> BoolArray:
         """Return which keys sound at angles of the moving ones (float64, rad), (n, 88) bool."""
         moving = self.moving_keys
         rows = np.frombuffer(b"".join(angles)).reshape(-1, len(self.key_qpos))
@@ -407,10 +401,6 @@ def _forearm_reach(model: mujoco.MjModel, geoms: list[list[int]]) -> float:
     """Return how far apart along the keyboard the first shapes are, at most, where forearms touch.
 
     Forearms slide but never turn, so that what their shapes cover moves with each of them.
-
-    Args:
-        model: The whole scene.
-        geoms: Shapes of the right forearm, and of the left.
     """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

@@ -5,12 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import mujoco
-import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import FloatArray
 from sb3_piano.simulation.scene import PianoScene
-
-FloatArray = npt.NDArray[np.float64]
 
 # Neighbours in MuJoCo's list of warnings: bad positions, velocities, accelerations.
 _INSTABILITIES = slice(
@@ -27,12 +24,7 @@ class Simulation:
     """
 
     def __init__(self, scene: PianoScene, n_substeps: int):
-        """Make the data of a scene at rest.
-
-        Args:
-            scene: What is simulated.
-            n_substeps: Physics steps in a control step, at least 1.
-        """
+        """Make the data of a scene at rest; a control step has one physics step or more."""
         self.scene = scene
         self.data = mujoco.MjData(scene.model)
         self._n_substeps = n_substeps

@@ -58,24 +58,7 @@ class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
         return replace(plan, choose=self.choose)
 
 
+@functools.lru_cache(maxsize=_KEPT)
 def fingered_excerpt(corpus: Corpus, index: int) -> Score:
     """Return an excerpt with fingers for the simulated hands, found once in a process."""
-    return _fingered(_Equal(corpus), index)
-
-
-class _Equal:
-    """A corpus as a key: equal settings are one, though they hold what cannot be hashed."""
-
-    def __init__(self, corpus: Corpus) -> None:
-        self.corpus = corpus
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Equal) and self.corpus == other.corpus
-
-    def __hash__(self) -> int:
-        return hash((self.corpus.seed, self.corpus.n))
-
-
-@functools.lru_cache(maxsize=_KEPT)
-def _fingered(key: _Equal, index: int) -> Score:
-    return apply_fingering(key.corpus[index], "robot")
+    return apply_fingering(corpus[index], "robot")

@@ -8,12 +8,11 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.envs.actions import REACH, HandActionMap
 from sb3_piano.exceptions import ConfigError, InvalidActionError
 from sb3_piano.layers import layers
 from sb3_piano.wrappers.piano import piano_of
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
@@ -62,7 +61,7 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         """
         return self.env.step(self.piano_action(action))
 
-    def piano_action(self, action: npt.ArrayLike) -> npt.NDArray[np.float32]:
+    def piano_action(self, action: npt.ArrayLike) -> Float32Array:
         """Return the action of the piano itself that an action stands for in the present state.
 
         Raises:
@@ -79,13 +78,8 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         down = bool(roll.sustain[min(piano.steps_played, len(roll) - 1)])
         return piano.action_map.action(controls, pedal_down=down)
 
-    def action_for(self, controls: FloatArray) -> npt.NDArray[np.float32]:
-        """Return the action that tells the actuators something in the present state, or nearly.
-
-        Args:
-            controls: (n,) what they are to be told, rad or m; what is farther away than the reach
-                is cut.
-        """
+    def action_for(self, controls: FloatArray) -> Float32Array:
+        """Return the action that tells the actuators something, (n,) rad or m, within its reach."""
         return self.map.action(controls, self._positions())
 
     def _positions(self) -> FloatArray:

@@ -4,26 +4,20 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import Annotated, Any, SupportsFloat
+from typing import Any, SupportsFloat
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
-from annotated_types import Ge, Le
 
+from sb3_piano.arrays import FloatArray
 from sb3_piano.metrics.onsets import ONSET_TOLERANCE
 from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_KEYS
 from sb3_piano.music.fingering.robot import KEY_Y
-from sb3_piano.settings import Number, checked
+from sb3_piano.settings import NotNegative, Share, checked
 from sb3_piano.wrappers.piano import piano_of
-
-FloatArray = npt.NDArray[np.float64]
 
 HAND_REWARDS = "hand_rewards"
 """Name in a step's info of the rewards of the right and of the left hand, (2,)."""
-
-Share = Annotated[Number, Ge(0), Le(1)]
-Weight = Annotated[Number, Ge(0)]
 
 
 class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
@@ -58,7 +52,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         self._piano = piano_of(env, "HandReward")
         self._own = checked("own", own, Share)
         self._within = checked("within", within, Share)
-        self._strikes = checked("strikes", strikes, Weight)
+        self._strikes = checked("strikes", strikes, NotNegative)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -68,8 +62,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         roll = self._piano.roll
         self._hand_of = np.where(roll.finger >= 0, roll.finger // FINGERS_PER_HAND, -1)
         self._open: dict[int, list[float]] = {}  # by key, onsets that are yet to be struck, s
-        steps_and_keys = np.argwhere(roll.onset).tolist()
-        for (_, key), time in zip(steps_and_keys, roll.onset_time.tolist(), strict=True):
+        for _, key, time in roll.strikes():
             self._open.setdefault(key, []).append(time)
         self._sounding = np.zeros(NUM_KEYS, dtype=bool)
         return observation, info

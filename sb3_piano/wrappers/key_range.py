@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, Literal
 
 import gymnasium as gym
@@ -11,6 +11,7 @@ import numpy.typing as npt
 from annotated_types import Ge, Le
 
 from sb3_piano.envs import ALL_KEYS, KeyWindow
+from sb3_piano.envs.observation import used_keys
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH
 from sb3_piano.settings import Index, Whole, checked
@@ -92,7 +93,7 @@ class KeyRange(LayoutWrapper, gym.utils.RecordConstructorArgs):
             ScoreError: If its piece leaves the range, which is not to be hidden.
         """
         observation, info = super().reset(seed=seed, options=options)
-        self._check(set(np.flatnonzero(self._piano.roll.active.any(axis=0)).tolist()))
+        self._check(used_keys(self._piano.roll))
         return observation, info
 
     def observation(self, observation: Any) -> npt.NDArray[np.float32]:
@@ -100,7 +101,7 @@ class KeyRange(LayoutWrapper, gym.utils.RecordConstructorArgs):
         remaining: npt.NDArray[np.float32] = observation.take(self._columns)
         return remaining
 
-    def _check(self, keys: set[int]) -> None:
+    def _check(self, keys: Iterable[int]) -> None:
         if not self._hides:
             self.window.check_keys(keys, 'another range, or outside="hide"')
 

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 from annotated_types import Ge
 from numpy.lib.stride_tricks import sliding_window_view
 
+from sb3_piano.arrays import BoolArray, Float32Array
 from sb3_piano.envs import ObservationBlock, ObservationLayout
 from sb3_piano.envs.config import LookaheadSteps
 from sb3_piano.exceptions import ConfigError
@@ -21,8 +21,6 @@ from sb3_piano.music.constants import NUM_FINGERS
 from sb3_piano.settings import Count, Number, Unit, checked
 from sb3_piano.wrappers.hide_fingering import HideFingering
 from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, piano_of
-
-Float32Array = npt.NDArray[np.float32]
 
 _LABELS = "lookahead_fingering"
 
@@ -112,7 +110,7 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
 class _Ahead:
     """Rows of each control step of a piece, of (T, n) bool that each asks for."""
 
-    def __init__(self, values: npt.NDArray[np.bool_], steps: int, stride: int):
+    def __init__(self, values: BoolArray, steps: int, stride: int):
         self._steps, self._stride = steps, stride
         self._now = values.astype(np.float32)
         # Silence is appended, so that the lookahead of the last step can be cut like any other.
@@ -140,7 +138,7 @@ def _layout(layout: ObservationLayout, rows: int, stride: int, fingers: bool) ->
             f"after it: right thumb to little, then left; 0 beyond the end{covers}"
         )
         shape = (rows, NUM_FINGERS)
-        block = ObservationBlock(name=_LABELS, shape=shape, unit="1", meaning=meaning, binary=True)
+        block = ObservationBlock(name=_LABELS, shape=shape, meaning=meaning, binary=True)
         blocks.append(block)
     return ObservationLayout(blocks)
 

@@ -16,10 +16,6 @@ class LayoutWrapper(gym.ObservationWrapper[Any, Any, Any]):
     The new observation space has the layout, so that wrappers further out, feature extractors and
     replay buffers find the blocks by name; ``env.unwrapped.observation_layout`` remains that of
     the environment itself.
-
-    Args:
-        env: A piano environment, wrapped or not.
-        layout: Which numbers of the new observation stand where.
     """
 
     def __init__(self, env: gym.Env[Any, Any], layout: ObservationLayout) -> None:
@@ -44,12 +40,7 @@ def piano_of(env: gym.Env[Any, Any], asker: str) -> PianoEnv:
 
 
 def layout_of(env: gym.Env[Any, Any], asker: str, *needed: str) -> ObservationLayout:
-    """Return the layout of the observation that a wrapper gets.
-
-    Args:
-        env: The environment right inside the wrapper.
-        asker: Name of the wrapper that asks, for the message.
-        *needed: Blocks that it must have, of those that an observation of keys has.
+    """Return the layout of the observation that a wrapper gets, with the blocks that it needs.
 
     Raises:
         ConfigError: If it is no piano, a wrapper inside has hidden the layout, or a block is not

@@ -23,9 +23,6 @@ class PreviousActionReward(LayoutWrapper, gym.utils.RecordConstructorArgs):
     Source: RoboPianist (Zakka et al. 2023), its "action-reward" observation; RoboVirtuoso,
     section 3, item 5.
 
-    Args:
-        env: A piano environment, wrapped or not.
-
     Raises:
         ConfigError: If ``env`` is no piano, its actions do not lie in [-1, 1], or the blocks are
             there already.
@@ -74,14 +71,12 @@ def _blocks(action_shape: tuple[int, ...]) -> list[ObservationBlock]:
         ObservationBlock(
             name="previous_action",
             shape=action_shape,
-            unit="1",
             meaning="the action of the control step before; 0 at the start",
             low=-1.0,
         ),
         ObservationBlock(
             name="previous_reward",
             shape=(1,),
-            unit="1",
             meaning="the reward of the control step before; 0 at the start",
             low=-np.inf,
             high=np.inf,

@@ -7,8 +7,8 @@ from typing import Any, SupportsFloat
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.envs import ObservationBlock, ObservationLayout
 from sb3_piano.exceptions import ConfigError, InvalidActionError
 from sb3_piano.layers import layers
@@ -18,8 +18,6 @@ from sb3_piano.planning.pianist import action_of
 from sb3_piano.settings import Count, Positive, checked
 from sb3_piano.simulation import TIP_TRAVEL, WRIST_UNIT
 from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, piano_of
-
-FloatArray = npt.NDArray[np.float64]
 
 # Units and bounds of the plan that is shown: a finger that strikes turns its joint by about one
 # unit in a control step.
@@ -108,7 +106,7 @@ class ResidualAction(LayoutWrapper, gym.utils.RecordConstructorArgs):
         )
         return self.observation(observation), reward, terminated, truncated, info
 
-    def observation(self, observation: Any) -> npt.NDArray[np.float32]:
+    def observation(self, observation: Any) -> Float32Array:
         """Return an observation followed by the plan; after its end it stays where it is."""
         positions = self._tracker().plan.positions
         following = self._piano.steps_played + 1 + np.arange(self._lookahead)

@@ -199,9 +199,6 @@ class KeyRewardTiering(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
     here is RoboPianist's, graded by how far down each due key is: both agree for keys that are
     down, and to 0.0003 for keys that are up.
 
-    Args:
-        env: A piano environment, wrapped or not.
-
     Raises:
         ConfigError: If ``env`` is no piano, or has this wrapper already.
     """

@@ -73,10 +73,6 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any]):
     def change(self, score: Score, random: np.random.Generator) -> Score:
         """Return what is played in place of a score; by default the score as it is.
 
-        Args:
-            score: What would be played without this wrapper.
-            random: Where everything random comes from.
-
         Raises:
             ScoreError: If the score does not allow the change.
         """
@@ -103,12 +99,7 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any]):
         return self.env.reset(seed=seed, options=options)
 
     def extend(self, plan: ScorePlan, options: Mapping[str, Any]) -> ScorePlan:
-        """Return the plan of the wrappers further out, with this one's part added.
-
-        Args:
-            plan: What they do.
-            options: The options of ``reset``.
-        """
+        """Return the plan of the wrappers further out, with this one's part added to it."""
         del options  # the change is the same for every score
         return replace(plan, changes=(*plan.changes, self.change))
 
@@ -119,9 +110,6 @@ def possible_scores(env: gym.Env[Any, Any]) -> list[Score]:
     Scores that are given to ``reset`` are not among them, nor what wrappers further out would
     change. Of a piece from which a drawn part is played, or a part after a drawn change of times,
     all notes count.
-
-    Args:
-        env: A piano environment, wrapped or not.
 
     Raises:
         ScoreError: If a wrapper cannot change what it gets.

@@ -16,14 +16,7 @@ from sb3_piano.wrappers.score_wrapper import ScoreChange, possible_scores
 
 
 class KeyShift(ScoreChange):
-    """Shift each piece by a number of equal steps, fixed or drawn.
-
-    Args:
-        env: A piano environment, wrapped or not.
-        name: Name of the argument that has the number of steps, for messages.
-        steps: A whole number, or a pair of the lowest and the highest.
-        semitones: Length of a step.
-    """
+    """Shift each piece by steps of some semitones: a fixed number, or one drawn from a pair."""
 
     def __init__(self, env: gym.Env[Any, Any], name: str, steps: Any, *, semitones: int) -> None:
         super().__init__(env)
@@ -102,11 +95,6 @@ class OctaveShift(KeyShift, gym.utils.RecordConstructorArgs):
         env: A piano environment, wrapped or not.
         octaves: The shift, negative for lower; or a pair of the lowest and the highest to draw
             from, both included.
-
-    Raises:
-        ConfigError: If ``octaves`` is neither, or ``env`` is no piano.
-        ScoreError: If a fixed shift takes a note off the keyboard, here for the environment's own
-            pieces, at ``reset`` for others.
     """
 
     def __init__(self, env: gym.Env[Any, Any], octaves: int | Sequence[int]) -> None:

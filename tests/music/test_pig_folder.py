@@ -137,7 +137,7 @@ def test_a_title_becomes_robopianists_name(title, name):
     [
         (
             lambda pig: [file.unlink() for file in (pig / "FingeringFiles").iterdir()],
-            "has no fingering files: expected names such as 001",
+            "has no fingering files: expected the PIG data set, files such as 001",
         ),
         (
             lambda pig: (pig / "List.csv").unlink(),

@@ -20,11 +20,9 @@ def made():
 
 def test_on_its_plan_a_hand_is_told_what_was_planned(made):
     tracker = Tracker(made, SCENE, 0.5)
-    assert len(tracker) == len(made)
     for step in (0, 5, len(made) - 1):
         told = tracker.controls(step, made.positions[step])
         np.testing.assert_allclose(told, made.commands[step], atol=1e-12)
-        np.testing.assert_array_equal(tracker.feed_forward[step], made.commands[step])
 
 
 def test_a_hand_that_is_ahead_is_told_to_go_less_far_by_the_share_of_the_gains(made):

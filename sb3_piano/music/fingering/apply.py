@@ -8,7 +8,6 @@ from pathlib import Path
 
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, FingeringWeights
 from sb3_piano.music.fingering.ergonomic import finger_hand
 from sb3_piano.music.fingering.labels import read_labels
 from sb3_piano.music.fingering.robot import robot_fingers
@@ -57,24 +56,21 @@ def apply_fingering(
     return score
 
 
-def finger_score(score: Score, weights: FingeringWeights = DEFAULT_WEIGHTS) -> Score:
+def finger_score(score: Score) -> Score:
     """Return the score with a finger for each note.
 
-    Fingers that are known stay, and so do hands; `assign_hands` finds the other hands. At most
-    ten fingers are on keys at a time, and none on two. Where more is asked of a hand, as by a
-    sustain pedal written out as long notes, it lets go of the key held longest first: that note
-    keeps its length, but its finger goes on. Of more than five keys struck together by one hand,
-    the outer five have a finger; the others have their hand, and no finger (-1).
-
-    Args:
-        score: The score; notes keep their times, pitches and velocities.
-        weights: What makes a fingering hard.
+    Fingers that are known stay, and so do hands; `assign_hands` finds the other hands. At most ten
+    fingers are on keys at a time, and none on two. Where more is asked of a hand, as by a sustain
+    pedal written out as long notes, it lets go of the key held longest first: that note keeps its
+    length, but its finger goes on. Of more than five keys struck together by one hand, the outer
+    five have a finger; the others have their hand, and no finger (-1). Notes keep their times,
+    pitches and velocities.
     """
     score = assign_hands(score)
     notes = list(score.notes)
     for hand in HANDS:
         indices = [index for index, note in enumerate(notes) if note.hand == hand]
-        found = finger_hand([notes[index] for index in indices], hand, weights)
+        found = finger_hand([notes[index] for index in indices], hand)
         for index, finger in zip(indices, found.fingers, strict=True):
             if notes[index].finger == UNKNOWN_FINGER != finger:
                 notes[index] = replace(notes[index], finger=finger_of(hand, finger + 1))

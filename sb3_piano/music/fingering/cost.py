@@ -10,10 +10,8 @@ import itertools
 from collections.abc import Mapping
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge
 from numpy.typing import NDArray
 
 from sb3_piano.music.constants import (
@@ -24,7 +22,7 @@ from sb3_piano.music.constants import (
     RING,
     THUMB,
 )
-from sb3_piano.settings import Number, Positive, Share, settings
+from sb3_piano.settings import NotNegative, Positive, Share, settings
 
 Table = NDArray[np.float64]
 
@@ -32,8 +30,6 @@ MAX_INTERVAL = 87
 
 _OCTAVE_WIDTH = 12.0
 _WHITE_WIDTH = _OCTAVE_WIDTH / 7
-
-_NotNegative = Annotated[Number, Ge(0)]
 
 
 MEDIUM_HAND: Mapping[tuple[int, int], tuple[int, ...]] = MappingProxyType(
@@ -72,37 +68,37 @@ class FingeringWeights:
     """
 
     physical: Share = 0.48  # of mm in distances, the rest is semitones (Jacobs 2001)
-    stretch: _NotNegative = 2.52  # "stretch", per semitone beyond comfortable
-    span_thumb: _NotNegative = 0.93  # "small span", "large span" with the thumb, beyond relaxed
-    span_fingers: _NotNegative = 1.44  # the same without the thumb
-    impractical: _NotNegative = 10.0  # per semitone beyond practical (Balliauw et al. 2017)
-    position_count: _NotNegative = 1.23  # "position change count", of a half change; full: twice
-    position_size: _NotNegative = 0.71  # "position change size", per semitone beyond comfortable
-    place: _NotNegative = 0.3  # per semitone by which the thumb's place over white keys changes
-    place_later: _NotNegative = 0.28  # the same over two keys
-    same_finger: _NotNegative = 32.8  # one finger on two keys in succession (Balliauw et al. 2017)
-    same_finger_size: _NotNegative = 2.1  # the same, per semitone between the keys
-    other_finger: _NotNegative = 3.18  # another finger on the key that was struck last
-    other_finger_later: _NotNegative = 0.79  # the same with one other key in between
+    stretch: NotNegative = 2.52  # "stretch", per semitone beyond comfortable
+    span_thumb: NotNegative = 0.93  # "small span", "large span" with the thumb, beyond relaxed
+    span_fingers: NotNegative = 1.44  # the same without the thumb
+    impractical: NotNegative = 10.0  # per semitone beyond practical (Balliauw et al. 2017)
+    position_count: NotNegative = 1.23  # "position change count", of a half change; full: twice
+    position_size: NotNegative = 0.71  # "position change size", per semitone beyond comfortable
+    place: NotNegative = 0.3  # per semitone by which the thumb's place over white keys changes
+    place_later: NotNegative = 0.28  # the same over two keys
+    same_finger: NotNegative = 32.8  # one finger on two keys in succession (Balliauw et al. 2017)
+    same_finger_size: NotNegative = 2.1  # the same, per semitone between the keys
+    other_finger: NotNegative = 3.18  # another finger on the key that was struck last
+    other_finger_later: NotNegative = 0.79  # the same with one other key in between
     leap: Positive = 22.4  # what the movement between two keys costs at most
-    weak_four: _NotNegative = 0.55  # "weak finger", the ring finger
-    weak_five: _NotNegative = 0.67  # "weak finger", the little finger
-    three_four_five: _NotNegative = 0.23  # "three-four-five"
-    three_to_four: _NotNegative = 0.64  # "three-to-four"
-    four_on_black: _NotNegative = 0.83  # "four on black", the third finger on white beside it
-    thumb_on_black: _NotNegative = 6.79  # "thumb on black"
-    thumb_on_black_white: _NotNegative = 1.73  # the same, for each white key beside it
-    five_on_black: _NotNegative = 0.0  # "five on black"
-    five_on_black_white: _NotNegative = 6.18  # the same, for each white key beside it
-    passing: _NotNegative = 1.24  # "thumb passing", between keys of one colour
-    passing_size: _NotNegative = 0.43  # per semitone that a finger and the thumb pass each other by
-    passing_on_black: _NotNegative = 3.0  # "thumb passing", the thumb on black, the other on white
-    chord_finger: _NotNegative = 0.47  # as same_finger, from or to a chord
-    chord_finger_size: _NotNegative = 0.51  # as same_finger_size, from or to a chord
-    chord_shift: _NotNegative = 0.51  # share of position changes that counts with chords among them
-    chord: _NotNegative = 4.0  # how much the reach counts between keys that are down together
+    weak_four: NotNegative = 0.55  # "weak finger", the ring finger
+    weak_five: NotNegative = 0.67  # "weak finger", the little finger
+    three_four_five: NotNegative = 0.23  # "three-four-five"
+    three_to_four: NotNegative = 0.64  # "three-to-four"
+    four_on_black: NotNegative = 0.83  # "four on black", the third finger on white beside it
+    thumb_on_black: NotNegative = 6.79  # "thumb on black"
+    thumb_on_black_white: NotNegative = 1.73  # the same, for each white key beside it
+    five_on_black: NotNegative = 0.0  # "five on black"
+    five_on_black_white: NotNegative = 6.18  # the same, for each white key beside it
+    passing: NotNegative = 1.24  # "thumb passing", between keys of one colour
+    passing_size: NotNegative = 0.43  # per semitone that a finger and the thumb pass each other by
+    passing_on_black: NotNegative = 3.0  # "thumb passing", the thumb on black, the other on white
+    chord_finger: NotNegative = 0.47  # as same_finger, from or to a chord
+    chord_finger_size: NotNegative = 0.51  # as same_finger_size, from or to a chord
+    chord_shift: NotNegative = 0.51  # share of position changes that counts with chords among them
+    chord: NotNegative = 4.0  # how much the reach counts between keys that are down together
     pace: Positive = 0.25  # time between notes at which the costs of movement count fully
-    haste: _NotNegative = 0.5  # exponent with which they grow for faster notes
+    haste: NotNegative = 0.5  # exponent with which they grow for faster notes
     rest: Positive = 0.6  # silence after which they are down to 1/e
 
 

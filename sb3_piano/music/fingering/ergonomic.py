@@ -31,7 +31,8 @@ from sb3_piano.music.hands import Hand
 from sb3_piano.music.note import Note
 
 TOGETHER = 0.03
-"""Notes struck within this time of the first, in s, are one chord."""
+"""Notes struck within this time of the first, in s, are one chord; as in E. Nakamura et al.,
+"Statistical learning and estimation of piano fingering", 2020."""
 
 OVERLAP = 0.05
 """A key that is let go within this time, in s, after the next is struck counts as let go before.
@@ -66,15 +67,10 @@ class HandFingering:
 def finger_hand(
     notes: Sequence[Note], hand: Hand, weights: FingeringWeights = DEFAULT_WEIGHTS
 ) -> HandFingering:
-    """Find the fingering of one hand's notes that costs the least.
+    """Find the fingering of one hand's notes, sorted by onset, that costs the least.
 
     Notes that have a finger keep it. When a hand cannot hold all that it should (too many keys,
     too wide, or no way to reach the next ones), it lets go of the key held longest first.
-
-    Args:
-        notes: The notes of the hand, sorted by onset.
-        hand: Whose they are.
-        weights: What makes a fingering hard.
     """
     found = search(_chords(notes, hand), _Ergonomic(cost_tables(weights)), order=2)
     fingers = [UNKNOWN_FINGER] * len(notes)

@@ -149,12 +149,8 @@ def pair_notes(
 ) -> dict[int, int]:
     """Pair notes of one pitch whose onsets lie close together, each with one other at most.
 
-    The nearest pairs are made first; of equally near ones, the earlier.
-
-    Args:
-        notes: The notes to be paired.
-        others: With which notes, sorted by onset.
-        tolerance: How far apart the onsets of a pair may lie, in s.
+    The nearest pairs are made first; of equally near ones, the earlier. The onsets of a pair lie
+    within ``tolerance`` (s); ``others`` are sorted by onset.
 
     Returns:
         The index of the other note by the index of the note, of those that have a partner.

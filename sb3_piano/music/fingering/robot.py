@@ -96,10 +96,6 @@ def robot_fingers(score: Score, control_timestep: float) -> Score:
 
     Each note stays with its hand, which :func:`~sb3_piano.music.fingering.robot_hands.robot_hands`
     chooses before. Notes without a finger stay without.
-
-    Args:
-        score: The piece.
-        control_timestep: Length of a control step, s.
     """
     trimmed = score.trim_silence()
     roll = PianoRoll.from_score(trimmed, control_timestep)
@@ -121,9 +117,6 @@ def release_early(roll: PianoRoll) -> PianoRoll:
     """Return a roll in which no hand holds what its fingers cannot hold together.
 
     A note has no finger label from where on its hand releases it to play another.
-
-    Args:
-        roll: The piece, with the fingers that play it.
     """
     label, releases = roll.finger.copy(), list(roll.early_releases)
     for hand, sign in _HANDS:
@@ -145,21 +138,14 @@ def hand_place(key: int, finger: int, sign: int) -> float:
 
 
 def is_leap(distance: float, same_finger: bool) -> bool:
-    """Return whether the hand has to come up between two notes on different keys.
-
-    Args:
-        distance: How far apart it is for them, m.
-        same_finger: Whether one finger plays both.
-    """
+    """Return whether the hand has to come up between notes on keys so far (m) apart for it."""
     return same_finger or distance > LEAP_DISTANCE
 
 
 def lost_to_leap(distance: float, rest: int) -> tuple[int, int]:
     """Return by how many control steps the later note begins late, and the earlier one ends early.
 
-    Args:
-        distance: How far the hand has to go, m.
-        rest: Control steps between the two notes.
+    The hand has to go ``distance`` m, and there are ``rest`` control steps between the notes.
     """
     steps = LEAP_STEPS + sum(distance > more for more in LEAP_MORE) - rest
     late = max(steps + 1, 0) // 2
@@ -187,10 +173,7 @@ def _fit(presses: list[Press], sign: int) -> dict[tuple[int, int], int]:
 def choose(presses: Sequence[Press], sign: int, change: float = CHANGE_FINGER) -> list[int]:
     """Return the fingers, 0 to 4, of the presses of a hand that cost the least.
 
-    Args:
-        presses: What the hand plays, in order of time.
-        sign: 1 for the right hand, -1 for the left one.
-        change: Cost of a finger that is not the written one, in control steps of sound.
+    Presses are in order of time; ``change`` is the cost of a finger that is not the written one.
     """
     chords = (list(struck) for _, struck in groupby(presses, key=lambda press: press.first))
     found = search(chords, _Robot(sign, change), order=1, most_states=_MOST_STATES)
@@ -302,10 +285,6 @@ def _early_releases(presses: Sequence[Press], sign: int) -> list[EarlyRelease]:
 
     What is held already makes way for what is struck. Of a chord that cannot be struck, the note
     goes that is out of reach for most of the others; of equals, the one nearest to the thumb.
-
-    Args:
-        presses: What the hand plays, in order of time.
-        sign: 1 for the right hand, -1 for the left one.
     """
     releases: list[EarlyRelease] = []
     held: list[Press] = []

@@ -51,10 +51,6 @@ class CostModel(Protocol[K, S]):
     def costs(self, path: Sequence[S], onset: S) -> Table:
         """Return what the states of an onset cost after those before, infinity if impossible.
 
-        Args:
-            path: The onsets before it.
-            onset: The onset.
-
         Returns:
             (..., states of the last onset, states), or what broadcasts to it.
         """
@@ -74,13 +70,10 @@ class Fingering(Generic[K]):
 def search(
     chords: Iterable[list[K]], model: CostModel[K, S], order: int, most_states: int | None = None
 ) -> Fingering[K]:
-    """Find the fingers that cost the least.
+    """Find the fingers that cost the least, for what is struck at each onset, in order of time.
 
-    Args:
-        chords: What is struck at each onset, in order of time.
-        model: What fingers cost.
-        order: Number of earlier onsets that a cost depends on.
-        most_states: Number of states of an onset that are followed at most, the cheapest.
+    A cost depends on ``order`` earlier onsets. Of an onset ``most_states`` states are followed, the
+    cheapest; by default all.
     """
     path: list[S] = []
     backs: list[States] = []  # for the states of the last onsets: that of the one before them

@@ -45,9 +45,6 @@ def assign_hands(score: Score) -> Score:
     Hands that are known stay. The others are found by a beam search over the keys struck at a
     time: of these the left hand takes the lower ones, so that hands never cross within a chord,
     and it costs something for a hand to stretch, to travel, or to strike beyond the other hand.
-
-    Args:
-        score: The score; notes keep everything else.
     """
     if all(note.hand is not None for note in score.notes):
         return score

@@ -76,12 +76,7 @@ def write_score_file(path: Path, content: bytes) -> None:
 
 
 def read_member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
-    """Return a file of an archive, of which no more is unpacked than may be.
-
-    Args:
-        archive: The archive.
-        name: The file's name in it.
-        most: The largest size that the file may have, bytes.
+    """Return a file of an archive, of which no more than ``most`` bytes are unpacked.
 
     Raises:
         ValueError: If the file is larger.

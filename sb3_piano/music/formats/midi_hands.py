@@ -53,14 +53,11 @@ class MidiTrack:
 
 
 def hands_of_tracks(tracks: Sequence[MidiTrack]) -> list[Hand | None]:
-    """Return the hand of each track, None where the file does not tell.
+    """Return the hand of each track that has notes (no drums), None where the file does not tell.
 
     The names decide, see :func:`hand_of_name`. Where no name tells anything, two tracks of one
     piano are the two hands if the medians of their pitches are at least a fifth apart and neither
     strikes more than five keys at a time: the higher one is the right hand.
-
-    Args:
-        tracks: Those that have notes, without drums.
     """
     hands = [hand_of_name(track.name) for track in tracks]
     if not any(hands) and _are_of_one_piano(tracks) and not any(map(_is_too_full, tracks)):

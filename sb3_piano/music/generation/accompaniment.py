@@ -1,4 +1,7 @@
-"""Parts that accompany: broken, struck and held chords, basses that leap, voices over a bass."""
+"""Parts that accompany: broken, struck and held chords, basses that leap, voices over a bass.
+
+Lengths of notes (``unit``) are in quarter notes, spans in semitones, densities in notes a beat.
+"""
 
 from __future__ import annotations
 
@@ -48,20 +51,10 @@ def alberti(frame: Frame, hand: Hand) -> list[Tone]:
     return strike(rhythm, pitches, hand)
 
 
-def wave(
-    frame: Frame, hand: Hand, *, span: int, unit: float, per_turn: int | None = None
-) -> list[Tone]:
-    """Break each chord widely, from its root up and perhaps down again.
-
-    Args:
-        frame: The phrase.
-        hand: Who plays.
-        span: Semitones from the lowest to the highest tone, at most.
-        unit: Length of a note, in quarter notes.
-        per_turn: Notes from one bass note to the next; by default as many as a chord lasts.
-    """
+def wave(frame: Frame, hand: Hand, *, span: int, unit: float) -> list[Tone]:
+    """Break each chord widely, from its root up and perhaps down again."""
     habit = frame.habit()
-    per_turn = per_turn or max(round(min(frame.slot, frame.bar) / unit), 1)
+    per_turn = max(round(min(frame.slot, frame.bar) / unit), 1)
     skip, back = int(habit.integers(1, 3)), bool(habit.random() < 0.6)
     tones = []
     for index, (start, length) in enumerate(even(frame, unit)):
@@ -78,14 +71,7 @@ def wave(
 
 
 def blocks(frame: Frame, hand: Hand, *, count: int, rhythm: Rhythm) -> list[Tone]:
-    """Strike chords in close position.
-
-    Args:
-        frame: The phrase.
-        hand: Who plays.
-        count: Tones a chord.
-        rhythm: When.
-    """
+    """Strike chords in close position."""
     return strike(rhythm, lambda t: frame.close(t, frame.register[hand], count), hand)
 
 
@@ -96,14 +82,7 @@ def offbeats(frame: Frame) -> Rhythm:
 
 
 def basses(frame: Frame, hand: Hand, *, octaves: bool, unit: float | None = None) -> list[Tone]:
-    """Hold roots, or roots in octaves.
-
-    Args:
-        frame: The phrase.
-        hand: Who plays.
-        octaves: Whether with the octave above.
-        unit: Length of a note, in quarter notes; by default that of the chord.
-    """
+    """Hold roots, or roots in octaves."""
 
     def pitches(start: float) -> list[int]:
         root = frame.root(start, frame.register[hand] - 6)
@@ -144,14 +123,7 @@ def stride(frame: Frame, hand: Hand) -> list[Tone]:
 
 
 def held(frame: Frame, hand: Hand, *, density: float, count: int = 1) -> list[Tone]:
-    """Hold the outer tones of each chord while a voice moves in the same hand.
-
-    Args:
-        frame: The phrase.
-        hand: Who plays.
-        density: Notes a beat of the voice, about.
-        count: How many tones are held.
-    """
+    """Hold the outer tones of each chord while a voice moves in the same hand."""
     sign = 1 if hand == "left" else -1
     bottom = frame.register[hand] - sign * 6
 

@@ -118,14 +118,7 @@ class Frame:
 def progression(
     random: np.random.Generator, count: int, seventh: float, start: int
 ) -> tuple[tuple[int, int], ...]:
-    """Draw chords: the root of each, and its number of tones.
-
-    Args:
-        random: The source of chance.
-        count: How many.
-        seventh: The share of chords with a seventh.
-        start: Scale degree of the first one.
-    """
+    """Draw chords, a share of them with a seventh: the root of each, and its number of tones."""
     roots = [start]
     while len(roots) < count:
         following = _NEXT[roots[-1]]

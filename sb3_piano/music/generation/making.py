@@ -26,7 +26,7 @@ from sb3_piano.music.generation.timing import (
     fastest_tempo,
     perform,
 )
-from sb3_piano.music.hands import HANDS, Hand
+from sb3_piano.music.hands import HANDS
 from sb3_piano.music.note import Pedal
 from sb3_piano.music.score import Score
 from sb3_piano.settings import Positive, checked, refuse_unknown
@@ -66,12 +66,13 @@ def generate_score(random: np.random.Generator, duration: float, style: str | No
     phrases: dict[str, list[Tone]] = {}
     tempo = float(np.exp(random.uniform(np.log(_SLOWEST), np.log(_FASTEST))))
     count = 0
-    while not tones or count * plan.length < (duration * tempo / 60):
+    length = plan.frame.length
+    while not tones or count * length < (duration * tempo / 60):
         letter = plan.form[count % len(plan.form)]
-        written = plan.phrase(random, letter, phrases)
+        written = plan.phrase(letter, phrases)
         if count == 0:
             tempo = min(tempo, fastest_tempo(written))
-        tones += [replace(tone, start=tone.start + count * plan.length) for tone in written]
+        tones += [replace(tone, start=tone.start + count * length) for tone in written]
         count += 1
     clock = draw_clock(random, tempo)
     notes = perform(tones, clock, plan.touch, random)
@@ -79,7 +80,7 @@ def generate_score(random: np.random.Generator, duration: float, style: str | No
         notes = [replace(note, hand=None) for note in notes]
     score = Score(
         notes=notes,
-        pedals=plan.pedals(clock, count * plan.length),
+        pedals=plan.pedals(clock, count * length),
         title=f"generated {style}",
     )
     start = score.notes[0].onset
@@ -93,16 +94,11 @@ class _Plan:
     style: str
     form: str
     """A letter for each phrase: the same letter, the same music."""
-    tonic: int
-    scale: tuple[int, ...]
-    bar: float
-    beat: float
-    bars: int
+    frame: Frame
+    """The frame of its phrases, whose chords and registers each of them draws."""
     per_bar: float
     """Chords a bar."""
     seventh: float
-    habits: int
-    register: dict[Hand, float]
     touch: Touch
     pedalled: bool
 
@@ -121,48 +117,41 @@ class _Plan:
             apart = random.uniform(22, 36)
         elif random.random() < 0.08:
             apart = random.uniform(0, 12)
-        return cls(
-            style=style,
-            form=str(random.choice(_FORMS)),
-            tonic=_tonic(random, scale),
+        form, tonic = str(random.choice(_FORMS)), _tonic(random, scale)
+        bars = int(random.choice((2, 4), p=(0.6, 0.4)))
+        per_bar = float(random.choice((1, 2 if two else 1, 0.5), p=(0.6, 0.3, 0.1)))
+        seventh = float(random.choice((0.0, 0.15, 0.5)))
+        frame = Frame(
+            random=random,
+            habits=int(random.integers(2**31)),
+            tonic=tonic,
             scale=scale,
             bar=bar,
             beat=beat,
-            bars=int(random.choice((2, 4), p=(0.6, 0.4))),
-            per_bar=float(random.choice((1, 2 if two else 1, 0.5), p=(0.6, 0.3, 0.1))),
-            seventh=float(random.choice((0.0, 0.15, 0.5))),
-            habits=int(random.integers(2**31)),
+            bars=bars,
+            chords=(),
             register={"right": right, "left": float(np.clip(right - apart, 43, 66))},
+        )
+        return cls(
+            style=style,
+            form=form,
+            frame=frame,
+            per_bar=per_bar,
+            seventh=seventh,
             touch=draw_touch(random),
             pedalled=bool(random.random() < (0.7 if style in PEDALLED else 0.15)),
         )
 
-    @property
-    def length(self) -> float:
-        """Length of a phrase, in quarter notes."""
-        return self.bars * self.bar
-
-    def phrase(
-        self, random: np.random.Generator, letter: str, written: dict[str, list[Tone]]
-    ) -> list[Tone]:
+    def phrase(self, letter: str, written: dict[str, list[Tone]]) -> list[Tone]:
         """Write a phrase, or come back to one that was written, perhaps varied."""
+        frame, random = self.frame, self.frame.random
         if letter in written and random.random() < 0.75:
-            return _varied(random, written[letter], self.scale, self.tonic)
-        register = {hand: self.register[hand] + float(random.normal(0, 2)) for hand in HANDS}
+            return _varied(frame, written[letter])
+        register = {hand: frame.register[hand] + float(random.normal(0, 2)) for hand in HANDS}
         start = 0 if letter == "A" else int(random.choice((0, 3, 4, 5)))
-        count = max(round(self.bars * self.per_bar), 1)
-        frame = Frame(
-            random=random,
-            habits=self.habits,
-            tonic=self.tonic,
-            scale=self.scale,
-            bar=self.bar,
-            beat=self.beat,
-            bars=self.bars,
-            chords=progression(random, count, self.seventh, start),
-            register=register,
-        )
-        tones = STYLES[self.style](frame)
+        count = max(round(frame.bars * self.per_bar), 1)
+        chords = progression(random, count, self.seventh, start)
+        tones = STYLES[self.style](replace(frame, chords=chords, register=register))
         silent = HANDS[int(random.integers(2))]
         others = [tone for tone in tones if tone.hand != silent]
         if others and written and random.random() < _SILENT:
@@ -171,15 +160,10 @@ class _Plan:
         return tones
 
     def pedals(self, clock: Clock, length: float) -> list[Pedal]:
-        """Return presses of the pedal, one for each chord.
-
-        Args:
-            clock: When what is written is played.
-            length: Length of the piece, in quarter notes.
-        """
+        """Return presses of the pedal, one for each chord."""
         if not self.pedalled:
             return []
-        every = self.bar / max(self.per_bar, 1)
+        every = self.frame.bar / max(self.per_bar, 1)
         starts = np.arange(0, length, every)
         return [
             Pedal(onset=clock.seconds(start + 0.1), offset=clock.seconds(start + every - 0.1))
@@ -196,10 +180,9 @@ def _tonic(random: np.random.Generator, scale: tuple[int, ...]) -> int:
     return int(random.choice(12, p=weights / weights.sum()))
 
 
-def _varied(
-    random: np.random.Generator, tones: Sequence[Tone], scale: tuple[int, ...], tonic: int
-) -> list[Tone]:
+def _varied(frame: Frame, tones: Sequence[Tone]) -> list[Tone]:
     """Return a phrase as it is, moved by an octave, or with a few other notes."""
+    random = frame.random
     kind = random.random()
     if kind < 0.4:
         return list(tones)
@@ -216,6 +199,6 @@ def _varied(
         pitch = tone.pitch
         if random.random() < 0.1:
             pitch += int(random.choice((-2, -1, 1, 2)))
-            pitch = pitch if (pitch - tonic) % 12 in scale else tone.pitch
+            pitch = pitch if (pitch - frame.tonic) % 12 in frame.scale else tone.pitch
         moved.append(replace(tone, pitch=pitch))
     return moved

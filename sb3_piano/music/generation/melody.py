@@ -1,4 +1,7 @@
-"""Parts that lead: melodies, and what makes them thicker; scale runs, sequences, figuration."""
+"""Parts that lead: melodies, and what makes them thicker; scale runs, sequences, figuration.
+
+Lengths of notes (``unit``) are in quarter notes, densities in notes a beat.
+"""
 
 from __future__ import annotations
 
@@ -30,14 +33,8 @@ def melody(
 ) -> list[Tone]:
     """Draw a melody: a walk on the scale that stands on chord tones where it is strong.
 
-    Args:
-        frame: The phrase.
-        hand: Who plays.
-        density: Notes a beat, about.
-        rhythm: When the notes are; by default drawn.
-        centre: Pitch around which it moves; by default the hand's register.
-        rests: The share of notes left out.
-        width: Steps of the scale that it goes away from its middle, at most.
+    It moves around a pitch, by default the hand's register, at most ``width`` steps of the scale
+    away from it; ``rests`` is the share of notes that are left out.
     """
     random = frame.random
     middle = frame.step(frame.register[hand] if centre is None else centre)
@@ -92,11 +89,8 @@ def ornament(frame: Frame, tones: Sequence[Tone], share: float) -> list[Tone]:
 def thicken(frame: Frame, tones: Sequence[Tone], kind: str, share: float = 1.0) -> list[Tone]:
     """Return a melody with further notes that the same hand strikes together with it.
 
-    Args:
-        frame: The phrase.
-        tones: The melody.
-        kind: "thirds", "sixths", "octaves", or "chords" within an octave.
-        share: How much of the melody; strong notes always.
+    ``kind`` is "thirds", "sixths", "octaves" or "chords" (within an octave), ``share`` how much of
+    the melody gets them; strong notes always do.
     """
     found = list(tones)
     side = -1 if not tones or tones[0].hand == "right" else 1
@@ -131,14 +125,7 @@ def repeat(tones: Sequence[Tone], unit: float) -> list[Tone]:
 
 
 def run(frame: Frame, hand: Hand, unit: float, *, chromatic: bool = False) -> list[Tone]:
-    """Draw a scale that runs up and down through some octaves.
-
-    Args:
-        frame: The phrase.
-        hand: Who plays.
-        unit: Length of a note, in quarter notes.
-        chromatic: Whether it goes by semitones.
-    """
+    """Draw a scale that runs up and down through some octaves."""
     random, centre = frame.random, frame.register[hand]
     span = int(random.integers(8, 25))
     step, way = 0, int(random.choice((-1, 1)))
@@ -157,13 +144,7 @@ def run(frame: Frame, hand: Hand, unit: float, *, chromatic: bool = False) -> li
 
 
 def sequence(frame: Frame, hand: Hand, unit: float) -> list[Tone]:
-    """Draw a five-finger pattern that moves on by a step of the scale each time.
-
-    Args:
-        frame: The phrase.
-        hand: Who plays.
-        unit: Length of a note, in quarter notes.
-    """
+    """Draw a five-finger pattern that moves on by a step of the scale each time."""
     habit = frame.habit()
     size = int(habit.choice((4, 6, 8)))
     pattern = [0]
@@ -183,13 +164,7 @@ def sequence(frame: Frame, hand: Hand, unit: float) -> list[Tone]:
 
 
 def figuration(frame: Frame, hand: Hand, unit: float) -> list[Tone]:
-    """Draw fast figures: chord tones with neighbours and short scales between.
-
-    Args:
-        frame: The phrase.
-        hand: Who plays.
-        unit: Length of a note, in quarter notes.
-    """
+    """Draw fast figures: chord tones with neighbours and short scales between."""
     random, middle = frame.random, frame.step(frame.register[hand])
     step, way, chordal = middle, int(random.choice((-1, 1))), True
     tones = []

@@ -33,13 +33,7 @@ _COMPOUND = (
 
 
 def bar_rhythm(random: np.random.Generator, frame: Frame, density: float) -> Rhythm:
-    """Draw the rhythm of a bar.
-
-    Args:
-        random: The source of chance.
-        frame: The phrase.
-        density: Notes a beat, about.
-    """
+    """Draw the rhythm of a bar."""
     patterns = _SIMPLE if frame.beat == 1 else _COMPOUND
     odd = np.array([0.4 if pattern[0] or len(pattern) == 3 else 1.0 for pattern in patterns])
     counts = np.array([len(pattern) for pattern in patterns])
@@ -58,10 +52,7 @@ def bar_rhythm(random: np.random.Generator, frame: Frame, density: float) -> Rhy
 def phrase_rhythm(frame: Frame, density: float, salt: int = 0) -> Rhythm:
     """Return the rhythm of a phrase: bars of a small stock that the piece has, a calm last one.
 
-    Args:
-        frame: The phrase.
-        density: Notes a beat, about.
-        salt: Another number gives another stock.
+    Another ``salt`` gives another stock.
     """
     habit = np.random.default_rng((frame.habits, salt))
     stock = [bar_rhythm(habit, frame, density) for _ in range(3)]

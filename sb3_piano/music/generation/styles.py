@@ -24,11 +24,11 @@ def _sixteenths(frame: Frame, habit: np.random.Generator) -> float:
     return float(habit.choice((0.5, 1 / 3, 0.25, 1 / 6), p=(0.35, 0.15, 0.45, 0.05)))
 
 
-def _tune(frame: Frame, hand: Hand = "right", density: float | None = None) -> list[Tone]:
+def _tune(frame: Frame, density: float | None = None) -> list[Tone]:
     """Draw a melody, perhaps with ornaments, or with more notes here and there."""
     habit = frame.habit()
     density = float(habit.uniform(0.6, 2.2)) if density is None else density
-    tones = high.melody(frame, hand, density=density, rests=float(habit.uniform(0, 0.2)))
+    tones = high.melody(frame, "right", density=density, rests=float(habit.uniform(0, 0.2)))
     if habit.random() < 0.25:
         tones = high.ornament(frame, tones, 0.2)
     if habit.random() < 0.3:

@@ -121,14 +121,7 @@ def fastest_tempo(tones: Iterable[Tone]) -> float:
 def perform(
     tones: Sequence[Tone], clock: Clock, touch: Touch, random: np.random.Generator
 ) -> list[Note]:
-    """Return the notes of tones.
-
-    Args:
-        tones: What is written.
-        clock: When.
-        touch: How it is performed.
-        random: The source of chance.
-    """
+    """Return the notes of tones."""
     late: dict[tuple[float, Hand], float] = {}
     notes = []
     for tone in sorted(tones, key=lambda tone: (tone.start, tone.pitch)):

@@ -33,6 +33,7 @@ import pretty_midi
 from sb3_piano.exceptions import ScoreError, UnknownPieceError, one_line
 from sb3_piano.files import read_table
 from sb3_piano.music.constants import UNKNOWN_FINGER
+from sb3_piano.music.fingering import pig_files
 from sb3_piano.music.formats import read_midi, read_pig
 from sb3_piano.music.formats.common import read_member
 from sb3_piano.music.library.store import user_library
@@ -47,7 +48,6 @@ _SITE = "https://beam.kisarazu.ac.jp/~saito/research/PianoFingeringDataset/"
 _COLLECTIONS: dict[str, list[str]] = read_table(Path(__file__).with_name("pig.yml"))
 
 _FILES, _LIST = "FingeringFiles", "List.csv"
-_FILE = re.compile(r"(\d+)-(\d+)_fingering\.txt")
 
 _SHORTEST = 1e-6
 """Length of a note without length, in s: too short to reach into another control step."""
@@ -102,16 +102,7 @@ def find_dataset(path: Path) -> list[ImportTask] | None:
 
 def _pig_pieces(folder: Path) -> list[ImportTask]:
     """Return the first annotation of each piece."""
-    files: dict[int, Path] = {}
-    for path in sorted((folder / _FILES).glob("*.txt")):
-        match = _FILE.fullmatch(path.name)
-        if match is not None:
-            files.setdefault(int(match[1]), path)
-    if not files:
-        raise ScoreError(
-            f"'{folder / _FILES}' has no fingering files: expected names such as "
-            "001-1_fingering.txt."
-        )
+    files = {int(number): paths[0] for number, paths in pig_files(folder / _FILES).items()}
     rows = _read_list(folder / _LIST)
     if max(files) > len(rows) or min(files) < 1:
         raise ScoreError(

@@ -7,13 +7,11 @@ import csv
 import hashlib
 import io
 import itertools
-import json
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music.fingering.apply import FINGERINGS, labels_file
@@ -202,34 +200,22 @@ def _may_be(path: Path) -> bool:
 
 
 def _read_titles(folder: Path) -> dict[Path, str]:
-    """Return the titles of the files in a folder that has MAESTRO's table, CSV or JSON, if any."""
-    tables = sorted(folder.glob("maestro-v*.csv")) or sorted(folder.glob("maestro-v*.json"))
+    """Return the titles of the files in a folder that has MAESTRO's table, if it has it."""
+    tables = sorted(folder.glob("maestro-v*.csv"))
     if not tables:
         return {}
     table = tables[-1]
     try:
         text = table.read_bytes().decode("utf-8-sig")
-        is_csv = table.suffix == ".csv"
-        rows = csv.DictReader(io.StringIO(text)) if is_csv else _json_rows(json.loads(text))
         return {
             folder / row["midi_filename"]: f"{row['canonical_composer']}: {row['canonical_title']}"
-            for row in rows
+            for row in csv.DictReader(io.StringIO(text))
         }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, csv.Error) as error:
+    except (OSError, ValueError, KeyError, csv.Error) as error:
         raise ScoreError(
             f"Cannot read '{table}' ({type(error).__name__}: {error}): expected MAESTRO's table "
             "with canonical_composer, canonical_title and midi_filename."
         ) from error
-
-
-def _json_rows(content: Any) -> Iterable[Mapping[str, str]]:
-    """Return the rows of a table that is written row by row (v2) or column by column (v3)."""
-    if isinstance(content, list):
-        return content
-    return [
-        {column: values[index] for column, values in content.items()}
-        for index in content["midi_filename"]
-    ]
 
 
 class _ImportPlan:

@@ -99,12 +99,7 @@ class Library:
     """
 
     def __init__(self, folder: str | os.PathLike[str] | None = None) -> None:
-        """Take a folder, which need not exist yet.
-
-        Args:
-            folder: Where the files are; by default ``pieces`` in the folder for the user's data,
-                which the environment variable ``SB3_PIANO_DATA`` may name.
-        """
+        """Take a folder, which need not exist yet; by default the one for the user's pieces."""
         self.folder = pieces_folder() if folder is None else Path(folder)
 
     def __contains__(self, name: object) -> bool:

@@ -84,14 +84,9 @@ def run_tasks(
 ) -> bool:
     """Do tasks, and tell of each how it went, in the order in which they are done.
 
-    After Ctrl-C what is being done is finished, and told; nothing new is begun.
-
-    Args:
-        tasks: What there is to do.
-        folder: The library's folder.
-        jobs: How many processes work; with one, for one task, or on a system without the
-            processes and signals of POSIX, it is this one.
-        tell: Is called in this process and thread.
+    After Ctrl-C what is being done is finished, and told; nothing new is begun. With one job, for
+    one task, or on a system without the processes and signals of POSIX, this process does the work;
+    ``tell`` is called in it in any case.
 
     Returns:
         Whether Ctrl-C came.

@@ -28,12 +28,9 @@ _Tempo = Annotated[Number, Ge(_MIN_TEMPO), Le(_MAX_TEMPO), Unit("quarter notes a
 def in_sequence(
     groups: Iterable[tuple[Iterable[KeyPress], float]], title: str, *, bars: Container[int] = ()
 ) -> Score:
-    """Play groups of keys one after the other, each held until the next.
+    """Play groups of keys, each with its length in s, one after the other; held until the next.
 
-    Args:
-        groups: For each group its presses and its length in s.
-        title: Title of the score.
-        bars: Indices of the groups with which a bar begins.
+    ``bars`` are the indices of the groups with which a bar begins.
     """
     notes: list[Note] = []
     lines: list[float] = []
@@ -51,12 +48,7 @@ def in_sequence(
 
 
 def option_meanings(*, tempo: int, octaves: int) -> dict[str, str]:
-    """Return what the options that all studies have mean, by name.
-
-    Args:
-        tempo: The study's own tempo, in quarter notes a minute.
-        octaves: How many octaves it spans by itself.
-    """
+    """Return what the options that all studies have mean, by name, with a study's own defaults."""
     return {
         "tempo": f"quarter notes a minute, {_MIN_TEMPO:g} to {_MAX_TEMPO:g} (default {tempo})",
         "hands": "who plays: both (default), right or left",
@@ -84,11 +76,8 @@ def in_octaves(
 ) -> list[tuple[KeyPress, ...]]:
     """Return what the hands strike together, one after the other.
 
-    Args:
-        way: From a number of octaves to the notes, in semitones above the first of each hand, with
-            the pianists' numbers of its fingers.
-        octaves: How many octaves are climbed.
-        first: MIDI pitch of the first note of each hand that plays.
+    ``way`` leads from a number of octaves to the notes, in semitones above the first of each hand
+    (a MIDI pitch), with the pianists' numbers of its fingers.
 
     Raises:
         ConfigError: If `octaves` is no whole number, less than 1, or leaves the keyboard.

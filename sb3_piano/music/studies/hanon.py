@@ -70,16 +70,7 @@ def hanon(
     octaves: Any = _OCTAVES,
     key: Any = "C",
 ) -> Score:
-    """Play one of Hanon's exercises.
-
-    Args:
-        number: Which one, 1 to 20.
-        title: Title of the score.
-        tempo: Quarter notes a minute.
-        hands: "both", "right" or "left".
-        repeats: How many times it is played before the last note.
-        octaves: How many octaves it climbs.
-        key: Name of a major key, such as "Eb".
+    """Play one of Hanon's exercises, 1 to 20; :func:`option_meanings` says what may be chosen.
 
     Raises:
         ConfigError: If a value is not valid, or the octaves do not fit on the keyboard.

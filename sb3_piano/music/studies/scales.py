@@ -48,17 +48,11 @@ def up_and_down(
 ) -> Score:
     """Play notes up the keyboard in quarter notes of 4/4, and down again the same way.
 
-    Args:
-        name: Title of the score.
-        tonic: Semitones from C up to the first note, 0-11.
-        steps: The notes of one octave, in semitones above the first, which is 0.
-        fingers: The pianists' numbers of the right and the left hand's fingers on the way up two
-            octaves, the way charts print them: one digit a note. More octaves go on as the second
-            does.
-        tempo: Quarter notes a minute.
-        hands: "both", "right" or "left".
-        repeats: How many times it is played. Each time begins with a bar of its own.
-        octaves: How many octaves it climbs.
+    ``tonic`` is in semitones from C up to the first note, 0-11, ``steps`` are those of one octave
+    above it. ``fingers`` are the pianists' numbers of the right and the left hand's fingers on the
+    way up two octaves, the way charts print them: one digit a note; more octaves go on as the
+    second does. Each repeat begins with a bar of its own; :func:`option_meanings` has the other
+    options.
 
     Raises:
         ConfigError: If a value is not valid, or the octaves do not fit on the keyboard.

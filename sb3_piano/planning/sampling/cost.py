@@ -5,16 +5,11 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-import numpy.typing as npt
-from annotated_types import Ge, Gt, Le
+from annotated_types import Gt, Le
 from scipy.optimize import linear_sum_assignment
 
-from sb3_piano.settings import Number, Positive, settings
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-
-_NotNegative = Annotated[Number, Ge(0)]
+from sb3_piano.arrays import BoolArray, FloatArray, IntArray
+from sb3_piano.settings import NotNegative, Number, Positive, settings
 
 
 @settings
@@ -25,26 +20,26 @@ class SamplingCost:
         ConfigError: If a value is out of range.
     """
 
-    missed: _NotNegative = 1.0
+    missed: NotNegative = 1.0
     """For each key that should sound and does not."""
-    wrong: _NotNegative = 1.5
+    wrong: NotNegative = 1.5
     """For each key that sounds and should not."""
-    reluctant: _NotNegative = 0.5
+    reluctant: NotNegative = 0.5
     """For each key that should sound, times the share of the way to sounding that is missing."""
-    brushed: _NotNegative = 0.1
+    brushed: NotNegative = 0.1
     """For each key that should not sound, times the square of the share of the way that it is down
     (at most 1)."""
-    astray: _NotNegative = 0.5
+    astray: NotNegative = 0.5
     """Times the mean over the actuators of the squared distance from the plan (at most 1 each), in
     units of ``tolerance``; nothing without a plan."""
     tolerance: Positive = 3.0
     """Distance from the plan that counts in full, in standard deviations of the noise."""
-    distance: _NotNegative = 1.0
+    distance: NotNegative = 1.0
     """Without a plan: for each key that should be pressed, times how far its finger is away: 0 at
     the key, 0.5 at a distance of ``reach``, nearly 1 far away."""
     reach: Positive = 0.05
     """Distance of a finger from its key at which half of ``distance`` counts, m."""
-    effort: _NotNegative = 0.01
+    effort: NotNegative = 0.01
     """Times the mean square of the change, in standard deviations of the noise."""
     discount: Annotated[Number, Gt(0), Le(1)] = 0.9
     """Weight of each control step relative to the one before; above 0, at most 1."""
@@ -140,15 +135,10 @@ COST_FROM_ZERO = SamplingCost(wrong=1.0)
 """Cost for sampling without a plan, which with dearer wrong keys plays less."""
 
 
-def wrong_keys(
-    due: BoolArray, angles: FloatArray, sounding_angle: FloatArray
-) -> npt.NDArray[np.intp]:
-    """Return how many keys sound that should not, or do not that should.
+def wrong_keys(due: BoolArray, angles: FloatArray, sounding_angle: FloatArray) -> IntArray:
+    """Return how many keys sound that should not, or do not that should: (m,), 0 to 88.
 
-    Args:
-        due: (88,) bool, keys that should sound.
-        angles: (m, 88) angle of each key, rad.
-        sounding_angle: (88,) angle from which on each key sounds, rad.
+    The arguments are those of :meth:`SamplingCost.key_cost`.
 
     Returns:
         (m,) 0 to 88.

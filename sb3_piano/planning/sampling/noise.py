@@ -5,15 +5,11 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-import numpy.typing as npt
-from annotated_types import Ge, Gt, Le
+from annotated_types import Gt, Le
 
-from sb3_piano.settings import Count, Number, Share, settings
+from sb3_piano.arrays import FloatArray, IntArray
+from sb3_piano.settings import Count, NotNegative, Number, Share, settings
 from sb3_piano.simulation import PianoScene
-
-FloatArray = npt.NDArray[np.float64]
-
-_NotNegative = Annotated[Number, Ge(0)]
 
 
 @settings
@@ -31,11 +27,11 @@ class SamplingNoise:
     knots: Count = 2
     """Points of the horizon at which noise is drawn, the first and the last step included; it is
     linear between them. 1 (constant noise) or more."""
-    finger: _NotNegative = 0.12
+    finger: NotNegative = 0.12
     """Standard deviation at a knot, rad, of the fingers' actuators."""
-    wrist: _NotNegative = 0.04
+    wrist: NotNegative = 0.04
     """That of the wrists' actuators, rad."""
-    forearm: _NotNegative = 0.008
+    forearm: NotNegative = 0.008
     """That of the sliders on which the forearms stand, m."""
     decay: Share = 0.9
     """Share of the last control step's best change that is kept for the next one, in [0, 1]."""
@@ -49,13 +45,7 @@ class Candidates:
     """Draws changes as splines: values at a few knots, straight lines between them."""
 
     def __init__(self, noise: SamplingNoise, scene: PianoScene, horizon: int):
-        """Choose the standard deviation of each actuator.
-
-        Args:
-            noise: How much and where.
-            scene: Whose actuators are told.
-            horizon: Control steps, at least 1.
-        """
+        """Choose the standard deviation of each actuator, over one control step or more."""
         self._noise = noise
         of_kind = {"finger": noise.finger, "wrist": noise.wrist, "forearm": noise.forearm}
         self.deviation = np.array([of_kind[str(kind)] for kind in scene.actuator_kind])
@@ -85,7 +75,7 @@ class Candidates:
         return np.asarray(self._weights @ knots)
 
 
-def _spline(at: FloatArray | npt.NDArray[np.intp], times: FloatArray) -> FloatArray:
+def _spline(at: FloatArray | IntArray, times: FloatArray) -> FloatArray:
     """Return the weights of the knots at some times, (n, k); the last knot holds on."""
     unit = np.eye(len(times))
     return np.stack([np.interp(at, times, row) for row in unit], axis=1)

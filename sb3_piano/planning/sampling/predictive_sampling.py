@@ -20,8 +20,6 @@ from sb3_piano.planning.sampling.search import CandidateSearch, Simulations
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.settings import Count, Index, checked
 
-FloatArray = npt.NDArray[np.float64]
-
 NOMINALS = ("plan", "none")
 """Nominal commands that candidates may change."""
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.envs import PianoEnv
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning.sampling.cost import SamplingCost, wrong_keys
@@ -16,9 +16,6 @@ from sb3_piano.planning.sampling.noise import Candidates
 from sb3_piano.planning.tracker import Tracker
 from sb3_piano.simulation import PianoScene, Simulation, compile_scene
 from sb3_piano.threads import ThreadTeam
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
@@ -57,15 +54,7 @@ class CandidateSearch:
         candidates: Candidates,
         cost: SamplingCost,
     ):
-        """Put the parts together.
-
-        Args:
-            roll: What should sound.
-            simulations: In which candidates are played.
-            tracker: The plan that candidates change; None for hands at rest.
-            candidates: What knots stand for.
-            cost: What counts how much.
-        """
+        """Put the parts together; without a tracker candidates change hands at rest."""
         self._roll = roll
         self._simulations = simulations
         self._tracker = tracker
@@ -210,7 +199,7 @@ class Simulations:
         for data in self._datas[1:n]:
             mujoco.mj_copyData(data, model, first)
 
-    def advance(self, which: IntArray, controls: FloatArray) -> npt.NDArray[np.bool_]:
+    def advance(self, which: IntArray, controls: FloatArray) -> BoolArray:
         """Simulate a control step.
 
         Args:
@@ -242,7 +231,7 @@ class Simulations:
         """Return the positions of the fingertips, (m, 10, 3) m."""
         return np.stack([self.scene.fingertip_position(self._datas[n]) for n in which])
 
-    def press_points(self, which: IntArray, keys: npt.NDArray[np.intp]) -> FloatArray:
+    def press_points(self, which: IntArray, keys: IntArray) -> FloatArray:
         """Return where k keys should be pressed, (m, k, 3) m."""
         return np.stack([self.scene.press_point(self._datas[n], keys) for n in which])
 

@@ -15,11 +15,7 @@ from typing import Any
 
 @functools.cache
 def load_table(name: str) -> dict[str, Any]:
-    """Return the table ``<name>.json``; callers must not modify it.
-
-    Args:
-        name: ``"keyboard"`` or ``"shadow_hands"``.
-    """
+    """Return the table ``<name>.json``, keyboard or shadow_hands; callers must not modify it."""
     text = resources.files(__package__).joinpath(f"{name}.json").read_text(encoding="utf-8")
     table: dict[str, Any] = json.loads(text)
     return table

@@ -8,11 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sb3_piano.arrays import FloatArray
 from sb3_piano.music.score import Score
-
-Numbers = NDArray[np.float64]
 
 DEFAULT_TEMPO = 120.0
 """Quarter notes a minute where the score does not tell."""
@@ -69,7 +67,7 @@ def likely_tempo(score: Score) -> float:
     return best
 
 
-def _reading_costs(places: Numbers) -> Numbers:
+def _reading_costs(places: FloatArray) -> FloatArray:
     """Return how hard each note is to read, by where it begins in quarter notes: (notes,)."""
     costs = np.full(len(places), _ELSEWHERE)
     for parts, cost in reversed(_GRIDS):

@@ -1,0 +1,13 @@
+"""Types of NumPy arrays, by their elements; shapes and units stand where the arrays do."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+Float32Array = npt.NDArray[np.float32]
+IntArray = npt.NDArray[np.intp]
+BoolArray = npt.NDArray[np.bool_]
+FingerArray = npt.NDArray[np.int8]
+"""Labels of fingers: 0 to 9, -1 for none."""

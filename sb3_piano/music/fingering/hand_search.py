@@ -11,14 +11,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.music.fingering.ergonomic import OVERLAP, struck_together
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.music.note import Note
-
-Numbers = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 _BEAM = 32
 """Ways to share the piece between the hands that are followed at a time."""
@@ -33,12 +30,12 @@ class Chord:
     struck: list[Note]
     """In order of pitch."""
     held: list[Note]
-    left_takes: Flags
+    left_takes: BoolArray
     """(options, struck) which of these the left hand strikes."""
-    left_holds: Flags
+    left_holds: BoolArray
     """(ways, held) which of these it holds."""
 
-    def of_hand(self, hand: int) -> tuple[Flags, Flags]:
+    def of_hand(self, hand: int) -> tuple[BoolArray, BoolArray]:
         """Return what the right (0) or the left hand (1) strikes and holds; see above."""
         if hand:
             return self.left_takes, self.left_holds
@@ -52,13 +49,13 @@ class CostModel(Protocol):
     """
 
     @property
-    def start(self) -> Numbers:
+    def start(self) -> FloatArray:
         """(size,) the state of a hand that has not played yet."""
 
-    def options(self, struck: Sequence[Note]) -> Flags:
+    def options(self, struck: Sequence[Note]) -> BoolArray:
         """Return the ways to share notes that are struck together: (options, struck), if left."""
 
-    def costs(self, states: Numbers, chord: Chord) -> tuple[Numbers, Numbers]:
+    def costs(self, states: FloatArray, chord: Chord) -> tuple[FloatArray, FloatArray]:
         """Return what a chord costs, and what is then to be known.
 
         Args:
@@ -81,7 +78,7 @@ def search(notes: Sequence[Note], model: CostModel) -> list[Hand]:
     states = np.tile(model.start, (1, 2, 1))
     left_holds = np.zeros((1, 0), dtype=bool)
     sounding: list[int] = []
-    trail: list[tuple[list[int], Flags, NDArray[np.intp], NDArray[np.intp]]] = []
+    trail: list[tuple[list[int], BoolArray, IntArray, IntArray]] = []
     for together in struck_together(notes):
         group = sorted(together, key=lambda at: notes[at].pitch)
         onset = notes[together[0]].onset
@@ -112,13 +109,13 @@ def search(notes: Sequence[Note], model: CostModel) -> list[Hand]:
     return found
 
 
-def lowest_left(struck: Sequence[Note]) -> Flags:
+def lowest_left(struck: Sequence[Note]) -> BoolArray:
     """Return the ways to share notes in which the left hand takes the lowest: (options, struck)."""
     count = len(struck)
     return np.arange(count)[None, :] < np.arange(count + 1)[:, None]
 
 
-def extent(places: Numbers, chosen: Flags) -> tuple[Numbers, Numbers]:
+def extent(places: FloatArray, chosen: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Return the least and the greatest chosen place of each row; infinity and less if none is."""
     low = np.where(chosen, places, np.inf).min(1, initial=np.inf)
     high = np.where(chosen, places, -np.inf).max(1, initial=-np.inf)

@@ -193,7 +193,7 @@ class _Robot:
     """Cost of a finger that is not the written one."""
 
     def held(self, down: list[Press], struck: list[Press]) -> tuple[list[Press], list[Press]]:
-        # In its last state a key may come up: rounding to control steps makes legato overlap by one.
+        # In its last state a key may come up: legato overlaps by one when it is rounded to steps.
         return [press for press in down if press.last > struck[0].first], []
 
     def lay(

@@ -13,11 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.music.constants import FINGERS_PER_HAND, UNKNOWN_FINGER
 from sb3_piano.music.fingering.hand_search import (
     Chord,
-    Flags,
-    Numbers,
     extent,
     lowest_left,
     search,
@@ -77,13 +76,13 @@ class _Robot:
     control_timestep: float
 
     @property
-    def start(self) -> Numbers:
+    def start(self) -> FloatArray:
         return np.array([-np.inf, np.inf, -np.inf])
 
-    def options(self, struck: Sequence[Note]) -> Flags:
+    def options(self, struck: Sequence[Note]) -> BoolArray:
         return np.unique(np.vstack([lowest_left(struck), _written(struck)]), axis=0)
 
-    def costs(self, states: Numbers, chord: Chord) -> tuple[Numbers, Numbers]:
+    def costs(self, states: FloatArray, chord: Chord) -> tuple[FloatArray, FloatArray]:
         step = self.control_timestep
         onset, end = chord.onset / step, max(note.offset for note in chord.struck) / step
         keys = np.array([KEY_Y[note.key] for note in chord.struck])
@@ -107,12 +106,14 @@ class _Robot:
         return cost + np.where(near, _TOO_NEAR * missing, 0.0), after
 
 
-def _written(struck: Sequence[Note]) -> Flags:
+def _written(struck: Sequence[Note]) -> BoolArray:
     """Return which notes the score gives to the left hand."""
     return np.array([note.hand == "left" for note in struck])
 
 
-def _grip(low: Numbers, high: Numbers, count: Numbers, held: Numbers, holds: Flags) -> Numbers:
+def _grip(
+    low: FloatArray, high: FloatArray, count: FloatArray, held: FloatArray, holds: BoolArray
+) -> FloatArray:
     """Cost of striking and holding keys together: (ways, options)."""
     width = np.maximum(high - low, 0)
     strikes = _STRETCH * np.maximum(width / KEY_SPACING - 4, 0)
@@ -128,7 +129,9 @@ def _grip(low: Numbers, high: Numbers, count: Numbers, held: Numbers, holds: Fla
     return np.asarray(strikes + np.where(np.asarray(holds.any(axis=1))[:, None], cost, 0.0))
 
 
-def _places(states: Numbers, low: Numbers, high: Numbers, onset: float) -> tuple[Numbers, Numbers]:
+def _places(
+    states: FloatArray, low: FloatArray, high: FloatArray, onset: float
+) -> tuple[FloatArray, FloatArray]:
     """Return where a hand is to be, (ways, options, 2), and what it costs it to go there.
 
     Five fingers cover keys from two spacings below the middle finger to two above: a hand can be

@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.music.constants import FINGERS_PER_HAND
 from sb3_piano.music.fingering.ergonomic import TOGETHER
 from sb3_piano.music.fingering.hand_search import (
     Chord,
-    Flags,
-    Numbers,
     extent,
     lowest_left,
     search,
@@ -58,11 +57,11 @@ class _Pianist:
 
     start = np.array([0.0, 0.0, -np.inf])
 
-    def options(self, struck: Sequence[Note]) -> Flags:
+    def options(self, struck: Sequence[Note]) -> BoolArray:
         hands = np.array([note.hand or "" for note in struck])
         return np.unique(np.where(hands == "", lowest_left(struck), hands == "left"), axis=0)
 
-    def costs(self, states: Numbers, chord: Chord) -> tuple[Numbers, Numbers]:
+    def costs(self, states: FloatArray, chord: Chord) -> tuple[FloatArray, FloatArray]:
         keys = np.array([note.pitch for note in chord.struck], dtype=float)
         held = np.array([note.pitch for note in chord.held], dtype=float)
         cost = np.zeros((len(states), len(chord.left_takes)))
@@ -86,7 +85,9 @@ class _Pianist:
         return cost, after
 
 
-def _grip(low: Numbers, high: Numbers, count: Numbers, held: Numbers, holds: Flags) -> Numbers:
+def _grip(
+    low: FloatArray, high: FloatArray, count: FloatArray, held: FloatArray, holds: BoolArray
+) -> FloatArray:
     """Cost of striking and holding keys together: (ways, options)."""
     width = high - low
     strikes = _WIDTH * width + _WIDE * np.maximum(width - _COMFORTABLE, 0)
@@ -102,7 +103,7 @@ def _grip(low: Numbers, high: Numbers, count: Numbers, held: Numbers, holds: Fla
     return np.asarray(strikes + np.where(np.asarray(holds.any(1))[:, None], cost, 0.0))
 
 
-def _way(states: Numbers, middle: Numbers, onset: float) -> Numbers:
+def _way(states: FloatArray, middle: FloatArray, onset: float) -> FloatArray:
     way = np.abs(middle - states[:, _PLACE, None])
     cost = _WAY * way + _FAR * np.maximum(way - _REACH, 0)
     time = np.maximum(onset - states[:, _STRUCK, None], TOGETHER)
@@ -110,7 +111,7 @@ def _way(states: Numbers, middle: Numbers, onset: float) -> Numbers:
     return np.where(np.isfinite(time), speed * cost, _ENTRY)
 
 
-def _crossing(other: Numbers, sign: float, low: Numbers, onset: float) -> Numbers:
+def _crossing(other: FloatArray, sign: float, low: FloatArray, onset: float) -> FloatArray:
     depth = sign * other[:, _EDGE, None] - low
     fresh = np.exp(-(onset - other[:, _STRUCK, None]) / _MEMORY)
     return np.where(depth >= 0, fresh * (_CROSSING + _CROSSING_SIZE * depth), 0.0)

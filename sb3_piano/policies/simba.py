@@ -137,7 +137,6 @@ class _Simba(OwnActor, OwnCritics):
 
     net_arch: Any
     activation_fn: type[nn.Module]
-    critic_kwargs: dict[str, Any]
 
     def __init__(
         self,

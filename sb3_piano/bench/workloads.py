@@ -30,6 +30,7 @@ from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.envs.config import ObservationKind
 from sb3_piano.exceptions import SB3PianoError
+from sb3_piano.policies.encoders import EncoderName
 from sb3_piano.simulation import PHYSICS_PROFILES
 from sb3_piano.training import RunConfig, load_config
 from sb3_piano.training.runs.builders import build_model, build_vec_env
@@ -57,6 +58,11 @@ TRAINING_STEPS = 30
 _PEER_SCRIPT = Path(__file__).with_name("playback.py")
 _HERE = Path(__file__).resolve().parents[2]
 _ALGORITHMS = ("sac", "td3", "tqc")
+_POLICIES: dict[str, tuple[str, dict[str, Any]]] = {
+    "DroQ": ("DroQSACPolicy", {"net_arch": [256, 256, 256]}),
+    "SimBa": ("SimbaSACPolicy", {}),
+    **{name: ("EncoderSACPolicy", {"encoder": name}) for name in typing.get_args(EncoderName)},
+}
 
 Actions = npt.NDArray[np.float32]
 Ask = Callable[[object], Any]
@@ -200,13 +206,21 @@ def simulation_measurements(
 
 
 def update_measurements(stack: contextlib.ExitStack) -> list[Measurement]:
-    """Updates of each preset's networks: its default by observation, and for the debug pieces."""
+    """Updates of each preset's networks: its default by observation, and for the debug pieces.
+
+    SAC's with our policies, too, which see the first kind of observation.
+    """
     found = []
     for algo in _ALGORITHMS:
         kinds = typing.get_args(ObservationKind)
         base = f"{algo}, {kinds[0]}"
         configs = {f"{algo}, {kind}": _config(algo, observation=kind) for kind in kinds}
         configs[f"{algo} for debug pieces"] = _config(algo, ENV_ID)
+        for name, (policy, policy_kwargs) in _POLICIES.items() if algo == "sac" else ():
+            kwargs = {**configs[base].algorithm_kwargs, "policy_kwargs": policy_kwargs}
+            configs[f"{algo}, {name}"] = dataclasses.replace(
+                configs[base], policy=f"sb3_piano.policies.{policy}", algorithm_kwargs=kwargs
+            )
         for name, config in configs.items():
             run = partial(_run_updates, _filled_model(config, stack)[0])
             ratios = {} if name == base else {f"x of {base}": (name, base)}

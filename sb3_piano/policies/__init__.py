@@ -1,5 +1,6 @@
 """Policies for stock Stable-Baselines3 algorithms."""
 
+from sb3_piano.policies.encoders import EncoderSACPolicy, EncoderTD3Policy, EncoderTQCPolicy
 from sb3_piano.policies.hand_network import (
     hand_weights,
     load_hand_weights,
@@ -7,20 +8,36 @@ from sb3_piano.policies.hand_network import (
 )
 from sb3_piano.policies.hands import HandsActorCriticPolicy, HandsSACPolicy, HandsTD3Policy
 from sb3_piano.policies.regularized import (
+    DroQSACPolicy,
+    DroQTD3Policy,
+    DroQTQCPolicy,
     RegularizedSACPolicy,
     RegularizedTD3Policy,
+    RegularizedTQCPolicy,
     ResidualSACPolicy,
     ResidualTD3Policy,
 )
+from sb3_piano.policies.simba import RSNorm, SimbaSACPolicy, SimbaTD3Policy, SimbaTQCPolicy
 
 __all__ = [
+    "DroQSACPolicy",
+    "DroQTD3Policy",
+    "DroQTQCPolicy",
+    "EncoderSACPolicy",
+    "EncoderTD3Policy",
+    "EncoderTQCPolicy",
     "HandsActorCriticPolicy",
     "HandsSACPolicy",
     "HandsTD3Policy",
+    "RSNorm",
     "RegularizedSACPolicy",
     "RegularizedTD3Policy",
+    "RegularizedTQCPolicy",
     "ResidualSACPolicy",
     "ResidualTD3Policy",
+    "SimbaSACPolicy",
+    "SimbaTD3Policy",
+    "SimbaTQCPolicy",
     "hand_weights",
     "load_hand_weights",
     "set_standardization",

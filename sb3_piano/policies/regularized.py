@@ -1,4 +1,4 @@
-"""Policies of SAC and TD3 with regularised critics, and such ones for ``ResidualAction``."""
+"""Policies of SAC, TD3 and TQC with regularised critics: DroQ, and some for ``ResidualAction``."""
 
 from __future__ import annotations
 
@@ -7,70 +7,88 @@ from typing import Annotated, Any, cast
 
 import torch
 from annotated_types import Ge, Lt
+from sb3_contrib.tqc.policies import Critic as QuantileCritic
+from sb3_contrib.tqc.policies import TQCPolicy
 from stable_baselines3.common.policies import BasePolicy, ContinuousCritic
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
+from stable_baselines3.common.type_aliases import PyTorchObs
 from stable_baselines3.sac.policies import SACPolicy
 from stable_baselines3.td3.policies import TD3Policy
 from torch import nn
 
+from sb3_piano.policies.networks import OwnCritics
 from sb3_piano.settings import Number, checked
 
 Layer = type[nn.Module]
 
 
 class RegularizedCritic(ContinuousCritic):
-    """SB3's critics, their hidden layers with dropout and layer normalisation.
+    """SB3's critics, which may tell an actor's update something else than their own.
+
+    An actor's update alone differentiates by actions: in all others they are data.
 
     Args:
         *args: As of ``ContinuousCritic``.
-        dropout: Probability with which an activation is dropped while training, in [0, 1).
-        layer_norm: Whether hidden layers are normalised.
         action_cost: What is taken off the values of actions that are being optimised, times the
             mean of their squares. The values that are learnt do not have it.
+        mean_q: Whether actions are optimised by the mean of all critics, in place of their least
+            (SAC) or the first (TD3).
         **kwargs: As of ``ContinuousCritic``.
     """
 
-    def __init__(
-        self, *args: Any, dropout: float, layer_norm: bool, action_cost: float, **kwargs: Any
-    ) -> None:
+    def __init__(self, *args: Any, action_cost: float, mean_q: bool, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self._action_cost = action_cost
-        between = [functools.partial(_dropout, dropout)] if dropout > 0 else []
-        layers = cast(list[Layer], [*between, *([nn.LayerNorm] if layer_norm else [])])
-        first = cast(nn.Linear, cast(nn.Sequential, self.q_networks[0])[0])
-        self.q_networks = []
-        for index in range(self.n_critics):
-            network = nn.Sequential(
-                *create_mlp(
-                    first.in_features,
-                    1,
-                    kwargs["net_arch"],
-                    kwargs["activation_fn"],
-                    post_linear_modules=layers,
-                )
-            )
-            self.add_module(f"qf{index}", network)  # in place of the one that was there
-            self.q_networks.append(network)
+        self._action_cost, self._mean_q = action_cost, mean_q
 
     def forward(self, obs: torch.Tensor, actions: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        """Return what each critic says of actions, (n, 1)."""
-        return tuple(value - self._cost(actions) for value in super().forward(obs, actions))
+        """Return what each critic says of actions, (n, 1); of all as one if they are averaged."""
+        values = super().forward(obs, actions)
+        if not actions.requires_grad:
+            return values
+        if self._mean_q:
+            values = (torch.stack(values).mean(dim=0),)
+        cost = _cost(self._action_cost, actions)
+        return tuple(value - cost for value in values)
 
     def q1_forward(self, obs: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
-        """Return what the first critic says of actions, (n, 1)."""
-        return super().q1_forward(obs, actions) - self._cost(actions)
-
-    def _cost(self, actions: torch.Tensor) -> torch.Tensor | float:
-        # An actor's update alone differentiates by actions: those of others are data.
-        if not (self._action_cost and actions.requires_grad):
-            return 0.0
-        return self._action_cost * actions.square().mean(dim=1, keepdim=True)
+        """Return what the first critic says of actions, (n, 1), or the mean of all."""
+        if not actions.requires_grad:
+            return super().q1_forward(obs, actions)
+        if self._mean_q:
+            return self.forward(obs, actions)[0]
+        return super().q1_forward(obs, actions) - _cost(self._action_cost, actions)
 
 
-class _RegularizedCritics(BasePolicy):
-    """Policies with :class:`RegularizedCritic` in place of SB3's critics."""
+class RegularizedQuantileCritic(QuantileCritic):
+    """The same for TQC, whose actor is optimised by the mean of all critics anyway.
 
+    Args:
+        *args: As of TQC's ``Critic``.
+        action_cost: As of :class:`RegularizedCritic`.
+        mean_q: Makes no difference here.
+        **kwargs: As of TQC's ``Critic``.
+    """
+
+    def __init__(self, *args: Any, action_cost: float, mean_q: bool, **kwargs: Any) -> None:
+        del mean_q
+        super().__init__(*args, **kwargs)
+        self._action_cost = action_cost
+
+    def forward(self, obs: PyTorchObs, action: torch.Tensor) -> torch.Tensor:
+        """Return the quantiles of each critic, (n, critics, quantiles)."""
+        quantiles: torch.Tensor = super().forward(obs, action)
+        if not action.requires_grad:
+            return quantiles
+        return quantiles - _cost(self._action_cost, action)[..., None]
+
+
+class RegularizedCritics(OwnCritics):
+    """Policies whose critics have dropout and layer normalisation in their hidden layers."""
+
+    activation_fn: Layer
     critic_kwargs: dict[str, Any]
+    critic_target: Any
+    _critic_class: type[nn.Module] = RegularizedCritic
 
     def __init__(
         self,
@@ -78,27 +96,52 @@ class _RegularizedCritics(BasePolicy):
         dropout: float = 0.01,
         layer_norm: bool = True,
         action_cost: float = 0.0,
+        target_dropout: bool = False,
+        mean_q: bool = False,
         **kwargs: Any,
     ) -> None:
         self._regularization: dict[str, Any] = {
             "dropout": checked("dropout", dropout, Annotated[Number, Ge(0), Lt(1)]),
             "layer_norm": checked("layer_norm", layer_norm, bool),
             "action_cost": checked("action_cost", action_cost, Annotated[Number, Ge(0)]),
+            "target_dropout": checked("target_dropout", target_dropout, bool),
+            "mean_q": checked("mean_q", mean_q, bool),
         }
         super().__init__(*args, **kwargs)
 
-    def make_critic(
-        self, features_extractor: BaseFeaturesExtractor | None = None
-    ) -> RegularizedCritic:
-        """Return new critics."""
+    def set_training_mode(self, mode: bool) -> None:
+        """Switch dropout on or off; stock policies leave target critics as they are."""
+        super().set_training_mode(mode)
+        if self._regularization["target_dropout"]:
+            for network in self.critic_target.q_networks:  # not a features extractor's statistics
+                network.train(mode)
+
+    def _stock_critic(self, features_extractor: BaseFeaturesExtractor | None) -> Any:
         arguments = self._update_features_extractor(self.critic_kwargs, features_extractor)
-        return RegularizedCritic(**arguments, **self._regularization).to(self.device)
+        own = {name: self._regularization[name] for name in ("action_cost", "mean_q")}
+        return self._critic_class(**arguments, **own)
+
+    def _critic_network(self, inputs: int, outputs: int) -> nn.Module:
+        return nn.Sequential(*self._regularized_mlp(inputs, outputs))
+
+    def _regularized_mlp(self, inputs: int, outputs: int) -> list[nn.Module]:
+        """Return the layers of a critic."""
+        dropout = self._regularization["dropout"]
+        between = [functools.partial(_dropout, dropout)] if dropout > 0 else []
+        norm = [nn.LayerNorm] if self._regularization["layer_norm"] else []
+        return create_mlp(
+            inputs,
+            outputs,
+            self.critic_kwargs["net_arch"],
+            self.activation_fn,
+            post_linear_modules=cast(list[Layer], [*between, *norm]),
+        )
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         return {**super()._get_constructor_parameters(), **self._regularization}
 
 
-class RegularizedSACPolicy(_RegularizedCritics, SACPolicy):
+class RegularizedSACPolicy(RegularizedCritics, SACPolicy):
     """SB3's ``MlpPolicy`` of SAC with regularised critics.
 
     Args:
@@ -108,6 +151,9 @@ class RegularizedSACPolicy(_RegularizedCritics, SACPolicy):
         layer_norm: Whether the hidden layers of the critics are normalised.
         action_cost: How much the actor heeds the mean square of its actions, in units of the
             critics' values, 0 or more: an anchor for corrections of something that plays already.
+        target_dropout: Whether target critics drop out, too, while training; SB3 keeps them in
+            evaluation mode.
+        mean_q: Whether the actor is optimised by the mean of the critics.
         **kwargs: As of SB3's, such as ``net_arch``.
 
     Raises:
@@ -115,21 +161,56 @@ class RegularizedSACPolicy(_RegularizedCritics, SACPolicy):
     """
 
 
-class RegularizedTD3Policy(_RegularizedCritics, TD3Policy):
-    """SB3's ``MlpPolicy`` of TD3 with regularised critics.
+class RegularizedTD3Policy(RegularizedCritics, TD3Policy):
+    """SB3's ``MlpPolicy`` of TD3 so; arguments as of :class:`RegularizedSACPolicy`."""
+
+
+class RegularizedTQCPolicy(RegularizedCritics, TQCPolicy):
+    """TQC's ``MlpPolicy`` so; arguments as of :class:`RegularizedSACPolicy`."""
+
+    _critic_class = RegularizedQuantileCritic
+
+
+class _DroQ(RegularizedCritics):
+    """Policies with DroQ's defaults."""
+
+    def __init__(
+        self, *args: Any, target_dropout: bool = True, mean_q: bool = True, **kwargs: Any
+    ) -> None:
+        super().__init__(*args, target_dropout=target_dropout, mean_q=mean_q, **kwargs)
+
+
+class DroQSACPolicy(_DroQ, RegularizedSACPolicy):
+    """DroQ under stock SAC: dropout and layer normalisation in critics and their targets.
+
+    Dropout is active in critics and targets throughout an update, and nowhere else. The actor is
+    optimised by the mean of the critics, targets have their least. Updates for each step are
+    ``gradient_steps`` of the algorithm: 20 in the paper, 1 in RoboPianist. The paper updates the
+    actor only in the last of them; stock SAC does in each.
+
+    Source: Hiraoka et al. (2022), "Dropout Q-Functions for Doubly Efficient Reinforcement
+    Learning", algorithm 2. RoboPianist (Zakka et al. 2023) trains with it: ``dropout`` 0.01 and a
+    ``net_arch`` of [256, 256, 256].
 
     Args:
-        *args: As of SB3's.
-        dropout: Probability with which an activation of a critic is dropped while training, 0 to
-            less than 1.
-        layer_norm: Whether the hidden layers of the critics are normalised.
-        action_cost: How much the actor heeds the mean square of its actions, in units of the
-            critics' values, 0 or more: an anchor for corrections of something that plays already.
-        **kwargs: As of SB3's, such as ``net_arch``.
-
-    Raises:
-        ConfigError: If ``dropout`` or ``action_cost`` is out of range.
+        *args: As of :class:`RegularizedSACPolicy`.
+        target_dropout: As there, by default true.
+        mean_q: As there, by default true.
+        **kwargs: As there.
     """
+
+
+class DroQTD3Policy(_DroQ, RegularizedTD3Policy):
+    """DroQ's critics under stock TD3; arguments as of :class:`DroQSACPolicy`."""
+
+
+class DroQTQCPolicy(_DroQ, RegularizedTQCPolicy):
+    """DroQ's critics under stock TQC; arguments as of :class:`DroQSACPolicy`."""
+
+
+def _cost(weight: float, actions: torch.Tensor) -> torch.Tensor:
+    """Return what actions cost an actor, (n, 1)."""
+    return weight * actions.square().mean(dim=1, keepdim=True)
 
 
 def _dropout(probability: float, features: int) -> nn.Dropout:

@@ -160,10 +160,13 @@ def test_each_preset_is_updated_with_each_observation(short, trained):
         ):
             expected[f"{algo}, {observation}"] = (kind, 2, 256, size, 4)
         expected[f"{algo} for debug pieces"] = (kind, 2, 128, 130, 4)
+        if algo == "sac":
+            for policy in ("DroQ", "SimBa", "mlp", "conv", "transformer"):
+                expected[f"sac, {policy}"] = (SAC, 2, 256, 1124, 4)
     assert [measurement.name for measurement in measurements] == list(expected)
     assert trained == list(expected.values())
     assert measurements[0].ratios == {}
-    for name in (measurements[1].name, measurements[3].name):
+    for name in (measurements[1].name, measurements[3].name, "sac, SimBa"):
         by_name = {measurement.name: measurement.ratios for measurement in measurements}
         assert by_name[name] == {"x of sac, roll": (name, "sac, roll")}
 

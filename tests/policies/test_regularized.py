@@ -7,14 +7,24 @@ import copy
 import gymnasium as gym
 import pytest
 import torch
+from sb3_contrib import TQC
 from stable_baselines3 import SAC, TD3
 from torch import nn
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.policies import RegularizedSACPolicy, RegularizedTD3Policy
+from sb3_piano.policies import (
+    DroQSACPolicy,
+    DroQTD3Policy,
+    DroQTQCPolicy,
+    RegularizedSACPolicy,
+    RegularizedTD3Policy,
+    RegularizedTQCPolicy,
+    RSNorm,
+)
 
 ALGORITHMS = [(SAC, RegularizedSACPolicy), (TD3, RegularizedTD3Policy)]
 IDS = ["sac", "td3"]
+DROQ = {SAC: DroQSACPolicy, TD3: DroQTD3Policy, TQC: DroQTQCPolicy}
 
 
 def make(algorithm, policy, **policy_kwargs):
@@ -143,3 +153,83 @@ def test_actions_cost_their_mean_square_where_they_are_optimised_and_nowhere_els
     assert loaded.policy._get_constructor_parameters()["action_cost"] == cost
     with pytest.raises(ConfigError, match="action_cost is -1: expected"):
         make(algorithm, policy, action_cost=-1)
+
+
+def make_droq(algorithm, **policy_kwargs):
+    return algorithm(
+        DROQ[algorithm],
+        "Pendulum-v1",
+        policy_kwargs={"net_arch": [16], **policy_kwargs},
+        learning_starts=4,
+        batch_size=4,
+        seed=0,
+        device="cpu",
+    )
+
+
+@pytest.mark.parametrize("algorithm", DROQ)
+def test_droq_drops_out_in_critics_and_targets_throughout_updates_and_nowhere_else(algorithm):
+    model = make_droq(algorithm, dropout=0.5)
+    active = {"critic": [], "critic_target": []}
+    for name, heard in active.items():
+        for network in getattr(model, name).q_networks:
+            assert kinds(network) == [nn.Linear, nn.Dropout, nn.LayerNorm, nn.ReLU, nn.Linear]
+            network[1].register_forward_hook(lambda layer, *_, h=heard: h.append(layer.training))
+    model.learn(4)
+    model.train(gradient_steps=3, batch_size=4)
+    for name, heard in active.items():
+        assert len(heard) >= 6, name
+        assert all(heard), name
+    inputs = transitions(model)
+    for training in (True, False):
+        model.policy.set_training_mode(training)
+        for critic in (model.critic, model.critic_target):
+            first, second = (torch.as_tensor(critic(*inputs)[0]) for _ in range(2))
+            assert torch.equal(first, second) != training
+        first, second = (model.actor(inputs[0]) for _ in range(2))
+        if algorithm is TD3:
+            assert torch.equal(first, second)
+
+
+def test_droq_leaves_the_statistics_of_a_targets_extractor_alone():
+    model = make_droq(SAC, features_extractor_class=RSNorm)
+    model.policy.set_training_mode(True)
+    assert model.critic_target.q_networks[0][1].training
+    assert not model.critic_target.features_extractor.training
+    model.learn(8)
+    mean = model.critic.features_extractor.running_mean
+    assert torch.equal(model.critic_target.features_extractor.running_mean, mean)
+
+
+def test_droqs_actor_is_optimised_by_the_mean_of_the_critics_and_its_targets_are_not():
+    for algorithm in (SAC, TD3):
+        model = make_droq(algorithm, dropout=0.0, n_critics=3)
+        observations, actions = transitions(model)
+        with torch.no_grad():
+            values = torch.stack(model.critic(observations, actions))
+        assert values.shape == (3, 32, 1)
+        given = actions.clone().requires_grad_()
+        (mean,) = model.critic(observations, given)
+        torch.testing.assert_close(mean, values.mean(dim=0))
+        torch.testing.assert_close(model.critic.q1_forward(observations, given), mean)
+        torch.testing.assert_close(model.critic.q1_forward(observations, actions), values[0])
+
+
+def test_droqs_settings_can_be_taken_back_and_are_saved(tmp_path):
+    model = make_droq(SAC, target_dropout=False, mean_q=False, dropout=0.5)
+    model.policy.set_training_mode(True)
+    assert not model.critic_target.q_networks[0][1].training
+    observations, actions = transitions(model)
+    assert len(model.critic(observations, actions.requires_grad_())) == 2
+    model.policy.save(tmp_path / "policy.pt")
+    parameters = DroQSACPolicy.load(tmp_path / "policy.pt")._get_constructor_parameters()
+    assert not parameters["target_dropout"]
+    assert not parameters["mean_q"]
+
+
+def test_an_action_cost_is_the_same_for_quantiles():
+    model = make(TQC, RegularizedTQCPolicy, dropout=0.0, action_cost=0.3)
+    observations, actions = transitions(model)
+    wanted = 0.3 * actions.square().mean(dim=1)[:, None, None].expand(-1, 2, 25)
+    less = model.critic(observations, actions.clone().requires_grad_())
+    torch.testing.assert_close(model.critic(observations, actions) - less, wanted)

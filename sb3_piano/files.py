@@ -23,6 +23,17 @@ T = TypeVar("T")
 PARTIAL_SUFFIX = ".partial"
 """Suffix of a file that is being written; one that is left over may be deleted."""
 
+
+class Place:
+    """A file or folder in the folder ``path`` of an object, as an attribute of that."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __get__(self, owner: Any, kind: object = None) -> Path:
+        return owner.path / self._name
+
+
 _REFUSALS = tuple(
     getattr(errno, name)
     for name in ("EACCES", "EDQUOT", "EFBIG", "EIO", "ENOSPC", "EROFS")

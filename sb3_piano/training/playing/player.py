@@ -147,9 +147,9 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         """
         return self._record(seed, resting=False)
 
-    def rest(self, *, seed: int | None = None) -> Recording | None:
+    def rest(self) -> Recording | None:
         """Return an episode in which the hands rest; ``None`` if the environment is no piano."""
-        return next(self._record(seed, resting=True)) if self._recorder.can_rest else None
+        return next(self._record(None, resting=True)) if self._recorder.can_rest else None
 
     def predict(
         self,

@@ -20,7 +20,7 @@ import yaml
 
 import sb3_piano
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.files import write_text
+from sb3_piano.files import Place, write_text
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music.library import user_library
 from sb3_piano.players.hand_model import FILE_NAME as HAND_FILE
@@ -36,16 +36,6 @@ MODEL = "model"
 
 _EXPECTED = "expected a folder that 'sb3-piano train' made"
 _PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch")
-
-
-class _Place:
-    """A file or folder in a run's folder, as an attribute of that."""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-
-    def __get__(self, run: RunFolder, owner: object = None) -> Path:
-        return run.path / self._name
 
 
 @dataclass(frozen=True)
@@ -77,16 +67,16 @@ class RunFolder:
 
     path: Path
 
-    config_file = _Place("config.yml")
-    provenance_file = _Place("run.yml")
-    model_file = _Place("model.zip")
-    statistics_file = _Place("vecnormalize.pkl")
-    weights_file = _Place("policy.safetensors")
-    hand_file = _Place(HAND_FILE)
-    checkpoint_dir = _Place("checkpoint")
-    monitor_dir = _Place("monitor")
-    tensorboard_dir = _Place("tensorboard")
-    evaluation_dir = _Place("evaluation")
+    config_file = Place("config.yml")
+    provenance_file = Place("run.yml")
+    model_file = Place("model.zip")
+    statistics_file = Place("vecnormalize.pkl")
+    weights_file = Place("policy.safetensors")
+    hand_file = Place(HAND_FILE)
+    checkpoint_dir = Place("checkpoint")
+    monitor_dir = Place("monitor")
+    tensorboard_dir = Place("tensorboard")
+    evaluation_dir = Place("evaluation")
 
     @classmethod
     def create(
@@ -168,7 +158,7 @@ class RunFolder:
         content = read_yaml_mapping(self.config_file)
         kind: type[PlayConfig] = PlannedConfig if content.get("algo") in PLANNERS else RunConfig
         try:
-            config = kind.from_mapping(content)
+            config = kind(**content)
         except ConfigError as error:
             raise ConfigError(f"'{self.config_file}': {error}") from error
         found = {name: self.path / file for name, file in _files(config).items()}

@@ -75,11 +75,9 @@ PALETTE = {
 
 
 def render(template: str, **context: Any) -> str:
-    """Return a page; whatever stands in its context is escaped.
+    """Return a page of a template in ``templates/``; whatever stands in its context is escaped.
 
-    Args:
-        template: Name of a file in ``templates/``.
-        context: What the template names. Figures may hold arrays and be Plotly's own.
+    Figures may hold arrays and be Plotly's own.
     """
     return _environment().get_template(template).render(context)
 

@@ -59,7 +59,7 @@ class ThreadTeam:
             _do(job, self._own)
             errors = [future.exception() for future in futures]  # which waits for them
         except BaseException:  # Ctrl-C may come at any line: not all threads need have begun
-            wait(self._submit(_nothing))
+            wait(self._submit(lambda slot: None))
             raise
         for error in errors:
             if error is not None:
@@ -90,10 +90,6 @@ def usable_cores() -> int:
 def _do(job: Job, slots: range) -> None:
     for slot in slots:
         job(slot)
-
-
-def _nothing(slot: int) -> None:
-    del slot
 
 
 @contextlib.contextmanager

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
 
 Interval = tuple[float, float]
 
@@ -80,6 +79,8 @@ def bootstrap_interval(values: npt.ArrayLike) -> Interval | None:
     values = np.asarray(values, dtype=np.float64)
     if len(values) < 2 or np.ptp(values) == 0:
         return None
+    from scipy import stats  # slow to import, and of no use to most commands
+
     found = stats.bootstrap(
         (values,),
         np.mean,
@@ -108,6 +109,8 @@ def signed_rank_test(differences: npt.ArrayLike) -> SignedRankTest:
         if len(differences) < 2:
             reason = "fewer than 2 pairs"
         return SignedRankTest(n=len(counted), p=None, least_p=None, no_test=reason)
+    from scipy import stats
+
     # Only ranks count; without rounding, equal sizes would differ in their last digits.
     sizes = np.round(counted / np.abs(counted).max(), 12)
     return SignedRankTest(

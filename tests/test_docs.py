@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 import yaml
+from fresh_python import run_python
 
 from sb3_piano.cli import main
 from sb3_piano.cli.main import _parser
@@ -36,9 +34,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
 
 def run(code: list[str], folder: Path) -> str:
-    one_thread = {**os.environ, "OMP_NUM_THREADS": "1"}  # faster for such small networks
-    command = [sys.executable, *code]
-    done = subprocess.run(command, cwd=folder, env=one_thread, capture_output=True, text=True)
+    done = run_python(code, folder)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -23,7 +23,6 @@ from stable_baselines3.common.vec_env import (
     VecEnv,
     VecMonitor,
     VecNormalize,
-    VecTransposeImage,
     sync_envs_normalization,
     unwrap_vec_normalize,
 )
@@ -156,8 +155,6 @@ def _rewrapped(wrapper: VecEnvWrapper, venv: VecEnv) -> VecEnv:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "The environment is already wrapped")
             return VecMonitor(venv)  # without the file
-    if isinstance(wrapper, VecTransposeImage):
-        return VecTransposeImage(venv)
     if isinstance(wrapper, VecNormalize):
         normalization = deepcopy(wrapper)  # leaves out its vector
         normalization.set_venv(venv)

@@ -59,7 +59,7 @@ def write_best(study: optuna.Study, config: StudyConfig, folder: StudyFolder) ->
         "",
         f"Value:     {objective_in_words(config)}",
         f"Training:  {training_in_words(config)}",
-        f"Versions:  {', '.join(f'{name} {version}' for name, version in versions if version)}",
+        f"Versions:  {', '.join(f'{name} {version}' for name, version in versions)}",
         "",
         CAVEAT,
         "",

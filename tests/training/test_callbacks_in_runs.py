@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 
 import gymnasium as gym
 import pytest
 from acting import VEC_ENVS, scalars
 from every_callback import ENV_ID, check_what_was_written, write_yaml
+from fresh_python import run_python
 from stable_baselines3 import TD3
 
 from sb3_piano.cli import main
@@ -107,12 +105,11 @@ def test_every_callback_from_one_yaml_file_in_sb3_piano_train(midi_file, tmp_pat
 def test_every_callback_from_one_yaml_file_in_the_stock_zoo(midi_file, tmp_path):
     pytest.importorskip("rl_zoo3")
     write_yaml(tmp_path / "all.yml", midi_file, tmp_path)
-    command = [sys.executable, "-m", "rl_zoo3.train", "--algo", "td3", "--env", ENV_ID]
+    command = ["-m", "rl_zoo3.train", "--algo", "td3", "--env", ENV_ID]
     command += ["--gym-packages", "sb3_piano", "--conf-file", str(tmp_path / "all.yml")]
     command += ["--seed", "1", "--log-folder", str(tmp_path / "logs"), "--eval-freq", "-1"]
     command += ["--tensorboard-log", str(tmp_path / "tb"), "--log-interval", "1"]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    done = run_python(command, tmp_path)
     assert done.returncode == 0, done.stderr
     check_what_was_written(tmp_path, tmp_path / "tb" / ENV_ID / "TD3_1")
     # the evaluations, of 25 steps each, left no line in the training's file

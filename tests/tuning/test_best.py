@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
-import os
 import shlex
-import subprocess
-import sys
 
 import pytest
 import torch
@@ -24,6 +21,7 @@ from finished_study import (
     prune,
     study_config,
 )
+from fresh_python import run_python
 from rl_zoo3.utils import StoreDict
 from stable_baselines3 import SAC
 
@@ -264,12 +262,7 @@ def train_by_both_commands(file, tmp_path):
     assert ours[0] == "sb3-piano"
     assert main([*ours[1:], "--no-progress", "--run", str(tmp_path / "ours")]) == 0
     assert theirs[0] == "python"
-    done = subprocess.run(
-        [sys.executable, *theirs[1:], "--log-folder", str(tmp_path / "zoo")],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-    )
+    done = run_python([*theirs[1:], "--log-folder", str(tmp_path / "zoo")], tmp_path)
     assert done.returncode == 0, done.stderr
     (zoo_run,) = (tmp_path / "zoo").glob("*/*_1")
     return tmp_path / "ours", zoo_run

@@ -216,17 +216,10 @@ def provenance(seed: int | None) -> dict[str, Any]:
         "torch_threads": torch.get_num_threads(),
         "versions": {
             "sb3_piano": sb3_piano.__version__,
-            **{package: _version(package) for package in _PACKAGES},
+            **{package: importlib.metadata.version(package) for package in _PACKAGES},
             "python": platform.python_version(),
         },
     }
-
-
-def _version(package: str) -> str | None:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return None
 
 
 def _files(config: PlayConfig) -> dict[str, str]:

@@ -232,7 +232,7 @@ def test_several_environments_in_threads_or_processes_of_their_own(run, vec_env)
     assert result.num_timesteps == 80
     assert result.folder.read_config().vec_env == vec_env
     assert len(list(result.folder.monitor_dir.glob("*.monitor.csv"))) == 2
-    if vec_env == "processes":  # the others go on in other tests
+    if vec_env == "threads":  # processes go on in test_folder.py
         again = resume(result.folder.path, 120, progress_bar=False)
         assert (again.started_at, again.num_timesteps) == (80, 120)
 

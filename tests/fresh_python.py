@@ -33,6 +33,7 @@ def run_python(
 
     with tempfile.TemporaryDirectory() as place, pytest.MonkeyPatch.context() as patch:
         patch.setenv("OMP_NUM_THREADS", "1")  # faster for the small networks of the tests
+        patch.setenv("MPLBACKEND", "Agg")
         files = [Path(place, name) for name in ("stdout", "stderr")]
         process = _context.Process(target=_run, args=(list(arguments), folder, path, files))
         process.start()

@@ -11,7 +11,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -156,7 +156,11 @@ class RunFolder:
     def read_config(self) -> PlayConfig:
         """Return the run's settings; a score file is that of the folder, wherever it is now."""
         content = read_yaml_mapping(self.config_file)
-        kind: type[PlayConfig] = PlannedConfig if content.get("algo") in PLANNERS else RunConfig
+        kind: type[PlayConfig] = RunConfig
+        if content.get("algo") in PLANNERS:
+            kind = PlannedConfig
+            trained = {f.name for f in fields(RunConfig)} - {f.name for f in fields(kind)}
+            content = {n: v for n, v in content.items() if n not in trained}  # in folders of before
         try:
             config = kind(**content)
         except ConfigError as error:

@@ -59,16 +59,10 @@ def one_line(error: Exception) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def near_names(name: str, known: Iterable[str], count: int = 3) -> str:
-    """Return ``" Did you mean 'a' or 'b'?"``, or an empty string if nothing is similar.
-
-    Args:
-        name: What the user wrote.
-        known: The names that would have been valid.
-        count: The most suggestions to make.
-    """
+def near_names(name: str, known: Iterable[str]) -> str:
+    """Return ``" Did you mean 'a' or 'b'?"``, or an empty string if nothing is similar."""
     by_lower = {candidate.lower(): candidate for candidate in known}
-    matches = difflib.get_close_matches(name.lower(), by_lower, n=count, cutoff=0.5)
+    matches = difflib.get_close_matches(name.lower(), by_lower, n=3, cutoff=0.5)
     if not matches:
         return ""
     return f" Did you mean {' or '.join(repr(by_lower[match]) for match in matches)}?"

@@ -23,6 +23,17 @@ T = TypeVar("T")
 PARTIAL_SUFFIX = ".partial"
 """Suffix of a file that is being written; one that is left over may be deleted."""
 
+
+class Place:
+    """A file or folder in the folder ``path`` of an object, as an attribute of that."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __get__(self, owner: Any, kind: object = None) -> Path:
+        return owner.path / self._name
+
+
 _REFUSALS = tuple(
     getattr(errno, name)
     for name in ("EACCES", "EDQUOT", "EFBIG", "EIO", "ENOSPC", "EROFS")
@@ -47,13 +58,9 @@ def disk_refusal(error: BaseException | None) -> str | None:
 def write_atomically(path: Path, write: Callable[[BufferedWriter], object]) -> None:
     """Write a file so that a reader, or a killed process, never leaves or sees half of it.
 
-    The bytes go to a neighbouring file, reach the disk, and take the final name in one step, which
-    reaches the disk before this returns. If that fails the neighbouring file is deleted; only a
-    killed process leaves it behind.
-
-    Args:
-        path: The file to create or replace; its folder must exist.
-        write: Is called with the open binary file.
+    ``write`` is called with a neighbouring file, whose bytes reach the disk before it takes the
+    final name in one step, which reaches the disk before this returns. If that fails the
+    neighbouring file is deleted; only a killed process leaves it behind.
     """
     partial = path.with_name(path.name + PARTIAL_SUFFIX)
     try:
@@ -121,10 +128,7 @@ def read_json(path: Path, kind: type[T], expected: str) -> T | None:
 def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
     """Write a line of names and one for each row by :func:`write_atomically`.
 
-    Args:
-        path: The file to create or replace; its folder must exist.
-        columns: Names of the columns.
-        rows: Values by column; what is missing or ``None`` is left empty.
+    What is missing in a row or ``None`` is left empty.
     """
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")

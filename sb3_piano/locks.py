@@ -53,20 +53,6 @@ def hold(path: Path, busy: Callable[[str], Exception] | None = None) -> Iterator
             lock.release()
 
 
-def is_held(path: Path) -> bool | None:
-    """Return whether a process has a lock; ``None`` if its file is not there.
-
-    Of two that look at once at a lock of a dead process, one may still take it for held.
-    """
-    if not path.exists():
-        return None
-    try:
-        with FileLock(path, blocking=False):
-            return False
-    except Timeout:
-        return True
-
-
 def _owner(path: Path) -> str:
     try:
         return path.read_text() or "another process"

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -76,43 +74,17 @@ class Performance:
         Times are those of the episode, the initial silence included; a note's finger is the one
         that was nearest when the key went down.
         """
-        presses = self.presses
-        notes = _notes(
-            presses.key,
-            self.strike_time,
-            self.release_time,
-            self.press_finger[presses.first, presses.key],
-        )
+        presses, step = self.presses, self.roll.control_timestep
+        fingers = self.press_finger[presses.first, presses.key].tolist()
+        notes = [
+            Note(onset=onset, offset=offset, pitch=MIN_PITCH + key, finger=finger)
+            for key, onset, offset, finger in zip(
+                presses.key.tolist(), self.strike_time, self.release_time, fingers, strict=True
+            )
+        ]
         if not notes:
             return None
-        return Score(notes=notes, pedals=self._pedals(self.sustain), title=self.title)
-
-    def target_score(self) -> Score:
-        """Return what should have been played, on the clock of the episode."""
-        roll = self.roll
-        presses = presses_of(roll.active)
-        notes = _notes(
-            presses.key,
-            roll.onset_time,
-            presses.end * roll.control_timestep,
-            roll.finger[presses.first, presses.key],
-        )
-        return Score(notes=notes, pedals=self._pedals(roll.sustain), title=self.title)
-
-    def _pedals(self, sustain: BoolArray) -> list[Pedal]:
-        step = self.roll.control_timestep
-        presses = presses_of(sustain[:, None])
-        spans = zip(presses.first.tolist(), presses.end.tolist(), strict=True)
-        return [Pedal(onset=first * step, offset=end * step) for first, end in spans]
-
-
-def _notes(
-    keys: Iterable[int],
-    onsets: FloatArray,
-    offsets: npt.NDArray[np.floating[Any]],
-    fingers: FingerArray,
-) -> list[Note]:
-    return [
-        Note(onset=onset, offset=offset, pitch=MIN_PITCH + int(key), finger=int(finger))
-        for key, onset, offset, finger in zip(keys, onsets, offsets, fingers, strict=True)
-    ]
+        down = presses_of(self.sustain[:, None])
+        spans = zip(down.first.tolist(), down.end.tolist(), strict=True)
+        pedals = [Pedal(onset=first * step, offset=end * step) for first, end in spans]
+        return Score(notes=notes, pedals=pedals, title=self.title)

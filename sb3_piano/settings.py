@@ -121,12 +121,7 @@ def settings(cls: type[T]) -> type[T]:
 
 
 def checked(name: str, value: Any, kind: Any) -> Any:
-    """Return a single value as an annotation wants it.
-
-    Args:
-        name: What it is called where it was given.
-        value: The value.
-        kind: The annotation, such as ``Annotated[Whole, Ge(1)]``.
+    """Return a single value, called by its name, as an annotation wants it.
 
     Raises:
         ConfigError: If it does not fit.
@@ -140,14 +135,10 @@ def checked(name: str, value: Any, kind: Any) -> Any:
 def refuse_unknown(names: Iterable[str], known: Iterable[str], what: str, of: str = "") -> None:
     """Refuse names that mean nothing.
 
-    Args:
-        names: What was given.
-        known: The names that are valid.
-        what: What the message calls a name, such as "reward term".
-        of: What they are names of.
+    The message calls a name ``what``, such as "reward term", and says of what it is one.
 
     Raises:
-        ConfigError: If one is unknown.
+        ConfigError: If one is not among those that are known.
     """
     known = list(known)
     for name in names:
@@ -167,10 +158,8 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 def _message(error: ValidationError, kinds: Mapping[str, Any], *names: str) -> str:
     """Return what is wrong with the first value that does not fit.
 
-    Args:
-        error: What pydantic found.
-        kinds: Annotation of each value by its name, with which the error's place begins.
-        *names: What comes before the error's place.
+    ``kinds`` has the annotation of each value by its name, with which the error's place begins;
+    ``names`` are what comes before that place.
     """
     first = error.errors(include_url=False)[0]
     raised = first.get("ctx", {}).get("error")

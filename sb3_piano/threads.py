@@ -24,23 +24,21 @@ Job = Callable[[int], object]
 
 
 class ThreadTeam:
-    """Do a job for each of n slots, shared out among threads.
+    """Do a job for each of n slots, shared out among threads, which start with the first job.
 
     Each thread has neighbouring slots, the first ones belong to the calling thread. As long as that
     stays the same, a slot is always served by one thread, which drawing contexts need.
+
+    Args:
+        n_slots: How many slots there are, at least 1.
+        n_threads: Threads to use, the calling one included; by default one for each slot or
+            each usable core, whichever are fewer. More than slots are never used.
 
     Raises:
         ConfigError: If ``n_threads`` is not a whole number from 1 on.
     """
 
     def __init__(self, n_slots: int, n_threads: int | None = None):
-        """Share out the slots. The threads start with the first job.
-
-        Args:
-            n_slots: How many slots there are, at least 1.
-            n_threads: Threads to use, the calling one included; by default one for each slot or
-                each usable core, whichever are fewer. More than slots are never used.
-        """
         n_threads = checked("n_threads", n_threads, Annotated[Whole, Ge(1)] | None)
         self.n_threads = min(n_slots, n_threads or usable_cores())
         """Number of threads that do the work, the calling one included."""
@@ -51,12 +49,8 @@ class ThreadTeam:
     def run(self, job: Job) -> None:
         """Do a job for every slot; return or raise when no thread is at work any more.
 
-        Args:
-            job: Called with each slot's number. A thread leaves out the rest of its slots if one
-                of them fails.
-
-        Raises:
-            BaseException: What the job raised, for the first slot that failed.
+        A thread leaves out the rest of its slots if one of them fails. What the job raised for the
+        first slot that failed is raised here.
         """
         if not self._executors:
             self._executors = [ThreadPoolExecutor(max_workers=1) for _ in self._shares]
@@ -65,7 +59,7 @@ class ThreadTeam:
             _do(job, self._own)
             errors = [future.exception() for future in futures]  # which waits for them
         except BaseException:  # Ctrl-C may come at any line: not all threads need have begun
-            wait(self._submit(_nothing))
+            wait(self._submit(lambda slot: None))
             raise
         for error in errors:
             if error is not None:
@@ -96,10 +90,6 @@ def usable_cores() -> int:
 def _do(job: Job, slots: range) -> None:
     for slot in slots:
         job(slot)
-
-
-def _nothing(slot: int) -> None:
-    del slot
 
 
 @contextlib.contextmanager

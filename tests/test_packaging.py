@@ -72,7 +72,9 @@ def test_the_wheel_holds_the_tracked_files_of_the_package_and_nothing_else(built
 def test_the_installed_wheel_makes_an_env_and_loads_a_preset(built, tmp_path):
     (wheel,) = built.glob("*.whl")
     site = tmp_path / "site"
-    run(sys.executable, "-m", "pip", "install", "--no-deps", "--target", site, wheel)
+    run(
+        sys.executable, "-m", "pip", "install", "--no-deps", "--no-compile", "--target", site, wheel
+    )
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     imported = run(sys.executable, "-c", USE, cwd=elsewhere, env=os.environ | {"PYTHONPATH": site})

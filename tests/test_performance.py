@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music import Note, Pedal, PianoRoll, Score
@@ -22,18 +20,6 @@ DUE = Score(
     pedals=[Pedal(onset=0.05, offset=0.2)],
     title="two notes",
 )
-
-times = st.integers(0, 60).map(lambda hundredths: hundredths / 100)
-notes = st.builds(
-    lambda onset, length, pitch, finger: Note(
-        onset=onset, offset=onset + length + 0.01, pitch=pitch, finger=finger
-    ),
-    times,
-    times,
-    st.integers(60, 63),
-    st.integers(-1, 9),
-)
-scores = st.builds(lambda found: Score(notes=found), st.lists(notes, min_size=1, max_size=12))
 
 
 def played(presses, steps=6, score=DUE, pedal=()):
@@ -67,23 +53,6 @@ def test_the_score_of_what_was_played_has_its_times_fingers_and_pedal():
 def test_of_nothing_played_there_is_no_score():
     assert played([]).to_score() is None
     assert played([], steps=0).to_score() is None
-
-
-def test_the_score_of_what_was_due_has_the_notes_own_onsets():
-    due = played([]).target_score()
-    found = [(note.pitch, note.onset, note.offset, note.finger) for note in due.notes]
-    assert found == [(60, 0.0, pytest.approx(0.1), 0), (62, 0.12, pytest.approx(0.3), 1)]
-    assert [(pedal.onset, pedal.offset) for pedal in due.pedals] == [pytest.approx((0.05, 0.2))]
-
-
-@given(scores)
-def test_what_was_due_makes_the_same_roll_again(score):
-    performance = played([], score=score)
-    roll, again = performance.roll, PianoRoll.from_score(performance.target_score(), STEP)
-    common = min(len(roll), len(again))
-    assert not roll.active[common:].any()
-    for name in ("active", "onset"):
-        np.testing.assert_array_equal(getattr(again, name)[:common], getattr(roll, name)[:common])
 
 
 def test_metrics_are_over_the_steps_that_were_played():

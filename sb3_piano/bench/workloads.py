@@ -78,12 +78,8 @@ def open_peer(
 ) -> Iterator[tuple[dict[str, str], Ask]]:
     """RoboPianist in a process of its own: its versions, and what plays ``env`` or ``physics``.
 
-    Args:
-        python: Interpreter that has RoboPianist.
-        actions: (steps, 39) float32, the actions of each episode.
-        folder: If given, a version of this package plays instead: the one in this folder, such as a
-            checkout, with what else the interpreter has.
-        profile: Its physics profile.
+    With a folder, such as a checkout, the version of this package in it plays in place of it, with
+    that physics profile. The actions of each episode are (steps, 39) float32.
 
     Raises:
         PeerError: If there is no such interpreter, or it has no RoboPianist of that version; if the
@@ -252,12 +248,8 @@ def training_measurement(
 ) -> Measurement:
     """Whole training of a run, after the ``learning_starts`` steps that fill its buffer.
 
-    Args:
-        name: Name of the measurement.
-        config: Settings of the run.
-        stack: Closes the environments.
-        base: Name of the measurement to compare with.
-        steps: Environment steps in a sample; by default :data:`TRAINING_STEPS`.
+    A sample has so many environment steps, by default :data:`TRAINING_STEPS`; ``base`` names the
+    measurement to compare with, and the stack closes the environments.
     """
     model, venv = _filled_model(config, stack)
     venv.step = simulation = _Stopwatch(venv.step)  # type: ignore[method-assign]

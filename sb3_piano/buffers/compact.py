@@ -35,17 +35,9 @@ class CompactReplayBuffer(ReplayBuffer):
     ``replay_buffer_class``, Stable-Baselines3 then ignores, with a warning, an algorithm's
     ``n_steps``: use :class:`CompactNStepReplayBuffer`.
 
-    Args:
-        buffer_size: Transitions that it holds, of all environments together.
-        observation_space: What the observations are like. An
-            :class:`~sb3_piano.envs.ObservationSpace` tells which numbers are binary; with another
-            space each observation is still stored once.
-        action_space: What the actions are like.
-        device: Where the samples go.
-        n_envs: Environments that add a transition at a time.
-        optimize_memory_usage: Must be false.
-        handle_timeout_termination: Whether the end of an episode by its time limit counts as
-            going on.
+    The arguments are those of ``ReplayBuffer``. An observation space that is an
+    :class:`~sb3_piano.envs.ObservationSpace` tells which numbers are binary; with another one each
+    observation is still stored once.
 
     Raises:
         ConfigError: If the observation space is a ``Dict``, or ``optimize_memory_usage`` is set.

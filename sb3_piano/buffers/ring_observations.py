@@ -201,11 +201,6 @@ class RingNextObservations:
         sizes = sum(sys.getsizeof(item) for pair in self._own.items() for item in pair)
         return sys.getsizeof(self._own) + sizes
 
-    @property
-    def n_copies(self) -> int:
-        """Number of next observations that are stored."""
-        return len(self._own)
-
     def __setitem__(self, row: int, next_observations: Observations) -> None:
         """Store one row, (n_envs, ...); rows are stored one after the other."""
         n_envs, packing = self._observations.n_envs, self._observations.packing

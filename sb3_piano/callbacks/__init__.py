@@ -1,15 +1,17 @@
 """Stable-Baselines3 callbacks: music in log and evaluation, progress, checkpoints, videos."""
 
 from sb3_piano.callbacks.averaged_weights import AveragedWeightsCallback
+from sb3_piano.callbacks.beginning import (
+    DemonstrationsCallback,
+    HandWeightsCallback,
+    SightReaderStandardization,
+)
 from sb3_piano.callbacks.checkpoint import Checkpoint, ResumableCheckpoint
-from sb3_piano.callbacks.demonstrations import DemonstrationsCallback
 from sb3_piano.callbacks.episode_metrics import EpisodeMetricsCallback, RewardTermsCallback
-from sb3_piano.callbacks.hand_weights import HandWeightsCallback
 from sb3_piano.callbacks.metric_eval import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.callbacks.performance_video import PerformanceVideoCallback
 from sb3_piano.callbacks.progress import PianoProgressBar
 from sb3_piano.callbacks.replay_segments import restore_replay_buffer
-from sb3_piano.callbacks.standardization import SightReaderStandardization
 
 __all__ = [
     "AveragedWeightsCallback",

@@ -44,9 +44,35 @@ class Checkpoint:
         names = {self.model, self.vec_normalize, *(segment.file for segment in segments)}
         return frozenset(name for name in names if name is not None)
 
-    def write(self, folder: Path) -> None:
-        """Make this the folder's valid checkpoint."""
-        write_json(folder / CHECKPOINT_FILE, dataclasses.asdict(self))
+    @classmethod
+    def save(
+        cls,
+        model: BaseAlgorithm,
+        folder: Path,
+        labels: Mapping[str, str],
+        replay: ReplayManifest | None = None,
+    ) -> Checkpoint:
+        """Save a model, beside its replay buffer, and make that the folder's valid checkpoint."""
+        steps = model.num_timesteps
+        name, normalization = f"model-{steps}.zip", f"vecnormalize-{steps}.pkl"
+        write_atomically(folder / name, model.save)
+        normalizes = write_normalization(model, folder / normalization)
+        saved = cls(
+            num_timesteps=steps,
+            model=name,
+            vec_normalize=normalization if normalizes else None,
+            replay=replay,
+            labels=labels,
+        )
+        write_json(folder / CHECKPOINT_FILE, dataclasses.asdict(saved))
+        return saved
+
+    def copy_model(self, folder: Path, copy: Path) -> None:
+        """Copy the model to a path; statistics of ``VecNormalize`` go beside it."""
+        write_bytes(copy, (folder / self.model).read_bytes())
+        if self.vec_normalize is not None:
+            beside = copy.with_name("vecnormalize.pkl")
+            write_bytes(beside, (folder / self.vec_normalize).read_bytes())
 
     @classmethod
     def read(cls, folder: Path) -> Checkpoint | None:
@@ -133,34 +159,16 @@ class ResumableCheckpoint(BaseCallback):
 
     def save(self) -> None:
         """Save now, unless nothing has happened since the last time."""
-        steps = self.model.num_timesteps
-        if steps == self._saved_at:
+        if self.model.num_timesteps == self._saved_at:
             return
-        model, vec_normalize = f"model-{steps}.zip", f"vecnormalize-{steps}.pkl"
-        write_atomically(self._folder / model, self.model.save)
-        normalizes = write_normalization(self.model, self._folder / vec_normalize)
-        checkpoint = Checkpoint(
-            num_timesteps=steps,
-            model=model,
-            vec_normalize=vec_normalize if normalizes else None,
-            replay=None if self._segments is None else self._segments.write(),
-            labels=self._labels,
-        )
-        checkpoint.write(self._folder)
-        self._saved_at = steps
-        if self._segments is not None and checkpoint.replay is not None:
-            self._segments.committed(checkpoint.replay)
-        self._update_copy(checkpoint)
+        replay = None if self._segments is None else self._segments.write()
+        checkpoint = Checkpoint.save(self.model, self._folder, self._labels, replay)
+        self._saved_at = checkpoint.num_timesteps
+        if self._segments is not None and replay is not None:
+            self._segments.committed(replay)
+        if self._model_copy is not None:
+            checkpoint.copy_model(self._folder, self._model_copy)
         self._delete_all_but(checkpoint.files)
-
-    def _update_copy(self, checkpoint: Checkpoint) -> None:
-        if self._model_copy is None:
-            return
-        copies = {self._model_copy: checkpoint.model}
-        if checkpoint.vec_normalize is not None:
-            copies[self._model_copy.with_name("vecnormalize.pkl")] = checkpoint.vec_normalize
-        for copy, name in copies.items():
-            write_bytes(copy, (self._folder / name).read_bytes())
 
     def _delete_all_but(self, files: frozenset[str]) -> None:
         for pattern in _PATTERNS:

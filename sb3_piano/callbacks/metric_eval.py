@@ -88,8 +88,7 @@ class MetricEvalCallback(EvalCallback):
             from the run's config in a training by ``sb3-piano train``, and otherwise a copy of the
             first training environment, which must then be in this process (``DummyVecEnv``,
             ``ThreadVecEnv``). It has the wrappers and the normalisation of the training.
-        callback_on_new_best: Called when there is a new best model.
-        callback_after_eval: Called after every evaluation.
+        callback_on_new_best: As of ``EvalCallback``, like all that are not told here.
         n_eval_episodes: Episodes of an evaluation, at least 1. One is enough for a piece that
             always starts alike.
         eval_freq: Calls between two evaluations; 0 for none at all.
@@ -99,10 +98,6 @@ class MetricEvalCallback(EvalCallback):
             and, if the training normalises, ``vecnormalize.pkl``. A training that goes on
             (``num_timesteps`` above 0) replaces what is there only by something better. By default
             ``best_<metric>`` in the folder of a run by ``sb3-piano train``, and otherwise nowhere.
-        deterministic: Whether the policy plays without exploring.
-        render: Whether to call the environment's ``render`` at each step.
-        verbose: 1 also writes each evaluation to the standard output.
-        warn: Whether to warn if ``eval_env`` has no ``Monitor``.
         seed: Seeds the environment and the random generators of each evaluation, so that
             evaluations are comparable; ``None`` lets them go on from the last one.
         stop_threshold: End the training when the metric is this high; by default it never does.

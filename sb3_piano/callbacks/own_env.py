@@ -23,7 +23,6 @@ from stable_baselines3.common.vec_env import (
     VecEnv,
     VecMonitor,
     VecNormalize,
-    VecTransposeImage,
     sync_envs_normalization,
     unwrap_vec_normalize,
 )
@@ -81,12 +80,7 @@ def make_own_env(
     """Return one environment like those of the training, as a vector of one.
 
     A run makes it anew. Without a run it is a copy of the first training environment, which must
-    then live in this process.
-
-    Args:
-        model: The model that is being trained.
-        run: The run, if the training told the callback.
-        innermost: A wrapper for the bare environment.
+    then live in this process. ``innermost`` is put around the bare environment.
 
     Raises:
         ConfigError: If there is no run and the training's environment cannot be copied.
@@ -112,9 +106,7 @@ def sync_normalization(model: BaseAlgorithm, venv: VecEnv) -> None:
 def preserve_random_state(model: BaseAlgorithm, seed: int | None) -> Iterator[None]:
     """Give back the global random generators as they were, whatever draws from them meanwhile.
 
-    Args:
-        model: Its device tells whether a GPU has a generator, too.
-        seed: What the generators start from inside; ``None`` lets them go on.
+    Inside they start from a seed; ``None`` lets them go on.
     """
     # SB3's replay buffers and action noises draw from numpy's global generator.
     python, numpy = random.getstate(), np.random.get_state()  # noqa: NPY002
@@ -143,10 +135,6 @@ def copy_env(venv: VecEnv, innermost: EnvWrapper | None = None) -> VecEnv:
 
     It has the same wrappers, but writes no files, and begins with a reset.
 
-    Args:
-        venv: A ``DummyVecEnv`` or ``ThreadVecEnv``, with or without wrappers.
-        innermost: A wrapper for the bare environment of the copy.
-
     Raises:
         ConfigError: If the environment is in another process, or something in it cannot be copied.
     """
@@ -167,8 +155,6 @@ def _rewrapped(wrapper: VecEnvWrapper, venv: VecEnv) -> VecEnv:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "The environment is already wrapped")
             return VecMonitor(venv)  # without the file
-    if isinstance(wrapper, VecTransposeImage):
-        return VecTransposeImage(venv)
     if isinstance(wrapper, VecNormalize):
         normalization = deepcopy(wrapper)  # leaves out its vector
         normalization.set_venv(venv)

@@ -45,13 +45,10 @@ class ReplayManifest:
 
 
 class ReplaySegments:
-    """Writes what a replay buffer gained since the last commit.
+    """Writes what a replay buffer gained since the last commit into a folder, which has to exist.
 
-    Args:
-        folder: Where the segments are; must exist when :meth:`write` is called.
-        buffer: The buffer of the model that is being trained.
-        saved: What is already on disk, after :func:`restore_replay_buffer`. The last saved row is
-            written once more, since resuming marks it as the end of an episode.
+    ``saved`` is what is already on disk, after :func:`restore_replay_buffer`. The last saved row is
+    written once more, since resuming marks it as the end of an episode.
 
     Raises:
         RunError: If the buffer's rows cannot be taken out of it.

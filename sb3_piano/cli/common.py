@@ -123,9 +123,7 @@ def add_piece_arguments(add: Add) -> None:
 def what_is_played(arguments: argparse.Namespace, instead: str = "") -> tuple[str, dict[str, Any]]:
     """Return the environment that ``--env`` and ``--midi`` stand for, and settings to go with it.
 
-    Args:
-        arguments: With those of :func:`add_piece_arguments`.
-        instead: What else the command takes, for the error if neither is.
+    ``instead`` is what else the command takes, for the error if neither is given.
     """
     from sb3_piano.envs import GENERAL_ID
 
@@ -157,6 +155,20 @@ def env_options(settings: Iterable[str]) -> dict[str, Any]:
         except ConfigError as error:
             raise ConfigError(f"--set is {setting!r}: its value {error}") from error
     return found
+
+
+def refuse_options(
+    arguments: argparse.Namespace, names: Iterable[str], with_what: str, instead: str = ""
+) -> None:
+    """Refuse options that were given, by the names of their values.
+
+    The message says that one cannot be given ``with_what``, and what is expected ``instead``.
+    """
+    for name in names:
+        if getattr(arguments, name) not in (None, False):
+            option = f"--{name.replace('_', '-')}"
+            expected = instead or f"Expected no {option}."
+            raise ConfigError(f"{option} cannot be given {with_what} {expected}")
 
 
 def check_output_file(option: str, file: Path | None) -> None:

@@ -18,6 +18,7 @@ from sb3_piano.cli.common import (
     add_command,
     env_options,
     progress_bar,
+    refuse_options,
     tell_interrupted,
     whole_number,
 )
@@ -132,27 +133,18 @@ def _player(
 
     what = arguments.what
     if Path(what).is_dir():
-        for option in ("set", "policy", "weights", "fingering"):
-            if getattr(arguments, option):
-                raise ConfigError(
-                    f"--{option} cannot be given with the run '{what}': its own model plays in its "
-                    f"own environment. Expected no --{option}."
-                )
+        reason = f"with the run '{what}': its own model plays in its own environment."
+        refuse_options(arguments, ("set", "policy", "weights", "fingering"), reason)
         with run_to_record(what, best=arguments.best, start=arguments.start) as found:
             policy, env, config = found
             yield policy, env, _default_id(env, config.algo)
         return
-    if arguments.best is not None:
-        raise ConfigError(
-            f"--best cannot be given with {what!r}: only a run has models. Expected a run's "
-            "folder, or no --best."
-        )
+    instead = "Expected a run's folder, or no --best."
+    refuse_options(arguments, ["best"], f"with {what!r}: only a run has models.", instead)
     name = arguments.policy or PLAYERS[0]
-    if arguments.weights is not None and name != "sight-reader":
-        raise ConfigError(
-            f"--weights cannot be given to the player {name!r}: expected --player sight-reader, or "
-            "no --weights."
-        )
+    if name != "sight-reader":
+        instead = "expected --player sight-reader, or no --weights."
+        refuse_options(arguments, ["weights"], f"to the player {name!r}:", instead)
     model = {} if arguments.weights is None else {"model": arguments.weights}
     with contextlib.closing(_new_env(arguments, name)) as env:
         yield make_player(name, env, **model), env, _default_id(env, name)

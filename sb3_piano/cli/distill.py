@@ -13,6 +13,7 @@ from sb3_piano.cli.common import (
     add_command,
     env_options,
     progress_bar,
+    refuse_options,
     tell_interrupted,
     whole_number,
 )
@@ -48,12 +49,10 @@ def _distill(arguments: argparse.Namespace) -> int:
     folder, resumed = arguments.out, arguments.resume
     if (folder is None) == (resumed is None):
         raise ConfigError("Expected either --out FOLDER or --resume FOLDER.")
-    for name in ("config", "set"):
-        if resumed is not None and getattr(arguments, name) is not None:
-            raise ConfigError(
-                f"--{name} cannot be given with --resume: a distillation keeps its settings. "
-                "Expected --resume alone, or --out with a new folder."
-            )
+    if resumed is not None:
+        reason = "with --resume: a distillation keeps its settings."
+        instead = "Expected --resume alone, or --out with a new folder."
+        refuse_options(arguments, ("config", "set"), reason, instead)
     config = None
     if resumed is None:
         file = DEFAULT_FILE if arguments.config is None else Path(arguments.config)

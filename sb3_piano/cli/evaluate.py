@@ -18,6 +18,7 @@ from sb3_piano.cli.common import (
     adder,
     new_table,
     print_narrowness,
+    print_table,
     progress_bar,
     tell_errors,
     tell_interrupted,
@@ -145,8 +146,6 @@ def _show(found: Evaluations, metrics: list[str] | None) -> None:
     if not others and not found.failures:
         _show_one(first, metrics)
         return
-    from rich.console import Console
-
     from sb3_piano.training import MAIN_METRICS
 
     parent = _common_parent(found.evaluations)
@@ -156,7 +155,7 @@ def _show(found: Evaluations, metrics: list[str] | None) -> None:
     names = metrics or known
     for start in range(0, len(names), _METRICS_IN_TABLE):
         shown = names[start : start + _METRICS_IN_TABLE]
-        Console().print(_several_runs_table(found.evaluations, shown, parent))
+        print_table(_several_runs_table(found.evaluations, shown, parent))
     varying = [len(found.episodes) for found in found.evaluations if found.has_interval]
     if varying:
         print("Means over all episodes of all seeds; below, where they vary, 95 % intervals.")
@@ -167,15 +166,13 @@ def _show(found: Evaluations, metrics: list[str] | None) -> None:
 
 
 def _show_one(evaluation: Evaluation, metrics: list[str] | None = None) -> None:
-    from rich.console import Console
-
     n_episodes = len(evaluation.episodes)
     plural = "episode" if n_episodes == 1 else "episodes"
     print(
         f"{evaluation.piece}: {n_episodes} {plural}, model after {evaluation.num_timesteps} steps "
         "of training"
     )
-    Console().print(_one_run_table(evaluation, metrics))
+    print_table(_one_run_table(evaluation, metrics))
     if evaluation.has_interval:
         print_narrowness(n_episodes)
     if evaluation.is_repetition:
@@ -303,12 +300,9 @@ def _compare(arguments: argparse.Namespace) -> int:
 
 
 def _show_comparison(comparison: Comparison) -> None:
-    from rich.console import Console
-
     print(f"A: {comparison.a}\nB: {comparison.b}")
-    console = Console()
-    console.print(_pairs_table(comparison))
-    console.print(_summary_table(comparison))
+    print_table(_pairs_table(comparison))
+    print_table(_summary_table(comparison))
     for note in _notes(comparison):
         print(note)
     if any(found.difference.interval is not None for found in comparison.metrics):

@@ -17,6 +17,7 @@ from sb3_piano.cli.common import (
     check_output_file,
     env_options,
     progress_bar,
+    refuse_options,
     tell_errors,
     whole_number,
 )
@@ -26,10 +27,15 @@ if TYPE_CHECKING:
     from sb3_piano.training import PlannedConfig
     from sb3_piano.viewing import Picture, Take
 
-_PLAYER_OPTIONS = ("rehearsals", "sampling", "nominal", "horizon", "reduced", "weights")
 _OF_SAMPLING = ("nominal", "horizon")
 _PLANNED, _SAMPLING, _SIGHT_READER = PLAYERS = ("planned", "sampling", "sight-reader")
 """What plays any piece at once, by the names of :data:`sb3_piano.players.PLAYERS`."""
+_TAKES = {
+    _PLANNED: ("rehearsals",),
+    _SAMPLING: ("rehearsals", "sampling", *_OF_SAMPLING),
+    _SIGHT_READER: ("weights",),
+}
+"""The options that each of them has, and no other."""
 _REHEARSALS_HELP = "play the plan N times in a simulation first, and try otherwise what goes wrong"
 _SAMPLING_HELP = "let predictive sampling try N ways on from each control step, and play the best"
 _PLAYER_HELP = (
@@ -157,20 +163,15 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
 
     what, physics = arguments.what, arguments.physics
     if arguments.planned or arguments.player is not None:
-        option = "--player" if arguments.player is not None else "--planned"
         if Path(what).is_dir():
-            raise ConfigError(
-                f"{option} cannot be given with the run '{what}': its own model plays. Expected a "
-                f"piece, or no {option}."
-            )
+            reason = f"with the run '{what}': its own model plays."
+            refuse_options(arguments, ("player", "planned"), reason, "Expected a piece.")
         _check_piece(arguments, "score", "best")
         return _played_take(arguments)
-    for name in _PLAYER_OPTIONS:
-        if getattr(arguments, name) not in (None, False):
-            raise ConfigError(
-                f"--{name} cannot be given without --planned: expected --planned or --player, too, "
-                "and a piece."
-            )
+    instead = "expected --planned or --player, too, and a piece."
+    refuse_options(
+        arguments, (*_TAKES[_SAMPLING], "weights", "reduced"), "without --planned:", instead
+    )
     if Path(what).is_dir():
         score = None if arguments.score is None else load_score(arguments.score)
         seed, best = arguments.seed or 0, arguments.best
@@ -190,12 +191,7 @@ def _check_piece(arguments: argparse.Namespace, *of_runs: str) -> None:
             f"Nothing to play: there is no {what!r}. Expected the folder of a run, a file such as "
             "a MIDI file, or the name of a piece (see 'sb3-piano pieces list')."
         )
-    for name in of_runs:
-        if getattr(arguments, name) is not None:
-            raise ConfigError(
-                f"--{name} cannot be given with a piece, which {what!r} is. Expected a run's "
-                f"folder, or no --{name}."
-            )
+    refuse_options(arguments, of_runs, f"with a piece, which {what!r} is.")
 
 
 def _played_take(arguments: argparse.Namespace) -> tuple[Take, Path]:
@@ -255,11 +251,9 @@ def _config(arguments: argparse.Namespace, seed: int, options: dict[str, Any]) -
     if player == _PLANNED:
         given = {"settings": plan} if plan else {}
     else:
-        if plan and arguments.nominal == "none":
-            raise ConfigError(
-                "--rehearsals cannot be given with --nominal none: there is no plan to rehearse. "
-                "Expected one of them."
-            )
+        if arguments.nominal == "none":
+            reason = "with --nominal none: there is no plan to rehearse."
+            refuse_options(arguments, ["rehearsals"], reason)
         given |= {} if arguments.sampling is None else {"samples": arguments.sampling}
         given |= {"plan_settings": plan} if plan else {}
     return planner_config(arguments.what, player, seed=seed, env_kwargs=options, **given)
@@ -268,27 +262,16 @@ def _config(arguments: argparse.Namespace, seed: int, options: dict[str, Any]) -
 def _player(arguments: argparse.Namespace) -> str:
     """Return who plays, without options of others."""
     named = arguments.player
-    if named is not None and getattr(arguments, "planned", False):
-        raise ConfigError(f"--planned cannot be given with --player {named}: expected one of them.")
+    if named is not None and hasattr(arguments, "planned"):
+        refuse_options(arguments, ["planned"], f"with --player {named}:", "expected one of them.")
     player: str = named or (_PLANNED if arguments.sampling is None else _SAMPLING)
-    others = {
-        _PLANNED: ("sampling", *_OF_SAMPLING, "weights"),
-        _SAMPLING: ("weights",),
-        _SIGHT_READER: ("rehearsals", "sampling", *_OF_SAMPLING),
-    }
-    for name in others[player]:
-        if getattr(arguments, name) is None:
-            continue
-        if named is None and name in _OF_SAMPLING:
-            raise ConfigError(
-                f"--{name} cannot be given without --sampling: a plan is followed as it is. "
-                "Expected --sampling N, too."
-            )
-        owner = next(other for other, refused in others.items() if name not in refused)
-        raise ConfigError(
-            f"--{name} cannot be given to the player {player!r}: expected --player {owner}, or no "
-            f"--{name}."
-        )
+    if named is None and player == _PLANNED:
+        reason = "without --sampling: a plan is followed as it is."
+        refuse_options(arguments, _OF_SAMPLING, reason, "Expected --sampling N, too.")
+    for other, taken in _TAKES.items():
+        instead = f"expected --player {other}, or none of its options."
+        foreign = [name for name in taken if name not in _TAKES[player]]
+        refuse_options(arguments, foreign, f"to the player {player!r}:", instead)
     return player
 
 

@@ -12,12 +12,12 @@ from sb3_piano.cli.common import (
     TRUST,
     add_command,
     add_piece_arguments,
+    refuse_options,
     what_is_played,
     whole_number,
 )
 from sb3_piano.cli.evaluate import evaluate_run
 from sb3_piano.cli.play import play_run
-from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
     from sb3_piano.training import RunConfig, TrainResult
@@ -63,12 +63,9 @@ def _train(arguments: argparse.Namespace) -> int:
     if arguments.checkpoint_every is not None:
         options["checkpoint_every"] = arguments.checkpoint_every
     if arguments.resume is not None:
-        for name in _NEW_RUN_ONLY:
-            if getattr(arguments, name) is not None:
-                raise ConfigError(
-                    f"--{name.replace('_', '-')} cannot be given with --resume: a run keeps its "
-                    "settings. Expected --steps for a new total, or a new run."
-                )
+        reason = "with --resume: a run keeps its settings."
+        instead = "Expected --steps for a new total, or a new run."
+        refuse_options(arguments, _NEW_RUN_ONLY, reason, instead)
         expected = {"algo": arguments.algo, "env_id": arguments.env}
         result = resume(arguments.resume, arguments.steps, **expected, **options)
     else:

@@ -83,11 +83,7 @@ class Transitions:
 
 
 def open_dataset(dataset: MinariDataset | str, root: Path | None = None) -> MinariDataset:
-    """Return a data set of this machine.
-
-    Args:
-        dataset: The data set, or its name.
-        root: The folder with all data sets; by default that of :func:`dataset_root`.
+    """Return a data set of this machine, given or by its name, in the folder ``root`` of all.
 
     Raises:
         ConfigError: If there is none of that name, or it cannot be read.
@@ -252,11 +248,7 @@ class DatasetWriter:
             self._count += 1
 
     def finish(self, metadata: Mapping[str, Any]) -> MinariDataset:
-        """Put the data set in its place.
-
-        Args:
-            metadata: What is noted about it, in JSON's types; Minari's own names included.
-        """
+        """Put the data set in its place; what is noted about it is in JSON's types."""
         import minari
 
         notes = {"dataset_id": self._id, "minari_version": minari.__version__, **metadata}

@@ -105,7 +105,7 @@ def record(
     checked("seed", seed, Index)
     if not noise:
         raise ConfigError("There is no noise given: expected at least one number, such as 0.")
-    noises = [_noise(env, std, noise_memory) for std in noise]
+    noises = [None if std == 0 else ActuatorNoise(env, std, noise_memory) for std in noise]
     seeds = np.random.SeedSequence(seed).generate_state(episodes).tolist()
     notes: list[Mapping[str, float]] = []
     env_spec = _remade(env)
@@ -113,7 +113,8 @@ def record(
         try:
             for number, episode_seed in enumerate(seeds):
                 turn = number % len(noise)
-                episode, found = _play(policy, env, episode_seed, noises[turn])
+                steps = _steps(policy, env, episode_seed, noises[turn])
+                episode, found = as_episode(steps, env, episode_seed)
                 found = {"noise": float(noise[turn]), **found}
                 writer.add(episode, found)
                 notes.append(found)
@@ -159,23 +160,9 @@ def _evaluation_env(spec: EnvSpec | None) -> dict[str, str]:
     """Return Minari's note of the environment without what disturbs it."""
     if spec is None:
         return {}
-    kept = tuple(
-        wrapper
-        for wrapper in spec.additional_wrappers
-        if wrapper.name != PerturbedStart.class_name()
-    )
+    start = PerturbedStart.class_name()
+    kept = tuple(wrapper for wrapper in spec.additional_wrappers if wrapper.name != start)
     return {"eval_env_spec": dataclasses.replace(spec, additional_wrappers=kept).to_json()}
-
-
-def _noise(env: Env, std: float, memory: float) -> ActuatorNoise | None:
-    return None if std == 0 else ActuatorNoise(env, std, memory)
-
-
-def _play(
-    policy: Predictor, env: Env, seed: int, noise: ActuatorNoise | None
-) -> tuple[EpisodeBuffer, dict[str, float]]:
-    """Play one episode; return it, and notes on it."""
-    return as_episode(_steps(policy, env, seed, noise), env, seed)
 
 
 def as_episode(
@@ -183,11 +170,8 @@ def as_episode(
 ) -> tuple[EpisodeBuffer, dict[str, float]]:
     """Return what was played as Minari has it, and notes on it: ``return`` and music metrics.
 
-    Args:
-        steps: Observation, action, label, reward, termination and info of each step, and last the
-            observation in which it ended, with anything.
-        env: The environment that was played in.
-        seed: What it was reset with.
+    Steps are observation, action, label, reward, termination and info of each, and last the
+    observation in which it ended, with anything.
     """
     from minari.data_collector.episode_buffer import EpisodeBuffer
 
@@ -219,22 +203,20 @@ def _steps(
 
     The last one has the last observation alone.
     """
-    random = np.random.default_rng(seed)
+    random, space = np.random.default_rng(seed), env.action_space
     if noise is not None:
         noise.restart()
     observation, _ = env.reset(seed=seed)
     state, start, over = None, np.ones(1, dtype=bool), False
     while not over:
         label, state = policy.predict(observation, state, start, deterministic=True)
-        action = label if noise is None else _disturbed(env, label, noise.sample(random))
+        action = label
+        if noise is not None:
+            assert isinstance(space, gym.spaces.Box), "actions of a piano"
+            disturbed = label + noise.sample(random)
+            action = np.clip(disturbed, space.low, space.high).astype(space.dtype)
         before = np.array(observation)
         observation, reward, terminated, truncated, info = env.step(action)
         over, start = terminated or truncated, np.zeros(1, dtype=bool)
         yield before, action, label, float(reward), terminated, info
     yield np.array(observation), None, None, 0.0, False, {}
-
-
-def _disturbed(env: Env, action: Any, offset: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
-    space = env.action_space
-    assert isinstance(space, gym.spaces.Box), "actions of a piano"
-    return np.clip(action + offset, space.low, space.high).astype(space.dtype)

@@ -24,14 +24,11 @@ DM_CONTROL_NEEDED = (
 
 
 def import_dm_control(name: str) -> ModuleType:
-    """Import a module of dm_control, also on a machine without OpenGL.
+    """Import a module of dm_control, such as "mjcf", also on a machine without OpenGL.
 
     Importing dm_control loads a rendering library at once: without a screen it warns, and without
     any OpenGL library it may fail. It reads ``MUJOCO_GL`` only while it is imported, so the
     variable is set for that long, unless the user has set it.
-
-    Args:
-        name: Such as ``"mjcf"``.
 
     Raises:
         ImportError: If dm_control is not installed.

@@ -59,7 +59,7 @@ def write_best(study: optuna.Study, config: StudyConfig, folder: StudyFolder) ->
         "",
         f"Value:     {objective_in_words(config)}",
         f"Training:  {training_in_words(config)}",
-        f"Versions:  {', '.join(f'{name} {version}' for name, version in versions if version)}",
+        f"Versions:  {', '.join(f'{name} {version}' for name, version in versions)}",
         "",
         CAVEAT,
         "",
@@ -132,13 +132,10 @@ def _comment(lines: Iterable[str]) -> str:
 def zoo_entry(
     algo: str, env_id: str, entry: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return an entry so that stock RL Zoo understands each of its keys as we do.
+    """Return an entry as stock RL Zoo understands it, and the keys with values that it refuses.
 
     Numbers are written as numbers, ``env_kwargs`` as a mapping, and mappings with classes as text
     that RL Zoo evaluates. The order of the keys stays.
-
-    Returns:
-        The entry in YAML's types, and the keys that stock RL Zoo refuses, with their values.
 
     Raises:
         ConfigError: If a setting is not valid.

@@ -182,9 +182,7 @@ def note_place(trial: BaseTrial, folder: StudyFolder) -> None:
 def results_of(last: Mapping[str, float], judge: MetricEvalCallback) -> dict[str, float]:
     """Return final and best value of each metric of a training, by the names of :data:`RESULTS`.
 
-    Args:
-        last: Metrics of the model at its end; empty for those of the last evaluation.
-        judge: Has the evaluations before.
+    ``last`` has the metrics of the model at its end; empty stands for those of the last evaluation.
     """
     results = {}
     for metric in METRICS:

@@ -248,12 +248,10 @@ _KINDS: Mapping[str, type[Float | Choice]] = {
 
 
 def parse_parameter(name: str, value: Any) -> Parameter:
-    """Return the parameter that YAML describes.
+    """Return the parameter of a setting that YAML describes.
 
-    Args:
-        name: The setting's name, for messages.
-        value: ``{<kind>: [low, high]}`` with the kind "float", "int" or "discount", or
-            ``{"choice": values}``; beside it the options of the kind.
+    That is ``{<kind>: [low, high]}`` with the kind "float", "int" or "discount", or
+    ``{"choice": values}``; beside it the options of the kind.
 
     Raises:
         ConfigError: If it is nothing like that, or the parameter is not valid.

@@ -85,12 +85,9 @@ def write_report(study: optuna.Study, config: StudyConfig, folder: StudyFolder) 
 
 
 def report_html(study: optuna.Study, config: StudyConfig, folder: StudyFolder | None = None) -> str:
-    """Return the page.
+    """Return the page of a study, whatever it holds so far.
 
-    Args:
-        study: The study, whatever it holds so far.
-        config: What it searches.
-        folder: Where it is, for the commands; by default the present folder.
+    The commands on it are for its folder, by default the present one.
     """
     label = f"{config.objective} {DEFINITIONS[config.metric].label}"
     count, best = trials.counting(study), trials.best_trial(study)
@@ -175,13 +172,9 @@ def _commands(
 def study_figures(study: optuna.Study, label: str) -> dict[str, Any]:
     """Return the figures of a study; ``None`` for those for which it has nothing to show yet.
 
-    Args:
-        study: The study.
-        label: What a value is called.
-
-    Returns:
-        ``history``, ``importance``, ``reports``, ``timeline``, ``parallel``, and ``slices``: one
-        figure for each parameter that complete trials have, the most important one first.
+    They are ``history``, ``importance``, ``reports``, ``timeline``, ``parallel``, and ``slices``:
+    one for each parameter that complete trials have, the most important one first. ``label`` is
+    what a value is called.
     """
     complete = trials.complete_trials(study)
     searched = sorted({name for trial in complete for name in trial.params})

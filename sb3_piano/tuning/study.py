@@ -24,6 +24,7 @@ from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, RandomSampler,
 
 from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.files import Place
 from sb3_piano.settings import Count, Index, Positive, settings
 from sb3_piano.training import RunConfig, entry_config
 from sb3_piano.training.runs.folder import FILE_OPTIONS
@@ -215,30 +216,11 @@ class StudyFolder:
 
     path: Path
 
-    @property
-    def journal_file(self) -> Path:
-        """The store of the study, unless it is in a database."""
-        return self.path / "journal.log"
-
-    @property
-    def best_file(self) -> Path:
-        """The best settings."""
-        return self.path / "best.yml"
-
-    @property
-    def report_file(self) -> Path:
-        """The report."""
-        return self.path / "report.html"
-
-    @property
-    def table_file(self) -> Path:
-        """A row for each trial."""
-        return self.path / "trials.csv"
-
-    @property
-    def workers_dir(self) -> Path:
-        """Logs of the workers."""
-        return self.path / "workers"
+    journal_file = Place("journal.log")
+    best_file = Place("best.yml")
+    report_file = Place("report.html")
+    table_file = Place("trials.csv")
+    workers_dir = Place("workers")
 
     def trial_dir(self, number: int) -> Path:
         """Return where the runs of a trial are."""

@@ -86,10 +86,7 @@ class Team:
         """Run trials until the study has all; return whether it was interrupted.
 
         It is over when the trials of other machines are over, too. Ctrl-C and SIGTERM end the
-        workers, whose trials are queued again.
-
-        Args:
-            on_progress: Is called with the trials that count.
+        workers, whose trials are queued again. ``on_progress`` gets the trials that count.
 
         Raises:
             RunError: If workers die again and again without having finished a trial.

@@ -121,17 +121,15 @@ def failure_of(trial: FrozenTrial) -> str | None:
 def summary(trials: Sequence[FrozenTrial], label: str) -> str:
     """Return ``"7 trials (2 running, 3 pruned), highest final f1 0.430 (trial 5)"``."""
     counts = Counter(trial.state for trial in trials)
-    states = {TrialState.RUNNING: "running", TrialState.PRUNED: "pruned", TrialState.FAIL: "failed"}
-    details = ", ".join(
-        f"{counts[state]} {name}" for state, name in states.items() if counts[state]
-    )
+    told = (TrialState.RUNNING, TrialState.PRUNED, TrialState.FAIL)
+    details = ", ".join(f"{counts[state]} {STATES[state]}" for state in told if counts[state])
     text = f"{sum(trial.state.is_finished() for trial in trials)} trials"
     text += f" ({details})" if details else ""
     complete = (trial for trial in trials if trial.state is TrialState.COMPLETE)
     best = max(complete, key=_value, default=None)
-    return (
-        text if best is None else f"{text}, highest {label} {best.value:.3f} (trial {best.number})"
-    )
+    if best is None:
+        return text
+    return f"{text}, highest {label} {best.value:.3f} (trial {best.number})"
 
 
 def _value(trial: FrozenTrial) -> float:

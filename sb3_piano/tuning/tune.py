@@ -23,7 +23,6 @@ from sb3_piano.exceptions import RunError
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.settings import Count, checked
 from sb3_piano.tuning.best import write_best
-from sb3_piano.tuning.report import write_report, write_table
 from sb3_piano.tuning.space import check_space
 from sb3_piano.tuning.storage import mend_journal, open_storage, open_study, why_refused
 from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder, make_sampler
@@ -114,6 +113,8 @@ def tune(
                 heart = Heart(study, store) if isinstance(store, RDBStorage) else None
                 team = Team(study, config, place, heart=heart, n_trials=n_trials, n_workers=workers)
                 interrupted = team.run(on_progress)
+            from sb3_piano.tuning.report import write_report, write_table  # not for each worker
+
             write_best(study, config, place)
             write_table(study, config, place)
             write_report(study, config, place)

@@ -46,11 +46,7 @@ def geom_colors(
 ) -> dict[int, Color]:
     """Return the RGBA of fingertips, due keys and sounding keys by the id of their geom.
 
-    Args:
-        scene: Whose geoms they are.
-        due: (n,) keys that should be down.
-        fingers: (n,) finger label of each of them, -1 where unknown.
-        sounding: (88,) bool, keys that sound.
+    What is due and what sounds is as in :class:`~sb3_piano.viewing.Moment`.
     """
     colors = dict(zip(scene.fingertip_geom.tolist(), FINGER_COLORS, strict=True))
     for key, finger in zip(due, fingers, strict=True):
@@ -76,14 +72,7 @@ class FrameRenderer:
     """
 
     def __init__(self, scene: PianoScene, *, width: int, height: int, camera: str):
-        """Open a drawing context.
-
-        Args:
-            scene: What to draw. Its model is not changed.
-            width: Pixels.
-            height: Pixels.
-            camera: Name of a camera of the scene.
-        """
+        """Open a drawing context of so many pixels for a camera of the scene."""
         self._scene = scene
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._camera = mujoco.MjvCamera()
@@ -108,16 +97,13 @@ class FrameRenderer:
         fingers: npt.NDArray[np.integer[Any]],
         sounding: npt.NDArray[np.bool_],
     ) -> npt.NDArray[np.uint8]:
-        """Draw one picture.
+        """Draw one picture, (height, width, 3) uint8, of a state of the simulation.
 
         Args:
-            data: State of the simulation.
+            data: The state.
             due: (n,) keys that should be down.
             fingers: (n,) finger label of each of them, -1 where unknown.
             sounding: (88,) bool, keys that sound.
-
-        Returns:
-            (height, width, 3) uint8.
         """
         self._gl.make_current()
         model, everything = self._scene.model, mujoco.mjtCatBit.mjCAT_ALL.value

@@ -39,12 +39,7 @@ class SceneWindow:
     """
 
     def __init__(self, scene: PianoScene, *, camera: str = "overview"):
-        """Open the window.
-
-        Args:
-            scene: What to show. Its model is not changed.
-            camera: Camera of the scene from which the view starts.
-        """
+        """Open the window, at first with the view of a camera of the scene."""
         check_screen()
         from mujoco import viewer  # here, because without a screen it may fail already
 
@@ -87,11 +82,9 @@ class SceneWindow:
         self._viewer.sync()
 
     def replay(self, seen: Iterable[Moment], period: float) -> None:
-        """Show moments in real time, until they are over or somebody closes the window.
+        """Show moments, each for ``period`` s, until they are over or somebody closes the window.
 
-        Args:
-            seen: What to show.
-            period: Time from one to the next, s. A slow machine falls behind; none is left out.
+        A slow machine falls behind; none is left out.
         """
         start = time.monotonic()
         for k, moment in enumerate(seen):

@@ -148,6 +148,6 @@ def test_a_damaged_checkpoint_file_is_named(tmp_path, content):
 
 
 def test_a_missing_file_of_a_checkpoint_is_named(tmp_path):
-    Checkpoint(num_timesteps=5, model="model-5.zip").write(tmp_path)
+    (tmp_path / "checkpoint.json").write_text('{"num_timesteps": 5, "model": "model-5.zip"}')
     with pytest.raises(RunError, match=r"names 'model-5\.zip', which is not there: expected all 1"):
         Checkpoint.read(tmp_path)

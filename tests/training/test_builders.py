@@ -61,7 +61,7 @@ def test_normalisation_takes_its_arguments_and_the_discount_of_the_algorithm(bui
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("vec_env", VEC_ENVS)
+@pytest.mark.parametrize("vec_env", ["dummy", "threads"])  # processes do so in test_folder.py
 def test_episodes_are_written_to_monitor_files_once_they_have_a_place(
     build, tmp_path, vec_env, episodes_of
 ):

@@ -190,9 +190,9 @@ def test_what_is_not_there_is_named(written, run_folder, tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("{", "holds no evaluation"),
-        ("[1]", "holds no evaluation"),
-        ('{"episodes": []}', "holds no evaluation \\(0.piece: "),
+        ("{", "cannot be read \\(Invalid JSON"),
+        ("[1]", "cannot be read \\(0: "),
+        ('{"episodes": []}', "cannot be read \\(0: piece: "),
         ('{"evaluations": []}', "no run could be evaluated"),
         (
             '{"piece": "Scale", "episodes": [{"f1": 1}], "episode_seeds": []}',

@@ -171,9 +171,10 @@ def error_of(capfd, *arguments):
     return line
 
 
-@pytest.mark.parametrize("vec_env", ["dummy", "subproc"])
 @pytest.mark.parametrize(
-    "episode", [5, 20], ids=["TensorBoard is the first to write", "the checkpoint is the first"]
+    ("episode", "vec_env"),
+    [(5, "subproc"), (20, "dummy")],
+    ids=["TensorBoard is the first to write", "the checkpoint is the first"],
 )
 def test_a_training_whose_disk_fills_up_goes_on_when_there_is_room(
     small_config, disk, vec_env, episode, episodes_of

@@ -66,17 +66,27 @@ def wait_for(condition, process):
         time.sleep(0.02)
 
 
-def test_a_run_killed_at_any_time_goes_on_from_its_last_checkpoint(start, tmp_path, monkeypatch):
+def test_a_run_has_one_training_and_killed_at_any_time_goes_on_from_its_last_checkpoint(
+    start, tmp_path, monkeypatch, capsys
+):
     process = start("--checkpoint-every", "100")
-    checkpoint = tmp_path / "run" / "checkpoint"
-    wait_for(lambda: (checkpoint / "checkpoint.json").exists(), process)
-    time.sleep(0.3)
+    folder = RunFolder(tmp_path / "run")
+    wait_for(lambda: (folder.checkpoint_dir / "checkpoint.json").exists(), process)
+    wait_for(folder.model_file.exists, process)
+
+    # A second training is refused at once, but all may read.
+    assert main(["train", "--resume", str(folder.path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"Run '{folder.path}' is being trained by process {process.pid} on " in line
+    assert main(["train", "--env", "Pendulum-v1", "--run", str(folder.path)]) == 2
+    assert "is being trained by process" in capsys.readouterr().err
+    assert main(["evaluate", str(folder.path), "--episodes", "1"]) == 0
+
     process.kill()
     process.wait()
-    saved = Checkpoint.read(checkpoint)
+    saved = Checkpoint.read(folder.checkpoint_dir)  # raises if a file of it is missing
     assert saved.num_timesteps >= 100
     assert saved.num_timesteps % 100 == 0
-
     rows = []
     learn = TD3.learn
 
@@ -86,40 +96,23 @@ def test_a_run_killed_at_any_time_goes_on_from_its_last_checkpoint(start, tmp_pa
 
     monkeypatch.setattr(TD3, "learn", spy)
     target = saved.num_timesteps + 150
-    result = resume(tmp_path / "run", target, progress_bar=False)
+    result = resume(folder.path, target, progress_bar=False)
     assert rows == [min(saved.num_timesteps, 2000)]
     assert (result.started_at, result.num_timesteps) == (saved.num_timesteps, target)
-
-
-def test_a_second_training_is_refused_at_once_but_all_may_read(start, tmp_path, capsys):
-    process = start("--checkpoint-every", "100")
-    folder = RunFolder(tmp_path / "run")
-    wait_for(lambda: (folder.checkpoint_dir / "checkpoint.json").exists(), process)
-    wait_for(folder.model_file.exists, process)
-    assert main(["train", "--resume", str(folder.path)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert f"Run '{folder.path}' is being trained by process {process.pid} on " in line
-    assert main(["train", "--env", "Pendulum-v1", "--run", str(folder.path)]) == 2
-    assert "is being trained by process" in capsys.readouterr().err
-    assert main(["evaluate", str(folder.path), "--episodes", "1"]) == 0
-    process.kill()
-    process.wait()
-    saved = Checkpoint.read(folder.checkpoint_dir)  # raises if a file of it is missing
-    assert resume(folder.path, saved.num_timesteps + 10, progress_bar=False).num_timesteps > 100
     assert not (folder.path / ".lock").exists()
 
 
-@pytest.mark.parametrize("vec_env", ["processes", "subproc"])
-def test_ctrl_c_saves_and_prints_how_to_go_on(start, tmp_path, vec_env):
-    process = start("--n-envs", "2", "--vec-env", vec_env)
+@pytest.mark.parametrize(("vec_env", "n_envs"), [("processes", 2), ("subproc", 1)])
+def test_ctrl_c_saves_and_prints_how_to_go_on(start, tmp_path, vec_env, n_envs):
+    process = start("--n-envs", str(n_envs), "--vec-env", vec_env)
     monitor = tmp_path / "run" / "monitor" / "0.monitor.csv"
     wait_for(lambda: monitor.exists() and monitor.read_text().count("\n") > 3, process)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: environments get it too
     out, err = process.communicate(timeout=DEADLINE)
     assert process.returncode == 130, err
     saved = Checkpoint.read(tmp_path / "run" / "checkpoint")
-    assert saved.num_timesteps >= 200
-    assert saved.replay.total == saved.num_timesteps / 2
+    assert saved.num_timesteps >= 100 * n_envs
+    assert saved.replay.total == saved.num_timesteps / n_envs
     assert f"Interrupted after {saved.num_timesteps} of 1000000 steps." in out
     assert "sb3-piano train --resume run" in out
     assert "Traceback" not in err

@@ -145,9 +145,12 @@ def test_a_run_keeps_the_score_and_what_was_chosen():
 def test_the_constants_of_a_plan_are_settings_of_its_run():
     config = planner_config("tune.mid", env_kwargs=FAST, settings={"hover": "0.02", "rounds": 3})
     mapping = yaml.safe_load(yaml.safe_dump(config.to_mapping()))
-    assert PlannedConfig.from_mapping(mapping) == config
-    former = {**mapping, "n_timesteps": 1, "normalize": False, "callback": []}
-    assert PlannedConfig.from_mapping(former) == config  # what folders of version 0.1 have
+    assert PlannedConfig(**mapping) == config
+    former = RunFolder.create(config, "former")
+    mapping = yaml.safe_load(former.config_file.read_text())
+    unneeded = {"n_timesteps": 1, "normalize": False, "callback": []}  # of folders of before
+    former.config_file.write_text(yaml.safe_dump({**mapping, **unneeded}))
+    assert former.read_config().to_mapping().keys() == mapping.keys()
     config = planner_config("tune.mid", env_kwargs=FAST, settings={"rounds": 2})
     run = RunFolder.create(config, "run")
     with SavedPlayer.open(run.path) as player:

@@ -46,7 +46,7 @@ def full_config(small_config):
 def test_a_config_read_back_from_yaml_is_equal(full_config, small_config):
     for config in (full_config, small_config()):
         text = yaml.safe_dump(config.to_mapping())
-        assert RunConfig.from_mapping(yaml.safe_load(text)) == config
+        assert RunConfig(**yaml.safe_load(text)) == config
 
 
 def test_values_are_converted_and_written_in_full(full_config):
@@ -154,10 +154,10 @@ def test_noise_is_refused_where_the_algorithm_has_none(small_config):
 def test_unknown_and_missing_keys_of_a_mapping_are_named(small_config):
     mapping = small_config().to_mapping()
     with pytest.raises(ConfigError, match=r"Unknown setting 'n_env' of RunConfig. Did you"):
-        RunConfig.from_mapping({**mapping, "n_env": 1})
+        RunConfig(**{**mapping, "n_env": 1})
     del mapping["n_timesteps"]
     with pytest.raises(ConfigError, match="n_timesteps is missing"):
-        RunConfig.from_mapping(mapping)
+        RunConfig(**mapping)
 
 
 def test_the_module_of_an_environment_is_imported_and_remembered(
@@ -170,7 +170,7 @@ def test_the_module_of_an_environment_is_imported_and_remembered(
     monkeypatch.syspath_prepend(tmp_path)
     config = small_config(env_id="registering_module:Elsewhere-v0")
     assert (config.env_module, config.env_id) == ("registering_module", "Elsewhere-v0")
-    assert RunConfig.from_mapping(config.to_mapping()) == config
+    assert RunConfig(**config.to_mapping()) == config
     assert "registering_module" in sys.modules
 
 

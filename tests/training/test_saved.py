@@ -150,7 +150,7 @@ def test_weights_of_another_model_are_refused(pendulum_run, small_config, tmp_pa
         ({"normalize": True}, "it has no statistics, not normalization.returns.mean"),
     ):
         settings = {**config.to_mapping(), **change}
-        shared.write_config(type(config).from_mapping(settings))
+        shared.write_config(type(config)(**settings))
         with pytest.raises(RunError, match=message):
             evaluate(shared.path)
 

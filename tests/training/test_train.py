@@ -230,10 +230,11 @@ def test_an_on_policy_run_can_be_resumed(ppo_config, tmp_path):
 def test_several_environments_in_threads_or_processes_of_their_own(run, vec_env):
     result = run(n_envs=2, vec_env=vec_env, n_timesteps=80, every=40)
     assert result.num_timesteps == 80
-    again = resume(result.folder.path, 120, progress_bar=False)
-    assert (again.started_at, again.num_timesteps) == (80, 120)
-    assert again.folder.read_config().vec_env == vec_env
-    assert len(list(again.folder.monitor_dir.glob("*.monitor.csv"))) == 2
+    assert result.folder.read_config().vec_env == vec_env
+    assert len(list(result.folder.monitor_dir.glob("*.monitor.csv"))) == 2
+    if vec_env == "threads":  # processes go on in test_folder.py
+        again = resume(result.folder.path, 120, progress_bar=False)
+        assert (again.started_at, again.num_timesteps) == (80, 120)
 
 
 @pytest.mark.slow

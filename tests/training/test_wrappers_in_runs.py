@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import os
-import subprocess
-import sys
 from typing import ClassVar
 
 import numpy as np
 import pytest
 import yaml
 from acting import VEC_ENVS, act_at
+from fresh_python import run_python
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.save_util import load_from_pkl
 
@@ -261,12 +259,10 @@ def test_a_compact_buffer_holds_exactly_what_a_cut_observation_shows(piano_confi
 def test_the_stock_zoo_trains_with_the_stack_on_the_same_transitions(tmp_path, score_file):
     env_kwargs = {"score": str(score_file), "physics": "fast"}
     file = write_yaml(tmp_path / "zoo.yml", env_kwargs=env_kwargs)
-    command = [sys.executable, "-m", "rl_zoo3.train", "--algo", "td3", "--env", ENV_ID]
+    command = ["-m", "rl_zoo3.train", "--algo", "td3", "--env", ENV_ID]
     command += ["--gym-packages", "sb3_piano", "--conf-file", str(file), "--seed", "1"]
     command += ["--log-folder", str(tmp_path / "zoo"), "--eval-freq", "-1", "--save-replay-buffer"]
-    done = subprocess.run(
-        command, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}
-    )
+    done = run_python(command, tmp_path)
     assert done.returncode == 0, done.stderr
     theirs = load_from_pkl(tmp_path / "zoo" / "td3" / f"{ENV_ID}_1" / "replay_buffer.pkl")
     assert train_by_command(tmp_path, score_file) == 0

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import os
 import re
-import subprocess
-import sys
+import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from fresh_python import run_python
 
 from sb3_piano.hyperparams import PRESETS
 from sb3_piano.simulation import find_gl_backend
@@ -58,17 +57,15 @@ def needs(*modules):
 
 @pytest.fixture(scope="module")
 def shell(tmp_path_factory):
-    """Return a function that runs a block of the guide in one folder, and what it printed."""
+    """Return a function that runs a command of the guide in one folder, and what it printed."""
     folder = tmp_path_factory.mktemp("zoo")
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = {**os.environ, "PATH": path, "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
 
     def run(text):
         for old, new in SHORT.items():
             text = text.replace(old, new)
-        done = subprocess.run(
-            ["bash", "-euc", text], cwd=folder, env=environment, capture_output=True, text=True
-        )
+        program, *arguments = shlex.split(text.replace("\\\n", " "))
+        assert program == "python"
+        done = run_python(arguments, folder)
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 

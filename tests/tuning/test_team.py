@@ -41,11 +41,11 @@ def folder(tmp_path):
     return StudyFolder(tmp_path / "study")
 
 
-def opened(folder, url=None, config=CONFIG):
+def opened(folder, url, config=CONFIG):
     """Return a study with a connection of its own, and its heart."""
     store = open_storage(url, folder)
     study = open_study(config, store, name="small")
-    return study, None if url is None else Heart(study, store)
+    return study, Heart(study, store)
 
 
 def states(study):
@@ -75,10 +75,8 @@ def begin(study, host=None, folder=None) -> optuna.Trial:
     return trial
 
 
-@pytest.mark.parametrize("where", ["journal", "database"])
-def test_a_trial_that_a_dead_parent_left_is_run_again_at_once(where, folder, request):
-    url = None if where == "journal" else request.getfixturevalue("database_url")
-    study, heart = opened(folder, url)
+def test_a_trial_that_a_dead_parent_left_is_run_again_at_once(database_url, folder):
+    study, heart = opened(folder, database_url)
     params = begin(study, os.uname().nodename, folder).params
     assert not run(study, folder, heart)
     assert states(study) == [TrialState.FAIL, TrialState.COMPLETE]

@@ -18,6 +18,7 @@ import yaml
 from small_study import ENTRY, ENV_ID, SlowUntil, wrapped
 
 from sb3_piano.cli import main
+from sb3_piano.envs import GENERAL_ID
 from sb3_piano.training import load_config
 from sb3_piano.tuning import StudyFolder
 from sb3_piano.tuning.storage import open_storage
@@ -42,7 +43,10 @@ def finished(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as out:
         patch.chdir(folder)
         write_settings()
-        assert main(arguments("--trials", "2", "--seed", "0")) == 0
+        command = arguments(
+            "--trials", "2", "--seed", "0", "--midi", str(MIDI_FILE), "--seeds", "2"
+        )
+        assert main(without_env(command)) == 0
     return folder, out.getvalue()
 
 
@@ -61,6 +65,11 @@ def arguments(*more):
     return [*command, *more]
 
 
+def without_env(command):
+    place = command.index("--env")
+    return [*command[:place], *command[place + 2 :]]
+
+
 def error(capsys, *more):
     """Run the command and return the one line that says what is wrong."""
     assert main(arguments(*more)) == 2
@@ -73,27 +82,17 @@ def error(capsys, *more):
 def test_a_study_tells_what_it_found_and_where_everything_is(finished, monkeypatch):
     files, out = finished
     monkeypatch.chdir(files)
-    folder = f"studies/td3-{ENV_ID}"
+    folder = "studies/td3-five_fingers"
     assert f"{folder}, 2 trials, highest final f1 " in out
     assert "(of the preset: " in out
     for name in ("best.yml", "report.html", "trials.csv"):
         assert f"{folder}/{name}" in out
         assert (files / folder / name).is_file()
-    command = f"sb3-piano train --algo td3 --env {ENV_ID} --config {folder}/best.yml"
-    assert command in out
-    assert load_config("td3", ENV_ID, files / folder / "best.yml").n_timesteps == 40
-
-
-def test_a_midi_file_gives_its_study_the_name(files, capsys):
-    command = arguments("--midi", str(MIDI_FILE), "--trials", "1", "--seeds", "2")
-    del command[command.index("--env") : command.index("--env") + 2]
-    assert main(command) == 0
-    folder = files / "studies" / "td3-five_fingers"
-    with (folder / "trials.csv").open() as file:
-        (row,) = csv.DictReader(file)
-    assert row["steps"] == "80"
-    best = load_config("td3", "RoboPianist-v0", folder / "best.yml")
-    assert best.env_kwargs["score"] == str(MIDI_FILE)
+    assert f"sb3-piano train --algo td3 --env {GENERAL_ID} --config {folder}/best.yml" in out
+    best = load_config("td3", GENERAL_ID, files / folder / "best.yml")
+    assert (best.n_timesteps, best.env_kwargs["score"]) == (40, str(MIDI_FILE))
+    with (files / folder / "trials.csv").open() as file:
+        assert [row["steps"] for row in csv.DictReader(file)] == ["80", "80"]
 
 
 def test_a_study_without_a_complete_trial_is_an_error(files, capsys):
@@ -105,19 +104,19 @@ def test_a_study_without_a_complete_trial_is_an_error(files, capsys):
 
 @pytest.fixture
 def slow_study(files, monkeypatch):
-    """Start a study of two workers whose trials do not end before there is a file ``quick``.
+    """Start a study whose trial does not end before there is a file ``quick``.
 
     The value is the command and its process, which is the leader of a group of its own.
     """
     slow = wrapped(SlowUntil, marker=str(files / "quick"))
     write("small.yml", {"default": {**ENTRY, "learning_starts": 190, **slow}})
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)  # of `slow`
-    command = [sys.executable, "-m", "sb3_piano.cli", *arguments("--trials", "2", "--workers", "2")]
+    command = [sys.executable, "-m", "sb3_piano.cli", *arguments("--trials", "1")]
     command[command.index("--steps") + 1] = "200"
     process = subprocess.Popen(
         command, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    while len(list(files.glob("studies/*/trials/*/seed_0/monitor/*.csv"))) < 2:
+    while not list(files.glob("studies/*/trials/*/seed_0/monitor/*.csv")):
         assert process.poll() is None
         time.sleep(0.05)
     yield command, process
@@ -125,16 +124,12 @@ def slow_study(files, monkeypatch):
     process.communicate()
 
 
-def test_ctrl_c_on_the_terminal_stops_it_and_the_same_command_goes_on(files, slow_study):
-    command, process = slow_study
+def test_ctrl_c_on_the_terminal_stops_it(slow_study):
+    _, process = slow_study
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does it
     out, err = process.communicate()
     assert process.returncode == 130, err
     assert "Interrupted: the same command goes on." in out
-    (files / "quick").touch()
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert ", 2 trials, highest final f1 " in done.stdout
 
 
 def workers_of(folder):
@@ -143,24 +138,24 @@ def workers_of(folder):
     return [pid for pid in ids if Path(f"/proc/{pid}").exists()]
 
 
-def test_the_workers_of_a_killed_study_end_and_the_same_command_goes_on(files, slow_study):
+def test_the_worker_of_a_killed_study_ends_and_the_same_command_goes_on(files, slow_study, capsys):
     command, process = slow_study
     folder = StudyFolder(next(files.glob("studies/*")))
-    assert len(workers_of(folder)) == 2
+    assert folder.path.name == f"td3-{ENV_ID}"
+    assert len(workers_of(folder)) == 1
     process.kill()
     process.wait()
     deadline = time.monotonic() + 120
     while workers_of(folder):
-        assert time.monotonic() < deadline, "the workers go on"
+        assert time.monotonic() < deadline, "the worker goes on"
         time.sleep(0.1)
     (files / "quick").touch()
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert ", 2 trials, highest final f1 " in done.stdout
+    assert main(command[3:]) == 0
+    assert ", 1 trials, highest final f1 " in capsys.readouterr().out
     study = optuna.load_study(study_name=folder.path.name, storage=open_storage(None, folder))
     states = [trial.state.name for trial in study.trials]
-    assert states == 2 * ["FAIL"] + 2 * ["COMPLETE"]
-    assert study.trials[0].params == study.trials[2].params
+    assert states == ["FAIL", "COMPLETE"]
+    assert study.trials[0].params == study.trials[1].params
 
 
 def test_an_impossible_range_is_refused_before_there_is_a_study(files, capsys):

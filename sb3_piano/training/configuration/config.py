@@ -184,17 +184,12 @@ class PlayConfig:
         return dataclasses.replace(self, env_wrapper=wrappers)
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return the config in YAML's types; :meth:`from_mapping` gives it back."""
+        """Return the config in YAML's types, which the class can be called with again."""
         mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         for name, value in mapping.items():
             if isinstance(value, tuple):
                 mapping[name] = plugins_to_plain(value)
         return {name: plain(value, name) for name, value in mapping.items()}
-
-    @classmethod
-    def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
-        """Return the config that :meth:`to_mapping` wrote."""
-        return cls(**mapping)
 
     def _check_algorithm_kwargs(self, made: type) -> dict[str, Any]:
         """Fit the constructor's arguments to what plays; return them."""
@@ -233,13 +228,6 @@ class PlannedConfig(PlayConfig):
     def with_network(self, file: str) -> Self:
         """Return the settings with another file of that network."""
         return dataclasses.replace(self, algorithm_kwargs={**self.algorithm_kwargs, "model": file})
-
-    @classmethod
-    def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
-        """Return the config that :meth:`to_mapping` wrote, without settings of a training."""
-        own = {f.name for f in dataclasses.fields(cls)}
-        training = {f.name for f in dataclasses.fields(RunConfig)} - own  # in folders of 0.1
-        return cls(**{name: value for name, value in mapping.items() if name not in training})
 
 
 @settings

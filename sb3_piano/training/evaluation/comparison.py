@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import statistics
@@ -10,14 +9,14 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BeforeValidator
 
 from sb3_piano.envs import PianoEnvConfig
-from sb3_piano.exceptions import RunError, one_line
-from sb3_piano.files import write_csv
+from sb3_piano.exceptions import RunError
+from sb3_piano.files import read_json, write_csv
 from sb3_piano.settings import checked, refuse_unknown
 from sb3_piano.training.evaluation.statistics import (
     SignedRankTest,
@@ -268,6 +267,14 @@ class SavedEpisodes:
             raise ValueError(f"{len(self.episodes)} episodes with {len(self.episode_seeds)} seeds")
 
 
+def _evaluations(content: Any) -> Any:
+    """Return the list of evaluations in a file of :func:`evaluate_runs`, or of the one alone."""
+    return content.get("evaluations", [content]) if isinstance(content, dict) else content
+
+
+_OneOrSeveral = Annotated[list[SavedEpisodes], BeforeValidator(_evaluations)]
+
+
 def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
     """Return the episodes of an evaluation's JSON file, of a run, or of a folder of runs."""
     path = Path(source)
@@ -297,23 +304,8 @@ def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
 
 
 def _read_file(file: Path) -> list[SavedEpisodes]:
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-        entries = content.get("evaluations", [content])
-        found = TypeAdapter(list[SavedEpisodes]).validate_python(entries)
-    except OSError as error:
-        raise RunError(
-            f"'{file}' cannot be read: {error.strerror}. Expected a JSON file."
-        ) from error
-    except (ValueError, AttributeError) as error:
-        reason = one_line(error)
-        if isinstance(error, ValidationError):
-            first = error.errors()[0]
-            reason = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
-        raise RunError(
-            f"'{file}' holds no evaluation ({reason}): expected a file that 'sb3-piano evaluate' "
-            "of this version wrote."
-        ) from error
+    wanted = "expected a file that 'sb3-piano evaluate' of this version wrote."
+    found = read_json(file, _OneOrSeveral, wanted)
     if not found:
         raise RunError(f"'{file}' holds no evaluation: no run could be evaluated then.")
     return found

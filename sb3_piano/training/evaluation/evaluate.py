@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from sb3_piano.envs import Recording
-from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError
+from sb3_piano.exceptions import ConfigError, SB3PianoError
 from sb3_piano.files import write_csv, write_json
 from sb3_piano.music import Score, load_score, write_midi
 from sb3_piano.music.difficulty import MotionRecording, write_motion
 from sb3_piano.settings import Count, Index, checked
 from sb3_piano.training.evaluation.statistics import Summary, summarize
 from sb3_piano.training.playing.player import SavedPlayer
-from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.runs.folder import RunFolder, unwritable
 
 _log = logging.getLogger(__name__)
 
@@ -342,9 +342,7 @@ def _written(found: Evaluation, run: RunFolder, played: Sequence[_Episode]) -> E
         for stale in (*folder.glob("performance_*.mid"), *folder.glob("performance_*.npz")):
             stale.unlink()
     except OSError as error:
-        raise RunError(
-            f"'{folder}' cannot be written: {error.strerror}. Expected a folder."
-        ) from error
+        raise unwritable(folder, error) from error
     scores, motions = [], []
     for number, episode in enumerate(played, start=1):
         file = folder / f"performance_{number}.mid"

@@ -30,17 +30,9 @@ def write_report(
 ) -> Path:
     """Let a run's saved model play an episode, and write what there is to see into an HTML file.
 
-    The file needs nothing else, also no network. The resting hands get the same seed.
-
-    Args:
-        folder: The run's folder.
-        out: The file; by default ``evaluation/report.html`` in the run's folder.
-        seed: Seeds the environment, at least 0.
-        physics: Name of the physics profile to play on; by default the run's own.
-        best: Play the best model by this metric, in place of the last one.
-
-    Raises:
-        RunError: If it is no run of a piano environment, or the file cannot be written.
+    The file, by default ``evaluation/report.html`` in the run's folder, needs nothing else, also no
+    network. The resting hands get the same seed. Arguments and errors are those of
+    :func:`~sb3_piano.training.play_run`.
     """
     with SavedPlayer.open(folder, seed=seed, physics=physics, best=best) as player:
         run, env = player.run, player.env

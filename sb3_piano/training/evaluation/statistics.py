@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
 
 Interval = tuple[float, float]
 
@@ -48,11 +47,7 @@ class SignedRankTest:
 
 
 def summarize(values: npt.ArrayLike) -> Summary:
-    """Return mean, standard deviation and interval of the mean.
-
-    Args:
-        values: (n,) float, n at least 1.
-    """
+    """Return mean, standard deviation and interval of the mean of (n,) values, n at least 1."""
     values = np.asarray(values, dtype=np.float64)
     if values.ndim != 1 or len(values) == 0:
         raise ValueError(f"Values have the shape {values.shape}: expected (n,) with n at least 1.")
@@ -68,20 +63,14 @@ def summarize(values: npt.ArrayLike) -> Summary:
 
 
 def bootstrap_interval(values: npt.ArrayLike) -> Interval | None:
-    """Return the 95 % bootstrap interval of a mean.
+    """Return both ends of the 95 % bootstrap interval of the mean of (n,) values.
 
-    The percentile method: the 2.5 % and 97.5 % quantiles of the means of 9999 resamples. It stays
-    within the values, so that the interval of a score in [0, 1] does too, and is what rliable uses.
-    From few values any interval is too narrow for its name: from 3, 5, 10 and 20, those of this
-    method covered the true mean in 73, 82, 88 and 91 % of 3000 draws, a third each normal,
-    exponential and beta(2, 8); those of the BCa method in 70, 82, 88 and 92 % of 1500.
-
-    Args:
-        values: (n,) float.
-
-    Returns:
-        Its ends; ``None`` for fewer than two values, or values that are all equal: resampling
-        them can say nothing of how they vary.
+    There is none of fewer than two values or of values that are all equal: resampling them can say
+    nothing of how they vary. The percentile method: the 2.5 % and 97.5 % quantiles of the means of
+    9999 resamples. It stays within the values, so that the interval of a score in [0, 1] does too,
+    and is what rliable uses. From few values any interval is too narrow for its name: from 3, 5, 10
+    and 20, those of this method covered the true mean in 73, 82, 88 and 91 % of 3000 draws, a third
+    each normal, exponential and beta(2, 8); those of the BCa method in 70, 82, 88 and 92 % of 1500.
 
     Source:
         Efron and Tibshirani, An Introduction to the Bootstrap (1993), chapter 13. Agarwal et al.,
@@ -90,6 +79,8 @@ def bootstrap_interval(values: npt.ArrayLike) -> Interval | None:
     values = np.asarray(values, dtype=np.float64)
     if len(values) < 2 or np.ptp(values) == 0:
         return None
+    from scipy import stats  # slow to import, and of no use to most commands
+
     found = stats.bootstrap(
         (values,),
         np.mean,
@@ -102,14 +93,11 @@ def bootstrap_interval(values: npt.ArrayLike) -> Interval | None:
 
 
 def signed_rank_test(differences: npt.ArrayLike) -> SignedRankTest:
-    """Test whether paired differences lean to one side, without assuming how they are distributed.
+    """Test whether (n,) paired differences lean to one side, however they are distributed.
 
     Zeros say nothing of a side and are left out first, as Wilcoxon did. Equal sizes share their
     mean rank. The test is exact up to 50 differences of different sizes, or 13 with equal ones;
     above, it takes the normal approximation.
-
-    Args:
-        differences: (n,) float.
 
     Source:
         Wilcoxon, Individual Comparisons by Ranking Methods (1945), as in ``scipy.stats.wilcoxon``.
@@ -121,6 +109,8 @@ def signed_rank_test(differences: npt.ArrayLike) -> SignedRankTest:
         if len(differences) < 2:
             reason = "fewer than 2 pairs"
         return SignedRankTest(n=len(counted), p=None, least_p=None, no_test=reason)
+    from scipy import stats
+
     # Only ranks count; without rounding, equal sizes would differ in their last digits.
     sizes = np.round(counted / np.abs(counted).max(), 12)
     return SignedRankTest(

@@ -73,14 +73,8 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         """Return the player of a run.
 
         Another piece comes in through the environment's ``reset``, so that an observation that
-        was fitted to the run's own piece keeps its meaning.
-
-        Args:
-            folder: The run's folder.
-            seed: Seeds the environment, unless :meth:`play` is given another, at least 0.
-            physics: Name of the physics profile to play on; by default the run's own.
-            score: What to play in place of the run's own piece, whatever its wrappers choose.
-            best: Play the best model by this metric, such as "f1", in place of the last one.
+        was fitted to the run's own piece keeps its meaning. Arguments are those of
+        :func:`~sb3_piano.training.play_run`; :meth:`play` may be given another seed.
 
         Raises:
             ConfigError: If ``seed`` is out of range, the run's config is damaged, or a piece is
@@ -147,9 +141,9 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         """
         return self._record(seed, resting=False)
 
-    def rest(self, *, seed: int | None = None) -> Recording | None:
+    def rest(self) -> Recording | None:
         """Return an episode in which the hands rest; ``None`` if the environment is no piano."""
-        return next(self._record(seed, resting=True)) if self._recorder.can_rest else None
+        return next(self._record(None, resting=True)) if self._recorder.can_rest else None
 
     def predict(
         self,

@@ -195,7 +195,7 @@ def planner_config(
         what: An environment's id, a file such as MIDI, or a piece by its name.
         algo: One of :data:`~sb3_piano.training.PLANNERS`.
         seed: Seeds the environment and what is drawn at random, at least 0.
-        env_kwargs: Options of the environment, beside and before those of :data:`PLANNED_IN`.
+        env_kwargs: Options of the environment, before those of :data:`PLANNED_IN`.
         **arguments: Arguments of the planner, such as ``samples``, in plain values.
     """
     env_id, options = where_played(what)
@@ -214,14 +214,11 @@ def plan_run(
     *,
     runs_dir: str | os.PathLike[str] = "runs",
 ) -> tuple[RunFolder, str, float]:
-    """Make the folder of a run that plays without training, once it is known to work.
+    """Make the folder of a run without training; return it, the piece's name, and seconds.
 
     The plan is made, so that a :class:`~sb3_piano.exceptions.PlanWarning` tells what cannot be
-    played; it is not kept, as making it again takes seconds. Folders are those of
+    played; it is not kept, as making it again takes those seconds. Folders are those of
     :func:`~sb3_piano.training.train`.
-
-    Returns:
-        The run's folder, the name of what is played, and how long it took to plan it, s.
     """
     run = RunFolder.create(config, folder, runs_dir)
     with run.whole_or_gone(), _planner(config) as (player, env, piano):

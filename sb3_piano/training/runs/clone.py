@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
-from stable_baselines3.common.base_class import BaseAlgorithm
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.demonstrations import Cloning, clone_behaviour, open_dataset
@@ -122,7 +121,9 @@ def clone(
                 seed=seed,
                 on_epoch=on_epoch,
             )
-            _save(run, settings, model)
+            run.checkpoint_dir.mkdir()  # that of a training which has done no step yet
+            saved = Checkpoint.save(model, run.checkpoint_dir, settings.labels)
+            saved.copy_model(run.checkpoint_dir, run.model_file)
             facts = {"dataset": found.id, "epochs": epochs, "batch_size": batch_size}
             facts |= {"learning_rate": learning_rate, "loss": cloning.losses[-1]}
             run.write_provenance({**run.read_provenance(), "cloned": facts})
@@ -153,18 +154,3 @@ def _in_environment(spec: EnvSpec, config: RunConfig) -> RunConfig:
         for wrapper in spec.additional_wrappers
     )
     return dataclasses.replace(config, env_kwargs=changed, env_wrapper=wrappers)
-
-
-def _save(run: RunFolder, config: RunConfig, model: BaseAlgorithm) -> None:
-    """Write the model, and the checkpoint of a training that has done no step yet."""
-    folder, name, statistics = run.checkpoint_dir, "model-0.zip", None
-    folder.mkdir()
-    for place in (run.model_file, folder / name):
-        model.save(place)
-    normalizer = model.get_vec_normalize_env()
-    if normalizer is not None:
-        statistics = "vecnormalize-0.pkl"
-        for place in (run.statistics_file, folder / statistics):
-            normalizer.save(str(place))
-    saved = Checkpoint(num_timesteps=0, model=name, vec_normalize=statistics, labels=config.labels)
-    saved.write(folder)

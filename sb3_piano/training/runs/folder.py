@@ -11,7 +11,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ import yaml
 
 import sb3_piano
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.files import write_text
+from sb3_piano.files import Place, write_text
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music.library import user_library
 from sb3_piano.players.hand_model import FILE_NAME as HAND_FILE
@@ -36,16 +36,6 @@ MODEL = "model"
 
 _EXPECTED = "expected a folder that 'sb3-piano train' made"
 _PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch")
-
-
-class _Place:
-    """A file or folder in a run's folder, as an attribute of that."""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-
-    def __get__(self, run: RunFolder, owner: object = None) -> Path:
-        return run.path / self._name
 
 
 @dataclass(frozen=True)
@@ -77,16 +67,16 @@ class RunFolder:
 
     path: Path
 
-    config_file = _Place("config.yml")
-    provenance_file = _Place("run.yml")
-    model_file = _Place("model.zip")
-    statistics_file = _Place("vecnormalize.pkl")
-    weights_file = _Place("policy.safetensors")
-    hand_file = _Place(HAND_FILE)
-    checkpoint_dir = _Place("checkpoint")
-    monitor_dir = _Place("monitor")
-    tensorboard_dir = _Place("tensorboard")
-    evaluation_dir = _Place("evaluation")
+    config_file = Place("config.yml")
+    provenance_file = Place("run.yml")
+    model_file = Place("model.zip")
+    statistics_file = Place("vecnormalize.pkl")
+    weights_file = Place("policy.safetensors")
+    hand_file = Place(HAND_FILE)
+    checkpoint_dir = Place("checkpoint")
+    monitor_dir = Place("monitor")
+    tensorboard_dir = Place("tensorboard")
+    evaluation_dir = Place("evaluation")
 
     @classmethod
     def create(
@@ -166,9 +156,13 @@ class RunFolder:
     def read_config(self) -> PlayConfig:
         """Return the run's settings; a score file is that of the folder, wherever it is now."""
         content = read_yaml_mapping(self.config_file)
-        kind: type[PlayConfig] = PlannedConfig if content.get("algo") in PLANNERS else RunConfig
+        kind: type[PlayConfig] = RunConfig
+        if content.get("algo") in PLANNERS:
+            kind = PlannedConfig
+            trained = {f.name for f in fields(RunConfig)} - {f.name for f in fields(kind)}
+            content = {n: v for n, v in content.items() if n not in trained}  # in folders of before
         try:
-            config = kind.from_mapping(content)
+            config = kind(**content)
         except ConfigError as error:
             raise ConfigError(f"'{self.config_file}': {error}") from error
         found = {name: self.path / file for name, file in _files(config).items()}
@@ -226,17 +220,10 @@ def provenance(seed: int | None) -> dict[str, Any]:
         "torch_threads": torch.get_num_threads(),
         "versions": {
             "sb3_piano": sb3_piano.__version__,
-            **{package: _version(package) for package in _PACKAGES},
+            **{package: importlib.metadata.version(package) for package in _PACKAGES},
             "python": platform.python_version(),
         },
     }
-
-
-def _version(package: str) -> str | None:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return None
 
 
 def _files(config: PlayConfig) -> dict[str, str]:

@@ -127,7 +127,7 @@ def resume(
         steps: The new total of environment steps; by default the run's.
         algo: The algorithm that the run is expected to have, if any.
         env_id: The environment that the run is expected to have, if any.
-        callbacks: Callbacks beside the config's.
+        callbacks: As of :func:`train`, as are the others.
         progress_bar: Whether to show progress on the terminal.
         checkpoint_every: Environment steps between two checkpoints.
 

@@ -9,8 +9,6 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
-from plotly.utils import PlotlyJSONEncoder
 
 from sb3_piano.metrics import DEFINITIONS, ONSET_TOLERANCE, Definition, has_value
 from sb3_piano.viewing.frame_renderer import FINGER_COLORS, PRESSED_COLOR, UNLABELLED_COLOR
@@ -75,11 +73,9 @@ PALETTE = {
 
 
 def render(template: str, **context: Any) -> str:
-    """Return a page; whatever stands in its context is escaped.
+    """Return a page of a template in ``templates/``; whatever stands in its context is escaped.
 
-    Args:
-        template: Name of a file in ``templates/``.
-        context: What the template names. Figures may hold arrays and be Plotly's own.
+    Figures may hold arrays and be Plotly's own.
     """
     return _environment().get_template(template).render(context)
 
@@ -95,6 +91,9 @@ def plural(number: int, one: str, many: str = "") -> str:
 
 @cache
 def _environment() -> Environment:
+    from plotly.offline import get_plotlyjs  # slow to import, and of no use without a page
+    from plotly.utils import PlotlyJSONEncoder
+
     loader = PackageLoader("sb3_piano.viewing.report")
     environment = Environment(
         loader=loader,

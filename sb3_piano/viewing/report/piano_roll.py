@@ -58,13 +58,10 @@ Legend = list[tuple[Mark, int]]
 
 
 def note_name(key: int) -> str:
-    """Return the name of a key.
+    """Return the name of a key, 0-87.
 
     >>> note_name(39), note_name(40)
     ('C4', 'C♯4')
-
-    Args:
-        key: 0-87.
     """
     octave, pitch_class = divmod(MIN_PITCH + key, 12)
     return f"{_PITCH_CLASSES[pitch_class]}{octave - 1}"
@@ -86,12 +83,7 @@ def legends(notes: DueNotes, presses: PlayedPresses) -> dict[str, Legend]:
 
 
 def piano_roll(performance: Performance, notes: DueNotes, presses: PlayedPresses) -> dict[str, Any]:
-    """Return the contents of the page's piano roll, with the pedal below.
-
-    Args:
-        performance: What was played.
-        notes: What :func:`~sb3_piano.viewing.report.judgement.judge` says of the notes due.
-        presses: What it says of the presses.
+    """Return the contents of the page's piano roll, with the pedal below, for what ``judge`` found.
 
     Returns:
         ``bars``: for each mark's id the ``key`` (0-87), ``onset`` and ``length`` [s] of its bars,

@@ -95,10 +95,6 @@ class Curve(NamedTuple):
 def finger_usage(performance: Performance, metrics: Mapping[str, float]) -> dict[str, Any]:
     """Return the shares of the pressing, beside what the score's fingering asks for.
 
-    Args:
-        performance: What was played; its roll has the fingering.
-        metrics: The shares that were played, by their names in ``FINGER_SHARES``.
-
     Returns:
         ``finger``: labels 0-9 from left to right; their ``name``, the share ``played`` and the
         one ``due`` [%], which is ``None`` without a fingering.
@@ -117,12 +113,9 @@ def reward_terms(
 ) -> dict[str, Any] | None:
     """Return the episode's sum of each weighted reward term, the policy's beside resting.
 
-    Args:
-        metrics: Has the sums under names that begin with ``return_``.
-        baseline: The same of an episode in which the hands rest, if there is one.
-
     Returns:
-        Labels of the ``terms``, and ``rows`` of their sums; ``None`` if there are no such names.
+        Labels of the ``terms``, and ``rows`` of their sums; ``None`` if no name begins with
+        ``return_``.
     """
     names = [name for name in metrics if name.startswith(_RETURN_PREFIX)]
     episodes = {PLAYED: metrics} if baseline is None else {PLAYED: metrics, NOTHING: baseline}
@@ -141,10 +134,6 @@ def training_panels(
     curves: Mapping[str, Curve], baseline: Mapping[str, float] | None
 ) -> list[dict[str, Any]]:
     """Return a panel for each of F1, onset F1, return and reward terms that the log knows.
-
-    Args:
-        curves: The log, by name (``music/f1``, ``rollout/ep_rew_mean``, ``reward/energy``, ...).
-        baseline: Metrics of an episode in which the hands rest, if there is one.
 
     Returns:
         For each its ``title``, ``lines`` of ``name``, ``x`` and ``y``, the ``level`` of playing
@@ -170,12 +159,7 @@ def training_panels(
 
 
 def thinned(curve: Curve, most: int = MOST_POINTS) -> Curve:
-    """Return means of equally many neighbouring points, so that there are at most so many.
-
-    Args:
-        curve: n points.
-        most: At least 1.
-    """
+    """Return means of equally many neighbouring points, so that there are at most so many."""
     each = -(-len(curve.steps) // most)
     if each <= 1:
         return curve

@@ -37,9 +37,9 @@ def disturbed():
     from sb3_piano.demonstrations import recording
 
     def make(monkeypatch, noise=1.0):
-        monkeypatch.setattr(recording, "_noise", lambda env, std, memory: Noisy(noise))
+        monkeypatch.setattr(recording, "ActuatorNoise", lambda env, std, memory: Noisy(std))
         env = pendulum()
-        return record(Linear(env), env, NAME, episodes=8).dataset
+        return record(Linear(env), env, NAME, episodes=8, noise=[noise]).dataset
 
     return make
 

@@ -4,6 +4,10 @@ What a score gives to a hand is for people, whose arms pass each other and whose
 neighbouring keys. The simulated forearms are 15 cm thick and stay beside each other: where both
 hands are needed at one place, one of them is not there. A note goes to the other hand where that
 saves sound. Costs are in control steps of sound, as in :mod:`sb3_piano.music.fingering.robot`.
+
+The costs of a stretch and of being too near were chosen by how the sight-reader plays the
+repertoire and six Hanon studies; on 24 generated excerpts, which had no say, its F1 rises from
+0.768 to 0.784.
 """
 
 from __future__ import annotations

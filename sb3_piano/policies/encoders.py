@@ -69,7 +69,7 @@ class FlatEncoder(nn.Module):
 
 
 class ConvEncoder(FlatEncoder):
-    """The same with rows to come convolved, ten control steps at a time.
+    """Goal, finger labels and state, what is due later convolved, ten steps at a time.
 
     Args:
         layout: As of :class:`FlatEncoder`. The goal, and labels of more than one row, look ahead a
@@ -256,11 +256,11 @@ class EncoderSACPolicy(_Encoders, DroQSACPolicy):
 
 
 class EncoderTD3Policy(_Encoders, DroQTD3Policy):
-    """TD3's policy with such encoders; arguments as of :class:`EncoderSACPolicy`."""
+    """TD3's policy with encoders; arguments as of :class:`EncoderSACPolicy`."""
 
 
 class EncoderTQCPolicy(_Encoders, DroQTQCPolicy):
-    """TQC's policy with such encoders; arguments as of :class:`EncoderSACPolicy`."""
+    """TQC's policy with encoders; arguments as of :class:`EncoderSACPolicy`."""
 
 
 def _layout_of(space: spaces.Space[Any]) -> ObservationLayout:

@@ -1,4 +1,4 @@
-"""Networks of one's own in the policies of stock SAC, TD3 and TQC.
+"""Mixins for policies of stock SAC, TD3 and TQC that make their own networks.
 
 A policy class that inherits from these, before SB3's, says which networks it wants; everything
 else (heads of actors, target networks, optimizers, saving) stays SB3's.

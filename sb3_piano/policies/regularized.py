@@ -60,7 +60,7 @@ class RegularizedCritic(ContinuousCritic):
 
 
 class RegularizedQuantileCritic(QuantileCritic):
-    """The same for TQC, whose actor is optimised by the mean of all critics anyway.
+    """TQC's critics, with such a cost; their mean optimises the actor anyway.
 
     Args:
         *args: As of TQC's ``Critic``.
@@ -162,11 +162,11 @@ class RegularizedSACPolicy(RegularizedCritics, SACPolicy):
 
 
 class RegularizedTD3Policy(RegularizedCritics, TD3Policy):
-    """SB3's ``MlpPolicy`` of TD3 so; arguments as of :class:`RegularizedSACPolicy`."""
+    """SB3's ``MlpPolicy`` of TD3 with regularised critics; see :class:`RegularizedSACPolicy`."""
 
 
 class RegularizedTQCPolicy(RegularizedCritics, TQCPolicy):
-    """TQC's ``MlpPolicy`` so; arguments as of :class:`RegularizedSACPolicy`."""
+    """TQC's ``MlpPolicy`` with regularised critics; see :class:`RegularizedSACPolicy`."""
 
     _critic_class = RegularizedQuantileCritic
 

@@ -20,7 +20,9 @@ from dataclasses import dataclass
 from itertools import combinations, groupby, product
 
 import numpy as np
+import numpy.typing as npt
 
+from sb3_piano.arrays import FloatArray
 from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK, MIDDLE, THUMB, UNKNOWN_FINGER
 from sb3_piano.music.fingering.search import Onset, States, Table, search
 from sb3_piano.music.presses import Press, presses_of_hand
@@ -147,9 +149,18 @@ def lost_to_leap(distance: float, rest: int) -> tuple[int, int]:
 
     The hand has to go ``distance`` m, and there are ``rest`` control steps between the notes.
     """
-    steps = LEAP_STEPS + sum(distance > more for more in LEAP_MORE) - rest
-    late = max(steps + 1, 0) // 2
-    return late, max(steps, 0) - late
+    steps = int(leap_steps(distance, rest))
+    late = (steps + 1) // 2
+    return late, steps - late
+
+
+def leap_steps(distance: npt.ArrayLike, rest: npt.ArrayLike) -> FloatArray:
+    """Return the control steps of sound that leaps of so many m cost after so many steps of rest.
+
+    Distances and rests have shapes that broadcast; rests may be parts of steps.
+    """
+    steps = LEAP_STEPS + np.searchsorted(LEAP_MORE, distance) - np.asarray(rest)
+    return np.asarray(np.maximum(steps, 0.0))
 
 
 def _fit(presses: list[Press], sign: int) -> dict[tuple[int, int], int]:

@@ -30,9 +30,8 @@ from sb3_piano.music.fingering.robot import (
     KEY_SPACING,
     KEY_Y,
     LEAP_DISTANCE,
-    LEAP_MORE,
     LEAP_REST,
-    LEAP_STEPS,
+    leap_steps,
 )
 from sb3_piano.music.fingering.split import assign_hands
 from sb3_piano.music.hands import HANDS
@@ -48,9 +47,9 @@ _TOO_NEAR = 2.0  # a strike of a hand that is 5 cm too near to the other one
 _NEAR_UNIT, _NEAR_MOST = 0.05, 0.10  # m
 _ARM_STEPS = 12  # control steps after its last note in which a hand is still where it was
 
-_LOW, _HIGH, _END = range(3)
-"""A hand's state: least and greatest place of its middle finger, as seen by a right hand, m, and
-when its last notes end, in control steps."""
+_HIGH, _END = 1, 2
+"""Of a hand's state: after the least place of its middle finger, as seen by a right hand, m, comes
+the greatest one, m, and when its last notes end, in control steps."""
 
 
 def robot_hands(score: Score, control_timestep: float) -> Score:
@@ -147,8 +146,7 @@ def _places(
     before_least, before_greatest, end = states.T[..., None]
     way = np.maximum(np.maximum(least - before_greatest, before_least - greatest), 0)
     rest = np.maximum(onset - end, 0)
-    steps = LEAP_STEPS + sum((way > more).astype(float) for more in LEAP_MORE) - rest
-    cost = np.where(way > LEAP_DISTANCE, np.maximum(steps, 0), 0.0)
+    cost = np.where(way > LEAP_DISTANCE, leap_steps(way, rest), 0.0)
     anew = (rest > LEAP_REST) | (way > 0)
     place = [
         np.where(anew, least, np.maximum(least, before_least)),

@@ -61,11 +61,6 @@ class Round:
     """Error of a finger's joint beyond which the loss grows linearly, rad."""
 
 
-_LATER = 2 * (
-    Round(excerpts=200, learner=0.8, warm=True, epochs=4, batch_size=768, learning_rate=6e-4),
-)
-
-
 @settings
 class PlayingSettings:
     """How excerpts are played to learn from."""
@@ -176,15 +171,15 @@ class DistillConfig:
     """What is played; rounds that ask for more excerpts than it has begin anew, with other noise
     and other segments."""
     rounds: Annotated[tuple[Round, ...], MinLen(1)] = (
-        Round(excerpts=900),
-        *_LATER,
+        Round(excerpts=300, epochs=18),
+        Round(excerpts=200, learner=0.8, warm=True, epochs=8, batch_size=768, learning_rate=6e-4),
     )
     playing: PlayingSettings = field(default_factory=PlayingSettings)
     teacher: TeacherSettings = field(default_factory=TeacherSettings)
     network: NetworkSettings = field(default_factory=NetworkSettings)
     improvements: tuple[Improvement, ...] = (
-        Improvement(n_timesteps=4_000_000),
-        Improvement(n_timesteps=500_000, physics="reference"),
+        Improvement(n_timesteps=3_200_000),
+        Improvement(n_timesteps=400_000, physics="reference"),
     )
     """What follows the rounds; by default first on the fast physics, then on the reference one,
     which raises onset F1 there."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from sb3_piano.music import MAX_PITCH, MIN_PITCH, Corpus, Note, Score
 from sb3_piano.music.fingering import apply_fingering
-from sb3_piano.settings import checked
+from sb3_piano.settings import Count, checked
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper
 
 _KEPT = 20_000
@@ -29,14 +29,21 @@ class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
     Args:
         env: A piano environment, wrapped or not.
         corpus: The corpus, or settings of one by name, in place of its own.
+        episodes: How many episodes in a row play an excerpt. To find fingers and to read takes as
+            long as some 200 control steps on the fast physics.
 
     Raises:
         ConfigError: If a setting is wrong, or ``env`` is no piano.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], corpus: Corpus | Mapping[str, Any]) -> None:
-        gym.utils.RecordConstructorArgs.__init__(self, corpus=corpus)
+    def __init__(
+        self, env: gym.Env[Any, Any], corpus: Corpus | Mapping[str, Any], episodes: int = 1
+    ) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, corpus=corpus, episodes=episodes)
         super().__init__(env)
+        self._episodes = checked("episodes", episodes, Count)
+        self._chosen: Score | None = None
+        self._left = 0
         if not isinstance(corpus, Corpus):
             corpus = Corpus(**checked("corpus", corpus, Mapping))
         self._corpus = corpus
@@ -47,9 +54,21 @@ class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
         ends = [Note(onset=0.0, offset=1.0, pitch=pitch) for pitch in (MIN_PITCH, MAX_PITCH)]
         return [Score(notes=ends, title="corpus")]
 
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode; one with a seed chooses anew."""
+        if seed is not None:
+            self._chosen = None
+        return super().reset(seed=seed, options=options)
+
     def choose(self, random: np.random.Generator) -> Score:
         """Return the excerpt of an episode."""
-        return fingered_excerpt(self._corpus, int(random.integers(len(self._corpus))))
+        if self._chosen is None or not self._left:
+            index = int(random.integers(len(self._corpus)))
+            self._chosen, self._left = fingered_excerpt(self._corpus, index), self._episodes
+        self._left -= 1
+        return self._chosen
 
     def extend(self, plan: ScorePlan, options: Mapping[str, Any]) -> ScorePlan:
         """Return the plan with this choice, unless the piece is settled further out."""

@@ -77,6 +77,11 @@ class PianoEnvConfig:
     """Reward forearms that do not touch; otherwise the term is 0."""
     reward_weights: Mapping[str, RewardWeight] = dataclasses.field(default_factory=dict)
     """Weights of reward terms by name, in place of the default ones."""
+    goal_time: Literal["beginning", "end"] = "beginning"
+    """Moment of a control step whose keys are asked of the state at its end. "beginning", as in
+    RoboPianist, asks a key to be down by the end of the step in which its note begins; "end" asks
+    for it a step earlier, when the note begins, and lets go a step earlier. The reward but for
+    ``strike``, the observation and ``wrong_press_termination`` follow, the metrics do not."""
     wrong_press_termination: bool = False
     """End the episode when a key sounds that is not due."""
     randomize_hand_positions: bool = False

@@ -44,10 +44,13 @@ class Goal:
         """The score as it was handed in."""
         self.score = score = fingered(score, config.fingering, config.control_timestep)
         self.roll = roll_of(score, config)
+        """What should be played, by which the metrics judge."""
+        self.asked = self.roll.a_step_earlier() if config.goal_time == "end" else self.roll
+        """What is asked of the state at the end of each control step."""
         self.fingering_reward = config.fingering_reward
         if config.fingering_reward == "auto":
             self.fingering_reward = "labels" if score.has_fingering else "optimal-transport"
-        self.steps = tuple(_step_goal(self.roll, step) for step in range(len(self.roll)))
+        self.steps = tuple(_step_goal(self.asked, step) for step in range(len(self.asked)))
         """Goal of each control step."""
         self.highest_return = self._highest_return(config)
         """No return under the environment's reward is higher."""
@@ -58,15 +61,16 @@ class Goal:
 
     def _highest_return(self, config: PianoEnvConfig) -> float:
         n_fingering = {
-            "labels": int((self.roll.finger >= 0).any(axis=1).sum()),
+            "labels": int((self.asked.finger >= 0).any(axis=1).sum()),
             "optimal-transport": len(self),
             "off": 0,
         }
         return rewards.highest_return(
             config.reward_weights,
             n_steps=len(self),
-            n_due=int(self.roll.active.any(axis=1).sum()),
+            n_due=int(self.asked.active.any(axis=1).sum()),
             n_fingering=n_fingering[self.fingering_reward],
+            n_strikes=int(np.count_nonzero(self.roll.onset)),
             forearm=config.forearm_reward,
         )
 
@@ -95,7 +99,10 @@ def _step_goal(roll: PianoRoll, step: int) -> StepGoal:
 def reward_terms(
     simulation: Simulation, goal: Goal, step: int, pedal_down: bool, forearm: bool
 ) -> dict[str, float]:
-    """Return the unweighted reward terms by name, of a state compared with a step of a goal."""
+    """Return the unweighted reward terms by name, of a state compared with a step of a goal.
+
+    ``strike`` is not among them: it is about what happened since the state before.
+    """
     now = goal.steps[step]
     wrong = int.from_bytes(simulation.sounding) & now.not_due > 0
     force, velocity = simulation.actuator_force, simulation.actuator_velocity

@@ -77,7 +77,8 @@ class PianoEnv(gym.Env[Any, Any]):
     ## Reward
 
     The sum of the named terms of :mod:`sb3_piano.envs.rewards` times their weights. They compare
-    the state after a control step with the goal at its beginning. Each step's ``info`` has the
+    the state after a control step with the goal at its beginning; ``strike``, whose weight is 0
+    unless ``reward_weights`` says otherwise, counts strikes in time. Each step's ``info`` has the
     unweighted terms in ``info["reward_terms"]``.
 
     ## Start and end
@@ -157,6 +158,11 @@ class PianoEnv(gym.Env[Any, Any]):
     def roll(self) -> PianoRoll:
         """The score over control steps, as it should be played in this episode."""
         return self._goal.roll
+
+    @property
+    def asked_roll(self) -> PianoRoll:
+        """What the observation shows and the reward asks for: ``roll``, unless ``goal_time``."""
+        return self._goal.asked
 
     @property
     def steps_played(self) -> int:
@@ -270,6 +276,7 @@ class PianoEnv(gym.Env[Any, Any]):
         step, last, pedal_down = self._record.steps, len(self._goal) - 1, self.pedal_down
         config = self.config
         terms = reward_terms(self._simulation, self._goal, step, pedal_down, config.forearm_reward)
+        terms["strike"] = self._record.strike_term(self._simulation)
         weighted = {name: weight * terms[name] for name, weight in config.reward_weights.items()}
         self._record.add(self._simulation, pedal_down, weighted)
         self.total_steps += 1
@@ -288,6 +295,8 @@ class PianoEnv(gym.Env[Any, Any]):
 
     def reward_terms(self, step: int) -> dict[str, float]:
         """Return the unweighted reward terms of the present state under the goal of a step.
+
+        ``strike`` is not among them, which no state can tell.
 
         Args:
             step: Control step whose goal is compared with the state, 0 to ``len(roll) - 1``.
@@ -385,7 +394,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self.action_map = ActionMap(self.scene)
         """Map from actions to the actuators' targets and the pedal, and back."""
         self._goal = Goal(self._default_score, config)
-        roll = self._goal.roll
+        roll = self._goal.asked
         self._encoding = _make_encoding(config, self.scene, roll)
         self._encoding.prepare(roll)
         self._clear_episode()
@@ -393,7 +402,7 @@ class PianoEnv(gym.Env[Any, Any]):
     def _set_score(self, score: Score) -> None:
         if score is not self._goal.source:
             goal = Goal(score, self.config)
-            self._encoding.prepare(goal.roll)
+            self._encoding.prepare(goal.asked)
             self._goal = goal
 
     def _clear_episode(self) -> None:

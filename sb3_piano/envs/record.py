@@ -11,7 +11,8 @@ import numpy as np
 
 from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.envs.goal import Goal
-from sb3_piano.envs.rewards import RETURN_KEYS
+from sb3_piano.envs.rewards import RETURN_KEYS, strike
+from sb3_piano.envs.strikes import OpenOnsets
 from sb3_piano.metrics import KeyBoxes, Presses, nearest_fingers, normalized_return, presses_of
 from sb3_piano.music import Score
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
@@ -47,7 +48,7 @@ class EnvState:
     """By control step in which a key went down or up: (p, 88) bool, keys that sounded after each of
     its p physics steps."""
     returns: FloatArray
-    """(5,) sums so far of the weighted reward terms."""
+    """(6,) sums so far of the weighted reward terms."""
 
     @property
     def step(self) -> int:
@@ -71,6 +72,7 @@ class EpisodeRecord:
         self._changes: list[int] = []
         self._within = np.zeros((0, 1, NUM_KEYS), dtype=bool)
         self._returns = [0.0] * len(RETURN_KEYS)
+        self._open = OpenOnsets(goal.roll)
         # What is yet to be put into the latter two, which is faster for many steps at once.
         self._key_angles: list[bytes] = []
         self._weighted_terms: list[Iterable[float]] = []
@@ -79,6 +81,22 @@ class EpisodeRecord:
     def steps(self) -> int:
         """Control steps that are over."""
         return len(self._sustain)
+
+    def strike_term(self, simulation: Simulation) -> float:
+        """Return the reward term of the strikes in a control step that is yet to be added.
+
+        A strike is what the metrics take for one, and at the same time.
+        """
+        if simulation.sounding == self._sounding:
+            return 0.0
+        before, now = (np.frombuffer(s, dtype=bool) for s in (self._sounding, simulation.sounding))
+        struck = np.flatnonzero(now & ~before)
+        within = self._scene.sounding_at(simulation.key_angles)[None]
+        step = np.full(len(struck), self.steps)
+        times = (step + _shares(step, struck, step[:1], within)) * self._goal.roll.control_timestep
+        pairs = zip(struck.tolist(), times.tolist(), strict=True)
+        hits = sum(self._open.hit(key, time) for key, time in pairs)
+        return strike(hits, len(struck) - hits)
 
     def add(
         self, simulation: Simulation, pedal_down: bool, weighted_terms: Mapping[str, float]
@@ -151,6 +169,10 @@ class EpisodeRecord:
         if self._key_active:
             self._sounding = self._key_active[-1]
         self._returns = state.returns.tolist()
+        played = self.performance()
+        strikes = zip(played.presses.key.tolist(), played.strike_time.tolist(), strict=True)
+        for key, time in strikes:  # of one key in order of time
+            self._open.hit(key, time)
 
     def _sounding_within(self) -> BoolArray:
         """Return which keys sounded after the p physics steps of the m ``_changes``, (m, p, 88)."""

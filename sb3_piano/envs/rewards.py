@@ -3,7 +3,7 @@
 The reward of a control step is the sum over the terms of ``weight * term``. Source of all terms:
 RoboPianist (Zakka et al. 2023), its public task ``PianoWithShadowHands``; the optimal-transport
 fingering is RP1M's (Zhao et al. 2024). With the default weights each weighted term equals
-RoboPianist's own.
+RoboPianist's own; ``strike``, which RoboPianist does not have, has the weight 0.
 """
 
 from __future__ import annotations
@@ -18,8 +18,10 @@ from sb3_piano.arrays import FloatArray
 
 DEFAULT_REWARD_WEIGHTS: Mapping[str, float] = MappingProxyType(
     {"key_press": 1.0, "sustain": 1.0, "energy": 0.005, "fingering": 1.0, "forearm": 0.5}
+    | {"strike": 0.0}
 )
-"""RoboPianist's weights. ``energy`` is per watt, the other terms lie in [0, 1]."""
+"""RoboPianist's weights. ``energy`` is per watt, ``strike`` for each strike; the other terms lie in
+[0, 1]."""
 
 RETURN_KEYS = tuple(f"return_{name}" for name in DEFAULT_REWARD_WEIGHTS)
 """Names in the final ``info`` of the episode sums of the weighted terms."""
@@ -36,6 +38,7 @@ def highest_return(
     n_steps: int,
     n_due: int,
     n_fingering: int,
+    n_strikes: int,
     forearm: bool,
 ) -> float:
     """Return the highest return that a piece allows: every term at its upper end in every step.
@@ -47,6 +50,7 @@ def highest_return(
         n_steps: Control steps of the piece.
         n_due: Those in which a key is due; in the others ``key_press`` is 0.5 at most.
         n_fingering: Those in which ``fingering`` can be earned.
+        n_strikes: Strikes that the piece asks for.
         forearm: Whether ``forearm`` can be earned.
     """
     sums = {
@@ -55,6 +59,7 @@ def highest_return(
         "energy": 0,
         "fingering": n_fingering,
         "forearm": n_steps * forearm,
+        "strike": n_strikes,
     }
     return float(sum(max(weight, 0.0) * sums[name] for name, weight in weights.items()))
 
@@ -158,6 +163,16 @@ def optimal_transport_fingering(fingertips: FloatArray, press_points: FloatArray
     distance = _distance(fingertips[:, None], press_points[None])
     assigned = distance[linear_sum_assignment(distance)]
     return _mean_closeness(assigned.tolist(), _FINGER_TOLERANCE)
+
+
+def strike(hits: int, misses: int) -> float:
+    """Return how many strikes of a control step were in time less how many were not.
+
+    Args:
+        hits: Strikes within the tolerance of the onset metric of a note not yet struck.
+        misses: Strikes of wrong keys, too early, too late, or of a note a second time.
+    """
+    return float(hits - misses)
 
 
 def forearm(touching: bool) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -190,6 +190,34 @@ class PianoRoll:
         steps, keys = np.nonzero(self.active & (self.finger >= 0))
         fingers[steps, self.finger[steps, keys]] = True
         return fingers
+
+    def a_step_earlier(self) -> PianoRoll:
+        """Return the roll with all keys, but not the pedal, a control step earlier.
+
+        A note of the first step loses a step, and one that is no longer than that is lost.
+        """
+        time = np.zeros(self.onset.shape)
+        time[self.onset] = self.onset_time
+        time, finger = np.roll(time, -1, axis=0), np.roll(self.finger, -1, axis=0)
+        active, onset = np.roll(self.active, -1, axis=0), np.roll(self.onset, -1, axis=0)
+        active[-1], onset[-1], finger[-1] = False, False, UNKNOWN_FINGER
+        onset[0] |= self.onset[0] & active[0]
+        return replace(
+            self,
+            active=active,
+            finger=finger,
+            onset=onset,
+            onset_time=np.maximum(time[onset] - self.control_timestep, 0.0),
+            early_releases=tuple(
+                replace(
+                    one,
+                    onset=max(one.onset - 1, 0),
+                    offset=max(one.offset - 1, 0),
+                    release=max(one.release - 1, 0),
+                )
+                for one in self.early_releases
+            ),
+        )
 
     def strikes(self) -> list[tuple[int, int, float]]:
         """Return the control step, the key and the time (s) of each strike, in order."""

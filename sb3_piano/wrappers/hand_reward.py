@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 
 from sb3_piano.arrays import FloatArray
-from sb3_piano.metrics.onsets import ONSET_TOLERANCE
+from sb3_piano.envs.strikes import OpenOnsets
 from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_KEYS
 from sb3_piano.music.fingering.robot import KEY_Y
 from sb3_piano.settings import NotNegative, Share, checked
@@ -61,9 +61,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         observation, info = self.env.reset(seed=seed, options=options)
         roll = self._piano.roll
         self._hand_of = np.where(roll.finger >= 0, roll.finger // FINGERS_PER_HAND, -1)
-        self._open: dict[int, list[float]] = {}  # by key, onsets that are yet to be struck, s
-        for _, key, time in roll.strikes():
-            self._open.setdefault(key, []).append(time)
+        self._open = OpenOnsets(roll)
         self._sounding = np.zeros(NUM_KEYS, dtype=bool)
         return observation, info
 
@@ -92,7 +90,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
                 column = [bool(before[key]), *sounding[:, key].tolist()]
                 for substep, (was, now) in enumerate(itertools.pairwise(column), start=1):
                     if now and not was:
-                        hit = self._strike(key, (step + substep / len(sounding)) * length)
+                        hit = self._open.hit(key, (step + substep / len(sounding)) * length)
                         earned[hand] += self._strikes if hit else -self._strikes
         both = _Count()
         for one in counts:
@@ -108,14 +106,6 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
             tips = self._piano.simulation.fingertips[:, 1]
             hand = int(np.abs(tips - KEY_Y[key]).argmin()) // FINGERS_PER_HAND
         return hand
-
-    def _strike(self, key: int, time: float) -> bool:
-        """Return whether a strike hits a note that was not struck before, which it now is."""
-        waiting = self._open.get(key, [])
-        near = [onset for onset in waiting if abs(onset - time) <= ONSET_TOLERANCE + 1e-9]
-        if near:
-            waiting.remove(min(near, key=lambda onset: abs(onset - time)))
-        return bool(near)
 
 
 @dataclass

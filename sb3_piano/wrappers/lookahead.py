@@ -87,12 +87,12 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
         inner = layout["goal"]
         self._start, self._stop, self._columns = inner.start, inner.slice.stop, inner.all_columns
         self._fingers = fingers
-        self._take(self._piano.roll)
+        self._take(self._piano.asked_roll)
 
     def observation(self, observation: Any) -> Float32Array:
         """Return an observation with the other goal; after the last step it repeats the last."""
-        if self._piano.roll is not self._roll:
-            self._take(self._piano.roll)
+        if self._piano.asked_roll is not self._roll:
+            self._take(self._piano.asked_roll)
         step = min(self._piano.steps_played, len(self._roll) - 1)
         before, after = observation[: self._start], observation[self._stop :]
         labels = [self._labels_ahead.rows(step)] if self._fingers else []

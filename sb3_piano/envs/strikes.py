@@ -1,0 +1,30 @@
+"""Strikes and the notes that they hit, told as an episode goes on."""
+
+from __future__ import annotations
+
+from sb3_piano.metrics.onsets import ONSET_TOLERANCE
+from sb3_piano.music import PianoRoll
+
+_ROUNDING = 1e-9  # s
+
+
+class OpenOnsets:
+    """The onsets of a piece that no strike has hit yet.
+
+    The onset metric pairs strikes and onsets when all strikes are known
+    (:func:`~sb3_piano.metrics.match_onsets`); here each strike takes the nearest onset that is
+    left. The two differ only where strikes of one key are closer than twice the tolerance.
+    """
+
+    def __init__(self, roll: PianoRoll) -> None:
+        self._times: dict[int, list[float]] = {}  # by key, s
+        for _, key, time in roll.strikes():
+            self._times.setdefault(key, []).append(time)
+
+    def hit(self, key: int, time: float) -> bool:
+        """Return whether a strike (0 to 87; s) is in time for a note that was open until now."""
+        times = self._times.get(key, [])
+        near = [onset for onset in times if abs(onset - time) <= ONSET_TOLERANCE + _ROUNDING]
+        if near:
+            times.remove(min(near, key=lambda onset: abs(onset - time)))
+        return bool(near)

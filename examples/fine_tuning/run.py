@@ -32,7 +32,9 @@ def main() -> int:
     add = parser.add_argument
     add("--algo", default="sac", choices=FINE_TUNING)
     add("--piece", metavar="NAME|FILE", help="a whole piece in place of the excerpt")
-    add("--from", dest="network", metavar="FILE", help="another network than the sight-reader's")
+    add(
+        "--from", dest="player", default="sight-reader", metavar="PLAYER", help="or planned, a FILE"
+    )
     add("--steps", type=int, metavar="N", help="default: those of the preset")
     add("--seed", type=int, default=0, metavar="N")
     add("--runs", default="runs", metavar="DIR")
@@ -43,7 +45,7 @@ def main() -> int:
             arguments.algo,
             GENERAL_ID,
             EXCERPT if arguments.piece is None else None,
-            network=arguments.network,
+            player=arguments.player,
             env_kwargs={"score": arguments.piece or "FurElise"},
             seed=arguments.seed,
             **changed,

@@ -10,11 +10,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.demonstrations import fill_replay_buffer
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.players.hand_model import SHIPPED, HandModel
+from sb3_piano.players.hand_model import SHIPPED, SIGHT_READER, HandModel
 from sb3_piano.policies import load_hand_weights, set_standardization
-
-SIGHT_READER = "sight-reader"
-"""The network that comes with the package."""
 
 _log = logging.getLogger(__name__)
 
@@ -102,7 +99,7 @@ class SightReaderStandardization(BaseCallback):
     """When a training begins, let the policy standardise observations as the sight-reader does.
 
     For policies of :mod:`sb3_piano.policies` for hands in environments with
-    :class:`~sb3_piano.players.SightReaderResidual`. The numbers are saved with the policy.
+    :class:`~sb3_piano.players.PlayerResidual`. The numbers are saved with the policy.
 
     Raises:
         ConfigError: When training starts, if the policy is another one.

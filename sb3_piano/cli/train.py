@@ -35,8 +35,8 @@ def add_parser(commands: Any) -> None:
     add(
         "--from",
         "PLAYER",
-        "learn to correct the sight-reader: sight-reader, or the FILE.safetensors of another "
-        "network of a hand; with sac (then the default), td3 or ppo",
+        "learn to correct what plays already: sight-reader, planned, or the FILE.safetensors of "
+        "another network of a hand; with sac (then the default), td3 or ppo",
     )
     add(
         "--config",
@@ -91,9 +91,8 @@ def _config(arguments: argparse.Namespace) -> RunConfig:
     start = getattr(arguments, "from")
     if start is None:
         return load_config(arguments.algo or "td3", env_id, arguments.config, **overrides)
-    network = None if start == "sight-reader" else start
     algo = arguments.algo or "sac"
-    return load_fine_tuning(algo, env_id, arguments.config, network=network, **overrides)
+    return load_fine_tuning(algo, env_id, arguments.config, player=start, **overrides)
 
 
 def _report_training(result: TrainResult) -> None:

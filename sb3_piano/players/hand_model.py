@@ -29,6 +29,9 @@ from sb3_piano.wrappers.piano import piano_of
 Float32Array = npt.NDArray[np.float32]
 Tensors = Mapping[str, Float32Array]
 
+SIGHT_READER = "sight-reader"
+"""Name of the player that has a network."""
+
 SHIPPED = Path(__file__).with_name("sight_reader.safetensors")
 """The file that comes with the package; ``sight_reader.md`` beside it says how it was made."""
 

@@ -1,8 +1,10 @@
-"""Residual actions: corrections of the sight-reader by an agent that learns one piece."""
+"""Residual actions: corrections of a player by an agent that learns one piece."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, SupportsFloat
 
 import gymnasium as gym
@@ -10,22 +12,29 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.exceptions import ConfigError, InvalidActionError
-from sb3_piano.players.hand_model import HandModel
+from sb3_piano.planning import PianoPolicy, PlannedPianist
+from sb3_piano.players.hand_model import SHIPPED, SIGHT_READER, HandModel
 from sb3_piano.players.sight_reader import SightReader
-from sb3_piano.settings import Positive, checked
+from sb3_piano.settings import Positive, checked, refuse_unknown
 from sb3_piano.wrappers.hand_actions import CorrectsHandActions, hand_actions_of
+from sb3_piano.wrappers.piano import piano_of
 
 FloatArray = npt.NDArray[np.floating]
 
+CORRECTED: Mapping[str, Callable[..., PianoPolicy]] = MappingProxyType(
+    {SIGHT_READER: SightReader, "planned": PlannedPianist}
+)
+"""Class of what can be corrected, by its name."""
 
-class SightReaderResidual(
+
+class PlayerResidual(
     gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs, CorrectsHandActions
 ):
-    """Let the sight-reader play, and the agent correct it.
+    """Let the sight-reader or the planned pianist play, and the agent correct it.
 
-    What is played is the action of :class:`~sb3_piano.players.SightReader` plus ``scale`` times the
-    agent's, cut at -1 and 1. Actions of 0 play as the sight-reader does. Observations are those of
-    the environment.
+    What is played is the player's action plus ``scale`` times the agent's, cut at -1 and 1. Actions
+    of 0 play as the player does; the planned pianist as far as 32-bit numbers tell. Observations
+    are those of the environment. It plans a piece at the ``reset`` that begins it.
 
     Wrappers inside of this one get what is played, those outside what the agent does.
 
@@ -35,44 +44,48 @@ class SightReaderResidual(
     Args:
         env: An environment that acts by :class:`~sb3_piano.wrappers.HandActions`, best with the
             observation "hands", by which the agent sees what the sight-reader does.
-        scale: By how much an action of 1 changes the sight-reader's, above 0. With the reach that
+        player: "sight-reader" or "planned".
+        scale: By how much an action of 1 changes the player's, above 0. With the reach that
             is usual, 0.05 is 0.06 rad of a finger's joint, half of that of a wrist's joint, and
             3 cm of what a slider is told, which it follows slowly.
-        model: The file of the network of a hand, or a folder with a ``hand.safetensors``; by
+        model: The file of the sight-reader's network, or a folder with a ``hand.safetensors``; by
             default the one that comes with the package.
 
     Raises:
-        ConfigError: If ``scale`` is out of range, the environment has other actions, there is no
-            such file, or the network was trained for another environment.
+        ConfigError: If an argument is wrong, the environment has other actions, there is no such
+            file, or the network was trained for another environment.
     """
 
     def __init__(
         self,
         env: gym.Env[Any, Any],
+        player: str = SIGHT_READER,
         scale: float = 0.05,
         model: str | os.PathLike[str] | None = None,
     ) -> None:
-        gym.utils.RecordConstructorArgs.__init__(self, scale=scale, model=model)
-        inside = hand_actions_of(env, "SightReaderResidual")
+        gym.utils.RecordConstructorArgs.__init__(self, player=player, scale=scale, model=model)
+        inside = hand_actions_of(env, "PlayerResidual")
         if env.action_space != inside.action_space:
             raise ConfigError(
-                f"SightReaderResidual cannot correct actions of {env.action_space}: expected those "
+                f"PlayerResidual cannot correct actions of {env.action_space}: expected those "
                 f"of HandActions, {inside.action_space}. Put wrappers that change them further out."
             )
         super().__init__(env)
         self._scale = np.float32(checked("scale", scale, Positive))
-        self._base = SightReader(env, model)
+        refuse_unknown([player], CORRECTED, "player to be corrected")
+        if player != SIGHT_READER and model is not None:
+            raise ConfigError(
+                f"model is '{model}', but {player!r} has no network: expected none, or the "
+                "sight-reader."
+            )
+        self._piano, self._inside, self._model = piano_of(env, "PlayerResidual"), inside, model
+        self._base: PianoPolicy = CORRECTED[player](env, *([] if model is None else [model]))
         self._seen: Any = None
 
     @property
-    def base(self) -> HandModel:
-        """The sight-reader's network."""
-        return self._base.model
-
-    @property
     def standardization(self) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation, (n,), by which the network takes a hand's observation."""
-        tensors = self.base.tensors
+        """Mean and standard deviation, (n,), of what a hand observes, as the sight-reader's."""
+        tensors = HandModel.load(SHIPPED if self._model is None else self._model).tensors
         return tensors["standardize.mean"], 1 / tensors["standardize.scale"]
 
     def reset(
@@ -83,7 +96,7 @@ class SightReaderResidual(
         return self._seen, info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Play a control step of the sight-reader's, corrected.
+        """Play a control step of the player's, corrected.
 
         Raises:
             InvalidActionError: If the action has the wrong shape.
@@ -95,6 +108,9 @@ class SightReaderResidual(
                 "number for each actuator and none for the pedal."
             )
         played, _ = self._base.predict(self._seen)
+        if played.shape != correction.shape:  # those of the piano itself, the pedal included
+            controls, _ = self._piano.action_map.controls(played)
+            played = self._inside.action_for(controls)
         played += self._scale * np.minimum(np.maximum(correction, -1.0), 1.0)
         self._seen, *result = self.env.step(np.minimum(np.maximum(played, -1.0), 1.0))
         return self._seen, *result

@@ -133,7 +133,7 @@ class HandsSACPolicy(_OffPolicyHands, RegularizedSACPolicy):
         critic_first: Number of updates in which the critics learn and the actor stays as it is: the
             advice of a new critic is worth nothing.
         zero_start: Whether actions, without exploration, are exactly 0 at first: corrections of
-            something that plays already, as in :class:`~sb3_piano.players.SightReaderResidual`.
+            something that plays already, as in :class:`~sb3_piano.players.PlayerResidual`.
         **kwargs: As of :class:`RegularizedSACPolicy`: ``net_arch`` (default: three layers of 384
             for a hand, two of 256 for a critic), ``log_std_init`` (default: -4), ``dropout`` of
             the critics (default: 0), ``action_cost``.

@@ -56,7 +56,7 @@ def test_a_training_begins_as_the_sight_reader_and_learns(algo):
     settings = brief(algo)
     settings["env_kwargs"] = {**settings["env_kwargs"], "score": "tune.mid"}
     config = load_fine_tuning(
-        algo, GENERAL_ID, network=NETWORK, n_timesteps=64, seed=0, learning_rate=0.01, **settings
+        algo, GENERAL_ID, player=NETWORK, n_timesteps=64, seed=0, learning_rate=0.01, **settings
     )
     run = train(config, "run", progress_bar=False).folder
     first, last = (
@@ -112,6 +112,6 @@ def test_what_cannot_be_fine_tuned_is_refused(capsys):
     assert "'ddpg'" in capsys.readouterr().err
     assert main(["train", "--from", "none", "--midi", "tune.mid", "--steps", "1"]) == 2
     assert "'none' cannot be read" in capsys.readouterr().err
-    with pytest.raises(ConfigError, match="env_wrapper has no sb3_piano.players.SightReaderRes"):
+    with pytest.raises(ConfigError, match="env_wrapper has no sb3_piano.players.PlayerRes"):
         load_fine_tuning("sac", GENERAL_ID, env_wrapper=[])
     assert load_config("sac", GENERAL_ID).network is None

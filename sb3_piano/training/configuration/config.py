@@ -19,7 +19,7 @@ from stable_baselines3.common.utils import get_device
 from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.players import SightReaderResidual, player_class
+from sb3_piano.players import PlayerResidual, player_class
 from sb3_piano.settings import Number, Whole, checked, settings
 from sb3_piano.training.configuration.names import (
     PLANNERS,
@@ -172,13 +172,21 @@ class PlayConfig:
         Raises:
             ConfigError: If none is corrected.
         """
+        return self.correcting(model=file)
+
+    def correcting(self, **arguments: Any) -> Self:
+        """Return the settings with other arguments of the wrapper that corrects a player.
+
+        Raises:
+            ConfigError: If there is none.
+        """
         if not any(map(_corrects, self.env_wrapper)):
             raise ConfigError(
-                "env_wrapper has no sb3_piano.players.SightReaderResidual, which corrects the "
-                "sight-reader: expected it after sb3_piano.wrappers.HandActions."
+                "env_wrapper has no sb3_piano.players.PlayerResidual, which corrects a player: "
+                "expected it after sb3_piano.wrappers.HandActions."
             )
         wrappers = tuple(
-            dataclasses.replace(p, kwargs={**p.kwargs, "model": file}) if _corrects(p) else p
+            dataclasses.replace(p, kwargs={**p.kwargs, **arguments}) if _corrects(p) else p
             for p in self.env_wrapper
         )
         return dataclasses.replace(self, env_wrapper=wrappers)
@@ -308,7 +316,7 @@ class RunConfig(PlayConfig):
 
 
 def _corrects(wrapper: Plugin) -> bool:
-    return import_name(wrapper.path) is SightReaderResidual
+    return import_name(wrapper.path) is PlayerResidual
 
 
 def _policy_class(policy: str, algorithm: type[BaseAlgorithm]) -> type[BasePolicy]:

@@ -12,8 +12,8 @@ import yaml
 
 from sb3_piano.exceptions import ConfigError, near_names, one_line
 from sb3_piano.hyperparams import FINE_TUNING, PRESETS
-from sb3_piano.players import HandModel
-from sb3_piano.players.hand_model import SHIPPED
+from sb3_piano.players import CORRECTED, HandModel
+from sb3_piano.players.hand_model import SHIPPED, SIGHT_READER
 from sb3_piano.settings import refuse_unknown
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
@@ -51,23 +51,24 @@ def load_fine_tuning(
     env_id: str,
     path: str | os.PathLike[str] | None = None,
     *,
-    network: str | os.PathLike[str] | None = None,
+    player: str | os.PathLike[str] = SIGHT_READER,
     **overrides: Any,
 ) -> RunConfig:
-    """Return the hyperparameters with which an algorithm corrects the sight-reader on one piece.
+    """Return the hyperparameters with which an algorithm corrects a player on one piece.
 
     Args:
         algo: Name of the algorithm.
         env_id: Id of the environment, or ``module:Id``.
         path: A YAML file as of :func:`load_config` with what is to be different from the preset.
-        network: The file of the sight-reader's network, or a folder with a ``hand.safetensors``; by
-            default the one that comes with this package.
+        player: One of :data:`~sb3_piano.players.CORRECTED`, by default the sight-reader that comes
+            with this package; or the file of another network, or a folder with a
+            ``hand.safetensors``.
         **overrides: Keys to take instead of the entry's. ``env_kwargs`` are added to the entry's.
 
     Raises:
         ConfigError: As :func:`load_config`; or if there is no preset for the algorithm, no such
             network, or the entry has wrappers without
-            :class:`~sb3_piano.players.SightReaderResidual`.
+            :class:`~sb3_piano.players.PlayerResidual`.
     """
     refuse_unknown([algo], FINE_TUNING, "algorithm for fine-tuning")
     if path is not None:
@@ -78,9 +79,11 @@ def load_fine_tuning(
         except ConfigError as error:
             raise ConfigError(f"'{file}', entry {entry_name!r}: {error}") from error
     config = _loaded(algo, env_id, FINE_TUNING[algo], overrides)[1]
-    corrected = os.fspath(SHIPPED if network is None else network)
-    HandModel.load(corrected)  # what is wrong with it is told before processes are started
-    return config.with_network(corrected)
+    if player != SIGHT_READER and player in CORRECTED:
+        return config.correcting(player=player)
+    network = os.fspath(SHIPPED if player == SIGHT_READER else player)
+    HandModel.load(network)  # what is wrong with it is told before processes are started
+    return config.with_network(network)
 
 
 def load_entry(

@@ -1,4 +1,4 @@
-"""Corrections of the sight-reader: none plays as it does, others change what it does by so much."""
+"""Corrections of a player: none plays as it does, others change what it does by so much."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from untrained_hand import hands, write_network
 
 from sb3_piano.exceptions import ConfigError, InvalidActionError
 from sb3_piano.music import Note, Score
-from sb3_piano.players import HandModel, SightReader, SightReaderResidual
+from sb3_piano.planning import PlannedPianist
+from sb3_piano.players import HandModel, PlayerResidual, SightReader
 from sb3_piano.policies import HandsTD3Policy
 from sb3_piano.wrappers import HandReward
 
@@ -53,7 +54,7 @@ def played(env, choose):
 def test_an_action_of_0_plays_exactly_as_the_sight_reader(observation, network):
     alone, env = (
         hands(TUNE, observation),
-        SightReaderResidual(hands(TUNE, observation), model=network),
+        PlayerResidual(hands(TUNE, observation), model=network),
     )
     reader = SightReader(alone, network)
     for ours, its in zip(
@@ -64,14 +65,27 @@ def test_an_action_of_0_plays_exactly_as_the_sight_reader(observation, network):
         np.testing.assert_array_equal(ours, its)
 
 
+def test_an_action_of_0_plays_as_the_plan():
+    alone, env = hands(TUNE).env, PlayerResidual(hands(TUNE), "planned")
+    pianist = PlannedPianist(alone)
+    for ours, its in zip(
+        played(env, lambda _: np.zeros(SHAPE)),
+        played(alone, lambda seen: pianist.predict(seen)[0]),
+        strict=True,
+    ):
+        np.testing.assert_allclose(ours, its, atol=1e-3)
+    assert env.unwrapped.performance.metrics()["f1"] > 0.8
+
+
 def test_an_action_is_scaled_and_the_sum_is_cut(network):
     inside = Played(hands(TUNE))
-    env = SightReaderResidual(inside, 0.2, network)
+    env = PlayerResidual(inside, scale=0.2, model=network)
+    model = HandModel.load(network)
     correction = np.linspace(-2, 2, *SHAPE)
     read = []
 
     def choose(observation):
-        read.append(env.base.act(observation))
+        read.append(model.act(observation))
         return correction
 
     played(env, choose)
@@ -81,32 +95,37 @@ def test_an_action_is_scaled_and_the_sum_is_cut(network):
 
 
 def test_it_is_an_environment_that_can_be_copied_and_made_again(network):
-    env = SightReaderResidual(hands(TUNE), model=network)
+    env = PlayerResidual(hands(TUNE), model=network)
     check_env(env, skip_render_check=True)
     assert env.observation_space == hands(TUNE).observation_space
-    assert env._saved_kwargs == {"scale": 0.05, "model": network}
-    first = played(env, lambda _: np.full(SHAPE, 0.5))
-    for other in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
-        for one, same in zip(first, played(other, lambda _: np.full(SHAPE, 0.5)), strict=True):
-            np.testing.assert_array_equal(one, same)
+    assert env._saved_kwargs == {"player": "sight-reader", "scale": 0.05, "model": network}
+    for made in (env, PlayerResidual(hands(TUNE), "planned")):
+        first = played(made, lambda _: np.full(SHAPE, 0.5))
+        for other in (copy.deepcopy(made), pickle.loads(pickle.dumps(made))):
+            for one, same in zip(first, played(other, lambda _: np.full(SHAPE, 0.5)), strict=True):
+                np.testing.assert_array_equal(one, same)
 
 
 def test_what_does_not_fit_is_refused(network, tmp_path):
-    env = SightReaderResidual(hands(TUNE), model=network)
+    env = PlayerResidual(hands(TUNE), model=network)
     env.reset(seed=0)
     with pytest.raises(InvalidActionError, match=r"shape \(45,\): expected \(44,\)"):
         env.step(np.zeros(45))
     with pytest.raises(ConfigError, match="scale is 0: expected"):
-        SightReaderResidual(hands(TUNE), 0, network)
+        PlayerResidual(hands(TUNE), scale=0, model=network)
+    with pytest.raises(ConfigError, match="'sampled'"):
+        PlayerResidual(hands(TUNE), "sampled")
+    with pytest.raises(ConfigError, match="'planned' has no network: expected none"):
+        PlayerResidual(hands(TUNE), "planned", model=network)
     with pytest.raises(ConfigError, match="cannot be read"):
-        SightReaderResidual(hands(TUNE), model=tmp_path / "none.safetensors")
+        PlayerResidual(hands(TUNE), model=tmp_path / "none.safetensors")
     with pytest.raises(ConfigError, match="finds no HandActions around the piano"):
-        SightReaderResidual(hands(TUNE).env, model=network)
+        PlayerResidual(hands(TUNE).env, model=network)
     with pytest.raises(ConfigError, match="cannot correct actions of"):
-        SightReaderResidual(RescaleAction(hands(TUNE), -2, 2), model=network)
-    corrected = "finds SightReaderResidual, whose actions are corrections"
-    with pytest.raises(ConfigError, match=f"SightReaderResidual {corrected}"):
-        SightReaderResidual(HandReward(env), model=network)
+        PlayerResidual(RescaleAction(hands(TUNE), -2, 2), model=network)
+    corrected = "finds PlayerResidual, whose actions are corrections"
+    with pytest.raises(ConfigError, match=f"PlayerResidual {corrected}"):
+        PlayerResidual(HandReward(env), model=network)
     with pytest.raises(ConfigError, match=f"The sight-reader {corrected}"):
         SightReader(env, network)
     policy = HandsTD3Policy(env.observation_space, env.action_space, lambda _: 1e-4)

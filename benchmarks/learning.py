@@ -1,0 +1,281 @@
+"""Learning curves of several settings, on several pieces, from several seeds, at equal CPU time.
+
+    python benchmarks/learning.py benchmarks/learning/on_time.yml --out on_time
+    python benchmarks/learning.py benchmarks/learning/on_time.yml --out on_time --report
+
+A study is a YAML file: ``minutes`` of one core for each training, ``every`` so many steps an
+evaluation, ``seeds``, ``pieces`` (names or files) or ``envs`` (ids), and ``variants``: for each
+name the algorithm (``algo``), the preset's entry ``default`` in place of the piece's
+(``published``), a player to be corrected (``player``), and ``settings`` laid over the preset.
+
+Each training of stock SB3 is a process with one thread of torch. The deterministic policy plays an
+episode in an environment of its own, always on the reference physics; the clock stands still
+meanwhile. A training is a file of JSON lines in ``--out``: stop it and call it again to go on with
+those that are not whole. In the end there are a table of the last models, with intervals over
+seeds, and ``curves.png``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import concurrent.futures
+import dataclasses
+import json
+import multiprocessing
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import matplotlib.pyplot as plt
+import numpy as np
+import torch
+import yaml
+from rich.console import Console
+from rich.progress import Progress
+from stable_baselines3.common.callbacks import BaseCallback
+
+from sb3_piano.callbacks import MetricEvalCallback
+from sb3_piano.envs import GENERAL_ID
+from sb3_piano.training import RunConfig, load_config, load_fine_tuning
+from sb3_piano.training.evaluation.statistics import summarize
+from sb3_piano.training.runs.builders import build_callbacks, build_model, build_vec_env
+
+METRICS = {"f1": "F1", "onset_f1": "onset F1"}
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Variant:
+    """Settings that are compared with others."""
+
+    algo: str = "sac"
+    published: bool = False
+    player: str | None = None
+    settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def config(self, piece: Piece, seed: int) -> RunConfig:
+        """Return the settings of a training."""
+        given = dict(self.settings)
+        kwargs = {**given.pop("env_kwargs", {}), **piece.env_kwargs}
+        env_id = piece.env_id
+        if self.published:
+            kwargs = {**gym.spec(env_id).kwargs, **kwargs}
+            env_id = GENERAL_ID
+        given |= {"env_kwargs": kwargs, "seed": seed, "vec_env": "dummy"}
+        if self.player is not None:
+            return load_fine_tuning(self.algo, env_id, player=self.player, **given)
+        return load_config(self.algo, env_id, **given)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Piece:
+    """What is played, and where."""
+
+    env_id: str
+    env_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """A short name, for files too."""
+        score = str(self.env_kwargs.get("score", ""))
+        return Path(score).stem or self.env_id.removeprefix("RoboPianist-").removesuffix("-v0")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Study:
+    """A study's file."""
+
+    minutes: float
+    every: int
+    seeds: Sequence[int]
+    variants: Mapping[str, Variant]
+    pieces: Sequence[Piece]
+
+    @classmethod
+    def from_yaml(cls, path: Path) -> Study:
+        """Read it."""
+        found = yaml.safe_load(path.read_text(encoding="utf-8"))
+        pieces = [Piece(env_id=env_id) for env_id in found.pop("envs", [])]
+        for score in found.pop("pieces", []):
+            pieces.append(Piece(env_id=GENERAL_ID, env_kwargs={"score": score}))
+        variants = {name: Variant(**given or {}) for name, given in found.pop("variants").items()}
+        return cls(pieces=pieces, variants=variants, **found)
+
+    def cells(self) -> Iterator[tuple[str, Piece, int]]:
+        """Yield variant, piece and seed of each training, seed by seed."""
+        for seed in self.seeds:
+            for piece in self.pieces:
+                for variant in self.variants:
+                    yield variant, piece, seed
+
+
+class TimedEvaluation(BaseCallback):
+    """Play a deterministic episode every ``every`` steps; stop when the CPU time is up."""
+
+    def __init__(self, config: RunConfig, every: int, seconds: float, out: Path) -> None:
+        super().__init__()
+        self.venv = build_vec_env(config.alone().in_env(physics="reference"))
+        self.every, self.seconds, self.out = every, seconds, out
+        self.cpu, self.due_at = 0.0, 0
+
+    def _on_training_start(self) -> None:
+        self.start = time.process_time()
+
+    def _on_rollout_start(self) -> None:
+        if self.num_timesteps >= self.due_at:
+            self.evaluate()
+
+    def _on_step(self) -> bool:
+        return self.cpu + time.process_time() - self.start < self.seconds
+
+    def evaluate(self) -> None:
+        """Write a line."""
+        self.cpu += time.process_time() - self.start
+        self.due_at = self.num_timesteps + self.every
+        observation: Any = self.venv.reset()
+        done = False
+        while not done:
+            action, _ = self.model.predict(observation, deterministic=True)
+            observation, _, dones, infos = self.venv.step(action)
+            done = bool(dones[0])
+        row = {"steps": self.num_timesteps, "cpu_seconds": round(self.cpu, 1)}
+        row |= {name: round(infos[0][name], 4) for name in METRICS}
+        row["fingers"] = round(infos[0]["effective_fingers"], 2)
+        with self.out.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+        self.start = time.process_time()
+
+
+def run(variant: Variant, piece: Piece, seed: int, study: Study, file: Path) -> None:
+    """Train until the time is up; the file has its name when it is whole."""
+    torch.set_num_threads(1)
+    config = variant.config(piece, seed)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_suffix(".part")
+    part.unlink(missing_ok=True)
+    model = build_model(config, build_vec_env(config))
+    callback = TimedEvaluation(config, study.every, 60 * study.minutes, part)
+    # Not those that evaluate: their time would count.
+    own = [one for one in build_callbacks(config) if not isinstance(one, MetricEvalCallback)]
+    model.learn(10**9, callback=[*own, callback])
+    callback.evaluate()
+    part.replace(file)
+
+
+def file_of(out: Path, variant: str, piece: Piece, seed: int) -> Path:
+    """Return the file of a training's evaluations."""
+    return out / variant / f"{piece.name}-{seed}.jsonl"
+
+
+def train_all(study: Study, out: Path, jobs: int) -> None:
+    """Train what is not whole yet."""
+    todo = [cell for cell in study.cells() if not file_of(out, *cell).is_file()]
+    context = multiprocessing.get_context("spawn")
+    with (
+        Progress(console=Console(stderr=True)) as progress,
+        concurrent.futures.ProcessPoolExecutor(jobs, context) as pool,
+    ):
+        bar = progress.add_task(f"{len(todo)} trainings of {study.minutes:g} min", total=len(todo))
+        futures = {
+            pool.submit(
+                run, study.variants[name], piece, seed, study, file_of(out, name, piece, seed)
+            )
+            for name, piece, seed in todo
+        }
+        try:
+            for future in concurrent.futures.as_completed(futures):
+                future.result()
+                progress.advance(bar)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in multiprocessing.active_children():
+                process.terminate()
+            raise
+
+
+def rows_of(file: Path) -> list[dict[str, float]]:
+    """Return the evaluations of a training."""
+    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+
+
+def report(study: Study, out: Path) -> None:
+    """Print the last models' table, and draw the curves."""
+    print("| variant | piece | seeds | steps | F1 | onset F1 | fingers |")
+    print("|---|---|---:|---:|---:|---:|---:|")
+    figure, axes = plt.subplots(
+        len(METRICS),
+        len(study.pieces),
+        figsize=(1.5 + 3 * len(study.pieces), 5),
+        sharex=True,
+        sharey=True,
+        squeeze=False,
+        layout="constrained",
+    )
+    for color, name in enumerate(study.variants):
+        of_seed: dict[int, list[dict[str, float]]] = {}
+        for column, piece in enumerate(study.pieces):
+            files = {seed: file_of(out, name, piece, seed) for seed in study.seeds}
+            found = {seed: rows_of(file) for seed, file in files.items() if file.is_file()}
+            for seed, rows in found.items():
+                of_seed.setdefault(seed, []).append(rows[-1])
+                for row, metric in enumerate(METRICS):
+                    axes[row, column].plot(
+                        [one["cpu_seconds"] / 60 for one in rows],
+                        [one[metric] for one in rows],
+                        color=f"C{color}",
+                        alpha=0.7,
+                        label=name if seed == min(found) else None,
+                    )
+            print_row(name, piece.name, [rows[-1] for rows in found.values()])
+        whole = [rows for rows in of_seed.values() if len(rows) == len(study.pieces) > 1]
+        means = [{k: float(np.mean([row[k] for row in rows])) for k in rows[0]} for rows in whole]
+        print_row(f"**{name}**", "mean", means)
+    for column, piece in enumerate(study.pieces):
+        axes[0, column].set_title(piece.name)
+        axes[-1, column].set_xlabel("minutes of one core")
+    for row, label in enumerate(METRICS.values()):
+        axes[row, 0].set(ylabel=label, ylim=(0, 1))
+    for each in axes.flat:
+        each.grid(alpha=0.3)
+    axes[0, 0].legend()
+    figure.savefig(out / "curves.png", dpi=120)
+
+
+def print_row(name: str, piece: str, last: Sequence[Mapping[str, float]]) -> None:
+    """Print means over seeds, with their intervals."""
+    if not last:
+        return
+    steps = np.mean([row["steps"] for row in last])
+    fingers = np.mean([row["fingers"] for row in last])
+    scores = " | ".join(interval_text([row[metric] for row in last]) for metric in METRICS)
+    print(f"| {name} | {piece} | {len(last)} | {steps:,.0f} | {scores} | {fingers:.1f} |")
+
+
+def interval_text(values: Sequence[float]) -> str:
+    """Return a mean with its interval as text."""
+    found = summarize(values)
+    ends = "" if found.interval is None else " [{:.2f}, {:.2f}]".format(*found.interval)
+    return f"{found.mean:.3f}{ends}"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Train and report."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    add = parser.add_argument
+    add("study", type=Path, help="the YAML file")
+    add("--out", type=Path, required=True, help="folder of the evaluations")
+    add("--jobs", type=int, default=os.cpu_count(), help="trainings at a time; default: cores")
+    add("--report", action="store_true", help="train nothing, report what there is")
+    given = parser.parse_args(arguments)
+    study = Study.from_yaml(given.study)
+    if not given.report:
+        train_all(study, given.out, given.jobs)
+    report(study, given.out)
+
+
+if __name__ == "__main__":
+    main()

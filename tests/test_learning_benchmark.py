@@ -1,0 +1,54 @@
+"""The benchmark of learning curves."""
+
+from __future__ import annotations
+
+import json
+import runpy
+from pathlib import Path
+
+import pytest
+import yaml
+
+FOLDER = Path(__file__).parents[1] / "benchmarks"
+learning = runpy.run_path(str(FOLDER / "learning.py"))
+
+STUDY = {
+    "minutes": 0.01,
+    "every": 20,
+    "seeds": [0, 1],
+    "envs": ["RoboPianist-debug-CMajorScaleOneHand-v0"],
+    "variants": {
+        "strikes": {"settings": {"env_kwargs": {"reward_weights": {"strike": 0.5}}}},
+        "published": {"algo": "td3", "published": True},
+    },
+}
+
+
+@pytest.mark.parametrize("file", sorted((FOLDER / "learning").glob("*.yml")), ids=lambda f: f.stem)
+def test_the_studies_of_the_repository_have_valid_settings(file):
+    study = learning["Study"].from_yaml(file)
+    for name, piece, seed in study.cells():
+        config = study.variants[name].config(piece, seed)
+        assert config.seed == seed
+
+
+@pytest.mark.slow
+def test_a_study_trains_until_its_time_is_up_and_what_is_whole_is_not_done_again(tmp_path, capsys):
+    file = tmp_path / "study.yml"
+    file.write_text(yaml.safe_dump(STUDY))
+    study = learning["Study"].from_yaml(file)
+    out = tmp_path / "out"
+    for name, piece, seed in study.cells():
+        made = learning["file_of"](out, name, piece, seed)
+        learning["run"](study.variants[name], piece, seed, study, made)
+        rows = [json.loads(line) for line in made.read_text().splitlines()]
+        assert [row["steps"] for row in rows] == sorted({row["steps"] for row in rows})
+        assert rows[0]["steps"] == 0 < rows[-1]["cpu_seconds"]
+        assert all(0 <= row[metric] <= 1 for row in rows for metric in ("f1", "onset_f1"))
+    before = {path: path.stat().st_mtime_ns for path in out.rglob("*.jsonl")}
+    assert len(before) == 4
+    learning["main"]([str(file), "--out", str(out)])
+    assert before == {path: path.stat().st_mtime_ns for path in out.rglob("*.jsonl")}
+    printed = capsys.readouterr().out
+    assert "| strikes | debug-CMajorScaleOneHand | 2 |" in printed
+    assert (out / "curves.png").stat().st_size > 10_000

@@ -11,8 +11,8 @@ name the algorithm (``algo``), the preset's entry ``default`` in place of the pi
 Each training of stock SB3 is a process with one thread of torch. The deterministic policy plays an
 episode in an environment of its own, always on the reference physics; the clock stands still
 meanwhile. A training is a file of JSON lines in ``--out``: stop it and call it again to go on with
-those that are not whole. In the end there are a table of the last models, with intervals over
-seeds, and ``curves.png``.
+those that are not whole. In the end there are a table of the first and the last models, with
+intervals over seeds, and ``curves.png``.
 """
 
 from __future__ import annotations
@@ -44,6 +44,11 @@ from sb3_piano.training.evaluation.statistics import summarize
 from sb3_piano.training.runs.builders import build_callbacks, build_model, build_vec_env
 
 METRICS = {"f1": "F1", "onset_f1": "onset F1"}
+
+Row = dict[str, float]
+"""An evaluation."""
+Ends = tuple[Row, Row]
+"""The first and the last one of a training."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -195,15 +200,15 @@ def train_all(study: Study, out: Path, jobs: int) -> None:
             raise
 
 
-def rows_of(file: Path) -> list[dict[str, float]]:
+def rows_of(file: Path) -> list[Row]:
     """Return the evaluations of a training."""
     return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
 
 
 def report(study: Study, out: Path) -> None:
     """Print the last models' table, and draw the curves."""
-    print("| variant | piece | seeds | steps | F1 | onset F1 | fingers |")
-    print("|---|---|---:|---:|---:|---:|---:|")
+    print("| variant | piece | seeds | steps | F1 before | F1 | onset F1 before | onset F1 |")
+    print("|---|---|---:|---:|---:|---:|---:|---:|")
     figure, axes = plt.subplots(
         len(METRICS),
         len(study.pieces),
@@ -214,12 +219,12 @@ def report(study: Study, out: Path) -> None:
         layout="constrained",
     )
     for color, name in enumerate(study.variants):
-        of_seed: dict[int, list[dict[str, float]]] = {}
+        of_seed: dict[int, list[Ends]] = {}
         for column, piece in enumerate(study.pieces):
             files = {seed: file_of(out, name, piece, seed) for seed in study.seeds}
             found = {seed: rows_of(file) for seed, file in files.items() if file.is_file()}
             for seed, rows in found.items():
-                of_seed.setdefault(seed, []).append(rows[-1])
+                of_seed.setdefault(seed, []).append((rows[0], rows[-1]))
                 for row, metric in enumerate(METRICS):
                     axes[row, column].plot(
                         [one["cpu_seconds"] / 60 for one in rows],
@@ -228,29 +233,38 @@ def report(study: Study, out: Path) -> None:
                         alpha=0.7,
                         label=name if seed == min(found) else None,
                     )
-            print_row(name, piece.name, [rows[-1] for rows in found.values()])
-        whole = [rows for rows in of_seed.values() if len(rows) == len(study.pieces) > 1]
-        means = [{k: float(np.mean([row[k] for row in rows])) for k in rows[0]} for rows in whole]
+            print_row(name, piece.name, [(rows[0], rows[-1]) for rows in found.values()])
+        whole = [ends for ends in of_seed.values() if len(ends) == len(study.pieces) > 1]
+        means = [(mean_of([a for a, _ in ends]), mean_of([b for _, b in ends])) for ends in whole]
         print_row(f"**{name}**", "mean", means)
     for column, piece in enumerate(study.pieces):
         axes[0, column].set_title(piece.name)
         axes[-1, column].set_xlabel("minutes of one core")
     for row, label in enumerate(METRICS.values()):
-        axes[row, 0].set(ylabel=label, ylim=(0, 1))
+        axes[row, 0].set(ylabel=label, ylim=(-0.02, 1.02))
     for each in axes.flat:
         each.grid(alpha=0.3)
     axes[0, 0].legend()
     figure.savefig(out / "curves.png", dpi=120)
 
 
-def print_row(name: str, piece: str, last: Sequence[Mapping[str, float]]) -> None:
-    """Print means over seeds, with their intervals."""
-    if not last:
+def mean_of(rows: Sequence[Row]) -> Row:
+    """Return the mean of each number."""
+    return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
+
+
+def print_row(name: str, piece: str, ends: Sequence[Ends]) -> None:
+    """Print means over seeds, those of the last models with their intervals."""
+    if not ends:
         return
+    first, last = zip(*ends, strict=True)
     steps = np.mean([row["steps"] for row in last])
-    fingers = np.mean([row["fingers"] for row in last])
-    scores = " | ".join(interval_text([row[metric] for row in last]) for metric in METRICS)
-    print(f"| {name} | {piece} | {len(last)} | {steps:,.0f} | {scores} | {fingers:.1f} |")
+    scores = " | ".join(
+        f"{np.mean([row[metric] for row in first]):.3f} | "
+        f"{interval_text([row[metric] for row in last])}"
+        for metric in METRICS
+    )
+    print(f"| {name} | {piece} | {len(last)} | {steps:,.0f} | {scores} |")
 
 
 def interval_text(values: Sequence[float]) -> str:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import operator
 import warnings
+from collections import OrderedDict
 from typing import Any
 
 import gymnasium as gym
+import mujoco
 import numpy as np
 import numpy.typing as npt
 from stable_baselines3.common.vec_env import VecEnv
@@ -14,7 +17,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import PianoRoll
-from sb3_piano.planning.plan import plan
+from sb3_piano.planning.plan import Plan, plan
 from sb3_piano.planning.policy import PianoPolicy, roll_with_fingers
 from sb3_piano.planning.problems import summary
 from sb3_piano.planning.settings import PlanSettings
@@ -22,6 +25,7 @@ from sb3_piano.planning.tracker import Tracker
 from sb3_piano.simulation import SIDES, PianoScene
 
 _PLANS_KEPT = 8
+_PLANS: OrderedDict[tuple[str, float, PlanSettings], Plan] = OrderedDict()
 
 
 class PlannedPianist(PianoPolicy):
@@ -56,7 +60,11 @@ class PlannedPianist(PianoPolicy):
 
 
 class Trackers:
-    """Plans of the pieces that were played last, made when they are first played."""
+    """Plans of the pieces that were played last, made when they are first played.
+
+    What was planned last in this process is not planned again for another, equal scene, as where
+    several environments play one piece.
+    """
 
     def __init__(self, settings: PlanSettings | None = None):
         self.settings = settings or PlanSettings()
@@ -75,12 +83,28 @@ class Trackers:
                     del self._kept[index]
                     self._kept.insert(0, (roll, scene, tracker))
                     return tracker
-        made = plan(roll_with_fingers(piano), scene, self.settings)
+        made = _planned_once(roll_with_fingers(piano), scene, self.settings)
         if made.problems:
             warnings.warn(summary(made.problems), PlanWarning, stacklevel=2)
         tracker = Tracker(made, scene, self.settings.feedback)
         self._kept = [(roll, scene, tracker), *self._kept[: _PLANS_KEPT - 1]]
         return tracker
+
+
+def _planned_once(roll: PianoRoll, scene: PianoScene, settings: PlanSettings) -> Plan:
+    """Return the plan of a piece, or the one that was made before of all the same."""
+    model = np.empty(mujoco.mj_sizeModel(scene.model), dtype=np.uint8)
+    mujoco.mj_saveModel(scene.model, None, model)  # which may have been changed
+    digest = hashlib.sha256(model.tobytes() + repr(roll.early_releases).encode())
+    for array in (roll.active, roll.finger, roll.onset, roll.onset_time, roll.sustain):
+        digest.update(array.tobytes())
+    key = (digest.hexdigest(), roll.control_timestep, settings)
+    if key not in _PLANS:
+        made = plan(roll, scene, settings)
+        while len(_PLANS) >= _PLANS_KEPT:
+            _PLANS.popitem(last=False)
+        _PLANS[key] = made
+    return _PLANS[key]
 
 
 def action_of(

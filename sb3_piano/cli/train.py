@@ -35,8 +35,8 @@ def add_parser(commands: Any) -> None:
     add(
         "--from",
         "PLAYER",
-        "learn to correct what plays already: sight-reader, planned, or the FILE.safetensors of "
-        "another network of a hand; with sac (then the default), td3 or ppo",
+        "learn to correct what plays already: sight-reader, planned, the FILE.safetensors of "
+        "another network of a hand, or a RUN; with sac (then the default), td3 or ppo",
     )
     add(
         "--config",
@@ -85,14 +85,16 @@ def _train(arguments: argparse.Namespace) -> int:
 def _config(arguments: argparse.Namespace) -> RunConfig:
     from sb3_piano.training import load_config, load_fine_tuning
 
-    env_id, overrides = what_is_played(arguments, ", --midi FILE or --resume RUN")
     given = {"n_timesteps": arguments.steps, **{n: getattr(arguments, n) for n in _OF_CONFIG}}
-    overrides |= {name: value for name, value in given.items() if value is not None}
+    given = {name: value for name, value in given.items() if value is not None}
     start = getattr(arguments, "from")
     if start is None:
-        return load_config(arguments.algo or "td3", env_id, arguments.config, **overrides)
-    algo = arguments.algo or "sac"
-    return load_fine_tuning(algo, env_id, arguments.config, player=start, **overrides)
+        env_id, options = what_is_played(arguments, ", --midi FILE or --resume RUN")
+        return load_config(arguments.algo or "td3", env_id, arguments.config, **options, **given)
+    named = arguments.env or arguments.midi or arguments.fingering  # a run knows what it plays
+    played = what_is_played(arguments, " or --midi FILE") if named else (None, {})
+    algo, file = arguments.algo or "sac", arguments.config
+    return load_fine_tuning(algo, played[0], file, player=start, **played[1], **given)
 
 
 def _report_training(result: TrainResult) -> None:

@@ -6,14 +6,15 @@ from sb3_piano.training.configuration.yaml_files import (
     entry_config,
     load_config,
     load_entry,
-    load_fine_tuning,
 )
 from sb3_piano.training.evaluation.comparison import MAIN_METRICS, Comparison, compare
 from sb3_piano.training.evaluation.evaluate import Evaluation, Evaluations, evaluate, evaluate_runs
 from sb3_piano.training.evaluation.report import training_curves, write_report
 from sb3_piano.training.playing.player import SavedPlayer, share
+from sb3_piano.training.playing.residual import RunResidual
 from sb3_piano.training.playing.takes import play_run, play_score
 from sb3_piano.training.runs.clone import CloneResult, clone
+from sb3_piano.training.runs.fine_tuning import load_fine_tuning
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.train import TrainResult, resume, train
 from sb3_piano.viewing import Picture, Played
@@ -32,6 +33,7 @@ __all__ = [
     "Plugin",
     "RunConfig",
     "RunFolder",
+    "RunResidual",
     "SavedPlayer",
     "TrainResult",
     "clone",

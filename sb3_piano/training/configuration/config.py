@@ -191,6 +191,20 @@ class PlayConfig:
         )
         return dataclasses.replace(self, env_wrapper=wrappers)
 
+    @property
+    def base(self) -> str | None:
+        """The folder of the run whose model is corrected, if one is."""
+        runs = [p.kwargs["run"] for p in self.env_wrapper if _corrects_run(p)]
+        return runs[0] if runs else None
+
+    def with_base(self, folder: str) -> Self:
+        """Return the settings with another folder of that run."""
+        wrappers = tuple(
+            dataclasses.replace(p, kwargs={**p.kwargs, "run": folder}) if _corrects_run(p) else p
+            for p in self.env_wrapper
+        )
+        return dataclasses.replace(self, env_wrapper=wrappers)
+
     def to_mapping(self) -> dict[str, Any]:
         """Return the config in YAML's types, which the class can be called with again."""
         mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
@@ -315,8 +329,16 @@ class RunConfig(PlayConfig):
         return dataclasses.replace(self, n_envs=1, vec_env="dummy", monitor_kwargs={})
 
 
+class CorrectsRun:
+    """Marks wrappers that correct the model of a run, whose folder is their argument ``run``."""
+
+
 def _corrects(wrapper: Plugin) -> bool:
     return import_name(wrapper.path) is PlayerResidual
+
+
+def _corrects_run(wrapper: Plugin) -> bool:
+    return issubclass(import_name(wrapper.path), CorrectsRun)
 
 
 def _policy_class(policy: str, algorithm: type[BaseAlgorithm]) -> type[BasePolicy]:

@@ -11,10 +11,7 @@ from typing import Any
 import yaml
 
 from sb3_piano.exceptions import ConfigError, near_names, one_line
-from sb3_piano.hyperparams import FINE_TUNING, PRESETS
-from sb3_piano.players import CORRECTED, HandModel
-from sb3_piano.players.hand_model import SHIPPED, SIGHT_READER
-from sb3_piano.settings import refuse_unknown
+from sb3_piano.hyperparams import PRESETS
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
 from sb3_piano.training.configuration.values import coerce_mapping
@@ -46,31 +43,25 @@ def load_config(
     return _loaded(algo, env_id, path, overrides)[1]
 
 
-def load_fine_tuning(
+def load_overlaid(
     algo: str,
     env_id: str,
+    preset: Path,
     path: str | os.PathLike[str] | None = None,
-    *,
-    player: str | os.PathLike[str] = SIGHT_READER,
     **overrides: Any,
 ) -> RunConfig:
-    """Return the hyperparameters with which an algorithm corrects a player on one piece.
+    """Return the hyperparameters of one file with those of another one laid over them.
 
     Args:
         algo: Name of the algorithm.
         env_id: Id of the environment, or ``module:Id``.
-        path: A YAML file as of :func:`load_config` with what is to be different from the preset.
-        player: One of :data:`~sb3_piano.players.CORRECTED`, by default the sight-reader that comes
-            with this package; or the file of another network, or a folder with a
-            ``hand.safetensors``.
-        **overrides: Keys to take instead of the entry's. ``env_kwargs`` are added to the entry's.
+        preset: A YAML file as of :func:`load_config`.
+        path: One whose entry has what is to be different; by default nothing is.
+        **overrides: Keys to take instead of both entries'. ``env_kwargs`` are added to them.
 
     Raises:
-        ConfigError: As :func:`load_config`; or if there is no preset for the algorithm, no such
-            network, or the entry has wrappers without
-            :class:`~sb3_piano.players.PlayerResidual`.
+        ConfigError: As :func:`load_config`.
     """
-    refuse_unknown([algo], FINE_TUNING, "algorithm for fine-tuning")
     if path is not None:
         file, (_, name) = Path(path), registered_id(env_id)
         entry_name, entry = _entry_of(file, name)
@@ -78,12 +69,7 @@ def load_fine_tuning(
             overrides = _merged(entry, overrides)
         except ConfigError as error:
             raise ConfigError(f"'{file}', entry {entry_name!r}: {error}") from error
-    config = _loaded(algo, env_id, FINE_TUNING[algo], overrides)[1]
-    if player != SIGHT_READER and player in CORRECTED:
-        return config.correcting(player=player)
-    network = os.fspath(SHIPPED if player == SIGHT_READER else player)
-    HandModel.load(network)  # what is wrong with it is told before processes are started
-    return config.with_network(network)
+    return _loaded(algo, env_id, preset, overrides)[1]
 
 
 def load_entry(

@@ -274,6 +274,13 @@ def env_to_record(config: PlayConfig, start: float = 0.0) -> Env:
     return build_env(config, (lambda env: PerturbedStart(env, start)) if start else None)
 
 
+def keep_base(run: RunFolder, config: PlayConfig) -> None:
+    """Keep a copy of the run that is corrected, if one is, in the folder of the new run."""
+    if config.base is not None:
+        share(config.base, run.base_dir)
+        run.write_config(config.with_base(str(run.base_dir)))
+
+
 def share(
     run: str | os.PathLike[str], folder: str | os.PathLike[str], *, best: str | None = None
 ) -> RunFolder:
@@ -299,6 +306,7 @@ def share(
         config = player.run.read_config()
         shared = RunFolder.create(config, folder)
         try:
+            keep_base(shared, config)
             if player.run.provenance_file.is_file():
                 shutil.copyfile(player.run.provenance_file, shared.provenance_file)
             if isinstance(config, RunConfig):

@@ -131,7 +131,7 @@ def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> Ve
     venv.seed(config.seed)
     for plugin in config.vec_env_wrapper:
         venv = plugin(venv)
-    return _normalized(config, venv)
+    return normalized(config, venv)
 
 
 def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
@@ -196,7 +196,8 @@ def _action_noise(config: RunConfig, venv: VecEnv) -> ActionNoise | None:
     return kinds[config.noise_type](mean=mean, sigma=sigma)
 
 
-def _normalized(config: RunConfig, venv: VecEnv) -> VecEnv:
+def normalized(config: RunConfig, venv: VecEnv) -> VecEnv:
+    """Return environments as a run normalises them."""
     if config.normalize is False:
         return venv
     arguments = {} if isinstance(config.normalize, bool) else dict(config.normalize)

@@ -34,6 +34,9 @@ FILE_OPTIONS = ("score", "fingering")
 MODEL = "model"
 """What stands for a file of the sight-reader's network, which plays or is corrected."""
 
+BASE = "base"
+"""What stands for the folder of a run whose model is corrected."""
+
 _EXPECTED = "expected a folder that 'sb3-piano train' made"
 _PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch")
 
@@ -53,6 +56,7 @@ class RunFolder:
     ``policy.safetensors``   in place of both, in a run that was shared to be played
     ``hand.safetensors``     the network of a hand that plays any piece as a sight-reader, if the
                              run was given one, or was shared and its policy has one
+    ``base/``                what is corrected, if it is the model of another run: that run, shared
     ``checkpoint/``          what resuming needs, see :class:`~sb3_piano.callbacks.Checkpoint`
     ``monitor/``             one ``<n>.monitor.csv`` per environment. After a crash it also has the
                              episodes since the last checkpoint, which are then played again
@@ -77,6 +81,7 @@ class RunFolder:
     monitor_dir = Place("monitor")
     tensorboard_dir = Place("tensorboard")
     evaluation_dir = Place("evaluation")
+    base_dir = Place(BASE)
 
     @classmethod
     def create(
@@ -166,7 +171,8 @@ class RunFolder:
         except ConfigError as error:
             raise ConfigError(f"'{self.config_file}': {error}") from error
         found = {name: self.path / file for name, file in _files(config).items()}
-        return _with_files(config, {n: str(path) for n, path in found.items() if path.is_file()})
+        there = {n: path.is_dir() if n == BASE else path.is_file() for n, path in found.items()}
+        return _with_files(config, {n: str(path) for n, path in found.items() if there[n]})
 
     def write_config(self, config: PlayConfig) -> None:
         """Write the run's settings, a score file in this folder as a name relative to it."""
@@ -229,14 +235,15 @@ def provenance(seed: int | None) -> dict[str, Any]:
 def _files(config: PlayConfig) -> dict[str, str]:
     """Return what may name files: the environment's options, and the sight-reader's network."""
     options = {name: config.env_kwargs.get(name) for name in FILE_OPTIONS}
-    options[MODEL] = config.network
+    options |= {MODEL: config.network, BASE: config.base}
     return {name: text for name, text in options.items() if isinstance(text, str)}
 
 
 def _with_files(config: PlayConfig, files: Mapping[str, str]) -> PlayConfig:
     """Return the settings with other files in place of those of :func:`_files`."""
-    options = {name: file for name, file in files.items() if name != MODEL}
+    options = {name: file for name, file in files.items() if name not in (MODEL, BASE)}
     config = config.in_env(**options)
+    config = config.with_base(files[BASE]) if BASE in files else config
     return config.with_network(files[MODEL]) if MODEL in files else config
 
 

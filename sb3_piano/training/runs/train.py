@@ -38,6 +38,7 @@ from sb3_piano.settings import Count, checked
 from sb3_piano.threads import torch_threads
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
+from sb3_piano.training.playing.player import keep_base
 from sb3_piano.training.runs.builders import Env, build_callbacks, build_model, build_vec_env
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.saved import load_model, load_statistics
@@ -100,6 +101,8 @@ def train(
         model, every_callback = build_model(config, venv), [*build_callbacks(config), *callbacks]
         run = RunFolder.create(config, folder, runs_dir)
         with _owned(run):
+            with run.whole_or_gone():
+                keep_base(run, config)
             return _learn(config, run, model, every_callback, None, checkpoint_every, progress_bar)
 
 

@@ -1,0 +1,85 @@
+"""Settings of trainings that begin with what plays already."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from pathlib import Path
+from typing import Any
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.hyperparams import FINE_TUNING
+from sb3_piano.players import CORRECTED, HandModel
+from sb3_piano.players.hand_model import FILE_NAME, SHIPPED, SIGHT_READER
+from sb3_piano.settings import refuse_unknown
+from sb3_piano.training.configuration.config import PlayConfig, Plugin, RunConfig
+from sb3_piano.training.configuration.yaml_files import load_overlaid
+from sb3_piano.training.runs.folder import RunFolder
+
+_RESIDUAL = "sb3_piano.training.RunResidual"
+_INSIDE = "sb3_piano.players.PlayerResidual"
+
+
+def load_fine_tuning(
+    algo: str,
+    env_id: str | None = None,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    player: str | os.PathLike[str] = SIGHT_READER,
+    **overrides: Any,
+) -> RunConfig:
+    """Return the hyperparameters with which an algorithm corrects what plays already.
+
+    Args:
+        algo: Name of the algorithm.
+        env_id: Id of the environment, or ``module:Id``; by default that of the run, if one is
+            corrected.
+        path: A YAML file as of :func:`load_config` with what is to be different from the preset.
+        player: One of :data:`~sb3_piano.players.CORRECTED`, by default the sight-reader that comes
+            with this package; the file of another network, or a folder with a
+            ``hand.safetensors``; or the folder of a run, whose environment and wrappers are kept.
+        **overrides: Keys to take instead of the entry's. ``env_kwargs`` are added to the entry's.
+
+    Raises:
+        ConfigError: As :func:`load_config`; or if there is no preset for the algorithm, no such
+            network, the entry has wrappers without :class:`~sb3_piano.players.PlayerResidual`, or
+            there is no environment.
+        RunError: If the folder is no run.
+    """
+    refuse_unknown([algo], FINE_TUNING, "algorithm for fine-tuning")
+    folder = Path(player)
+    of_run = folder.is_dir() and not (folder / FILE_NAME).is_file()
+    base = RunFolder.open(folder).read_config() if of_run else None
+    if env_id is None:
+        if base is None:
+            raise ConfigError(
+                f"Nothing to play with '{player}': expected the id of an environment (--env) or a "
+                "piece (--midi); only a run that is corrected brings its own."
+            )
+        env_id = base.env_id
+    config = load_overlaid(algo, env_id, FINE_TUNING[algo], path, **overrides)
+    if base is not None:
+        return _of_run(config, base, folder, overrides.get("env_kwargs", {}))
+    if player != SIGHT_READER and player in CORRECTED:
+        return config.correcting(player=player)
+    network = os.fspath(SHIPPED if player == SIGHT_READER else player)
+    HandModel.load(network)  # what is wrong with it is told before processes are started
+    return config.with_network(network)
+
+
+def _of_run(
+    config: RunConfig, base: PlayConfig, folder: Path, env_kwargs: dict[str, Any]
+) -> RunConfig:
+    """Return the settings with the environment of a run, and its model in the player's place."""
+    paths = [plugin.path for plugin in config.env_wrapper]
+    outside = config.env_wrapper[paths.index(_INSIDE) + 1 :] if _INSIDE in paths else ()
+    residual = Plugin(path=_RESIDUAL, kwargs={"run": str(folder)})
+    arguments = config.algorithm_kwargs
+    policy = {**arguments.get("policy_kwargs", {}), "n_hands": 1}  # the network sees both at once
+    return dataclasses.replace(
+        config,
+        env_kwargs={**base.env_kwargs, **env_kwargs},
+        env_wrapper=(*base.env_wrapper, residual, *outside),
+        vec_env_wrapper=(),
+        algorithm_kwargs={**arguments, "policy_kwargs": policy},
+    )

@@ -1,0 +1,161 @@
+"""Trainings that correct the model of another run."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from sb3_piano.cli import main
+from sb3_piano.envs import GENERAL_ID
+from sb3_piano.exceptions import ConfigError, InvalidActionError, RunError
+from sb3_piano.hyperparams import FINE_TUNING
+from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.training import (
+    RunConfig,
+    RunFolder,
+    RunResidual,
+    SavedPlayer,
+    evaluate,
+    load_fine_tuning,
+    train,
+)
+from sb3_piano.training.runs.builders import build_env
+from sb3_piano.wrappers import PitchShift
+
+TUNE = Score(notes=[Note(onset=i / 5, offset=(i + 1) / 5, pitch=72 + i, finger=i) for i in (0, 1)])
+BRIEF = {
+    "n_envs": 2,
+    "vec_env": "dummy",
+    "n_timesteps": 40,
+    "learning_starts": 16,
+    "buffer_size": 64,
+    "batch_size": 8,
+    "learning_rate": 0.01,
+}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """Return the folder of a run with wrappers, normalised observations and the piano's actions."""
+    place = tmp_path_factory.mktemp("runs")
+    write_midi(TUNE, place / "tune.mid")
+    config = RunConfig(
+        algo="td3",
+        env_id=GENERAL_ID,
+        seed=0,
+        env_kwargs={"score": str(place / "tune.mid"), "observation": "fingers", "physics": "fast"},
+        env_wrapper=[{"sb3_piano.wrappers.PitchShift": {"semitones": 2}}],
+        normalize={"norm_reward": False},
+        n_timesteps=60,
+        algorithm_kwargs={"learning_starts": 20, "batch_size": 8, "learning_rate": 0.01},
+    )
+    return train(config, place / "base", progress_bar=False).folder
+
+
+@pytest.fixture
+def base(made, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(made.path, "base")
+    return RunFolder(Path("base"))
+
+
+def correcting(algo="sac", **settings):
+    entry = yaml.safe_load(FINE_TUNING[algo].read_text())["default"]
+    policy = {**entry["policy_kwargs"], "critic_first": 0}
+    brief = {**BRIEF, "policy_kwargs": policy, "callback": entry["callback"][:1], **settings}
+    return load_fine_tuning(algo, player="base", seed=0, **brief)
+
+
+def test_an_action_of_0_plays_as_the_run_and_others_change_all_but_the_pedal(base):
+    with (
+        SavedPlayer.open(base.path, seed=0) as player,
+        contextlib.closing(build_env(base.read_config())) as env,
+    ):
+        residual = RunResidual(env, "base")
+        observation, _ = residual.reset(seed=0)
+        for _ in range(5):
+            action = player.predict(observation, deterministic=True)[0]
+            inside = env.unwrapped.action_map.controls(action)[0]
+            observation, *_ = residual.step(np.zeros(38))
+            np.testing.assert_array_equal(env.unwrapped.data.ctrl, inside)
+        action = player.predict(observation, deterministic=True)[0]
+        inside = env.unwrapped.action_map.controls(action)[0]
+        residual.step(np.full(38, -0.5))
+        moved = inside - env.unwrapped.data.ctrl
+        expected = 0.03 * env.unwrapped.scene.actuator_unit
+        within = env.unwrapped.data.ctrl > env.unwrapped.scene.ctrl_low + 1e-6
+        np.testing.assert_allclose(moved[within], expected[within], atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_run_is_trained_on_and_its_folder_has_all_that_it_needs(base, capsys):
+    config = correcting()
+    assert [plugin.path.rpartition(".")[2] for plugin in config.env_wrapper] == [
+        "PitchShift",
+        "RunResidual",
+        "HandReward",
+    ]
+    before = evaluate("base").mean
+    start = correcting(n_timesteps=2, learning_starts=100)
+    first = train(start, "first", progress_bar=False).folder
+    assert evaluate(first.path).mean["f1"] == before["f1"]
+    run = train(config, "run", progress_bar=False).folder
+    wanted = evaluate(run.path).mean
+    shutil.rmtree("base")
+    shutil.move("run", "moved")
+    assert main(["share", "moved", "shared"]) == 0
+    assert not [*Path("shared").rglob("*.zip"), *Path("shared").rglob("*.pkl")]
+    for folder in ("moved", "shared"):
+        assert evaluate(folder).mean == wanted
+    assert main(["train", "--resume", "moved", "--steps", "50", "--no-progress"]) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algo", ["td3", "ppo"])
+def test_other_algorithms_correct_it_too(base, algo):
+    brief = {"n_steps": 8} if algo == "ppo" else {"learning_starts": 16, "buffer_size": 64}
+    settings = {**{k: v for k, v in BRIEF.items() if k in ("n_envs", "vec_env")}, **brief}
+    entry = yaml.safe_load(FINE_TUNING[algo].read_text())["default"]
+    config = load_fine_tuning(
+        algo,
+        player="base",
+        seed=0,
+        n_timesteps=40,
+        batch_size=8,
+        callback=entry["callback"][:1],
+        **settings,
+    )
+    assert train(config, "run", progress_bar=False).num_timesteps >= 40
+
+
+def test_the_command_takes_the_runs_own_piece(base, capsys):
+    Path("brief.yml").write_text(yaml.safe_dump({GENERAL_ID: {**BRIEF, "callback": []}}))
+    command = ["train", "--from", "base", "--config", "brief.yml", "--steps", "4", "--run", "run"]
+    assert main([*command, "--no-progress"]) == 0
+    config = RunFolder.open("run").read_config()
+    assert config.base == str(Path("run/base"))
+    assert config.env_kwargs["observation"] == "fingers"
+
+
+def test_what_cannot_be_corrected_is_refused(base, tmp_path, capsys):
+    env = build_env(base.read_config())
+    with pytest.raises(RunError, match="There is no folder"):
+        RunResidual(env, tmp_path / "none")
+    with pytest.raises(ConfigError, match="scale is 0: expected"):
+        RunResidual(env, "base", 0)
+    with pytest.raises(RunError, match="cannot be loaded"):
+        RunResidual(build_env(base.read_config().in_env(observation="roll")), "base")
+    residual = RunResidual(PitchShift(env.env, 2), "base")
+    residual.reset(seed=0)
+    with pytest.raises(InvalidActionError, match=r"expected \(38,\)"):
+        residual.step(np.zeros(39))
+    Path("empty").mkdir()
+    assert main(["train", "--from", "empty", "--steps", "1"]) == 2
+    assert "'empty' is no run" in capsys.readouterr().err
+    assert main(["train", "--from", "sight-reader", "--steps", "1"]) == 2
+    assert "Nothing to play" in capsys.readouterr().err

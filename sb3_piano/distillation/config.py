@@ -178,11 +178,10 @@ class DistillConfig:
     teacher: TeacherSettings = field(default_factory=TeacherSettings)
     network: NetworkSettings = field(default_factory=NetworkSettings)
     improvements: tuple[Improvement, ...] = (
-        Improvement(n_timesteps=3_200_000),
-        Improvement(n_timesteps=400_000, physics="reference"),
+        Improvement(n_timesteps=1_200_000),
+        Improvement(n_timesteps=2_600_000),
     )
-    """What follows the rounds; by default first on the fast physics, then on the reference one,
-    which raises onset F1 there."""
+    """What follows the rounds; between two of them is one more look at how well it plays."""
     evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
     shard: Count = 25
     """Excerpts of a data set, which one process plays."""

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 _OPTIONS: dict[str, Any] = {
     "observation": "hands",
-    "fingering": "robot",
     "reduced_action_space": False,
     "initial_buffer_time": 0.5,
 }
@@ -35,16 +34,15 @@ _GIVEN_BACK = 0.5
 """Share of the distance of taking over at which the teacher gives back."""
 
 
-def hands_env(physics: str) -> HandActions:
+def hands_env(physics: str, fingering: str = "robot") -> HandActions:
     """Return an environment in which a network for one hand can play any piece.
 
     Args:
         physics: Name of the physics profile.
+        fingering: "keep" if whatever is played has fingers.
     """
-    env = gym.make(
-        GENERAL_ID, score=_FIRST_SCORE, physics=physics, disable_env_checker=True, **_OPTIONS
-    )
-    return HandActions(env)
+    options = {"score": _FIRST_SCORE, "physics": physics, "fingering": fingering, **_OPTIONS}
+    return HandActions(gym.make(GENERAL_ID, disable_env_checker=True, **options))
 
 
 def play_excerpt(
@@ -63,7 +61,7 @@ def play_excerpt(
         config: The settings.
         round_number: The round, from 0.
         number: The excerpt's number, counted over all rounds; see :meth:`DistillConfig.of_round`.
-        env: An environment of :func:`hands_env`.
+        env: An environment of :func:`hands_env` that keeps fingers.
         teacher: A teacher in this environment.
         learner: The learner's network; ``None`` in the first round.
 
@@ -73,7 +71,8 @@ def play_excerpt(
     """
     corpus, settings = config.corpus, config.rounds[round_number]
     random = np.random.default_rng((config.seed, round_number, number))
-    observation, _ = env.reset(seed=number, options={"score": corpus[number % len(corpus)]})
+    score = corpus.fingered(number % len(corpus))
+    observation, _ = env.reset(seed=number, options={"score": score})
     playing = _Playing(settings, config.playing, env, random)
     teacher.prepare()
     steps = playing.steps(observation, teacher, learner)

@@ -123,7 +123,7 @@ def make_shard(job: ShardJob) -> Shard:
     Raises:
         ConfigError: If the teacher does not fit, or the learner's file is damaged.
     """
-    config, env = job.config, _env(job.config.playing.physics)
+    config, env = job.config, _env(job.config.playing.physics, "keep")
     episodes, skipped = [], {}
     with (
         torch_threads(),
@@ -178,16 +178,16 @@ def read_rows(root: Path, shard: Shard) -> tuple[Float32Array, Float32Array]:
 def judge(physics: str, learner: Path, score: Score) -> tuple[str, Mapping[str, float] | None]:
     """Return a piece's title, and the metrics of a network; none of what cannot be played."""
     try:
-        info = play_alone(_env(physics), score, HandModel.load(learner))
+        info = play_alone(_env(physics, "robot"), score, HandModel.load(learner))
     except (ScoreError, SimulationDivergedError):
         return score.title, None
     return score.title, {name: float(info[name]) for name in JUDGED_BY}
 
 
 @functools.lru_cache(maxsize=2)
-def _env(physics: str) -> HandActions:
+def _env(physics: str, fingering: str) -> HandActions:
     """Return the environment of this process, for all of its jobs."""
-    return hands_env(physics)
+    return hands_env(physics, fingering)
 
 
 def _files(job: ShardJob) -> dict[str, str]:

@@ -14,13 +14,14 @@ from pydantic import BeforeValidator
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.music.catalogue import is_path, load_score, pieces
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH, UNKNOWN_FINGER
+from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.music.formats import READERS
 from sb3_piano.music.generation import generate_score
 from sb3_piano.music.library import imported_pieces
 from sb3_piano.music.repertoire import REPERTOIRE
 from sb3_piano.music.score import Score
 from sb3_piano.music.studies import STUDIES
-from sb3_piano.settings import Count, Index, Positive, settings
+from sb3_piano.settings import Count, Index, Positive, Share, settings
 
 SOURCES = ("generated", "studies", "repertoire", "library")
 """Sources of excerpts, beside the path of a file or of a folder of MIDI files."""
@@ -55,6 +56,9 @@ _FARTHEST = 12
 
 _MIDI = (".mid", ".midi")
 
+_KEPT = 20_000
+"""Excerpts with fingers that a process keeps, some 10 kB each."""
+
 _Names = Annotated[
     tuple[str, ...], BeforeValidator(lambda value: tuple(value) if type(value) is list else value)
 ]
@@ -77,6 +81,8 @@ class Corpus:
         held_out: Names of pieces that are never used, with or without their collection; of files,
             without their suffix.
         n: How many excerpts there are.
+        own_hands: Share of the excerpts that :meth:`fingered` leaves to the hands for which they
+            are written. They are harder to play.
 
     Raises:
         ConfigError: If a source is unknown or has no piece that may be used, or there is no piece
@@ -90,6 +96,7 @@ class Corpus:
     )
     held_out: _Names = HELD_OUT
     n: Count = 2000
+    own_hands: Share = 0.5
 
     def __post_init__(self) -> None:
         if not self.sources:
@@ -111,7 +118,9 @@ class Corpus:
                 )
 
     def __hash__(self) -> int:
-        return hash((self.seed, self.duration, self.n))  # the sources cannot be hashed
+        return hash(
+            (self.seed, self.duration, self.n, self.own_hands)
+        )  # the sources cannot be hashed
 
     def __len__(self) -> int:
         return self.n
@@ -140,6 +149,13 @@ class Corpus:
             return replace(score, title=f"{score.title} {index:05d}")
         names = self.names[source]
         return self._excerpt(random, names[int(random.integers(len(names)))])
+
+    def fingered(self, index: int) -> Score:
+        """Return an excerpt with fingers for the simulated hands, found once in a process.
+
+        Arguments and errors are those of ``[]``.
+        """
+        return _fingered(self, index)
 
     @functools.cached_property
     def names(self) -> Mapping[str, tuple[str, ...]]:
@@ -177,6 +193,12 @@ class Corpus:
         """How the held-out studies begin."""
         studies = (name for name in STUDIES if not self._kept((name,)))
         return frozenset(_opening(STUDIES[name].score(), 0) for name in studies)
+
+
+@functools.lru_cache(maxsize=_KEPT)
+def _fingered(corpus: Corpus, index: int) -> Score:
+    changed = np.random.default_rng((corpus.seed, index, 1)).random() >= corpus.own_hands
+    return apply_fingering(corpus[index], "robot", change_hands=bool(changed))
 
 
 def _opening(score: Score, semitones: int) -> tuple[tuple[int, ...], ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -11,12 +10,8 @@ import gymnasium as gym
 import numpy as np
 
 from sb3_piano.music import MAX_PITCH, MIN_PITCH, Corpus, Note, Score
-from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.settings import Count, checked
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper
-
-_KEPT = 20_000
-"""Excerpts that a process keeps, some 10 kB each: their fingers take longer than their notes."""
 
 
 class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
@@ -66,7 +61,7 @@ class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
         """Return the excerpt of an episode."""
         if self._chosen is None or not self._left:
             index = int(random.integers(len(self._corpus)))
-            self._chosen, self._left = fingered_excerpt(self._corpus, index), self._episodes
+            self._chosen, self._left = self._corpus.fingered(index), self._episodes
         self._left -= 1
         return self._chosen
 
@@ -75,9 +70,3 @@ class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
         if "score" in options or plan.choose is not None:
             return plan
         return replace(plan, choose=self.choose)
-
-
-@functools.lru_cache(maxsize=_KEPT)
-def fingered_excerpt(corpus: Corpus, index: int) -> Score:
-    """Return an excerpt with fingers for the simulated hands, found once in a process."""
-    return apply_fingering(corpus[index], "robot")

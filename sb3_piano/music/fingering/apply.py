@@ -24,7 +24,11 @@ DEFAULT_TIMESTEP = 0.05
 
 
 def apply_fingering(
-    score: Score, fingering: str | os.PathLike[str], control_timestep: float = DEFAULT_TIMESTEP
+    score: Score,
+    fingering: str | os.PathLike[str],
+    control_timestep: float = DEFAULT_TIMESTEP,
+    *,
+    change_hands: bool = True,
 ) -> Score:
     """Return the score with fingers chosen in one of several ways.
 
@@ -36,6 +40,7 @@ def apply_fingering(
             finger or a hand, so that the reward takes whichever fingers are nearest to the keys.
             Or the path of a file whose labels are put on the notes.
         control_timestep: Length of a control step for which the robot's fingers are chosen, s.
+        change_hands: Whether ``"robot"`` changes hands that are known.
 
     Raises:
         ConfigError: If there is no such way, or no such file.
@@ -47,7 +52,7 @@ def apply_fingering(
         return without_fingers(score, keep_hands=False)
     if fingering not in FINGERINGS:
         return read_labels(labels_file(fingering), score)
-    if fingering == "robot":
+    if fingering == "robot" and change_hands:
         score = robot_hands(score, control_timestep)
     if any(note.finger == UNKNOWN_FINGER for note in score.notes):
         score = finger_score(score)

@@ -13,6 +13,10 @@ from sb3_piano.music.studies import STUDIES
 ALL = {"generated": 1.0, "studies": 1.0, "repertoire": 1.0}
 
 
+def hands(score):
+    return [note.hand for note in score.notes]
+
+
 def source(score) -> str:
     return score.title.partition(" ")[0]
 
@@ -28,6 +32,21 @@ def test_an_excerpt_is_a_function_of_seed_and_index():
     assert not {score.notes for score in other} & {score.notes for score in there}
     with pytest.raises(IndexError, match="Excerpt 40 is not in the corpus: it has 40"):
         corpus[40]
+
+
+def test_its_share_of_the_excerpts_keeps_the_hands_for_which_they_are_written():
+    written, changed, both = (Corpus(own_hands=share, n=30) for share in (1.0, 0.0, 0.5))
+    kept = different = 0
+    for index in range(30):
+        own, robot, some = (hands(c.fingered(index)) for c in (written, changed, both))
+        assert own == hands(written[index]) or None in hands(written[index])
+        assert some in (own, robot)
+        assert all(note.finger >= 0 for note in both.fingered(index).notes)
+        if own != robot:
+            different += 1
+            kept += some == own
+    assert 3 <= kept <= different - 3
+    assert both.fingered(7) is both.fingered(7)
 
 
 def test_excerpts_are_of_their_length_and_sources_of_their_weight():
@@ -94,6 +113,7 @@ def test_files_folders_and_the_library_are_sources(tmp_path):
         ({"sources": {"library": 1.0}}, "'library' has no piece to learn from"),
         ({"held_out": ("FurElyse",)}, "'FurElyse', which is no piece.*Did you mean 'FurElise'"),
         ({"sources": {"studies": 1.0}, "held_out": tuple(STUDIES)}, "held out; 87 are"),
+        ({"own_hands": 1.5}, "own_hands is 1.5: expected"),
         ({"n": 0}, "n is 0: expected a whole number, 1 or more"),
         ({"duration": -1.0}, "duration is -1.0: expected a finite number above 0"),
     ],

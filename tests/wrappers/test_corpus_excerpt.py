@@ -1,0 +1,33 @@
+"""Excerpts of a corpus as the pieces of episodes."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from playing_scores import piano, titles
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.wrappers import CorpusExcerpt
+
+CORPUS = {"n": 50, "duration": 1.0}
+
+
+def test_an_excerpt_is_played_in_so_many_episodes_in_a_row():
+    once, thrice = (CorpusExcerpt(piano(), CORPUS, episodes) for episodes in (1, 3))
+    drawn = titles(once, 4, seed=5)
+    assert len(set(drawn)) > 1
+    expected = list(itertools.chain.from_iterable([title] * 3 for title in drawn))
+    assert titles(thrice, 12, seed=5) == expected
+
+
+def test_a_seed_begins_anew_in_the_middle_of_them():
+    env = CorpusExcerpt(piano(), CORPUS, episodes=3)
+    first = titles(env, 4, seed=5)
+    titles(env, 2, seed=6)
+    assert titles(env, 4, seed=5) == first
+
+
+def test_what_is_no_count_is_refused():
+    with pytest.raises(ConfigError, match="episodes is 0: expected"):
+        CorpusExcerpt(piano(), CORPUS, episodes=0)

@@ -103,7 +103,7 @@ def test_the_file_that_comes_with_the_package_has_the_defaults():
     assert config == DistillConfig()
     again = DistillConfig.from_mapping(config.to_mapping())
     assert json.dumps(again.to_mapping()) == json.dumps(DistillConfig().to_mapping())
-    assert sum(one.excerpts for one in config.rounds) == 1300 <= len(config.corpus)
+    assert sum(one.excerpts for one in config.rounds) == 500 <= len(config.corpus)
 
 
 @pytest.mark.parametrize(

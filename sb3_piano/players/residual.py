@@ -5,19 +5,21 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any, SupportsFloat
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.exceptions import ConfigError, InvalidActionError
+from sb3_piano.arrays import Float32Array
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PianoPolicy, PlannedPianist
 from sb3_piano.players.hand_model import SHIPPED, SIGHT_READER, HandModel
 from sb3_piano.players.sight_reader import SightReader
 from sb3_piano.settings import Positive, checked, refuse_unknown
-from sb3_piano.wrappers.hand_actions import CorrectsHandActions, hand_actions_of
+from sb3_piano.wrappers.hand_actions import hand_actions_of
 from sb3_piano.wrappers.piano import piano_of
+from sb3_piano.wrappers.residual import Residual
 
 FloatArray = npt.NDArray[np.floating]
 
@@ -27,19 +29,12 @@ CORRECTED: Mapping[str, Callable[..., PianoPolicy]] = MappingProxyType(
 """Class of what can be corrected, by its name."""
 
 
-class PlayerResidual(
-    gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs, CorrectsHandActions
-):
+class PlayerResidual(Residual, gym.utils.RecordConstructorArgs):
     """Let the sight-reader or the planned pianist play, and the agent correct it.
 
     What is played is the player's action plus ``scale`` times the agent's, cut at -1 and 1. Actions
-    of 0 play as the player does; the planned pianist as far as 32-bit numbers tell. Observations
-    are those of the environment. It plans a piece at the ``reset`` that begins it.
-
-    Wrappers inside of this one get what is played, those outside what the agent does.
-
-    Source: residual policies (Silver et al. 2018, "Residual Policy Learning"; Johannink et al.
-    2019, "Residual Reinforcement Learning for Robot Control").
+    of 0 play as the player does; the planned pianist, who plans a piece before its first step, as
+    far as 32-bit numbers tell.
 
     Args:
         env: An environment that acts by :class:`~sb3_piano.wrappers.HandActions`, best with the
@@ -70,8 +65,7 @@ class PlayerResidual(
                 f"PlayerResidual cannot correct actions of {env.action_space}: expected those "
                 f"of HandActions, {inside.action_space}. Put wrappers that change them further out."
             )
-        super().__init__(env)
-        self._scale = np.float32(checked("scale", scale, Positive))
+        super().__init__(env, np.full(inside.reach.shape, checked("scale", scale, Positive)))
         refuse_unknown([player], CORRECTED, "player to be corrected")
         if player != SIGHT_READER and model is not None:
             raise ConfigError(
@@ -80,7 +74,6 @@ class PlayerResidual(
             )
         self._piano, self._inside, self._model = piano_of(env, "PlayerResidual"), inside, model
         self._base: PianoPolicy = CORRECTED[player](env, *([] if model is None else [model]))
-        self._seen: Any = None
 
     @property
     def standardization(self) -> tuple[FloatArray, FloatArray]:
@@ -88,29 +81,12 @@ class PlayerResidual(
         tensors = HandModel.load(SHIPPED if self._model is None else self._model).tensors
         return tensors["standardize.mean"], 1 / tensors["standardize.scale"]
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode."""
-        self._seen, info = self.env.reset(seed=seed, options=options)
-        return self._seen, info
-
-    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Play a control step of the player's, corrected.
-
-        Raises:
-            InvalidActionError: If the action has the wrong shape.
-        """
-        correction = np.asarray(action, dtype=np.float32)
-        if correction.shape != self.action_space.shape:
-            raise InvalidActionError(
-                f"The action has shape {correction.shape}: expected {self.action_space.shape}, one "
-                "number for each actuator and none for the pedal."
-            )
-        played, _ = self._base.predict(self._seen)
-        if played.shape != correction.shape:  # those of the piano itself, the pedal included
-            controls, _ = self._piano.action_map.controls(played)
-            played = self._inside.action_for(controls)
-        played += self._scale * np.minimum(np.maximum(correction, -1.0), 1.0)
-        self._seen, *result = self.env.step(np.minimum(np.maximum(played, -1.0), 1.0))
-        return self._seen, *result
+    def base_action(self, observation: Any) -> Float32Array:
+        """Return the player's action."""
+        played, _ = self._base.predict(observation)
+        if played.shape == self.action_space.shape:
+            return played
+        controls, _ = self._piano.action_map.controls(
+            played
+        )  # and the pedal, which the score moves
+        return self._inside.action_for(controls)

@@ -3,40 +3,31 @@
 from __future__ import annotations
 
 import os
-from typing import Any, SupportsFloat
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from sb3_piano.arrays import FloatArray
-from sb3_piano.exceptions import ConfigError, InvalidActionError
+from sb3_piano.arrays import Float32Array, FloatArray
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.settings import Positive, checked
 from sb3_piano.training.configuration.config import CorrectsRun, RunConfig
 from sb3_piano.training.runs.builders import normalized
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.saved import load_player, load_statistics, model_files
-from sb3_piano.wrappers.hand_actions import CorrectsHandActions, hand_actions_of
+from sb3_piano.wrappers.hand_actions import hand_actions_of
 from sb3_piano.wrappers.piano import piano_of
+from sb3_piano.wrappers.residual import Residual
 
 
-class RunResidual(
-    gym.Wrapper[Any, Any, Any, Any],
-    gym.utils.RecordConstructorArgs,
-    CorrectsHandActions,
-    CorrectsRun,
-):
+class RunResidual(Residual, gym.utils.RecordConstructorArgs, CorrectsRun):
     """Let the model of a run play, and the agent correct it.
 
     What is played is the model's action, without exploring, plus the agent's times ``scale``, cut
     at -1 and 1. Actions of 0 play as the model does. The agent has a number for each actuator and
     none for the pedal, which the model alone moves; it observes what the model does.
-
-    Wrappers inside of this one are those of the run; they get what is played.
-
-    Source: residual policies (Silver et al. 2018, "Residual Policy Learning"; Johannink et al.
-    2019, "Residual Reinforcement Learning for Robot Control").
 
     Args:
         env: An environment like that of the run, with its wrappers.
@@ -54,7 +45,6 @@ class RunResidual(
         self, env: gym.Env[Any, Any], run: str | os.PathLike[str], scale: float = 0.06
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, run=run, scale=scale)
-        super().__init__(env)
         piano, rad = piano_of(env, "RunResidual"), checked("scale", scale, Positive)
         if env.action_space == piano.action_space:
             reach = piano.action_map.change(rad * piano.scene.actuator_unit)
@@ -66,10 +56,8 @@ class RunResidual(
                     f"piano's own, {piano.action_space}, or those of HandActions."
                 )
             reach = np.full(inside.reach.shape, rad / np.abs(inside.reach).max())
-        self._reach = reach.astype(np.float32)
-        self.action_space = gym.spaces.Box(-1.0, 1.0, self._reach.shape, dtype=np.float32)
+        super().__init__(env, reach)
         self._model, self._normalizer = _model_of(run, env)
-        self._seen: Any = None
 
     @property
     def standardization(self) -> tuple[FloatArray, FloatArray]:
@@ -80,32 +68,11 @@ class RunResidual(
         statistics: Any = self._normalizer.obs_rms
         return statistics.mean, np.sqrt(statistics.var + self._normalizer.epsilon)
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode."""
-        self._seen, info = self.env.reset(seed=seed, options=options)
-        return self._seen, info
-
-    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Play a control step of the model's, corrected.
-
-        Raises:
-            InvalidActionError: If the action has the wrong shape.
-        """
-        correction = np.asarray(action, dtype=np.float32)
-        if correction.shape != self._reach.shape:
-            raise InvalidActionError(
-                f"The action has shape {correction.shape}: expected {self._reach.shape}, one "
-                "number for each actuator and none for the pedal."
-            )
-        seen = self._seen
+    def base_action(self, observation: Any) -> Float32Array:
+        """Return the model's action, without exploring."""
         if self._normalizer is not None:
-            seen = self._normalizer.normalize_obs(seen)
-        played = np.array(self._model.predict(seen, deterministic=True)[0])
-        played[: len(correction)] += self._reach * np.minimum(np.maximum(correction, -1.0), 1.0)
-        self._seen, *result = self.env.step(np.minimum(np.maximum(played, -1.0), 1.0))
-        return self._seen, *result
+            observation = self._normalizer.normalize_obs(observation)
+        return np.array(self._model.predict(observation, deterministic=True)[0])
 
 
 def _model_of(

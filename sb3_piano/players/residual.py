@@ -9,9 +9,8 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 
-from sb3_piano.arrays import Float32Array
+from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PianoPolicy, PlannedPianist
 from sb3_piano.players.hand_model import SHIPPED, SIGHT_READER, HandModel
@@ -20,8 +19,6 @@ from sb3_piano.settings import Positive, checked, refuse_unknown
 from sb3_piano.wrappers.hand_actions import hand_actions_of
 from sb3_piano.wrappers.piano import piano_of
 from sb3_piano.wrappers.residual import Residual
-
-FloatArray = npt.NDArray[np.floating]
 
 CORRECTED: Mapping[str, Callable[..., PianoPolicy]] = MappingProxyType(
     {SIGHT_READER: SightReader, "planned": PlannedPianist}
@@ -79,14 +76,13 @@ class PlayerResidual(Residual, gym.utils.RecordConstructorArgs):
     def standardization(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation, (n,), of what a hand observes, as the sight-reader's."""
         tensors = HandModel.load(SHIPPED if self._model is None else self._model).tensors
-        return tensors["standardize.mean"], 1 / tensors["standardize.scale"]
+        mean, scale = (tensors[f"standardize.{name}"].astype(float) for name in ("mean", "scale"))
+        return mean, 1 / scale
 
     def base_action(self, observation: Any) -> Float32Array:
         """Return the player's action."""
         played, _ = self._base.predict(observation)
         if played.shape == self.action_space.shape:
             return played
-        controls, _ = self._piano.action_map.controls(
-            played
-        )  # and the pedal, which the score moves
+        controls, _ = self._piano.action_map.controls(played)  # the score moves the pedal
         return self._inside.action_for(controls)

@@ -177,10 +177,7 @@ class DistillConfig:
     playing: PlayingSettings = field(default_factory=PlayingSettings)
     teacher: TeacherSettings = field(default_factory=TeacherSettings)
     network: NetworkSettings = field(default_factory=NetworkSettings)
-    improvements: tuple[Improvement, ...] = (
-        Improvement(n_timesteps=1_200_000),
-        Improvement(n_timesteps=2_600_000),
-    )
+    improvements: tuple[Improvement, ...] = (Improvement(n_timesteps=3_200_000),)
     """What follows the rounds; between two of them is one more look at how well it plays."""
     evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
     shard: Count = 25

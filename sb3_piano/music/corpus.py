@@ -96,7 +96,7 @@ class Corpus:
     )
     held_out: _Names = HELD_OUT
     n: Count = 2000
-    own_hands: Share = 0.5
+    own_hands: Share = 0.0
 
     def __post_init__(self) -> None:
         if not self.sources:

@@ -35,6 +35,7 @@ from rich.progress import MofNCompleteColumn, Progress
 
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import BUILT_IN
+from sb3_piano.planning import forget_plans
 from sb3_piano.training.playing.player import env_to_record
 from sb3_piano.training.playing.takes import planner_config, take_of_planner
 
@@ -72,6 +73,7 @@ def measure(piece: str, column: str) -> dict[str, object]:
     algo, arguments = COLUMNS[column]
     config = planner_config(piece, algo, **arguments)
     env_to_record(config).close()  # compiles the scene, once in a process
+    forget_plans()  # of other columns, which were timed there
     start = time.process_time()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", PlanWarning)

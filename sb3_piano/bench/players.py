@@ -17,7 +17,7 @@ from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import Score
 from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.music.generation import generate_score
-from sb3_piano.planning import PlannedPianist
+from sb3_piano.planning import PlannedPianist, forget_plans
 from sb3_piano.players import SightReader
 
 PIECE = 600.0
@@ -46,6 +46,7 @@ def player_rows(rounds: int) -> list[Row]:
         SightReader(env).predict(observation)
 
     def plan() -> None:
+        forget_plans()
         PlannedPianist(beginning).predict(beginning_observation)
 
     def act() -> None:

@@ -8,7 +8,7 @@ behind the ``predict`` of a trained model. What a plan is made of is cheap, and 
 
 from sb3_piano.music.presses import Press, presses_of_hand
 from sb3_piano.planning.hand_plan import HandPlan
-from sb3_piano.planning.pianist import PlannedPianist, Trackers
+from sb3_piano.planning.pianist import PlannedPianist, Trackers, forget_plans
 from sb3_piano.planning.plan import Plan, plan, refine
 from sb3_piano.planning.policy import PianoPolicy
 from sb3_piano.planning.problems import Problem
@@ -34,6 +34,7 @@ __all__ = [
     "TimedPress",
     "Tracker",
     "Trackers",
+    "forget_plans",
     "key_frames",
     "plan",
     "presses_of_hand",

@@ -107,6 +107,11 @@ def _planned_once(roll: PianoRoll, scene: PianoScene, settings: PlanSettings) ->
     return _PLANS[key]
 
 
+def forget_plans() -> None:
+    """Forget what was planned in this process, so that planning takes its time again."""
+    _PLANS.clear()
+
+
 def action_of(
     piano: PianoEnv, controls: npt.NDArray[np.float64], tracker: Tracker, step: int
 ) -> npt.NDArray[np.float32]:

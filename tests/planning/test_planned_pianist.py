@@ -247,3 +247,6 @@ def test_a_piece_is_planned_once_for_equal_scenes_and_anew_for_others(monkeypatc
     assert len(made) == 2
     Trackers(dataclasses.replace(CARELESS, rounds=2)).of(envs[0])
     assert len(made) == 3
+    pianist.forget_plans()
+    assert Trackers(CARELESS).of(envs[0]).plan is not plans[0]
+    assert len(made) == 4

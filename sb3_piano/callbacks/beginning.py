@@ -96,10 +96,11 @@ class HandWeightsCallback(BaseCallback):
 
 
 class SightReaderStandardization(BaseCallback):
-    """When a training begins, let the policy standardise observations as the sight-reader does.
+    """Let the policy standardise observations, from its beginning, as what it corrects does.
 
     For policies of :mod:`sb3_piano.policies` for hands in environments with
-    :class:`~sb3_piano.players.PlayerResidual`. The numbers are saved with the policy.
+    :class:`~sb3_piano.players.PlayerResidual` or :class:`~sb3_piano.training.RunResidual`. The
+    numbers are saved with the policy.
 
     Raises:
         ConfigError: When training starts, if the policy is another one.

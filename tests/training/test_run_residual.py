@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import shutil
 from pathlib import Path
 
@@ -90,6 +91,22 @@ def test_an_action_of_0_plays_as_the_run_and_others_change_all_but_the_pedal(bas
         expected = 0.03 * env.unwrapped.scene.actuator_unit
         within = env.unwrapped.data.ctrl > env.unwrapped.scene.ctrl_low + 1e-6
         np.testing.assert_allclose(moved[within], expected[within], atol=1e-6)
+
+
+def test_observations_are_standardised_as_the_runs_model_takes_them(base, tmp_path):
+    def standardization(folder, config):
+        env = build_env(config)
+        return (*RunResidual(env, folder).standardization, env.observation_space.shape)
+
+    config = base.read_config()
+    mean, std, shape = standardization("base", config)
+    assert mean.shape == std.shape == shape
+    assert np.abs(mean).max() > 0.1
+    plain = dataclasses.replace(config, n_timesteps=2, normalize={"norm_obs": False})
+    folder = train(plain, tmp_path / "plain", progress_bar=False).folder
+    mean, std, _ = standardization(folder.path, plain)
+    assert not mean.any()
+    assert (std == 1).all()
 
 
 @pytest.mark.slow

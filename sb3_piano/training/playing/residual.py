@@ -62,7 +62,7 @@ class RunResidual(Residual, gym.utils.RecordConstructorArgs, CorrectsRun):
     @property
     def standardization(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation, (n,), by which the model takes observations, or 0 and 1."""
-        if self._normalizer is None:
+        if self._normalizer is None or not self._normalizer.norm_obs:
             size = gym.spaces.flatdim(self.observation_space)
             return np.zeros(size), np.ones(size)
         statistics: Any = self._normalizer.obs_rms

@@ -9,15 +9,15 @@ from typing import Any
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import FINE_TUNING
-from sb3_piano.players import CORRECTED, HandModel
+from sb3_piano.players import CORRECTED, HandModel, PlayerResidual
 from sb3_piano.players.hand_model import FILE_NAME, SHIPPED, SIGHT_READER
 from sb3_piano.settings import refuse_unknown
 from sb3_piano.training.configuration.config import PlayConfig, Plugin, RunConfig
+from sb3_piano.training.configuration.names import import_name
 from sb3_piano.training.configuration.yaml_files import load_overlaid
 from sb3_piano.training.runs.folder import RunFolder
 
 _RESIDUAL = "sb3_piano.training.RunResidual"
-_INSIDE = "sb3_piano.players.PlayerResidual"
 
 
 def load_fine_tuning(
@@ -71,8 +71,8 @@ def _of_run(
     config: RunConfig, base: PlayConfig, folder: Path, env_kwargs: dict[str, Any]
 ) -> RunConfig:
     """Return the settings with the environment of a run, and its model in the player's place."""
-    paths = [plugin.path for plugin in config.env_wrapper]
-    outside = config.env_wrapper[paths.index(_INSIDE) + 1 :] if _INSIDE in paths else ()
+    corrects = [import_name(plugin.path) is PlayerResidual for plugin in config.env_wrapper]
+    outside = config.env_wrapper[corrects.index(True) + 1 :] if any(corrects) else ()
     residual = Plugin(path=_RESIDUAL, kwargs={"run": str(folder)})
     arguments = config.algorithm_kwargs
     policy = {**arguments.get("policy_kwargs", {}), "n_hands": 1}  # the network sees both at once

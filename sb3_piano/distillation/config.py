@@ -146,6 +146,8 @@ class Improvement:
     """Steps of the training, of hands where those are its agents: twice the control steps."""
     physics: str | None = None
     """Name of the physics profile in place of the one in the file."""
+    corpus: Mapping[str, Any] = field(default_factory=dict)
+    """Settings of the corpus in place of the distillation's."""
     algo: str = "ppo"
     """Name of the algorithm."""
     config: str | None = None
@@ -177,7 +179,10 @@ class DistillConfig:
     playing: PlayingSettings = field(default_factory=PlayingSettings)
     teacher: TeacherSettings = field(default_factory=TeacherSettings)
     network: NetworkSettings = field(default_factory=NetworkSettings)
-    improvements: tuple[Improvement, ...] = (Improvement(n_timesteps=3_200_000),)
+    improvements: tuple[Improvement, ...] = (
+        Improvement(n_timesteps=3_200_000),
+        Improvement(n_timesteps=2_400_000, physics="fast-contacts", corpus={"near": 0.3}),
+    )
     """What follows the rounds; between two of them is one more look at how well it plays."""
     evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
     shard: Count = 25

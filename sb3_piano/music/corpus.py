@@ -83,6 +83,7 @@ class Corpus:
         n: How many excerpts there are.
         own_hands: Share of the excerpts that :meth:`fingered` leaves to the hands for which they
             are written. They are harder to play.
+        near: Share of the generated excerpts whose hands play close together.
 
     Raises:
         ConfigError: If a source is unknown or has no piece that may be used, or there is no piece
@@ -97,6 +98,7 @@ class Corpus:
     held_out: _Names = HELD_OUT
     n: Count = 2000
     own_hands: Share = 0.0
+    near: Share = 0.0
 
     def __post_init__(self) -> None:
         if not self.sources:
@@ -119,7 +121,7 @@ class Corpus:
 
     def __hash__(self) -> int:
         return hash(
-            (self.seed, self.duration, self.n, self.own_hands)
+            (self.seed, self.duration, self.n, self.own_hands, self.near)
         )  # the sources cannot be hashed
 
     def __len__(self) -> int:
@@ -145,7 +147,8 @@ class Corpus:
         weights = np.array(list(self.sources.values()))
         source = list(self.sources)[int(random.choice(len(weights), p=weights / weights.sum()))]
         if source == "generated":
-            score = generate_score(random, self.duration)
+            near = bool(self.near) and bool(random.random() < self.near)
+            score = generate_score(random, self.duration, near=near)
             return replace(score, title=f"{score.title} {index:05d}")
         names = self.names[source]
         return self._excerpt(random, names[int(random.integers(len(names)))])

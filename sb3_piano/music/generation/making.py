@@ -42,7 +42,9 @@ _SILENT = 0.05
 """Share of phrases in which a hand is silent."""
 
 
-def generate_score(random: np.random.Generator, duration: float, style: str | None = None) -> Score:
+def generate_score(
+    random: np.random.Generator, duration: float, style: str | None = None, near: bool = False
+) -> Score:
     """Make a piece of music for the piano.
 
     Key, meter, tempo, harmony, registers, figures and touch are drawn, then phrases are written
@@ -52,6 +54,8 @@ def generate_score(random: np.random.Generator, duration: float, style: str | No
         random: The source of chance.
         duration: Length, in s: what lies beyond is cut off.
         style: One of `STYLES`; by default drawn.
+        near: Let both hands play in registers less than an octave apart, where they get into each
+            other's way.
 
     Raises:
         ConfigError: If the duration is not above 0, or there is no such style.
@@ -61,7 +65,7 @@ def generate_score(random: np.random.Generator, duration: float, style: str | No
         refuse_unknown([style], STYLES, "style")
     else:
         style = str(random.choice(list(STYLES)))
-    plan = _Plan.drawn(random, style)
+    plan = _Plan.drawn(random, style, near)
     tones: list[Tone] = []
     phrases: dict[str, list[Tone]] = {}
     tempo = float(np.exp(random.uniform(np.log(_SLOWEST), np.log(_FASTEST))))
@@ -103,7 +107,7 @@ class _Plan:
     pedalled: bool
 
     @classmethod
-    def drawn(cls, random: np.random.Generator, style: str) -> _Plan:
+    def drawn(cls, random: np.random.Generator, style: str, near: bool) -> _Plan:
         """Draw a plan for a style."""
         scales = (MAJOR, HARMONIC, MINOR, DORIAN)
         scale = scales[int(random.choice(4, p=(0.55, 0.25, 0.15, 0.05)))]
@@ -117,6 +121,9 @@ class _Plan:
             apart = random.uniform(22, 36)
         elif random.random() < 0.08:
             apart = random.uniform(0, 12)
+        highest = 66
+        if near:
+            apart, highest = random.uniform(5, 12), 80
         form, tonic = str(random.choice(_FORMS)), _tonic(random, scale)
         bars = int(random.choice((2, 4), p=(0.6, 0.4)))
         per_bar = float(random.choice((1, 2 if two else 1, 0.5), p=(0.6, 0.3, 0.1)))
@@ -130,7 +137,7 @@ class _Plan:
             beat=beat,
             bars=bars,
             chords=(),
-            register={"right": right, "left": float(np.clip(right - apart, 43, 66))},
+            register={"right": right, "left": float(np.clip(right - apart, 43, highest))},
         )
         return cls(
             style=style,

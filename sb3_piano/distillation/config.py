@@ -203,7 +203,11 @@ class DistillConfig:
             raise ConfigError(
                 f"playing.segment is {low:g} to {high:g} s: expected the least first."
             )
-        for source, names in self.corpus.names.items():
+        for corpus in (self.corpus, *map(self.corpus_of, range(len(self.improvements)))):
+            self._check_unseen(corpus)
+
+    def _check_unseen(self, corpus: Corpus) -> None:
+        for source, names in corpus.names.items():
             learnt = {alias for n in names for alias in (n, n.partition("-")[2], Path(n).stem)}
             for piece in self.evaluation.pieces:
                 if piece in learnt:
@@ -241,6 +245,13 @@ class DistillConfig:
     def to_mapping(self) -> dict[str, Any]:
         """Return the settings in YAML's types; :meth:`from_mapping` gives them back."""
         found: dict[str, Any] = plain(dataclasses.asdict(self), "config")
+        return found
+
+    def corpus_of(self, number: int) -> Corpus:
+        """Return the corpus of an improvement."""
+        changes, key = self.improvements[number].corpus, f"improvements[{number}].corpus"
+        given = {**dataclasses.asdict(self.corpus), **changes}
+        found: Corpus = _made(Corpus, given, key)
         return found
 
     def of_round(self, number: int) -> range:

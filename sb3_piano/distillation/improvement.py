@@ -53,7 +53,7 @@ def improvement_run(
         seed=config.seed + number,  # not the first one's excerpts once more
         **chosen,
     )
-    corpus = {"corpus": {**dataclasses.asdict(config.corpus), **settings.corpus}}
+    corpus = {"corpus": dataclasses.asdict(config.corpus_of(number))}
     policy = dict(run.algorithm_kwargs.get("policy_kwargs") or {})
     given = policy.get("net_arch")
     critics = given if isinstance(given, dict) else {"vf": [256, 256], "qf": [256, 256]}

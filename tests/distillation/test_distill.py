@@ -117,6 +117,16 @@ def test_the_file_that_comes_with_the_package_has_the_defaults():
         ("rounds.1.epoch", 1, r"Unknown setting 'epoch' of rounds\[1\]\. Did you mean 'epochs'\?"),
         ("rounds.0.warm", True, r"rounds\[0\].warm is True: expected False"),
         ("improvements", [{"n_timesteps": 0}], r"improvements\[0\]: n_timesteps is 0: expected"),
+        (
+            "improvements",
+            [{"n_timesteps": 1}, {"n_timesteps": 1, "corpus": {"nea": 0.5}}],
+            r"Unknown setting 'nea' of improvements\[1\].corpus\. Did you mean 'near'",
+        ),
+        (
+            "improvements",
+            [{"n_timesteps": 1, "corpus": {"sources": {"repertoire": 1}}}],
+            "'TwinkleTwinkle', which the corpus learns from",
+        ),
         ("rounds.1.learner", 2, r"rounds\[1\]: learner is 2.0: expected .* from 0 to 1"),
         ("rounds.0.learner", 0.5, r"rounds\[0\].learner is 0.5: expected 0"),
         ("rounds.7.learner", 0.5, r"Unknown setting 'rounds.7.learner': there is no '7'"),
@@ -282,7 +292,12 @@ def improved(whole, few_steps, executor, tmp_path_factory):
     settings = yaml.safe_load((folder / "config.yml").read_text())
     settings["improvements"] = [
         {"n_timesteps": 240, "config": str(few_steps)},
-        {"n_timesteps": 80, "config": str(few_steps), "physics": "reference"},
+        {
+            "n_timesteps": 80,
+            "config": str(few_steps),
+            "physics": "reference",
+            "corpus": {"near": 0.5},
+        },
     ]
     (folder / "config.yml").write_text(yaml.safe_dump(settings))
     told = []
@@ -322,6 +337,7 @@ def test_reinforcement_learning_goes_on_from_the_last_round_also_when_interrupte
     assert start == str(result.folder / "improved-0.safetensors")
     corpus = DistillConfig.from_yaml(result.folder / "config.yml").corpus
     assert Corpus(**run.env_wrapper[0].kwargs["corpus"]) == corpus
+    assert Corpus(**then.env_wrapper[0].kwargs["corpus"]) == dataclasses.replace(corpus, near=0.5)
     assert (run.seed, run.algorithm_kwargs["policy_kwargs"]["net_arch"]["pi"]) == (0, [32])
 
 

@@ -2,11 +2,13 @@
 
 import pickle
 
+import numpy as np
 import pytest
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Corpus, load_score, write_midi
 from sb3_piano.music.corpus import HELD_OUT
+from sb3_piano.music.hands import HANDS
 from sb3_piano.music.library import user_library
 from sb3_piano.music.studies import STUDIES
 
@@ -47,6 +49,23 @@ def test_its_share_of_the_excerpts_keeps_the_hands_for_which_they_are_written():
             kept += some == own
     assert 3 <= kept <= different - 3
     assert both.fingered(7) is both.fingered(7)
+
+
+def apart(score):
+    """Return by how many semitones the middles of the hands differ."""
+    by_hand = [[note.pitch for note in score.notes if note.hand == hand] for hand in HANDS]
+    right, left = (np.median(pitches) if pitches else np.nan for pitches in by_hand)
+    return abs(right - left)
+
+
+def test_its_share_of_the_generated_excerpts_brings_the_hands_together():
+    sources = {"generated": 1.0}
+    far, near, some = (Corpus(sources=sources, near=share, n=60) for share in (0.0, 1.0, 0.3))
+    gaps = [np.nanmedian([apart(score) for score in corpus]) for corpus in (far, near)]
+    assert gaps[0] > 18 > 13 > gaps[1]
+    brought = [one == other for one, other in zip(some, near, strict=True)]
+    assert 9 <= sum(brought) <= 27
+    assert hash(far) != hash(near)
 
 
 def test_excerpts_are_of_their_length_and_sources_of_their_weight():
@@ -114,6 +133,7 @@ def test_files_folders_and_the_library_are_sources(tmp_path):
         ({"held_out": ("FurElyse",)}, "'FurElyse', which is no piece.*Did you mean 'FurElise'"),
         ({"sources": {"studies": 1.0}, "held_out": tuple(STUDIES)}, "held out; 87 are"),
         ({"own_hands": 1.5}, "own_hands is 1.5: expected"),
+        ({"near": -0.1}, "near is -0.1: expected"),
         ({"n": 0}, "n is 0: expected a whole number, 1 or more"),
         ({"duration": -1.0}, "duration is -1.0: expected a finite number above 0"),
     ],

@@ -1,4 +1,4 @@
-"""What the fast profile leaves out of the simulation, and what it keeps."""
+"""What the fast profiles leave out of the simulation, and what they keep."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sb3_piano.music.constants import NUM_KEYS
-from sb3_piano.simulation import compile_scene
+from sb3_piano.simulation import PHYSICS_PROFILES, compile_scene
 
 
 def settled(scene, seconds=0.5):
@@ -38,6 +38,24 @@ def holding_torque(scene):
     data.qpos[scene.key_qpos] = scene.key_max_angle
     mujoco.mj_forward(scene.model, data)
     return (data.qfrc_bias - data.qfrc_passive)[scene.key_qpos]
+
+
+def index_beside_middle(physics):
+    """Return the way from a middle finger to an index finger that is pressed on it, m."""
+    scene = compile_scene(physics=physics)
+    data = mujoco.MjData(scene.model)
+    for name, end in (("FFJ4", 1), ("MFJ4", 0)):
+        actuator = scene.model.actuator(f"rh_shadow_hand/rh_A_{name}").id
+        data.ctrl[actuator] = scene.model.actuator_ctrlrange[actuator, end]
+    mujoco.mj_step(scene.model, data, nstep=round(1 / scene.model.opt.timestep))
+    index, middle = scene.fingertip_position(data)[1:3]
+    return float(middle[1] - index[1])
+
+
+def test_fingers_of_a_hand_get_into_each_other_s_way_unless_the_profile_is_fast():
+    beside = {physics: index_beside_middle(physics) for physics in PHYSICS_PROFILES}
+    assert beside["reference"] > 0.015 > -0.03 > beside["fast"], "it passes through"
+    assert beside["fast-contacts"] == pytest.approx(beside["reference"], abs=1e-3)
 
 
 @pytest.mark.parametrize("gravity_compensation", [True, False])

@@ -14,8 +14,6 @@ from sb3_piano.policies.regularized import (
     RegularizedSACPolicy,
     RegularizedTD3Policy,
     RegularizedTQCPolicy,
-    ResidualSACPolicy,
-    ResidualTD3Policy,
 )
 from sb3_piano.policies.simba import RSNorm, SimbaSACPolicy, SimbaTD3Policy, SimbaTQCPolicy
 
@@ -33,8 +31,6 @@ __all__ = [
     "RegularizedSACPolicy",
     "RegularizedTD3Policy",
     "RegularizedTQCPolicy",
-    "ResidualSACPolicy",
-    "ResidualTD3Policy",
     "SimbaSACPolicy",
     "SimbaTD3Policy",
     "SimbaTQCPolicy",

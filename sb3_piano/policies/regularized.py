@@ -1,4 +1,4 @@
-"""Policies of SAC, TD3 and TQC with regularised critics: DroQ, and some for ``ResidualAction``."""
+"""Policies of SAC, TD3 and TQC with regularised critics, DroQ's among them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import torch
 from annotated_types import Ge, Lt
 from sb3_contrib.tqc.policies import Critic as QuantileCritic
 from sb3_contrib.tqc.policies import TQCPolicy
-from stable_baselines3.common.policies import BasePolicy, ContinuousCritic
+from stable_baselines3.common.policies import ContinuousCritic
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor, create_mlp
 from stable_baselines3.common.type_aliases import PyTorchObs
 from stable_baselines3.sac.policies import SACPolicy
@@ -217,36 +217,3 @@ def _dropout(probability: float, features: int) -> nn.Dropout:
     """Return dropout for a layer of any size."""
     del features
     return nn.Dropout(probability)
-
-
-class _StillAtFirst(BasePolicy):
-    """Policies whose actor's last layer begins at zero: training begins with the plan itself.
-
-    Source: Silver et al. (2018), "Residual Policy Learning", section 4.
-    """
-
-    def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> Any:
-        """Return a new actor whose actions are 0 until it has learnt something."""
-        actor = super().make_actor(features_extractor)  # type: ignore[misc]  # of SB3's policies
-        last = [layer for layer in actor.mu.modules() if isinstance(layer, nn.Linear)][-1]
-        nn.init.zeros_(last.weight)
-        nn.init.zeros_(last.bias)
-        return actor
-
-
-class ResidualTD3Policy(_StillAtFirst, RegularizedTD3Policy):
-    """:class:`RegularizedTD3Policy` whose actions are 0 at first.
-
-    Args:
-        *args: As of SB3's.
-        **kwargs: As of :class:`RegularizedTD3Policy`.
-    """
-
-
-class ResidualSACPolicy(_StillAtFirst, RegularizedSACPolicy):
-    """:class:`RegularizedSACPolicy` whose actions, when it does not explore, are 0 at first.
-
-    Args:
-        *args: As of SB3's.
-        **kwargs: As of :class:`RegularizedSACPolicy`.
-    """

@@ -10,7 +10,6 @@ from sb3_piano.wrappers.lookahead import Lookahead
 from sb3_piano.wrappers.piano import LayoutWrapper
 from sb3_piano.wrappers.previous_action_reward import PreviousActionReward
 from sb3_piano.wrappers.random_piece import RandomPiece
-from sb3_piano.wrappers.residual_action import ResidualAction
 from sb3_piano.wrappers.rewards import (
     FingeringDecay,
     KeyRewardTiering,
@@ -36,7 +35,6 @@ __all__ = [
     "PitchShift",
     "PreviousActionReward",
     "RandomPiece",
-    "ResidualAction",
     "RewardTermsWrapper",
     "RewardTiering",
     "RewardWeights",

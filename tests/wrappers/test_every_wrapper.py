@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env as gymnasium_check
-from gymnasium.wrappers import RescaleAction, RescaleObservation
+from gymnasium.wrappers import RescaleObservation
 from stable_baselines3.common.env_checker import check_env as sb3_check
 
 import sb3_piano.wrappers
@@ -32,7 +32,6 @@ from sb3_piano.wrappers import (
     PitchShift,
     PreviousActionReward,
     RandomPiece,
-    ResidualAction,
     RewardTiering,
     RewardWeights,
     TemporalStretch,
@@ -70,7 +69,6 @@ ARGUMENTS = {
     HandReward: {"own": 0.5, "within": 0.2, "strikes": 0.1},
     HideFingering: {},
     PreviousActionReward: {},
-    ResidualAction: {"scale": 0.2, "lookahead": 3, "settings": {"feedback": 0.4}},
     RewardWeights: {"weights": {"energy": 0, "key_press": 2}},
     FingeringDecay: {"n_steps": 10, "start": 3},
     KeyRewardTiering: {},
@@ -101,7 +99,6 @@ STACKS = {
     "decay, excerpt, lookahead": stacked(FingeringDecay, Excerpt, Lookahead),
     "tiers, tiers, last reward": stacked(KeyRewardTiering, RewardTiering, PreviousActionReward),
     "last reward, octaves, tiers": stacked(PreviousActionReward, OctaveShift, KeyRewardTiering),
-    "last reward, residual, hiding": stacked(PreviousActionReward, ResidualAction, HideFingering),
     "lookahead, hiding, keys": stacked(Lookahead, HideFingering, KeyRange),
     "keys, shift, simulated": lambda env: PitchShift(
         Lookahead(KeyRange(env, "piece", simulated=True), seconds=0.2), [-1, 1]
@@ -295,11 +292,6 @@ REFUSED = [
     (Lookahead, {"stride": 0}, "stride is 0: expected a whole number, 1 or more"),
     (Lookahead, {"steps": 10, "stride": 4}, "stride 4: expected a multiple of it, such as 8 or 12"),
     (Lookahead, {"fingers": "yes"}, "fingers is 'yes': expected true or false"),
-    (ResidualAction, {"scale": 0}, "scale is 0: expected a finite number above 0"),
-    (ResidualAction, {"lookahead": 0}, "lookahead is 0: expected a whole number, 1 or more"),
-    (ResidualAction, {"settings": 3}, "settings is 3: expected a mapping"),
-    (ResidualAction, {"settings": {"feedbak": 1}}, "'feedbak'.* Did you mean 'feedback'"),
-    (ResidualAction, {"settings": {"feedback": "much"}}, "feedback is 'much': expected a finite"),
     (RewardWeights, {"weights": {"fingring": 1}}, "term 'fingring'. Did you mean 'fingering'"),
     (RewardWeights, {"weights": {7: 1.0}}, "weights is 7: expected text"),
     (RewardWeights, {"weights": {"energy": "1e-3"}}, r"weights\['energy'\] is '1e-3': expected a"),
@@ -322,8 +314,6 @@ def test_a_wrong_argument_is_refused_by_name_and_value(wrapper, changes, message
     ("inside", "wrapper", "message"),
     [
         (KeyRewardTiering, KeyRewardTiering, "KeyRewardTiering wraps another one"),
-        (ResidualAction, ResidualAction, "ResidualAction is there already"),
-        (lambda env: RescaleAction(env, 0.0, 1.0), ResidualAction, "cannot add to actions of Box"),
         (
             lambda env: RescaleObservation(env, np.float32(0), np.float32(1)),
             KeyRange,

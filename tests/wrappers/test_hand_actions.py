@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from gymnasium.wrappers import RescaleAction
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.envs import PianoEnv
@@ -11,7 +12,7 @@ from sb3_piano.exceptions import ConfigError, InvalidActionError
 from sb3_piano.music import Note, Pedal, Score
 from sb3_piano.planning import PlannedPianist
 from sb3_piano.vec_env import HandsAsAgents
-from sb3_piano.wrappers import HandActions, HandReward, ResidualAction
+from sb3_piano.wrappers import HandActions, HandReward
 
 PIECE = Score(
     notes=[
@@ -92,7 +93,7 @@ def test_what_cannot_be_is_refused():
     with pytest.raises(ConfigError, match="reach is 0"):
         HandActions(piano(), reach=0)
     with pytest.raises(ConfigError, match="HandActions cannot stand for actions"):
-        HandActions(ResidualAction(piano()))
+        HandActions(RescaleAction(piano(), 0.0, 1.0))
     env = HandActions(piano())
     env.reset()
     with pytest.raises(InvalidActionError, match=r"shape \(45,\): expected \(44,\)"):

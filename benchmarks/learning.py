@@ -36,6 +36,7 @@ import yaml
 from rich.console import Console
 from rich.progress import Progress
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecNormalize, sync_envs_normalization
 
 from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.envs import GENERAL_ID
@@ -122,6 +123,8 @@ class TimedEvaluation(BaseCallback):
     def __init__(self, config: RunConfig, every: int, seconds: float, out: Path) -> None:
         super().__init__()
         self.venv = build_vec_env(config.alone().in_env(physics="reference"))
+        if isinstance(self.venv, VecNormalize):
+            self.venv.training = False
         self.every, self.seconds, self.out = every, seconds, out
         self.cpu, self.due_at = 0.0, 0
 
@@ -139,6 +142,7 @@ class TimedEvaluation(BaseCallback):
         """Write a line."""
         self.cpu += time.process_time() - self.start
         self.due_at = self.num_timesteps + self.every
+        sync_envs_normalization(self.training_env, self.venv)
         observation: Any = self.venv.reset()
         done = False
         while not done:

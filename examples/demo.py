@@ -34,6 +34,7 @@ from sb3_piano.training.playing.player import env_to_record
 from sb3_piano.training.playing.takes import plan_run, planner_config
 from sb3_piano.training.runs.builders import build_planner
 
+STEPS = 60_000
 EPISODES = 24
 EPOCHS = 60
 NOISE = (0.0, 0.03, 0.06, 0.1)
@@ -47,7 +48,7 @@ def main() -> int:
     add = parser.add_argument
     add("piece", nargs="?", default="Reverie", metavar="NAME|FILE", help="default: Reverie")
     add("--seconds", type=float, default=15, metavar="S", help="how much of it; default: 15")
-    add("--steps", type=int, metavar="N", help="of SAC; default: those of the preset")
+    add("--steps", type=int, default=STEPS, metavar="N", help=f"of SAC; default: {STEPS}")
     add("--seed", type=int, default=0, metavar="N", help="default: 0")
     add("--out", type=Path, default=Path("runs/demo"), metavar="DIR", help="default: runs/demo")
     arguments = parser.parse_args()
@@ -61,14 +62,14 @@ def main() -> int:
     return 0
 
 
-def demo(piece: str, seconds: float, out: Path, seed: int, steps: int | None) -> Iterator[str]:
+def demo(piece: str, seconds: float, out: Path, seed: int, steps: int) -> Iterator[str]:
     """Yield the rows of the table, and at last where to look."""
     out.mkdir(parents=True, exist_ok=True)
     score = load_score(piece)
     midi = out / "piece.mid"
     write_midi(score.excerpt(0, min(seconds, score.duration)), midi)
 
-    observed = {"observation": "fingers", "physics": "fast"}
+    observed = {"observation": "hands", "physics": "fast"}
     config = planner_config(str(midi.absolute()), seed=seed, env_kwargs=observed)
     planned = plan_run(config, out / "planned")[0]
     found = evaluate(planned.path, physics=JUDGED_ON)
@@ -91,8 +92,7 @@ def demo(piece: str, seconds: float, out: Path, seed: int, steps: int | None) ->
         cloned = clone(DATASET, folder=out / "cloned", seed=seed, epochs=EPOCHS, on_epoch=tell)
     yield row("cloned", evaluate(cloned.folder.path, physics=JUDGED_ON).mean)
 
-    changed: dict[str, Any] = {} if steps is None else {"n_timesteps": steps}
-    settings = load_fine_tuning("sac", player=cloned.folder.path, seed=seed, **changed)
+    settings = load_fine_tuning("sac", player=cloned.folder.path, seed=seed, n_timesteps=steps)
     trained = train(settings, out / "trained").folder.path
     yield row("trained", evaluate(trained, physics=JUDGED_ON).mean)
 

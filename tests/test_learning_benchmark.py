@@ -6,6 +6,7 @@ import json
 import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -52,3 +53,16 @@ def test_a_study_trains_until_its_time_is_up_and_what_is_whole_is_not_done_again
     printed = capsys.readouterr().out
     assert "| strikes | debug-CMajorScaleOneHand | 2 |" in printed
     assert (out / "curves.png").stat().st_size > 10_000
+
+
+def test_evaluations_normalise_as_the_training_does(tmp_path):
+    settings = {"normalize": {"norm_reward": False}, "learning_starts": 10**6}
+    piece = learning["Piece"](env_id="RoboPianist-debug-CMajorScaleOneHand-v0")
+    config = learning["Variant"](settings=settings).config(piece, 0)
+    model = learning["build_model"](config, learning["build_vec_env"](config))
+    callback = learning["TimedEvaluation"](config, 10**6, 60.0, tmp_path / "rows.jsonl")
+    model.learn(30, callback=callback)
+    callback.evaluate()
+    learnt, used = model.get_vec_normalize_env().obs_rms, callback.venv.obs_rms
+    assert learnt.count == used.count == pytest.approx(31, abs=1)
+    np.testing.assert_array_equal(used.mean, learnt.mean)

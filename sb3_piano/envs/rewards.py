@@ -107,8 +107,16 @@ def key_press(keys: Iterable[int], key_state: FloatArray, wrong: bool) -> float:
         A value in [0, 1]; 0.5 for silence where nothing is due.
     """
     reward = 0.0 if wrong else 0.5
-    missing = [1.0 - key_state.item(key) for key in keys]
-    return reward + 0.5 * _mean_closeness(missing, _KEY_TOLERANCE) if missing else reward
+    return reward + 0.5 * held([1.0 - key_state.item(key) for key in keys])
+
+
+def held(missing: Sequence[float]) -> float:
+    """Return the mean closeness of keys to being fully down; 0 if there is none.
+
+    Args:
+        missing: For each of them, the share of its travel that is left.
+    """
+    return _mean_closeness(missing, _KEY_TOLERANCE) if missing else 0.0
 
 
 def sustain(due: bool, pressed: bool) -> float:

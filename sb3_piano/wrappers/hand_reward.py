@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 from typing import Any, SupportsFloat
 
@@ -10,6 +11,7 @@ import gymnasium as gym
 import numpy as np
 
 from sb3_piano.arrays import FloatArray
+from sb3_piano.envs.rewards import held, labelled_fingering
 from sb3_piano.envs.strikes import OpenOnsets
 from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_KEYS
 from sb3_piano.music.fingering.robot import KEY_Y
@@ -30,6 +32,10 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
     step, and by ``within`` as the share of the step's physics steps in which it sounds. Where
     nothing is due and nothing sounds F1 is 1.
 
+    A hand that plays badly hardly ever hears that by chance. ``guidance`` adds up to that much for
+    what comes before: the mean closeness, as in RoboPianist's terms of fingering and of pressing
+    keys, of its fingers to the keys that are due and of these to being down.
+
     The reward of a step is the mean of both hands'; ``info["hand_rewards"]`` has them one by one,
     for :class:`~sb3_piano.vec_env.HandsAsAgents`. The terms of the piano's own reward are still in
     ``info["reward_terms"]``.
@@ -39,20 +45,29 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         own: Share of the hand's own keys, 0 to 1.
         within: Share of what sounds within the step, 0 to 1.
         strikes: What a strike is worth, 0 or more; a missed key for a whole step is worth up to 1.
+        guidance: What it is worth to be at due keys and to hold them down, 0 or more.
 
     Raises:
         ConfigError: If a number is out of range, or ``env`` is no piano.
     """
 
     def __init__(
-        self, env: gym.Env[Any, Any], own: float = 0.6, within: float = 0.3, strikes: float = 0.3
+        self,
+        env: gym.Env[Any, Any],
+        own: float = 0.6,
+        within: float = 0.3,
+        strikes: float = 0.3,
+        guidance: float = 0.0,
     ) -> None:
-        gym.utils.RecordConstructorArgs.__init__(self, own=own, within=within, strikes=strikes)
+        gym.utils.RecordConstructorArgs.__init__(
+            self, own=own, within=within, strikes=strikes, guidance=guidance
+        )
         super().__init__(env)
         self._piano = piano_of(env, "HandReward")
         self._own = checked("own", own, Share)
         self._within = checked("within", within, Share)
         self._strikes = checked("strikes", strikes, NotNegative)
+        self._guidance = checked("guidance", guidance, NotNegative)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -79,7 +94,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         piano, length = self._piano, self._piano.config.control_timestep
         sounding = piano.scene.sounding_at(piano.simulation.key_angles)  # (p, 88)
         before, self._sounding = self._sounding, sounding[-1]
-        substeps, due = sounding.sum(axis=0), piano.roll.active[step]
+        substeps, due = sounding.sum(axis=0), piano.asked_roll.active[step]
         keys = np.flatnonzero(due | (substeps > 0)).tolist()
         counts, earned = (_Count(), _Count()), [0.0, 0.0]
         for key in keys:
@@ -97,7 +112,23 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
             both.merge(one)
         own, all_keys = self._own, (1 - self._own) * both.f1 - 1.0
         pairs = zip(counts, earned, strict=True)
-        return np.array([own * one.f1 + all_keys + strikes for one, strikes in pairs])
+        rewards = np.array([own * one.f1 + all_keys + strikes for one, strikes in pairs])
+        return rewards + self._guidance * self._closeness(step) if self._guidance else rewards
+
+    def _closeness(self, step: int) -> FloatArray:
+        """Return how near each hand is to holding its due keys, (2,) in [0, 1]; 0 for none."""
+        simulation = self._piano.simulation
+        keys, fingers = (array.tolist() for array in self._piano.asked_roll.due(step))
+        distances: tuple[list[float], list[float]] = ([], [])
+        missing: tuple[list[float], list[float]] = ([], [])
+        for key, finger in zip(keys, fingers, strict=True):
+            if finger < 0:
+                continue
+            hand, tip = finger // FINGERS_PER_HAND, simulation.fingertips[finger].tolist()
+            distances[hand].append(math.dist(simulation.press_point(key), tip))
+            missing[hand].append(1.0 - simulation.key_state.item(key))
+        pairs = zip(distances, missing, strict=True)
+        return np.array([0.5 * (labelled_fingering(d) + held(m)) for d, m in pairs])
 
     def _hand(self, step: int, key: int) -> int:
         """Return the hand that holds a key, or is the nearest one: 0 or 1."""

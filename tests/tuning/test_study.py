@@ -13,7 +13,7 @@ from small_study import small_study
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.tuning.study import PRUNERS, SAMPLERS, Search, StudyConfig, make_pruner, make_sampler
 
-MIDI_FILE = Path(__file__).parents[2] / "examples" / "five_fingers.mid"
+MIDI_FILE = Path(__file__).parents[1] / "data" / "five_fingers.mid"
 
 
 @pytest.mark.parametrize("option", ["score", "fingering"])

@@ -25,7 +25,7 @@ from sb3_piano.tuning.storage import open_storage
 
 pytestmark = pytest.mark.slow
 
-MIDI_FILE = Path(__file__).parents[2] / "examples" / "five_fingers.mid"
+MIDI_FILE = Path(__file__).parents[1] / "data" / "five_fingers.mid"
 
 
 @pytest.fixture

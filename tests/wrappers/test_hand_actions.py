@@ -92,6 +92,8 @@ def test_the_planned_pianist_plays_as_well_through_it():
 def test_what_cannot_be_is_refused():
     with pytest.raises(ConfigError, match="reach is 0"):
         HandActions(piano(), reach=0)
+    with pytest.raises(ConfigError, match="guidance is -1"):
+        HandReward(piano(), guidance=-1)
     with pytest.raises(ConfigError, match="HandActions cannot stand for actions"):
         HandActions(RescaleAction(piano(), 0.0, 1.0))
     env = HandActions(piano())
@@ -137,6 +139,36 @@ def test_strikes_count_when_they_are_in_time():
     hits = info["onset_recall"] * len(PIECE.notes)
     strikes = hits / info["onset_precision"]
     assert gained == pytest.approx(hits - (strikes - hits))
+
+
+def test_guidance_is_what_the_piano_s_own_terms_say_of_the_hand_that_has_to_play():
+    score = Score(notes=[note for note in PIECE.notes if note.finger < 5], title="a right hand")
+
+    def env(guidance, **options):
+        piano = PianoEnv(score, observation="hands", **OPTIONS, **options)
+        return HandReward(piano, strikes=0.0, guidance=guidance)
+
+    for goal_time in ("beginning", "end"):
+        guided, plain = env(2.0, goal_time=goal_time), env(0.0, goal_time=goal_time)
+        bare = guided.unwrapped
+        plain.reset(seed=0)
+        observation, _ = guided.reset(seed=0)
+        player, asked = PlannedPianist(bare), bare.asked_roll
+        seen = []
+        for step in range(len(asked)):
+            action, _ = player.predict(observation)
+            observation, *_, info = guided.step(action)
+            terms, rewards = info["reward_terms"], info["hand_rewards"]
+            gained = rewards - plain.step(action)[-1]["hand_rewards"]
+            sounding = np.frombuffer(bare.simulation.sounding, dtype=bool)
+            wrong = (sounding & ~asked.active[step]).any()
+            held = 2 * terms["key_press"] - (not wrong)
+            due = asked.active[step].any()
+            expected = terms["fingering"] + held if due else 0.0
+            np.testing.assert_allclose(gained, [expected, 0.0], atol=1e-9)
+            seen.append(expected)
+        assert min(seen) == 0.0
+        assert max(seen) > 1.8
 
 
 def test_hands_are_agents_with_half_of_everything_each():

@@ -6,7 +6,8 @@
 A study is a YAML file: ``minutes`` of one core for each training, ``every`` so many steps an
 evaluation, ``seeds``, ``pieces`` (names or files) or ``envs`` (ids), and ``variants``: for each
 name the algorithm (``algo``), the preset's entry ``default`` in place of the piece's
-(``published``), a player to be corrected (``player``), and ``settings`` laid over the preset.
+(``published``), another ``file`` than the preset's or "fast", a player to be corrected
+(``player``), and ``settings`` laid over these.
 
 Each training of stock SB3 is a process with one thread of torch. The deterministic policy plays an
 episode in an environment of its own, always on the reference physics; the clock stands still
@@ -58,6 +59,7 @@ class Variant:
 
     algo: str = "sac"
     published: bool = False
+    file: str | None = None
     player: str | None = None
     settings: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
@@ -72,7 +74,7 @@ class Variant:
         given |= {"env_kwargs": kwargs, "seed": seed, "vec_env": "dummy"}
         if self.player is not None:
             return load_fine_tuning(self.algo, env_id, player=self.player, **given)
-        return load_config(self.algo, env_id, **given)
+        return load_config(self.algo, env_id, self.file, **given)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

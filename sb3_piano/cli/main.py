@@ -111,9 +111,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _presets(arguments: argparse.Namespace) -> int:
-    from sb3_piano.hyperparams import FINE_TUNING, PRESETS
+    from sb3_piano.hyperparams import FAST, FINE_TUNING, PRESETS
 
-    print(*PRESETS.values(), *FINE_TUNING.values(), sep="\n")
+    print(*PRESETS.values(), *FAST.values(), *FINE_TUNING.values(), sep="\n")
     return EXIT_OK
 
 

@@ -9,6 +9,10 @@ _HERE = Path(__file__).parent
 PRESETS = {path.stem: path for path in sorted(_HERE.glob("*.yml"))}
 """The files by the name of their algorithm."""
 
+FAST = {path.stem: path for path in sorted(_HERE.glob("fast/*.yml"))}
+"""Files by the name of their algorithm with settings of our own, which learn much faster than those
+that were published. RL Zoo does not know all their keys."""
+
 SIGHT_READER = _HERE / "sight_reader" / "ppo.yml"
 """PPO on many pieces, from a distilled network of a hand."""
 

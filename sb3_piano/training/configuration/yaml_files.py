@@ -11,10 +11,13 @@ from typing import Any
 import yaml
 
 from sb3_piano.exceptions import ConfigError, near_names, one_line
-from sb3_piano.hyperparams import PRESETS
+from sb3_piano.hyperparams import FAST, PRESETS
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
 from sb3_piano.training.configuration.values import coerce_mapping
+
+FAST_PRESET = "fast"
+"""Name of this package's own settings, in place of a file's."""
 
 _DEFAULT_ENTRY = "default"
 # Not hyperparameters: they say which entry of which file is read.
@@ -33,7 +36,8 @@ def load_config(
     Args:
         algo: Name of the algorithm.
         env_id: Id of the environment, or ``module:Id``.
-        path: The YAML file; by default the preset that comes with this package.
+        path: The YAML file, or "fast" for this package's own settings; by default its preset, which
+            is of published ones.
         **overrides: Keys to take instead of the entry's. ``env_kwargs`` are added to the entry's.
 
     Raises:
@@ -95,12 +99,7 @@ def _loaded(
 ) -> tuple[dict[str, Any], RunConfig]:
     algorithm_class(algo)
     _, name = registered_id(env_id)
-    if path is None and algo not in PRESETS:
-        raise ConfigError(
-            f"No preset comes with this package for {algo!r}: expected one of "
-            f"{', '.join(PRESETS)}, or a YAML file of your own (--config)."
-        )
-    file = PRESETS[algo] if path is None else Path(path)
+    file = _preset(algo, path) if path in (None, FAST_PRESET) else Path(path)
     entry_name, found = _entry_of(file, name)
     try:
         entry = _merged(found, overrides)
@@ -108,6 +107,18 @@ def _loaded(
     except ConfigError as error:
         given = f" with {', '.join(overrides)} replaced" if overrides else ""
         raise ConfigError(f"'{file}', entry {entry_name!r}{given}: {error}") from error
+
+
+def _preset(algo: str, name: str | None) -> Path:
+    """Return the file that comes with this package."""
+    known = PRESETS if name is None else FAST
+    if algo not in known:
+        kind = "preset" if name is None else f"preset {name!r}"
+        raise ConfigError(
+            f"No {kind} comes with this package for {algo!r}: expected one of "
+            f"{', '.join(known)}, or a YAML file of your own (--config)."
+        )
+    return known[algo]
 
 
 def _entry_of(file: Path, name: str) -> tuple[str, Any]:

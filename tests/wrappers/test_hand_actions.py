@@ -119,10 +119,11 @@ def played(env, player_of=None):
     return np.array(earned), info
 
 
-def test_each_hand_is_told_how_its_keys_are_played():
-    env = HandReward(piano(), within=0.0, strikes=0.0)
+@pytest.mark.parametrize("goal_time", ["beginning", "end"])
+def test_each_hand_is_told_how_its_keys_are_played(goal_time):
+    env = HandReward(piano(goal_time=goal_time), within=0.0, strikes=0.0)
     rested, _ = played(env)
-    roll = env.unwrapped.roll
+    roll = env.unwrapped.asked_roll
     for side in (0, 1):
         own = (roll.finger // 5 == side) & roll.active
         expected = np.where(own.any(axis=1), -1.0, np.where(roll.active.any(axis=1), -0.4, 0.0))

@@ -74,9 +74,9 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
     ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode."""
         observation, info = self.env.reset(seed=seed, options=options)
-        roll = self._piano.roll
-        self._hand_of = np.where(roll.finger >= 0, roll.finger // FINGERS_PER_HAND, -1)
-        self._open = OpenOnsets(roll)
+        finger = self._piano.asked_roll.finger
+        self._hand_of = np.where(finger >= 0, finger // FINGERS_PER_HAND, -1)
+        self._open = OpenOnsets(self._piano.roll)
         self._sounding = np.zeros(NUM_KEYS, dtype=bool)
         return observation, info
 

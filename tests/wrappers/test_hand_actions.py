@@ -130,7 +130,8 @@ def test_each_hand_is_told_how_its_keys_are_played(goal_time):
         np.testing.assert_allclose(rested[:, side], expected)
     well, info = played(env, PlannedPianist)
     assert info["f1"] > 0.8
-    assert well.sum() > 0.2 * rested.sum()
+    # A plan strikes at onsets, which is a step late for goals at the end.
+    assert well.sum() > (0.2 if goal_time == "beginning" else 0.3) * rested.sum()
 
 
 def test_strikes_count_when_they_are_in_time():

@@ -3,11 +3,11 @@
     python benchmarks/learning.py benchmarks/learning/on_time.yml --out on_time
     python benchmarks/learning.py benchmarks/learning/on_time.yml --out on_time --report
 
-A study is a YAML file: ``minutes`` of one core for each training, ``every`` so many steps an
-evaluation, ``seeds``, ``pieces`` (names or files) or ``envs`` (ids), and ``variants``: for each
-name the algorithm (``algo``), the preset's entry ``default`` in place of the piece's
-(``published``), another ``file`` than the preset's or "fast", a player to be corrected
-(``player``), and ``settings`` laid over these.
+A study is a YAML file: ``minutes`` of one core for each training, and at most ``steps``, over which
+a learning rate may fall; ``every`` so many steps an evaluation, ``seeds``, ``pieces`` (names or
+files) or ``envs`` (ids), and ``variants``: for each name the algorithm (``algo``), the preset's
+entry ``default`` in place of the piece's (``published``), another ``file`` than the preset's or
+"fast", a player to be corrected (``player``), and ``settings`` laid over these.
 
 Each training of stock SB3 is a process with one thread of torch. The deterministic policy plays an
 episode in an environment of its own, always on the reference physics; the clock stands still
@@ -100,6 +100,7 @@ class Study:
     seeds: Sequence[int]
     variants: Mapping[str, Variant]
     pieces: Sequence[Piece]
+    steps: int = 10**9
 
     @classmethod
     def from_yaml(cls, path: Path) -> Study:
@@ -170,7 +171,7 @@ def run(variant: Variant, piece: Piece, seed: int, study: Study, file: Path) -> 
     callback = TimedEvaluation(config, study.every, 60 * study.minutes, part)
     # Not those that evaluate: their time would count.
     own = [one for one in build_callbacks(config) if not isinstance(one, MetricEvalCallback)]
-    model.learn(10**9, callback=[*own, callback])
+    model.learn(study.steps, callback=[*own, callback])
     callback.evaluate()
     part.replace(file)
 

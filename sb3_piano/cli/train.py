@@ -40,7 +40,7 @@ def add_parser(commands: Any) -> None:
     )
     add(
         "--config",
-        text="hyperparameters, or 'fast' for ours; default: the published ones; with --from: changes",
+        text="hyperparameters, or 'fast' for ours; default: published ones; with --from: changes",
     )
     add("--steps", "N", "environment steps in all, such as 1e6", whole_number)
     add("--seed", "N", "default: drawn, and noted in the run's folder", int)

@@ -21,5 +21,5 @@ def test_it_judges_each_step_and_leaves_video_and_report(tmp_path, monkeypatch):
     scores = dict(re.findall(r"\| (\w+) +\| (\d\.\d+)", rows))
     assert list(scores) == ["resting", "planned", "cloned", "trained"]
     assert float(scores["planned"]) > float(scores["resting"])
-    assert (tmp_path / "out" / "trained" / "play" / "performance.mid").is_file()
+    assert (tmp_path / "out" / "trained" / "play" / "performance.mp4").is_file()
     assert (tmp_path / "out" / "trained" / "evaluation" / "report.html").is_file()

@@ -148,17 +148,12 @@ def test_an_example_runs_and_prints_a_number(example, tmp_path):
     assert re.search(r"\d", run([str(example)], tmp_path))
 
 
-def test_the_demo_of_the_makefile_trains_and_evaluates(tmp_path, monkeypatch, capsys):
-    command = re.search(r"^\t\$\(BIN\)/sb3-piano (.*)$", MAKEFILE, re.MULTILINE)[1].split()
-    monkeypatch.chdir(ROOT)
-    command.remove("--play")  # drawing takes long without a graphics card
-    shortened = [*command, "--steps", "200", "--runs-dir", str(tmp_path), "--no-progress"]
-    assert main(shortened) == 0
-    assert "non-silent F1" in capsys.readouterr().out
+def test_the_demo_of_the_makefile_is_there():
+    script = re.search(r"^demo:.*\n\t\$\(BIN\)/python (\S+)$", MAKEFILE, re.MULTILINE)[1]
+    assert (ROOT / script).is_file()
 
 
-@pytest.mark.parametrize(("name", "algo"), [("demo", "sac"), ("callbacks", "td3")])
-def test_a_yaml_file_of_the_examples_has_valid_settings(name, algo):
-    file = ROOT / "examples" / f"{name}.yml"
+def test_the_callbacks_of_the_examples_have_valid_settings():
+    file = ROOT / "examples" / "callbacks.yml"
     (env_id,) = yaml.safe_load(file.read_text(encoding="utf-8"))
-    assert build_callbacks(load_config(algo, env_id, file))
+    assert build_callbacks(load_config("td3", env_id, file))

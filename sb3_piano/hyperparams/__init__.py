@@ -10,8 +10,7 @@ PRESETS = {path.stem: path for path in sorted(_HERE.glob("*.yml"))}
 """The files by the name of their algorithm."""
 
 FAST = {path.stem: path for path in sorted(_HERE.glob("fast/*.yml"))}
-"""Files by the name of their algorithm with settings of our own, which learn much faster than those
-that were published. RL Zoo does not know all their keys."""
+"""Files with settings of our own for learning from nothing, likewise."""
 
 SIGHT_READER = _HERE / "sight_reader" / "ppo.yml"
 """PPO on many pieces, from a distilled network of a hand."""

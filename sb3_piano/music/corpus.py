@@ -83,7 +83,8 @@ class Corpus:
         n: How many excerpts there are.
         own_hands: Share of the excerpts that :meth:`fingered` leaves to the hands for which they
             are written. They are harder to play.
-        near: Share of the generated excerpts whose hands play close together.
+        near: Share of the generated excerpts whose hands play close together, as
+            :func:`generate_score` has it.
 
     Raises:
         ConfigError: If a source is unknown or has no piece that may be used, or there is no piece
@@ -120,9 +121,8 @@ class Corpus:
                 )
 
     def __hash__(self) -> int:
-        return hash(
-            (self.seed, self.duration, self.n, self.own_hands, self.near)
-        )  # the sources cannot be hashed
+        # Not the sources, which cannot be hashed.
+        return hash((self.seed, self.duration, self.n, self.own_hands, self.near))
 
     def __len__(self) -> int:
         return self.n
@@ -147,7 +147,8 @@ class Corpus:
         weights = np.array(list(self.sources.values()))
         source = list(self.sources)[int(random.choice(len(weights), p=weights / weights.sum()))]
         if source == "generated":
-            near = bool(self.near) and bool(random.random() < self.near)
+            # Drawn only where it matters, so that a share of 0 gives the corpus without it.
+            near = self.near > 0 and bool(random.random() < self.near)
             score = generate_score(random, self.duration, near=near)
             return replace(score, title=f"{score.title} {index:05d}")
         names = self.names[source]

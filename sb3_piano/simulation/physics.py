@@ -68,7 +68,7 @@ PHYSICS_PROFILES = {
     "reference": PhysicsProfile(solver=Solver(timestep=0.005, integrator="Euler")),
     # The same music at a third of the cost; docs/performance.md has the measurements.
     "fast": _FAST,
-    # A sixth slower, for policies whose fingers would lean on each other, or get caught.
+    # A fifth slower, for policies whose fingers would lean on each other, or get caught.
     "fast-contacts": dataclasses.replace(_FAST, playing_contacts_only=False),
 }
 """The physics profiles by name."""

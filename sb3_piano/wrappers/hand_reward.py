@@ -32,9 +32,9 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
     step, and by ``within`` as the share of the step's physics steps in which it sounds. Where
     nothing is due and nothing sounds F1 is 1.
 
-    A hand that plays badly hardly ever hears that by chance. ``guidance`` adds up to that much for
-    what comes before: the mean closeness, as in RoboPianist's terms of fingering and of pressing
-    keys, of its fingers to the keys that are due and of these to being down.
+    A hand that knows nothing hardly ever hits a due key. ``guidance`` adds up to that much for
+    coming near: the mean closeness, as in RoboPianist's terms of fingering and of pressing keys, of
+    its fingers to the keys that are due and of these to being down.
 
     The reward of a step is the mean of both hands'; ``info["hand_rewards"]`` has them one by one,
     for :class:`~sb3_piano.vec_env.HandsAsAgents`. The terms of the piano's own reward are still in

@@ -54,7 +54,7 @@ def generate_score(
         random: The source of chance.
         duration: Length, in s: what lies beyond is cut off.
         style: One of `STYLES`; by default drawn.
-        near: Let both hands play in registers less than an octave apart, where they get into each
+        near: Let both hands play in registers at most an octave apart, where they get into each
             other's way.
 
     Raises:
@@ -121,9 +121,9 @@ class _Plan:
             apart = random.uniform(22, 36)
         elif random.random() < 0.08:
             apart = random.uniform(0, 12)
-        highest = 66
+        highest = 66  # pitch of the left hand's register
         if near:
-            apart, highest = random.uniform(5, 12), 80
+            apart, highest = random.uniform(5, 12), 80  # semitones; also with the right hand high up
         form, tonic = str(random.choice(_FORMS)), _tonic(random, scale)
         bars = int(random.choice((2, 4), p=(0.6, 0.4)))
         per_bar = float(random.choice((1, 2 if two else 1, 0.5), p=(0.6, 0.3, 0.1)))

@@ -123,7 +123,7 @@ class _Plan:
             apart = random.uniform(0, 12)
         highest = 66  # pitch of the left hand's register
         if near:
-            apart, highest = random.uniform(5, 12), 80  # semitones; also with the right hand high up
+            apart, highest = random.uniform(5, 12), 80  # semitones, pitch
         form, tonic = str(random.choice(_FORMS)), _tonic(random, scale)
         bars = int(random.choice((2, 4), p=(0.6, 0.4)))
         per_bar = float(random.choice((1, 2 if two else 1, 0.5), p=(0.6, 0.3, 0.1)))

@@ -5,13 +5,14 @@ from __future__ import annotations
 import logging
 import os
 
+import numpy as np
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.demonstrations import fill_replay_buffer
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.players.hand_model import SHIPPED, SIGHT_READER, HandModel
-from sb3_piano.policies import load_hand_weights, set_standardization
+from sb3_piano.policies import hand_weights, load_hand_weights, set_standardization
 
 _log = logging.getLogger(__name__)
 
@@ -99,8 +100,9 @@ class SightReaderStandardization(BaseCallback):
     """Let the policy standardise observations, from its beginning, as what it corrects does.
 
     For policies of :mod:`sb3_piano.policies` for hands in environments with
-    :class:`~sb3_piano.players.PlayerResidual` or :class:`~sb3_piano.training.RunResidual`. The
-    numbers are saved with the policy.
+    :class:`~sb3_piano.players.PlayerResidual` or :class:`~sb3_piano.training.RunResidual`. Where
+    that sees both hands at once, each hand's are the statistics of both. The numbers are saved with
+    the policy.
 
     Raises:
         ConfigError: When training starts, if the policy is another one.
@@ -109,6 +111,11 @@ class SightReaderStandardization(BaseCallback):
     def _on_training_start(self) -> None:
         if self.num_timesteps == 0:  # a training that goes on has them
             mean, std = self.training_env.get_attr("standardization", [0])[0]
+            own = hand_weights(self.model.policy)["standardize.mean"].shape[0]
+            if mean.size % own == 0:
+                means, stds = mean.reshape(-1, own), std.reshape(-1, own)
+                mean = means.mean(axis=0)
+                std = np.sqrt((stds**2 + (means - mean) ** 2).mean(axis=0))
             set_standardization(self.model.policy, mean, std)
 
     def _on_step(self) -> bool:

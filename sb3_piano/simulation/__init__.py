@@ -7,7 +7,6 @@ from sb3_piano.simulation.physics import PHYSICS_PROFILES, PhysicsProfile, Solve
 from sb3_piano.simulation.scene import (
     SIDES,
     TIP_TRAVEL,
-    WRIST_UNIT,
     PianoScene,
     compile_scene,
     scene_parts,
@@ -20,7 +19,6 @@ __all__ = [
     "PHYSICS_PROFILES",
     "SIDES",
     "TIP_TRAVEL",
-    "WRIST_UNIT",
     "PhysicsProfile",
     "PianoScene",
     "Simulation",

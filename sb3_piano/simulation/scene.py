@@ -29,9 +29,6 @@ TIP_TRAVEL = 0.06
 """Way of a fingertip when a finger's joint turns by a rad, about, m, and so what a forearm's slider
 has to move to matter as much."""
 
-WRIST_UNIT = 1 / 3
-"""Angle of a wrist's joint that moves the fingertips about as far, rad."""
-
 # Where a finger should press, seen from the centre of a key's top: RoboPianist moves it by these
 # shares of the half length (away from the hinge) and of the half height (up).
 _PRESS_POINT_X = 0.35
@@ -124,12 +121,6 @@ class PianoScene:
             "forearm" if "forearm" in n else "wrist" if "WRJ" in n else "finger" for n in names
         ]
         return np.array(kinds)
-
-    @property
-    def actuator_unit(self) -> FloatArray:
-        """(nu,) what moves a fingertip about as far as a rad of a finger's joint; rad, or m."""
-        unit = {"finger": 1.0, "wrist": WRIST_UNIT, "forearm": TIP_TRAVEL}
-        return np.array([unit[str(kind)] for kind in self.actuator_kind])
 
     def actuator_positions(self, joints: npt.NDArray[np.floating]) -> FloatArray:
         """Return where the actuators are, (nu,) rad or m; joints are as in ``hand_qpos``."""

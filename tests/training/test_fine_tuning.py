@@ -24,8 +24,8 @@ from sb3_piano.training import evaluate, load_config, load_fine_tuning, train
 EXCERPT = Path(__file__).parents[2] / "examples" / "fine_tuning" / "fur_elise.yml"
 ALGORITHMS = {"sac": SAC, "td3": TD3, "ppo": PPO}
 BRIEF = {
-    "sac": {"learning_starts": 16, "buffer_size": 64, "batch_size": 8},
-    "td3": {"learning_starts": 16, "buffer_size": 64, "batch_size": 8},
+    "sac": {"learning_starts": 16, "buffer_size": 128, "batch_size": 8},
+    "td3": {"learning_starts": 16, "buffer_size": 128, "batch_size": 8},
     "ppo": {"n_steps": 8, "batch_size": 8},
 }
 COMMON = {"n_envs": 2, "vec_env": "dummy", "env_kwargs": {"initial_buffer_time": 0.0}}

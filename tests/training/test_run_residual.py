@@ -10,12 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from stable_baselines3 import SAC
 
 from sb3_piano.cli import main
 from sb3_piano.envs import GENERAL_ID
+from sb3_piano.envs.actions import hand_action_unit
 from sb3_piano.exceptions import ConfigError, InvalidActionError, RunError
 from sb3_piano.hyperparams import FINE_TUNING
 from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.policies import hand_weights
 from sb3_piano.training import (
     RunConfig,
     RunFolder,
@@ -29,6 +32,7 @@ from sb3_piano.training.runs.builders import build_env
 from sb3_piano.wrappers import PitchShift
 
 TUNE = Score(notes=[Note(onset=i / 5, offset=(i + 1) / 5, pitch=72 + i, finger=i) for i in (0, 1)])
+CALLBACKS = yaml.safe_load(FINE_TUNING["sac"].read_text())["default"]["callback"][:1]
 BRIEF = {
     "n_envs": 2,
     "vec_env": "dummy",
@@ -38,6 +42,8 @@ BRIEF = {
     "batch_size": 8,
     "learning_rate": 0.01,
 }
+
+BRIEF_HANDS = {**BRIEF, "n_timesteps": 4, "learning_starts": 100, "callback": CALLBACKS}
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +94,7 @@ def test_an_action_of_0_plays_as_the_run_and_others_change_all_but_the_pedal(bas
         inside = env.unwrapped.action_map.controls(action)[0]
         residual.step(np.full(38, -0.5))
         moved = inside - env.unwrapped.data.ctrl
-        expected = 0.03 * env.unwrapped.scene.actuator_unit
+        expected = 0.03 * hand_action_unit(env.unwrapped.scene)
         within = env.unwrapped.data.ctrl > env.unwrapped.scene.ctrl_low + 1e-6
         np.testing.assert_allclose(moved[within], expected[within], atol=1e-6)
 
@@ -148,6 +154,56 @@ def test_other_algorithms_correct_it_too(base, algo):
         **settings,
     )
     assert train(config, "run", progress_bar=False).num_timesteps >= 40
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("agents", [False, True])
+def test_of_a_run_that_sees_hands_each_hand_is_corrected_by_one_network(base, agents):
+    config = dataclasses.replace(
+        base.read_config(),
+        env_kwargs={**base.read_config().env_kwargs, "observation": "hands"},
+        env_wrapper=["sb3_piano.wrappers.HandActions", "sb3_piano.wrappers.HandReward"],
+        vec_env_wrapper=["sb3_piano.vec_env.HandsAsAgents"] if agents else [],
+    )
+    first = train(config, "hands", progress_bar=False).folder
+    correction = load_fine_tuning("sac", player="hands", seed=0, **BRIEF_HANDS)
+    assert [plugin.path for plugin in correction.vec_env_wrapper] == [
+        "sb3_piano.vec_env.HandsAsAgents"
+    ]
+    assert correction.env_kwargs == {**first.read_config().env_kwargs, "physics": "reference"}
+    second = train(correction, "run", progress_bar=False).folder
+    assert evaluate(second.path).mean == evaluate(first.path, physics="reference").mean
+
+    policy = SAC.load(second.model_file).policy
+    with contextlib.closing(build_env(first.read_config())) as env:
+        mean, std = RunResidual(env, "hands").standardization
+    seen = hand_weights(policy)
+    if agents:
+        np.testing.assert_allclose(seen["standardize.mean"], mean, rtol=1e-5)
+    else:  # both hands' numbers as if they had been seen by one
+        mean, std = mean.reshape(2, -1), std.reshape(2, -1)
+        np.testing.assert_allclose(seen["standardize.mean"], mean.mean(axis=0), rtol=1e-5)
+        spread = (std**2).mean(axis=0) + mean.var(axis=0)
+        np.testing.assert_allclose(seen["standardize.scale"], 1 / np.sqrt(spread), rtol=1e-5)
+
+
+def test_the_left_hand_is_corrected_in_the_mirror(base):
+    with contextlib.closing(build_env(base.read_config())) as env:
+        residual = RunResidual(env, "base")
+        scene = env.unwrapped.scene
+        names = [scene.model.actuator(i).name for i in range(scene.model.nu)]
+        right, left = (names.index(f"{side}_shadow_hand/forearm_tx") for side in ("rh", "lh"))
+        told = {}
+        for amount in (0.0, 0.5, -0.5):
+            residual.reset(seed=0)
+            action = np.zeros(38)
+            action[[right, left]] = amount
+            residual.step(action)
+            told[amount] = env.unwrapped.data.ctrl[[right, left]].copy()
+        # One way or the other: what this run plays may be at an end of the control range.
+        slopes = np.array([(told[amount] - told[0.0]) / amount for amount in (0.5, -0.5)])
+        assert slopes.max(axis=0)[0] == pytest.approx(0.03, rel=1e-5)
+        assert slopes.min(axis=0)[1] == pytest.approx(-0.03, rel=1e-5)
 
 
 def test_the_command_takes_the_runs_own_piece(base, capsys):

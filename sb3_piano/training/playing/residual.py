@@ -8,15 +8,18 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
 from sb3_piano.arrays import Float32Array, FloatArray
+from sb3_piano.envs.actions import hand_action_unit
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.settings import Positive, checked
 from sb3_piano.training.configuration.config import CorrectsRun, RunConfig
+from sb3_piano.training.configuration.names import import_name
 from sb3_piano.training.runs.builders import normalized
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.saved import load_player, load_statistics, model_files
+from sb3_piano.vec_env import HandsAsAgents
 from sb3_piano.wrappers.hand_actions import hand_actions_of
 from sb3_piano.wrappers.piano import piano_of
 from sb3_piano.wrappers.residual import Residual
@@ -27,7 +30,8 @@ class RunResidual(Residual, gym.utils.RecordConstructorArgs, CorrectsRun):
 
     What is played is the model's action, without exploring, plus the agent's times ``scale``, cut
     at -1 and 1. Actions of 0 play as the model does. The agent has a number for each actuator and
-    none for the pedal, which the model alone moves; it observes what the model does.
+    none for the pedal, which the model alone moves; it observes what the model does. The left hand
+    is a right one in the mirror, as in :class:`~sb3_piano.wrappers.HandActions`.
 
     Args:
         env: An environment like that of the run, with its wrappers.
@@ -47,7 +51,7 @@ class RunResidual(Residual, gym.utils.RecordConstructorArgs, CorrectsRun):
         gym.utils.RecordConstructorArgs.__init__(self, run=run, scale=scale)
         piano, rad = piano_of(env, "RunResidual"), checked("scale", scale, Positive)
         if env.action_space == piano.action_space:
-            reach = piano.action_map.change(rad * piano.scene.actuator_unit)
+            reach = piano.action_map.change(rad * hand_action_unit(piano.scene))
         else:
             inside = hand_actions_of(env, "RunResidual")
             if env.action_space != inside.action_space:
@@ -57,38 +61,45 @@ class RunResidual(Residual, gym.utils.RecordConstructorArgs, CorrectsRun):
                 )
             reach = np.full(inside.reach.shape, rad / np.abs(inside.reach).max())
         super().__init__(env, reach)
-        self._model, self._normalizer = _model_of(run, env)
+        self._model, venv = _model_of(run, env)
+        self._agents = venv.num_envs
+        self._normalizer = venv if isinstance(venv, VecNormalize) else None
 
     @property
     def standardization(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation, (n,), by which the model takes observations, or 0 and 1."""
         if self._normalizer is None or not self._normalizer.norm_obs:
-            size = gym.spaces.flatdim(self.observation_space)
+            size = gym.spaces.flatdim(self._model.observation_space)
             return np.zeros(size), np.ones(size)
         statistics: Any = self._normalizer.obs_rms
         return statistics.mean, np.sqrt(statistics.var + self._normalizer.epsilon)
 
     def base_action(self, observation: Any) -> Float32Array:
         """Return the model's action, without exploring."""
+        seen = observation.reshape(self._agents, -1) if self._agents > 1 else observation
         if self._normalizer is not None:
-            observation = self._normalizer.normalize_obs(observation)
-        return np.array(self._model.predict(observation, deterministic=True)[0])
+            seen = self._normalizer.normalize_obs(seen)
+        return np.array(self._model.predict(seen, deterministic=True)[0]).reshape(-1)
 
 
-def _model_of(
-    run: str | os.PathLike[str], env: gym.Env[Any, Any]
-) -> tuple[BaseAlgorithm, VecNormalize | None]:
-    """Return the model of a run for an environment like its own, and what normalises for it."""
+def _model_of(run: str | os.PathLike[str], env: gym.Env[Any, Any]) -> tuple[BaseAlgorithm, VecEnv]:
+    """Return the model of a run for an environment like its own, and the vector that it sees."""
     folder = RunFolder.open(run)
     config = folder.read_config()
-    if not isinstance(config, RunConfig) or config.vec_env_wrapper:
+    if not isinstance(config, RunConfig) or any(
+        import_name(plugin.path) is not HandsAsAgents for plugin in config.vec_env_wrapper
+    ):
         raise ConfigError(
-            f"Run '{folder.path}' cannot be corrected: expected a training without vec_env_wrapper."
+            f"Run '{folder.path}' cannot be corrected: expected a training without "
+            "vec_env_wrapper, or with sb3_piano.vec_env.HandsAsAgents alone."
         )
     model_file, statistics = model_files(folder, config)
-    venv = normalized(config, DummyVecEnv([lambda: env]))
+    venv: VecEnv = DummyVecEnv([lambda: env])
+    for plugin in config.vec_env_wrapper:
+        venv = plugin(venv)
+    venv = normalized(config, venv)
     load_statistics(config, statistics, venv)
     model = load_player(config, model_file, venv)
     assert isinstance(model, BaseAlgorithm), "it was trained"
     model.env = None  # which is this one
-    return model, venv if isinstance(venv, VecNormalize) else None
+    return model, venv

@@ -37,7 +37,8 @@ def load_fine_tuning(
         path: A YAML file as of :func:`load_config` with what is to be different from the preset.
         player: One of :data:`~sb3_piano.players.CORRECTED`, by default the sight-reader that comes
             with this package; the file of another network, or a folder with a
-            ``hand.safetensors``; or the folder of a run, whose environment and wrappers are kept.
+            ``hand.safetensors``; or the folder of a run, whose environment and wrappers are kept,
+            but for the preset's physics.
         **overrides: Keys to take instead of the entry's. ``env_kwargs`` are added to the entry's.
 
     Raises:
@@ -74,12 +75,15 @@ def _of_run(
     corrects = [import_name(plugin.path) is PlayerResidual for plugin in config.env_wrapper]
     outside = config.env_wrapper[corrects.index(True) + 1 :] if any(corrects) else ()
     residual = Plugin(path=_RESIDUAL, kwargs={"run": str(folder)})
-    arguments = config.algorithm_kwargs
-    policy = {**arguments.get("policy_kwargs", {}), "n_hands": 1}  # the network sees both at once
-    return dataclasses.replace(
-        config,
-        env_kwargs={**base.env_kwargs, **env_kwargs},
-        env_wrapper=(*base.env_wrapper, residual, *outside),
-        vec_env_wrapper=(),
-        algorithm_kwargs={**arguments, "policy_kwargs": policy},
+    physics = {name: value for name, value in config.env_kwargs.items() if name == "physics"}
+    options = {**base.env_kwargs, **physics, **env_kwargs}
+    corrected = dataclasses.replace(
+        config, env_kwargs=options, env_wrapper=(*base.env_wrapper, residual, *outside)
     )
+    if options.get("observation") == "hands":
+        return corrected
+    # Of other observations no half is a hand's: one network sees and corrects both at once.
+    arguments = config.algorithm_kwargs
+    policy = {**arguments.get("policy_kwargs", {}), "n_hands": 1}
+    alone = {**arguments, "policy_kwargs": policy}
+    return dataclasses.replace(corrected, vec_env_wrapper=(), algorithm_kwargs=alone)

@@ -107,7 +107,7 @@ def load_player(config: PlayConfig, path: Path, venv: VecEnv) -> BaseAlgorithm |
     if path.suffix != ".safetensors":
         return load_model(config, path, venv, **({"buffer_size": 1} if off_policy else {}))
     tensors, num_timesteps = read_weights(path, config)
-    small = {"buffer_size": 2} if off_policy else {"n_steps": 2}
+    small = {"buffer_size": 2 * venv.num_envs} if off_policy else {"n_steps": 2}  # two rows
     arguments = {**config.algorithm_kwargs, **small}
     with warnings.catch_warnings():  # that so few steps are no batch
         warnings.simplefilter("ignore", UserWarning)

@@ -4,10 +4,11 @@
     python benchmarks/learning.py benchmarks/learning/on_time.yml --out on_time --report
 
 A study is a YAML file: ``minutes`` of one core for each training, and at most ``steps``, over which
-a learning rate may fall; ``every`` so many steps an evaluation, ``seeds``, ``pieces`` (names or
-files) or ``envs`` (ids), and ``variants``: for each name the algorithm (``algo``), the preset's
-entry ``default`` in place of the piece's (``published``), another ``file`` than the preset's or
-"fast", a player to be corrected (``player``), and ``settings`` laid over these.
+a learning rate may fall; ``every`` so many steps an evaluation, ``seeds``, ``envs`` (ids) and
+``pieces`` (names or files), of which only the first ``seconds`` where it names some, and
+``variants``: for each name the algorithm (``algo``), the preset's entry ``default`` in place of the
+piece's (``published``), another ``file`` than the preset's or "fast", a player to be corrected
+(``player``), and ``settings`` laid over these.
 
 Each training of stock SB3 is a process with one thread of torch. The deterministic policy plays an
 episode in an environment of its own, always on the reference physics; the clock stands still
@@ -41,6 +42,7 @@ from stable_baselines3.common.vec_env import VecNormalize, sync_envs_normalizati
 
 from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.envs import GENERAL_ID
+from sb3_piano.music import load_score, write_midi
 from sb3_piano.training import RunConfig, load_config, load_fine_tuning
 from sb3_piano.training.evaluation.statistics import summarize
 from sb3_piano.training.runs.builders import build_callbacks, build_model, build_vec_env
@@ -103,12 +105,14 @@ class Study:
     steps: int = 10**9
 
     @classmethod
-    def from_yaml(cls, path: Path) -> Study:
-        """Read it."""
+    def from_yaml(cls, path: Path, out: Path) -> Study:
+        """Read it; the beginnings of pieces are written into a folder of ``out``."""
         found = yaml.safe_load(path.read_text(encoding="utf-8"))
+        seconds = found.pop("seconds", None)
         pieces = [Piece(env_id=env_id) for env_id in found.pop("envs", [])]
-        for score in found.pop("pieces", []):
-            pieces.append(Piece(env_id=GENERAL_ID, env_kwargs={"score": score}))
+        for name in found.pop("pieces", []):
+            file = name if seconds is None else beginning(name, seconds, out / "pieces")
+            pieces.append(Piece(env_id=GENERAL_ID, env_kwargs={"score": str(file)}))
         variants = {name: Variant(**given or {}) for name, given in found.pop("variants").items()}
         return cls(pieces=pieces, variants=variants, **found)
 
@@ -118,6 +122,15 @@ class Study:
             for piece in self.pieces:
                 for variant in self.variants:
                     yield variant, piece, seed
+
+
+def beginning(name: str, seconds: float, folder: Path) -> Path:
+    """Return the file with a piece's first seconds."""
+    score = load_score(name)
+    file = folder / f"{Path(name).stem}.mid"
+    folder.mkdir(parents=True, exist_ok=True)
+    write_midi(score.excerpt(0, min(seconds, score.duration)), file)
+    return file
 
 
 class TimedEvaluation(BaseCallback):
@@ -292,7 +305,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--jobs", type=int, default=os.cpu_count(), help="trainings at a time; default: cores")
     add("--report", action="store_true", help="train nothing, report what there is")
     given = parser.parse_args(arguments)
-    study = Study.from_yaml(given.study)
+    study = Study.from_yaml(given.study, given.out)
     if not given.report:
         train_all(study, given.out, given.jobs)
     report(study, given.out)

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 import yaml
 
+from sb3_piano.music import load_score
+
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 learning = runpy.run_path(str(FOLDER / "learning.py"))
 
@@ -26,8 +28,8 @@ STUDY = {
 
 
 @pytest.mark.parametrize("file", sorted((FOLDER / "learning").glob("*.yml")), ids=lambda f: f.stem)
-def test_the_studies_of_the_repository_have_valid_settings(file):
-    study = learning["Study"].from_yaml(file)
+def test_the_studies_of_the_repository_have_valid_settings(file, tmp_path):
+    study = learning["Study"].from_yaml(file, tmp_path)
     for name, piece, seed in study.cells():
         config = study.variants[name].config(piece, seed)
         assert config.seed == seed
@@ -37,8 +39,8 @@ def test_the_studies_of_the_repository_have_valid_settings(file):
 def test_a_study_trains_until_its_time_is_up_and_what_is_whole_is_not_done_again(tmp_path, capsys):
     file = tmp_path / "study.yml"
     file.write_text(yaml.safe_dump(STUDY))
-    study = learning["Study"].from_yaml(file)
     out = tmp_path / "out"
+    study = learning["Study"].from_yaml(file, out)
     for name, piece, seed in study.cells():
         made = learning["file_of"](out, name, piece, seed)
         learning["run"](study.variants[name], piece, seed, study, made)
@@ -53,6 +55,19 @@ def test_a_study_trains_until_its_time_is_up_and_what_is_whole_is_not_done_again
     printed = capsys.readouterr().out
     assert "| strikes | debug-CMajorScaleOneHand | 2 |" in printed
     assert (out / "curves.png").stat().st_size > 10_000
+
+
+def test_a_study_takes_the_first_seconds_of_its_pieces(tmp_path):
+    file = tmp_path / "study.yml"
+    file.write_text(yaml.safe_dump({**STUDY, "pieces": ["FurElise"], "seconds": 3}))
+    whole, piece = learning["Study"].from_yaml(file, tmp_path / "out").pieces
+    assert whole.env_id == STUDY["envs"][0]
+    score = load_score(piece.env_kwargs["score"])
+    assert piece.name == "FurElise"
+    assert score.duration == pytest.approx(3, abs=0.05)
+    assert [note.pitch for note in score.notes[:4]] == [
+        note.pitch for note in load_score("FurElise").notes[:4]
+    ]
 
 
 def test_evaluations_normalise_as_the_training_does(tmp_path):

@@ -4,8 +4,8 @@
     python examples/demo.py my.mid --seconds 20 --out demo
 
 The planner plays the piece with disturbances; a stock SAC actor imitates it; SAC then learns a
-correction of that actor. Each is judged on the reference physics, beside hands that rest. A video
-and a report of the last one are in ``--out``, beside the runs.
+correction of that actor. All of it is on the reference physics; each is judged beside hands that
+rest. A video and a report of the last one are in ``--out``, beside the runs.
 """
 
 from __future__ import annotations
@@ -34,12 +34,11 @@ from sb3_piano.training.playing.player import env_to_record
 from sb3_piano.training.playing.takes import plan_run, planner_config
 from sb3_piano.training.runs.builders import build_planner
 
-STEPS = 60_000
+STEPS = 80_000
 EPISODES = 24
 EPOCHS = 60
 NOISE = (0.0, 0.03, 0.06, 0.1)
 DATASET = "robopianist/demo/planned-v0"
-JUDGED_ON = "reference"
 
 
 def main() -> int:
@@ -69,10 +68,10 @@ def demo(piece: str, seconds: float, out: Path, seed: int, steps: int) -> Iterat
     midi = out / "piece.mid"
     write_midi(score.excerpt(0, min(seconds, score.duration)), midi)
 
-    observed = {"observation": "hands", "physics": "fast"}
+    observed = {"observation": "hands"}
     config = planner_config(str(midi.absolute()), seed=seed, env_kwargs=observed)
     planned = plan_run(config, out / "planned")[0]
-    found = evaluate(planned.path, physics=JUDGED_ON)
+    found = evaluate(planned.path)
     yield "|         |    F1 | onset F1 |\n|---------|------:|---------:|"
     yield row("resting", found.baseline)
     yield row("planned", found.mean)
@@ -90,14 +89,14 @@ def demo(piece: str, seconds: float, out: Path, seed: int, steps: int) -> Iterat
         )
     with bar("imitation", EPOCHS) as tell:
         cloned = clone(DATASET, folder=out / "cloned", seed=seed, epochs=EPOCHS, on_epoch=tell)
-    yield row("cloned", evaluate(cloned.folder.path, physics=JUDGED_ON).mean)
+    yield row("cloned", evaluate(cloned.folder.path).mean)
 
     settings = load_fine_tuning("sac", player=cloned.folder.path, seed=seed, n_timesteps=steps)
     trained = train(settings, out / "trained").folder.path
-    yield row("trained", evaluate(trained, physics=JUDGED_ON).mean)
+    yield row("trained", evaluate(trained).mean)
 
     with bar("pictures") as tell:
-        played = play_run(trained, physics=JUDGED_ON, progress=tell)
+        played = play_run(trained, progress=tell)
     yield f"Heard and seen: {played.folder}\nReport:         {write_report(trained)}"
 
 

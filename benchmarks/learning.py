@@ -3,12 +3,11 @@
     python benchmarks/learning.py benchmarks/learning/on_time.yml --out on_time
     python benchmarks/learning.py benchmarks/learning/on_time.yml --out on_time --report
 
-A study is a YAML file: ``minutes`` of one core for each training, and at most ``steps``, over which
-a learning rate may fall; ``every`` so many steps an evaluation, ``seeds``, ``envs`` (ids) and
-``pieces`` (names or files), of which only the first ``seconds`` where it names some, and
-``variants``: for each name the algorithm (``algo``), the preset's entry ``default`` in place of the
-piece's (``published``), another ``file`` than the preset's or "fast", a player to be corrected
-(``player``), and ``settings`` laid over these.
+A study is a YAML file: ``minutes`` of one core at most for each training, ``every`` so many steps an
+evaluation, ``seeds``, ``envs`` (ids) and ``pieces`` (names or files), of which only the first
+``seconds`` where it names some, and ``variants``: for each name the algorithm (``algo``), the
+preset's entry ``default`` in place of the piece's (``published``), another ``file`` than the
+preset's or "fast", a player to be corrected (``player``), and ``settings`` laid over these.
 
 Each training of stock SB3 is a process with one thread of torch. The deterministic policy plays an
 episode in an environment of its own, always on the reference physics; the clock stands still
@@ -102,7 +101,6 @@ class Study:
     seeds: Sequence[int]
     variants: Mapping[str, Variant]
     pieces: Sequence[Piece]
-    steps: int = 10**9
 
     @classmethod
     def from_yaml(cls, path: Path, out: Path) -> Study:
@@ -184,7 +182,7 @@ def run(variant: Variant, piece: Piece, seed: int, study: Study, file: Path) -> 
     callback = TimedEvaluation(config, study.every, 60 * study.minutes, part)
     # Not those that evaluate: their time would count.
     own = [one for one in build_callbacks(config) if not isinstance(one, MetricEvalCallback)]
-    model.learn(study.steps, callback=[*own, callback])
+    model.learn(config.n_timesteps, callback=[*own, callback])
     callback.evaluate()
     part.replace(file)
 

@@ -4,8 +4,7 @@
     python examples/fine_tuning/run.py --algo ppo --steps 200000
     python examples/fine_tuning/run.py --piece my.mid   # the whole piece
 
-It learns on the fast physics, with which what is printed, on the reference physics, has nothing to
-do. "last" is the model at the end, "best" the one that was best by the evaluations in between, of
+"last" is the model at the end, "best" the one that was best by the evaluations in between, of
 which the sight-reader itself was the first.
 """
 
@@ -23,7 +22,6 @@ from sb3_piano.training import RunConfig, evaluate, load_fine_tuning, train
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 EXCERPT = Path(__file__).with_name("fur_elise.yml")
-JUDGED_ON = "reference"
 
 
 def main() -> int:
@@ -52,8 +50,8 @@ def main() -> int:
         )
         tell("before", before(config))
         folder = train(config, runs_dir=arguments.runs).folder.path
-        tell("last", evaluate(folder, physics=JUDGED_ON).mean)
-        tell("best", evaluate(folder, physics=JUDGED_ON, best="f1").mean)
+        tell("last", evaluate(folder).mean)
+        tell("best", evaluate(folder, best="f1").mean)
     except SB3PianoError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
     return 0
@@ -61,7 +59,7 @@ def main() -> int:
 
 def before(config: RunConfig) -> Mapping[str, float]:
     """Return the metrics of a model that has learnt nothing, which are the sight-reader's."""
-    alone = config.alone().in_env(physics=JUDGED_ON)
+    alone = config.alone()
     with contextlib.closing(build_vec_env(alone)) as venv:
         model, observation = build_model(alone, venv), venv.reset()
         while True:

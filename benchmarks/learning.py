@@ -3,9 +3,9 @@
     python benchmarks/learning.py benchmarks/learning/on_time.yml --out on_time
     python benchmarks/learning.py benchmarks/learning/on_time.yml --out on_time --report
 
-A study is a YAML file: ``minutes`` of one core at most for each training, ``every`` so many steps an
-evaluation, ``seeds``, ``envs`` (ids) and ``pieces`` (names or files), of which only the first
-``seconds`` where it names some, and ``variants``: for each name the algorithm (``algo``), the
+A study is a YAML file: at most so many ``minutes`` of one core for each training, ``every`` so many
+steps an evaluation, ``seeds``, ``envs`` (ids) and ``pieces`` (names or files), of which only the
+first ``seconds`` where it names some, and ``variants``: for each name the algorithm (``algo``), the
 preset's entry ``default`` in place of the piece's (``published``), another ``file`` than the
 preset's or "fast", a player to be corrected (``player``), and ``settings`` laid over these.
 

@@ -10,7 +10,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import FAST, PRESETS
 from sb3_piano.music import Note, Score, write_midi
-from sb3_piano.training import evaluate, load_config, train
+from sb3_piano.training import evaluate, load_config, share, train
 from sb3_piano.training.runs.builders import build_vec_env
 from sb3_piano.vec_env import HandsAsAgents
 
@@ -36,7 +36,7 @@ def test_every_hand_is_an_agent_that_sees_and_does_as_much(env_id):
 
 
 @pytest.mark.slow
-def test_it_trains_on_any_file_and_the_run_can_be_judged(tmp_path):
+def test_it_trains_on_any_file_and_the_run_can_be_judged_and_shared(tmp_path):
     notes = [Note(onset=0.1 * n, offset=0.1 * n + 0.1, pitch=60 + 2 * n) for n in range(3)]
     write_midi(Score(notes=notes, title="three notes"), tmp_path / "three.mid")
     config = load_config(
@@ -53,3 +53,4 @@ def test_it_trains_on_any_file_and_the_run_can_be_judged(tmp_path):
     found = evaluate(run.path, physics="reference")
     assert 0 <= found.mean["f1"] <= 1
     assert found.baseline is not None
+    assert evaluate(share(run.path, tmp_path / "shared").path).mean == found.mean

@@ -26,6 +26,7 @@ from sb3_piano.training import (
     SavedPlayer,
     evaluate,
     load_fine_tuning,
+    share,
     train,
 )
 from sb3_piano.training.runs.builders import build_env
@@ -173,6 +174,7 @@ def test_of_a_run_that_sees_hands_each_hand_is_corrected_by_one_network(base, ag
     assert correction.env_kwargs == {**first.read_config().env_kwargs, "physics": "reference"}
     second = train(correction, "run", progress_bar=False).folder
     assert evaluate(second.path).mean == evaluate(first.path, physics="reference").mean
+    assert evaluate(share(second.path, "shared").path).mean == evaluate(second.path).mean
 
     policy = SAC.load(second.model_file).policy
     with contextlib.closing(build_env(first.read_config())) as env:

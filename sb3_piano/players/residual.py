@@ -38,8 +38,8 @@ class PlayerResidual(Residual, gym.utils.RecordConstructorArgs):
             observation "hands", by which the agent sees what the sight-reader does.
         player: "sight-reader" or "planned".
         scale: By how much an action of 1 changes the player's, above 0. With the reach that
-            is usual, 0.1 is 0.12 rad of a finger's joint, half of that of a wrist's joint, and
-            6 cm of what a slider is told, which it follows slowly.
+            is usual, 0.05 is 0.06 rad of a finger's joint, half of that of a wrist's joint, and
+            3 cm of what a slider is told, which it follows slowly.
         model: The file of the sight-reader's network, or a folder with a ``hand.safetensors``; by
             default the one that comes with the package.
 
@@ -52,7 +52,7 @@ class PlayerResidual(Residual, gym.utils.RecordConstructorArgs):
         self,
         env: gym.Env[Any, Any],
         player: str = SIGHT_READER,
-        scale: float = 0.1,
+        scale: float = 0.05,
         model: str | os.PathLike[str] | None = None,
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, player=player, scale=scale, model=model)

@@ -95,7 +95,7 @@ def test_an_action_of_0_plays_as_the_run_and_others_change_all_but_the_pedal(bas
         inside = env.unwrapped.action_map.controls(action)[0]
         residual.step(np.full(38, -0.5))
         moved = inside - env.unwrapped.data.ctrl
-        expected = 0.06 * hand_action_unit(env.unwrapped.scene)
+        expected = 0.03 * hand_action_unit(env.unwrapped.scene)
         within = env.unwrapped.data.ctrl > env.unwrapped.scene.ctrl_low + 1e-6
         np.testing.assert_allclose(moved[within], expected[within], atol=1e-6)
 
@@ -204,8 +204,8 @@ def test_the_left_hand_is_corrected_in_the_mirror(base):
             told[amount] = env.unwrapped.data.ctrl[[right, left]].copy()
         # One way or the other: what this run plays may be at an end of the control range.
         slopes = np.array([(told[amount] - told[0.0]) / amount for amount in (0.5, -0.5)])
-        assert slopes.max(axis=0)[0] == pytest.approx(0.06, rel=1e-5)
-        assert slopes.min(axis=0)[1] == pytest.approx(-0.06, rel=1e-5)
+        assert slopes.max(axis=0)[0] == pytest.approx(0.03, rel=1e-5)
+        assert slopes.min(axis=0)[1] == pytest.approx(-0.03, rel=1e-5)
 
 
 def test_the_command_takes_the_runs_own_piece(base, capsys):

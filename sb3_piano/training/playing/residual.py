@@ -46,7 +46,7 @@ class RunResidual(Residual, gym.utils.RecordConstructorArgs, CorrectsRun):
     """
 
     def __init__(
-        self, env: gym.Env[Any, Any], run: str | os.PathLike[str], scale: float = 0.12
+        self, env: gym.Env[Any, Any], run: str | os.PathLike[str], scale: float = 0.06
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, run=run, scale=scale)
         piano, rad = piano_of(env, "RunResidual"), checked("scale", scale, Positive)

@@ -57,6 +57,19 @@ def test_a_study_trains_until_its_time_is_up_and_what_is_whole_is_not_done_again
     assert (out / "curves.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
+def test_a_training_ends_after_the_steps_of_its_settings(tmp_path):
+    given = {"n_timesteps": 20, "learning_starts": 100}
+    variants = {"brief": {"settings": given}}
+    file = tmp_path / "study.yml"
+    file.write_text(yaml.safe_dump({**STUDY, "minutes": 0.1, "seeds": [0], "variants": variants}))
+    study = learning["Study"].from_yaml(file, tmp_path)
+    made = tmp_path / "rows.jsonl"
+    learning["run"](study.variants["brief"], study.pieces[0], 0, study, made)
+    last = json.loads(made.read_text().splitlines()[-1])
+    assert last["steps"] == 20
+
+
 def test_a_study_takes_the_first_seconds_of_its_pieces(tmp_path):
     file = tmp_path / "study.yml"
     file.write_text(yaml.safe_dump({**STUDY, "pieces": ["FurElise"], "seconds": 3}))

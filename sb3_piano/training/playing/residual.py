@@ -41,7 +41,8 @@ class RunResidual(Residual, gym.utils.RecordConstructorArgs, CorrectsRun):
 
     Raises:
         ConfigError: If ``scale`` is out of range, or the environment has other actions than the
-            piano's own or those of :class:`~sb3_piano.wrappers.HandActions`.
+            piano's own or those of :class:`~sb3_piano.wrappers.HandActions`; or the run was no
+            training, or has another ``vec_env_wrapper`` than HandsAsAgents.
         RunError: If there is no such run, it has no model, or that does not fit the environment.
     """
 

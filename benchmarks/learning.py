@@ -7,7 +7,8 @@ A study is a YAML file: at most so many ``minutes`` of one core for each trainin
 steps an evaluation, ``seeds``, ``envs`` (ids) and ``pieces`` (names or files), of which only the
 first ``seconds`` where it names some, and ``variants``: for each name the algorithm (``algo``), the
 preset's entry ``default`` in place of the piece's (``published``), another ``file`` than the
-preset's or "fast", a player to be corrected (``player``), and ``settings`` laid over these.
+preset's or "fast", a player to be corrected (``player``; "{piece}" in it is the piece's name), and
+``settings`` laid over these.
 
 Each training of stock SB3 is a process with one thread of torch. The deterministic policy plays an
 episode in an environment of its own, always on the reference physics; the clock stands still
@@ -74,7 +75,8 @@ class Variant:
             env_id = GENERAL_ID
         given |= {"env_kwargs": kwargs, "seed": seed, "vec_env": "dummy"}
         if self.player is not None:
-            return load_fine_tuning(self.algo, env_id, player=self.player, **given)
+            player = self.player.format(piece=piece.name)
+            return load_fine_tuning(self.algo, env_id, player=player, **given)
         return load_config(self.algo, env_id, self.file, **given)
 
 

@@ -47,7 +47,7 @@ def main() -> int:
     add = parser.add_argument
     add("piece", nargs="?", default="Reverie", metavar="NAME|FILE", help="default: Reverie")
     add("--seconds", type=float, default=15, metavar="S", help="how much of it; default: 15")
-    add("--steps", type=int, default=STEPS, metavar="N", help=f"of SAC; default: {STEPS}")
+    add("--steps", type=int, default=STEPS, metavar="N", help=f"of SAC, or 0; default: {STEPS}")
     add("--seed", type=int, default=0, metavar="N", help="default: 0")
     add("--out", type=Path, default=Path("runs/demo"), metavar="DIR", help="default: runs/demo")
     arguments = parser.parse_args()
@@ -90,6 +90,8 @@ def demo(piece: str, seconds: float, out: Path, seed: int, steps: int) -> Iterat
     with bar("imitation", EPOCHS) as tell:
         cloned = clone(DATASET, folder=out / "cloned", seed=seed, epochs=EPOCHS, on_epoch=tell)
     yield row("cloned", evaluate(cloned.folder.path).mean)
+    if steps == 0:
+        return
 
     settings = load_fine_tuning("sac", player=cloned.folder.path, seed=seed, n_timesteps=steps)
     trained = train(settings, out / "trained").folder.path

@@ -278,7 +278,7 @@ def keep_base(run: RunFolder, config: PlayConfig) -> None:
     """Keep a copy of the run that is corrected, if one is, in the folder of the new run."""
     if config.base is not None:
         share(config.base, run.base_dir)
-        run.write_config(config.with_base(str(run.base_dir)))
+        run.write_config(run.read_config().with_base(str(run.base_dir)))
 
 
 def share(

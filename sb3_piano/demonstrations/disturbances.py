@@ -12,8 +12,10 @@ from annotated_types import Ge
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.layers import layers
 from sb3_piano.settings import Number, Unit, checked
 from sb3_piano.simulation import TIP_TRAVEL
+from sb3_piano.wrappers import HandActions
 
 DEFAULT_MEMORY = 0.2
 """Time in which the noise loses most (1 - 1/e) of its memory, s."""
@@ -53,7 +55,8 @@ class ActuatorNoise(CorrelatedNoise):
     """Noise that is added to the actions of a piano environment; the pedal has none.
 
     Args:
-        env: A piano environment, wrapped or not, whose actions are those of the bare one.
+        env: A piano environment, wrapped or not, whose actions are those of the bare one, or of
+            :class:`~sb3_piano.wrappers.HandActions`.
         std: Standard deviation of the actuators' targets, rad, at least 0; for the forearms 6 cm
             for each rad.
         memory: Time in which the correlation falls to 1/e, s; 0 for noise without memory.
@@ -71,13 +74,18 @@ class ActuatorNoise(CorrelatedNoise):
                 f"Noise of {std} rad cannot be added in a {type(piano).__name__}: expected a piano "
                 "environment, or no noise."
             )
-        if env.action_space.shape != piano.action_space.shape:
+        units = np.where(piano.scene.actuator_kind == "forearm", TIP_TRAVEL, 1.0)
+        by_hand = next((one for one in layers(env) if isinstance(one, HandActions)), None)
+        if env.action_space.shape == piano.action_space.shape:
+            std_of_actions = np.append(piano.action_map.change(std * units), 0.0)
+        elif by_hand is not None and env.action_space is by_hand.action_space:
+            std_of_actions = std * units / np.abs(by_hand.reach)
+        else:
             raise ConfigError(
                 f"Noise of {std} rad cannot be added to actions of shape {env.action_space.shape}: "
-                f"expected those of the piano itself, {piano.action_space.shape}, or no noise."
+                f"expected those of the piano itself, {piano.action_space.shape}, or of "
+                "sb3_piano.wrappers.HandActions, or no noise."
             )
-        units = np.where(piano.scene.actuator_kind == "forearm", TIP_TRAVEL, 1.0)
-        std_of_actions = np.append(piano.action_map.change(std * units), 0.0)
         super().__init__(std_of_actions, memory, piano.config.control_timestep)
 
 

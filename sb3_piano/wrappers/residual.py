@@ -57,13 +57,21 @@ class Residual(gym.Wrapper[Any, Any, Any, Any], CorrectsHandActions):
         Raises:
             InvalidActionError: If the action has the wrong shape.
         """
+        self._seen, *result = self.env.step(self.corrected(self._seen, action))
+        return self._seen, *result
+
+    def corrected(self, observation: Any, action: Any) -> Float32Array:
+        """Return what is played of an observation with the agent's action.
+
+        Raises:
+            InvalidActionError: If the action has the wrong shape.
+        """
         correction = np.asarray(action, dtype=np.float32)
         if correction.shape != self._reach.shape:
             raise InvalidActionError(
                 f"The action has shape {correction.shape}: expected {self._reach.shape}, one "
                 "number for each actuator and none for the pedal."
             )
-        played = self.base_action(self._seen)
+        played = self.base_action(observation)
         played[: len(correction)] += self._reach * np.minimum(np.maximum(correction, -1.0), 1.0)
-        self._seen, *result = self.env.step(np.minimum(np.maximum(played, -1.0), 1.0))
-        return self._seen, *result
+        return np.minimum(np.maximum(played, -1.0), 1.0)

@@ -12,7 +12,7 @@ from linear_players import pendulum
 
 from sb3_piano.demonstrations import ActuatorNoise, PerturbedStart
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.wrappers import KeyRange
+from sb3_piano.wrappers import HandActions, KeyRange
 
 FOREARMS = [f"{side}_shadow_hand/forearm_{axis}" for side in ("rh", "lh") for axis in ("tx", "ty")]
 
@@ -51,6 +51,16 @@ def test_noise_has_its_deviation_in_radians_and_6_cm_for_each_in_metres(piano, r
     assert forearm.sum() == 4
     np.testing.assert_allclose(std[~forearm], 0.05, rtol=0.06)
     np.testing.assert_allclose(std[forearm], 0.003, rtol=0.06)
+
+
+@pytest.mark.parametrize("reach", [1.2, 0.3])
+def test_noise_on_actions_of_hands_moves_targets_as_much(piano, reach):
+    env = HandActions(piano(), reach)
+    of_piano = ActuatorNoise(env.env, 0.05).sample(np.random.default_rng(3))
+    of_hands = ActuatorNoise(env, 0.05).sample(np.random.default_rng(3))
+    assert of_hands.shape == env.action_space.shape
+    [moved] = moved_targets(env.env, [of_piano])
+    np.testing.assert_allclose(of_hands * np.abs(env.reach), moved, rtol=1e-6)
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.2])

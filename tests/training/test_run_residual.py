@@ -13,10 +13,12 @@ import yaml
 from stable_baselines3 import SAC
 
 from sb3_piano.cli import main
+from sb3_piano.demonstrations import record
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.envs.actions import hand_action_unit
 from sb3_piano.exceptions import ConfigError, InvalidActionError, RunError
 from sb3_piano.hyperparams import FINE_TUNING
+from sb3_piano.layers import layers
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.policies import hand_weights
 from sb3_piano.training import (
@@ -24,11 +26,14 @@ from sb3_piano.training import (
     RunFolder,
     RunResidual,
     SavedPlayer,
+    clone,
     evaluate,
     load_fine_tuning,
     share,
     train,
 )
+from sb3_piano.training.configuration.config import Plugin
+from sb3_piano.training.playing.player import run_to_record
 from sb3_piano.training.runs.builders import build_env
 from sb3_piano.wrappers import PitchShift
 
@@ -72,11 +77,11 @@ def base(made, tmp_path, monkeypatch):
     return RunFolder(Path("base"))
 
 
-def correcting(algo="sac", **settings):
+def correcting(algo="sac", player=Path("base"), **settings):
     entry = yaml.safe_load(FINE_TUNING[algo].read_text())["default"]
     policy = {**entry["policy_kwargs"], "critic_first": 0}
     brief = {**BRIEF, "policy_kwargs": policy, "callback": entry["callback"][:1], **settings}
-    return load_fine_tuning(algo, player=Path("base").absolute(), seed=0, **brief)
+    return load_fine_tuning(algo, player=player.absolute(), seed=0, **brief)
 
 
 def test_an_action_of_0_plays_as_the_run_and_others_change_all_but_the_pedal(base):
@@ -188,6 +193,79 @@ def test_of_a_run_that_sees_hands_each_hand_is_corrected_by_one_network(base, ag
         np.testing.assert_allclose(seen["standardize.mean"], mean.mean(axis=0), rtol=1e-5)
         spread = (std**2).mean(axis=0) + mean.var(axis=0)
         np.testing.assert_allclose(seen["standardize.scale"], 1 / np.sqrt(spread), rtol=1e-5)
+
+
+@pytest.fixture
+def recorded(tmp_path, monkeypatch):
+    """Return a function that records a run, once without noise and once with."""
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
+
+    def start(folder):
+        with run_to_record(folder) as (player, env, _):
+            return record(player, env, "played-v0", episodes=2, noise=(0.0, 0.1))
+
+    return start
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by_hand", [False, True])
+def test_what_a_correction_plays_is_recorded_without_it_and_can_be_cloned(
+    base, recorded, by_hand, monkeypatch
+):
+    config = base.read_config()
+    if by_hand:
+        config = dataclasses.replace(
+            config.in_env(observation="hands", physics="reference"),
+            env_wrapper=(*config.env_wrapper, Plugin(path="sb3_piano.wrappers.HandActions")),
+        )
+    corrected = train(config, "corrected", progress_bar=False).folder
+    correction = correcting(player=corrected.path, n_timesteps=80)
+    assert len(correction.vec_env_wrapper) == by_hand
+    run = train(correction, "run", progress_bar=False).folder
+    wanted = evaluate(run.path).mean
+    played = recorded(run.path)
+    monkeypatch.chdir("datasets")
+    assert played.episodes[0]["f1"] == wanted["f1"]
+    assert played.episodes[0]["return"] == pytest.approx(wanted["return"])
+    assert played.episodes[1]["return"] != pytest.approx(wanted["return"])
+
+    clean, disturbed = played.dataset
+    assert np.abs(disturbed.actions - disturbed.infos["expert_action"][:-1]).max() > 0.01
+    [notes] = played.dataset.storage.get_episode_metadata([0])
+    with contextlib.closing(played.dataset.recover_environment()) as env:
+        assert not [layer for layer in layers(env) if isinstance(layer, RunResidual)]
+        env.reset(seed=notes["seed"])
+        rewards = [env.step(action)[1] for action in clean.actions]
+    assert sum(rewards) == pytest.approx(wanted["return"])
+    again = clone(played.dataset, folder="clone", epochs=2, net_arch=(8,), seed=0).folder
+    assert len(correcting(player=again.path).vec_env_wrapper) == by_hand
+
+
+@pytest.mark.slow
+def test_a_run_whose_hands_are_agents_is_recorded(base, recorded):
+    acting = ["sb3_piano.wrappers.HandActions", "sb3_piano.wrappers.HandReward"]
+    config = dataclasses.replace(
+        base.read_config().in_env(observation="hands"),
+        env_wrapper=(*base.read_config().env_wrapper, *(Plugin(path=path) for path in acting)),
+        vec_env_wrapper=(Plugin(path="sb3_piano.vec_env.HandsAsAgents"),),
+    )
+    run = train(config, "hands", progress_bar=False).folder
+    played = recorded(run.path)
+    assert played.dataset.action_space.shape == (38,)
+    assert played.episodes[0]["f1"] == evaluate(run.path).mean["f1"]
+
+
+def test_what_sees_or_acts_around_a_correction_is_not_recorded(base):
+    config = correcting(n_timesteps=2, learning_starts=100)
+    bounds = {"min_action": -1, "max_action": 1}
+    rescaled = Plugin(path="gymnasium.wrappers.RescaleAction", kwargs=bounds)
+    config = dataclasses.replace(config, env_wrapper=(*config.env_wrapper, rescaled))
+    run = train(config, "run", progress_bar=False).folder
+    with (
+        pytest.raises(ConfigError, match="change the action_space around the RunResidual"),
+        run_to_record(run.path),
+    ):
+        pass
 
 
 def test_the_left_hand_is_corrected_in_the_mirror(base):

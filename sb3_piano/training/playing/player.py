@@ -19,6 +19,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
 from sb3_piano.demonstrations import PerturbedStart
+from sb3_piano.demonstrations.recording import Predictor
 from sb3_piano.envs import EpisodeRecorder, PianoEnv, Recording
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
 from sb3_piano.files import write_bytes
@@ -29,9 +30,16 @@ from sb3_piano.players import HandModel
 from sb3_piano.settings import Count, Index, checked
 from sb3_piano.threads import torch_threads
 from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
-from sb3_piano.training.runs.builders import Env, build_env, build_planner, build_vec_env
+from sb3_piano.training.runs.builders import (
+    Env,
+    build_env,
+    build_planner,
+    build_vec_env,
+    refuse_other_vectors,
+)
 from sb3_piano.training.runs.folder import RunFolder, unwritable
 from sb3_piano.training.runs.saved import load_player, load_statistics, model_files, pack_weights
+from sb3_piano.wrappers.residual import Residual
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
 
@@ -153,9 +161,13 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         deterministic: bool = False,
     ) -> tuple[Any, Any]:
         """Return what the model plays for an observation as the environment gives it."""
+        agents = self._venv.num_envs
+        if agents > 1:  # hands, each of which observes its half
+            observation = observation.reshape(agents, -1)
         if isinstance(self._venv, VecNormalize):
             observation = self._venv.normalize_obs(observation)
-        return self._predict(observation, state, episode_start, deterministic)
+        action, state = self._predict(observation, state, episode_start, deterministic)
+        return (action.reshape(-1) if agents > 1 else action), state
 
     def close(self) -> None:
         """Close the environment."""
@@ -236,24 +248,51 @@ def _own_piece(run: RunFolder, config: PlayConfig, env: Env) -> str:
 @contextlib.contextmanager
 def run_to_record(
     folder: str | os.PathLike[str], *, best: str | None = None, start: float = 0.0
-) -> Iterator[tuple[SavedPlayer | PianoPolicy, Env, PlayConfig]]:
+) -> Iterator[tuple[Predictor, Env, PlayConfig]]:
     """Give a run's player, an environment with the run's wrappers, and its settings.
 
     They are for :func:`~sb3_piano.demonstrations.record`, as long as the block lasts; the hands
-    begin out of place by ``start``, rad.
+    begin out of place by ``start``, rad. Of a correction it is the environment inside of it, in
+    which the player plays what it corrects as corrected: who learns that needs neither.
     """
-    config = RunFolder.open(folder).read_config()
-    if isinstance(config, RunConfig) and config.vec_env_wrapper:
-        raise ConfigError(
-            f"Run '{folder}' cannot be recorded: it has {config.vec_env_wrapper[0].path} around "
-            "the vector of its environments. Expected no vec_env_wrapper."
-        )
+    config = RunFolder.open(Path(folder).absolute()).read_config()  # a data set lies elsewhere
+    refused = f"Run '{folder}' cannot be recorded"
+    if isinstance(config, RunConfig):
+        refuse_other_vectors(config, refused)
     with (
         SavedPlayer.open(folder, best=best) as player,
         contextlib.closing(env_to_record(config, start)) as env,
     ):
+        residual = next((layer for layer in layers(env) if isinstance(layer, Residual)), None)
+        if residual is not None:
+            _check_nothing_between(residual, env, refused)
+            yield _Corrected(player, residual), residual.env, config
+            return
         planned = isinstance(config, PlannedConfig)  # such play only where they are made for
         yield build_planner(config, env) if planned else player, env, config
+
+
+@dataclass(frozen=True, eq=False)
+class _Corrected:
+    """Player of a correction and of what it corrects, together."""
+
+    player: SavedPlayer
+    residual: Residual
+
+    def predict(self, observation: Any, *arguments: Any, **named: Any) -> tuple[Any, Any]:
+        """Return what they play."""
+        correction, state = self.player.predict(observation, *arguments, **named)
+        return self.residual.corrected(observation, correction), state
+
+
+def _check_nothing_between(residual: Residual, env: Env, refused: str) -> None:
+    """Refuse wrappers around a correction through which it is seen or acts otherwise."""
+    for name in ("observation_space", "action_space"):
+        if getattr(env, name) is not getattr(residual, name):  # a wrapper has its own
+            raise ConfigError(
+                f"{refused}: it has wrappers that change the {name} around the "
+                f"{type(residual).__name__}. Expected none."
+            )
 
 
 def _hand_model(player: SavedPlayer) -> HandModel | None:

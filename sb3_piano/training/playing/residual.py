@@ -15,11 +15,9 @@ from sb3_piano.envs.actions import hand_action_unit
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.settings import Positive, checked
 from sb3_piano.training.configuration.config import CorrectsRun, RunConfig
-from sb3_piano.training.configuration.names import import_name
-from sb3_piano.training.runs.builders import normalized
+from sb3_piano.training.runs.builders import normalized, refuse_other_vectors
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.saved import load_player, load_statistics, model_files
-from sb3_piano.vec_env import HandsAsAgents
 from sb3_piano.wrappers.hand_actions import hand_actions_of
 from sb3_piano.wrappers.piano import piano_of
 from sb3_piano.wrappers.residual import Residual
@@ -87,13 +85,10 @@ def _model_of(run: str | os.PathLike[str], env: gym.Env[Any, Any]) -> tuple[Base
     """Return the model of a run for an environment like its own, and the vector that it sees."""
     folder = RunFolder.open(run)
     config = folder.read_config()
-    if not isinstance(config, RunConfig) or any(
-        import_name(plugin.path) is not HandsAsAgents for plugin in config.vec_env_wrapper
-    ):
-        raise ConfigError(
-            f"Run '{folder.path}' cannot be corrected: expected a training without "
-            "vec_env_wrapper, or with sb3_piano.vec_env.HandsAsAgents alone."
-        )
+    refused = f"Run '{folder.path}' cannot be corrected"
+    if not isinstance(config, RunConfig):
+        raise ConfigError(f"{refused}: it was not trained. Expected a training, or a clone.")
+    refuse_other_vectors(config, refused)
     model_file, statistics = model_files(folder, config)
     venv: VecEnv = DummyVecEnv([lambda: env])
     for plugin in config.vec_env_wrapper:

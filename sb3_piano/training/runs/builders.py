@@ -31,14 +31,14 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.players import player_class
 from sb3_piano.training.configuration.config import PlayConfig, RunConfig
-from sb3_piano.training.configuration.names import import_class, registered_id
+from sb3_piano.training.configuration.names import import_class, import_name, registered_id
 from sb3_piano.training.configuration.values import (
     classes_made,
     dataclass_made,
     linear_start,
     parameters_of,
 )
-from sb3_piano.vec_env import ProcessVecEnv, ThreadVecEnv
+from sb3_piano.vec_env import HandsAsAgents, ProcessVecEnv, ThreadVecEnv
 
 Env = gym.Env[Any, Any]
 
@@ -132,6 +132,21 @@ def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> Ve
     for plugin in config.vec_env_wrapper:
         venv = plugin(venv)
     return normalized(config, venv)
+
+
+def refuse_other_vectors(config: RunConfig, what: str) -> None:
+    """Refuse a run whose model does not act by what one environment observes.
+
+    Raises:
+        ConfigError: If its ``vec_env_wrapper`` is another than HandsAsAgents; ``what`` begins the
+            message.
+    """
+    for plugin in config.vec_env_wrapper:
+        if import_name(plugin.path) is not HandsAsAgents:
+            raise ConfigError(
+                f"{what}: it has {plugin.path} around the vector of its environments. Expected no "
+                "vec_env_wrapper, or sb3_piano.vec_env.HandsAsAgents alone."
+            )
 
 
 def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:

@@ -200,7 +200,7 @@ def train_all(study: Study, out: Path, jobs: int) -> None:
     context = multiprocessing.get_context("spawn")
     with (
         Progress(console=Console(stderr=True)) as progress,
-        concurrent.futures.ProcessPoolExecutor(jobs, context) as pool,
+        concurrent.futures.ProcessPoolExecutor(jobs, context, max_tasks_per_child=1) as pool,
     ):
         bar = progress.add_task(f"{len(todo)} trainings of {study.minutes:g} min", total=len(todo))
         futures = {

@@ -38,7 +38,13 @@ from sb3_piano.training.runs.builders import (
     refuse_other_vectors,
 )
 from sb3_piano.training.runs.folder import RunFolder, unwritable
-from sb3_piano.training.runs.saved import load_player, load_statistics, model_files, pack_weights
+from sb3_piano.training.runs.saved import (
+    act,
+    load_player,
+    load_statistics,
+    model_files,
+    pack_weights,
+)
 from sb3_piano.wrappers.residual import Residual
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
@@ -161,13 +167,8 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         deterministic: bool = False,
     ) -> tuple[Any, Any]:
         """Return what the model plays for an observation as the environment gives it."""
-        agents = self._venv.num_envs
-        if agents > 1:  # hands, each of which observes its half
-            observation = observation.reshape(agents, -1)
-        if isinstance(self._venv, VecNormalize):
-            observation = self._venv.normalize_obs(observation)
-        action, state = self._predict(observation, state, episode_start, deterministic)
-        return (action.reshape(-1) if agents > 1 else action), state
+        with torch_threads():
+            return act(self.model, self._venv, observation, state, episode_start, deterministic)
 
     def close(self) -> None:
         """Close the environment."""
@@ -175,10 +176,6 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
 
     def __exit__(self, *error: object) -> None:
         self.close()
-
-    def _predict(self, observation: Any, *arguments: Any) -> tuple[Any, Any]:
-        with torch_threads():
-            return self.model.predict(observation, *arguments)
 
     def _record(self, seed: int | None, *, resting: bool) -> Iterator[Recording]:
         seed = checked("seed", self.config.seed if seed is None else seed, Index | None)
@@ -193,7 +190,8 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         while True:
             # While the hands rest, nobody hears what is asked; to search for it would take long.
             if action is None or not self._recorder.resting:
-                action, state = self._predict(observation, state, starts, True)
+                with torch_threads():
+                    action, state = self.model.predict(observation, state, starts, True)
             observation, _, starts, _ = self._venv.step(action)
             if self._recorder.finished:
                 yield self._recorder.finished.pop()

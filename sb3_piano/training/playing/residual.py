@@ -17,7 +17,7 @@ from sb3_piano.settings import Positive, checked
 from sb3_piano.training.configuration.config import CorrectsRun, RunConfig
 from sb3_piano.training.runs.builders import normalized, refuse_other_vectors
 from sb3_piano.training.runs.folder import RunFolder
-from sb3_piano.training.runs.saved import load_player, load_statistics, model_files
+from sb3_piano.training.runs.saved import act, load_player, load_statistics, model_files
 from sb3_piano.wrappers.hand_actions import hand_actions_of
 from sb3_piano.wrappers.piano import piano_of
 from sb3_piano.wrappers.residual import Residual
@@ -60,25 +60,20 @@ class RunResidual(Residual, gym.utils.RecordConstructorArgs, CorrectsRun):
                 )
             reach = np.full(inside.reach.shape, rad / np.abs(inside.reach).max())
         super().__init__(env, reach)
-        self._model, venv = _model_of(run, env)
-        self._agents = venv.num_envs
-        self._normalizer = venv if isinstance(venv, VecNormalize) else None
+        self._model, self._venv = _model_of(run, env)
 
     @property
     def standardization(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation, (n,), by which the model takes observations, or 0 and 1."""
-        if self._normalizer is None or not self._normalizer.norm_obs:
+        if not isinstance(self._venv, VecNormalize) or not self._venv.norm_obs:
             size = gym.spaces.flatdim(self._model.observation_space)
             return np.zeros(size), np.ones(size)
-        statistics: Any = self._normalizer.obs_rms
-        return statistics.mean, np.sqrt(statistics.var + self._normalizer.epsilon)
+        statistics: Any = self._venv.obs_rms
+        return statistics.mean, np.sqrt(statistics.var + self._venv.epsilon)
 
     def base_action(self, observation: Any) -> Float32Array:
         """Return the model's action, without exploring."""
-        seen = observation.reshape(self._agents, -1) if self._agents > 1 else observation
-        if self._normalizer is not None:
-            seen = self._normalizer.normalize_obs(seen)
-        return np.array(self._model.predict(seen, deterministic=True)[0]).reshape(-1)
+        return np.array(act(self._model, self._venv, observation, None, None, True)[0])
 
 
 def _model_of(run: str | os.PathLike[str], env: gym.Env[Any, Any]) -> tuple[BaseAlgorithm, VecEnv]:

@@ -124,6 +124,22 @@ def load_player(config: PlayConfig, path: Path, venv: VecEnv) -> BaseAlgorithm |
     return model
 
 
+def act(
+    model: BaseAlgorithm | PianoPolicy, venv: VecEnv, observation: Any, *arguments: Any
+) -> tuple[Any, Any]:
+    """Return what a model plays for what one environment shows, and its state.
+
+    ``venv`` is the vector of that environment; where hands are agents, each observes its half.
+    ``arguments`` are those of ``predict`` after the observation.
+    """
+    agents = venv.num_envs
+    seen = observation.reshape(agents, -1) if agents > 1 else observation
+    if isinstance(venv, VecNormalize):
+        seen = venv.normalize_obs(seen)
+    action, state = model.predict(seen, *arguments)
+    return (action.reshape(-1) if agents > 1 else action), state
+
+
 def load_statistics(config: PlayConfig, path: Path | None, venv: VecEnv) -> None:
     """Set the statistics of ``VecNormalize``, of :func:`model_files`, if there are any."""
     if path is None or not isinstance(venv, VecNormalize):

@@ -48,7 +48,11 @@ def whole_number(text: str) -> int:
 _SHARED: dict[str, tuple[Any, ...]] = {
     "--best": ("METRIC", "play the best model by f1 or onset_f1, not the last one"),
     "--physics": ("NAME", "reference or fast; default: what it was trained on"),
-    "--config": ("FILE.yml", "hyperparameters; default: the algorithm's preset"),
+    "--config": (
+        "FILE.yml|NAME",
+        "hyperparameters: a file, or fast, robopianist, robovirtuoso or sac_vs_td3; default: the "
+        "algorithm's preset",
+    ),
     "--runs-dir": ("DIR", "where runs are kept; default: runs"),
     "--run": ("DIR", "the run's folder, in place of one in --runs-dir"),
     "--num-threads": (

@@ -111,9 +111,10 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _presets(arguments: argparse.Namespace) -> int:
-    from sb3_piano.hyperparams import FAST, FINE_TUNING, PRESETS
+    from sb3_piano.hyperparams import FINE_TUNING, NAMED, PRESETS
 
-    print(*PRESETS.values(), *FAST.values(), *FINE_TUNING.values(), sep="\n")
+    for files in (PRESETS, *NAMED.values(), FINE_TUNING):
+        print(*files.values(), sep="\n")
     return EXIT_OK
 
 

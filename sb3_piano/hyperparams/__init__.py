@@ -9,8 +9,12 @@ _HERE = Path(__file__).parent
 PRESETS = {path.stem: path for path in sorted(_HERE.glob("*.yml"))}
 """The files by the name of their algorithm."""
 
-FAST = {path.stem: path for path in sorted(_HERE.glob("fast/*.yml"))}
-"""Files with settings of our own for learning from nothing, likewise."""
+NAMED = {
+    name: {path.stem: path for path in sorted(_HERE.glob(f"{name}/*.yml"))}
+    for name in ("fast", "robopianist", "robovirtuoso", "sac_vs_td3")
+}
+"""Files of the same kind by the name of a set, then of the algorithm: "fast" are settings of our
+own for learning from nothing, the others those of one publication each."""
 
 SIGHT_READER = _HERE / "sight_reader" / "ppo.yml"
 """PPO on many pieces, from a distilled network of a hand."""

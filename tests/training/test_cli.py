@@ -13,7 +13,7 @@ import yaml
 import sb3_piano
 from sb3_piano.cli import main
 from sb3_piano.envs import ENV_IDS
-from sb3_piano.hyperparams import FAST, FINE_TUNING, PRESETS
+from sb3_piano.hyperparams import FINE_TUNING, NAMED, PRESETS
 from sb3_piano.music import Note, Score, load_score, write_midi
 from sb3_piano.music.library import Library
 
@@ -121,7 +121,7 @@ def test_steps_are_a_whole_number(steps, capsys):
 
 def test_presets_and_environments_are_listed(capsys):
     assert main(["presets"]) == 0
-    files = [*PRESETS.values(), *FAST.values(), *FINE_TUNING.values()]
+    files = [file for of_set in (PRESETS, *NAMED.values(), FINE_TUNING) for file in of_set.values()]
     assert capsys.readouterr().out.split() == [str(path) for path in files]
     assert main(["envs"]) == 0
     listed = capsys.readouterr().out.split()

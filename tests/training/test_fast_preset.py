@@ -8,7 +8,7 @@ import pytest
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.hyperparams import FAST, PRESETS
+from sb3_piano.hyperparams import NAMED, PRESETS
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.training import evaluate, load_config, share, train
 from sb3_piano.training.runs.builders import build_vec_env
@@ -16,12 +16,14 @@ from sb3_piano.vec_env import HandsAsAgents
 
 
 def test_the_name_stands_for_the_file():
-    assert list(FAST) == ["sac"]
+    assert list(NAMED["fast"]) == ["sac"]
     config = load_config("sac", "RoboPianist-v0", "fast", seed=0)
-    assert config == load_config("sac", "RoboPianist-v0", FAST["sac"], seed=0)
+    assert config == load_config("sac", "RoboPianist-v0", NAMED["fast"]["sac"], seed=0)
     assert config != load_config("sac", "RoboPianist-v0", PRESETS["sac"], seed=0)
     with pytest.raises(ConfigError, match="No preset 'fast' comes with this package for 'td3'"):
         load_config("td3", "RoboPianist-v0", "fast")
+    with pytest.raises(ConfigError, match=r"no preset of that name.* Did you mean 'fast'\?"):
+        load_config("sac", "RoboPianist-v0", "fest")
 
 
 @pytest.mark.parametrize("env_id", ["RoboPianist-debug-CMajorScaleTwoHands-v0", "RoboPianist-v0"])

@@ -11,13 +11,10 @@ from typing import Any
 import yaml
 
 from sb3_piano.exceptions import ConfigError, near_names, one_line
-from sb3_piano.hyperparams import FAST, PRESETS
+from sb3_piano.hyperparams import NAMED, PRESETS
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
 from sb3_piano.training.configuration.values import coerce_mapping
-
-FAST_PRESET = "fast"
-"""Name of this package's own settings, in place of a file's."""
 
 _DEFAULT_ENTRY = "default"
 # Not hyperparameters: they say which entry of which file is read.
@@ -36,8 +33,9 @@ def load_config(
     Args:
         algo: Name of the algorithm.
         env_id: Id of the environment, or ``module:Id``.
-        path: The YAML file, or "fast" for this package's own settings; by default its preset, which
-            is of published ones.
+        path: The YAML file, or the name of a set of presets, one of
+            :data:`~sb3_piano.hyperparams.NAMED`, such as "fast"; by default its preset, which is of
+            published settings.
         **overrides: Keys to take instead of the entry's. ``env_kwargs`` are added to the entry's.
 
     Raises:
@@ -99,7 +97,7 @@ def _loaded(
 ) -> tuple[dict[str, Any], RunConfig]:
     algorithm_class(algo)
     _, name = registered_id(env_id)
-    file = _preset(algo, path) if path in (None, FAST_PRESET) else Path(path)
+    file = _preset(algo, path) if path is None or path in NAMED else _own_file(path)
     entry_name, found = _entry_of(file, name)
     try:
         entry = _merged(found, overrides)
@@ -109,9 +107,20 @@ def _loaded(
         raise ConfigError(f"'{file}', entry {entry_name!r}{given}: {error}") from error
 
 
-def _preset(algo: str, name: str | None) -> Path:
+def _own_file(path: str | os.PathLike[str]) -> Path:
+    """Return the path of a file, unless it is a name and no file has it."""
+    file = Path(path)
+    if not file.suffix and not file.exists():
+        raise ConfigError(
+            f"There is no file '{file}', and no preset of that name: expected a YAML file, or one "
+            f"of {', '.join(NAMED)}.{near_names(str(file), NAMED)}"
+        )
+    return file
+
+
+def _preset(algo: str, name: str | os.PathLike[str] | None) -> Path:
     """Return the file that comes with this package."""
-    known = PRESETS if name is None else FAST
+    known = PRESETS if name is None else NAMED[str(name)]
     if algo not in known:
         kind = "preset" if name is None else f"preset {name!r}"
         raise ConfigError(

@@ -258,7 +258,7 @@ def report(study: Study, out: Path) -> None:
         means = [(mean_of([a for a, _ in ends]), mean_of([b for _, b in ends])) for ends in whole]
         print_row(f"**{name}**", "mean", means)
     for column, piece in enumerate(study.pieces):
-        axes[0, column].set_title(piece.name)
+        axes[0, column].set_title(piece.name.removeprefix("debug-"), fontsize=9)
         axes[-1, column].set_xlabel("minutes of one core")
     for row, label in enumerate(METRICS.values()):
         axes[row, 0].set(ylabel=label, ylim=(-0.02, 1.02))

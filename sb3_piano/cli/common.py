@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sb3_piano.exceptions import ConfigError, SB3PianoError
+from sb3_piano.hyperparams import NAMED
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -50,8 +51,7 @@ _SHARED: dict[str, tuple[Any, ...]] = {
     "--physics": ("NAME", "reference or fast; default: what it was trained on"),
     "--config": (
         "FILE.yml|NAME",
-        "hyperparameters: a file, or fast, robopianist, robovirtuoso or sac_vs_td3; default: the "
-        "algorithm's preset",
+        f"hyperparameters: a file, or one of {', '.join(NAMED)}; default: the algorithm's preset",
     ),
     "--runs-dir": ("DIR", "where runs are kept; default: runs"),
     "--run": ("DIR", "the run's folder, in place of one in --runs-dir"),

@@ -250,8 +250,8 @@ def run_to_record(
     """Give a run's player, an environment with the run's wrappers, and its settings.
 
     They are for :func:`~sb3_piano.demonstrations.record`, as long as the block lasts; the hands
-    begin out of place by ``start``, rad. Of a correction it is the environment inside of it, in
-    which the player plays what it corrects as corrected: who learns that needs neither.
+    begin out of place by ``start``, rad. Of a run that corrects another one, the environment is
+    that without the correction, and the player plays the corrected actions in it.
     """
     config = RunFolder.open(Path(folder).absolute()).read_config()  # a data set lies elsewhere
     refused = f"Run '{folder}' cannot be recorded"
@@ -284,7 +284,7 @@ class _Corrected:
 
 
 def _check_nothing_between(residual: Residual, env: Env, refused: str) -> None:
-    """Refuse wrappers around a correction through which it is seen or acts otherwise."""
+    """Refuse wrappers around a correction that change its observations or its actions."""
     for name in ("observation_space", "action_space"):
         if getattr(env, name) is not getattr(residual, name):  # a wrapper has its own
             raise ConfigError(

@@ -14,6 +14,7 @@ import numpy as np
 from sb3_piano.envs import ScoreTransform
 from sb3_piano.layers import layers
 from sb3_piano.music import Score
+from sb3_piano.settings import Share, checked
 from sb3_piano.wrappers.piano import piano_of
 
 
@@ -131,12 +132,15 @@ _REMEMBERED = 16
 class ScoreChange(ScoreWrapper, ABC):
     """Change each score by a value, which may be another one in each episode.
 
+    With a ``probability`` below 1 the other episodes play the score as it is.
+
     The same change of the same score gives the same object for as long as it is among the last 16.
     The environment then keeps the goal that it has prepared of it.
     """
 
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
+    def __init__(self, env: gym.Env[Any, Any], probability: float = 1.0) -> None:
         super().__init__(env)
+        self._probability: float = checked("probability", probability, Share)
         self._recent: deque[tuple[Score, Any, Score]] = deque(maxlen=_REMEMBERED)
 
     @abstractmethod
@@ -156,12 +160,19 @@ class ScoreChange(ScoreWrapper, ABC):
         """
 
     def change(self, score: Score, random: np.random.Generator) -> Score:
-        """Return a score changed by the value that is drawn."""
+        """Return a score changed by the value that is drawn, or the score as it is."""
+        # Nothing is drawn for a certain change: seeds give the pieces that they gave without it.
+        if self._probability < 1 and random.random() >= self._probability:
+            return score
         return self._remembered(score, self.draw(score, random))
 
     def extremes(self, score: Score) -> list[Score]:
-        """Return a score changed by the extreme values."""
-        return [self._remembered(score, value) for value in self.extreme_values(score)]
+        """Return a score changed by the extreme values, and as it is where it may stay so."""
+        unchanged = [score] if self._probability < 1 else []
+        if self._probability == 0:
+            return unchanged
+        changed = [self._remembered(score, value) for value in self.extreme_values(score)]
+        return unchanged + changed
 
     def _remembered(self, score: Score, value: Any) -> Score:
         # The score itself is compared, not its id(), which does not outlive copying and pickling.

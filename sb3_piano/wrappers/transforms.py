@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
@@ -18,8 +18,16 @@ from sb3_piano.wrappers.score_wrapper import ScoreChange, possible_scores
 class KeyShift(ScoreChange):
     """Shift each piece by steps of some semitones: a fixed number, or one drawn from a pair."""
 
-    def __init__(self, env: gym.Env[Any, Any], name: str, steps: Any, *, semitones: int) -> None:
-        super().__init__(env)
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        name: str,
+        steps: Any,
+        probability: float,
+        *,
+        semitones: int,
+    ) -> None:
+        super().__init__(env, probability)
         self._lowest, self._highest, self._is_drawn = _ends(name, steps, Whole)
         self._semitones = semitones
         possible_scores(self)  # raises if a piece cannot be shifted
@@ -58,16 +66,22 @@ class PitchShift(KeyShift, gym.utils.RecordConstructorArgs):
         env: A piano environment, wrapped or not.
         semitones: The shift, negative for lower; or a pair of the lowest and the highest to draw
             from, both included.
+        probability: How likely an episode's piece is shifted at all, 0 to 1.
 
     Raises:
-        ConfigError: If ``semitones`` is neither, or ``env`` is no piano.
+        ConfigError: If ``semitones`` is neither, ``probability`` is none, or ``env`` is no piano.
         ScoreError: If a fixed shift takes a note off the keyboard, here for the environment's own
             pieces, at ``reset`` for others.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], semitones: int | Sequence[int]) -> None:
-        gym.utils.RecordConstructorArgs.__init__(self, semitones=semitones)
-        super().__init__(env, "semitones", semitones, semitones=1)
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        semitones: int | Sequence[int],
+        probability: float = 1.0,
+    ) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, semitones=semitones, probability=probability)
+        super().__init__(env, "semitones", semitones, probability, semitones=1)
 
 
 def _room(score: Score) -> tuple[int, int]:
@@ -95,11 +109,21 @@ class OctaveShift(KeyShift, gym.utils.RecordConstructorArgs):
         env: A piano environment, wrapped or not.
         octaves: The shift, negative for lower; or a pair of the lowest and the highest to draw
             from, both included.
+        probability: How likely an episode's piece is shifted at all, 0 to 1.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], octaves: int | Sequence[int]) -> None:
-        gym.utils.RecordConstructorArgs.__init__(self, octaves=octaves)
-        super().__init__(env, "octaves", octaves, semitones=_OCTAVE)
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        octaves: int | Sequence[int],
+        probability: float = 1.0,
+    ) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, octaves=octaves, probability=probability)
+        super().__init__(env, "octaves", octaves, probability, semitones=_OCTAVE)
+
+
+Scale = Literal["logarithmic", "linear"]
+"""Scale on which a drawn factor is uniform."""
 
 
 class TemporalStretch(ScoreChange, gym.utils.RecordConstructorArgs):
@@ -107,35 +131,50 @@ class TemporalStretch(ScoreChange, gym.utils.RecordConstructorArgs):
 
     ``TemporalStretch(env, 2.0)`` makes all pieces twice as long, and with them the episodes.
     ``TemporalStretch(env, [0.5, 2.0])`` draws a factor for each episode, uniformly on a logarithmic
-    scale: twice as fast and twice as slow are equally likely.
+    scale: twice as fast and twice as slow are equally likely. RoboPianist's augmentation, a factor
+    that is uniform around 1 and that acts with a probability, is
+    ``TemporalStretch(env, [0.9, 1.1], scale="linear", probability=0.5)``.
 
     Args:
         env: A piano environment, wrapped or not.
         factor: New length over old length, finite and above 0; or a pair of the least and the
             greatest to draw from.
+        probability: How likely an episode's piece is stretched at all, 0 to 1.
+        scale: On which scale a drawn factor is uniform, "logarithmic" or "linear".
 
     Raises:
-        ConfigError: If ``factor`` is neither, or ``env`` is no piano.
+        ConfigError: If an argument is none of these, or ``env`` is no piano.
         ScoreError: If the factor leaves a note without length, here for the environment's own
             pieces, at ``reset`` for others.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], factor: float | Sequence[float]) -> None:
-        gym.utils.RecordConstructorArgs.__init__(self, factor=factor)
-        super().__init__(env)
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        factor: float | Sequence[float],
+        probability: float = 1.0,
+        scale: Scale = "logarithmic",
+    ) -> None:
+        gym.utils.RecordConstructorArgs.__init__(
+            self, factor=factor, probability=probability, scale=scale
+        )
+        super().__init__(env, probability)
+        self._is_linear = checked("scale", scale, Scale) == "linear"
         self._least, self._greatest, self._is_drawn = _ends("factor", factor, Positive)
         possible_scores(self)  # raises if a piece cannot be stretched
 
     @property
     def draws_times(self) -> bool:
-        """Whether the factor is drawn."""
-        return self._is_drawn
+        """Whether the factor is drawn, or whether there is one."""
+        return self._is_drawn or 0 < self._probability < 1
 
     def draw(self, score: Score, random: np.random.Generator) -> float:
         """Return the factor of this episode."""
         low, high = self._least, self._greatest
         if not self._is_drawn:
             return low
+        if self._is_linear:
+            return random.uniform(low, high)
         drawn = math.exp(random.uniform(math.log(low), math.log(high)))
         return min(max(drawn, low), high)  # rounding may lead beyond the ends
 

@@ -254,6 +254,8 @@ REFUSED = [
     (PitchShift, {"semitones": [1, 2, 3]}, r"semitones is \[1, 2, 3\]: expected one number, or a"),
     (PitchShift, {"semitones": [0, "1"]}, r"semitones\[1\] is '1': expected a whole number"),
     (OctaveShift, {"octaves": [2, 1]}, r"octaves is \[2, 1\]: expected the lower end first"),
+    (PitchShift, {"semitones": 1, "probability": 1.1}, "probability is 1.1: expected a finite"),
+    (TemporalStretch, {"factor": 2, "scale": "log"}, "scale is 'log': expected one of"),
     (TemporalStretch, {"factor": INF}, "factor is inf: expected a finite number above 0"),
     (
         TemporalStretch,

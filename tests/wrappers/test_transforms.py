@@ -15,7 +15,8 @@ from playing_scores import melody, piano, played
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import MAX_PITCH, MIN_PITCH, Note, Score
-from sb3_piano.wrappers import OctaveShift, PitchShift, TemporalStretch
+from sb3_piano.wrappers import Excerpt, OctaveShift, PitchShift, TemporalStretch
+from sb3_piano.wrappers.score_wrapper import possible_scores
 
 
 def shifts(env, score, count):
@@ -166,3 +167,48 @@ def test_a_note_left_without_length_is_an_error_at_once_for_the_own_piece(factor
         TemporalStretch(piano(short), factor)
     with pytest.raises(ScoreError, match="Note 0 of 'short' stretched by 1e-320"):
         TemporalStretch(piano(), 1e-320).reset(options={"score": short})
+
+
+def test_drawn_factors_fill_the_range_evenly_on_a_linear_scale():
+    drawn = factors(TemporalStretch(piano(), [0.5, 2], scale="linear"), 900)
+    thirds = np.histogram(drawn, bins=3, range=(0.5, 2))[0]
+    assert sum(thirds) == 900
+    assert all(250 < count < 350 for count in thirds)
+
+
+@pytest.mark.parametrize(
+    ("wrapper", "value"),
+    [(PitchShift, 3), (PitchShift, [2, 5]), (OctaveShift, 1), (TemporalStretch, 1.5)],
+)
+class TestProbability:
+    def changes(self, env, *, seed=0):
+        random = np.random.default_rng(seed)
+        score = melody(60)
+        return [env.change(score, random) is not score for _ in range(1000)]
+
+    def test_so_many_episodes_play_the_changed_piece(self, wrapper, value):
+        assert 250 < sum(self.changes(wrapper(piano(), value, probability=0.3))) < 350
+
+    def test_zero_never_and_one_always_changes_it(self, wrapper, value):
+        assert not any(self.changes(wrapper(piano(), value, probability=0)))
+        assert all(self.changes(wrapper(piano(), value, probability=1)))
+
+    def test_certainty_draws_no_number(self, wrapper, value):
+        plain, certain = wrapper(piano(), value), wrapper(piano(), value, probability=1.0)
+        assert [played(plain, seed=3) for _ in range(2)] == [
+            played(certain, seed=3) for _ in range(2)
+        ]
+
+    def test_an_unchanged_piece_counts_among_what_may_be_played(self, wrapper, value):
+        env = wrapper(piano(melody(60, 64)), value, probability=0.5)
+        assert melody(60, 64) in possible_scores(env)
+        assert len(possible_scores(env)) > 1
+        assert melody(60, 64) not in possible_scores(wrapper(piano(melody(60, 64)), value))
+
+
+def test_a_part_after_an_uncertain_change_of_times_may_hold_any_note():
+    # Whether note 2 is in the part depends on the stretch, so its key must stay in the range.
+    env = Excerpt(TemporalStretch(piano(melody(60, 62, 64)), 2, probability=0.5), length=2)
+    outer = TemporalStretch(Excerpt(piano(melody(60, 62, 64)), length=2), 2, probability=0.5)
+    assert max(score.pitch_range[1] for score in possible_scores(env)) == 62
+    assert max(score.pitch_range[1] for score in possible_scores(outer)) == 64

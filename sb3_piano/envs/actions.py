@@ -80,7 +80,7 @@ class ActionMap:
 
 
 class HandActionMap:
-    """Maps actions of two right hands, which begin where a hand is, onto the actuators' targets.
+    """Maps actions of right hands, which begin where a hand is, onto the actuators' targets.
 
     An action has one number in [-1, 1] for each actuator, in the scene's order. An actuator is told
     where it is plus its reach times the number, cut at the ends of its control range. The left hand
@@ -123,6 +123,8 @@ class HandActionMap:
 def hand_action_unit(scene: PianoScene) -> FloatArray:
     """Return what moves fingertips alike, (n,) rad, or m for sliders; negative in the mirror."""
     unit = np.array([_UNIT[str(kind)] for kind in scene.actuator_kind])
+    if "left" not in scene.sides:
+        return unit
     slider = len(unit) - 2  # the left hand's last two are its sliders, along the keyboard first
     assert scene.model.actuator(slider).name.endswith("forearm_tx"), "the order of the hand's table"
     unit[slider] *= -1

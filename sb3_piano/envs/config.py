@@ -11,11 +11,15 @@ from annotated_types import Ge, Le
 
 from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.settings import Number, TextOrPath, Unit, Whole, refuse_unknown, settings
 from sb3_piano.simulation import physics_profile
 
 ObservationKind = Literal["roll", "window", "fingers", "hands"]
 """Ways to observe goal and state."""
+
+Hands = Literal["both", "right", "left"]
+"""Both hands, or one of them."""
 
 LookaheadSteps = Annotated[
     Whole,
@@ -64,8 +68,15 @@ class PianoEnvConfig:
     """Silence put before the score, s, in which the hands can take their place."""
     trim_silence: bool = True
     """Start the score at its first note."""
+    hands_in_scene: Hands = "both"
+    """Hands that are there. A hand that is alone has the actions, the observation and the joints of
+    one, no other forearm to touch, and plays its own notes and those that no hand is known of."""
+    hands: Hands = "both"
+    """Hands whose notes are played; those of the other are left out. Where a score does not say
+    which hand plays a note, one is found."""
     reduced_action_space: bool = True
-    """Leave out the joints LFJ5, THJ5 and THJ1 of both hands: 39 actions instead of 45."""
+    """Leave out the joints LFJ5, THJ5 and THJ1 of both hands: 39 actions instead of 45; 20 instead
+    of 23 of one hand."""
     gravity_compensation: bool = True
     """Let forces balance the weight of the hands."""
     physics: str = "reference"
@@ -74,7 +85,7 @@ class PianoEnvConfig:
     """"labels" rewards labelled fingers at their keys; "optimal-transport" any finger near a due
     key (RP1M); "auto" takes labels if the score has any, else optimal transport; "off" is 0."""
     forearm_reward: bool = True
-    """Reward forearms that do not touch; otherwise the term is 0."""
+    """Reward forearms that do not touch; otherwise, and of one hand, the term is 0."""
     reward_weights: Mapping[str, RewardWeight] = dataclasses.field(default_factory=dict)
     """Weights of reward terms by name, in place of the default ones."""
     goal_time: Literal["beginning", "end"] = "beginning"
@@ -104,7 +115,19 @@ class PianoEnvConfig:
         refuse_unknown(self.reward_weights, DEFAULT_REWARD_WEIGHTS, "reward term")
         weights = {**DEFAULT_REWARD_WEIGHTS, **self.reward_weights}
         object.__setattr__(self, "reward_weights", weights)
+        if "both" != self.hands_in_scene != self.hands != "both":
+            raise ConfigError(
+                f"hands is {self.hands!r} and hands_in_scene {self.hands_in_scene!r}: the hand "
+                "whose notes are played is not there. Expected the same hand, or 'both'."
+            )
+        if self.hands_in_scene != "both":
+            object.__setattr__(self, "forearm_reward", False)
         self.n_substeps  # noqa: B018  raises if the timesteps do not fit
+
+    @property
+    def sides(self) -> tuple[Hand, ...]:
+        """Hands of the scene."""
+        return HANDS if self.hands_in_scene == "both" else (self.hands_in_scene,)
 
     @property
     def n_substeps(self) -> int:

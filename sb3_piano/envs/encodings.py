@@ -75,6 +75,7 @@ class RollEncoding(Encoding):
         self._pedal_at = self.layout["sustain"].start
         # What comes first leaves room for the pedal, a number that is not in qpos.
         self._pedal_and_joints = np.concatenate([[0], *scene.joint_qpos])
+        self._labels = scene.fingers
 
     def prepare(self, roll: PianoRoll) -> None:
         """Take a piece; see :meth:`Encoding.prepare`."""
@@ -85,7 +86,7 @@ class RollEncoding(Encoding):
         rows[:steps, :-1] = roll.active[:, self._keys]
         rows[:steps, -1] = roll.sustain
         self._goal = rows.reshape(-1)
-        self._fingers = roll.labelled_fingers().astype(np.float32)
+        self._fingers = roll.labelled_fingers()[:, self._labels].astype(np.float32)
 
     def write(self, step: int, simulation: Simulation, pedal: float) -> Float32Array:
         """Return the observation; see :meth:`Encoding.write`."""
@@ -113,21 +114,23 @@ class FingerEncoding(Encoding):
         self._targets, self._pedal_goal, self._sustain, self._wrong_keys = (
             self.layout[name].slice for name in ("targets", "pedal_goal", "sustain", "wrong_keys")
         )
-        self._joints = slice(self.layout["right_joints"].start, self.layout.size)
         self._joint_qpos = np.concatenate(scene.joint_qpos)
+        self._joints = slice(self.layout.size - len(self._joint_qpos), self.layout.size)
 
     def prepare(self, roll: PianoRoll) -> None:
         """Take a piece; see :meth:`Encoding.prepare`."""
         goals = FingerGoals.of(roll, self._horizon)
-        has_target = goals.key >= 0
+        fingers = self._scene.fingers
+        goal_key = goals.key[:, fingers]
+        has_target = goal_key >= 0
         self._not_due = [int.from_bytes((~due).tobytes()) for due in roll.active]
-        self._key = key = np.where(has_target, goals.key, 0)
+        self._key = key = np.where(has_target, goal_key, 0)
         self._key_geom, self._press_offset = self._scene.press_geometry(key)
         self._has_target, self._scale = has_target, _DM_PER_M * has_target[:, :, None]
-        targets = np.zeros((len(roll), NUM_FINGERS, 8))
+        targets = np.zeros((*key.shape, 8))
         targets[:, :, 4] = has_target
-        targets[:, :, 5] = goals.onset * self._control_timestep
-        targets[:, :, 6] = goals.release * self._control_timestep
+        targets[:, :, 5] = goals.onset[:, fingers] * self._control_timestep
+        targets[:, :, 6] = goals.release[:, fingers] * self._control_timestep
         targets[:, :, 7] = has_target & KEY_IS_BLACK[key]
         # Everything that does not depend on the simulation.
         self._known = np.zeros((len(roll), self.layout.size), dtype=np.float32)
@@ -141,8 +144,9 @@ class FingerEncoding(Encoding):
         depths = simulation.key_state[self._key[step]] * self._has_target[step]
         wrong = (int.from_bytes(simulation.sounding) & self._not_due[step]).bit_count()
         observation: Float32Array = self._known[step].copy()
-        targets = observation[self._targets].reshape(NUM_FINGERS, 8)  # a view
-        targets[:, :3] = (points - simulation.fingertips) * self._scale[step]
+        targets = observation[self._targets].reshape(-1, 8)  # a view
+        tips = simulation.fingertips.take(self._scene.fingers, axis=0)
+        targets[:, :3] = (points - tips) * self._scale[step]
         targets[:, 3] = depths
         observation[self._sustain] = pedal
         observation[self._wrong_keys] = min(wrong, _MOST_WRONG_KEYS)
@@ -163,9 +167,9 @@ def _roll_layout(scene: PianoScene, n_steps_lookahead: int) -> ObservationLayout
             ),
             ObservationBlock(
                 name="fingering",
-                shape=(NUM_FINGERS,),
-                meaning="1 for each finger that is labelled to press now: right thumb to little, "
-                "then left",
+                shape=(len(scene.fingers),),
+                meaning="1 for each finger that is labelled to press now, thumb to little, the "
+                "right hand first",
                 binary=True,
             ),
             ObservationBlock(
@@ -186,10 +190,10 @@ def _finger_layout(scene: PianoScene, horizon: float) -> ObservationLayout:
         [
             ObservationBlock(
                 name="targets",
-                shape=(NUM_FINGERS, 8),
+                shape=(len(scene.fingers), 8),
                 unit="dm (3), 1, 1, s (2), 1",
-                meaning="for each finger, right thumb to little, then left: the vector from its "
-                "tip to the point where it must press next (x towards the player, y to the "
+                meaning="for each finger, thumb to little, the right hand first: the vector from "
+                "its tip to the point where it must press next (x towards the player, y to the "
                 "right, z up); that key's angle over its largest angle; 1 if there is such a key; "
                 "time until it must be down; time until it must be up again; 1 if it is black. "
                 "Without a key in sight the times are those of the horizon and all else is 0",
@@ -232,7 +236,7 @@ def _joint_blocks(scene: PianoScene) -> list[ObservationBlock]:
             low=limits[:, 0] - _JOINT_OVERSHOOT,
             high=limits[:, 1] + _JOINT_OVERSHOOT,
         )
-        for side, limits in zip(("right", "left"), scene.joint_range, strict=True)
+        for side, limits in zip(scene.sides, scene.joint_range, strict=True)
     ]
 
 

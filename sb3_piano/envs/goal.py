@@ -10,7 +10,7 @@ import numpy as np
 from sb3_piano.arrays import BoolArray
 from sb3_piano.envs import rewards
 from sb3_piano.envs.config import PianoEnvConfig
-from sb3_piano.envs.score_choice import fingered
+from sb3_piano.envs.score_choice import fingered, part_of_hands
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.robot import release_early
 from sb3_piano.simulation import Simulation
@@ -42,7 +42,7 @@ class Goal:
         """
         self.source = score
         """The score as it was handed in."""
-        self.score = score = fingered(score, config.fingering, config.control_timestep)
+        self.score = score = fingered(part_of_hands(score, config), config)
         self.roll = roll_of(score, config)
         """What should be played, by which the metrics judge."""
         self.asked = self.roll.a_step_earlier() if config.goal_time == "end" else self.roll

@@ -1,4 +1,4 @@
-"""The observation of two hands that have read the piece: each sees itself as a right hand."""
+"""The observation of hands that have read the piece: each sees itself as a right hand."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK, MIN_PITCH,
 from sb3_piano.music.fingering.robot import ARMS_APART
 from sb3_piano.music.pitch import pitch_name
 from sb3_piano.reading import (
-    HandKinematics,
     HandReading,
     KeyPlaces,
     Reading,
     TimedPress,
+    both_hands,
     bounds_of,
     read_piece,
 )
@@ -61,26 +61,28 @@ class HandEncoding(Encoding):
 
     def __init__(self, scene: PianoScene, control_timestep: float):
         """Lay out the observation."""
-        right, left = HandKinematics(scene, 0), HandKinematics(scene, 1)
-        self._hands = (right, left)
+        self._hands = both_hands(scene)
+        self._sides = [SIDES.index(name) for name in scene.sides]
         self._places = KeyPlaces.of(scene)
         self._control_timestep = control_timestep
         self.layout = _layout(scene)
-        self._size = self.layout.size // 2
-        blocks = list(self.layout.values())[: len(self.layout) // 2]
-        self._at = {block.name.removeprefix("right_"): block.slice for block in blocks}
+        count = len(self._sides)
+        self._size = self.layout.size // count
+        blocks = list(self.layout.values())[: len(self.layout) // count]
+        self._at = {block.name.partition("_")[2]: block.slice for block in blocks}
         self._qpos = np.stack(scene.joint_qpos)
         self._dofs = np.stack([scene.model.jnt_dofadr[joints] for joints in scene.joints])
         self._tip_geoms = scene.fingertip_geom
-        self._tip_along = np.concatenate([right.tip_along, left.tip_along])[:, None]
+        self._tip_along = np.concatenate([self._hands[i].tip_along for i in self._sides])[:, None]
         # The left hand in a mirror: y changes its sign, and so does the slider along it.
-        self._sign = np.array([1.0, -1.0])[:, None]  # (2, 1)
-        self._mirror = np.array([[[1.0, 1.0, 1.0]], [[1.0, -1.0, 1.0]]])
-        slider = int(np.argmax(right.joint_of_actuator[:, right.index("forearm_tx")]))
+        self._sign = np.array([1.0, -1.0])[self._sides, None]  # (h, 1)
+        self._mirror = np.array([[[1.0, 1.0, 1.0]], [[1.0, -1.0, 1.0]]])[self._sides]
+        shown = self._hands[self._sides[0]]  # a hand that is not there may have other joints
+        slider = int(np.argmax(shown.joint_of_actuator[:, shown.index("forearm_tx")]))
         self._joint_sign = np.ones(self._qpos.shape)
-        self._joint_sign[1, slider] = -1.0
+        self._joint_sign[:, slider] = self._sign[:, 0]
         self._slider = slider
-        self._slope = float(right.arm_slope[right.index("forearm_tx")])
+        self._slope = float(shown.arm_slope[shown.index("forearm_tx")])
         self._nearest, self._lowest = _keys_by_place(self._places.y)
         self._black = np.pad(KEY_IS_BLACK.astype(np.float32), _MARGIN)
         self._state = np.zeros(NUM_KEYS + 2 * _MARGIN)
@@ -113,18 +115,19 @@ class HandEncoding(Encoding):
         read = read_piece(roll, self._hands, self._places)
         bounds = bounds_of(read.line, ARMS_APART)
         steps = len(roll)
-        presses = [_FingerPresses.of(hand, read.roll) for hand in read.hands]
-        known = np.zeros((steps, 2, self._size), dtype=np.float32)
+        hands = [read.hands[side] for side in self._sides]
+        presses = [_FingerPresses.of(hand, read.roll) for hand in hands]
+        known = np.zeros((steps, len(hands), self._size), dtype=np.float32)
         target, scale = [], []
-        for side, (hand, press) in enumerate(zip(read.hands, presses, strict=True)):
-            self._write_known(known[:, side], hand, press, bounds[side], self._sign.item(side))
+        for i, (side, hand, press) in enumerate(zip(self._sides, hands, presses, strict=True)):
+            self._write_known(known[:, i], hand, press, bounds[side], self._sign.item(i))
             shown = _states(steps, FRAMES_AHEAD)
             points = np.concatenate([hand.frames.target[shown], press.point], axis=1)
-            target.append(points * self._mirror[side] * _DM_PER_M)
+            target.append(points * self._mirror[i] * _DM_PER_M)
             asked = [hand.frames.weight[shown, :, 1] > 0, press.there]
             scale.append(np.concatenate(asked, axis=1)[..., None])
         self._known = known
-        self._target = np.stack(target, axis=1)  # (T, 2, frames and presses, 5, 3) dm, mirrored
+        self._target = np.stack(target, axis=1)  # (T, h, frames and presses, 5, 3) dm, mirrored
         self._scale = np.stack(scale, axis=1).astype(float)
         self._press_key = np.stack([press.key for press in presses], axis=1)
         self._press_there = np.stack([press.there for press in presses], axis=1)
@@ -138,40 +141,41 @@ class HandEncoding(Encoding):
         rows: Float32Array = self._known[step].copy()
         joints = simulation.qpos[self._qpos] * self._joint_sign
         velocities = data.qvel[self._dofs] * self._joint_sign
-        # (2, 1): the middle of a hand whose slider is at 0 is as far out on both sides.
+        # (h, 1): the middle of a hand whose slider is at 0 is as far out on both sides.
         arm = (self._hands[0].middle + self._slope * joints[:, self._slider])[:, None]
         axes = data.geom_xmat.take(self._tip_geoms, axis=0)[:, 2::3]
         tips = simulation.geom_xpos.take(self._tip_geoms, axis=0) + axes * self._tip_along
-        tips = tips.reshape(2, FINGERS_PER_HAND, 3) * self._mirror
+        tips = tips.reshape(-1, FINGERS_PER_HAND, 3) * self._mirror
         here = tips * _DM_PER_M
         rows[:, at["positions"]] = joints
         rows[:, at["velocities"]] = np.minimum(np.maximum(velocities, -_FASTEST), _FASTEST)
         ways = (self._target[step] - here[:, None]) * self._scale[step]
         frames, presses = rows[:, at["frames"]], rows[:, at["presses"]]
-        count = len(FRAMES_AHEAD)
-        frames.reshape(2, count, FINGERS_PER_HAND, -1)[..., :3] = ways[:, :count]
-        presses = presses.reshape(2, PRESSES_AHEAD, FINGERS_PER_HAND, -1)
+        hands, count = len(rows), len(FRAMES_AHEAD)
+        frames.reshape(hands, count, FINGERS_PER_HAND, -1)[..., :3] = ways[:, :count]
+        presses = presses.reshape(hands, PRESSES_AHEAD, FINGERS_PER_HAND, -1)
         presses[..., :3] = ways[:, count:]
         presses[..., 3] = key_state[self._press_key[step]] * self._press_there[step]
         self._write_keys(rows[:, at["keys"]], step, tips[:, :, 1], key_state)
         from_arm = arm * _DM_PER_M
         here[:, :, 1] -= from_arm
-        rows[:, at["fingertips"]] = here.reshape(2, -1)
+        rows[:, at["fingertips"]] = here.reshape(hands, -1)
         rows[:, at["places"]] -= from_arm
         rows[:, at["line"]] -= from_arm
-        rows[:, at["other_arm"]] = from_arm + from_arm[::-1]
+        other = from_arm[::-1] if hands > 1 else self._hands[0].middle * _DM_PER_M
+        rows[:, at["other_arm"]] = from_arm + other
         return rows.reshape(-1)
 
     def _write_keys(
         self, rows: Float32Array, step: int, places: FloatArray, key_state: FloatArray
     ) -> None:
         """Write what the keys around each finger do, and whether they should."""
-        across = places * self._sign  # (2, 5) in the world
+        across = places * self._sign  # (h, 5) in the world
         cells = ((across - self._lowest) * (1 / _GRID)).astype(np.intp)
         key = self._nearest.take(cells, mode="clip")
         around = key[:, :, None] + (_AROUND * self._sign.astype(np.intp))[:, None] + _MARGIN
         self._state[_MARGIN:-_MARGIN] = key_state
-        shown = rows.reshape(2, FINGERS_PER_HAND, -1)
+        shown = rows.reshape(len(rows), FINGERS_PER_HAND, -1)
         shown[..., 0:3] = self._state[around]
         shown[..., 3:6] = self._due[step][around]
         shown[..., 6:9] = self._black[around]
@@ -287,8 +291,9 @@ def _keys_by_place(places: FloatArray) -> tuple[IntArray, float]:
 
 
 def _layout(scene: PianoScene) -> ObservationLayout:
-    """Return the blocks of the right hand, then those of the left one."""
-    return ObservationLayout([block for side in SIDES for block in _hand_blocks(scene, side)])
+    """Return the blocks of each hand, the right one's before the left one's."""
+    blocks = [block for side in scene.sides for block in _hand_blocks(scene, side)]
+    return ObservationLayout(blocks)
 
 
 def _hand_blocks(scene: PianoScene, side: str) -> list[ObservationBlock]:

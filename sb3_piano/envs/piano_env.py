@@ -16,10 +16,16 @@ from sb3_piano.envs.goal import Goal, reward_terms
 from sb3_piano.envs.hand_encoding import HandEncoding
 from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, ObservationLayout, ObservationSpace
 from sb3_piano.envs.record import EnvState, EpisodeRecord
-from sb3_piano.envs.score_choice import ScoreSource, chosen_score, own_score
+from sb3_piano.envs.score_choice import (
+    ScoreSource,
+    chosen_score,
+    fingered,
+    own_score,
+    part_of_hands,
+)
 from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedError
 from sb3_piano.music import PianoRoll, Score
-from sb3_piano.music.fingering.apply import apply_fingering
+from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene, Simulation, compile_scene, pedal_threshold
 from sb3_piano.viewing import FrameRenderer
@@ -35,7 +41,7 @@ _WINDOW_MARGIN = 3
 
 
 class PianoEnv(gym.Env[Any, Any]):
-    """Two simulated Shadow hands play a score on a keyboard of 88 keys.
+    """Two simulated Shadow hands, or one of them, play a score on a keyboard of 88 keys.
 
     ## Action space
 
@@ -43,7 +49,7 @@ class PianoEnv(gym.Env[Any, Any]):
     positions of the right hand's actuators (wrist, thumb, index to little finger, then the sliders
     along the keyboard and towards its hinges), the left hand's, and the sustain pedal last. -1 and
     1 are the ends of each actuator's control range; the pedal is down from 0 on. Values outside are
-    clipped.
+    clipped. A hand that is alone (``hands_in_scene="right"``) has 20 numbers, or 23.
 
     ## Observation space
 
@@ -59,16 +65,18 @@ class PianoEnv(gym.Env[Any, Any]):
     | right_joints | 1078-1100 | right hand's joint positions, rad; its two sliders last, m |
     | left_joints | 1101-1123 | left hand's |
 
+    In a scene with one hand the other's joints and fingers are not there: 1,096 numbers.
+
     ``observation="window"`` leaves out the keys that are more than three keys away from all that
     the piece needs: goal and key_state become as much narrower. It refuses pieces that go beyond.
 
-    ``observation="fingers"`` has 130 numbers and needs finger labels for all notes. Each finger
-    has eight: the vector from its tip to the point where it must press next, that key's depth,
-    whether there is such a key within the lookahead, the times until it must be down and up again,
-    and whether it is black. Then come whether the pedal should be down and when that changes, the
-    pedal's command, the number of wrong keys that sound, and the joints.
+    ``observation="fingers"`` has 130 numbers (67 for one hand) and needs finger labels for all
+    notes. Each finger has eight: the vector from its tip to the point where it must press next,
+    that key's depth, whether there is such a key within the lookahead, the times until it must be
+    down and up again, and whether it is black. Then come whether the pedal should be down and when
+    that changes, the pedal's command, the number of wrong keys that sound, and the joints.
 
-    ``observation="hands"`` has two halves of equal meaning, one for each hand, both seen as right
+    ``observation="hands"`` has parts of equal meaning, one for each hand, both seen as right
     hands: joints and their speeds, fingertips, the ways to where they are wanted next, two presses
     of each finger with their times, the keys around each fingertip, and where the arm is wanted.
     All of it follows from the piece as a whole, which is read when an episode begins. It needs
@@ -126,8 +134,11 @@ class PianoEnv(gym.Env[Any, Any]):
         # scores get their fingers as goals, and so do all those of the robot, which fit the tempo
         # at which a piece is played.
         fingering = self.config.fingering
-        self._default_score = apply_fingering(
-            own, "ergonomic" if fingering == "robot" else fingering
+        if fingering not in FINGERINGS:
+            own = apply_fingering(own, fingering)
+        own = part_of_hands(own, self.config)
+        self._default_score = fingered(
+            own, self.config, "ergonomic" if fingering == "robot" else None
         )
         self.render_mode = render_mode
         render_fps = round(1 / self.config.control_timestep)
@@ -199,6 +210,14 @@ class PianoEnv(gym.Env[Any, Any]):
     def rest_action(self) -> npt.NDArray[np.float32]:
         """The action that plays nothing: it holds all joints at 0 (or as near as they can be)."""
         return self.action_map.rest
+
+    def own_part(self, score: Score) -> Score:
+        """Return the notes of a score that would be played here; the score itself if all would.
+
+        Raises:
+            ScoreError: If none would, by the options ``hands`` and ``hands_in_scene``.
+        """
+        return part_of_hands(score, self.config)
 
     def fix_keys(self, first: int, last: int) -> None:
         """Let only the keys from ``first`` to ``last`` move; all others are rigid from now on.
@@ -387,6 +406,7 @@ class PianoEnv(gym.Env[Any, Any]):
             gravity_compensation=config.gravity_compensation,
             physics=config.physics,
             moving_keys=(moving.first, moving.last),
+            sides=config.sides,
         ).copy()
         self.model = self.scene.model
         self._simulation = Simulation(self.scene, config.n_substeps)

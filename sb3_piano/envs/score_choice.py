@@ -10,9 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.envs.config import PianoEnvConfig
+from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import Score, find_piece, is_path, load_score
+from sb3_piano.music.fingering import assign_hands
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
+from sb3_piano.music.hands import Hand
 
 ScoreSource = Score | str | os.PathLike[str]
 """Whatever :func:`~sb3_piano.music.load_score` makes a score of."""
@@ -33,7 +36,8 @@ def own_score(source: ScoreSource, options: Mapping[str, Any]) -> tuple[Score, d
         return load_score(source), dict(options)
     piece = find_piece(source)
     chosen = {name: options[name] for name in piece.options if name in options}
-    left = {name: value for name, value in options.items() if name not in chosen}
+    # The environment has an option of the same name for all that it plays.
+    left = {name: value for name, value in options.items() if name not in chosen or name == "hands"}
     return piece.score(**chosen), left
 
 
@@ -41,18 +45,52 @@ ScoreTransform = Callable[[Score, np.random.Generator], Score]
 """Makes the score that is played of the one that would be, with a given source of randomness."""
 
 
+def part_of_hands(score: Score, config: PianoEnvConfig) -> Score:
+    """Return the notes of the hands that play; the score itself if these are all.
+
+    Which hands these are is for ``hands`` and ``hands_in_scene`` to say.
+
+    Raises:
+        ScoreError: If no note is left.
+    """
+    if config.hands != "both":
+        score = _of_hand(assign_hands(score), config.hands)
+    if config.hands_in_scene != "both":
+        score = _of_hand(score, config.hands_in_scene)
+    return score
+
+
+def _of_hand(score: Score, hand: Hand) -> Score:
+    """Return the notes of a hand, who gets those of an unknown hand, too."""
+    notes = tuple(
+        note if note.hand == hand else replace(note, hand=hand)
+        for note in score.notes
+        if note.hand in (hand, None)
+    )
+    if not notes:
+        raise ScoreError(
+            f"{score.title!r} has no notes for the {hand} hand: expected a piece that it plays in, "
+            "or other hands or hands_in_scene."
+        )
+    return score if notes == score.notes else replace(score, notes=notes)
+
+
 _fingered = functools.lru_cache(maxsize=32)(apply_fingering)
 
 
-def fingered(score: Score, fingering: str, control_timestep: float) -> Score:
-    """Return a score with the fingering that the environment's option of this name asks for.
+def fingered(score: Score, config: PianoEnvConfig, fingering: str | None = None) -> Score:
+    """Return a score with the fingering that an environment's option of this name asks for.
 
-    Labels from a file are left to whoever knows the score that they belong to.
+    Labels from a file are left to whoever knows the score that they belong to. Another fingering
+    may be named in the option's place.
     """
+    fingering = fingering or config.fingering
     if fingering not in FINGERINGS:
         return score
+    # A hand that is alone cannot hand its notes to the other.
+    both = len(config.sides) > 1
     # Equal scores may differ in their bars, which make no difference to the fingers.
-    notes = _fingered(score, fingering, control_timestep).notes
+    notes = _fingered(score, fingering, config.control_timestep, change_hands=both).notes
     return score if notes == score.notes else replace(score, notes=notes)
 
 

@@ -22,6 +22,12 @@ def finger_of(hand: Hand, number: int) -> int:
     return HANDS.index(hand) * FINGERS_PER_HAND + number - 1
 
 
+def fingers_of(hand: Hand) -> range:
+    """Return the fingers (0-9) of a hand, thumb to little."""
+    first = HANDS.index(hand) * FINGERS_PER_HAND
+    return range(first, first + FINGERS_PER_HAND)
+
+
 def finger_number(finger: int) -> int:
     """Return the pianists' number (1 thumb to 5 little) of a finger (0-9)."""
     return finger % FINGERS_PER_HAND + 1

@@ -1,4 +1,4 @@
-"""The motion of both hands through a piece, planned stretch by stretch, and planned again."""
+"""The motion of the hands through a piece, planned stretch by stretch, and planned again."""
 
 from __future__ import annotations
 
@@ -68,7 +68,8 @@ class HandPlan:
     """(T, n, n) by how much less that is per unit of positions that are ahead of the plan."""
 
 
-Both = tuple[HandPlan, HandPlan]
+HandPlans = tuple[HandPlan, ...]
+"""A plan for each hand of a scene, the right one's first."""
 
 
 def plan_hands(
@@ -77,8 +78,8 @@ def plan_hands(
     line: FloatArray,
     settings: PlanSettings,
     control_timestep: float,
-) -> tuple[Both, FloatArray]:
-    """Return the plans of the right and the left hand, and the line between the arms.
+) -> tuple[HandPlans, FloatArray]:
+    """Return the plans of the hands, the right one's first, and the line between the arms.
 
     ``wanted`` is where across the keys each hand would be if it were alone, ``line`` where the line
     between the arms may begin, all (T + 1,) m.
@@ -87,29 +88,27 @@ def plan_hands(
     line = line.copy()
     for start, stop, keep in _stretches(len(line), settings, control_timestep):
         here = line[start:stop]
+        bounds = _bounds(motions, here, settings)
         problems = [
             motion.problem(start, stop, bound, _guess(motion.task.hand, places[start:stop], bound))
-            for motion, places, bound in zip(
-                motions, wanted, bounds_of(here, settings.arms_apart), strict=True
-            )
+            for motion, places, bound in zip(motions, wanted, bounds, strict=True)
         ]
         here = _share_room(problems, here, settings)
         line[start:keep] = here[: keep - start]
         for motion, problem in zip(motions, problems, strict=True):
             motion.extend(problem, keep)
-    right, left = (motion.plan() for motion in motions)
-    return (right, left), line
+    return tuple(motion.plan() for motion in motions), line
 
 
 def replan_hands(
-    before: Both,
+    before: HandPlans,
     presses: Sequence[Iterable[TimedPress]],
     line: FloatArray,
     free: BoolArray,
     settings: PlanSettings,
     control_timestep: float,
-) -> Both:
-    """Return plans of both hands for other presses, adapted from earlier plans.
+) -> HandPlans:
+    """Return plans of the hands for other presses, adapted from earlier plans.
 
     The hands may move otherwise than before in the states that are ``free``, (T + 1,) bool;
     ``line`` is that between the arms, (T + 1,) m.
@@ -119,14 +118,13 @@ def replan_hands(
         for plan, timed in zip(before, presses, strict=True)
     ]
     for start, stop, keep in _stretches(len(line), settings, control_timestep):
-        bounds = bounds_of(line[start:stop], settings.arms_apart)
+        bounds = _bounds(motions, line[start:stop], settings)
         for motion, plan, bound in zip(motions, before, bounds, strict=True):
             problem = motion.problem(start, stop, bound, plan.weightless[start:stop].copy())
             if free[start:stop].any():
                 problem.improve(settings.iterations, free[start:stop])
             motion.extend(problem, keep)
-    right, left = (motion.plan() for motion in motions)
-    return right, left
+    return tuple(motion.plan() for motion in motions)
 
 
 class _Motion:
@@ -182,12 +180,20 @@ class _Motion:
         )
 
 
+def _bounds(
+    motions: Sequence[_Motion], line: FloatArray, settings: PlanSettings
+) -> list[FloatArray]:
+    """Return beyond which places each hand's arm must be, (s,) m each."""
+    bounds = bounds_of(line, settings.arms_apart)
+    return [bounds[motion.task.hand.kinematics.hand] for motion in motions]
+
+
 def _share_room(
     problems: Sequence[HandProblem], line: FloatArray, settings: PlanSettings
 ) -> FloatArray:
-    """Solve both hands' problems in turns, and return the line between the arms, (s,) m."""
+    """Solve the hands' problems in turns, and return the line between the arms, (s,) m."""
     for turn in range(settings.rounds):
-        if turn > 0:
+        if turn > 0 and len(problems) > 1:
             # Who is pressed harder against the line gets more room.
             right, left = (one.cost.bound_violation(one.positions) for one in problems)
             line = line - (right - left)

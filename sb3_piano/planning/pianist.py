@@ -22,7 +22,7 @@ from sb3_piano.planning.policy import PianoPolicy, roll_with_fingers
 from sb3_piano.planning.problems import summary
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import Tracker
-from sb3_piano.simulation import SIDES, PianoScene
+from sb3_piano.simulation import PianoScene
 
 _PLANS_KEPT = 8
 _PLANS: OrderedDict[tuple[str, float, PlanSettings], Plan] = OrderedDict()
@@ -53,9 +53,10 @@ class PlannedPianist(PianoPolicy):
     def _positions(self, slot: int, observation: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
         """Return where the actuators are, (n,) rad or m, from the joints that are observed."""
         piano, layout = self._pianos[slot], self._layout
-        if layout is None or "right_joints" not in layout:  # something else is shown
+        names = [f"{side}_joints" for side in piano.scene.sides]
+        if layout is None or names[0] not in layout:  # something else is shown
             return np.asarray(piano.data.actuator_length)
-        joints = np.concatenate([observation[layout[f"{side}_joints"].slice] for side in SIDES])
+        joints = np.concatenate([observation[layout[name].slice] for name in names])
         return piano.scene.actuator_positions(joints)
 
 

@@ -1,7 +1,7 @@
-"""From a score to a motion of two hands that plays it.
+"""From a score to a motion of the hands that plays it.
 
 A roll with its final fingers becomes presses, presses become key frames, key frames the plans of
-two hands, and these a plan. Each is a value made by a function; all but the hands' plans are cheap.
+the hands, and these a plan. Each is a value made by a function; all but the hands' plans are cheap.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from sb3_piano.planning.hand_plan import HandPlan, HandTask, plan_hands
 from sb3_piano.planning.problems import Problem, problems_of
 from sb3_piano.planning.refinement import refine_hands
 from sb3_piano.planning.settings import PlanSettings
-from sb3_piano.reading import KeyPlaces, read_piece
-from sb3_piano.simulation import PianoScene
+from sb3_piano.reading import KeyPlaces, both_hands, read_piece
+from sb3_piano.simulation import SIDES, PianoScene
 
 _DEFAULT_TIMESTEP = 0.05
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Plan:
-    """Motion of two hands through a piece of T control steps; n are the scene's actuators."""
+    """Motion of the hands of a scene through a piece of T steps; n are the scene's actuators."""
 
     roll: PianoRoll
     """The piece, with the fingers that play it; without, where a hand lets go of a note."""
-    hands: tuple[HandPlan, HandPlan]
-    """The plans of the right and of the left hand."""
+    hands: tuple[HandPlan, ...]
+    """The plans of the hands that are there, the right one first."""
     arm_line: FloatArray
     """(T + 1,) line between the arms, m."""
     problems: tuple[Problem, ...]
@@ -58,15 +58,14 @@ class Plan:
 
     @functools.cached_property
     def fingertips(self) -> FloatArray:
-        """(T + 1, 10, 3) where the fingertips are in each state: centres of their round ends, m."""
+        """(T + 1, 5 h, 3) where the fingertips of h hands are: centres of their round ends, m."""
         tips = [hand.task.hand.kinematics.fingertips(hand.positions) for hand in self.hands]
         return np.concatenate(tips, axis=1)
 
     @property
-    def gains(self) -> tuple[Float32Array, Float32Array]:
-        """(T, n / 2, n / 2) each: the hands' feedback, :attr:`HandPlan.gains`."""
-        right, left = self.hands
-        return right.gains, left.gains
+    def gains(self) -> tuple[Float32Array, ...]:
+        """The feedback of each hand, :attr:`HandPlan.gains`."""
+        return tuple(hand.gains for hand in self.hands)
 
 
 def plan(
@@ -87,7 +86,7 @@ def plan(
 
     Args:
         piece: A score, which gets the fingers that suit the hands; or a roll with fingers.
-        scene: The piano and the hands.
+        scene: The piano and the hands. One that is alone plays what it has fingers for.
         settings: The plan's settings.
         control_timestep: Length of a control step, s; a whole number of physics steps. A roll
             brings its own.
@@ -107,21 +106,23 @@ def plan(
 def _plan_roll(roll: PianoRoll, scene: PianoScene, settings: PlanSettings) -> Plan:
     keys = KeyPlaces.of(scene)
     n_substeps = round(roll.control_timestep / scene.model.opt.timestep)
-    right, left = (Hand.of(scene, side, keys, n_substeps) for side in (0, 1))
+    sides = [SIDES.index(name) for name in scene.sides]
     read = read_piece(
         roll,
-        (right.kinematics, left.kinematics),
+        both_hands(scene),
         keys,
         hover=settings.hover,
         hold_depth=settings.hold_depth,
         arms_apart=settings.arms_apart,
     )
-    pairs = zip((right, left), read.hands, strict=True)
+    readings = [read.hands[side] for side in sides]
+    hands = [Hand.of(scene, side, keys, n_substeps) for side in sides]
+    pairs = zip(hands, readings, strict=True)
     tasks = [HandTask(hand, one.presses, one.frames) for hand, one in pairs]
-    places = [one.place for one in read.hands]
-    hands, line = plan_hands(tasks, places, read.line, settings, roll.control_timestep)
+    places = [one.place for one in readings]
+    plans, line = plan_hands(tasks, places, read.line, settings, roll.control_timestep)
     return Plan(
-        roll=read.roll, hands=hands, arm_line=line, problems=problems_of(read.roll, hands, scene)
+        roll=read.roll, hands=plans, arm_line=line, problems=problems_of(read.roll, plans, scene)
     )
 
 

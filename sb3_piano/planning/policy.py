@@ -15,9 +15,9 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 from sb3_piano.arrays import BoolArray, Float32Array, IntArray
 from sb3_piano.envs import ObservationLayout, ObservationSpace, PianoEnv
 from sb3_piano.envs.goal import roll_of
+from sb3_piano.envs.score_choice import fingered
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import PianoRoll
-from sb3_piano.music.fingering import apply_fingering
 
 
 class PianoPolicy(ABC):
@@ -152,7 +152,7 @@ def roll_with_fingers(piano: PianoEnv) -> PianoRoll:
     if not roll.unlabelled.any():
         return roll
     fingering = "ergonomic" if piano.score.has_fingering else "robot"
-    return roll_of(apply_fingering(piano.score, fingering, config.control_timestep), config)
+    return roll_of(fingered(piano.score, config, fingering), config)
 
 
 def _layout_of(env: gym.Env[Any, Any] | VecEnv) -> ObservationLayout | None:

@@ -47,8 +47,8 @@ def problems_of(
     told = {(problem.pitch, problem.time) for problem in found}
     of_hands = [
         problem
-        for side, plan in enumerate(hands)
-        for problem in _unplayed(plan, side, roll.control_timestep, scene.moving_keys)
+        for plan in hands
+        for problem in _unplayed(plan, roll.control_timestep, scene.moving_keys)
     ]
     found += [one for one in of_hands if (one.pitch, one.time) not in told]
     return tuple(sorted(found, key=lambda problem: problem.time))
@@ -88,10 +88,10 @@ def _released(roll: PianoRoll) -> list[Problem]:
     return problems
 
 
-def _unplayed(plan: HandPlan, side: int, timestep: float, moving: slice) -> list[Problem]:
+def _unplayed(plan: HandPlan, timestep: float, moving: slice) -> list[Problem]:
     """Return the notes of a hand whose keys are rigid, then those that its fingers do not reach."""
     rigid, unreached = [], []
-    frames = plan.task.frames
+    frames, side = plan.task.frames, plan.task.hand.kinematics.hand
     tips = plan.task.hand.kinematics.fingertips(plan.weightless)
     for one in plan.task.presses:
         press, states = one.press, slice(one.first, one.last + 1)

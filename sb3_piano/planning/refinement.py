@@ -19,7 +19,7 @@ from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.envs.actions import ActionMap
 from sb3_piano.metrics.frames import count_frames
 from sb3_piano.music import PianoRoll
-from sb3_piano.planning.hand_plan import Both, replan_hands
+from sb3_piano.planning.hand_plan import HandPlans, replan_hands
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import corrected
 from sb3_piano.reading.presses import TimedPress
@@ -37,13 +37,15 @@ _TRIALS_IN_A_ROW = 4
 
 
 def refine_hands(
-    hands: Both, line: FloatArray, roll: PianoRoll, scene: PianoScene, settings: PlanSettings
-) -> Both:
-    """Return the plans of both hands that sounded best in simulation; ``line`` is (T + 1,) m."""
+    hands: HandPlans, line: FloatArray, roll: PianoRoll, scene: PianoScene, settings: PlanSettings
+) -> HandPlans:
+    """Return the plans of the hands that sounded best in simulation; ``line`` is (T + 1,) m."""
     rng = np.random.default_rng(_SEED)
     timed: Timed = [list(hand.task.presses) for hand in hands]
 
-    def replanned(before: Both, presses: Timed, free: BoolArray) -> tuple[Both, FloatArray]:
+    def replanned(
+        before: HandPlans, presses: Timed, free: BoolArray
+    ) -> tuple[HandPlans, FloatArray]:
         made = replan_hands(before, presses, line, free, settings, roll.control_timestep)
         return made, _errors(made, roll, scene, settings)
 
@@ -72,13 +74,12 @@ def refine_hands(
     return best
 
 
-def _mixed(before: Both, after: Both, old: BoolArray) -> Both:
+def _mixed(before: HandPlans, after: HandPlans, old: BoolArray) -> HandPlans:
     """Return new plans whose ways are those from before in some states."""
-    right, left = (
+    return tuple(
         replace(new, weightless=np.where(old[:, None], was.weightless, new.weightless))
         for was, new in zip(before, after, strict=True)
     )
-    return right, left
 
 
 class _Trial(NamedTuple):
@@ -98,19 +99,20 @@ def _around(trials: Sequence[_Trial], n_steps: int) -> BoolArray:
     return states
 
 
-def _errors(hands: Both, roll: PianoRoll, scene: PianoScene, settings: PlanSettings) -> FloatArray:
+def _errors(
+    hands: HandPlans, roll: PianoRoll, scene: PianoScene, settings: PlanSettings
+) -> FloatArray:
     """Play, and return what each control step lacks to an F1 of 1, (T,)."""
     counts = count_frames(roll.active, _heard(hands, roll, scene, settings.feedback))
     sounds = counts.played + counts.due
     return np.where(sounds > 0, 1 - 2 * counts.hit / np.maximum(sounds, 1), 0.0)
 
 
-def _heard(hands: Both, roll: PianoRoll, scene: PianoScene, feedback: float) -> BoolArray:
+def _heard(hands: HandPlans, roll: PianoRoll, scene: PianoScene, feedback: float) -> BoolArray:
     """Play, and return which keys sound after each control step, (T, 88)."""
     # To the last bit what a pianist in the environment does: many passages are chaotic.
-    right, left = hands
-    positions = np.concatenate([right.positions, left.positions], axis=1)
-    commands = np.concatenate([right.commands, left.commands], axis=1)
+    positions = np.concatenate([hand.positions for hand in hands], axis=1)
+    commands = np.concatenate([hand.commands for hand in hands], axis=1)
     n_substeps = round(roll.control_timestep / scene.model.opt.timestep)
     actions, simulation = ActionMap(scene), Simulation(scene, n_substeps)
     data = simulation.data
@@ -118,7 +120,7 @@ def _heard(hands: Both, roll: PianoRoll, scene: PianoScene, feedback: float) -> 
     sounding = np.zeros_like(roll.active)
     for step in range(len(sounding)):
         observed = scene.actuator_positions(data.qpos[scene.hand_qpos].astype(np.float32))
-        gains = right.gains[step], left.gains[step]
+        gains = [hand.gains[step] for hand in hands]
         told = corrected(commands[step], observed - positions[step], gains, feedback)
         told = np.clip(told, scene.ctrl_low, scene.ctrl_high)
         controls, _ = actions.controls(actions.action(told, pedal_down=False))

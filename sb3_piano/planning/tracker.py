@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,17 +28,17 @@ class Tracker:
 
         Args:
             step: The control step that is to be played; after the last one it is the last.
-            positions: (n,) where they are now, or (N, n) for N hands at once; rad or m.
+            positions: (n,) where they are now, or (N, n) for N scenes at once; rad or m.
 
         Returns:
             Commands of the same shape, within the control ranges.
         """
-        plan, (right, left) = self.plan, self.plan.gains
+        plan = self.plan
         step = min(step, len(plan.commands) - 1)
         commands = corrected(
             plan.commands[step],
             np.asarray(positions, dtype=float) - plan.positions[step],
-            (right[step], left[step]),
+            [gains[step] for gains in plan.gains],
             self._feedback,
         )
         return np.clip(commands, self._low, self._high)
@@ -46,14 +47,13 @@ class Tracker:
 def corrected(
     commands: FloatArray,
     ahead: FloatArray,
-    gains: tuple[Float32Array, Float32Array],
+    gains: Sequence[Float32Array],
     feedback: float,
 ) -> FloatArray:
     """Return the commands of a plan, (n,), corrected by how far the actuators are ahead of it.
 
-    ``ahead`` is (n,) or (N, n), rad or m, ``gains`` (n / 2, n / 2) for the right and the left hand.
+    ``ahead`` is (n,) or (N, n), rad or m, ``gains`` (n / h, n / h) for each of the h hands.
     """
-    half = ahead.shape[-1] // 2
-    right, left = gains
-    change = np.concatenate([ahead[..., :half] @ right.T, ahead[..., half:] @ left.T], axis=-1)
+    parts = zip(np.split(ahead, len(gains), axis=-1), gains, strict=True)
+    change = np.concatenate([part @ gain.T for part, gain in parts], axis=-1)
     return np.asarray(commands - feedback * change)

@@ -22,7 +22,6 @@ from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
 from sb3_piano.files import write_bytes
 from sb3_piano.policies.hand_network import CLIP, hand_weights
 from sb3_piano.settings import Count, Index, Positive, settings
-from sb3_piano.simulation import SIDES
 from sb3_piano.wrappers.hand_actions import hand_actions_of
 from sb3_piano.wrappers.piano import piano_of
 
@@ -164,14 +163,14 @@ class HandModel:
         write_bytes(Path(path), content)
 
     def act(self, observation: npt.NDArray[np.floating]) -> Float32Array:
-        """Return the action of both hands, (2 k,) in [-1, 1].
+        """Return the action of the h hands that are there, (h k,) in [-1, 1].
 
         Args:
-            observation: (2 n,) the observation "hands": the right hand's numbers, then the left's.
+            observation: (h n,) the observation "hands": the right hand's numbers, then the left's.
         """
-        hands = observation.astype(np.float32, copy=False).reshape(2, -1)
+        hands = observation.astype(np.float32, copy=False).reshape(-1, len(self._mean))
         seen = (hands - self._mean) * self._scale
-        seen = np.minimum(np.maximum(seen, np.float32(-CLIP)), np.float32(CLIP)).T  # (n, 2)
+        seen = np.minimum(np.maximum(seen, np.float32(-CLIP)), np.float32(CLIP)).T  # (n, h)
         hidden = seen
         for weight, bias, gain, shift in self._layers:
             hidden = weight @ hidden
@@ -223,13 +222,12 @@ def _of_piano(piano: PianoEnv) -> dict[str, Any]:
     layout = HandEncoding(piano.scene, timestep).layout
     return {
         "control_timestep": timestep,
-        "actions": len(piano.scene.ctrl_low) // len(SIDES),
-        "blocks": _blocks_of_hand(layout),
+        "actions": len(piano.scene.ctrl_low) // len(piano.scene.sides),
+        "blocks": _blocks_of_hand(layout, f"{piano.scene.sides[0]}_"),
     }
 
 
-def _blocks_of_hand(layout: ObservationLayout) -> dict[str, int]:
-    prefix = f"{SIDES[0]}_"
+def _blocks_of_hand(layout: ObservationLayout, prefix: str) -> dict[str, int]:
     return {n.removeprefix(prefix): b.size for n, b in layout.items() if n.startswith(prefix)}
 
 

@@ -9,7 +9,7 @@ optimised or simulated.
 from sb3_piano.reading.arms import bounds_of, dividing_line, wanted_places
 from sb3_piano.reading.key_frames import KeyFrames, key_frames
 from sb3_piano.reading.keyboard import KeyPlaces
-from sb3_piano.reading.kinematics import HandKinematics
+from sb3_piano.reading.kinematics import HandKinematics, both_hands
 from sb3_piano.reading.piece import HandReading, Reading, read_piece
 from sb3_piano.reading.presses import TimedPress, time_presses
 
@@ -20,6 +20,7 @@ __all__ = [
     "KeyPlaces",
     "Reading",
     "TimedPress",
+    "both_hands",
     "bounds_of",
     "dividing_line",
     "key_frames",

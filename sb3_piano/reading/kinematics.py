@@ -13,7 +13,7 @@ import numpy as np
 
 from sb3_piano.arrays import FloatArray, IntArray
 from sb3_piano.music.constants import FINGERS_PER_HAND
-from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation import SIDES, PianoScene, compile_scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,16 +49,17 @@ class HandKinematics:
     def __init__(self, scene: PianoScene, hand: int):
         model = scene.model
         self.hand = hand
-        half = model.nu // 2
-        self.actuators = np.arange(half, dtype=np.intp) + hand * half
+        place = scene.sides.index(SIDES[hand])
+        count = model.nu // len(scene.sides)
+        self.actuators = np.arange(count, dtype=np.intp) + place * count
         """(n,) the hand's actuators among all of the scene."""
         self.low = scene.ctrl_low[self.actuators]
         """(n,) lower ends of the control ranges; rad, or m for the sliders."""
         self.high = scene.ctrl_high[self.actuators]
         """(n,) upper ends."""
-        self.joint_ids = scene.joints[hand]
+        self.joint_ids = scene.joints[place]
         """(m,) the hand's joints among all of the model."""
-        self.joint_of_actuator = _coupling(scene, hand, self.actuators)
+        self.joint_of_actuator = _coupling(scene, place, self.actuators)
         """(m, n) joint positions by actuator positions."""
         names = [model.actuator(int(i)).name.rpartition("/")[2] for i in self.actuators]
         self.names = tuple(name.removeprefix("rh_A_").removeprefix("lh_A_") for name in names)
@@ -68,7 +69,8 @@ class HandKinematics:
         self.radius = np.empty(FINGERS_PER_HAND)
         """(5,) radius of each fingertip, m."""
         self._joints = [_joint(model, int(j)) for j in self.joint_ids]
-        self._build_chains(scene)
+        tips = slice(place * FINGERS_PER_HAND, (place + 1) * FINGERS_PER_HAND)
+        self._build_chains(model, scene.fingertip_geom[tips])
         self._place_arm(scene)
         self.middle = float(self.arm(np.zeros((1, self.size)))[0])
         """Place of the forearm, and of the middle finger, where all joints are at 0, m."""
@@ -164,11 +166,8 @@ class HandKinematics:
         """(n,) how the forearm's place across the keys changes with the actuators."""
         self.arm_slope[along] = axis[1]
 
-    def _build_chains(self, scene: PianoScene) -> None:
+    def _build_chains(self, model: mujoco.MjModel, geoms: IntArray) -> None:
         """Number the bodies from the hand's root to its fingertips, parents first."""
-        model = scene.model
-        fingers = slice(self.hand * FINGERS_PER_HAND, (self.hand + 1) * FINGERS_PER_HAND)
-        geoms = scene.fingertip_geom[fingers]
         tip_bodies = [int(model.geom_bodyid[g]) for g in geoms]
         chains = [_path_from_world(model, body) for body in tip_bodies]
         bodies = sorted({body for chain in chains for body in chain})  # parents have lower ids
@@ -189,10 +188,22 @@ class HandKinematics:
         self.radius[:] = model.geom_size[geoms, 0]
 
 
-def _coupling(scene: PianoScene, hand: int, actuators: IntArray) -> FloatArray:
+def both_hands(scene: PianoScene) -> tuple[HandKinematics, HandKinematics]:
+    """Return the right and the left hand of a scene.
+
+    A hand that is not there is that of a scene with both: it is read as one that rests.
+    """
+    right, left = (
+        HandKinematics(scene if name in scene.sides else compile_scene(), hand)
+        for hand, name in enumerate(SIDES)
+    )
+    return right, left
+
+
+def _coupling(scene: PianoScene, place: int, actuators: IntArray) -> FloatArray:
     """Return which joint follows which actuator, (m, n); the joints of a tendon share its way."""
-    number = np.repeat([0, 1], [len(joints) for joints in scene.joints])
-    moves = scene.actuator_of_joint[np.ix_(actuators, number == hand)]
+    number = np.repeat(np.arange(len(scene.joints)), [len(joints) for joints in scene.joints])
+    moves = scene.actuator_of_joint[np.ix_(actuators, number == place)]
     return np.ascontiguousarray((moves / (moves * moves).sum(axis=1, keepdims=True)).T)
 
 

@@ -1,7 +1,8 @@
 """The whole scene, compiled once, and the index arrays through which it is read.
 
 No MuJoCo name is looked up after the scene is built: everything an environment needs in a control
-step is an index array or a constant array held here. The right hand comes before the left one.
+step is an index array or a constant array held here. The right hand comes before the left one; a
+scene may have only one of them.
 """
 
 from __future__ import annotations
@@ -18,12 +19,17 @@ import numpy.typing as npt
 from annotated_types import Ge, Le
 
 from sb3_piano.arrays import BoolArray, FloatArray, IntArray
-from sb3_piano.music.constants import NUM_KEYS
+from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
+from sb3_piano.music.hands import HANDS, Hand, fingers_of
 from sb3_piano.settings import Whole, checked
 from sb3_piano.simulation import hand, keyboard
 from sb3_piano.simulation.physics import physics_profile
 
-SIDES = ("right", "left")
+SIDES = HANDS
+"""The hands in their order."""
+
+FAR_AWAY = 1000.0
+"""Coordinates of the fingertips of a hand that is not in the scene, m: near to nothing."""
 
 TIP_TRAVEL = 0.06
 """Way of a fingertip when a finger's joint turns by a rad, about, m, and so what a forearm's slider
@@ -40,10 +46,12 @@ _CLEARANCE = 0.005
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class PianoScene:
-    """A compiled MuJoCo model of a piano and two hands, with what is needed to read its state."""
+    """A compiled MuJoCo model of a piano and one or two hands, and what is needed to read it."""
 
     model: mujoco.MjModel
     """MuJoCo's model."""
+    sides: tuple[Hand, ...]
+    """Hands of the scene, h of them: ``"right"`` before ``"left"``."""
     moving_keys: slice
     """Those of the 88 keys that move; all, unless the scene was compiled with rigid ones."""
     key_qpos: IntArray
@@ -65,20 +73,20 @@ class PianoScene:
     key_press_offset: FloatArray
     """(88, 3) from a key geom's centre to the point where a finger should press it, m."""
     fingertip_site: IntArray
-    """(10,) fingertip sites, in the order of finger labels."""
+    """(5 h,) fingertip sites, in the order of ``fingers``."""
     fingertip_geom: IntArray
-    """(10,) geoms of the last finger links, in the order of finger labels."""
-    joints: tuple[IntArray, IntArray]
-    """Joints of the right and of the left hand, wrist to thumb, sliders last."""
+    """(5 h,) geoms of the last finger links, in the order of ``fingers``."""
+    joints: tuple[IntArray, ...]
+    """Joints of each hand, wrist to thumb, sliders last."""
     actuator_of_joint: FloatArray
-    """(nu, m) which actuator moves by how much with which joint, both hands' joints in the order of
+    """(nu, m) which actuator moves by how much with which joint, all hands' joints in the order of
     ``joint_qpos``: where the actuators are is this times where the joints are."""
-    forearm_geoms: tuple[list[int], list[int]]
-    """Shapes of the right forearm, and of the left."""
+    forearm_geoms: tuple[list[int], ...]
+    """Shapes of each forearm."""
     forearm_reach: float
     """Forearms cannot touch while their first shapes are farther apart along the keyboard, m."""
     slider_qpos: IntArray
-    """(2,) addresses in ``qpos`` of the sliders along the keyboard (right, left)."""
+    """(h,) addresses in ``qpos`` of the sliders along the keyboard."""
 
     @property
     def ctrl_low(self) -> FloatArray:
@@ -91,26 +99,28 @@ class PianoScene:
         return np.asarray(self.model.actuator_ctrlrange[:, 1])
 
     @functools.cached_property
-    def joint_qpos(self) -> tuple[IntArray, IntArray]:
-        """For the right and the left hand: addresses in ``qpos`` of its ``joints``."""
-        right, left = (self.model.jnt_qposadr[joints].astype(np.intp) for joints in self.joints)
-        return right, left
+    def fingers(self) -> IntArray:
+        """(5 h,) labels of the fingers that are there, ascending."""
+        return np.array([finger for side in self.sides for finger in fingers_of(side)])
+
+    @functools.cached_property
+    def joint_qpos(self) -> tuple[IntArray, ...]:
+        """For each hand: addresses in ``qpos`` of its ``joints``."""
+        return tuple(self.model.jnt_qposadr[joints].astype(np.intp) for joints in self.joints)
 
     @property
-    def joint_names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """For the right and the left hand: names of its ``joints``."""
-        right, left = (tuple(self.model.joint(j).name for j in joints) for joints in self.joints)
-        return right, left
+    def joint_names(self) -> tuple[tuple[str, ...], ...]:
+        """For each hand: names of its ``joints``."""
+        return tuple(tuple(self.model.joint(j).name for j in joints) for joints in self.joints)
 
     @property
-    def joint_range(self) -> tuple[FloatArray, FloatArray]:
-        """For the right and the left hand: (n, 2) limits of its ``joints``, rad or m."""
-        right, left = (self.model.jnt_range[joints] for joints in self.joints)
-        return right, left
+    def joint_range(self) -> tuple[FloatArray, ...]:
+        """For each hand: (n, 2) limits of its ``joints``, rad or m."""
+        return tuple(self.model.jnt_range[joints] for joints in self.joints)
 
     @functools.cached_property
     def hand_qpos(self) -> IntArray:
-        """(m,) addresses in ``qpos`` of both hands' joints, in the order of ``joint_qpos``."""
+        """(m,) addresses in ``qpos`` of all hands' joints, in the order of ``joint_qpos``."""
         return np.concatenate(self.joint_qpos)
 
     @functools.cached_property
@@ -152,8 +162,19 @@ class PianoScene:
         return np.pad(sounding, ((0, 0), rigid)) if any(rigid) else sounding
 
     def fingertip_position(self, data: mujoco.MjData) -> FloatArray:
-        """Return the world positions of the ten fingertips, (10, 3) m."""
-        return np.asarray(data.site_xpos.take(self.fingertip_site, axis=0))
+        """Return the world positions of the fingertips by label, (10, 3) m.
+
+        Those of a hand that is not in the scene are ``FAR_AWAY``.
+        """
+        return self.by_finger(data.site_xpos.take(self.fingertip_site, axis=0))
+
+    def by_finger(self, tips: FloatArray) -> FloatArray:
+        """Return places of the fingers that are there, (5 h, 3) m, as those of all, (10, 3)."""
+        if len(tips) == NUM_FINGERS:
+            return tips
+        everyone = np.full((NUM_FINGERS, 3), FAR_AWAY)
+        everyone[self.fingers] = tips
+        return everyone
 
     def press_point(self, data: mujoco.MjData, keys: IntArray) -> FloatArray:
         """Return where fingers should press the given keys: world positions, (n, 3) m."""
@@ -166,6 +187,8 @@ class PianoScene:
 
     def forearms_touch(self, data: mujoco.MjData) -> bool:
         """Return whether a shape of one forearm touches one of the other."""
+        if len(self.forearm_geoms) < len(SIDES):
+            return False
         (right, left), position = self.forearm_geoms, data.geom_xpos
         apart = position.item(right[0], 1) - position.item(left[0], 1)
         if abs(apart) > self.forearm_reach:
@@ -187,6 +210,7 @@ def compile_scene(
     gravity_compensation: bool = True,
     physics: str = "reference",
     moving_keys: tuple[int, int] = keyboard.ALL_KEYS_MOVE,
+    sides: tuple[Hand, ...] = SIDES,
 ) -> PianoScene:
     """Build and compile the scene; equal arguments return the same object (``copy`` it to change).
 
@@ -196,6 +220,7 @@ def compile_scene(
         physics: Name of a physics profile.
         moving_keys: The lowest and the highest key that move. The others are rigid: hands rest on
             them, but they never go down. The fewer move, the faster are the physics steps.
+        sides: Hands that are there, the right one first.
 
     Raises:
         ConfigError: If the physics profile is unknown, or there are no such keys.
@@ -205,6 +230,7 @@ def compile_scene(
         gravity_compensation=gravity_compensation,
         physics=physics,
         moving_keys=moving_keys,
+        sides=sides,
     )
     _number_unnamed(spec, "/")
     for part in parts:
@@ -212,7 +238,7 @@ def compile_scene(
         _number_unnamed(part)
         frame = spec.worldbody.add_body(name=prefix).add_frame()
         spec.attach(part, prefix=prefix, frame=frame)
-    return _index_scene(spec.compile(), *moving_keys)
+    return _index_scene(spec.compile(), *moving_keys, sides)
 
 
 def scene_parts(
@@ -221,8 +247,9 @@ def scene_parts(
     gravity_compensation: bool = True,
     physics: str = "reference",
     moving_keys: tuple[int, int] = keyboard.ALL_KEYS_MOVE,
+    sides: tuple[Hand, ...] = SIDES,
 ) -> list[mujoco.MjSpec]:
-    """Return the specifications of the scene: the world, then keyboard, right hand and left hand.
+    """Return the specifications of the scene: the world, then the keyboard, then the hands.
 
     Args and errors are those of :func:`compile_scene`, which attaches the parts to the world, each
     to a body of its own, with its name and a slash before all names.
@@ -248,7 +275,7 @@ def scene_parts(
             coupled_friction_only=profile.coupled_friction_only,
             playing_contacts_only=profile.playing_contacts_only,
         )
-        for side in SIDES
+        for side in sides
     ]
     return [world, piano, *hands]
 
@@ -301,7 +328,9 @@ def _furnish(spec: mujoco.MjSpec) -> None:
     world.add_camera(name="topdown", pos=[0.05, 0, 1.15], xyaxes=[0, 1, 0, -1, 0, 0], fovy=40)
 
 
-def _index_scene(model: mujoco.MjModel, first: int, last: int) -> PianoScene:
+def _index_scene(
+    model: mujoco.MjModel, first: int, last: int, sides: tuple[Hand, ...]
+) -> PianoScene:
     max_angle, margin = keyboard.sounding_angles()
     moving = slice(first, last + 1)
     key_joint = _named_keys(
@@ -311,11 +340,12 @@ def _index_scene(model: mujoco.MjModel, first: int, last: int) -> PianoScene:
     press_offset = np.zeros((NUM_KEYS, 3))
     press_offset[:, 0] = _PRESS_POINT_X * model.geom_size[key_geom, 0]
     press_offset[:, 2] = _PRESS_POINT_Z * model.geom_size[key_geom, 2]
-    hand_joints = [_hand_joints(model, side) for side in SIDES]
-    forearms = [model.body(hand.forearm_body(side)).id for side in SIDES]
+    hand_joints = tuple(_hand_joints(model, side) for side in sides)
+    forearms = [model.body(hand.forearm_body(side)).id for side in sides]
     forearm_geoms = [np.flatnonzero(model.geom_bodyid == body).tolist() for body in forearms]
     return PianoScene(
         model=model,
+        sides=sides,
         moving_keys=moving,
         key_qpos=model.jnt_qposadr[key_joint].astype(np.intp),
         key_min_angle=np.zeros(len(key_joint)),
@@ -325,14 +355,14 @@ def _index_scene(model: mujoco.MjModel, first: int, last: int) -> PianoScene:
         key_geom=key_geom,
         key_boxes=_boxes_of_pressed_keys(model, key_joint, key_geom, max_angle[moving]),
         key_press_offset=press_offset,
-        fingertip_site=np.array([model.site(n).id for s in SIDES for n in hand.fingertip_sites(s)]),
+        fingertip_site=np.array([model.site(n).id for s in sides for n in hand.fingertip_sites(s)]),
         fingertip_geom=np.array(
-            [model.body(n).geomadr[0] for s in SIDES for n in hand.fingertip_bodies(s)]
+            [model.body(n).geomadr[0] for s in sides for n in hand.fingertip_bodies(s)]
         ),
-        joints=(hand_joints[0], hand_joints[1]),
+        joints=hand_joints,
         actuator_of_joint=_actuator_of_joint(model, np.concatenate(hand_joints)),
-        forearm_geoms=(forearm_geoms[0], forearm_geoms[1]),
-        forearm_reach=_forearm_reach(model, forearm_geoms),
+        forearm_geoms=tuple(forearm_geoms),
+        forearm_reach=_forearm_reach(model, forearm_geoms) if len(sides) > 1 else 0.0,
         slider_qpos=model.jnt_qposadr[[joints[-2] for joints in hand_joints]].astype(np.intp),
     )
 

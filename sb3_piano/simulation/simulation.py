@@ -7,6 +7,7 @@ from typing import Any
 import mujoco
 
 from sb3_piano.arrays import FloatArray
+from sb3_piano.music.constants import NUM_FINGERS
 from sb3_piano.simulation.scene import PianoScene
 
 # Neighbours in MuJoCo's list of warnings: bad positions, velocities, accelerations.
@@ -95,8 +96,9 @@ class Simulation:
         """(88,) key angle over its largest angle, in [0, 1]."""
         self.sounding = (angle >= scene.key_sounding_angle).tobytes()
         """Keys that sound, one byte each, 1 or 0: quickly compared and stored."""
-        self.fingertips: FloatArray = self._site_xpos.take(scene.fingertip_site, axis=0)
-        """(10, 3) positions of the fingertips in the world, m."""
+        tips: FloatArray = self._site_xpos.take(scene.fingertip_site, axis=0)
+        self.fingertips = tips if len(tips) == NUM_FINGERS else scene.by_finger(tips)
+        """(10, 3) positions of the fingertips in the world, m; see :meth:`PianoScene.by_finger`."""
 
     def press_point(self, key: int) -> tuple[float, float, float]:
         """Return where a finger should press a key, as plain numbers, m."""

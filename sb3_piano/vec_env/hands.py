@@ -20,41 +20,43 @@ from sb3_piano.wrappers.hand_reward import HAND_REWARDS
 class HandsAsAgents(VecEnvWrapper):
     """A vector in which each hand is an environment of its own, so that one policy learns for both.
 
-    Environment ``2 i`` is the right hand of environment ``i``, ``2 i + 1`` the left one. Each
-    observes its half of the observation "hands", acts by its half of
-    :class:`~sb3_piano.wrappers.HandActions`, and gets its reward of
+    Environment ``2 i`` is the right hand of environment ``i``, ``2 i + 1`` the left one; in scenes
+    with one hand, environment ``i`` is that hand. Each observes its part of the observation
+    "hands", acts by its part of :class:`~sb3_piano.wrappers.HandActions`, and gets its reward of
     :class:`~sb3_piano.wrappers.HandReward`; both end together. What is learnt is the network of
     one hand (``policy_kwargs: {n_hands: 1}`` of the policies of :mod:`sb3_piano.policies`).
 
     In a run's YAML: ``vec_env_wrapper: sb3_piano.vec_env.HandsAsAgents``.
 
     Args:
-        venv: Environments whose observations and actions are two halves of equal meaning.
+        venv: Pianos whose observations and actions have a part of equal meaning for each hand.
 
     Raises:
-        ConfigError: If they cannot be halved.
+        ConfigError: If they have not.
     """
 
     def __init__(self, venv: VecEnv) -> None:
-        spaces = [_half(venv.observation_space), _half(venv.action_space)]
+        self._hands = hands = len(venv.get_attr("config", 0)[0].sides)
+        spaces = [_of_hand(space, hands) for space in (venv.observation_space, venv.action_space)]
         super().__init__(venv, *spaces)
-        self.num_envs = 2 * venv.num_envs
+        self.num_envs = hands * venv.num_envs
 
     def reset(self) -> VecEnvObs:
         """Begin an episode in every environment."""
-        observations = self._halves(self.venv.reset())
-        self.reset_infos = [info for info in self.venv.reset_infos for _ in (0, 1)]
+        observations = self._parts(self.venv.reset())
+        self.reset_infos = [info for info in self.venv.reset_infos for _ in range(self._hands)]
         return observations
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Play what both hands do."""
+        """Play what all hands do."""
         self.venv.step_async(actions.reshape(self.venv.num_envs, -1))
 
     def step_wait(self) -> VecEnvStepReturn:
         """Return what each hand observes, and its reward."""
         observations, _, dones, infos = self.venv.step_wait()
         rewards = np.array([info[HAND_REWARDS] for info in infos], dtype=np.float32)
-        return self._halves(observations), rewards.reshape(-1), dones.repeat(2), _of_hands(infos)
+        of_hands = _of_hands(infos, self._hands)
+        return self._parts(observations), rewards.reshape(-1), dones.repeat(self._hands), of_hands
 
     def env_method(
         self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any
@@ -77,19 +79,19 @@ class HandsAsAgents(VecEnvWrapper):
         """Return whether the environments that hands are in have a wrapper."""
         return self.venv.env_is_wrapped(wrapper_class, self._inside(indices))
 
-    def _halves(self, observations: VecEnvObs) -> np.ndarray:
-        assert isinstance(observations, np.ndarray), "boxes alone have halves"
+    def _parts(self, observations: VecEnvObs) -> np.ndarray:
+        assert isinstance(observations, np.ndarray), "boxes alone have parts"
         return observations.reshape(self.num_envs, -1)
 
     def _inside(self, indices: VecEnvIndices) -> list[int]:
-        return [hand // 2 for hand in self._get_indices(indices)]
+        return [hand // self._hands for hand in self._get_indices(indices)]
 
 
-def _half(space: gym.Space[Any]) -> gym.spaces.Box:
+def _of_hand(space: gym.Space[Any], hands: int) -> gym.spaces.Box:
     """Return the space of one hand."""
-    if isinstance(space, gym.spaces.Box) and len(space.shape) == 1 and space.shape[0] % 2 == 0:
-        low, high = space.low.reshape(2, -1), space.high.reshape(2, -1)
-        if np.array_equal(low[0], low[1]) and np.array_equal(high[0], high[1]):
+    if isinstance(space, gym.spaces.Box) and len(space.shape) == 1 and space.shape[0] % hands == 0:
+        low, high = space.low.reshape(hands, -1), space.high.reshape(hands, -1)
+        if np.array_equal(low[0], low[-1]) and np.array_equal(high[0], high[-1]):
             return gym.spaces.Box(low[0], high[0], dtype=space.dtype.type)
     raise ConfigError(
         f"HandsAsAgents cannot give each hand half of {space}: expected two halves with equal "
@@ -97,17 +99,17 @@ def _half(space: gym.Space[Any]) -> gym.spaces.Box:
     )
 
 
-def _of_hands(infos: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the info of each hand; both have that of an episode, which both have played.
+def _of_hands(infos: list[dict[str, Any]], hands: int) -> list[dict[str, Any]]:
+    """Return the info of each hand; all have that of an episode, which all have played.
 
     SB3's ``evaluate_policy`` waits for an episode of each environment.
     """
     result = []
     for info in infos:
         ends = info.get("terminal_observation")
-        for side in (0, 1):
+        for hand in range(hands):
             own = dict(info)
             if ends is not None:
-                own["terminal_observation"] = ends.reshape(2, -1)[side]
+                own["terminal_observation"] = ends.reshape(hands, -1)[hand]
             result.append(own)
     return result

@@ -48,7 +48,10 @@ def geom_colors(
 
     What is due and what sounds is as in :class:`~sb3_piano.viewing.Moment`.
     """
-    colors = dict(zip(scene.fingertip_geom.tolist(), FINGER_COLORS, strict=True))
+    colors = {
+        geom: FINGER_COLORS[finger]
+        for geom, finger in zip(scene.fingertip_geom.tolist(), scene.fingers.tolist(), strict=True)
+    }
     for key, finger in zip(due, fingers, strict=True):
         color = FINGER_COLORS[finger] if finger >= 0 else UNLABELLED_COLOR
         colors[int(scene.key_geom[key])] = color

@@ -9,9 +9,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import MAX_PITCH, MIN_PITCH, Corpus, Note, Score
 from sb3_piano.settings import Count, checked
+from sb3_piano.wrappers.piano import piano_of
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper
+
+_MOST_DRAWS = 100
 
 
 class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
@@ -36,6 +40,7 @@ class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, corpus=corpus, episodes=episodes)
         super().__init__(env)
+        self._piano = piano_of(env, "CorpusExcerpt")
         self._episodes = checked("episodes", episodes, Count)
         self._chosen: Score | None = None
         self._left = 0
@@ -60,10 +65,21 @@ class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
     def choose(self, random: np.random.Generator) -> Score:
         """Return the excerpt of an episode."""
         if self._chosen is None or not self._left:
-            index = int(random.integers(len(self._corpus)))
-            self._chosen, self._left = self._corpus.fingered(index), self._episodes
+            self._chosen, self._left = self._excerpt(random), self._episodes
         self._left -= 1
         return self._chosen
+
+    def _excerpt(self, random: np.random.Generator) -> Score:
+        """Return an excerpt in which the hands that are there have something to play."""
+        draws_left = _MOST_DRAWS
+        while True:
+            score = self._corpus.fingered(int(random.integers(len(self._corpus))))
+            draws_left -= 1
+            try:
+                return self._piano.own_part(score)
+            except ScoreError:
+                if not draws_left:
+                    raise
 
     def extend(self, plan: ScorePlan, options: Mapping[str, Any]) -> ScorePlan:
         """Return the plan with this choice, unless the piece is settled further out."""

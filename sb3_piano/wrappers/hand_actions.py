@@ -1,4 +1,4 @@
-"""Actions of two hands, each a right hand's, that begin where the hand is."""
+"""Actions of hands, each a right hand's, that begin where the hand is."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sb3_piano.wrappers.piano import piano_of
 
 
 class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
-    """Take actions as offsets from where the actuators are, both hands as right hands.
+    """Take actions as offsets from where the actuators are, all hands as right hands.
 
     The action has one number in [-1, 1] for each actuator and none for the pedal, which is moved as
     the score asks. An actuator is told where it is plus its reach times the number, cut at the ends

@@ -16,10 +16,11 @@ from sb3_piano.envs.strikes import OpenOnsets
 from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_KEYS
 from sb3_piano.music.fingering.robot import KEY_Y
 from sb3_piano.settings import NotNegative, Share, checked
+from sb3_piano.simulation import SIDES
 from sb3_piano.wrappers.piano import piano_of
 
 HAND_REWARDS = "hand_rewards"
-"""Name in a step's info of the rewards of the right and of the left hand, (2,)."""
+"""Name in a step's info of the rewards of the hands in the scene, the right one first."""
 
 
 class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
@@ -36,7 +37,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
     coming near: the mean closeness, as in RoboPianist's terms of fingering and of pressing keys, of
     its fingers to the keys that are due and of these to being down.
 
-    The reward of a step is the mean of both hands'; ``info["hand_rewards"]`` has them one by one,
+    The reward of a step is the mean of the hands'; ``info["hand_rewards"]`` has them one by one,
     for :class:`~sb3_piano.vec_env.HandsAsAgents`. The terms of the piano's own reward are still in
     ``info["reward_terms"]``.
 
@@ -64,6 +65,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         )
         super().__init__(env)
         self._piano = piano_of(env, "HandReward")
+        self._hands = [SIDES.index(side) for side in self._piano.scene.sides]
         self._own = checked("own", own, Share)
         self._within = checked("within", within, Share)
         self._strikes = checked("strikes", strikes, NotNegative)
@@ -113,10 +115,11 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         own, all_keys = self._own, (1 - self._own) * both.f1 - 1.0
         pairs = zip(counts, earned, strict=True)
         rewards = np.array([own * one.f1 + all_keys + strikes for one, strikes in pairs])
+        rewards = rewards[self._hands]
         return rewards + self._guidance * self._closeness(step) if self._guidance else rewards
 
     def _closeness(self, step: int) -> FloatArray:
-        """Return how near each hand is to holding its due keys, (2,) in [0, 1]; 0 for none."""
+        """Return how near each hand is to holding its due keys, in [0, 1]; 0 for none."""
         simulation = self._piano.simulation
         keys, fingers = (array.tolist() for array in self._piano.asked_roll.due(step))
         distances: tuple[list[float], list[float]] = ([], [])
@@ -128,7 +131,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
             distances[hand].append(math.dist(simulation.press_point(key), tip))
             missing[hand].append(1.0 - simulation.key_state.item(key))
         pairs = zip(distances, missing, strict=True)
-        return np.array([0.5 * (labelled_fingering(d) + held(m)) for d, m in pairs])
+        return np.array([0.5 * (labelled_fingering(d) + held(m)) for d, m in pairs])[self._hands]
 
     def _hand(self, step: int, key: int) -> int:
         """Return the hand that holds a key, or is the nearest one: 0 or 1."""

@@ -17,7 +17,6 @@ from sb3_piano.envs.config import LookaheadSteps
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll
-from sb3_piano.music.constants import NUM_FINGERS
 from sb3_piano.settings import Count, Number, Unit, checked
 from sb3_piano.wrappers.hide_fingering import HideFingering
 from sb3_piano.wrappers.piano import LayoutWrapper, layout_of, piano_of
@@ -83,10 +82,10 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
         self._steps = _steps_ahead(
             steps, seconds, self._stride, self._piano.config.control_timestep
         )
-        super().__init__(env, _layout(layout, self._steps // self._stride + 1, stride, fingers))
+        super().__init__(env, self._other_layout(layout, fingers))
         inner = layout["goal"]
         self._start, self._stop, self._columns = inner.start, inner.slice.stop, inner.all_columns
-        self._fingers = fingers
+        self._labels = self._piano.scene.fingers if fingers else None
         self._take(self._piano.asked_roll)
 
     def observation(self, observation: Any) -> Float32Array:
@@ -95,7 +94,7 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
             self._take(self._piano.asked_roll)
         step = min(self._piano.steps_played, len(self._roll) - 1)
         before, after = observation[: self._start], observation[self._stop :]
-        labels = [self._labels_ahead.rows(step)] if self._fingers else []
+        labels = [self._labels_ahead.rows(step)] if self._labels is not None else []
         return np.concatenate([before, self._goal_ahead.rows(step), after, *labels])
 
     def _take(self, roll: PianoRoll) -> None:
@@ -103,8 +102,15 @@ class Lookahead(LayoutWrapper, gym.utils.RecordConstructorArgs):
         self._roll = roll
         goal = np.column_stack([roll.active, roll.sustain])[:, self._columns]  # (T, n)
         self._goal_ahead = _Ahead(goal, self._steps, self._stride)
-        if self._fingers:
-            self._labels_ahead = _Ahead(roll.labelled_fingers(), self._steps, self._stride)
+        if self._labels is not None:
+            labels = roll.labelled_fingers()[:, self._labels]
+            self._labels_ahead = _Ahead(labels, self._steps, self._stride)
+
+    def _other_layout(self, layout: ObservationLayout, fingers: bool) -> ObservationLayout:
+        """Return the layout with another goal, and with labels where they are asked for."""
+        rows = self._steps // self._stride + 1
+        count = len(self._piano.scene.fingers) if fingers else 0
+        return _layout(layout, rows, self._stride, count)
 
 
 class _Ahead:
@@ -125,7 +131,7 @@ class _Ahead:
         return np.concatenate([self._now[step], ahead.reshape(-1)])
 
 
-def _layout(layout: ObservationLayout, rows: int, stride: int, fingers: bool) -> ObservationLayout:
+def _layout(layout: ObservationLayout, rows: int, stride: int, fingers: int) -> ObservationLayout:
     covers = f" Each row after the first covers {stride} control steps." if stride > 1 else ""
     goal = layout["goal"]
     other = dataclasses.replace(
@@ -135,9 +141,9 @@ def _layout(layout: ObservationLayout, rows: int, stride: int, fingers: bool) ->
     if fingers:
         meaning = (
             "1 for each finger that is labelled to press, for the current control step and those "
-            f"after it: right thumb to little, then left; 0 beyond the end{covers}"
+            f"after it: thumb to little, the right hand first; 0 beyond the end{covers}"
         )
-        shape = (rows, NUM_FINGERS)
+        shape = (rows, fingers)
         block = ObservationBlock(name=_LABELS, shape=shape, meaning=meaning, binary=True)
         blocks.append(block)
     return ObservationLayout(blocks)

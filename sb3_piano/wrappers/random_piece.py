@@ -14,6 +14,7 @@ from sb3_piano.envs.score_choice import ScoreSource
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Score, load_score
 from sb3_piano.settings import Number, checked
+from sb3_piano.wrappers.piano import piano_of
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper, possible_scores
 
 
@@ -35,7 +36,8 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
 
     Raises:
         ConfigError: If ``pieces`` or ``weights`` is no such list, or ``env`` is no piano.
-        ScoreError: If a piece cannot be read, or wrappers inside cannot change it.
+        ScoreError: If a piece cannot be read, wrappers inside cannot change it, or the hands that
+            are there have nothing to play in it.
         UnknownPieceError: If there is no piece of some name.
     """
 
@@ -49,7 +51,8 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
         super().__init__(env)
         if isinstance(pieces, str) or not isinstance(pieces, Sequence) or len(pieces) == 0:
             raise ConfigError(f"pieces is {pieces!r}: expected a list of one or more pieces.")
-        self._pieces = [load_score(piece) for piece in pieces]
+        piano = piano_of(env, "RandomPiece")
+        self._pieces = [piano.own_part(load_score(piece)) for piece in pieces]
         self._probabilities = _probabilities(weights, len(pieces))
         possible_scores(self)  # raises if a wrapper inside cannot change a piece
 

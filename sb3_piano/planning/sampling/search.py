@@ -243,4 +243,5 @@ def _same_scene(piano: PianoEnv, physics: str) -> PianoScene:
         gravity_compensation=config.gravity_compensation,
         physics=physics,
         moving_keys=(moving.start, moving.stop - 1),
+        sides=config.sides,
     )

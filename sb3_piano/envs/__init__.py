@@ -17,9 +17,14 @@ from sb3_piano.envs.registration import (
     GENERAL_ID,
     PIECE_IDS,
     PIG_IDS,
+    SELF_ACTUATED_ID,
     register_envs,
 )
-from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS, RETURN_KEYS
+from sb3_piano.envs.rewards import (
+    DEFAULT_REWARD_WEIGHTS,
+    RETURN_KEYS,
+    SELF_ACTUATED_REWARD_WEIGHTS,
+)
 from sb3_piano.envs.score_choice import ScoreTransform
 from sb3_piano.envs.vector_env import PianoVectorEnv
 from sb3_piano.performance import Performance
@@ -33,6 +38,8 @@ __all__ = [
     "PIECE_IDS",
     "PIG_IDS",
     "RETURN_KEYS",
+    "SELF_ACTUATED_ID",
+    "SELF_ACTUATED_REWARD_WEIGHTS",
     "EnvState",
     "EpisodeRecorder",
     "KeyWindow",

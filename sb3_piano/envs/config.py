@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le
 
-from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS
+from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS, SELF_ACTUATED_REWARD_WEIGHTS
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.settings import Number, TextOrPath, Unit, Whole, refuse_unknown, settings
@@ -20,6 +20,9 @@ ObservationKind = Literal["roll", "window", "fingers", "hands"]
 
 Hands = Literal["both", "right", "left"]
 """Both hands, or one of them."""
+
+HandsInScene = Literal["both", "right", "left", "none"]
+"""Both hands, one of them, or none."""
 
 LookaheadSteps = Annotated[
     Whole,
@@ -68,9 +71,10 @@ class PianoEnvConfig:
     """Silence put before the score, s, in which the hands can take their place."""
     trim_silence: bool = True
     """Start the score at its first note."""
-    hands_in_scene: Hands = "both"
+    hands_in_scene: HandsInScene = "both"
     """Hands that are there. A hand that is alone has the actions, the observation and the joints of
-    one, no other forearm to touch, and plays its own notes and those that no hand is known of."""
+    one, no other forearm to touch, and plays its own notes and those that no hand is known of. With
+    "none" the keys are driven themselves, and earn other rewards."""
     hands: Hands = "both"
     """Hands whose notes are played; those of the other are left out. Where a score does not say
     which hand plays a note, one is found."""
@@ -87,7 +91,8 @@ class PianoEnvConfig:
     forearm_reward: bool = True
     """Reward forearms that do not touch; otherwise, and of one hand, the term is 0."""
     reward_weights: Mapping[str, RewardWeight] = dataclasses.field(default_factory=dict)
-    """Weights of reward terms by name, in place of the default ones."""
+    """Weights of reward terms by name, in place of the default ones: those of
+    ``DEFAULT_REWARD_WEIGHTS``, without hands of ``SELF_ACTUATED_REWARD_WEIGHTS``."""
     goal_time: Literal["beginning", "end"] = "beginning"
     """Moment of a control step whose keys are asked of the state at its end. "beginning", as in
     RoboPianist, asks a key to be down by the end of the step in which its note begins; "end" asks
@@ -112,22 +117,27 @@ class PianoEnvConfig:
         return cls(**options)
 
     def __post_init__(self) -> None:
-        refuse_unknown(self.reward_weights, DEFAULT_REWARD_WEIGHTS, "reward term")
-        weights = {**DEFAULT_REWARD_WEIGHTS, **self.reward_weights}
-        object.__setattr__(self, "reward_weights", weights)
-        if "both" != self.hands_in_scene != self.hands != "both":
+        default = DEFAULT_REWARD_WEIGHTS if self.sides else SELF_ACTUATED_REWARD_WEIGHTS
+        refuse_unknown(self.reward_weights, default, "reward term")
+        object.__setattr__(self, "reward_weights", {**default, **self.reward_weights})
+        if self.hands_in_scene not in ("both", "none", self.hands) and self.hands != "both":
             raise ConfigError(
                 f"hands is {self.hands!r} and hands_in_scene {self.hands_in_scene!r}: the hand "
                 "whose notes are played is not there. Expected the same hand, or 'both'."
             )
-        if self.hands_in_scene != "both":
+        if len(self.sides) < len(HANDS):
             object.__setattr__(self, "forearm_reward", False)
+        if not self.sides and self.observation in ("fingers", "hands"):
+            raise ConfigError(
+                f"observation is {self.observation!r}, but no hand is in the scene: expected "
+                "'roll' or 'window'."
+            )
         self.n_substeps  # noqa: B018  raises if the timesteps do not fit
 
     @property
     def sides(self) -> tuple[Hand, ...]:
         """Hands of the scene."""
-        return HANDS if self.hands_in_scene == "both" else (self.hands_in_scene,)
+        return tuple(side for side in HANDS if self.hands_in_scene in (side, "both"))
 
     @property
     def n_substeps(self) -> int:

@@ -156,6 +156,13 @@ class FingerEncoding(Encoding):
 
 def _roll_layout(scene: PianoScene, n_steps_lookahead: int) -> ObservationLayout:
     """Return RoboPianist's observation order for a scene."""
+    fingering = ObservationBlock(
+        name="fingering",
+        shape=(len(scene.fingers),),
+        meaning="1 for each finger that is labelled to press now, thumb to little, the right hand "
+        "first",
+        binary=True,
+    )
     return ObservationLayout(
         [
             ObservationBlock(
@@ -165,13 +172,7 @@ def _roll_layout(scene: PianoScene, n_steps_lookahead: int) -> ObservationLayout
                 "the current control step and those after it; 0 beyond the end",
                 binary=True,
             ),
-            ObservationBlock(
-                name="fingering",
-                shape=(len(scene.fingers),),
-                meaning="1 for each finger that is labelled to press now, thumb to little, the "
-                "right hand first",
-                binary=True,
-            ),
+            *([fingering] if scene.sides else []),
             ObservationBlock(
                 name="key_state",
                 shape=(NUM_KEYS,),

@@ -52,6 +52,10 @@ class Goal:
             self.fingering_reward = "labels" if score.has_fingering else "optimal-transport"
         self.steps = tuple(_step_goal(self.asked, step) for step in range(len(self.asked)))
         """Goal of each control step."""
+        if not config.sides:
+            self.fingering_reward = "off"
+        self.terms = tuple(config.reward_weights)
+        """Names of the reward terms."""
         self.highest_return = self._highest_return(config)
         """No return under the environment's reward is higher."""
 
@@ -106,7 +110,18 @@ def reward_terms(
     now = goal.steps[step]
     wrong = int.from_bytes(simulation.sounding) & now.not_due > 0
     force, velocity = simulation.actuator_force, simulation.actuator_velocity
-    touching = forearm and simulation.scene.forearms_touch(simulation.data)
+    scene = simulation.scene
+    if not scene.sides:
+        due = int.from_bytes(now.due.tobytes())
+        mistakes = (int.from_bytes(simulation.sounding) ^ due).bit_count()
+        mistakes += now.sustain != pedal_down
+        return {
+            "distance": rewards.distance(mistakes),
+            "log_likelihood": rewards.log_likelihood(mistakes),
+            "key_press": rewards.key_press(now.keys, simulation.key_state, wrong),
+            "sustain": rewards.sustain(now.sustain, pedal_down),
+        }
+    touching = forearm and scene.forearms_touch(simulation.data)
     return {
         "key_press": rewards.key_press(now.keys, simulation.key_state, wrong),
         "sustain": rewards.sustain(now.sustain, pedal_down),

@@ -231,8 +231,12 @@ class PianoEnv(gym.Env[Any, Any]):
             last: The highest, ``first`` to 87.
 
         Raises:
-            ConfigError: If there are no such keys.
+            ConfigError: If there are no such keys, or no hands: then keys are what acts.
         """
+        if not self.scene.sides:
+            raise ConfigError(
+                "Keys that are driven themselves cannot be made rigid: expected a scene with hands."
+            )
         self.close()
         self._build(KeyWindow(first, last))
         self._finished = True  # until the next reset

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sb3_piano.arrays import BoolArray, FloatArray, IntArray
+from sb3_piano.arrays import BoolArray, FingerArray, FloatArray, IntArray
 from sb3_piano.envs.goal import Goal
-from sb3_piano.envs.rewards import RETURN_KEYS, strike
+from sb3_piano.envs.rewards import RETURN_PREFIX, strike
 from sb3_piano.envs.strikes import OpenOnsets
 from sb3_piano.metrics import KeyBoxes, Presses, nearest_fingers, normalized_return, presses_of
 from sb3_piano.music import Score
-from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
+from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS, UNKNOWN_FINGER
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene, Simulation
 
@@ -48,7 +48,7 @@ class EnvState:
     """By control step in which a key went down or up: (p, 88) bool, keys that sounded after each of
     its p physics steps."""
     returns: FloatArray
-    """(6,) sums so far of the weighted reward terms."""
+    """(n,) sums so far of the n weighted reward terms."""
 
     @property
     def step(self) -> int:
@@ -71,7 +71,7 @@ class EpisodeRecord:
         # Steps in which a key changed, and which keys sounded after each physics step of them.
         self._changes: list[int] = []
         self._within = np.zeros((0, 1, NUM_KEYS), dtype=bool)
-        self._returns = [0.0] * len(RETURN_KEYS)
+        self._returns = [0.0] * len(goal.terms)
         self._open = OpenOnsets(goal.roll)
         # What is yet to be put into the latter two, which is faster for many steps at once.
         self._key_angles: list[bytes] = []
@@ -101,7 +101,7 @@ class EpisodeRecord:
     def add(
         self, simulation: Simulation, pedal_down: bool, weighted_terms: Mapping[str, float]
     ) -> None:
-        """Note down a control step, read at its end; terms are in the order of ``RETURN_KEYS``."""
+        """Note down a control step, read at its end; terms are in the order of the goal's."""
         sounding = simulation.sounding
         if sounding != self._sounding:
             self._changes.append(len(self._sustain))
@@ -130,7 +130,7 @@ class EpisodeRecord:
             sustain=sustain,
             strike_time=strikes,
             release_time=releases,
-            press_finger=nearest_fingers(key_active, fingertips, KeyBoxes(*self._scene.key_boxes)),
+            press_finger=self._press_fingers(key_active, fingertips),
             title=self._goal.score.title,
         )
 
@@ -140,7 +140,7 @@ class EpisodeRecord:
         return {
             **self.performance().metrics(),
             "normalized_return": normalized_return(sum(returns), self._goal.highest_return),
-            **dict(zip(RETURN_KEYS, returns, strict=True)),
+            **dict(zip(self._return_names(), returns, strict=True)),
         }
 
     def save(self, *, physics: FloatArray, finished: bool, pedal: float) -> EnvState:
@@ -173,6 +173,14 @@ class EpisodeRecord:
         strikes = zip(played.presses.key.tolist(), played.strike_time.tolist(), strict=True)
         for key, time in strikes:  # of one key in order of time
             self._open.hit(key, time)
+
+    def _return_names(self) -> list[str]:
+        return [RETURN_PREFIX + term for term in self._goal.terms]
+
+    def _press_fingers(self, key_active: BoolArray, fingertips: FloatArray) -> FingerArray:
+        if not self._scene.sides:
+            return np.full(key_active.shape, UNKNOWN_FINGER, dtype=np.int8)
+        return nearest_fingers(key_active, fingertips, KeyBoxes(*self._scene.key_boxes))
 
     def _sounding_within(self) -> BoolArray:
         """Return which keys sounded after the p physics steps of the m ``_changes``, (m, p, 88)."""

@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.envs.rewards import RETURN_KEYS
+from sb3_piano.envs.rewards import RETURN_PREFIX
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music.difficulty import Motion
 from sb3_piano.performance import Performance
@@ -85,7 +85,8 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
     def _recording(self, info: Mapping[str, Any]) -> Recording:
         played = getattr(self.unwrapped, "performance", None)
         metrics = {"return": self._return, "length": float(self._length)}
-        names = (*EPISODE_METRICS, *RETURN_KEYS)
+        returns = [name for name in info if name.startswith(RETURN_PREFIX)]
+        names = (*EPISODE_METRICS, *returns)
         metrics.update({name: float(info[name]) for name in names if name in info})
         return Recording(
             metrics=metrics,

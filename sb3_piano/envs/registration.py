@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import Any
 
 import gymnasium as gym
 
@@ -20,6 +21,9 @@ GENERAL_ID = "RoboPianist-v0"
 _BENCHMARKS = ("debug-", "etude-12-", "repertoire-150-")
 """Prefixes of the names of the pieces of RoboPianist's own suite."""
 
+SELF_ACTUATED_ID = "RoboPianist-selfactuated-v0"
+"""The id of the piano without hands, whose keys are driven."""
+
 PIECE_IDS: Mapping[str, str] = MappingProxyType(
     {f"RoboPianist-{name}-v0": name for name in BUILT_IN}
 )
@@ -28,7 +32,7 @@ PIECE_IDS: Mapping[str, str] = MappingProxyType(
 DEBUG_IDS = tuple(f"RoboPianist-{name}-v0" for name in DEBUG)
 """The ids of the debug set."""
 
-ENV_IDS = (GENERAL_ID, *PIECE_IDS)
+ENV_IDS = (GENERAL_ID, SELF_ACTUATED_ID, *PIECE_IDS)
 """All ids of what comes with the package."""
 
 PIG_IDS: Mapping[str, str] = MappingProxyType(
@@ -39,14 +43,20 @@ PIG_IDS: Mapping[str, str] = MappingProxyType(
 
 def register_envs() -> None:
     """Register all ids with gymnasium, those of imported benchmark pieces too; safe to repeat."""
-    general = {GENERAL_ID: "debug-TwinkleTwinkleLittleStar"}
-    for env_id, piece in {**general, **PIECE_IDS, **PIG_IDS, **imported_ids()}.items():
+    twinkle = {"score": "debug-TwinkleTwinkleLittleStar"}
+    options: dict[str, dict[str, Any]] = {
+        GENERAL_ID: twinkle,
+        SELF_ACTUATED_ID: {**twinkle, "hands_in_scene": "none", "n_steps_lookahead": 0},
+    }
+    pieces = {**PIECE_IDS, **PIG_IDS, **imported_ids()}
+    options.update({env_id: {"score": piece} for env_id, piece in pieces.items()})
+    for env_id, kwargs in options.items():
         if env_id not in gym.registry:
             gym.register(
                 id=env_id,
                 entry_point=ENTRY_POINT,
                 vector_entry_point=VECTOR_ENTRY_POINT,
-                kwargs={"score": piece},
+                kwargs=kwargs,
             )
 
 

@@ -8,6 +8,7 @@ RoboPianist's own; ``strike``, which RoboPianist does not have, has the weight 0
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
@@ -23,7 +24,16 @@ DEFAULT_REWARD_WEIGHTS: Mapping[str, float] = MappingProxyType(
 """RoboPianist's weights. ``energy`` is per watt, ``strike`` for each strike; the other terms lie in
 [0, 1]."""
 
-RETURN_KEYS = tuple(f"return_{name}" for name in DEFAULT_REWARD_WEIGHTS)
+SELF_ACTUATED_REWARD_WEIGHTS: Mapping[str, float] = MappingProxyType(
+    {"distance": 1.0, "log_likelihood": 0.0, "key_press": 0.0, "sustain": 0.0, "strike": 0.0}
+)
+"""Weights where no hand is in the scene and the keys are driven themselves. ``distance`` is
+RoboPianist's default there, ``log_likelihood`` its other choice."""
+
+RETURN_PREFIX = "return_"
+"""Beginning of the names in the final ``info`` of the sums of the weighted terms."""
+
+RETURN_KEYS = tuple(RETURN_PREFIX + name for name in DEFAULT_REWARD_WEIGHTS)
 """Names in the final ``info`` of the episode sums of the weighted terms."""
 
 # A key counts as pressed, and a finger as on its key, within these distances; the reward has
@@ -43,7 +53,7 @@ def highest_return(
 ) -> float:
     """Return the highest return that a piece allows: every term at its upper end in every step.
 
-    No playing reaches it, since moving takes energy, which it leaves at 0.
+    No playing reaches it where moving takes energy, which it leaves at 0.
 
     Args:
         weights: Weight of each term by name; what a negative one would subtract is left at 0.
@@ -54,6 +64,8 @@ def highest_return(
         forearm: Whether ``forearm`` can be earned.
     """
     sums = {
+        "distance": 0,
+        "log_likelihood": 0,
         "key_press": 0.5 * (n_steps + n_due),
         "sustain": n_steps,
         "energy": 0,
@@ -126,6 +138,31 @@ def sustain(due: bool, pressed: bool) -> float:
         1 if both agree, else nearly 0.
     """
     return _SUSTAIN[due - pressed]
+
+
+_LOG_OF_NOTHING = math.log(1e-6)
+
+
+def distance(mistakes: int) -> float:
+    """Return minus the Euclidean distance between what is down and what is due.
+
+    Source: RoboPianist's task ``SelfActuatedPiano``, where keys and pedal are 0 or 1.
+
+    Args:
+        mistakes: Keys that sound and should not or the other way round, and the pedal likewise.
+    """
+    return -math.sqrt(mistakes)
+
+
+def log_likelihood(mistakes: int) -> float:
+    """Return minus the binary cross-entropy between what is down and what is due.
+
+    Source: as of :func:`distance`; where a probability is 0, 1e-6 stands for it.
+
+    Args:
+        mistakes: As of :func:`distance`.
+    """
+    return mistakes * _LOG_OF_NOTHING
 
 
 def energy(force: FloatArray, velocity: FloatArray) -> float:

@@ -55,8 +55,8 @@ def part_of_hands(score: Score, config: PianoEnvConfig) -> Score:
     """
     if config.hands != "both":
         score = _of_hand(assign_hands(score), config.hands)
-    if config.hands_in_scene != "both":
-        score = _of_hand(score, config.hands_in_scene)
+    if len(config.sides) == 1:
+        score = _of_hand(score, config.sides[0])
     return score
 
 

@@ -65,9 +65,10 @@ def normalized_return(value: float, highest: float) -> float:
     It is below 0 if the costs outweigh the rewards.
 
     Returns:
-        The share; 1.0 if the highest return is 0, as in a piece without a step.
+        The share. Where the highest return is 0, as of rewards that are all costs: 1.0 for a
+        return of 0, else 0.0.
     """
-    return float(value / highest) if highest else 1.0
+    return float(value / highest) if highest else float(value == 0)
 
 
 FINGER_SHARES = tuple(f"finger_share_{hand}{finger}" for hand in "rl" for finger in range(1, 6))

@@ -143,6 +143,8 @@ def pianos_of(env: gym.Env[Any, Any] | VecEnv) -> list[PianoEnv]:
     for piano in inside:
         if not isinstance(piano, PianoEnv):
             raise ConfigError(f"A {type(piano).__name__} cannot be played: expected a piano.")
+        if not piano.scene.sides:
+            raise ConfigError("A piano without hands has nobody to play it: expected hands.")
     return inside
 
 

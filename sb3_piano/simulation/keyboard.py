@@ -25,8 +25,18 @@ ALL_KEYS_MOVE = (0, NUM_KEYS - 1)
 """The lowest and the highest key that move, where none is rigid."""
 
 
+# Keys that are driven: the stiffness of a servo (N m/rad) holds a key down against its spring
+# within 7 % of its travel; the damping (N m s/rad) keeps it from bouncing. It is the joint's,
+# which MuJoCo integrates implicitly.
+_SERVO_STIFFNESS, _DRIVEN_DAMPING = 50.0, 0.5
+
+
 def build_keyboard(
-    *, balanced: bool = False, gravity: bool = True, moving_keys: tuple[int, int] = ALL_KEYS_MOVE
+    *,
+    balanced: bool = False,
+    gravity: bool = True,
+    moving_keys: tuple[int, int] = ALL_KEYS_MOVE,
+    driven: bool = False,
 ) -> mujoco.MjSpec:
     """Return the specification of the keyboard, to be attached to a scene.
 
@@ -39,6 +49,8 @@ def build_keyboard(
         gravity: Whether the scene has gravity, which balanced springs then balance.
         moving_keys: The lowest and the highest key that move; the others are rigid, and in the way
             as before.
+        driven: Give each key that moves a position servo, ``<color>_actuator_<i>``, whose control
+            range goes from up to fully down.
     """
     table = load_table("keyboard")
     assert len(table["keys"]) == NUM_KEYS, "keyboard.json must describe all 88 keys"
@@ -56,6 +68,8 @@ def build_keyboard(
         name="base", **box, rgba=_BASE_COLOR, size=base["half_size"], pos=base["pos"]
     )
     joints = {color: _joint(table, table[color], balanced, gravity) for color in KEY_COLORS}
+    if driven:
+        joints = {color: {**joint, "damping": _DRIVEN_DAMPING} for color, joint in joints.items()}
     first, last = moving_keys
     for index, key in enumerate(table["keys"]):
         color, kind = key["color"], table[key["color"]]
@@ -70,6 +84,14 @@ def build_keyboard(
                 pos=[kind["hinge_x"], 0, 0],
                 **joints[color],
             )
+            if driven:
+                servo = spec.add_actuator(
+                    name=f"{color}_actuator_{index}",
+                    target=f"{color}_joint_{index}",
+                    trntype=mujoco.mjtTrn.mjTRN_JOINT,
+                    ctrlrange=[0.0, kind["max_angle"]],
+                )
+                servo.set_to_position(kp=_SERVO_STIFFNESS)
         body.add_geom(
             name=body.name, **box, rgba=KEY_COLORS[color], size=kind["half_size"], mass=kind["mass"]
         )

@@ -46,12 +46,13 @@ _CLEARANCE = 0.005
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class PianoScene:
-    """A compiled MuJoCo model of a piano and one or two hands, and what is needed to read it."""
+    """A compiled MuJoCo model of a piano, hands or none, and what is needed to read its state."""
 
     model: mujoco.MjModel
     """MuJoCo's model."""
     sides: tuple[Hand, ...]
-    """Hands of the scene, h of them: ``"right"`` before ``"left"``."""
+    """Hands of the scene, h of them: ``"right"`` before ``"left"``. Without any, the actuators are
+    those of the keys."""
     moving_keys: slice
     """Those of the 88 keys that move; all, unless the scene was compiled with rigid ones."""
     key_qpos: IntArray
@@ -101,7 +102,8 @@ class PianoScene:
     @functools.cached_property
     def fingers(self) -> IntArray:
         """(5 h,) labels of the fingers that are there, ascending."""
-        return np.array([finger for side in self.sides for finger in fingers_of(side)])
+        fingers = [finger for side in self.sides for finger in fingers_of(side)]
+        return np.array(fingers, dtype=np.intp)
 
     @functools.cached_property
     def joint_qpos(self) -> tuple[IntArray, ...]:
@@ -121,7 +123,7 @@ class PianoScene:
     @functools.cached_property
     def hand_qpos(self) -> IntArray:
         """(m,) addresses in ``qpos`` of all hands' joints, in the order of ``joint_qpos``."""
-        return np.concatenate(self.joint_qpos)
+        return np.concatenate([np.empty(0, dtype=np.intp), *self.joint_qpos])
 
     @functools.cached_property
     def actuator_kind(self) -> npt.NDArray[np.str_]:
@@ -220,7 +222,8 @@ def compile_scene(
         physics: Name of a physics profile.
         moving_keys: The lowest and the highest key that move. The others are rigid: hands rest on
             them, but they never go down. The fewer move, the faster are the physics steps.
-        sides: Hands that are there, the right one first.
+        sides: Hands that are there, the right one first. Where there is none, each key has an
+            actuator.
 
     Raises:
         ConfigError: If the physics profile is unknown, or there are no such keys.
@@ -265,7 +268,10 @@ def scene_parts(
         world.option.gravity = [0, 0, 0]
     _furnish(world)
     piano = keyboard.build_keyboard(
-        balanced=profile.balanced_keys, gravity=not weightless, moving_keys=moving_keys
+        balanced=profile.balanced_keys,
+        gravity=not weightless,
+        moving_keys=moving_keys,
+        driven=not sides,
     )
     hands = [
         hand.build_hand(
@@ -355,15 +361,20 @@ def _index_scene(
         key_geom=key_geom,
         key_boxes=_boxes_of_pressed_keys(model, key_joint, key_geom, max_angle[moving]),
         key_press_offset=press_offset,
-        fingertip_site=np.array([model.site(n).id for s in sides for n in hand.fingertip_sites(s)]),
+        fingertip_site=np.array(
+            [model.site(n).id for s in sides for n in hand.fingertip_sites(s)], dtype=np.intp
+        ),
         fingertip_geom=np.array(
-            [model.body(n).geomadr[0] for s in sides for n in hand.fingertip_bodies(s)]
+            [model.body(n).geomadr[0] for s in sides for n in hand.fingertip_bodies(s)],
+            dtype=np.intp,
         ),
         joints=hand_joints,
-        actuator_of_joint=_actuator_of_joint(model, np.concatenate(hand_joints)),
+        actuator_of_joint=_actuator_of_joint(model, hand_joints),
         forearm_geoms=tuple(forearm_geoms),
         forearm_reach=_forearm_reach(model, forearm_geoms) if len(sides) > 1 else 0.0,
-        slider_qpos=model.jnt_qposadr[[joints[-2] for joints in hand_joints]].astype(np.intp),
+        slider_qpos=np.array(
+            [model.jnt_qposadr[joints[-2]] for joints in hand_joints], dtype=np.intp
+        ),
     )
 
 
@@ -407,7 +418,7 @@ def _hand_joints(model: mujoco.MjModel, side: str) -> IntArray:
     return np.array([j for j in joints if j not in sliders] + sliders)
 
 
-def _actuator_of_joint(model: mujoco.MjModel, joints: IntArray) -> FloatArray:
+def _actuator_of_joint(model: mujoco.MjModel, hands: tuple[IntArray, ...]) -> FloatArray:
     """Return the constant Jacobian of the actuators' lengths: all drive joints or fixed tendons."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -415,7 +426,7 @@ def _actuator_of_joint(model: mujoco.MjModel, joints: IntArray) -> FloatArray:
     mujoco.mju_sparse2dense(
         moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
     )
-    return moment[:, model.jnt_dofadr[joints]]
+    return moment[:, [model.jnt_dofadr[joint] for joints in hands for joint in joints]]
 
 
 def _forearm_reach(model: mujoco.MjModel, geoms: list[list[int]]) -> float:

@@ -30,14 +30,16 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
             wrist's joint half as far, a slider half as many metres, since it follows slowly.
 
     Raises:
-        ConfigError: If ``reach`` is out of range, ``env`` is no piano, or another wrapper inside
-            has changed the actions.
+        ConfigError: If ``reach`` is out of range, ``env`` is no piano or has no hands, or another
+            wrapper inside has changed the actions.
     """
 
     def __init__(self, env: gym.Env[Any, Any], reach: float = REACH) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, reach=reach)
         super().__init__(env)
         self._piano = piano_of(env, "HandActions")
+        if not self._piano.scene.sides:
+            raise ConfigError("HandActions finds no hands in the scene: expected one or two.")
         own = self._piano.action_space
         if env.action_space != own:
             raise ConfigError(

@@ -13,6 +13,7 @@ import numpy as np
 from sb3_piano.arrays import FloatArray
 from sb3_piano.envs.rewards import held, labelled_fingering
 from sb3_piano.envs.strikes import OpenOnsets
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_KEYS
 from sb3_piano.music.fingering.robot import KEY_Y
 from sb3_piano.settings import NotNegative, Share, checked
@@ -49,7 +50,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         guidance: What it is worth to be at due keys and to hold them down, 0 or more.
 
     Raises:
-        ConfigError: If a number is out of range, or ``env`` is no piano.
+        ConfigError: If a number is out of range, or ``env`` is no piano or has no hands.
     """
 
     def __init__(
@@ -65,6 +66,8 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         )
         super().__init__(env)
         self._piano = piano_of(env, "HandReward")
+        if not self._piano.scene.sides:
+            raise ConfigError("HandReward finds no hands in the scene: expected one or two.")
         self._hands = [SIDES.index(side) for side in self._piano.scene.sides]
         self._own = checked("own", own, Share)
         self._within = checked("within", within, Share)

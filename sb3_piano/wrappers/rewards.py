@@ -9,7 +9,6 @@ from typing import Any, SupportsFloat
 import gymnasium as gym
 import numpy as np
 
-from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS
 from sb3_piano.envs.config import RewardWeight
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
@@ -89,8 +88,8 @@ class RewardWeights(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
 
     Args:
         env: A piano environment, wrapped or not.
-        weights: Weight by name of the term, one of ``sb3_piano.envs.DEFAULT_REWARD_WEIGHTS``, each
-            a finite number; terms without one keep the weight they have. ``energy`` is per watt.
+        weights: Weight by name of the term, one that the environment has, each a finite number;
+            terms without one keep the weight they have. ``energy`` is per watt.
 
     Raises:
         ConfigError: If a name is unknown, a weight is no finite number, or ``env`` is no piano.
@@ -100,7 +99,8 @@ class RewardWeights(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
         gym.utils.RecordConstructorArgs.__init__(self, weights=weights)
         super().__init__(env)
         self._weights = checked("weights", weights, Mapping[str, RewardWeight])
-        refuse_unknown(weights, DEFAULT_REWARD_WEIGHTS, "reward term")
+        known = piano_of(env, "RewardWeights").config.reward_weights
+        refuse_unknown(weights, known, "reward term")
 
     @property
     def reward_weights(self) -> Mapping[str, float]:
@@ -127,7 +127,7 @@ class FingeringDecay(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
         start: Control steps before the weight begins to fall, at least 0.
 
     Raises:
-        ConfigError: If an argument is out of range, or ``env`` is no piano.
+        ConfigError: If an argument is out of range, or ``env`` is no piano or has no hands.
     """
 
     def __init__(
@@ -138,6 +138,7 @@ class FingeringDecay(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
         self._n_steps = checked("n_steps", n_steps, Count)
         self._final = checked("final", final, RewardWeight)
         self._start = checked("start", start, Index)
+        refuse_unknown(["fingering"], self.inner_weights, "reward term")
 
     @property
     def reward_weights(self) -> Mapping[str, float]:
@@ -169,13 +170,14 @@ class RewardTiering(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
         threshold: Least ``key_press`` with which the terms count, in [0, 1].
 
     Raises:
-        ConfigError: If ``threshold`` is out of range, or ``env`` is no piano.
+        ConfigError: If ``threshold`` is out of range, or ``env`` is no piano or has no hands.
     """
 
     def __init__(self, env: gym.Env[Any, Any], threshold: float = 0.75) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, threshold=threshold)
         super().__init__(env)
         self._threshold = checked("threshold", threshold, Share)
+        refuse_unknown(TIERED_TERMS, self.inner_weights, "reward term")
 
     def reward_terms(self, terms: RewardTerms) -> RewardTerms:
         """Return the terms, with 0 for those that are not earned."""

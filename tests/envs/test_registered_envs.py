@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from sb3_piano.envs import DEBUG_IDS, ENV_IDS, GENERAL_ID, PIG_IDS, register_envs
+from sb3_piano.envs import DEBUG_IDS, ENV_IDS, GENERAL_ID, PIG_IDS, SELF_ACTUATED_ID, register_envs
 from sb3_piano.exceptions import UnknownPieceError
 from sb3_piano.music import Note, Score, load_score, write_midi
 from sb3_piano.music.library import Library
@@ -17,6 +17,7 @@ from sb3_piano.music.library import Library
 # Pieces of every kind, short enough to be played to their ends.
 SAMPLE = (
     GENERAL_ID,
+    SELF_ACTUATED_ID,
     *DEBUG_IDS,
     "RoboPianist-scale-EbMajor-v0",
     "RoboPianist-repertoire-PathetiqueRondo-v0",
@@ -39,7 +40,7 @@ print(digest.hexdigest())
 def test_the_ids_are_in_gymnasiums_registry_under_robopianists_names():
     ours = {name for name in gym.registry if name.startswith("RoboPianist")}
     assert ours == {*ENV_IDS, *PIG_IDS}
-    assert len(ENV_IDS) == 1 + 6 + 37 + 24 + 20 + 12
+    assert len(ENV_IDS) == 2 + 6 + 37 + 24 + 20 + 12
     assert {name for name in ours if "debug" in name} == {
         f"RoboPianist-debug-{piece}-v0"
         for piece in (

@@ -1,0 +1,178 @@
+"""The piano without hands, whose keys are driven."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env as gymnasium_check
+from stable_baselines3 import PPO
+from stable_baselines3.common.env_checker import check_env as sb3_check
+from stable_baselines3.common.env_util import make_vec_env
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Note, Pedal, Score
+from sb3_piano.players import make_player
+from sb3_piano.wrappers import (
+    FingeringDecay,
+    HandActions,
+    HandReward,
+    HideFingering,
+    KeyRange,
+    RewardTiering,
+    RewardWeights,
+)
+
+ENV_ID = "RoboPianist-selfactuated-v0"
+PIECE = Score(
+    notes=[
+        Note(onset=0.0, offset=0.2, pitch=21),  # the lowest and the highest key
+        Note(onset=0.0, offset=0.1, pitch=61),  # black
+        Note(onset=0.1, offset=0.2, pitch=61),  # struck again at once
+        Note(onset=0.2, offset=0.4, pitch=108),
+    ],
+    pedals=[Pedal(onset=0.1, offset=0.3)],
+    title="piece",
+)
+
+
+def as_goal(observation):
+    """Return the action that plays what the observation asks for."""
+    return np.where(observation[:89] > 0, 1.0, -1.0).astype(np.float32)
+
+
+def play(env, policy):
+    """Return rewards and the final info of an episode."""
+    observation, _ = env.reset(seed=0)
+    rewards, over = [], False
+    while not over:
+        observation, reward, terminated, truncated, info = env.step(policy(observation))
+        rewards.append(reward)
+        over = terminated or truncated
+    return rewards, info
+
+
+@pytest.mark.parametrize("lookahead", [0, 3])
+def test_both_checks_pass(lookahead):
+    env = gym.make(ENV_ID, n_steps_lookahead=lookahead)
+    assert env.action_space.shape == (89,)
+    assert env.observation_space.shape == ((lookahead + 1) * 89 + 89,)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        gymnasium_check(env.unwrapped, skip_render_check=True)
+        sb3_check(env)
+
+
+@pytest.mark.parametrize("physics", ["reference", "fast"])
+@pytest.mark.parametrize("piece", [PIECE, "debug-TwinkleTwinkleLittleStar", "hanon-01"])
+def test_who_plays_the_goal_plays_the_piece(piece, physics):
+    rewards, info = play(gym.make(ENV_ID, score=piece, physics=physics), as_goal)
+    for metric in ("f1", "onset_f1", "sustain_f1"):
+        assert info[metric] == 1.0
+    assert rewards == [0.0] * len(rewards)
+    assert info["effective_fingers"] == 0
+
+
+def test_who_does_nothing_pays_the_root_of_what_is_due():
+    env = gym.make(ENV_ID, score=PIECE)
+    rewards, info = play(env, lambda _: env.unwrapped.rest_action)
+    due = env.unwrapped.roll.active.sum(axis=1) + env.unwrapped.roll.sustain
+    assert rewards == pytest.approx([-math.sqrt(count) for count in due])
+    assert info["return_distance"] == pytest.approx(sum(rewards))
+    assert info["f1"] < 0.5
+
+
+def test_the_other_reward_is_the_log_likelihood():
+    weights = {"distance": 0.0, "log_likelihood": 1.0}
+    env = gym.make(ENV_ID, score=PIECE, reward_weights=weights)
+    epsilon = 1e-6
+
+    def entropy(played, due):
+        played, due = played.astype(float), due.astype(float)
+        return np.sum(due * np.log(played + epsilon) + (1 - due) * np.log(1 - played + epsilon))
+
+    random = np.random.default_rng(0)
+    env.reset(seed=0)
+    piano, over = env.unwrapped, False
+    while not over:
+        step = piano.steps_played
+        action = random.choice([-1.0, 1.0], 89).astype(np.float32)
+        _, reward, _, over, info = env.step(action)
+        played = np.append(piano.key_active, piano.pedal_down)
+        due = np.append(piano.roll.active[step], piano.roll.sustain[step])
+        assert reward == pytest.approx(entropy(played, due), abs=1e-3)
+        assert info["reward_terms"]["distance"] == pytest.approx(-math.sqrt((played != due).sum()))
+
+
+def test_an_action_between_sounds_from_some_angle_on():
+    env = PianoEnv(PIECE, hands_in_scene="none")
+    for level, sounds in ((0.6, False), (1.0, True)):
+        env.reset(seed=0)
+        env.step(np.append(np.full(88, level), -1.0))
+        assert env.key_active.all() == env.key_active.any() == sounds
+
+
+@pytest.mark.parametrize("observation", ["fingers", "hands"])
+def test_observations_of_hands_are_refused(observation):
+    with pytest.raises(ConfigError, match=f"observation is '{observation}', but no hand"):
+        PianoEnv(PIECE, hands_in_scene="none", observation=observation)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (HandActions, "HandActions finds no hands"),
+        (HandReward, "HandReward finds no hands"),
+        (HideFingering, "fingering"),
+        (RewardTiering, "Unknown reward term 'energy'"),
+        (lambda env: FingeringDecay(env, 10), "Unknown reward term 'fingering'"),
+        (lambda env: RewardWeights(env, {"forearm": 1}), "Unknown reward term 'forearm'"),
+        (lambda env: KeyRange(env, "piece", simulated=True), "driven themselves cannot be made"),
+        (lambda env: make_player("planned", env), "without hands has nobody"),
+        (lambda env: make_player("sight-reader", env), "without hands has nobody"),
+    ],
+)
+def test_what_needs_hands_says_so(make, message):
+    with pytest.raises(ConfigError, match=message):
+        make(PianoEnv(PIECE, hands_in_scene="none"))
+
+
+def test_a_term_of_hands_has_no_weight_here():
+    with pytest.raises(ConfigError, match="Unknown reward term 'energy'"):
+        PianoEnv(PIECE, hands_in_scene="none", reward_weights={"energy": 1})
+
+
+def test_it_is_drawn_without_hands():
+    env = gym.make(ENV_ID, render_mode="rgb_array")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    assert env.render().std() > 10
+    env.close()
+
+
+@pytest.mark.slow
+def test_stock_ppo_learns_it_in_seconds(tell):
+    # Two keys, so that 10,000 steps are enough.
+    notes = [Note(onset=i * 0.2, offset=i * 0.2 + 0.2, pitch=60 + i % 2) for i in range(20)]
+    score = Score(notes=notes, title="trill")
+    options = {"score": score, "physics": "fast"}
+    venv = make_vec_env(ENV_ID, n_envs=8, seed=0, env_kwargs=options)
+    settings = {"gamma": 0.0, "n_steps": 128, "batch_size": 256, "learning_rate": 3e-3}
+    model = PPO("MlpPolicy", venv, seed=0, device="cpu", **settings)
+
+    def judged():
+        _, info = play(
+            gym.make(ENV_ID, **options), lambda seen: model.predict(seen, deterministic=True)[0]
+        )
+        return info["f1"]
+
+    before = judged()
+    model.learn(20_000)
+    after = judged()
+    tell(f"PPO on two driven keys: F1 {before:.3f} before, {after:.3f} after 20,000 steps")
+    assert before < 0.2
+    assert after > 0.8

@@ -1,5 +1,6 @@
 """Replay buffers for Stable-Baselines3 that know what a piano observation is made of."""
 
 from sb3_piano.buffers.compact import CompactNStepReplayBuffer, CompactReplayBuffer
+from sb3_piano.buffers.compact_dict import CompactDictReplayBuffer
 
-__all__ = ["CompactNStepReplayBuffer", "CompactReplayBuffer"]
+__all__ = ["CompactDictReplayBuffer", "CompactNStepReplayBuffer", "CompactReplayBuffer"]

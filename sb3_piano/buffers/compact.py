@@ -64,7 +64,7 @@ class CompactReplayBuffer(ReplayBuffer):
         if isinstance(observation_space, spaces.Dict):
             raise ConfigError(
                 f"A {type(self).__name__} cannot hold observations of {observation_space}: "
-                "expected a space of plain arrays. gymnasium.wrappers.FlattenObservation makes one."
+                "expected a space of plain arrays, or a CompactDictReplayBuffer."
             )
         # Without numbers in the observations, the arrays made for them take no memory.
         super().__init__(

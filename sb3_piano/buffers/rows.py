@@ -65,14 +65,16 @@ def buffer_rows(buffer: ReplayBuffer) -> BufferRows:
     Raises:
         RunError: If the buffer keeps its rows in something else.
     """
+    if isinstance(buffer, BufferRows):
+        return buffer
     arrays = ArrayRows(buffer)
     if isinstance(buffer, DictReplayBuffer) or buffer.buffer_size < 2 or not arrays.arrays:
         raise RunError(
             f"A {type(buffer).__name__} of {buffer.buffer_size} row(s) cannot be saved for "
             "resuming: expected two or more rows in numpy arrays, as in ReplayBuffer or "
-            "NStepReplayBuffer (dictionary observations have to be flattened first)."
+            "NStepReplayBuffer; of dictionaries sb3_piano.buffers.CompactDictReplayBuffer."
         )
-    return buffer if isinstance(buffer, BufferRows) else arrays
+    return arrays
 
 
 def check_array(

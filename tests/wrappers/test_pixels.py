@@ -1,0 +1,195 @@
+"""Pictures as observations, and the replay buffer that holds them."""
+
+from __future__ import annotations
+
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import spaces
+from gymnasium.utils.env_checker import check_env as gymnasium_check
+from stable_baselines3 import SAC
+from stable_baselines3.common.buffers import DictReplayBuffer
+from stable_baselines3.common.env_checker import check_env as sb3_check
+from stable_baselines3.common.utils import set_random_seed
+
+from sb3_piano.buffers import CompactDictReplayBuffer, CompactReplayBuffer
+from sb3_piano.buffers.rows import buffer_rows
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Note, Score
+from sb3_piano.viewing.frame_renderer import FINGER_COLORS, PRESSED_COLOR
+from sb3_piano.wrappers import KeyRange, Pixels
+
+# Keys far from the hands, and one right under the thumb at rest.
+PIECE = Score(
+    notes=[
+        Note(onset=0.0, offset=0.3, pitch=60, finger=0),
+        Note(onset=0.3, offset=0.5, pitch=76, finger=2),
+    ],
+    title="piece",
+)
+
+
+def piano(**options):
+    return gym.make("RoboPianist-v0", score=PIECE, physics="fast", **options)
+
+
+@pytest.fixture
+def env():
+    wrapped = Pixels(piano())
+    yield wrapped
+    wrapped.close()
+
+
+def hue(color):
+    """Return which of red, green and blue are the strongest and the weakest."""
+    return int(np.argmax(color[:3])), int(np.argmin(color[:3]))
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_the_checks_of_gymnasium_and_of_sb3_pass(alone):
+    env = Pixels(piano(), alone=alone)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", ".*is different from the unwrapped version")
+        gymnasium_check(env)
+        sb3_check(env)
+    env.close()
+
+
+def test_the_picture_stands_beside_the_vector(env):
+    observation, _ = env.reset(seed=0)
+    assert isinstance(env.observation_space, spaces.Dict)
+    assert observation["observation"].shape == (1124,)
+    assert observation["pixels"].shape == (84, 84, 3)
+    assert observation["pixels"].dtype == np.uint8
+    assert observation["pixels"].std() > 10
+
+
+def test_a_due_key_has_the_colour_of_its_finger_before_it_is_due(env):
+    # From above, where no hand is over the front of the keys.
+    env = Pixels(piano(), 640, 360, camera="topdown", alone=True)
+    before, _ = env.reset(seed=0)
+    rest, changed = env.unwrapped.rest_action, None
+    for _ in range(6):
+        changed, *_ = env.step(rest)
+    # Six steps on the other key is due: what changed has the colours of thumb and middle finger.
+    moved = np.abs(before.astype(int) - changed).max(axis=-1) > 60
+    hues = {hue(pixel) for pixel in before[moved]} | {hue(pixel) for pixel in changed[moved]}
+    assert {hue(FINGER_COLORS[0]), hue(FINGER_COLORS[2])} <= hues
+    assert hue(PRESSED_COLOR) not in hues
+    env.close()
+
+
+def test_it_draws_the_scene_in_which_other_keys_are_rigid_now():
+    env = Pixels(KeyRange(piano(n_steps_lookahead=1), "piece", simulated=True))
+    first, _ = env.reset(seed=0)
+    env.unwrapped.fix_keys(20, 70)
+    second, _ = env.reset(seed=0)
+    assert np.abs(first["pixels"].astype(int) - second["pixels"]).max() <= 2
+    env.close()
+
+
+def filled(kind, env, size=40, steps=60):
+    """Return a replay buffer after some steps, over several episodes."""
+    buffer = kind(size, env.observation_space, env.action_space, device="cpu", n_envs=1)
+    random = np.random.default_rng(0)
+    observation, _ = env.reset(seed=0)
+    for _ in range(steps):
+        action = random.uniform(-1, 1, (1, *env.action_space.shape)).astype(np.float32)
+        after, reward, terminated, truncated, _ = env.step(action[0])
+        infos = [{"TimeLimit.truncated": truncated and not terminated}]
+        rows = ({name: part[None] for name, part in one.items()} for one in (observation, after))
+        over = np.array([terminated or truncated])
+        buffer.add(*rows, action, np.array([reward]), over, infos)
+        observation = env.reset()[0] if over[0] else after
+    return buffer
+
+
+class TestBuffer:
+    def test_its_samples_are_those_of_sb3s(self, env):
+        ours, theirs = (filled(kind, env) for kind in (CompactDictReplayBuffer, DictReplayBuffer))
+        for _ in range(5):
+            batches = []
+            for buffer in (ours, theirs):
+                set_random_seed(1)
+                batches.append(buffer.sample(32))
+            mine, other = batches
+            for name in ("observation", "pixels"):
+                for part in ("observations", "next_observations"):
+                    a, b = getattr(mine, part)[name], getattr(other, part)[name]
+                    np.testing.assert_array_equal(a.numpy(), b.numpy())
+            np.testing.assert_array_equal(mine.actions.numpy(), other.actions.numpy())
+            np.testing.assert_array_equal(mine.rewards.numpy(), other.rewards.numpy())
+            np.testing.assert_array_equal(mine.dones.numpy(), other.dones.numpy())
+
+    def test_it_takes_half_of_the_memory(self, env, tell):
+        ours, theirs = (
+            filled(kind, env, size=400, steps=40)
+            for kind in (CompactDictReplayBuffer, DictReplayBuffer)
+        )
+        arrays = (*theirs.observations.values(), *theirs.next_observations.values())
+        full = sum(array.nbytes for array in arrays)
+        tell(
+            f"a transition with 84 x 84 pixels: {ours.nbytes / 400 / 1000:.1f} kB, in SB3's "
+            f"buffer {full / 400 / 1000:.1f} kB"
+        )
+        assert ours.nbytes < 0.5 * full
+
+    def test_its_rows_are_saved_and_put_back(self, env):
+        buffer = filled(CompactDictReplayBuffer, env)
+        rows = np.arange(40)
+        saved = {name: np.array(part) for name, part in buffer_rows(buffer).take_rows(rows).items()}
+        fresh = CompactDictReplayBuffer(40, env.observation_space, env.action_space, device="cpu")
+        fresh.put_rows(rows, saved)
+        fresh.pos, fresh.full = buffer.pos, buffer.full
+        batches = []
+        for one in (buffer, fresh):
+            set_random_seed(2)
+            batches.append(one.sample(64))
+        for name in ("observation", "pixels"):
+            for part in ("observations", "next_observations"):
+                a, b = (getattr(batch, part)[name].numpy() for batch in batches)
+                np.testing.assert_array_equal(a, b)
+
+    @pytest.mark.parametrize(
+        ("space", "message"),
+        [
+            (spaces.Box(0, 1, (3,)), "expected a Dict of plain arrays"),
+            (spaces.Dict(a=spaces.Dict(b=spaces.Box(0, 1, (3,)))), "expected a Dict of plain"),
+        ],
+    )
+    def test_other_spaces_are_refused(self, space, message):
+        with pytest.raises(ConfigError, match=message):
+            CompactDictReplayBuffer(10, space, spaces.Box(-1, 1, (2,)), device="cpu")
+
+    def test_a_single_array_buffer_names_the_one_for_dictionaries(self, env):
+        with pytest.raises(ConfigError, match="or a CompactDictReplayBuffer"):
+            CompactReplayBuffer(10, env.observation_space, env.action_space, device="cpu")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("alone", "policy", "buffer"),
+    [
+        (False, "MultiInputPolicy", CompactDictReplayBuffer),
+        (True, "CnnPolicy", CompactReplayBuffer),
+    ],
+)
+def test_stock_sac_trains_on_it(alone, policy, buffer):
+    env = Pixels(piano(), 48, 40, alone=alone)
+    model = SAC(
+        policy,
+        env,
+        learning_starts=8,
+        batch_size=8,
+        buffer_size=50,
+        replay_buffer_class=buffer,
+        policy_kwargs={"net_arch": [16]},
+        device="cpu",
+    )
+    before = [parameter.clone() for parameter in model.actor.parameters()]
+    model.learn(24)
+    assert any((a != b).any() for a, b in zip(before, model.actor.parameters(), strict=True))
+    env.close()

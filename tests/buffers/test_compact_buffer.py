@@ -175,7 +175,7 @@ def test_what_it_cannot_do_is_refused(kind):
     message = f"optimize_memory_usage is true for a {kind.__name__}: expected false"
     with pytest.raises(ConfigError, match=message):
         kind(10, SPACE, ACTIONS, "cpu", optimize_memory_usage=True)
-    with pytest.raises(ConfigError, match="cannot hold observations of Dict.*FlattenObservation"):
+    with pytest.raises(ConfigError, match="cannot hold observations of Dict.*CompactDict"):
         kind(10, spaces.Dict({"keys": SPACE}), ACTIONS, "cpu")
 
 

@@ -1,9 +1,13 @@
 """What a learned policy makes of each physics profile, and what a control step takes there.
 
     python benchmarks/physics_profiles.py --excerpts 60
+    python benchmarks/physics_profiles.py --runs runs/sac_1 runs/sac_2
 
 The sight-reader plays generated excerpts of 12 s that it never saw, and the first 30 s of the
 pieces that judge a distillation, closed loop, in every profile. Differences are paired by excerpt.
+
+With ``--runs`` the last models of runs play, each its own piece. A single episode jumps by some
+hundredths, so each of several has a small noise on its actions.
 """
 
 from __future__ import annotations
@@ -12,6 +16,7 @@ import argparse
 import time
 
 import numpy as np
+import numpy.typing as npt
 from rich.console import Console
 from rich.progress import track
 
@@ -23,12 +28,17 @@ from sb3_piano.players import HandModel
 from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.simulation import PHYSICS_PROFILES
 from sb3_piano.threads import torch_threads
+from sb3_piano.training import SavedPlayer
 from sb3_piano.wrappers import HandActions
 
 SEED = 77
 """Of a corpus that nothing was learnt from."""
 LENGTH = 30.0
 """How much of a piece is played, s."""
+EPISODES = 8
+"""Episodes of each run."""
+NOISE = 0.003
+"""Standard deviation of the noise on actions in [-1, 1]."""
 
 
 def music(excerpts: int) -> list[Score]:
@@ -52,11 +62,49 @@ def play(env: HandActions, model: HandModel, score: Score) -> tuple[float, float
     return info["f1"], info["onset_f1"], spent / steps
 
 
+def play_run(run: str, physics: str) -> FloatArray:
+    """Return F1 and onset F1 of each episode of a run, and a control step's mean time, s."""
+    with SavedPlayer.open(run, physics=physics) as player:
+        piano, random = player.env, np.random.default_rng(SEED)
+        step, times = piano.step, []
+
+        def disturbed(action: npt.NDArray) -> tuple:
+            noise = NOISE * random.standard_normal(np.shape(action))
+            start = time.process_time()
+            result = step(action + noise)
+            times.append(time.process_time() - start)
+            return result
+
+        piano.step = disturbed
+        played = [recording.metrics for recording in player.play(EPISODES)]
+    return np.array([(one["f1"], one["onset_f1"], np.mean(times)) for one in played])
+
+
+def compare_runs(runs: list[str]) -> None:
+    """Play each run in each profile, and print the means."""
+    print(f"Means of {EPISODES} episodes; ± is the standard error.\n")
+    print("| physics | run | F1 | onset F1 | speed |")
+    print("|---|---|---:|---:|---:|")
+    with torch_threads(1):
+        for run in runs:
+            found = {name: play_run(run, name) for name in PHYSICS_PROFILES}
+            for name, rows in found.items():
+                mean = rows.mean(axis=0)
+                error = rows.std(axis=0, ddof=1) / EPISODES**0.5
+                speed = found["reference"][:, 2].mean() / mean[2]
+                scores = [f"{mean[column]:.3f} ± {error[column]:.3f}" for column in (0, 1)]
+                print(f"| {name} | {run} | {' | '.join(scores)} | {speed:.2f} |", flush=True)
+
+
 def main() -> None:
     """Read the command line, play and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--excerpts", type=int, default=60, metavar="N", help="default: 60")
+    parser.add_argument("--runs", nargs="+", metavar="RUN", help="compare by these runs")
     arguments = parser.parse_args()
+    if arguments.runs:
+        compare_runs(arguments.runs)
+        return
     scores, model = music(arguments.excerpts), HandModel.load(SHIPPED)
     envs = {name: hands_env(name) for name in PHYSICS_PROFILES}
     rows = []

@@ -93,7 +93,8 @@ class PianoEnvConfig:
     gravity_compensation: bool = True
     """Let forces balance the weight of the hands."""
     physics: str = "reference"
-    """Name of a physics profile: "reference" (RoboPianist's), "fast" or "fast-contacts"."""
+    """Name of a physics profile: "reference" (RoboPianist's), "faithful", "fast-contacts" or
+    "fast", from the slowest to the fastest."""
     fingering_reward: Literal["auto", "labels", "optimal-transport", "off"] = "auto"
     """"labels" rewards labelled fingers at their keys; "optimal-transport" any finger near a due
     key (RP1M); "auto" takes labels if the score has any, else optimal transport; "off" is 0."""

@@ -115,3 +115,12 @@ def test_what_cannot_be_fine_tuned_is_refused(capsys):
     with pytest.raises(ConfigError, match="env_wrapper has no sb3_piano.players.PlayerRes"):
         load_fine_tuning("sac", GENERAL_ID, env_wrapper=[])
     assert load_config("sac", GENERAL_ID).network is None
+
+
+@pytest.mark.parametrize("name", ["fast", "robopianist"])
+def test_a_preset_for_training_from_nothing_is_refused_by_name(name, capsys):
+    with pytest.raises(ConfigError, match=f"preset '{name}' is for a training from nothing"):
+        load_fine_tuning("sac", GENERAL_ID, name)
+    arguments = ["--from", "planned", "--midi", "hanon-01", "--config", name]
+    assert main(["train", *arguments]) == 2
+    assert "is for a training from nothing" in capsys.readouterr().err

@@ -64,6 +64,11 @@ def load_overlaid(
     Raises:
         ConfigError: As :func:`load_config`.
     """
+    if path in NAMED:
+        raise ConfigError(
+            f"The preset {str(path)!r} is for a training from nothing, and a correction has one of "
+            "its own: expected a YAML file with what is to be different, or none."
+        )
     if path is not None:
         file, (_, name) = Path(path), registered_id(env_id)
         entry_name, entry = _entry_of(file, name)

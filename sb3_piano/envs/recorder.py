@@ -100,7 +100,7 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
         env: Any = self.unwrapped
         return Motion(
             qpos=np.array(self._qpos),
-            hand_qpos=np.concatenate(env.scene.joint_qpos),
+            hand_qpos=env.scene.hand_qpos,
             fingertips=np.array(self._fingertips),
             actions=np.array(self._actions),
         )

@@ -162,7 +162,7 @@ class Motion:
         qpos: (T + 1, nq) float64, all joint positions at the start and after each step, rad or m.
         hand_qpos: (m,) int, where in a row of `qpos` the hands' joints stand; the others are keys.
         fingertips: (T + 1, 10, 3) float64, world positions of the fingertips at the same times, in
-            the order of finger labels, m.
+            the order of finger labels, m. Those of a hand that is not there stay where they are.
     """
 
     actions: Float32Array

@@ -1,0 +1,38 @@
+"""Runs of pianos with one hand, and without hands."""
+
+from __future__ import annotations
+
+import pytest
+
+from sb3_piano.cli import main
+from sb3_piano.training import evaluate, load_config, train
+
+SHORT = {"score": "debug-CMajorScaleTwoHands", "physics": "fast"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hands", ["right", "left", "none"])
+def test_a_run_is_trained_judged_watched_and_reported(hands, tmp_path, capsys):
+    config = load_config(
+        "ppo",
+        "RoboPianist-v0",
+        n_timesteps=32,
+        n_envs=1,
+        n_steps=16,
+        batch_size=16,
+        n_epochs=1,
+        policy_kwargs={"net_arch": [8]},
+        callback=[],
+        env_kwargs={**SHORT, "hands_in_scene": hands},
+    )
+    run = tmp_path / "run"
+    train(config, run)
+    found = evaluate(run, motion=True)
+    assert found.mean["length"] > 100
+    returns = {name for name in found.mean if name.startswith("return_")}
+    assert ("return_distance" in returns) == (hands == "none")
+    assert ("return_fingering" in returns) == (hands != "none")
+    assert main(["play", str(run), "--size", "64x48", "--no-progress"]) == 0
+    assert main(["report", str(run)]) == 0
+    assert (run / "play" / "performance.mp4").stat().st_size > 1000
+    assert "report.html" in capsys.readouterr().out

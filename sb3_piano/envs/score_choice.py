@@ -14,7 +14,7 @@ from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import Score, find_piece, is_path, load_score
 from sb3_piano.music.fingering import assign_hands
-from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
+from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering, without_fingers
 from sb3_piano.music.hands import Hand
 
 ScoreSource = Score | str | os.PathLike[str]
@@ -87,8 +87,10 @@ def fingered(score: Score, config: PianoEnvConfig, fingering: str | None = None)
     fingering = fingering or config.fingering
     if fingering not in FINGERINGS:
         return score
-    # A hand that is alone cannot hand its notes to the other.
-    both = len(config.sides) > 1
+    # A hand whose part alone is played keeps its notes, also where their fingers are forgotten.
+    both = config.hands == "both" and len(config.sides) != 1
+    if fingering == "optimal-transport" and not both:
+        return without_fingers(score, keep_hands=True)
     # Equal scores may differ in their bars, which make no difference to the fingers.
     notes = _fingered(score, fingering, config.control_timestep, change_hands=both).notes
     return score if notes == score.notes else replace(score, notes=notes)

@@ -151,6 +151,28 @@ class TestNotes:
             fingers = {note.finger for note in env.score.notes}
             assert fingers <= {*range(5)} if side == "right" else fingers <= {-1, *range(5, 10)}
 
+    @pytest.mark.parametrize("option", ["hands", "hands_in_scene"])
+    @pytest.mark.parametrize("fingering", ["ergonomic", "robot", "optimal-transport", "keep"])
+    def test_its_notes_stay_its_own_whatever_the_fingering(self, side, fingering, option):
+        # Far on the other side, where any search for hands would give them to the other.
+        pitch, finger = {"right": (30, 0), "left": (100, 5)}[side]
+        other = {"right": 100, "left": 30}[side], 5 - finger
+        notes = [
+            Note(onset=i * 0.5, offset=i * 0.5 + 0.5, pitch=key + i, finger=label)
+            for i in range(3)
+            for key, label in ((pitch, finger), other)
+        ]
+        score = Score(notes=notes, title="crossed")
+        for env in (
+            PianoEnv(score, fingering=fingering, **{option: side}),
+            PianoEnv(SCALE, fingering=fingering, **{option: side}),
+        ):
+            env.reset(options={"score": score})
+            assert [note.pitch for note in env.score.notes] == [pitch, pitch + 1, pitch + 2]
+            assert {note.hand for note in env.score.notes} == {side}
+            env.reset(options={"score": env.score})
+            assert len(env.score.notes) == 3
+
     def test_labels_of_a_file_belong_to_the_whole_piece(self, side, tmp_path):
         rows = ["onset,pitch,finger", *(f"{i},{60 + i},{i + 5 * (i % 2)}" for i in range(4))]
         labels = tmp_path / "labels.csv"

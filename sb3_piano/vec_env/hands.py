@@ -36,7 +36,10 @@ class HandsAsAgents(VecEnvWrapper):
     """
 
     def __init__(self, venv: VecEnv) -> None:
-        self._hands = hands = len(venv.get_attr("config", 0)[0].sides)
+        try:
+            self._hands = hands = len(venv.get_attr("config", 0)[0].sides)
+        except AttributeError:  # no piano
+            self._hands = hands = 0
         spaces = [_of_hand(space, hands) for space in (venv.observation_space, venv.action_space)]
         super().__init__(venv, *spaces)
         self.num_envs = hands * venv.num_envs
@@ -89,12 +92,13 @@ class HandsAsAgents(VecEnvWrapper):
 
 def _of_hand(space: gym.Space[Any], hands: int) -> gym.spaces.Box:
     """Return the space of one hand."""
-    if isinstance(space, gym.spaces.Box) and len(space.shape) == 1 and space.shape[0] % hands == 0:
+    numbers = space.shape[0] if space.shape is not None and len(space.shape) == 1 else 0
+    if isinstance(space, gym.spaces.Box) and hands and numbers and numbers % hands == 0:
         low, high = space.low.reshape(hands, -1), space.high.reshape(hands, -1)
         if np.array_equal(low[0], low[-1]) and np.array_equal(high[0], high[-1]):
             return gym.spaces.Box(low[0], high[0], dtype=space.dtype.type)
     raise ConfigError(
-        f"HandsAsAgents cannot give each hand half of {space}: expected two halves with equal "
+        f"HandsAsAgents cannot give each hand a part of {space}: expected parts with equal "
         'bounds, as of the observation "hands" and of sb3_piano.wrappers.HandActions.'
     )
 

@@ -92,8 +92,11 @@ class FrameRenderer:
         self._gl.make_current()
         quality = scene.model.vis.quality
         samples, quality.offsamples = quality.offsamples, 0 if plain else quality.offsamples
-        self._context = mujoco.MjrContext(scene.model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
-        quality.offsamples = samples
+        try:
+            font = mujoco.mjtFontScale.mjFONTSCALE_150.value
+            self._context = mujoco.MjrContext(scene.model, font)
+        finally:
+            quality.offsamples = samples
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._drawn = mujoco.MjvScene(scene.model, maxgeom=scene.model.ngeom + 100)
         self._drawn.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = not plain

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.wrappers import RescaleAction
@@ -197,5 +198,11 @@ def test_hands_are_agents_with_half_of_everything_each():
             ended += 1
     assert ended == 4
     assert venv.get_attr("metadata", [3]) == plain.get_attr("metadata", [1])
-    with pytest.raises(ConfigError, match="HandsAsAgents cannot give each hand half"):
-        HandsAsAgents(DummyVecEnv([lambda: PianoEnv(PIECE)]))
+    others = (
+        lambda: PianoEnv(PIECE),
+        lambda: PianoEnv(PIECE, hands_in_scene="none"),
+        lambda: gym.make("Pendulum-v1"),
+    )
+    for other in others:
+        with pytest.raises(ConfigError, match="HandsAsAgents cannot give each hand a part"):
+            HandsAsAgents(DummyVecEnv([other]))

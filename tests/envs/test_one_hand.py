@@ -13,7 +13,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music import Note, Score, load_score, write_midi
+from sb3_piano.music import Corpus, Note, Score, load_score, write_midi
 from sb3_piano.planning import PlannedPianist
 from sb3_piano.players import make_player
 from sb3_piano.simulation.scene import FAR_AWAY
@@ -195,11 +195,18 @@ class TestNotes:
             RandomPiece(env, [labelled(OTHER[side])])
 
     def test_a_corpus_gives_excerpts_in_which_it_plays(self, side):
-        env = PianoEnv(SCALE, hands_in_scene=side, physics="fast")
-        env = CorpusExcerpt(env, {"seed": 3, "n": 30, "duration": 1})
-        for seed in range(15):  # a tenth of all is for the other hand alone
+        # Of two excerpts one is for the other hand alone.
+        corpus = {"seed": {"right": 8, "left": 4}[side], "n": 2, "duration": 1}
+        hands = [{n.hand for n in Corpus(**corpus).fingered(i).notes} for i in range(2)]
+        assert {OTHER[side]} in hands
+        env = CorpusExcerpt(PianoEnv(SCALE, hands_in_scene=side, physics="fast"), corpus)
+        for seed in range(6):
             env.reset(seed=seed)
             assert {note.hand for note in env.unwrapped.score.notes} == {side}
+        corpus["n"] = 1
+        if hands[0] == {OTHER[side]}:
+            with pytest.raises(ScoreError, match="has no notes for the"):
+                CorpusExcerpt(env.unwrapped, corpus).reset(seed=0)
 
 
 def test_the_notes_of_a_hand_that_is_not_there_cannot_be_asked_for():

@@ -52,6 +52,12 @@ def index_beside_middle(physics):
     return float(middle[1] - index[1])
 
 
+def test_the_faithful_profile_has_the_steps_of_the_reference():
+    steps = {name: profile.solver.timestep for name, profile in PHYSICS_PROFILES.items()}
+    assert steps["faithful"] == steps["reference"] == 0.005
+    assert steps["fast"] == steps["fast-contacts"] == 0.01
+
+
 def test_fingers_of_a_hand_get_into_each_other_s_way_unless_the_profile_is_fast():
     beside = {physics: index_beside_middle(physics) for physics in PHYSICS_PROFILES}
     assert beside["reference"] > 0.015 > -0.03 > beside["fast"], "it passes through"

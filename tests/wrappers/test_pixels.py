@@ -18,7 +18,7 @@ from sb3_piano.buffers import CompactDictReplayBuffer, CompactReplayBuffer
 from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score
-from sb3_piano.viewing.frame_renderer import FINGER_COLORS, PRESSED_COLOR
+from sb3_piano.viewing.frame_renderer import FINGER_COLORS, PRESSED_COLOR, FrameRenderer
 from sb3_piano.wrappers import KeyRange, Pixels
 
 # Keys far from the hands, and one right under the thumb at rest.
@@ -80,6 +80,22 @@ def test_a_due_key_has_the_colour_of_its_finger_before_it_is_due(env):
     assert {hue(FINGER_COLORS[0]), hue(FINGER_COLORS[2])} <= hues
     assert hue(PRESSED_COLOR) not in hues
     env.close()
+
+
+def test_plain_pictures_have_no_shadows():
+    env = piano().unwrapped
+    env.reset(seed=0)
+    nothing = np.array([], dtype=np.intp)
+    pictures = []
+    for plain in (False, True):
+        renderer = FrameRenderer(env.scene, width=160, height=90, camera="overview", plain=plain)
+        drawn = renderer.render(env.data, due=nothing, fingers=nothing, sounding=env.key_active)
+        pictures.append(drawn.astype(int))
+        renderer.close()
+    full, plain = pictures
+    # On the mean, to which smoothed edges, brighter and darker alike, add nothing.
+    assert (plain - full).mean() > 0.5
+    assert env.model.vis.quality.offsamples > 0  # as before
 
 
 def test_it_draws_the_scene_in_which_other_keys_are_rigid_now():

@@ -22,8 +22,8 @@ PIXELS, VECTOR = "pixels", "observation"
 class Pixels(gym.ObservationWrapper[Any, Any, Any], gym.utils.RecordConstructorArgs):
     """Observe a picture of the scene, with the vector that is observed otherwise or alone.
 
-    With it observations are ``Dict(observation=..., pixels=...)``, for ``MultiInputPolicy``; alone
-    they are pictures, for ``CnnPolicy``. A picture is (height, width, 3) uint8, drawn without a
+    Observations are ``Dict(observation=..., pixels=...)``, for ``MultiInputPolicy``, or with
+    ``alone`` nothing but pictures, for ``CnnPolicy``. A picture is (height, width, 3) uint8, drawn without a
     screen. Keys that are due in the control step to come have the colours of their fingers, as the
     fingertips do; keys that sound are green. There are no shadows, and edges are jagged, which is
     seven times as fast without a graphics card (``benchmarks/pixels.py``).
@@ -40,7 +40,8 @@ class Pixels(gym.ObservationWrapper[Any, Any, Any], gym.utils.RecordConstructorA
 
     Raises:
         ConfigError: If a size is out of range, there is no such camera, or ``env`` is no piano.
-        RenderingError: If this machine cannot draw; the message says what to install.
+        RenderingError: When an episode begins, if this machine cannot draw; the message says what
+            to install.
     """
 
     def __init__(

@@ -23,10 +23,10 @@ class Pixels(gym.ObservationWrapper[Any, Any, Any], gym.utils.RecordConstructorA
     """Observe a picture of the scene, with the vector that is observed otherwise or alone.
 
     Observations are ``Dict(observation=..., pixels=...)``, for ``MultiInputPolicy``, or with
-    ``alone`` nothing but pictures, for ``CnnPolicy``. A picture is (height, width, 3) uint8, drawn without a
-    screen. Keys that are due in the control step to come have the colours of their fingers, as the
-    fingertips do; keys that sound are green. There are no shadows, and edges are jagged, which is
-    seven times as fast without a graphics card (``benchmarks/pixels.py``).
+    ``alone`` nothing but pictures, for ``CnnPolicy``. A picture is (height, width, 3) uint8, drawn
+    without a screen. Keys that are due in the control step to come have the colours of their
+    fingers, as the fingertips do; keys that sound are green. There are no shadows, and edges are
+    jagged, which is seven times as fast without a graphics card (``benchmarks/pixels.py``).
 
     Replay buffers of pictures are large: ``sb3_piano.buffers.CompactDictReplayBuffer``, or
     ``CompactReplayBuffer`` for pictures alone, holds each of them once.

@@ -14,6 +14,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.settings import Number, TextOrPath, Unit, Whole, refuse_unknown, settings
 from sb3_piano.simulation import physics_profile
+from sb3_piano.viewing.film import Camera
 
 ObservationKind = Literal["roll", "window", "fingers", "hands"]
 """Ways to observe goal and state."""
@@ -39,9 +40,6 @@ PictureWidth = Annotated[Whole, Ge(1), Le(1920), Unit("pixels")]
 
 PictureHeight = Annotated[Whole, Ge(1), Le(1080), Unit("pixels")]
 """Height of a picture, pixels; likewise."""
-
-CameraName = Literal["overview", "topdown"]
-"""Cameras of the scene."""
 
 RewardWeight = Annotated[
     Number,
@@ -116,7 +114,7 @@ class PianoEnvConfig:
     """Width of a rendered picture, pixels; at most 1920."""
     height: PictureHeight = 360
     """Height of a rendered picture, pixels; at most 1080."""
-    camera_name: CameraName = "overview"
+    camera_name: Camera = "overview"
     """Camera of the rendered picture: "overview" or "topdown"."""
 
     @classmethod

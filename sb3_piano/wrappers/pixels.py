@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from sb3_piano.envs.config import CameraName, PictureHeight, PictureWidth
+from sb3_piano.envs.config import PictureHeight, PictureWidth
 from sb3_piano.settings import checked
 from sb3_piano.simulation import PianoScene
 from sb3_piano.viewing import FrameRenderer
+from sb3_piano.viewing.film import Camera
 from sb3_piano.wrappers.piano import piano_of
 
 PIXELS, VECTOR = "pixels", "observation"
@@ -49,7 +50,7 @@ class Pixels(gym.ObservationWrapper[Any, Any, Any], gym.utils.RecordConstructorA
         env: gym.Env[Any, Any],
         width: int = 84,
         height: int = 84,
-        camera: CameraName = "overview",
+        camera: Camera = "overview",
         alone: bool = False,
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(
@@ -61,7 +62,7 @@ class Pixels(gym.ObservationWrapper[Any, Any, Any], gym.utils.RecordConstructorA
             "width": checked("width", width, PictureWidth),
             "height": checked("height", height, PictureHeight),
         }
-        self._camera = checked("camera", camera, CameraName)
+        self._camera = checked("camera", camera, Camera)
         self._alone = checked("alone", alone, bool)
         self._drawn: PianoScene | None = None
         self._renderer: FrameRenderer | None = None

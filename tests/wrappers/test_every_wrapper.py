@@ -121,8 +121,8 @@ def env(stack):
     wrapped.close()
 
 
-def piano():
-    return gym.make("RoboPianist-v0", score=PIECE, physics="fast", n_steps_lookahead=3)
+def piano(**options):
+    return gym.make("RoboPianist-v0", score=PIECE, physics="fast", n_steps_lookahead=3, **options)
 
 
 def play(env, steps=30, seed=7):
@@ -166,6 +166,21 @@ def test_the_checks_of_gymnasium_and_of_sb3_pass_without_a_warning(env):
             warnings.filterwarnings("ignore", r".*A Box observation space m\w+ value is -?infinity")
         gymnasium_check(env)
         sb3_check(env)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_it_works_with_one_hand(stack, side):
+    inside = piano(hands_in_scene=side)
+    if side == "left" and stack in (STACKS["RandomPiece"], STACKS["piece, keys, weights"]):
+        with pytest.raises(ScoreError, match="'other' has no notes for the left hand"):
+            stack(inside)
+        return
+    wrapped = stack(inside)
+    observations, rewards = play(wrapped, steps=12)
+    assert all(one in wrapped.observation_space for one in observations)
+    assert np.isfinite(rewards).all()
+    wrapped.close()
 
 
 @pytest.mark.slow

@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-import numpy.typing as npt
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
 
-from sb3_piano.buffers.ring_observations import (
-    ObservationPacking,
-    RingNextObservations,
-    RingObservations,
-)
-from sb3_piano.buffers.rows import ArrayRows, Arrays, IntArray
+from sb3_piano.buffers.ring_observations import ObservationPacking
+from sb3_piano.buffers.rings import NO_NUMBERS, Rings, refuse_optimization
 from sb3_piano.exceptions import ConfigError
 
-_NO_NUMBERS = spaces.Box(0.0, 1.0, (0,))
 
-
-class CompactReplayBuffer(ReplayBuffer):
+class CompactReplayBuffer(Rings, ReplayBuffer):
     """A ``ReplayBuffer`` that takes a tenth of the memory and gives the same samples.
 
     With equal transitions and an equal global seed of numpy its batches are those of
@@ -56,11 +46,7 @@ class CompactReplayBuffer(ReplayBuffer):
         optimize_memory_usage: bool = False,
         handle_timeout_termination: bool = True,
     ):
-        if optimize_memory_usage:
-            raise ConfigError(
-                f"optimize_memory_usage is true for a {type(self).__name__}: expected false. It "
-                "stores each observation once in any case, and handles time limits too."
-            )
+        refuse_optimization(optimize_memory_usage, type(self).__name__)
         if isinstance(observation_space, spaces.Dict):
             raise ConfigError(
                 f"A {type(self).__name__} cannot hold observations of {observation_space}: "
@@ -69,7 +55,7 @@ class CompactReplayBuffer(ReplayBuffer):
         # Without numbers in the observations, the arrays made for them take no memory.
         super().__init__(
             buffer_size,
-            _NO_NUMBERS,
+            NO_NUMBERS,
             action_space,
             device,
             n_envs,
@@ -78,45 +64,10 @@ class CompactReplayBuffer(ReplayBuffer):
         packing = ObservationPacking(observation_space)
         self.observation_space = observation_space
         self.obs_shape = packing.shape
-        self._observations = RingObservations(packing, self.buffer_size, n_envs)
-        self._next_observations = RingNextObservations(self._observations)
+        self._make_rings({"": packing})
         # They can do all that SB3 asks of these two arrays.
-        self.observations = self._observations  # type: ignore[assignment]
-        self.next_observations = self._next_observations  # type: ignore[assignment]
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes that the transitions take now; copies of next observations may come and go."""
-        arrays = sum(array.nbytes for array in ArrayRows(self).arrays.values())
-        return arrays + self._observations.nbytes + self._next_observations.nbytes
-
-    def reset(self) -> None:
-        """Forget all transitions."""
-        super().reset()
-        self._next_observations.clear()
-
-    def to_torch(self, array: npt.NDArray[Any], copy: bool = True) -> torch.Tensor:
-        """Return a tensor; of what was sampled no second copy is made, for it is one already."""
-        del copy
-        return super().to_torch(array, copy=False)
-
-    def take_rows(self, rows: IntArray) -> Arrays:
-        """Return (n,) rows, up to the newest one, to be saved: see ``BufferRows``."""
-        return {
-            **ArrayRows(self).take_rows(rows),
-            **self._observations.take_rows(rows),
-            **self._next_observations.take_rows(rows),
-        }
-
-    def put_rows(self, rows: IntArray, saved: Mapping[str, npt.NDArray[Any]]) -> None:
-        """Set (n,) rows to what :meth:`take_rows` gave.
-
-        Raises:
-            RunError: If they are rows of another kind of buffer or observation.
-        """
-        self._observations.put_rows(rows, saved)
-        self._next_observations.put_rows(rows, saved)
-        ArrayRows(self).put_rows(rows, saved)
+        self.observations = self._rings[""]  # type: ignore[assignment]
+        self.next_observations = self._next_rings[""]  # type: ignore[assignment]
 
 
 class CompactNStepReplayBuffer(NStepReplayBuffer, CompactReplayBuffer):

@@ -50,10 +50,10 @@ class Goal:
         self.fingering_reward = config.fingering_reward
         if config.fingering_reward == "auto":
             self.fingering_reward = "labels" if score.has_fingering else "optimal-transport"
-        self.steps = tuple(_step_goal(self.asked, step) for step in range(len(self.asked)))
-        """Goal of each control step."""
         if not config.sides:
             self.fingering_reward = "off"
+        self.steps = tuple(_step_goal(self.asked, step) for step in range(len(self.asked)))
+        """Goal of each control step."""
         self.terms = tuple(config.reward_weights)
         """Names of the reward terms."""
         self.highest_return = self._highest_return(config)

@@ -25,9 +25,9 @@ ALL_KEYS_MOVE = (0, NUM_KEYS - 1)
 """The lowest and the highest key that move, where none is rigid."""
 
 
-# Keys that are driven: the stiffness of a servo (N m/rad) holds a key down against its spring
-# within 7 % of its travel; the damping (N m s/rad) keeps it from bouncing. It is the joint's,
-# which MuJoCo integrates implicitly.
+# Keys that are driven, by numbers of ours: the stiffness of a servo (N m/rad) holds a key down
+# against its spring within 5 % of its travel; the damping (N m s/rad) keeps it from bouncing. It
+# is the joint's, which MuJoCo integrates implicitly.
 _SERVO_STIFFNESS, _DRIVEN_DAMPING = 50.0, 0.5
 
 

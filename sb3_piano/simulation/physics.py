@@ -70,8 +70,7 @@ PHYSICS_PROFILES = {
     "fast": _FAST,
     # A fifth slower, for policies whose fingers would lean on each other, or get caught.
     "fast-contacts": dataclasses.replace(_FAST, playing_contacts_only=False),
-    # A fifth to a third faster than the reference, and nearest to it for what a policy has learnt
-    # there.
+    # A third faster than the reference, and nearest to it for what a policy has learnt there.
     "faithful": dataclasses.replace(
         _FAST,
         playing_contacts_only=False,

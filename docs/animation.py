@@ -1,42 +1,67 @@
-"""The animation of the README: untrained hands play a few bars of real music.
+"""Pictures of the README and of docs/training.md: untrained hands play a few bars of real music.
 
     python docs/animation.py
 
-It writes docs/playing.gif, and prints how well it was played.
+It writes docs/playing.gif and docs/views.jpg, and prints how well it was played.
 """
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import tempfile
+import typing
 from pathlib import Path
 
 import imageio_ffmpeg
+import numpy as np
+from PIL import Image
 
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.training.playing.takes import planner_config, take_of_planner
-from sb3_piano.viewing import Picture, write_take
+from sb3_piano.viewing import PerformanceRenderer, Picture, Take, View, moments, write_take
 
-PIECE, SECONDS = "BachMinuetG", 8.0
-WIDTH, FPS, COLORS = 480, 10, 128
-CROP = "crop=in_w/2:in_h*0.56:in_w/4:in_h*0.28"  # the hands and the keys around them
-OUT = Path(__file__).with_name("playing.gif")
+PIECE, TITLE, SECONDS = "BachMinuetG", "Petzold: Minuet in G", 8.0
+WIDTH, FPS, COLORS = 640, 10, 96
+ANIMATION, VIEWS = (Path(__file__).with_name(name) for name in ("playing.gif", "views.jpg"))
+STEP = 80
+"""The moment of which there is a picture from each view, a control step."""
 
 
 def main() -> None:
-    """Play, draw a video, and make a GIF of it with the ffmpeg that imageio-ffmpeg brings."""
-    palette = f"split[a][b];[a]palettegen=max_colors={COLORS}[p];[b][p]paletteuse=dither=bayer"
+    """Play, and write both files."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        write_midi(load_score(PIECE).excerpt(0.0, SECONDS), folder / "excerpt.mid")
-        config = planner_config(str(folder / "excerpt.mid"), "sampling", samples=32)
+        write_midi(load_score(PIECE).excerpt(0.0, SECONDS), folder / f"{TITLE}.mid")
+        config = planner_config(str(folder / f"{TITLE}.mid"), "sampling", samples=32)
         played = take_of_planner(config)
         print(f"F1 {played.metrics['f1']:.3f}, onset F1 {played.metrics['onset_f1']:.3f}")
-        video = write_take(played.take, folder / "video", Picture(width=1280, height=720)).video
-        filters = f"{CROP},fps={FPS},scale={WIDTH}:-1:flags=lanczos,{palette}:bayer_scale=5"
-        ffmpeg = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error"]
-        subprocess.run([*ffmpeg, "-i", str(video), "-vf", filters, str(OUT)], check=True)
-    print(f"{OUT}: {OUT.stat().st_size / 1e6:.1f} MB")
+        write_animation(played.take, folder)
+    write_views(played.take)
+
+
+def write_animation(take: Take, folder: Path) -> None:
+    """Draw a video into a folder, and make a GIF of it with imageio-ffmpeg's ffmpeg."""
+    palette = f"split[a][b];[a]palettegen=max_colors={COLORS}[p];[b][p]paletteuse=dither=bayer"
+    video = write_take(take, folder / "video", Picture(width=1280, height=720)).video
+    filters = f"fps={FPS},scale={WIDTH}:-1:flags=lanczos,{palette}:bayer_scale=5"
+    ffmpeg = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-v", "error"]
+    subprocess.run([*ffmpeg, "-i", str(video), "-vf", filters, str(ANIMATION)], check=True)
+    print(f"{ANIMATION}: {ANIMATION.stat().st_size / 1e6:.1f} MB")
+
+
+def write_views(take: Take) -> None:
+    """Draw one moment from each view, two beside two."""
+    drawn = []
+    for view in typing.get_args(View):
+        renderer = PerformanceRenderer(take.scene, width=WIDTH, height=360, view=view)
+        with contextlib.closing(renderer):
+            performance = take.performance
+            seen = list(moments(take))[STEP]
+            drawn.append(renderer.render(performance.roll, performance.title, seen))
+    rows = [np.concatenate(drawn[k : k + 2], axis=1) for k in (0, 2)]
+    Image.fromarray(np.concatenate(rows)).save(VIEWS, quality=88)
+    print(f"{VIEWS}: {VIEWS.stat().st_size / 1e6:.2f} MB")
 
 
 if __name__ == "__main__":

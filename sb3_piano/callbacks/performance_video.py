@@ -22,8 +22,7 @@ from sb3_piano.callbacks.own_env import (
 from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.settings import Positive, Unit, checked
-from sb3_piano.viewing import Picture, Take, write_take
-from sb3_piano.viewing.film import Camera
+from sb3_piano.viewing import Picture, Take, View, write_take
 
 
 class PerformanceVideoCallback(BaseCallback):
@@ -45,7 +44,7 @@ class PerformanceVideoCallback(BaseCallback):
         max_seconds: How much of the piece to play at most, s.
         width: Width of the picture, an even number of pixels, at most 1920.
         height: Height of the picture, an even number of pixels, at most 1080.
-        camera: "overview" or "topdown".
+        view: "stage", "close", "top" or "roll".
         seed: Seeds the environment of each episode, so that videos are comparable; ``None`` lets
             it go on from the last one.
 
@@ -62,14 +61,14 @@ class PerformanceVideoCallback(BaseCallback):
         max_seconds: float = 60.0,
         width: int = 640,
         height: int = 360,
-        camera: Camera = "overview",
+        view: View = "stage",
         seed: int | None = 0,
     ) -> None:
         super().__init__()
         self._video_freq = video_freq
         self._folder = None if folder is None else Path(folder)
         self._max_seconds = checked("max_seconds", max_seconds, Annotated[Positive, Unit("s")])
-        self._picture: Picture | None = Picture(width=width, height=height, camera=camera)
+        self._picture: Picture | None = Picture(width=width, height=height, view=view)
         self._seed = seed
         self._run: RunContext | None = None
         self._env: VecEnv | None = None

@@ -46,6 +46,11 @@ WEIGHTS_HELP = (
     "of the sight-reader: another network than the package's, as a file, or a folder with a "
     "hand.safetensors such as share writes"
 )
+VIEWS = ("stage", "close", "top", "roll")
+_VIEW_HELP = (
+    "from behind the pianist with falling notes (the default), close to the hands and along with "
+    "them, from above, or mostly the notes"
+)
 _SET_HELP = "an option of the environment, such as physics=fast; may be given several times"
 
 
@@ -61,8 +66,8 @@ def add_parser(commands: Any) -> None:
     add("--seed", "N", "seed of the run's environment; default: 0", int)
     add("--physics")
     add("--best")
-    add("--camera", choices=("overview", "topdown"), default="overview")
-    add("--size", "WxH", "pixels of the video", default="640x360")
+    add("--view", text=_VIEW_HELP, choices=VIEWS, default="stage")
+    add("--size", "WxH", "pixels of the video", default="854x480")
     add("--human", text="show it in a window first, in real time")
     add("--no-video", text="write only the MIDI file and the sound")
     add("--no-progress")
@@ -124,7 +129,7 @@ def _play(arguments: argparse.Namespace) -> int:
         check_screen()  # before anything is played, which may take long
     take, folder = _take(arguments)
     if arguments.human:
-        show_take(take, camera=arguments.camera)
+        show_take(take, view=arguments.view)
     folder = folder if arguments.out is None else Path(arguments.out)
     return _write(take, folder, picture, arguments)
 
@@ -153,7 +158,7 @@ def _picture(arguments: argparse.Namespace) -> Picture:
     width, _, height = arguments.size.partition("x")
     if not (width.isdecimal() and height.isdecimal()):
         raise ConfigError(f"--size is {arguments.size!r}: expected pixels such as 640x360.")
-    return Picture(width=int(width), height=int(height), camera=arguments.camera)
+    return Picture(width=int(width), height=int(height), view=arguments.view)
 
 
 def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:

@@ -14,7 +14,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.settings import Number, TextOrPath, Unit, Whole, refuse_unknown, settings
 from sb3_piano.simulation import physics_profile
-from sb3_piano.viewing.film import Camera
+from sb3_piano.viewing import View
 
 ObservationKind = Literal["roll", "window", "fingers", "hands"]
 """Ways to observe goal and state."""
@@ -114,8 +114,8 @@ class PianoEnvConfig:
     """Width of a rendered picture, pixels; at most 1920."""
     height: PictureHeight = 360
     """Height of a rendered picture, pixels; at most 1080."""
-    camera_name: Camera = "overview"
-    """Camera of the rendered picture: "overview" or "topdown"."""
+    view: View = "stage"
+    """View of the rendered picture: "stage", "close", "top" or "roll"."""
 
     @classmethod
     def from_options(cls, options: Mapping[str, Any]) -> PianoEnvConfig:

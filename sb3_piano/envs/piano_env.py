@@ -28,7 +28,7 @@ from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene, Simulation, compile_scene, pedal_threshold
-from sb3_piano.viewing import FrameRenderer
+from sb3_piano.viewing import Moment, PerformanceRenderer
 
 Observation = npt.NDArray[np.float32]
 
@@ -144,7 +144,7 @@ class PianoEnv(gym.Env[Any, Any]):
         render_fps = round(1 / self.config.control_timestep)
         self.metadata = {**type(self).metadata, "render_fps": render_fps}
         self._pedal_threshold = pedal_threshold()
-        self._renderer: FrameRenderer | None = None
+        self._renderer: PerformanceRenderer | None = None
         self._build(ALL_KEYS)
         self._finished = True  # until the first reset
         self.action_space = self.action_map.space
@@ -329,7 +329,9 @@ class PianoEnv(gym.Env[Any, Any]):
         return reward_terms(self._simulation, self._goal, step, self.pedal_down, forearm)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Draw the scene: due keys and fingertips coloured by finger, sounding keys green.
+        """Draw the scene, fingertips, due keys and notes in the colours of their fingers.
+
+        Keys that sound are green, or red if they are not due.
 
         Returns:
             (height, width, 3) uint8, or ``None`` without a render mode.
@@ -340,14 +342,20 @@ class PianoEnv(gym.Env[Any, Any]):
         if self.render_mode is None:
             return None
         if self._renderer is None:
-            self._renderer = FrameRenderer(
-                self.scene,
-                width=self.config.width,
-                height=self.config.height,
-                camera=self.config.camera_name,
+            config = self.config
+            self._renderer = PerformanceRenderer(
+                self.scene, width=config.width, height=config.height, view=config.view
             )
         due, fingers = self._goal.roll.due(max(self._record.steps - 1, 0))
-        return self._renderer.render(self.data, due=due, fingers=fingers, sounding=self.key_active)
+        seen = Moment(
+            qpos=self.data.qpos,
+            step=self._record.steps,
+            due=due,
+            fingers=fingers,
+            sounding=self.key_active,
+            f1=self._record.f1(),
+        )
+        return self._renderer.render(self._goal.roll, self.score.title, seen)
 
     def close(self) -> None:
         """Free the drawing context, if there is one."""

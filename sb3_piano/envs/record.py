@@ -13,7 +13,14 @@ from sb3_piano.arrays import BoolArray, FingerArray, FloatArray, IntArray
 from sb3_piano.envs.goal import Goal
 from sb3_piano.envs.rewards import RETURN_PREFIX, strike
 from sb3_piano.envs.strikes import OpenOnsets
-from sb3_piano.metrics import KeyBoxes, Presses, nearest_fingers, normalized_return, presses_of
+from sb3_piano.metrics import (
+    KeyBoxes,
+    Presses,
+    frame_f1,
+    nearest_fingers,
+    normalized_return,
+    presses_of,
+)
 from sb3_piano.music import Score
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS, UNKNOWN_FINGER
 from sb3_piano.performance import Performance
@@ -114,6 +121,12 @@ class EpisodeRecord:
         self._fingertips.append(simulation.fingertips)
         self._weighted_terms.append(tuple(weighted_terms.values()))
 
+    def f1(self) -> float | None:
+        """Return the F1 of the steps so far; ``None`` if there is none."""
+        if not self.steps:
+            return None
+        return frame_f1(self._goal.roll.active[: self.steps], self._rows())
+
     def performance(self) -> Performance:
         """Return a copy of what was played so far."""
         roll, (key_active, sustain, fingertips) = self._goal.roll, self._arrays()
@@ -199,11 +212,15 @@ class EpisodeRecord:
             self._weighted_terms = []
         return self._returns
 
+    def _rows(self) -> BoolArray:
+        """Return which keys sounded, (t, 88), read-only."""
+        return np.frombuffer(b"".join(self._key_active), dtype=bool).reshape(self.steps, NUM_KEYS)
+
     def _arrays(self) -> tuple[BoolArray, BoolArray, FloatArray]:
         """Return which keys sounded (t, 88), the pedal (t,) and the fingertips (t, 10, 3)."""
         steps = self.steps
         return (
-            np.frombuffer(b"".join(self._key_active), dtype=bool).reshape(steps, NUM_KEYS).copy(),
+            self._rows().copy(),
             np.array(self._sustain, dtype=bool),
             np.concatenate([np.empty((0, 3)), *self._fingertips]).reshape(steps, NUM_FINGERS, 3),
         )

@@ -1,16 +1,11 @@
 """The simulated piano and its two Shadow hands."""
 
 from sb3_piano.music.constants import KEY_IS_BLACK
+from sb3_piano.simulation.compiling import assemble_scene, compile_scene, scene_parts
 from sb3_piano.simulation.gl import find_gl_backend
 from sb3_piano.simulation.keyboard import KEY_COLORS, pedal_threshold
 from sb3_piano.simulation.physics import PHYSICS_PROFILES, PhysicsProfile, Solver, physics_profile
-from sb3_piano.simulation.scene import (
-    SIDES,
-    TIP_TRAVEL,
-    PianoScene,
-    compile_scene,
-    scene_parts,
-)
+from sb3_piano.simulation.scene import SIDES, TIP_TRAVEL, PianoScene
 from sb3_piano.simulation.simulation import Simulation
 
 __all__ = [
@@ -23,6 +18,7 @@ __all__ = [
     "PianoScene",
     "Simulation",
     "Solver",
+    "assemble_scene",
     "compile_scene",
     "find_gl_backend",
     "pedal_threshold",

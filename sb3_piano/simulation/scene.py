@@ -1,4 +1,4 @@
-"""The whole scene, compiled once, and the index arrays through which it is read.
+"""A compiled scene, and the index arrays through which it is read.
 
 No MuJoCo name is looked up after the scene is built: everything an environment needs in a control
 step is an index array or a constant array held here. The right hand comes before the left one; a
@@ -10,20 +10,16 @@ from __future__ import annotations
 import copy
 import dataclasses
 import functools
-from collections.abc import Iterable
-from typing import Annotated
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
-from annotated_types import Ge, Le
 
 from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
 from sb3_piano.music.hands import HANDS, Hand, fingers_of
-from sb3_piano.settings import Whole, checked
-from sb3_piano.simulation import hand, keyboard
-from sb3_piano.simulation.physics import physics_profile
 
 SIDES = HANDS
 """The hands in their order."""
@@ -34,14 +30,6 @@ FAR_AWAY = 1000.0
 TIP_TRAVEL = 0.06
 """Way of a fingertip when a finger's joint turns by a rad, about, m, and so what a forearm's slider
 has to move to matter as much."""
-
-# Where a finger should press, seen from the centre of a key's top: RoboPianist moves it by these
-# shares of the half length (away from the hinge) and of the half height (up).
-_PRESS_POINT_X = 0.35
-_PRESS_POINT_Z = 0.5
-
-# Added around a forearm where it is told that it cannot touch the other one, m.
-_CLEARANCE = 0.005
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,6 +76,8 @@ class PianoScene:
     """Forearms cannot touch while their first shapes are farther apart along the keyboard, m."""
     slider_qpos: IntArray
     """(h,) addresses in ``qpos`` of the sliders along the keyboard."""
+    options: Mapping[str, Any]
+    """Arguments of :func:`~sb3_piano.simulation.compile_scene` that describe the scene."""
 
     @property
     def ctrl_low(self) -> FloatArray:
@@ -203,242 +193,3 @@ class PianoScene:
     def copy(self) -> PianoScene:
         """Return the same scene with a model of its own, which may then be modified."""
         return dataclasses.replace(self, model=copy.copy(self.model))
-
-
-@functools.lru_cache(maxsize=8)
-def compile_scene(
-    *,
-    reduced_action_space: bool = True,
-    gravity_compensation: bool = True,
-    physics: str = "reference",
-    moving_keys: tuple[int, int] = keyboard.ALL_KEYS_MOVE,
-    sides: tuple[Hand, ...] = SIDES,
-) -> PianoScene:
-    """Build and compile the scene; equal arguments return the same object (``copy`` it to change).
-
-    Args:
-        reduced_action_space: As in RoboPianist: without the joints LFJ5, THJ5 and THJ1.
-        gravity_compensation: Let forces balance the weight of the hands.
-        physics: Name of a physics profile.
-        moving_keys: The lowest and the highest key that move. The others are rigid: hands rest on
-            them, but they never go down. The fewer move, the faster are the physics steps.
-        sides: Hands that are there, the right one first. Where there is none, each key has an
-            actuator.
-
-    Raises:
-        ConfigError: If the physics profile is unknown, or there are no such keys.
-    """
-    spec, *parts = scene_parts(
-        reduced_action_space=reduced_action_space,
-        gravity_compensation=gravity_compensation,
-        physics=physics,
-        moving_keys=moving_keys,
-        sides=sides,
-    )
-    _number_unnamed(spec, "/")
-    for part in parts:
-        prefix = f"{part.modelname}/"
-        _number_unnamed(part)
-        frame = spec.worldbody.add_body(name=prefix).add_frame()
-        spec.attach(part, prefix=prefix, frame=frame)
-    return _index_scene(spec.compile(), *moving_keys, sides)
-
-
-def scene_parts(
-    *,
-    reduced_action_space: bool = True,
-    gravity_compensation: bool = True,
-    physics: str = "reference",
-    moving_keys: tuple[int, int] = keyboard.ALL_KEYS_MOVE,
-    sides: tuple[Hand, ...] = SIDES,
-) -> list[mujoco.MjSpec]:
-    """Return the specifications of the scene: the world, then the keyboard, then the hands.
-
-    Args and errors are those of :func:`compile_scene`, which attaches the parts to the world, each
-    to a body of its own, with its name and a slash before all names.
-    """
-    _check_moving_keys(*moving_keys)
-    profile = physics_profile(physics)
-    world = mujoco.MjSpec()
-    world.modelname = "scene"
-    profile.solver.apply(world.option)
-    # Where all weights are balanced anyway, leaving gravity out changes nothing and is cheaper.
-    weightless = gravity_compensation and profile.balanced_keys
-    if weightless:
-        world.option.gravity = [0, 0, 0]
-    _furnish(world)
-    piano = keyboard.build_keyboard(
-        balanced=profile.balanced_keys,
-        gravity=not weightless,
-        moving_keys=moving_keys,
-        driven=not sides,
-    )
-    hands = [
-        hand.build_hand(
-            side,
-            reduced_action_space=reduced_action_space,
-            gravity_compensation=gravity_compensation and not weightless,
-            coupled_friction_only=profile.coupled_friction_only,
-            playing_contacts_only=profile.playing_contacts_only,
-        )
-        for side in sides
-    ]
-    return [world, piano, *hands]
-
-
-def _number_unnamed(spec: mujoco.MjSpec, prefix: str = "") -> None:
-    """Name what has no name as dm_control does: names are a part of the compiled model."""
-    unnamed = {"geom": spec.geoms, "light": spec.lights, "contact": spec.excludes}
-    for kind, elements in unnamed.items():
-        for number, element in enumerate(e for e in elements if not e.name):
-            element.name = f"{prefix}/unnamed_{kind}_{number}"
-
-
-def _check_moving_keys(first: int, last: int) -> None:
-    first = checked("first moving key", first, Annotated[Whole, Ge(0), Le(NUM_KEYS - 1)])
-    checked("last moving key", last, Annotated[Whole, Ge(first), Le(NUM_KEYS - 1)])
-
-
-def _furnish(spec: mujoco.MjSpec) -> None:
-    """Add what only matters to the eye: floor, light and cameras."""
-    visual = spec.visual
-    visual.global_.offwidth, visual.global_.offheight = 1920, 1080
-    # A quarter of MuJoCo's default; pictures look alike, and take half as long without a GPU.
-    visual.quality.shadowsize = 1024
-    light = visual.headlight
-    light.ambient, light.diffuse, light.specular = [0.35] * 3, [0.4] * 3, [0.1] * 3
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        width=256,
-        height=256,
-        rgb1=[0.86, 0.89, 0.93],
-        rgb2=[0.55, 0.6, 0.68],
-    )
-    world = spec.worldbody
-    world.add_light(pos=[-0.4, -0.6, 1.6], dir=[0.25, 0.35, -1], diffuse=[0.5] * 3)
-    world.add_light(pos=[0.6, 0.7, 1.6], dir=[-0.3, -0.4, -1], diffuse=[0.3] * 3, castshadow=False)
-    world.add_geom(
-        name="floor",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[1, 1, 0.05],
-        rgba=[0.42, 0.4, 0.38, 1],
-        contype=0,
-        conaffinity=0,
-    )
-    # From behind the keyboard, where fingertips and keys are both in view; then from above.
-    world.add_camera(
-        name="overview", pos=[-0.5, 0, 0.56], xyaxes=[0, -1, 0, 0.56, 0, 0.83], fovy=52
-    )
-    world.add_camera(name="topdown", pos=[0.05, 0, 1.15], xyaxes=[0, 1, 0, -1, 0, 0], fovy=40)
-
-
-def _index_scene(
-    model: mujoco.MjModel, first: int, last: int, sides: tuple[Hand, ...]
-) -> PianoScene:
-    max_angle, margin = keyboard.sounding_angles()
-    moving = slice(first, last + 1)
-    key_joint = _named_keys(
-        model, mujoco.mjtObj.mjOBJ_JOINT, model.njnt, "joint", range(first, last + 1)
-    )
-    key_geom = _named_keys(model, mujoco.mjtObj.mjOBJ_GEOM, model.ngeom, "key", range(NUM_KEYS))
-    press_offset = np.zeros((NUM_KEYS, 3))
-    press_offset[:, 0] = _PRESS_POINT_X * model.geom_size[key_geom, 0]
-    press_offset[:, 2] = _PRESS_POINT_Z * model.geom_size[key_geom, 2]
-    hand_joints = tuple(_hand_joints(model, side) for side in sides)
-    forearms = [model.body(hand.forearm_body(side)).id for side in sides]
-    forearm_geoms = [np.flatnonzero(model.geom_bodyid == body).tolist() for body in forearms]
-    return PianoScene(
-        model=model,
-        sides=sides,
-        moving_keys=moving,
-        key_qpos=model.jnt_qposadr[key_joint].astype(np.intp),
-        key_min_angle=np.zeros(len(key_joint)),
-        key_max_angle=np.array(max_angle),
-        key_sounding_angle=np.array(max_angle) - margin,
-        key_slice=_contiguous(model.jnt_qposadr[key_joint]),
-        key_geom=key_geom,
-        key_boxes=_boxes_of_pressed_keys(model, key_joint, key_geom, max_angle[moving]),
-        key_press_offset=press_offset,
-        fingertip_site=np.array(
-            [model.site(n).id for s in sides for n in hand.fingertip_sites(s)], dtype=np.intp
-        ),
-        fingertip_geom=np.array(
-            [model.body(n).geomadr[0] for s in sides for n in hand.fingertip_bodies(s)],
-            dtype=np.intp,
-        ),
-        joints=hand_joints,
-        actuator_of_joint=_actuator_of_joint(model, hand_joints),
-        forearm_geoms=tuple(forearm_geoms),
-        forearm_reach=_forearm_reach(model, forearm_geoms) if len(sides) > 1 else 0.0,
-        slider_qpos=np.array(
-            [model.jnt_qposadr[joints[-2]] for joints in hand_joints], dtype=np.intp
-        ),
-    )
-
-
-def _named_keys(
-    model: mujoco.MjModel, kind: int, count: int, word: str, keys: Iterable[int]
-) -> IntArray:
-    """Return the ids of the elements called ``piano/<color>_<word>_<key>``, one for each key."""
-    names = (mujoco.mj_id2name(model, kind, i) or "" for i in range(count))
-    found = {
-        int(name.rsplit("_", 1)[1]): i
-        for i, name in enumerate(names)
-        if name.startswith("piano/") and f"_{word}_" in name
-    }
-    return np.array([found[key] for key in keys])
-
-
-def _contiguous(addresses: npt.NDArray[np.int32]) -> slice:
-    start, count = int(addresses[0]), len(addresses)
-    assert np.array_equal(addresses, np.arange(start, start + count)), "keys are joints in a row"
-    return slice(start, start + count)
-
-
-def _boxes_of_pressed_keys(
-    model: mujoco.MjModel, key_joint: IntArray, key_geom: IntArray, max_angle: list[float]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    data = mujoco.MjData(model)
-    data.qpos[model.jnt_qposadr[key_joint]] = max_angle
-    mujoco.mj_kinematics(model, data)
-    return (
-        data.geom_xpos[key_geom],
-        data.geom_xmat[key_geom].reshape(-1, 3, 3),
-        model.geom_size[key_geom],
-    )
-
-
-def _hand_joints(model: mujoco.MjModel, side: str) -> IntArray:
-    """Return a hand's joints in the order of RoboPianist's observation: the sliders last."""
-    prefix = hand.forearm_body(side).split("/")[0] + "/"
-    joints = [j for j in range(model.njnt) if model.joint(j).name.startswith(prefix)]
-    sliders = [model.joint(prefix + name).id for name in hand.FOREARM_JOINTS]
-    return np.array([j for j in joints if j not in sliders] + sliders)
-
-
-def _actuator_of_joint(model: mujoco.MjModel, hands: tuple[IntArray, ...]) -> FloatArray:
-    """Return the constant Jacobian of the actuators' lengths: all drive joints or fixed tendons."""
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    moment = np.zeros((model.nu, model.nv))
-    mujoco.mju_sparse2dense(
-        moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-    )
-    return moment[:, [model.jnt_dofadr[joint] for joints in hands for joint in joints]]
-
-
-def _forearm_reach(model: mujoco.MjModel, geoms: list[list[int]]) -> float:
-    """Return how far apart along the keyboard the first shapes are, at most, where forearms touch.
-
-    Forearms slide but never turn, so that what their shapes cover moves with each of them.
-    """
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    row = data.geom_xmat[:, 3:6]  # world y in the frame of each shape
-    middle = data.geom_xpos[:, 1] + (row * model.geom_aabb[:, :3]).sum(axis=1)
-    half = (np.abs(row) * model.geom_aabb[:, 3:]).sum(axis=1) + model.geom_margin + _CLEARANCE
-    low = [(middle - half)[shapes].min() - data.geom_xpos[shapes[0], 1] for shapes in geoms]
-    high = [(middle + half)[shapes].max() - data.geom_xpos[shapes[0], 1] for shapes in geoms]
-    return float(max(high[0] - low[1], high[1] - low[0]))

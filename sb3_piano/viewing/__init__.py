@@ -1,14 +1,19 @@
 """Pictures of the simulation: single ones, videos with sound, a window."""
 
-from sb3_piano.viewing.film import DEFAULT_PICTURE, Moment, Picture, Take, film, moments
-from sb3_piano.viewing.frame_renderer import (
+from sb3_piano.viewing.film import Take, film, moments
+from sb3_piano.viewing.frame_renderer import FrameRenderer
+from sb3_piano.viewing.moment import (
     FINGER_COLORS,
     PRESSED_COLOR,
     UNLABELLED_COLOR,
-    FrameRenderer,
+    WRONG_COLOR,
+    Moment,
+    geom_colors,
 )
+from sb3_piano.viewing.performance_renderer import PerformanceRenderer
 from sb3_piano.viewing.take import Played, Progress, show_take, write_take
 from sb3_piano.viewing.video import write_video
+from sb3_piano.viewing.views import DEFAULT_PICTURE, Picture, View
 from sb3_piano.viewing.window import SceneWindow, check_screen
 
 __all__ = [
@@ -16,15 +21,19 @@ __all__ = [
     "FINGER_COLORS",
     "PRESSED_COLOR",
     "UNLABELLED_COLOR",
+    "WRONG_COLOR",
     "FrameRenderer",
     "Moment",
+    "PerformanceRenderer",
     "Picture",
     "Played",
     "Progress",
     "SceneWindow",
     "Take",
+    "View",
     "check_screen",
     "film",
+    "geom_colors",
     "moments",
     "show_take",
     "write_take",

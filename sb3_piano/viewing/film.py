@@ -4,46 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal
 
-import mujoco
 import numpy as np
 import numpy.typing as npt
-from annotated_types import Ge, Le, MultipleOf
 
+from sb3_piano.arrays import FloatArray
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.metrics import frame_f1
 from sb3_piano.music import Score
 from sb3_piano.performance import Performance
-from sb3_piano.settings import Unit, Whole, settings
 from sb3_piano.simulation import PianoScene
-from sb3_piano.viewing.frame_renderer import FrameRenderer
-
-FloatArray = npt.NDArray[np.float64]
-
-Camera = Literal["overview", "topdown"]
-"""Name of a camera of the scene."""
-
-_EVEN = Unit("pixels, even as the video's format demands")
-
-
-@settings
-class Picture:
-    """Size and camera of a video.
-
-    Raises:
-        ConfigError: If a value is out of range.
-    """
-
-    width: Annotated[Whole, Ge(2), Le(1920), MultipleOf(2), _EVEN] = 640
-    """Pixels, even, at most 1920."""
-    height: Annotated[Whole, Ge(2), Le(1080), MultipleOf(2), _EVEN] = 360
-    """Pixels, even, at most 1080."""
-    camera: Camera = "overview"
-    """Camera of the scene: "overview" or "topdown"."""
-
-
-DEFAULT_PICTURE = Picture()
-"""A small video from behind the keyboard."""
+from sb3_piano.viewing.moment import Moment
+from sb3_piano.viewing.performance_renderer import PerformanceRenderer
+from sb3_piano.viewing.views import DEFAULT_PICTURE, Picture
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,7 +36,7 @@ class Take:
     score: Score | None
     """The notes that are heard; ``None`` if no key was pressed."""
     mark_sounding: bool = True
-    """Whether keys that sound are green in pictures."""
+    """Whether pictures tell right from wrong: keys that sound, and the F1 so far."""
 
     def __post_init__(self) -> None:
         expected = (len(self.performance) + 1, self.scene.model.nq)
@@ -89,31 +62,25 @@ class Take:
         return len(self.qpos) * self.period
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Moment:
-    """State of the scene at one time, as a picture shows it."""
-
-    qpos: FloatArray
-    """(nq,) joint positions, rad or m."""
-    due: npt.NDArray[np.intp]
-    """(n,) keys that should be down."""
-    fingers: npt.NDArray[np.int8]
-    """(n,) finger label of each of them, -1 where unknown."""
-    sounding: npt.NDArray[np.bool_]
-    """(88,) keys to be shown as sounding."""
-
-
 def moments(take: Take) -> Iterator[Moment]:
     """Return the moments of a take: its start, and the end of each control step.
 
     At the start the keys of the first step are due, later those of the step just played.
     """
     scene, roll = take.scene, take.performance.roll
+    played = take.performance.key_active
     for k, positions in enumerate(take.qpos):
         due, fingers = roll.due(max(k - 1, 0))
         sounding = scene.key_angle_at(positions) >= scene.key_sounding_angle
-        sounding &= take.mark_sounding
-        yield Moment(qpos=positions, due=due, fingers=fingers, sounding=sounding)
+        judged = take.mark_sounding
+        yield Moment(
+            qpos=positions,
+            step=k,
+            due=due,
+            fingers=fingers,
+            sounding=sounding if judged else None,
+            f1=frame_f1(roll.active[:k], played[:k]) if judged and k > 0 else None,
+        )
 
 
 def film(
@@ -127,27 +94,16 @@ def film(
     Raises:
         RenderingError: If this machine cannot draw; the message says what to install.
     """
-    scene = take.scene
-    renderer = FrameRenderer(
-        scene, width=picture.width, height=picture.height, camera=picture.camera
+    renderer = PerformanceRenderer(
+        take.scene, width=picture.width, height=picture.height, view=picture.view
     )
+    roll, title = take.performance.roll, take.performance.title
 
     def frames() -> Generator[npt.NDArray[np.uint8], None, None]:
         try:
-            data = mujoco.MjData(scene.model)
             for seen in moments(take):
-                pose(scene, data, seen.qpos)
-                yield renderer.render(
-                    data, due=seen.due, fingers=seen.fingers, sounding=seen.sounding
-                )
+                yield renderer.render(roll, title, seen)
         finally:
             renderer.close()
 
     return frames()
-
-
-def pose(scene: PianoScene, data: mujoco.MjData, qpos: FloatArray) -> None:
-    """Put everything in its place for joint positions, (nq,); cameras and lights too."""
-    data.qpos[:] = qpos
-    mujoco.mj_kinematics(scene.model, data)
-    mujoco.mj_camlight(scene.model, data)

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from sb3_piano.exceptions import RenderingError, RunError
 from sb3_piano.music import synthesize, write_midi, write_wav
-from sb3_piano.viewing.film import Picture, Take, film, moments
+from sb3_piano.viewing.film import Take, film, moments
 from sb3_piano.viewing.video import write_video
+from sb3_piano.viewing.views import Picture, View
 from sb3_piano.viewing.window import SceneWindow
 
 Progress = Callable[[int, int], object]
@@ -70,13 +71,13 @@ def write_take(
     )
 
 
-def show_take(take: Take, *, camera: str = "overview") -> None:
+def show_take(take: Take, *, view: View = "stage") -> None:
     """Show a take in a window, in real time and without sound, until it is over or closed.
 
     Raises:
         RenderingError: If there is no screen; the message says what to do.
     """
-    with SceneWindow(take.scene, camera=camera) as window:
+    with SceneWindow(take.scene, take.performance.roll, view=view) as window:
         window.replay(moments(take), take.period)
 
 

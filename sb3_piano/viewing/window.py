@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import sys
 import time
@@ -13,16 +12,21 @@ from typing import Any
 import mujoco
 
 from sb3_piano.exceptions import RenderingError
+from sb3_piano.music import PianoRoll
 from sb3_piano.simulation import PianoScene
-from sb3_piano.viewing.film import Moment, pose
-from sb3_piano.viewing.frame_renderer import geom_colors
+from sb3_piano.viewing.frame_renderer import add_bars
+from sb3_piano.viewing.moment import Moment, geom_colors
+from sb3_piano.viewing.note_bars import NoteBars
+from sb3_piano.viewing.performance_renderer import pose
+from sb3_piano.viewing.stage import staged
+from sb3_piano.viewing.views import View, place_camera
 
 _EXPECTED = (
     "Expected a screen: the machine's own, 'ssh -X', or a virtual one by xvfb-run. A video needs "
     "no screen."
 )
-_VIEW_DISTANCE = 0.8
-"""Distance from the camera of the point around which the mouse turns the view, m."""
+_ASPECT = 16 / 9
+"""Width of the window by its height, about."""
 
 
 class SceneWindow:
@@ -30,31 +34,31 @@ class SceneWindow:
 
     Use it as a context, or call :meth:`close`::
 
-        with SceneWindow(scene) as window:
-            for moment in moments(scene, performance, qpos):
+        with SceneWindow(take.scene, take.performance.roll) as window:
+            for moment in moments(take):
                 window.show(moment)
 
     Raises:
         RenderingError: If there is no screen; the message says what to do.
     """
 
-    def __init__(self, scene: PianoScene, *, camera: str = "overview"):
-        """Open the window, at first with the view of a camera of the scene."""
+    def __init__(self, scene: PianoScene, roll: PianoRoll, *, view: View = "stage"):
+        """Open the window on a scene in which a roll is played, at first with a view of it."""
         check_screen()
         from mujoco import viewer  # here, because without a screen it may fail already
 
-        self._scene = scene.copy()
-        self._colors = scene.model.geom_rgba.copy()
+        self._scene = staged(scene).copy()
+        self._colors = self._scene.model.geom_rgba.copy()
         self._data = mujoco.MjData(self._scene.model)
-        model = self._scene.model
-        model.vis.global_.fovy = model.camera(camera).fovy[0]
+        self._bars = NoteBars.over(self._scene, roll)
         try:
             self._viewer: Any = viewer.launch_passive(
-                model, self._data, show_left_ui=False, show_right_ui=False
+                self._scene.model, self._data, show_left_ui=False, show_right_ui=False
             )
         except RuntimeError as error:  # macOS demands another Python
             raise RenderingError(f"Cannot open a window: {error}.") from error
-        self._look_from(camera)
+        with self._viewer.lock():
+            place_camera(self._viewer.cam, view, self._bars.whole, _ASPECT)
 
     @property
     def is_running(self) -> bool:
@@ -79,6 +83,10 @@ class SceneWindow:
             )
             for geom, color in colors.items():
                 model.geom_rgba[geom] = color
+            drawn = self._viewer.user_scn
+            if drawn is not None:
+                drawn.ngeom = 0
+                add_bars(drawn, self._bars.at(moment.step, moment.sounding))
         self._viewer.sync()
 
     def replay(self, seen: Iterable[Moment], period: float) -> None:
@@ -102,19 +110,6 @@ class SceneWindow:
 
     def __exit__(self, *error: object) -> None:
         self.close()
-
-    def _look_from(self, camera: str) -> None:
-        """Put the free camera where one of the scene's is, so that the mouse can move it."""
-        mujoco.mj_camlight(self._scene.model, self._data)
-        placed = self._data.camera(camera)
-        ahead = -placed.xmat.reshape(3, 3)[:, 2]
-        with self._viewer.lock():
-            view = self._viewer.cam
-            view.type = mujoco.mjtCamera.mjCAMERA_FREE
-            view.distance = _VIEW_DISTANCE
-            view.lookat[:] = placed.xpos + _VIEW_DISTANCE * ahead
-            view.elevation = math.degrees(math.asin(ahead[2]))
-            view.azimuth = math.degrees(math.atan2(ahead[1], ahead[0]))
 
 
 def check_screen() -> None:

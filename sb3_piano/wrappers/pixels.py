@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
@@ -12,9 +12,11 @@ from gymnasium import spaces
 from sb3_piano.envs.config import PictureHeight, PictureWidth
 from sb3_piano.settings import checked
 from sb3_piano.simulation import PianoScene
-from sb3_piano.viewing import FrameRenderer
-from sb3_piano.viewing.film import Camera
+from sb3_piano.viewing import FrameRenderer, geom_colors
 from sb3_piano.wrappers.piano import piano_of
+
+Camera = Literal["overview", "topdown"]
+"""Name of a camera of the scene."""
 
 PIXELS, VECTOR = "pixels", "observation"
 """Keys of the picture and of the vector in an observation with both."""
@@ -26,8 +28,9 @@ class Pixels(gym.ObservationWrapper[Any, Any, Any], gym.utils.RecordConstructorA
     Observations are ``Dict(observation=..., pixels=...)``, for ``MultiInputPolicy``, or with
     ``alone`` nothing but pictures, for ``CnnPolicy``. A picture is (height, width, 3) uint8, drawn
     without a screen. Keys that are due in the control step to come have the colours of their
-    fingers, as the fingertips do; keys that sound are green. There are no shadows, and edges are
-    jagged, which is seven times as fast without a graphics card (``benchmarks/pixels.py``).
+    fingers, as the fingertips do; keys that sound are green, or red if they are not due. There are
+    no shadows, and edges are jagged, which is seven times as fast without a graphics card
+    (``benchmarks/pixels.py``).
 
     Replay buffers of pictures are large: ``sb3_piano.buffers.CompactDictReplayBuffer``, or
     ``CompactReplayBuffer`` for pictures alone, holds each of them once.
@@ -94,9 +97,8 @@ class Pixels(gym.ObservationWrapper[Any, Any, Any], gym.utils.RecordConstructorA
             )
             self._drawn = piano.scene
         due, fingers = piano.asked_roll.due(min(piano.steps_played, len(piano.asked_roll) - 1))
-        return self._renderer.render(
-            piano.data, due=due, fingers=fingers, sounding=piano.key_active
-        )
+        colors = geom_colors(piano.scene, due=due, fingers=fingers, sounding=piano.key_active)
+        return self._renderer.render(piano.data, colors)
 
     def _stop_drawing(self) -> None:
         if self._renderer is not None:

@@ -54,7 +54,7 @@ class Resting(gym.ActionWrapper):
 def test_pictures_sound_and_notes_are_named_by_the_environment_steps(n_envs, tmp_path):
     model = tiny_td3(vector_of(lambda: Louder(piano()), n_envs=n_envs))
     callback = PerformanceVideoCallback(
-        4, str(tmp_path), max_seconds=0.15, width=64, height=36, camera="topdown"
+        4, str(tmp_path), max_seconds=0.15, width=64, height=36, view="top"
     )
     model.learn(7 * n_envs, callback)
     step = 4 * n_envs

@@ -46,7 +46,7 @@ from sb3_piano.exceptions import ConfigError
         ),
         ({"reward_weights": 2.0}, "reward_weights is 2.0: expected a mapping"),
         ({"width": 4000}, "width is 4000: expected a whole number from 1 to 1920"),
-        ({"camera_name": "side"}, "camera_name is 'side': expected one of 'overview', 'topdown'"),
+        ({"view": "side"}, "view is 'side': expected one of 'stage', 'close', 'top', 'roll'"),
     ],
 )
 def test_a_bad_setting_is_refused_by_name(options, message):

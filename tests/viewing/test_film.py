@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import typing
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,9 @@ from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score
 from sb3_piano.simulation import find_gl_backend
-from sb3_piano.viewing import FrameRenderer, Picture, Take, film, moments
+from sb3_piano.viewing import PerformanceRenderer, Picture, Take, View, film, moments
+
+VIEWS = typing.get_args(View)
 
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 
@@ -42,12 +45,10 @@ def take_of(env, recording):
 
 @pytest.mark.slow
 @needs_gl
-@pytest.mark.parametrize("camera", ["overview", "topdown"])
-def test_every_picture_is_that_of_the_environments_render(camera):
-    env, recording, rendered = episode(
-        render_mode="rgb_array", camera_name=camera, width=160, height=90
-    )
-    drawn = list(film(take_of(env, recording), Picture(width=160, height=90, camera=camera)))
+@pytest.mark.parametrize("view", VIEWS)
+def test_every_picture_is_that_of_the_environments_render(view):
+    env, recording, rendered = episode(render_mode="rgb_array", view=view, width=288, height=162)
+    drawn = list(film(take_of(env, recording), Picture(width=288, height=162, view=view)))
     env.close()
     assert recording.performance.key_active.any()
     assert len(drawn) == len(rendered) == len(env.roll) + 1
@@ -65,8 +66,12 @@ def test_moments_have_the_keys_that_are_due_and_those_that_sound():
     assert shown.any()
     assert not shown[0].any()
     np.testing.assert_array_equal(shown[1:], recording.performance.key_active)
-    unmarked = moments(replace(take, mark_sounding=False))
-    assert not any(moment.sounding.any() for moment in unmarked)
+    assert [moment.step for moment in seen] == list(range(len(env.roll) + 1))
+    assert seen[0].f1 is None
+    assert seen[-1].f1 == pytest.approx(recording.metrics["f1"])
+    unmarked = list(moments(replace(take, mark_sounding=False)))
+    assert all(moment.sounding is None for moment in unmarked)
+    assert all(moment.f1 is None for moment in unmarked)
 
 
 @pytest.mark.parametrize("cut", [(slice(1, None), slice(None)), (slice(None), slice(1, None))])
@@ -82,12 +87,12 @@ def test_a_motion_that_is_not_of_the_performance_is_refused(cut):
 def test_a_film_frees_its_drawing_context_also_if_it_is_not_watched_to_the_end(monkeypatch):
     closed = []
 
-    class Renderer(FrameRenderer):
+    class Renderer(PerformanceRenderer):
         def close(self):
             closed.append(self)
             super().close()
 
-    monkeypatch.setattr(sys.modules[film.__module__], "FrameRenderer", Renderer)
+    monkeypatch.setattr(sys.modules[film.__module__], "PerformanceRenderer", Renderer)
     env, recording, _ = episode()
     for watched in (2, len(env.roll) + 1):
         frames = film(take_of(env, recording), Picture(width=64, height=64))

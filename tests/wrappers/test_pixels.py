@@ -18,7 +18,7 @@ from sb3_piano.buffers import CompactDictReplayBuffer, CompactReplayBuffer
 from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score
-from sb3_piano.viewing.frame_renderer import FINGER_COLORS, PRESSED_COLOR, FrameRenderer
+from sb3_piano.viewing import FINGER_COLORS, PRESSED_COLOR, FrameRenderer
 from sb3_piano.wrappers import KeyRange, Pixels
 
 # Keys far from the hands, and one right under the thumb at rest.
@@ -85,12 +85,10 @@ def test_a_due_key_has_the_colour_of_its_finger_before_it_is_due(env):
 def test_plain_pictures_have_no_shadows():
     env = piano().unwrapped
     env.reset(seed=0)
-    nothing = np.array([], dtype=np.intp)
     pictures = []
     for plain in (False, True):
         renderer = FrameRenderer(env.scene, width=160, height=90, camera="overview", plain=plain)
-        drawn = renderer.render(env.data, due=nothing, fingers=nothing, sounding=env.key_active)
-        pictures.append(drawn.astype(int))
+        pictures.append(renderer.render(env.data, {}).astype(int))
         renderer.close()
     full, plain = pictures
     # On the mean, to which smoothed edges, brighter and darker alike, add nothing.

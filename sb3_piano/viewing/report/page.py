@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from sb3_piano.metrics import DEFINITIONS, ONSET_TOLERANCE, Definition, has_value
-from sb3_piano.viewing.frame_renderer import FINGER_COLORS, PRESSED_COLOR, UNLABELLED_COLOR
+from sb3_piano.viewing.moment import FINGER_COLORS, PRESSED_COLOR, UNLABELLED_COLOR
 
 TOLERANCE = f"{1000 * ONSET_TOLERANCE:.0f} ms"
 """Distance from its onset within which a strike hits a note, as text."""

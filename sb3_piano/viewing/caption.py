@@ -1,0 +1,48 @@
+"""Captions: the title and the F1 so far on a picture."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw, ImageFont
+
+LEAST_HEIGHT = 160
+"""Pictures of fewer rows have no caption: nobody could read it."""
+
+_FONT = Path(matplotlib.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")
+_INK, _SHADE = (235, 235, 240), (0, 0, 0)
+
+
+def write_caption(picture: npt.NDArray[np.uint8], title: str, f1: float | None) -> None:
+    """Write the title, and the F1 unless it is ``None``, on the upper edge of a picture.
+
+    Args:
+        picture: (height, width, 3) uint8, is changed.
+        title: On the left, shortened to half of the width.
+        f1: On the right.
+    """
+    height, width, _ = picture.shape
+    if height < LEAST_HEIGHT:
+        return
+    size = height // 22
+    strip = Image.fromarray(picture[: 2 * size])
+    draw, font, edge = ImageDraw.Draw(strip), _font(size), size // 2
+    shown = title
+    while shown and font.getlength(shown) > width / 2:
+        shown = shown[:-2].rstrip() + "…"
+    if f1 is not None:
+        text = f"F1 so far {f1:.2f}"
+        place = (width - edge - font.getlength(text), edge)
+        draw.text(place, text, font=font, fill=_INK, stroke_width=1, stroke_fill=_SHADE)
+    draw.text((edge, edge), shown, font=font, fill=_INK, stroke_width=1, stroke_fill=_SHADE)
+    picture[: 2 * size] = np.asarray(strip)
+
+
+@functools.lru_cache(maxsize=4)
+def _font(size: int) -> ImageFont.FreeTypeFont:
+    """Return the font that matplotlib brings, which has the letters of composers' languages."""
+    return ImageFont.truetype(_FONT, size)

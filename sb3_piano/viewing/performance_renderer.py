@@ -1,0 +1,68 @@
+"""Pictures of a performance: the stage, falling notes and a caption."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.arrays import FloatArray
+from sb3_piano.music import PianoRoll
+from sb3_piano.simulation import PianoScene
+from sb3_piano.viewing.caption import write_caption
+from sb3_piano.viewing.frame_renderer import FrameRenderer
+from sb3_piano.viewing.moment import Moment, geom_colors
+from sb3_piano.viewing.note_bars import NoteBars
+from sb3_piano.viewing.stage import staged
+from sb3_piano.viewing.views import View, follows_music, place_camera, shows_bars
+
+
+class PerformanceRenderer:
+    """Draws moments of performances of one scene.
+
+    Raises:
+        RenderingError: If this machine cannot draw; the message says what to install.
+    """
+
+    def __init__(self, scene: PianoScene, *, width: int, height: int, view: View):
+        """Open a drawing context of so many pixels."""
+        self._stage = staged(scene)
+        self._aspect = width / height
+        self._view: View = view
+        self._data = mujoco.MjData(self._stage.model)
+        self._renderer = FrameRenderer(self._stage, width=width, height=height)
+        self._bars: NoteBars | None = None
+        self._title = ""
+
+    def render(self, roll: PianoRoll, title: str, moment: Moment) -> npt.NDArray[np.uint8]:
+        """Draw one picture, (height, width, 3) uint8.
+
+        Args:
+            roll: What should be played; drawn faster if it is the one of the last picture.
+            title: Title of the piece.
+            moment: What is seen.
+        """
+        if self._bars is None or self._bars.roll is not roll:
+            self._bars = NoteBars.over(self._stage, roll)
+        notes = self._bars
+        stretch = notes.followed(moment.step) if follows_music(self._view) else notes.whole
+        place_camera(self._renderer.camera, self._view, stretch, self._aspect)
+        pose(self._stage, self._data, moment.qpos)
+        colors = geom_colors(
+            self._stage, due=moment.due, fingers=moment.fingers, sounding=moment.sounding
+        )
+        bars = notes.at(moment.step, moment.sounding) if shows_bars(self._view) else ()
+        drawn = self._renderer.render(self._data, colors, bars)
+        write_caption(drawn, title, moment.f1)
+        return drawn
+
+    def close(self) -> None:
+        """Free the drawing context; safe to call twice."""
+        self._renderer.close()
+
+
+def pose(scene: PianoScene, data: mujoco.MjData, qpos: FloatArray) -> None:
+    """Put everything in its place for joint positions, (nq,); cameras and lights too."""
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(scene.model, data)
+    mujoco.mj_camlight(scene.model, data)

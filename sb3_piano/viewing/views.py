@@ -1,0 +1,131 @@
+"""Views: from where a performance is seen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import mujoco
+from annotated_types import Ge, Le, MultipleOf
+
+from sb3_piano.settings import Unit, Whole, settings
+from sb3_piano.viewing.note_bars import Stretch
+from sb3_piano.viewing.stage import FIELD_OF_VIEW
+
+View = Literal["stage", "close", "top", "roll"]
+"""Name of a view."""
+
+_EVEN = Unit("pixels, even as the video's format demands")
+
+
+@settings
+class Picture:
+    """Size and view of a video.
+
+    Raises:
+        ConfigError: If a value is out of range.
+    """
+
+    width: Annotated[Whole, Ge(2), Le(1920), MultipleOf(2), _EVEN] = 854
+    """Pixels, even, at most 1920."""
+    height: Annotated[Whole, Ge(2), Le(1080), MultipleOf(2), _EVEN] = 480
+    """Pixels, even, at most 1080."""
+    view: View = "stage"
+    """Where it is seen from: "stage", "close", "top" or "roll"."""
+
+
+DEFAULT_PICTURE = Picture()
+"""A video of 480p from over the pianist's shoulders."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Shot:
+    """A camera that has a part of the keyboard in sight."""
+
+    azimuth: float
+    """Direction in which it looks, degrees: 180 is from the player to the keys."""
+    elevation: float
+    """Degrees; below 0 it looks down."""
+    x: float
+    z: float
+    """What it looks at, m: across the keys, and the height."""
+    margin: float
+    """Width in sight beside the keys, m."""
+    height: float
+    """Least height in sight, m."""
+    follows: bool
+    """Whether it goes along with the music; else it has the keys of the whole piece in sight."""
+    bars: bool
+    """Whether it shows falling notes."""
+
+
+_SHOTS: dict[View, _Shot] = {
+    "stage": _Shot(
+        azimuth=180,
+        elevation=-36,
+        x=0.0,
+        z=0.165,
+        margin=0.3,
+        height=0.42,
+        follows=False,
+        bars=True,
+    ),
+    "close": _Shot(
+        azimuth=140,
+        elevation=-30,
+        x=0.04,
+        z=0.05,
+        margin=0.14,
+        height=0.22,
+        follows=True,
+        bars=False,
+    ),
+    "top": _Shot(
+        azimuth=180,
+        elevation=-90,
+        x=0.05,
+        z=0.0,
+        margin=0.25,
+        height=0.3,
+        follows=False,
+        bars=False,
+    ),
+    "roll": _Shot(
+        azimuth=180,
+        elevation=-20,
+        x=0.0,
+        z=0.25,
+        margin=0.36,
+        height=0.52,
+        follows=False,
+        bars=True,
+    ),
+}
+
+
+def follows_music(view: View) -> bool:
+    """Return whether a view goes along with the music."""
+    return _SHOTS[view].follows
+
+
+def shows_bars(view: View) -> bool:
+    """Return whether a view shows falling notes."""
+    return _SHOTS[view].bars
+
+
+def place_camera(camera: mujoco.MjvCamera, view: View, stretch: Stretch, aspect: float) -> None:
+    """Move a free camera to where a view has a stretch of the keyboard in sight.
+
+    Args:
+        camera: A camera for the stage.
+        view: The view.
+        stretch: Keys that have to be in sight.
+        aspect: Width of the picture by its height.
+    """
+    shot = _SHOTS[view]
+    height = max((stretch.width + shot.margin) / aspect, shot.height)
+    camera.type = mujoco.mjtCamera.mjCAMERA_FREE
+    camera.azimuth, camera.elevation = shot.azimuth, shot.elevation
+    camera.lookat[:] = shot.x, stretch.middle, shot.z
+    camera.distance = height / (2 * math.tan(math.radians(FIELD_OF_VIEW / 2)))

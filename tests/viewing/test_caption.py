@@ -1,0 +1,42 @@
+"""Captions on pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sb3_piano.viewing.caption import write_caption
+
+
+def written(title, f1=None, shape=(480, 854, 3)):
+    picture = np.zeros(shape, dtype=np.uint8)
+    write_caption(picture, title, f1)
+    return picture
+
+
+def columns(picture):
+    """Return the columns in which something is written."""
+    return np.flatnonzero(picture.any(axis=(0, 2)))
+
+
+def test_the_title_is_on_the_left_the_f1_on_the_right_and_the_rest_as_it_was():
+    title = columns(written("Für Elise"))
+    assert 5 < title.min() < title.max() < 427
+    both = columns(written("Für Elise", 0.93))
+    assert both.max() > 800
+    assert (written("Für Elise", 0.931) == written("Für Elise", 0.929)).all()
+    assert (written("Für Elise", 0.93) != written("Für Elise", 0.91)).any()
+    assert not written("Für Elise", 0.93)[60:].any()
+
+
+def test_a_long_title_is_shortened_to_half_of_the_width():
+    long = columns(written("Sonata quasi una fantasia " * 5))
+    assert 300 < long.max() < 450
+
+
+def test_letters_of_other_languages_are_drawn_and_not_replaced():
+    shapes = {written(letter)[:60, :60].tobytes() for letter in "üřžçñß\u0e01"}
+    assert len(shapes) == 7
+
+
+def test_a_small_picture_has_no_caption():
+    assert not written("Für Elise", 0.93, shape=(120, 200, 3)).any()

@@ -1,0 +1,101 @@
+"""Falling notes, and the part of the keyboard that views have in sight."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sb3_piano.music import Note, PianoRoll, Score
+from sb3_piano.simulation import compile_scene
+from sb3_piano.viewing import FINGER_COLORS, PRESSED_COLOR, UNLABELLED_COLOR
+from sb3_piano.viewing.moment import MISSED_COLOR
+from sb3_piano.viewing.note_bars import NoteBars
+from sb3_piano.viewing.stage import PANEL_FOOT
+
+SILENT = np.zeros(88, dtype=bool)
+WHITE, BLACK = 39, 40  # C4 and C#4
+
+
+def bars_over(*notes):
+    score = Score(notes=[Note(**note) for note in notes])
+    return NoteBars.over(compile_scene(), PianoRoll.from_score(score, 0.05))
+
+
+def foot(bar):
+    return bar.centre[2] - bar.half[2]
+
+
+def sounding(*keys):
+    marked = SILENT.copy()
+    marked[list(keys)] = True
+    return marked
+
+
+def test_a_note_comes_down_steadily_reaches_its_key_when_it_is_due_and_sinks_into_it():
+    notes = bars_over({"onset": 1.0, "offset": 1.5, "pitch": 60, "finger": 1})
+    key_y = compile_scene().key_boxes[0][WHITE, 1]
+    heights, lengths = [], []
+    for step in range(31):
+        (bar,) = notes.at(step, SILENT) or (None,)
+        if bar is None:
+            break
+        assert bar.centre[1] == key_y
+        heights.append(foot(bar))
+        lengths.append(bar.half[2])
+    assert step == 30  # the steps 20 to 29 are the note's
+    falls = -np.diff(heights[:21])
+    np.testing.assert_allclose(falls, falls[0])
+    assert falls[0] > 0
+    assert heights[20] == pytest.approx(PANEL_FOOT, abs=0.002)
+    np.testing.assert_allclose(heights[20:], heights[20])
+    assert (np.diff(lengths[20:]) < 0).all()
+    np.testing.assert_allclose(lengths[:20], lengths[0])
+
+
+def test_a_note_too_far_ahead_is_not_there_yet():
+    notes = bars_over({"onset": 10.0, "offset": 10.5, "pitch": 60})
+    assert notes.at(0, SILENT) == []
+    assert len(notes.at(190, SILENT)) == 1
+
+
+def test_bars_have_the_colours_of_their_fingers_until_they_are_due_then_tell_hits_from_misses():
+    notes = bars_over(
+        {"onset": 0.1, "offset": 0.5, "pitch": 60, "finger": 7},
+        {"onset": 0.1, "offset": 0.5, "pitch": 61},
+    )
+    colors = [[bar.color for bar in notes.at(step, sounding(BLACK))] for step in (2, 3)]
+    # After two steps the third, the first of both notes, has not been played yet.
+    assert colors[0] == [FINGER_COLORS[7], UNLABELLED_COLOR]
+    assert colors[1] == [MISSED_COLOR, PRESSED_COLOR]
+    # Where nothing is judged, they keep their colours.
+    assert [bar.color for bar in notes.at(3, None)] == colors[0]
+    white, black = notes.at(2, SILENT)
+    assert black.half[1] < white.half[1]
+
+
+def test_the_whole_piece_is_in_sight_and_a_view_that_follows_is_where_the_music_is():
+    low, high = 20, 70
+    notes = bars_over(
+        {"onset": 0.0, "offset": 1.0, "pitch": 21 + low},
+        {"onset": 11.0, "offset": 12.0, "pitch": 21 + high},
+    )
+    key_y = compile_scene().key_boxes[0][:, 1]
+    assert notes.whole.middle == pytest.approx((key_y[low] + key_y[high]) / 2)
+    assert notes.whole.width == pytest.approx(key_y[high] - key_y[low])
+    followed = [notes.followed(step) for step in range(len(notes.roll) + 1)]
+    assert followed[0].middle == pytest.approx(key_y[low], abs=0.06)
+    assert followed[-1].middle == pytest.approx(key_y[high], abs=0.06)
+    moves = np.abs(np.diff([stretch.middle for stretch in followed]))
+    assert moves.max() < 0.025  # half a metre a second
+    assert notes.followed(10**6) == followed[-1]
+
+
+def test_a_piece_without_notes_has_the_whole_keyboard_in_sight():
+    silent = np.zeros((20, 88))
+    roll = PianoRoll(
+        control_timestep=0.05, active=silent, finger=silent - 1, onset=silent, sustain=silent[:, 0]
+    )
+    notes = NoteBars.over(compile_scene(), roll)
+    assert notes.at(3, SILENT) == []
+    assert notes.whole.width > 1.19
+    assert notes.followed(0).width > 1.19

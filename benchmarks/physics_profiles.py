@@ -1,13 +1,14 @@
 """What a learned policy makes of each physics profile, and what a control step takes there.
 
     python benchmarks/physics_profiles.py --excerpts 60
-    python benchmarks/physics_profiles.py --runs runs/sac_1 runs/sac_2
+    python benchmarks/physics_profiles.py --runs runs/sac_1 runs/planned_1
 
 The sight-reader plays generated excerpts of 12 s that it never saw, and the first 30 s of the
 pieces that judge a distillation, closed loop, in every profile. Differences are paired by excerpt.
 
-With ``--runs`` the last models of runs play, each its own piece. A single episode jumps by some
-hundredths, so each of several has a small noise on its actions.
+With ``--runs`` the last models of runs, or plans (``sb3-piano plan``), play, each its own piece. A
+single episode jumps by some hundredths, so each of several has a small noise on its actions.
+Differences are paired by run, ± is their standard error.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ LENGTH = 30.0
 """How much of a piece is played, s."""
 EPISODES = 8
 """Episodes of each run."""
+SCORES = ("f1", "onset_f1", "normalized_return")
+REFERENCE = list(PHYSICS_PROFILES).index("reference")
 NOISE = 0.003
 """Standard deviation of the noise on actions in [-1, 1]."""
 
@@ -50,8 +53,8 @@ def music(excerpts: int) -> list[Score]:
     ]
 
 
-def play(env: HandActions, model: HandModel, score: Score) -> tuple[float, float, float]:
-    """Return F1, onset F1 and the mean time of a control step without the network, s."""
+def play(env: HandActions, model: HandModel, score: Score) -> list[float]:
+    """Return F1, onset F1, normalized return and a control step's time without the network, s."""
     observation, _ = env.reset(seed=0, options={"score": score})
     spent, steps, over = 0.0, 0, False
     while not over:
@@ -59,11 +62,11 @@ def play(env: HandActions, model: HandModel, score: Score) -> tuple[float, float
         start = time.perf_counter()
         observation, _, terminated, truncated, info = env.step(action)
         spent, steps, over = spent + time.perf_counter() - start, steps + 1, terminated or truncated
-    return info["f1"], info["onset_f1"], spent / steps
+    return [*(info[name] for name in SCORES), spent / steps]
 
 
 def play_run(run: str, physics: str) -> FloatArray:
-    """Return F1 and onset F1 of each episode of a run, and a control step's mean time, s."""
+    """Return F1, onset F1 and normalized return of each episode, and a control step's time, s."""
     with SavedPlayer.open(run, physics=physics) as player:
         piano, random = player.env, np.random.default_rng(SEED)
         step, times = piano.step, []
@@ -77,23 +80,42 @@ def play_run(run: str, physics: str) -> FloatArray:
 
         piano.step = disturbed
         played = [recording.metrics for recording in player.play(EPISODES)]
-    return np.array([(one["f1"], one["onset_f1"], np.mean(times)) for one in played])
+    return np.array([[*(one[name] for name in SCORES), np.mean(times)] for one in played])
 
 
 def compare_runs(runs: list[str]) -> None:
     """Play each run in each profile, and print the means."""
     print(f"Means of {EPISODES} episodes; ± is the standard error.\n")
-    print("| physics | run | F1 | onset F1 | speed |")
-    print("|---|---|---:|---:|---:|")
+    print("| physics | run | F1 | onset F1 | return | speed |")
+    print("|---|---|---:|---:|---:|---:|")
+    means = []
     with torch_threads(1):
-        for run in runs:
-            found = {name: play_run(run, name) for name in PHYSICS_PROFILES}
-            for name, rows in found.items():
-                mean = rows.mean(axis=0)
-                error = rows.std(axis=0, ddof=1) / EPISODES**0.5
-                speed = found["reference"][:, 2].mean() / mean[2]
-                scores = [f"{mean[column]:.3f} ± {error[column]:.3f}" for column in (0, 1)]
-                print(f"| {name} | {run} | {' | '.join(scores)} | {speed:.2f} |", flush=True)
+        for run in track(runs, description="Playing", console=Console(stderr=True)):
+            found = np.array([play_run(run, name) for name in PHYSICS_PROFILES])
+            means.append(found.mean(axis=1))
+            error = found.std(axis=1, ddof=1) / EPISODES**0.5
+            for name, mean, apart in zip(PHYSICS_PROFILES, means[-1], error, strict=True):
+                cells = [f"{mean[k]:.3f} ± {apart[k]:.3f}" for k in range(len(SCORES))]
+                speed = means[-1][REFERENCE, -1] / mean[-1]
+                print(f"| {name} | {run} | {' | '.join(cells)} | {speed:.2f} |", flush=True)
+    if len(runs) > 1:
+        print(f"\nMeans over {len(runs)} runs, and what is less than the reference's.\n")
+        summarize(np.array(means))
+
+
+def summarize(means: FloatArray) -> None:
+    """Print a table of (runs, profiles, scores and time), paired by run."""
+    apart = means - means[:, [REFERENCE]]
+    error = apart.std(axis=0, ddof=1) / len(means) ** 0.5
+    mean, apart = means.mean(axis=0), apart.mean(axis=0)
+    print("| physics | F1 |  | onset F1 |  | return |  | speed |")
+    print("|---|---:|---:|---:|---:|---:|---:|---:|")
+    for number, name in enumerate(PHYSICS_PROFILES):
+        cells = [name]
+        for column in range(len(SCORES)):
+            cells.append(f"{mean[number, column]:.3f}")
+            cells.append(f"{apart[number, column]:+.3f} ± {error[number, column]:.3f}")
+        print(f"| {' | '.join(cells)} | {mean[REFERENCE, -1] / mean[number, -1]:.2f} |")
 
 
 def main() -> None:
@@ -106,26 +128,14 @@ def main() -> None:
         compare_runs(arguments.runs)
         return
     scores, model = music(arguments.excerpts), HandModel.load(SHIPPED)
-    envs = {name: hands_env(name) for name in PHYSICS_PROFILES}
+    envs = [hands_env(name) for name in PHYSICS_PROFILES]
     rows = []
     with torch_threads(1):
         # Profile after profile on each excerpt: what else runs here slows them down alike.
         for score in track(scores, description="Playing", console=Console(stderr=True)):
-            rows.append([play(env, model, score) for env in envs.values()])
-    found: FloatArray = np.array(rows)  # (scores, profiles, 3)
-    reference = list(envs).index("reference")
-    change = found - found[:, [reference]]
-    error = change.std(axis=0) / len(scores) ** 0.5
-    mean, apart = found.mean(axis=0), change.mean(axis=0)
-    print(f"Means over {len(scores)} excerpts; ± is the standard error.\n")
-    print("| physics | F1 | less the reference's | onset F1 | less the reference's | speed |")
-    print("|---|---:|---:|---:|---:|---:|")
-    for number, name in enumerate(envs):
-        cells = [name]
-        for column in (0, 1):
-            cells.append(f"{mean[number, column]:.3f}")
-            cells.append(f"{apart[number, column]:+.3f} ± {error[number, column]:.3f}")
-        print(f"| {' | '.join(cells)} | {mean[reference, 2] / mean[number, 2]:.2f} |")
+            rows.append([play(env, model, score) for env in envs])
+    print(f"Means over {len(scores)} excerpts, and what is less than the reference's.\n")
+    summarize(np.array(rows))
 
 
 if __name__ == "__main__":

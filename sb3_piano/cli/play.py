@@ -89,9 +89,10 @@ def add_report_parsers(commands: Any) -> None:
     """Add ``report`` and ``share`` with their arguments."""
     about = "write an HTML page: piano roll, fingers, reward, training"
     add = add_command(commands, "report", _report, about, epilog=TRUST)
-    add("run", "RUN", "the folder that train made")
-    add("--out", "FILE.html", "default: RUN/evaluation/report.html", Path)
-    add("--seed", "N", "", int, 0)
+    add("what", "RUN|PIECE", "a run's folder; or a file, such as MIDI, or a piece")
+    default = "default: RUN/evaluation/report.html, or play/<title>/piano_roll.html"
+    add("--out", "FILE.html", default, Path)
+    add("--seed", "N", "of a run; default: 0", int)
     add("--physics")
     add("--best")
     add("--open", text="open it in the web browser")
@@ -281,16 +282,20 @@ def _player(arguments: argparse.Namespace) -> str:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    check_output_file("--out", arguments.out)
-    from sb3_piano.training import write_report
+    from sb3_piano.training import write_piece_report, write_report
 
-    path = write_report(
-        arguments.run,
-        arguments.out,
-        seed=arguments.seed,
-        physics=arguments.physics,
-        best=arguments.best,
-    )
+    check_output_file("--out", arguments.out)
+    if Path(arguments.what).is_dir():
+        path = write_report(
+            arguments.what,
+            arguments.out,
+            seed=arguments.seed or 0,
+            physics=arguments.physics,
+            best=arguments.best,
+        )
+    else:
+        _check_piece(arguments, "seed", "physics", "best")
+        path = write_piece_report(arguments.what, arguments.out)
     print(f"Report: {path}")
     if arguments.open and not webbrowser.open(path.resolve().as_uri()):
         print("No web browser could be started: open the file in one.", file=sys.stderr)

@@ -9,7 +9,11 @@ from sb3_piano.training.configuration.yaml_files import (
 )
 from sb3_piano.training.evaluation.comparison import MAIN_METRICS, Comparison, compare
 from sb3_piano.training.evaluation.evaluate import Evaluation, Evaluations, evaluate, evaluate_runs
-from sb3_piano.training.evaluation.report import training_curves, write_report
+from sb3_piano.training.evaluation.report import (
+    training_curves,
+    write_piece_report,
+    write_report,
+)
 from sb3_piano.training.playing.player import SavedPlayer, share
 from sb3_piano.training.playing.residual import RunResidual
 from sb3_piano.training.playing.takes import play_run, play_score
@@ -50,5 +54,6 @@ __all__ = [
     "share",
     "train",
     "training_curves",
+    "write_piece_report",
     "write_report",
 ]

@@ -143,6 +143,20 @@ def test_the_command_says_where_the_report_is(piano_run, tmp_path, capsys):
     assert "fast physics · seed 4" in text_of(out)
 
 
+def test_the_report_of_a_piece_is_its_piano_roll(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["report", "TwinkleTwinkleLittleStar"]) == 0
+    (page,) = tmp_path.glob("play/*/piano_roll.html")
+    assert capsys.readouterr().out == f"Report: {page.relative_to(tmp_path)}\n"
+    assert "notes in" in text_of(page)
+    assert main(["report", "FurElise", "--out", "elise.html"]) == 0
+    assert "Onset density" in text_of(tmp_path / "elise.html")
+    assert main(["report", "FurElise", "--best", "f1"]) == 2
+    assert "--best cannot be given with a piece" in capsys.readouterr().err
+    assert main(["report", "runs/nothing"]) == 2
+    assert "Expected the folder of a run, a file" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("starts", [True, False])
 def test_the_report_is_opened_in_the_browser_of_the_machine(

@@ -15,8 +15,9 @@ from report_parts import (
     three_notes,
 )
 
+from sb3_piano.music import Note, Pedal, Score
 from sb3_piano.training import RunConfig, train, write_report
-from sb3_piano.viewing.report import Curve, Report, report_html
+from sb3_piano.viewing.report import Curve, Report, report_html, score_html
 
 pytestmark = pytest.mark.slow
 
@@ -105,6 +106,32 @@ def test_pointing_at_a_bar_shows_pitch_finger_onsets_error_and_result(
     ):
         assert text in hit
     assert "missed, struck late" in roll.point_at(1.8, E4)
+
+
+def test_the_page_of_a_piece_shows_its_notes_their_fingers_and_the_pedal(tab, roll, tmp_path):
+    score = Score(
+        notes=[
+            Note(onset=0.5, offset=1.0, pitch=60, finger=0),
+            Note(onset=1.0, offset=1.5, pitch=64, finger=7),
+            Note(onset=2.0, offset=2.25, pitch=67),
+        ],
+        pedals=[Pedal(onset=0.5, offset=1.5)],
+        title="<b>A piece</b>",
+    )
+    page = tmp_path / "piece.html"
+    page.write_text(score_html(score, [("Composer", "nobody & co")]), encoding="utf-8")
+    tab.open(page)
+    expected = {"due-thumb": 1, "due-middle-finger": 1, "due-any-finger": 1, "pedal": 1, "hit": 0}
+    assert {mark: roll.count(mark) for mark in expected} == expected
+    shown = roll.point_at(1.2, 64 - 21)
+    for text in ("E4", "left hand", "finger: left middle", "onset: 1.000 s", "offset: 1.500 s"):
+        assert text in shown
+    bars = "node => node.querySelectorAll('.barlayer .point path').length"
+    assert tab.page.eval_on_selector("#finger-usage", bars) == 10
+    assert tab.page.locator("h1").text_content() == "<b>A piece</b>"
+    assert "nobody & co" in tab.page.locator("main").text_content()
+    tab.page.locator("button[data-mark=due-thumb]").click()
+    assert roll.count("due-thumb") == 0
 
 
 def test_marks_are_hidden_and_shown_by_the_legend(tab, roll, page_of_three_notes):

@@ -1,4 +1,4 @@
-"""The report of a run: what its saved model plays, and how its training went."""
+"""Reports: what a run plays and how its training went, and the notes of a piece."""
 
 from __future__ import annotations
 
@@ -15,9 +15,13 @@ import numpy as np
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import write_text
+from sb3_piano.music import load_score
+from sb3_piano.music.difficulty import features
+from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.training.playing.player import SavedPlayer
+from sb3_piano.training.playing.takes import default_folder
 from sb3_piano.training.runs.folder import RunFolder, provenance
-from sb3_piano.viewing.report import Curve, Report, report_html
+from sb3_piano.viewing.report import Curve, Report, report_html, score_html
 
 
 def write_report(
@@ -62,10 +66,35 @@ def write_report(
             commands=commands,
         )
     path = run.evaluation_dir / "report.html" if out is None else Path(out)
+    return _write(path, report_html(report), make_folder=out is None)
+
+
+def write_piece_report(name: str, out: str | os.PathLike[str] | None = None) -> Path:
+    """Write the piano roll of a piece, or of a file such as MIDI, into an HTML file.
+
+    Notes without a finger get one, as in the environments. The file is by default
+    ``play/<title>/piano_roll.html``, beside what ``sb3-piano play`` writes.
+
+    Raises:
+        ScoreError: If the piece is unknown or cannot be read, or no hands could play it.
+        RunError: If the file cannot be written.
+    """
+    score = apply_fingering(load_score(name), "ergonomic")
+    known = dataclasses.asdict(features(score))
+    facts = [("Piece", name)]
+    for feature, value in known.items():
+        text = f"{value:.4g}" if isinstance(value, float) else str(value)
+        facts.append((feature.replace("_", " ").capitalize(), text))
+    path = default_folder(None, score) / "piano_roll.html" if out is None else Path(out)
+    return _write(path, score_html(score, facts), make_folder=out is None)
+
+
+def _write(path: Path, html: str, *, make_folder: bool) -> Path:
+    """Write a page, whole or not at all, and return where it is."""
     try:
-        if out is None:
-            path.parent.mkdir(exist_ok=True)
-        write_text(path, report_html(report))
+        if make_folder:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, html)
     except OSError as error:
         raise RunError(
             f"'{path}' cannot be written: {error.strerror}. Expected a file in a folder that is "

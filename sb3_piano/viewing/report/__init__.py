@@ -8,7 +8,7 @@ from sb3_piano.viewing.report.judgement import (
     judge,
 )
 from sb3_piano.viewing.report.piano_roll import note_name
-from sb3_piano.viewing.report.report import Curve, Report, report_html
+from sb3_piano.viewing.report.report import Curve, Report, report_html, score_html
 
 __all__ = [
     "Curve",
@@ -20,4 +20,5 @@ __all__ = [
     "judge",
     "note_name",
     "report_html",
+    "score_html",
 ]

@@ -9,13 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sb3_piano.metrics import presses_of
-from sb3_piano.music import FINGER_NAMES, MIN_PITCH, NUM_KEYS
+from sb3_piano.music import FINGER_NAMES, MIN_PITCH, NUM_KEYS, Note, Score
 from sb3_piano.performance import Performance
 from sb3_piano.viewing.report.judgement import DueNotes, Fate, PlayedPresses, Verdict
 from sb3_piano.viewing.report.page import FINGERS, TOLERANCE
 
 _PITCH_CLASSES = ("C", "C♯", "D", "D♯", "E", "F", "F♯", "G", "G♯", "A", "A♯", "B")
 _NOTHING = "\N{EN DASH}"
+_LABELS = ("finger due", "finger nearest", "onset due", "onset played", "error")
+_SCORE_LABELS = ("finger", "onset", "offset")
 
 
 class Mark(NamedTuple):
@@ -53,6 +55,7 @@ _ANY_FINGER = Mark(
 _NOT_REACHED = Mark("not-reached", "not reached", "Due after the episode had ended.")
 _MISSED = Mark("missed", "missed", f"Due, but its key was not struck within {TOLERANCE}.")
 PEDAL_MARK = Mark("pedal", "pedal", "When the sustain pedal should be down.")
+_DUE_MARKS = (*_FINGER_MARKS, _ANY_FINGER)
 
 Legend = list[tuple[Mark, int]]
 
@@ -75,7 +78,7 @@ def legends(notes: DueNotes, presses: PlayedPresses) -> dict[str, Legend]:
     verdicts = Counter(presses.verdict.tolist())
     counts = Counter(_note_marks(notes))
     missed = int((notes.fate == Fate.MISSED).sum())
-    found = [(mark, counts[mark]) for mark in (*_FINGER_MARKS, _ANY_FINGER, _NOT_REACHED)]
+    found = [(mark, counts[mark]) for mark in (*_DUE_MARKS, _NOT_REACHED)]
     return {
         "played": [(mark, verdicts[int(verdict)]) for verdict, mark in PRESS_MARKS.items()],
         "due": [(_MISSED, missed), *(pair for pair in found if pair[1])],
@@ -87,15 +90,16 @@ def piano_roll(performance: Performance, notes: DueNotes, presses: PlayedPresses
 
     Returns:
         ``bars``: for each mark's id the ``key`` (0-87), ``onset`` and ``length`` [s] of its bars,
-        and the seven ``texts`` shown when one is pointed at; ``pedal``: (onset, offset) [s] of
-        what was ``due``, rightly (``hit``) and ``wrong``; ``keys``: names of the 88 keys;
-        ``duration`` of the piece [s]; ``end``: when the episode ended, if that is before [s].
+        and the ``texts`` shown when one is pointed at: its pitch, the result and what the
+        ``labels`` say; ``pedal``: (onset, offset) [s] of what was ``due``, rightly (``hit``) and
+        ``wrong``; ``keys``: names of the 88 keys; ``duration`` of the piece [s]; ``end``: when the
+        episode ended, if that is before [s].
     """
     note_texts, press_texts = _hover_texts(notes, presses)
     note_marks = np.array([mark.id for mark in _note_marks(notes)], dtype=str)
     bars = {
         mark.id: _bars(notes, note_marks == mark.id, note_texts)
-        for mark in (*_FINGER_MARKS, _ANY_FINGER, _NOT_REACHED)
+        for mark in (*_DUE_MARKS, _NOT_REACHED)
         if (note_marks == mark.id).any()
     }
     for verdict, mark in PRESS_MARKS.items():
@@ -104,6 +108,7 @@ def piano_roll(performance: Performance, notes: DueNotes, presses: PlayedPresses
     step = performance.roll.control_timestep
     return {
         "bars": bars,
+        "labels": _LABELS,
         "pedal": _pedal(performance),
         "keys": [note_name(key) for key in range(NUM_KEYS)],
         "duration": performance.roll.duration,
@@ -111,13 +116,47 @@ def piano_roll(performance: Performance, notes: DueNotes, presses: PlayedPresses
     }
 
 
+def piano_roll_of_score(score: Score) -> tuple[dict[str, Any], Legend]:
+    """Return what :func:`piano_roll` does, of notes that nobody has played, and their legend.
+
+    The pedal is only ``due``; bars that are pointed at tell pitch, hand, finger and times.
+    """
+    of_mark: dict[Mark, list[Note]] = {}
+    for note in score.notes:
+        of_mark.setdefault(_due_mark(note.finger), []).append(note)
+    bars = {
+        mark.id: {
+            "key": [note.key for note in notes],
+            "onset": [note.onset for note in notes],
+            "length": [note.offset - note.onset for note in notes],
+            "texts": [_score_texts(note) for note in notes],
+        }
+        for mark, notes in of_mark.items()
+    }
+    contents = {
+        "bars": bars,
+        "labels": _SCORE_LABELS,
+        "pedal": {"due": [(pedal.onset, pedal.offset) for pedal in score.pedals]},
+        "keys": [note_name(key) for key in range(NUM_KEYS)],
+        "duration": score.duration,
+        "end": None,
+    }
+    return contents, [(mark, len(of_mark[mark])) for mark in _DUE_MARKS if mark in of_mark]
+
+
+def _score_texts(note: Note) -> list[str]:
+    hand = "" if note.hand is None else f"{note.hand} hand"
+    times = [f"{time:.3f} s" for time in (note.onset, note.offset)]
+    return [note_name(note.key), hand, _finger_name(note.finger), *times]
+
+
+def _due_mark(finger: int) -> Mark:
+    return _FINGER_MARKS[finger % len(FINGERS)] if finger >= 0 else _ANY_FINGER
+
+
 def _note_marks(notes: DueNotes) -> list[Mark]:
     return [
-        _NOT_REACHED
-        if fate == Fate.NOT_REACHED
-        else _FINGER_MARKS[finger % len(FINGERS)]
-        if finger >= 0
-        else _ANY_FINGER
+        _NOT_REACHED if fate == Fate.NOT_REACHED else _due_mark(finger)
         for finger, fate in zip(notes.finger.tolist(), notes.fate.tolist(), strict=True)
     ]
 

@@ -9,18 +9,27 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.arrays import FloatArray
 from sb3_piano.metrics import DEFINITIONS, FINGER_SHARES, finger_shares
-from sb3_piano.music import FINGER_NAMES
+from sb3_piano.music import FINGER_NAMES, PianoRoll, Score
 from sb3_piano.performance import Performance
 from sb3_piano.viewing.report.judgement import Fate, Verdict, judge
 from sb3_piano.viewing.report.page import definition_of, formatted, render
-from sb3_piano.viewing.report.piano_roll import PEDAL_MARK, legends, piano_roll
+from sb3_piano.viewing.report.piano_roll import (
+    PEDAL_MARK,
+    legends,
+    piano_roll,
+    piano_roll_of_score,
+)
 
 PLAYED, NOTHING = "played", "playing nothing"
 """Names of numbers, bars and lines: of the policy, and of hands that rest."""
 
 MOST_POINTS = 400
 """Points of a curve that are drawn; of a longer one, means of neighbours are."""
+
+_ROLL_TIMESTEP = 0.05
+"""Length of the steps in which the fingers of a score are counted, s."""
 
 _RETURN_PREFIX, _REWARD_TAGS = "return_", "reward/"
 
@@ -83,6 +92,23 @@ def report_html(report: Report) -> str:
     )
 
 
+def score_html(score: Score, facts: Sequence[tuple[str, str]] = ()) -> str:
+    """Return the page of a piece that nobody has played; facts are names and texts about it."""
+    contents, legend = piano_roll_of_score(score)
+    roll = PianoRoll.from_score(score, _ROLL_TIMESTEP)
+    return render(
+        "piece.html",
+        title=score.title or "untitled",
+        notes=len(score.notes),
+        seconds=f"{score.duration:.1f} s",
+        legends={"fingers": legend},
+        pedal_mark=PEDAL_MARK,
+        piano_roll=contents,
+        finger_usage=_finger_shares(None, finger_shares(roll.finger)),
+        facts=facts,
+    )
+
+
 class Curve(NamedTuple):
     """A number over the training."""
 
@@ -99,12 +125,19 @@ def finger_usage(performance: Performance, metrics: Mapping[str, float]) -> dict
         ``finger``: labels 0-9 from left to right; their ``name``, the share ``played`` and the
         one ``due`` [%], which is ``None`` without a fingering.
     """
-    due = finger_shares(performance.roll.finger[: len(performance)])
+    played = np.array([metrics[name] for name in FINGER_SHARES])
+    return _finger_shares(played, finger_shares(performance.roll.finger[: len(performance)]))
+
+
+def _finger_shares(played: FloatArray | None, due: FloatArray) -> dict[str, Any]:
+    def percent(shares: FloatArray | None) -> list[float] | None:
+        return None if shares is None else [100 * shares[finger] for finger in _LEFT_TO_RIGHT]
+
     return {
         "finger": _LEFT_TO_RIGHT,
         "name": [FINGER_NAMES[finger] for finger in _LEFT_TO_RIGHT],
-        "played": [100 * metrics[FINGER_SHARES[finger]] for finger in _LEFT_TO_RIGHT],
-        "due": [100 * due[finger] for finger in _LEFT_TO_RIGHT] if due.sum() > 0 else None,
+        "played": percent(played),
+        "due": percent(due) if due.sum() > 0 else None,
     }
 
 

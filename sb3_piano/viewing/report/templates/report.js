@@ -55,13 +55,11 @@
     markers["due-" + finger] = outlined(faint(finger), color(finger), 1.5);
   }
 
-  const noteHover = "<b>%{customdata[0]}</b>  %{customdata[1]}<br>"
-    + "finger due: %{customdata[2]}<br>finger nearest: %{customdata[3]}<br>"
-    + "onset due: %{customdata[4]}<br>onset played: %{customdata[5]}<br>"
-    + "error: %{customdata[6]}<extra></extra>";
+  const noteHover = (labels) => "<b>%{customdata[0]}</b>  %{customdata[1]}"
+    + labels.map((label, i) => `<br>${label}: %{customdata[${i + 2}]}`).join("") + "<extra></extra>";
 
-  function noteTrace(mark, bars) {
-    const common = {meta: mark, customdata: bars.texts, hovertemplate: noteHover};
+  function noteTrace(mark, bars, labels) {
+    const common = {meta: mark, customdata: bars.texts, hovertemplate: noteHover(labels)};
     if (mark === "missed") {
       const cross = {symbol: "x-thin", size: 8, line: {width: 2, color: ink}};
       return {...common, type: "scatter", mode: "markers", x: bars.onset, y: bars.key, marker: cross};
@@ -109,13 +107,16 @@
     };
   }
 
-  function pianoRoll({bars, pedal, keys, duration, end}) {
-    const traces = Object.entries(bars).map(([mark, of]) => noteTrace(mark, of));
-    traces.push(
-      pedalTrace(1, "pedal", "pedal due", pedal.due),
-      pedalTrace(0, "hit", "pedal down, as it should be", pedal.hit),
-      pedalTrace(0, "wrong", "pedal down, not due", pedal.wrong),
-    );
+  function pianoRoll({bars, labels, pedal, keys, duration, end}) {
+    const traces = Object.entries(bars).map(([mark, of]) => noteTrace(mark, of, labels));
+    traces.push(pedalTrace(1, "pedal", "pedal due", pedal.due));
+    const played = "hit" in pedal;
+    if (played) {
+      traces.push(
+        pedalTrace(0, "hit", "pedal down, as it should be", pedal.hit),
+        pedalTrace(0, "wrong", "pedal down, not due", pedal.wrong),
+      );
+    }
     const [low, high] = keyRange(Object.values(bars).flatMap((of) => of.key));
     const rows = high - low + 1;
     const row = Math.max(LEAST_ROW, Math.min(2 * LEGIBLE_ROW, Math.floor(MOST_HEIGHT / rows)));
@@ -140,8 +141,8 @@
         tickvals: named, ticktext: named.map((key) => keys[key]),
       },
       yaxis2: {
-        domain: [0, PEDAL_HEIGHT / inner], range: [-0.6, 1.6], showgrid: false,
-        tickvals: [1, 0], ticktext: ["pedal due", "pedal"],
+        domain: [0, PEDAL_HEIGHT / inner], range: [played ? -0.6 : 0.4, 1.6], showgrid: false,
+        tickvals: played ? [1, 0] : [1], ticktext: played ? ["pedal due", "pedal"] : ["pedal"],
       },
     }];
   }
@@ -155,7 +156,7 @@
       ...common, y: due, width: 0.84, marker: outlined(palette.map(faint), palette.map(color), 2),
       hovertemplate: "%{customdata}: the fingering asks for %{y:.1f} %<extra></extra>", name: "due",
     }];
-    traces.push({
+    if (played !== null) traces.push({
       ...common, y: played, width: 0.46, marker: {color: palette.map(color)},
       hovertemplate: "%{customdata}: %{y:.1f} % of the pressing<extra></extra>", name: "played",
     });

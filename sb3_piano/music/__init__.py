@@ -1,6 +1,6 @@
 """Music: scores, piano rolls, files, pieces."""
 
-from sb3_piano.music.catalogue import BUILT_IN, find_piece, is_path, load_score, pieces
+from sb3_piano.music.catalogue import BUILT_IN, find_piece, is_path, load_score, pieces, shown_title
 from sb3_piano.music.constants import (
     DEFAULT_VELOCITY,
     FINGER_NAMES,
@@ -56,6 +56,7 @@ __all__ = [
     "read_musicxml",
     "read_pig",
     "read_score",
+    "shown_title",
     "synthesize",
     "write_midi",
     "write_musicxml",

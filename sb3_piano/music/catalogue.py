@@ -24,6 +24,14 @@ def pieces() -> Mapping[str, Piece]:
     return {**BUILT_IN, **imported_pieces()}
 
 
+def shown_title(title: str) -> str:
+    """Return the title of a score as people write it, "Für Elise" for "repertoire-FurElise".
+
+    A score of a built-in piece has the piece's name; any other title is returned as it is.
+    """
+    return BUILT_IN[title].title if title in BUILT_IN else title
+
+
 def find_piece(name: str) -> Piece:
     """Return the piece of a name, which may lack the collection: ``"FurElise"``.
 

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.arrays import FloatArray
-from sb3_piano.music import PianoRoll
+from sb3_piano.music import PianoRoll, shown_title
 from sb3_piano.simulation import PianoScene
 from sb3_piano.viewing.caption import write_caption
 from sb3_piano.viewing.frame_renderer import FrameRenderer
@@ -39,7 +39,7 @@ class PerformanceRenderer:
 
         Args:
             roll: What should be played; drawn faster if it is the one of the last picture.
-            title: Title of the piece.
+            title: Title of the score.
             moment: What is seen.
         """
         if self._bars is None or self._bars.roll is not roll:
@@ -53,7 +53,7 @@ class PerformanceRenderer:
         )
         bars = notes.at(moment.step, moment.sounding) if shows_bars(self._view) else ()
         drawn = self._renderer.render(self._data, colors, bars)
-        write_caption(drawn, title, moment.f1)
+        write_caption(drawn, shown_title(title), moment.f1)
         return drawn
 
     def close(self) -> None:

@@ -103,7 +103,7 @@ def _light(world: mujoco.MjSpec) -> None:
     sky = world.texture("sky")
     sky.rgb1, sky.rgb2 = [0.10, 0.11, 0.14], [0.02, 0.02, 0.03]
     floor = world.geom("floor")
-    floor.rgba, floor.pos, floor.size = [0.10, 0.095, 0.09, 1.0], [0.0, 0.0, -0.76], [4, 4, 0.05]
+    floor.rgba, floor.pos, floor.size = [0.04, 0.04, 0.045, 1.0], [0.0, 0.0, -0.76], [4, 4, 0.05]
 
 
 def _furnish(world: mujoco.MjSpec, keys: list[float]) -> None:

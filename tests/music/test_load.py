@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
-from sb3_piano.music import BUILT_IN, Note, Score, load_score, write_midi
+from sb3_piano.music import BUILT_IN, Note, Score, load_score, shown_title, write_midi
 
 SCORE = Score(notes=[Note(onset=0, offset=1, pitch=60)], title="piece")
 
@@ -55,3 +55,9 @@ def test_a_missing_file_or_a_folder_is_refused_by_name(suffix, name, tmp_path):
 def test_another_type_is_refused_by_its_name(source):
     with pytest.raises(ConfigError, match=f"cannot be given as {type(source).__name__}"):
         load_score(source)
+
+
+def test_titles_of_built_in_pieces_are_those_that_people_write_and_others_stay():
+    assert shown_title(load_score("FurElise").title) == "Für Elise (beginning)"
+    assert shown_title("my own piece") == "my own piece"
+    assert shown_title("") == ""

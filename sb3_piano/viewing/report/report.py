@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from sb3_piano.arrays import FloatArray
 from sb3_piano.metrics import DEFINITIONS, FINGER_SHARES, finger_shares
-from sb3_piano.music import FINGER_NAMES, PianoRoll, Score
+from sb3_piano.music import FINGER_NAMES, PianoRoll, Score, shown_title
 from sb3_piano.performance import Performance
 from sb3_piano.viewing.report.judgement import Fate, Verdict, judge
 from sb3_piano.viewing.report.page import definition_of, formatted, render
@@ -72,7 +72,7 @@ def report_html(report: Report) -> str:
     columns = {PLAYED: metrics} if baseline is None else {PLAYED: metrics, NOTHING: baseline}
     return render(
         "run.html",
-        title=performance.title or "untitled",
+        title=shown_title(performance.title) or "untitled",
         report=report,
         strikes=len(performance.roll.onset_time),
         hit=int((notes.fate == Fate.HIT).sum()),
@@ -98,7 +98,7 @@ def score_html(score: Score, facts: Sequence[tuple[str, str]] = ()) -> str:
     roll = PianoRoll.from_score(score, _ROLL_TIMESTEP)
     return render(
         "piece.html",
-        title=score.title or "untitled",
+        title=shown_title(score.title) or "untitled",
         notes=len(score.notes),
         seconds=f"{score.duration:.1f} s",
         legends={"fingers": legend},

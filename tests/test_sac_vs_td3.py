@@ -30,6 +30,8 @@ PIECES = {
 }
 CHANGES = {
     "": [],
+    "_shift_2": [("PitchShift", {"semitones": 2})],
+    "_shift_5": [("PitchShift", {"semitones": 5})],
     "_shift_3": [("PitchShift", {"semitones": 3})],
     "_shift_7": [("PitchShift", {"semitones": 7})],
     "_stretch_2": [("TemporalStretch", {"factor": 2.0})],
@@ -165,6 +167,12 @@ def test_the_driver_goes_on_where_it_was_interrupted_and_the_table_shows_it(
     assert measured.split(" | ")[2] == "421.6"
     assert f"{mean['f1']:.3f} |" in measured
     assert missing.startswith("- | - | 248.3 | - |")
+
+    run_script("figures.py", ["--runs", str(runs), "--out", str(tmp_path / "out")], monkeypatch)
+    printed = capsys.readouterr().out
+    drawn = sorted(path.stem for path in (tmp_path / "out").iterdir())
+    assert drawn == ["figure_3", "figure_8"]  # those with the only cell that was run
+    assert "figure_4: none of its cells was run" in printed
 
 
 def test_an_unknown_cell_is_one_clear_error(tmp_path, monkeypatch, capsys):

@@ -29,6 +29,8 @@ COLUMNS = {
     "return / step": "{:.2f}",
     "F1": "{:.3f}",
     "onset F1": "{:.3f}",
+    "Q": "{:.1f}",
+    "paper's Q": "{:.1f}",
     "actor loss": "{:.1f}",
     "paper's actor loss": "{:.1f}",
     "critic loss": "{:.2f}",
@@ -38,6 +40,7 @@ COLUMNS = {
 
 LOGGED = {
     "in training": "rollout/ep_rew_mean",  # with exploration, over the last 100 episodes
+    "Q": "train/q_value",
     "actor loss": "train/actor_loss",
     "critic loss": "train/critic_loss",
 }

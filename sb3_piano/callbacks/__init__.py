@@ -11,6 +11,7 @@ from sb3_piano.callbacks.episode_metrics import EpisodeMetricsCallback, RewardTe
 from sb3_piano.callbacks.metric_eval import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.callbacks.performance_video import PerformanceVideoCallback
 from sb3_piano.callbacks.progress import PianoProgressBar
+from sb3_piano.callbacks.q_value import QValueCallback
 from sb3_piano.callbacks.replay_segments import restore_replay_buffer
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "OnsetF1Callback",
     "PerformanceVideoCallback",
     "PianoProgressBar",
+    "QValueCallback",
     "ResumableCheckpoint",
     "RewardTermsCallback",
     "SightReaderStandardization",

@@ -1,0 +1,59 @@
+"""What the critics expect, in the log."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import torch
+from annotated_types import Ge
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+from sb3_piano.callbacks.own_env import preserve_random_state
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.settings import Whole, checked
+
+
+class QValueCallback(BaseCallback):
+    """Log the Q-value of what was done: ``train/q_value``, for SAC, TD3, DDPG, TQC and CrossQ.
+
+    It is the mean, over a batch of the replay buffer, of the smallest of the critics' values of the
+    actions that were taken. A training is the same with it and without it. In YAML::
+
+        callback:
+          - sb3_piano.callbacks.QValueCallback: {every: 1000}
+
+    Args:
+        every: Calls between two values, at least 1; a call is one step of all environments.
+
+    Raises:
+        ConfigError: If ``every`` is out of range; when training starts, if the algorithm has no
+            critics or no replay buffer.
+    """
+
+    def __init__(self, every: int = 1000) -> None:
+        super().__init__()
+        self._every = checked("every", every, Annotated[Whole, Ge(1)])
+
+    def _init_callback(self) -> None:
+        if not isinstance(self.model, OffPolicyAlgorithm) or not hasattr(self.model, "critic"):
+            raise ConfigError(
+                f"{type(self.model).__name__} has no Q-values to log: expected SAC, TD3 or another "
+                "algorithm with critics and a replay buffer."
+            )
+
+    def _on_step(self) -> bool:
+        model = self.model
+        assert isinstance(model, OffPolicyAlgorithm), "checked when training starts"
+        if self.n_calls % self._every == 0 and model._n_updates > 0:
+            self.logger.record("train/q_value", self._q_value(model))
+        return True
+
+    @torch.no_grad()
+    def _q_value(self, model: Any) -> float:
+        with preserve_random_state(model, None):
+            batch = model.replay_buffer.sample(model.batch_size, env=model._vec_normalize_env)
+            values = model.critic(batch.observations, batch.actions)
+        # TQC has (batch, critics, quantiles), the others a tuple of (batch, 1).
+        of_critics = torch.cat(values, dim=1) if isinstance(values, tuple) else values.mean(dim=2)
+        return float(of_critics.min(dim=1).values.mean())

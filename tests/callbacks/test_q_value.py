@@ -1,0 +1,72 @@
+"""The Q-value in the log."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from sb3_contrib import TQC, CrossQ
+from stable_baselines3 import PPO, SAC, TD3
+from stable_baselines3.common.callbacks import BaseCallback
+
+from sb3_piano.callbacks import QValueCallback
+from sb3_piano.exceptions import ConfigError
+
+torch.set_num_threads(1)
+
+
+class LastLogged(BaseCallback):
+    """Keep what is logged under a name."""
+
+    def __init__(self):
+        super().__init__()
+        self.values = []
+
+    def _on_step(self):
+        if "train/q_value" in self.logger.name_to_value:
+            self.values.append(self.logger.name_to_value["train/q_value"])
+        return True
+
+
+def trained(algorithm, callbacks, steps=240):
+    model = algorithm(
+        "MlpPolicy",
+        "Pendulum-v1",
+        learning_starts=100,
+        policy_kwargs={"net_arch": [16]},
+        batch_size=32,
+        seed=3,
+        device="cpu",
+    )
+    return model.learn(steps, callback=callbacks, log_interval=10**6)
+
+
+@pytest.mark.parametrize("algorithm", [SAC, TD3, TQC, CrossQ])
+def test_the_value_is_logged_and_the_training_is_the_same(algorithm):
+    seen = LastLogged()
+    model = trained(algorithm, [QValueCallback(every=50), seen])
+    assert len(set(seen.values)) == 2  # after 150 and 200 steps; after 50 and 100 nothing is learnt
+    assert np.isfinite(seen.values).all()
+    plain = trained(algorithm, None)
+    for one, other in zip(model.policy.parameters(), plain.policy.parameters(), strict=True):
+        torch.testing.assert_close(one, other, rtol=0, atol=0)
+
+
+def test_the_value_is_that_of_the_smaller_critic_at_the_actions_taken():
+    seen = LastLogged()
+    model = trained(SAC, [QValueCallback(every=1), seen], steps=130)
+    for critic, value in zip(model.critic.q_networks, (5.0, -7.0), strict=True):
+        torch.nn.init.zeros_(critic[-1].weight)
+        torch.nn.init.constant_(critic[-1].bias, value)
+    model.learning_rate, model.lr_schedule = 0.0, lambda _: 0.0
+    seen.values.clear()
+    model.learn(2, callback=[QValueCallback(every=1), seen], reset_num_timesteps=False)
+    assert seen.values[0] == pytest.approx(-7.0)
+
+
+def test_an_algorithm_without_critics_and_a_wrong_interval_are_refused():
+    model = PPO("MlpPolicy", "Pendulum-v1", n_steps=32, device="cpu")
+    with pytest.raises(ConfigError, match="PPO has no Q-values to log: expected SAC, TD3"):
+        model.learn(32, callback=QValueCallback())
+    with pytest.raises(ConfigError, match="every is 0: expected a whole number, 1 or more"):
+        QValueCallback(every=0)

@@ -103,6 +103,7 @@ def scene_parts(
     _furnish(world)
     piano = keyboard.build_keyboard(
         balanced=profile.balanced_keys,
+        rebound=profile.key_rebound,
         gravity=not weightless,
         moving_keys=moving_keys,
         driven=not sides,

@@ -14,10 +14,6 @@ KEY_COLORS = {"white": (0.92, 0.92, 0.9, 1.0), "black": (0.12, 0.12, 0.13, 1.0)}
 
 _BASE_COLOR = (0.18, 0.15, 0.14, 1.0)
 
-# The joint limits are soft, so a released key swings back past 0; where a spring alone holds it,
-# its limit must be out of the way (rad).
-_BALANCED_LOWER_LIMIT = -0.1
-
 # MuJoCo's default, m/s^2.
 _GRAVITY = 9.81
 
@@ -34,6 +30,7 @@ _SERVO_STIFFNESS, _DRIVEN_DAMPING = 50.0, 0.5
 def build_keyboard(
     *,
     balanced: bool = False,
+    rebound: float = 0.1,
     gravity: bool = True,
     moving_keys: tuple[int, int] = ALL_KEYS_MOVE,
     driven: bool = False,
@@ -46,6 +43,7 @@ def build_keyboard(
     Args:
         balanced: Hold idle keys by their springs alone, see
             :class:`~sb3_piano.simulation.PhysicsProfile`.
+        rebound: Angle (rad) by which a released key may then swing past 0.
         gravity: Whether the scene has gravity, which balanced springs then balance.
         moving_keys: The lowest and the highest key that move; the others are rigid, and in the way
             as before.
@@ -67,7 +65,10 @@ def build_keyboard(
     spec.worldbody.add_geom(
         name="base", **box, rgba=_BASE_COLOR, size=base["half_size"], pos=base["pos"]
     )
-    joints = {color: _joint(table, table[color], balanced, gravity) for color in KEY_COLORS}
+    joints = {
+        color: _joint(table, table[color], rebound if balanced else None, gravity)
+        for color in KEY_COLORS
+    }
     if driven:
         joints = {color: {**joint, "damping": _DRIVEN_DAMPING} for color, joint in joints.items()}
     first, last = moving_keys
@@ -115,11 +116,11 @@ def pedal_threshold() -> float:
 
 
 def _joint(
-    table: dict[str, Any], kind: dict[str, Any], balanced: bool, gravity: bool
+    table: dict[str, Any], kind: dict[str, Any], rebound: float | None, gravity: bool
 ) -> dict[str, Any]:
-    """Return range, spring, damping and armature of one kind of keys."""
+    """Return range, spring, damping and armature of one kind of keys, balanced if they rebound."""
     joint, max_angle = table["joint"], kind["max_angle"]
-    if not balanced:
+    if rebound is None:
         return {**joint, "range": [0, max_angle]}
     # The weight pulls at the key's centre; over a key's travel of some 5 degrees its torque about
     # the hinge (N m) is constant to 0.4 %.
@@ -128,7 +129,7 @@ def _joint(
     stiffness = torque_when_down / max_angle
     return {
         **joint,
-        "range": [_BALANCED_LOWER_LIMIT, max_angle],
+        "range": [-rebound, max_angle],
         "stiffness": stiffness,
         "springref": -weight_torque / stiffness if gravity else 0.0,
     }

@@ -47,6 +47,10 @@ class PhysicsProfile:
     """Let a key's spring hold it at angle 0 in balance with its weight, instead of pressing it
     against a joint limit: 88 constraints fewer in every physics step. The spring is a little
     stiffer, so that holding a key fully down takes the same torque; touching it takes less."""
+    key_rebound: float = 0.1
+    """Angle (rad) by which a balanced key that is released may swing past 0, where its joint limit
+    is: 0.1 is never reached; next to 0 it comes to rest at once, as a key that lies on its limit
+    does, while one at rest has no constraint."""
     coupled_friction_only: bool = False
     """Keep dry friction only in the middle joints (J2) of the fingers: one actuator bends J2 and J1
     together, and friction decides how they share the way. Elsewhere the servos overcome it, and it
@@ -55,6 +59,8 @@ class PhysicsProfile:
     """Look only for contacts that matter to playing: of fingertips and middle phalanges with the
     keyboard, and between the two hands. The fingers of one hand then pass through each other."""
 
+
+_REFERENCE = PhysicsProfile(solver=Solver(timestep=0.005, integrator="Euler"))
 
 _FAST = PhysicsProfile(
     solver=Solver(timestep=0.01, integrator="implicitfast"),
@@ -65,16 +71,14 @@ _FAST = PhysicsProfile(
 
 PHYSICS_PROFILES = {
     # What RoboPianist 1.0.10 compiles to.
-    "reference": PhysicsProfile(solver=Solver(timestep=0.005, integrator="Euler")),
+    "reference": _REFERENCE,
     # The same music at a third of the cost; docs/performance.md has the measurements.
     "fast": _FAST,
     # A fifth slower, for policies whose fingers would lean on each other, or get caught.
     "fast-contacts": dataclasses.replace(_FAST, playing_contacts_only=False),
-    # A third faster than the reference, and nearest to it for what a policy has learnt there.
+    # Half as fast again as the reference, and what plays there hardly notices.
     "faithful": dataclasses.replace(
-        _FAST,
-        playing_contacts_only=False,
-        solver=dataclasses.replace(_FAST.solver, timestep=0.005),
+        _REFERENCE, balanced_keys=True, key_rebound=0.002, coupled_friction_only=True
     ),
 }
 """The physics profiles by name."""

@@ -82,6 +82,30 @@ def test_hands_without_gravity_hang_as_hands_whose_weight_is_balanced():
     np.testing.assert_allclose(fast.qpos[hands], reference.qpos[hands], atol=1e-6)
 
 
+def released(physics):
+    """Return a key's angles (rad) in the half second after it was let go of, and the limits met."""
+    scene = compile_scene(physics=physics, sides=("right",))
+    data = mujoco.MjData(scene.model)
+    key = scene.key_qpos[5]  # which the right hand does not reach
+    data.qpos[key] = scene.key_max_angle[5]
+    angles = []
+    while data.time < 0.5:
+        mujoco.mj_step(scene.model, data)
+        angles.append(data.qpos[key])
+    return np.array(angles), data.nl
+
+
+def test_a_released_key_is_stopped_at_rest_but_on_the_fast_profile_and_then_costs_nothing():
+    reference, limits = released("reference")
+    faithful, fewer = released("faithful")
+    swinging, _ = released("fast")
+    assert reference.min() > -0.008
+    assert faithful.min() > -0.008
+    assert swinging.min() < -0.012
+    np.testing.assert_allclose(faithful, reference, atol=0.003)
+    assert (limits >= 88, fewer) == (True, 0)
+
+
 def may_meet(model, first, second):
     """Return whether MuJoCo looks for contacts of two geoms, by their masks."""
     return bool(

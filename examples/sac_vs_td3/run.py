@@ -2,7 +2,7 @@
 
     python examples/sac_vs_td3/run.py td3/d_major sac/d_major   # some cells
     python examples/sac_vs_td3/run.py '*/c_major*' --seeds 0 1  # by pattern, with two seeds
-    python examples/sac_vs_td3/run.py                           # all of them: most of a day
+    python examples/sac_vs_td3/run.py                           # all of them: a day
 
 A cell that is finished is skipped and one that was interrupted goes on, so that the same command
 after Ctrl-C, or a crash, does the rest. ``table.py`` prints what there is.

@@ -26,7 +26,7 @@ _HALF_DEPTH = 0.004
 _GAP = 0.0015
 """What a bar is shortened by at each end, m, so that repeated notes are apart."""
 
-_BEHIND, _BEFORE = 1.0, 2.0
+_PAST, _COMING = 1.0, 2.0
 """What a view that follows the music has in sight of it, s before and after now."""
 _LEAST_STRETCH, _LEAST_FOLLOWED = 0.5, 0.25
 """Least width of the keys in sight, m, of the whole piece and of a view that follows."""
@@ -129,9 +129,9 @@ def _near(roll: PianoRoll, key_y: FloatArray) -> tuple[FloatArray, FloatArray]:
         whole = _stretch(key_y[0], key_y[-1], _LEAST_FOLLOWED)
         return np.full(len(steps), whole.middle), np.full(len(steps), whole.width)
     lowest, highest = roll.active.argmax(axis=1), roll.active[:, ::-1].argmax(axis=1)
-    window = round((_BEHIND + _BEFORE) / roll.control_timestep)
+    window = round((_PAST + _COMING) / roll.control_timestep)
     # A filter looks as far back as ahead, unless it is moved.
-    origin = -round((_BEFORE - _BEHIND) / 2 / roll.control_timestep)
+    origin = -round((_COMING - _PAST) / 2 / roll.control_timestep)
     ends = []
     for place, widest in (
         (key_y[lowest], minimum_filter1d),

@@ -32,7 +32,6 @@ class PerformanceRenderer:
         self._data = mujoco.MjData(self._stage.model)
         self._renderer = FrameRenderer(self._stage, width=width, height=height)
         self._bars: NoteBars | None = None
-        self._title = ""
 
     def render(self, roll: PianoRoll, title: str, moment: Moment) -> npt.NDArray[np.uint8]:
         """Draw one picture, (height, width, 3) uint8.

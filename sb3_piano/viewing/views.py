@@ -54,23 +54,14 @@ class _Shot:
     """Width in sight beside the keys, m."""
     height: float
     """Least height in sight, m."""
-    follows: bool
+    follows: bool = False
     """Whether it goes along with the music; else it has the keys of the whole piece in sight."""
-    bars: bool
+    bars: bool = True
     """Whether it shows falling notes."""
 
 
 _SHOTS: dict[View, _Shot] = {
-    "stage": _Shot(
-        azimuth=180,
-        elevation=-36,
-        x=0.0,
-        z=0.165,
-        margin=0.3,
-        height=0.42,
-        follows=False,
-        bars=True,
-    ),
+    "stage": _Shot(azimuth=180, elevation=-36, x=0.0, z=0.165, margin=0.3, height=0.42),
     "close": _Shot(
         azimuth=140,
         elevation=-30,
@@ -81,26 +72,8 @@ _SHOTS: dict[View, _Shot] = {
         follows=True,
         bars=False,
     ),
-    "top": _Shot(
-        azimuth=180,
-        elevation=-90,
-        x=0.05,
-        z=0.0,
-        margin=0.25,
-        height=0.3,
-        follows=False,
-        bars=False,
-    ),
-    "roll": _Shot(
-        azimuth=180,
-        elevation=-20,
-        x=0.0,
-        z=0.25,
-        margin=0.36,
-        height=0.52,
-        follows=False,
-        bars=True,
-    ),
+    "top": _Shot(azimuth=180, elevation=-90, x=0.05, z=0.0, margin=0.25, height=0.3, bars=False),
+    "roll": _Shot(azimuth=180, elevation=-20, x=0.0, z=0.25, margin=0.36, height=0.52),
 }
 
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from sb3_piano.arrays import FloatArray
 from sb3_piano.metrics import DEFINITIONS, FINGER_SHARES, finger_shares
 from sb3_piano.music import FINGER_NAMES, PianoRoll, Score, shown_title
+from sb3_piano.music.fingering.apply import DEFAULT_TIMESTEP
 from sb3_piano.performance import Performance
 from sb3_piano.viewing.report.judgement import Fate, Verdict, judge
 from sb3_piano.viewing.report.page import definition_of, formatted, render
@@ -27,9 +28,6 @@ PLAYED, NOTHING = "played", "playing nothing"
 
 MOST_POINTS = 400
 """Points of a curve that are drawn; of a longer one, means of neighbours are."""
-
-_ROLL_TIMESTEP = 0.05
-"""Length of the steps in which the fingers of a score are counted, s."""
 
 _RETURN_PREFIX, _REWARD_TAGS = "return_", "reward/"
 
@@ -95,7 +93,7 @@ def report_html(report: Report) -> str:
 def score_html(score: Score, facts: Sequence[tuple[str, str]] = ()) -> str:
     """Return the page of a piece that nobody has played; facts are names and texts about it."""
     contents, legend = piano_roll_of_score(score)
-    roll = PianoRoll.from_score(score, _ROLL_TIMESTEP)
+    roll = PianoRoll.from_score(score, DEFAULT_TIMESTEP)
     return render(
         "piece.html",
         title=shown_title(score.title) or "untitled",

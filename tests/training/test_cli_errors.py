@@ -51,7 +51,7 @@ def folder(tmp_path, monkeypatch):
         ("evaluate nix ./nix", "Run 'nix' is given twice"),
         ("compare nix all.json", "There is no 'nix'"),
         ("compare nix nix --csv .", "--csv is '.': expected a file"),
-        ("report nowhere", "There is no folder 'nowhere'"),
+        ("report nowhere", "Unknown piece 'nowhere'"),
         ("report nowhere --out no/x.html", "--out is 'no/x.html': expected a file in a folder"),
         ("play runs/none", "there is no 'runs/none'. Expected the folder of a run, a file such as"),
         ("play CMajorScaleTwoHand", "Did you mean 'CMajorScaleTwoHands'"),

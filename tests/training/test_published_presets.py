@@ -39,7 +39,7 @@ def test_there_are_those_of_three_publications():
 @pytest.mark.parametrize(("name", "algo"), PUBLISHED)
 def test_they_train(name, algo):
     config = load_config(algo, ENV_ID, name, seed=0)
-    [callback] = build_callbacks(config)
+    callback, *_ = build_callbacks(config)
     assert callback.eval_freq < config.n_timesteps <= 5 * config.algorithm_kwargs["buffer_size"]
     with made(name, algo) as model:
         before = {key: value.clone() for key, value in model.actor.state_dict().items()}

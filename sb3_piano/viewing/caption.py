@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-LEAST_HEIGHT = 160
+_LEAST_HEIGHT = 160
 """Pictures of fewer rows have no caption: nobody could read it."""
 
 _FONT = Path(matplotlib.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")
@@ -26,7 +26,7 @@ def write_caption(picture: npt.NDArray[np.uint8], title: str, f1: float | None) 
         f1: On the right.
     """
     height, width, _ = picture.shape
-    if height < LEAST_HEIGHT:
+    if height < _LEAST_HEIGHT:
         return
     size = height // 22
     strip = Image.fromarray(picture[: 2 * size])

@@ -1,0 +1,57 @@
+"""Views: what the camera has in sight."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import typing
+
+import mujoco
+import numpy as np
+import pytest
+
+from sb3_piano.cli.play import VIEWS
+from sb3_piano.envs import PianoEnv
+from sb3_piano.music import Note, Score
+from sb3_piano.simulation import find_gl_backend
+from sb3_piano.viewing import View
+from sb3_piano.viewing.note_bars import Stretch
+from sb3_piano.viewing.stage import FIELD_OF_VIEW
+from sb3_piano.viewing.views import follows_music, place_camera, shows_bars
+
+needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
+
+
+def test_the_command_knows_all_views():
+    assert typing.get_args(View) == VIEWS
+
+
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("aspect", [0.5, 16 / 9, 8.0])
+def test_the_keys_are_in_the_middle_and_within_the_width_of_the_picture(view, aspect):
+    camera = mujoco.MjvCamera()
+    for width in (0.25, 1.2):
+        place_camera(camera, view, Stretch(middle=-0.3, width=width), aspect)
+        height = 2 * camera.distance * math.tan(math.radians(FIELD_OF_VIEW / 2))
+        assert camera.lookat[1] == -0.3
+        assert height * aspect > width + 0.1
+        assert height > 0.2  # of a flat picture, too
+
+
+def test_close_goes_along_and_the_two_that_face_the_panel_show_notes():
+    assert [view for view in VIEWS if follows_music(view)] == ["close"]
+    assert [view for view in VIEWS if shows_bars(view)] == ["stage", "roll"]
+
+
+@pytest.mark.slow
+@needs_gl
+def test_each_view_is_another_picture():
+    score = Score(notes=[Note(onset=0.0, offset=0.2, pitch=60, finger=0)])
+    pictures = []
+    for view in VIEWS:
+        env = PianoEnv(score, render_mode="rgb_array", view=view, width=160, height=90)
+        env.reset(seed=0)
+        pictures.append(env.render().astype(int))
+        env.close()
+    for one, other in itertools.combinations(pictures, 2):
+        assert np.abs(one - other).mean() > 5

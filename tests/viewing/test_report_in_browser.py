@@ -123,6 +123,8 @@ def test_the_page_of_a_piece_shows_its_notes_their_fingers_and_the_pedal(tab, ro
     tab.open(page)
     expected = {"due-thumb": 1, "due-middle-finger": 1, "due-any-finger": 1, "pedal": 1, "hit": 0}
     assert {mark: roll.count(mark) for mark in expected} == expected
+    (pedal,) = (trace for trace in tab.page.evaluate(TRACES) if trace["meta"] == "pedal")
+    assert (pedal["base"], pedal["x"]) == ([0.5], [1.0])
     shown = roll.point_at(1.2, 64 - 21)
     for text in ("E4", "left hand", "finger: left middle", "onset: 1.000 s", "offset: 1.500 s"):
         assert text in shown

@@ -1,4 +1,4 @@
-"""Views: what the camera has in sight."""
+"""Views: what the camera has in sight, and in which colours."""
 
 from __future__ import annotations
 
@@ -13,8 +13,15 @@ import pytest
 from sb3_piano.cli.play import VIEWS
 from sb3_piano.envs import PianoEnv
 from sb3_piano.music import Note, Score
-from sb3_piano.simulation import find_gl_backend
-from sb3_piano.viewing import View
+from sb3_piano.simulation import compile_scene, find_gl_backend
+from sb3_piano.viewing import (
+    FINGER_COLORS,
+    PRESSED_COLOR,
+    UNLABELLED_COLOR,
+    WRONG_COLOR,
+    View,
+    geom_colors,
+)
 from sb3_piano.viewing.note_bars import Stretch
 from sb3_piano.viewing.stage import FIELD_OF_VIEW
 from sb3_piano.viewing.views import follows_music, place_camera, shows_bars
@@ -41,6 +48,19 @@ def test_the_keys_are_in_the_middle_and_within_the_width_of_the_picture(view, as
 def test_close_goes_along_and_the_two_that_face_the_panel_show_notes():
     assert [view for view in VIEWS if follows_music(view)] == ["close"]
     assert [view for view in VIEWS if shows_bars(view)] == ["stage", "roll"]
+
+
+def test_a_key_that_sounds_is_green_or_red_where_right_and_wrong_are_told_apart():
+    scene = compile_scene()
+    asked = {"due": np.array([10, 20]), "fingers": np.array([1, -1])}
+    sounding = np.zeros(88, dtype=bool)
+    sounding[[20, 30]] = True
+    colors = geom_colors(scene, **asked, sounding=sounding)
+    expected = [FINGER_COLORS[1], PRESSED_COLOR, WRONG_COLOR]
+    assert [colors[scene.key_geom[key]] for key in (10, 20, 30)] == expected
+    colors = geom_colors(scene, **asked, sounding=None)
+    assert colors[scene.key_geom[20]] == UNLABELLED_COLOR
+    assert scene.key_geom[30] not in colors
 
 
 @pytest.mark.slow

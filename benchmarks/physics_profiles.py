@@ -28,7 +28,7 @@ from sb3_piano.music import Corpus, Score, load_score
 from sb3_piano.players import HandModel
 from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.simulation import PHYSICS_PROFILES
-from sb3_piano.threads import torch_threads
+from sb3_piano.threads import torch_computing
 from sb3_piano.training import SavedPlayer
 from sb3_piano.wrappers import HandActions
 
@@ -89,7 +89,7 @@ def compare_runs(runs: list[str]) -> None:
     print("| physics | run | F1 | onset F1 | return | speed |")
     print("|---|---|---:|---:|---:|---:|")
     means = []
-    with torch_threads(1):
+    with torch_computing(1):
         for run in track(runs, description="Playing", console=Console(stderr=True)):
             found = np.array([play_run(run, name) for name in PHYSICS_PROFILES])
             means.append(found.mean(axis=1))
@@ -130,7 +130,7 @@ def main() -> None:
     scores, model = music(arguments.excerpts), HandModel.load(SHIPPED)
     envs = [hands_env(name) for name in PHYSICS_PROFILES]
     rows = []
-    with torch_threads(1):
+    with torch_computing(1):
         # Profile after profile on each excerpt: what else runs here slows them down alike.
         for score in track(scores, description="Playing", console=Console(stderr=True)):
             rows.append([play(env, model, score) for env in envs])

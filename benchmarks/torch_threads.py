@@ -23,7 +23,7 @@ import torch
 from sb3_piano.bench import ENV_ID, Measurement, Row, Sample, measure
 from sb3_piano.bench.workloads import training_measurement
 from sb3_piano.envs import GENERAL_ID
-from sb3_piano.threads import torch_threads, usable_cores
+from sb3_piano.threads import torch_computing, usable_cores
 from sb3_piano.training import load_config
 
 
@@ -43,7 +43,7 @@ def beside(training: Measurement, jobs: int, threads: int | None) -> Measurement
     """Return a training with so many threads of torch, beside so many jobs."""
 
     def run() -> Sample:
-        with busy(jobs), torch_threads(threads):
+        with busy(jobs), torch_computing(threads):
             sample = training.run()
         return Sample(sample.count, sample.seconds)
 

@@ -41,12 +41,9 @@ class Cell:
         (env_id,) = self._content()
         return str(env_id)
 
-    def config(self, seed: int, steps: int | None = None) -> RunConfig:
-        """Return the settings of a run of ``steps`` steps, by default as many as the paper's."""
-        changed: dict[str, Any] = {"seed": seed}
-        if steps is not None:
-            changed["n_timesteps"] = steps
-        return load_config(self.algo, self.env_id, self.path, **changed)
+    def config(self, seed: int, **changed: Any) -> RunConfig:
+        """Return the settings of a run from a seed, ``changed`` where they are not the paper's."""
+        return load_config(self.algo, self.env_id, self.path, seed=seed, **changed)
 
     def run_folder(self, runs: Path, seed: int) -> Path:
         """Return where the run from a seed is kept."""

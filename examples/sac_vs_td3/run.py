@@ -13,10 +13,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from cells import RUNS, Cell, find_cells
+from cells import RUNS, find_cells
 
 from sb3_piano.exceptions import SB3PianoError
-from sb3_piano.training import evaluate, resume, train
+from sb3_piano.training import RunConfig, evaluate, resume, train
 
 
 def main() -> int:
@@ -26,15 +26,18 @@ def main() -> int:
     add("cells", nargs="*", default=["*"], help="names or patterns, such as 'td3/*'; default: all")
     add("--seeds", nargs="+", type=int, default=[0], metavar="N", help="default: 0")
     add("--steps", type=int, metavar="N", help="default: 50000, the paper's")
+    add("--matmul-precision", metavar="HOW", help="highest (default), high or medium")
     add("--runs", type=Path, default=RUNS, metavar="DIR", help=f"default: {RUNS}")
     add("--no-progress", action="store_true", help="show no progress bar")
     arguments = parser.parse_args()
     try:
+        changed = {"n_timesteps": arguments.steps, "matmul_precision": arguments.matmul_precision}
+        changed = {name: value for name, value in changed.items() if value is not None}
         todo = [(cell, seed) for seed in arguments.seeds for cell in find_cells(arguments.cells)]
         for number, (cell, seed) in enumerate(todo, start=1):
             print(f"[{number}/{len(todo)}] {cell.name}, seed {seed}", flush=True)
             folder = cell.run_folder(arguments.runs, seed)
-            if not run_cell(cell, folder, seed, arguments.steps, not arguments.no_progress):
+            if not run_cell(cell.config(seed, **changed), folder, not arguments.no_progress):
                 print("Interrupted: the same command goes on from here.")
                 return 130
     except SB3PianoError as error:
@@ -42,13 +45,12 @@ def main() -> int:
     return 0
 
 
-def run_cell(cell: Cell, folder: Path, seed: int, steps: int | None, progress: bool) -> bool:
+def run_cell(config: RunConfig, folder: Path, progress: bool) -> bool:
     """Bring the run of a cell to its end and evaluate it.
 
     Returns:
         Whether it came to its end, rather than being interrupted.
     """
-    config = cell.config(seed, steps)
     if (folder / "config.yml").is_file():
         result = resume(folder, config.n_timesteps, progress_bar=progress)
     else:

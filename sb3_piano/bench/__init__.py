@@ -33,7 +33,7 @@ from sb3_piano.bench.workloads import (
     update_measurements,
 )
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.threads import torch_threads, usable_cores
+from sb3_piano.threads import torch_computing, usable_cores
 
 __all__ = [
     "ENV_ID",
@@ -110,7 +110,7 @@ def run_bench(
         with contextlib.ExitStack() as stack:
             measure(part, make(*arguments, stack), rounds, rows, progress)
 
-    with torch_threads(num_threads), contextlib.ExitStack() as stack:
+    with torch_computing(num_threads), contextlib.ExitStack() as stack:
         machine = machine_info()
         try:
             if "simulation" in parts:

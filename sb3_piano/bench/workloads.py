@@ -20,6 +20,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
+import torch
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
@@ -31,6 +32,7 @@ from sb3_piano.envs import GENERAL_ID
 from sb3_piano.envs.config import ObservationKind
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.policies.encoders import EncoderName
+from sb3_piano.threads import MatmulPrecision, torch_computing
 from sb3_piano.training import RunConfig, load_config
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 from sb3_piano.wrappers import KeyRange
@@ -204,7 +206,8 @@ def simulation_measurements(
 def update_measurements(stack: contextlib.ExitStack) -> list[Measurement]:
     """Updates of each preset's networks: its default by observation, and for the debug pieces.
 
-    SAC's with our policies, too, which see the first kind of observation.
+    With the first kind of observation those with a ``matmul_precision`` of ``"medium"``, too, and
+    SAC's with our policies.
     """
     found = []
     for algo in _ALGORITHMS:
@@ -217,17 +220,22 @@ def update_measurements(stack: contextlib.ExitStack) -> list[Measurement]:
             configs[f"{algo}, {name}"] = dataclasses.replace(
                 configs[base], policy=f"sb3_piano.policies.{policy}", algorithm_kwargs=kwargs
             )
+        configs[f"{base}, medium precision"] = dataclasses.replace(
+            configs[base], matmul_precision="medium"
+        )
         for name, config in configs.items():
-            run = partial(_run_updates, _filled_model(config, stack)[0])
+            model = _filled_model(config, stack)[0]
+            run = partial(_run_updates, model, config.matmul_precision)
             ratios = {} if name == base else {f"x of {base}": (name, base)}
             found.append(Measurement(name=name, unit="updates/s", run=run, ratios=ratios))
     return found
 
 
-def _run_updates(model: OffPolicyAlgorithm) -> Sample:
-    start = time.perf_counter()
-    model.train(gradient_steps=UPDATES, batch_size=model.batch_size)
-    return Sample(UPDATES, time.perf_counter() - start)
+def _run_updates(model: OffPolicyAlgorithm, precision: MatmulPrecision | None) -> Sample:
+    with torch_computing(torch.get_num_threads(), precision):
+        start = time.perf_counter()
+        model.train(gradient_steps=UPDATES, batch_size=model.batch_size)
+        return Sample(UPDATES, time.perf_counter() - start)
 
 
 def training_measurements(stack: contextlib.ExitStack) -> list[Measurement]:

@@ -60,6 +60,11 @@ _SHARED: dict[str, tuple[Any, ...]] = {
         "threads of torch; default: 1, or as OMP_NUM_THREADS or MKL_NUM_THREADS says",
         whole_number,
     ),
+    "--matmul-precision": (
+        "HOW",
+        "of torch's matrix products: highest (default), high or medium, which is faster on "
+        "processors with AVX-512",
+    ),
     "--csv": ("FILE", "write a row for each piece", Path),
     "--json": ("FILE", "write everything, statistics included", Path),
     "--no-progress": ("", "show no progress bar"),

@@ -22,7 +22,7 @@ from sb3_piano.cli.play import play_run
 if TYPE_CHECKING:
     from sb3_piano.training import RunConfig, TrainResult
 
-_OF_CONFIG = ("seed", "n_envs", "vec_env", "num_threads")
+_OF_CONFIG = ("seed", "n_envs", "vec_env", "num_threads", "matmul_precision")
 _NEW_RUN_ONLY = ("from", "midi", "fingering", "config", *_OF_CONFIG, "run", "runs_dir")
 
 
@@ -47,6 +47,7 @@ def add_parser(commands: Any) -> None:
     add("--n-envs", "N", "environments that play at the same time", whole_number)
     add("--vec-env", "KIND", "dummy (one process), threads, processes or subproc (a process each)")
     add("--num-threads")
+    add("--matmul-precision")
     add("--checkpoint-every", "N", "default: 10000 steps", whole_number)
     add("--runs-dir")
     add("--run")

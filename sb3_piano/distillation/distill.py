@@ -35,7 +35,7 @@ from sb3_piano.files import write_bytes, write_csv, write_text
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.players.hand_model import FILE_NAME
-from sb3_piano.threads import torch_threads
+from sb3_piano.threads import torch_computing
 from sb3_piano.training.runs.folder import provenance, unwritable
 
 _CONFIG, _PROVENANCE, _TABLE = "config.yml", "run.yml", "rounds.csv"
@@ -94,7 +94,7 @@ def distill(
         executor: Plays the excerpts, where it sees the folder by the same path; by default a pool
             of processes of this machine.
         workers: Processes of that pool; by default one for each usable core.
-        num_threads: Threads of torch for all training; see :func:`sb3_piano.threads.torch_threads`.
+        num_threads: Threads of torch for all training; by default see :mod:`sb3_piano.threads`.
         on_progress: Tells what is being done.
         on_round: Is called with each result, also of those done before.
 
@@ -122,7 +122,7 @@ def distill(
         improvements[names[-1]] = partial(improve, config, number, start, num_threads, on_progress)
     rounds: list[RoundResult] = []
     interrupted = False
-    with _owned(place), torch_threads(num_threads), stop_on_signal() as request:
+    with _owned(place), torch_computing(num_threads), stop_on_signal() as request:
         _begin(place, config)
         pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
         with pool as chosen, _broken_told(place):

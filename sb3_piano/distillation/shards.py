@@ -27,7 +27,7 @@ from sb3_piano.exceptions import RunError, ScoreError, SimulationDivergedError
 from sb3_piano.files import read_json, write_json
 from sb3_piano.music import Score
 from sb3_piano.players import HandModel
-from sb3_piano.threads import torch_threads
+from sb3_piano.threads import torch_computing
 from sb3_piano.wrappers import HandActions
 
 Float32Array = npt.NDArray[np.float32]
@@ -126,7 +126,7 @@ def make_shard(job: ShardJob) -> Shard:
     config, env = job.config, _env(job.config.playing.physics, "keep")
     episodes, skipped = [], {}
     with (
-        torch_threads(),
+        torch_computing(),
         new_teacher(config.teacher, config.playing, env) as teacher,
         DatasetWriter(job.name, env, env.spec, overwrite=True, root=job.root) as writer,
     ):

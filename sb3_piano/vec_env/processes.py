@@ -22,7 +22,7 @@ from stable_baselines3.common.vec_env.base_vec_env import (
 
 from sb3_piano.exceptions import RunError
 from sb3_piano.settings import Whole, checked
-from sb3_piano.threads import torch_threads, usable_cores
+from sb3_piano.threads import torch_computing, usable_cores
 
 EnvMaker = Callable[[], gym.Env[Any, Any]]
 
@@ -193,7 +193,7 @@ def _serve(theirs: Connection, ours: Connection, env_fns: CloudpickleWrapper) ->
     # Ctrl-C reaches the whole process group; it is for the training alone to answer it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     venv: _Share | None = None
-    with contextlib.suppress(EOFError, BrokenPipeError), torch_threads(1):
+    with contextlib.suppress(EOFError, BrokenPipeError), torch_computing(1):
         try:
             venv = _Share(env_fns.var)
             theirs.send(((venv.observation_space, venv.action_space), None))

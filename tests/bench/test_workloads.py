@@ -10,6 +10,7 @@ import gymnasium as gym
 import mujoco
 import numpy as np
 import pytest
+import torch
 from sb3_contrib import TQC
 from stable_baselines3 import SAC, TD3
 
@@ -127,16 +128,16 @@ def test_the_bare_physics_moves_exactly_as_the_environment(profile, simulations,
 
 @pytest.fixture
 def trained(monkeypatch):
-    """List of each call of ``train``: class, updates, batch, observation, transitions."""
+    """List of calls of ``train``: class, updates, batch, observation, transitions, precision."""
     heard = []
     for kind in CLASSES.values():
         real = kind.train
 
         def train(model, gradient_steps, batch_size, real=real):
             size = model.observation_space.shape[0]
-            heard.append(
-                (type(model), gradient_steps, batch_size, size, model.replay_buffer.size())
-            )
+            transitions = model.replay_buffer.size()
+            precision = torch.get_float32_matmul_precision()
+            heard.append((type(model), gradient_steps, batch_size, size, transitions, precision))
             real(model, gradient_steps=gradient_steps, batch_size=batch_size)
 
         monkeypatch.setattr(kind, "train", train)
@@ -158,11 +159,12 @@ def test_each_preset_is_updated_with_each_observation(short, trained):
             ("fingers", 130),
             ("hands", 758),
         ):
-            expected[f"{algo}, {observation}"] = (kind, 2, 256, size, 4)
-        expected[f"{algo} for debug pieces"] = (kind, 2, 128, 130, 4)
+            expected[f"{algo}, {observation}"] = (kind, 2, 256, size, 4, "highest")
+        expected[f"{algo} for debug pieces"] = (kind, 2, 128, 130, 4, "highest")
         if algo == "sac":
             for policy in ("DroQ", "SimBa", "mlp", "conv", "transformer"):
-                expected[f"sac, {policy}"] = (SAC, 2, 256, 1124, 4)
+                expected[f"sac, {policy}"] = (SAC, 2, 256, 1124, 4, "highest")
+        expected[f"{algo}, roll, medium precision"] = (kind, 2, 256, 1124, 4, "medium")
     assert [measurement.name for measurement in measurements] == list(expected)
     assert trained == list(expected.values())
     assert measurements[0].ratios == {}

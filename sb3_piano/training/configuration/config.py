@@ -21,6 +21,7 @@ from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.players import PlayerResidual, player_class
 from sb3_piano.settings import Number, Whole, checked, settings
+from sb3_piano.threads import MatmulPrecision
 from sb3_piano.training.configuration.names import (
     PLANNERS,
     algorithm_class,
@@ -273,8 +274,11 @@ class RunConfig(PlayConfig):
     ``processes``: in as many processes as there are cores; ``subproc``: each in a process of its
     own."""
     num_threads: Annotated[_Whole, Ge(1)] | None = None
-    """Threads of torch, at least 1; by default as :func:`~sb3_piano.threads.torch_threads`
+    """Threads of torch, at least 1; by default as :func:`~sb3_piano.threads.torch_computing`
     chooses: one, unless ``OMP_NUM_THREADS`` or ``MKL_NUM_THREADS`` is set."""
+    matmul_precision: MatmulPrecision | None = None
+    """Precision of torch's matrix products: ``highest`` (torch's own), ``high`` or ``medium``,
+    which is faster on processors with AVX-512; see :func:`~sb3_piano.threads.torch_computing`."""
     vec_env_wrapper: Annotated[_Plugins, _plugins_below(VecEnvWrapper)] = ()
     """Wrappers put around the vector of environments, the first one innermost."""
     callback: Annotated[_Plugins, _plugins_below(BaseCallback)] = ()

@@ -28,7 +28,7 @@ from sb3_piano.music import Score, load_score
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.players import HandModel
 from sb3_piano.settings import Count, Index, checked
-from sb3_piano.threads import torch_threads
+from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
 from sb3_piano.training.runs.builders import (
     Env,
@@ -167,7 +167,7 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         deterministic: bool = False,
     ) -> tuple[Any, Any]:
         """Return what the model plays for an observation as the environment gives it."""
-        with torch_threads():
+        with torch_computing():
             return act(self.model, self._venv, observation, state, episode_start, deterministic)
 
     def close(self) -> None:
@@ -190,7 +190,7 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         while True:
             # While the hands rest, nobody hears what is asked; to search for it would take long.
             if action is None or not self._recorder.resting:
-                with torch_threads():
+                with torch_computing():
                     action, state = self.model.predict(observation, state, starts, True)
             observation, _, starts, _ = self._venv.step(action)
             if self._recorder.finished:

@@ -17,7 +17,7 @@ from sb3_piano.callbacks import Checkpoint
 from sb3_piano.demonstrations import Cloning, clone_behaviour, open_dataset
 from sb3_piano.demonstrations.dataset import reading
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.threads import torch_threads
+from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.config import Plugin, RunConfig
 from sb3_piano.training.configuration.yaml_files import load_config
 from sb3_piano.training.runs.builders import build_model, build_vec_env
@@ -106,7 +106,7 @@ def clone(
         algorithm_kwargs={**arguments, "policy_kwargs": policy_kwargs},
     )
     with (
-        torch_threads(settings.num_threads),
+        torch_computing(settings.num_threads, settings.matmul_precision),
         contextlib.closing(build_vec_env(settings)) as venv,
     ):
         model = build_model(settings, venv)

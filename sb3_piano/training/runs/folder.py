@@ -224,6 +224,7 @@ def provenance(seed: int | None) -> dict[str, Any]:
         "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "seed": seed,
         "torch_threads": torch.get_num_threads(),
+        "matmul_precision": torch.get_float32_matmul_precision(),
         "versions": {
             "sb3_piano": sb3_piano.__version__,
             **{package: importlib.metadata.version(package) for package in _PACKAGES},

@@ -35,7 +35,7 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import disk_refusal
 from sb3_piano.interrupts import StopRequest, stop_on_signal
 from sb3_piano.settings import Count, checked
-from sb3_piano.threads import torch_threads
+from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
 from sb3_piano.training.playing.player import keep_base
@@ -97,7 +97,10 @@ def train(
     checkpoint_every = checked("checkpoint_every", checkpoint_every, Count)
     if config.seed is None:
         config = dataclasses.replace(config, seed=int(np.random.default_rng().integers(2**31)))
-    with torch_threads(config.num_threads), _closing(build_vec_env(config)) as venv:
+    with (
+        torch_computing(config.num_threads, config.matmul_precision),
+        _closing(build_vec_env(config)) as venv,
+    ):
         model, every_callback = build_model(config, venv), [*build_callbacks(config), *callbacks]
         run = RunFolder.create(config, folder, runs_dir)
         with _owned(run):
@@ -178,7 +181,7 @@ def resume(
             return env
 
         with (
-            torch_threads(config.num_threads),
+            torch_computing(config.num_threads, config.matmul_precision),
             _closing(build_vec_env(config, innermost=counting_on)) as venv,
         ):
             model = _restored(run, config, saved, venv)

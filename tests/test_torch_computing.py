@@ -1,4 +1,4 @@
-"""One thread of torch where nobody asked for more, and the former number afterwards."""
+"""Threads and precision of torch while something computes, and the former ones afterwards."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import torch
 import yaml
 from stable_baselines3.common.callbacks import BaseCallback
 
-from sb3_piano.threads import torch_threads
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.threads import torch_computing
 from sb3_piano.training import RunConfig, evaluate, resume, train
 
 VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -27,15 +28,26 @@ def _former(monkeypatch):
     torch.set_num_threads(before)
 
 
+@pytest.fixture
+def high():
+    """Let the program around it have chosen a precision that is not torch's own."""
+    before = torch.get_float32_matmul_precision()
+    torch.set_float32_matmul_precision("high")
+    yield
+    torch.set_float32_matmul_precision(before)
+
+
 class Noted(BaseCallback):
-    """Notes the threads of every step."""
+    """Notes the threads and the precision of every step."""
 
     def __init__(self):
         super().__init__()
         self.seen = set()
+        self.precisions = set()
 
     def _on_step(self):
         self.seen.add(torch.get_num_threads())
+        self.precisions.add(torch.get_float32_matmul_precision())
         return True
 
 
@@ -60,10 +72,28 @@ def pendulum(**changes):
 def test_a_wish_counts_more_than_a_variable_until_an_error(monkeypatch, variable, wished, threads):
     if variable is not None:
         monkeypatch.setenv(variable, "3")
-    with contextlib.suppress(RuntimeError), torch_threads(wished):
+    with contextlib.suppress(RuntimeError), torch_computing(wished):
         assert torch.get_num_threads() == threads
         raise RuntimeError("broken")
     assert torch.get_num_threads() == FORMER
+
+
+@pytest.mark.parametrize(("wished", "expected"), [(None, "high"), ("medium", "medium")])
+def test_a_training_has_its_precision_and_goes_on_with_it(tmp_path, high, wished, expected):
+    noted = Noted()
+    config = pendulum(matmul_precision=wished)
+    run = train(config, tmp_path / "run", callbacks=[noted], progress_bar=False).folder
+    assert noted.precisions == {expected}
+    assert yaml.safe_load(run.provenance_file.read_text())["matmul_precision"] == expected
+    noted.precisions.clear()
+    resume(run.path, 30, callbacks=[noted], progress_bar=False)
+    assert noted.precisions == {expected}
+    assert torch.get_float32_matmul_precision() == "high"
+
+
+def test_a_precision_that_there_is_not_is_refused():
+    with pytest.raises(ConfigError, match="matmul_precision.*'low'.*medium"):
+        pendulum(matmul_precision="low")
 
 
 @pytest.mark.parametrize(("wished", "expected"), [(None, 1), (2, 2)])

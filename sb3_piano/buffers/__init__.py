@@ -2,5 +2,11 @@
 
 from sb3_piano.buffers.compact import CompactNStepReplayBuffer, CompactReplayBuffer
 from sb3_piano.buffers.compact_dict import CompactDictReplayBuffer
+from sb3_piano.buffers.cycling import CyclingReplayBuffer
 
-__all__ = ["CompactDictReplayBuffer", "CompactNStepReplayBuffer", "CompactReplayBuffer"]
+__all__ = [
+    "CompactDictReplayBuffer",
+    "CompactNStepReplayBuffer",
+    "CompactReplayBuffer",
+    "CyclingReplayBuffer",
+]

@@ -126,8 +126,8 @@ def restore_replay_buffer(buffer: ReplayBuffer, folder: Path, saved: ReplayManif
     if ours != theirs:
         raise RunError(
             f"The replay buffer saved in '{folder}' has {theirs[0]} rows of {theirs[1]} "
-            f"environment(s), the model's has {ours[0]} of {ours[1]}: expected equal sizes. Resume "
-            "with the buffer_size and n_envs of the run."
+            f"environment(s), the model's has {ours[0]} of {ours[1]}: expected equal sizes, "
+            "by the buffer_size and n_envs of the run."
         )
     rows = buffer_rows(buffer)
     for segment in saved.segments:

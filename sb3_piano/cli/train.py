@@ -18,12 +18,28 @@ from sb3_piano.cli.common import (
 )
 from sb3_piano.cli.evaluate import evaluate_run
 from sb3_piano.cli.play import play_run
+from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
     from sb3_piano.training import RunConfig, TrainResult
 
+_PIECES_HELP = (
+    "play several: names, files, patterns such as 'scale-*', collections, or lists of these in "
+    "FILE.txt; dealt out to the environments (--n-envs), one of several drawn for each episode"
+)
 _OF_CONFIG = ("seed", "n_envs", "vec_env", "num_threads", "matmul_precision")
-_NEW_RUN_ONLY = ("from", "midi", "fingering", "config", *_OF_CONFIG, "run", "runs_dir")
+_NEW_RUN_ONLY = (
+    "from",
+    "init_from",
+    "with_buffer",
+    "midi",
+    "pieces",
+    "fingering",
+    "config",
+    *_OF_CONFIG,
+    "run",
+    "runs_dir",
+)
 
 
 def add_parser(commands: Any) -> None:
@@ -32,12 +48,15 @@ def add_parser(commands: Any) -> None:
     add = add_command(commands, "train", _train, about, epilog=TRUST)
     add("--algo", "NAME", "td3 (default), sac, tqc, ddpg, ppo, a2c, crossq or trpo")
     add_piece_arguments(add)
+    add("--pieces", "PIECE", _PIECES_HELP, nargs="+")
     add(
         "--from",
         "PLAYER",
         "learn to correct what plays already: sight-reader, planned, the FILE.safetensors of "
         "another network of a hand, or a RUN; with sac (then the default), td3 or ppo",
     )
+    add("--init-from", "RUN", "begin with the networks and optimizers of a run, and its settings")
+    add("--with-buffer", text="with --init-from: begin with its replay buffer, too")
     add(
         "--config",
         text="hyperparameters, or 'fast' for ours; default: published ones; with --from: changes",
@@ -84,13 +103,27 @@ def _train(arguments: argparse.Namespace) -> int:
 
 
 def _config(arguments: argparse.Namespace) -> RunConfig:
-    from sb3_piano.training import load_config, load_fine_tuning
+    from sb3_piano.envs import GENERAL_ID
+    from sb3_piano.training import load_config, load_fine_tuning, load_start
 
     given = {"n_timesteps": arguments.steps, **{n: getattr(arguments, n) for n in _OF_CONFIG}}
     given = {name: value for name, value in given.items() if value is not None}
     start = getattr(arguments, "from")
+    if arguments.with_buffer and arguments.init_from is None:
+        raise ConfigError("--with-buffer is given without --init-from: expected both, or neither.")
+    if arguments.pieces is not None:
+        refuse_options(arguments, ("env", "midi", "from"), "with --pieces.")
+        given["pieces"] = arguments.pieces
+        arguments.env = GENERAL_ID
+    if arguments.init_from is not None:
+        refuse_options(arguments, ("algo", "from"), "with --init-from: a run keeps its algorithm.")
+        named = arguments.env or arguments.midi
+        env_id, options = what_is_played(arguments) if named else (None, {})
+        given |= {"with_buffer": arguments.with_buffer, **options}
+        return load_start(arguments.init_from, env_id, arguments.config, **given)
     if start is None:
-        env_id, options = what_is_played(arguments, ", --midi FILE or --resume RUN")
+        others = ", --midi FILE, --pieces PIECE... or --resume RUN"
+        env_id, options = what_is_played(arguments, others)
         return load_config(arguments.algo or "td3", env_id, arguments.config, **options, **given)
     named = arguments.env or arguments.midi or arguments.fingering  # a run knows what it plays
     played = what_is_played(arguments, " or --midi FILE") if named else (None, {})

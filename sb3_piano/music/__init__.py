@@ -26,6 +26,7 @@ from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.roll import PianoRoll
 from sb3_piano.music.score import Score
+from sb3_piano.music.selection import select_pieces
 from sb3_piano.music.studies import STUDIES, major_scale
 from sb3_piano.music.synthesis import SAMPLE_RATE, synthesize, write_wav
 
@@ -56,6 +57,7 @@ __all__ = [
     "read_musicxml",
     "read_pig",
     "read_score",
+    "select_pieces",
     "shown_title",
     "synthesize",
     "write_midi",

@@ -20,6 +20,7 @@ from sb3_piano.training.playing.takes import play_run, play_score
 from sb3_piano.training.runs.clone import CloneResult, clone
 from sb3_piano.training.runs.fine_tuning import load_fine_tuning
 from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.runs.start import StartFromRun, load_start
 from sb3_piano.training.runs.train import TrainResult, resume, train
 from sb3_piano.viewing import Picture, Played
 
@@ -39,6 +40,7 @@ __all__ = [
     "RunFolder",
     "RunResidual",
     "SavedPlayer",
+    "StartFromRun",
     "TrainResult",
     "clone",
     "compare",
@@ -48,6 +50,7 @@ __all__ = [
     "load_config",
     "load_entry",
     "load_fine_tuning",
+    "load_start",
     "play_run",
     "play_score",
     "resume",

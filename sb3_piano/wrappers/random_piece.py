@@ -10,12 +10,15 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.envs.score_choice import ScoreSource
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Score, load_score
+from sb3_piano.music import Score, load_score, select_pieces
+from sb3_piano.music.selection import PieceSource
 from sb3_piano.settings import Number, checked
 from sb3_piano.wrappers.piano import piano_of
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper, possible_scores
+
+_FEW = 100
+"""So many pieces are read at once, and kept."""
 
 
 class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
@@ -27,44 +30,57 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
     ``RandomPiece`` the outermost chooses. A score given in ``reset(options={"score": ...})`` is
     played in place of a chosen one.
 
+    Up to 100 pieces are read at once, so that what is wrong with one is told at once. Of more, each
+    is read when it is first chosen.
+
     Args:
         env: A piano environment, wrapped or not.
-        pieces: One or more of what an environment takes as its score: scores, paths of files,
-            names of pieces. Files are read at once.
+        pieces: One or more entries of :func:`~sb3_piano.music.select_pieces`: scores, paths of
+            files, names of pieces, patterns such as ``"scale-*"``, collections, lists.
         weights: How likely each piece is, in proportion to the others; 0 or more, not all 0. Left
             out, all are equally likely.
 
     Raises:
         ConfigError: If ``pieces`` or ``weights`` is no such list, or ``env`` is no piano.
         ScoreError: If a piece cannot be read, wrappers inside cannot change it, or the hands that
-            are there have nothing to play in it.
+            are there have nothing to play in it. If there are many: by ``reset``.
         UnknownPieceError: If there is no piece of some name.
     """
 
     def __init__(
         self,
         env: gym.Env[Any, Any],
-        pieces: Sequence[ScoreSource],
+        pieces: Sequence[PieceSource] | str,
         weights: Sequence[float] | None = None,
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, pieces=pieces, weights=weights)
         super().__init__(env)
-        if isinstance(pieces, str) or not isinstance(pieces, Sequence) or len(pieces) == 0:
-            raise ConfigError(f"pieces is {pieces!r}: expected a list of one or more pieces.")
-        piano = piano_of(env, "RandomPiece")
-        self._pieces = [piano.own_part(load_score(piece)) for piece in pieces]
-        self._probabilities = _probabilities(weights, len(pieces))
-        possible_scores(self)  # raises if a wrapper inside cannot change a piece
+        self._piano = piano_of(env, "RandomPiece")
+        self._pieces = select_pieces(pieces)
+        self._probabilities = _probabilities(weights, len(self._pieces))
+        self._scores: dict[int, Score] = {}
+        if len(self._pieces) <= _FEW:
+            for index in range(len(self._pieces)):
+                self._score(index)
+            possible_scores(self)  # raises if a wrapper inside cannot change a piece
 
     @property
     def sources(self) -> list[Score]:
         """The pieces that may be chosen."""
-        chances = zip(self._pieces, self._probabilities, strict=True)
-        return [piece for piece, probability in chances if probability > 0]
+        return [self._score(int(index)) for index in np.flatnonzero(self._probabilities)]
 
     def choose(self, random: np.random.Generator) -> Score:
         """Return the piece of an episode."""
-        return self._pieces[random.choice(len(self._pieces), p=self._probabilities)]
+        return self._score(int(random.choice(len(self._pieces), p=self._probabilities)))
+
+    def _score(self, index: int) -> Score:
+        """Return a piece; the same object for as long as it is among the last that were read."""
+        if index not in self._scores:
+            score = self._piano.own_part(load_score(self._pieces[index]))
+            while len(self._scores) >= _FEW:
+                del self._scores[next(iter(self._scores))]
+            self._scores[index] = score
+        return self._scores[index]
 
     def extend(self, plan: ScorePlan, options: Mapping[str, Any]) -> ScorePlan:
         """Return the plan with this choice, unless the piece is settled further out."""

@@ -51,6 +51,23 @@ class TestChoice:
         env = RandomPiece(piano(), ["TwinkleTwinkleLittleStar"])
         assert played(env) is played(env)
 
+    def test_entries_may_be_patterns(self):
+        seen = titles(RandomPiece(piano(), "scale-[CD]Major"), 12)
+        assert {*seen} == {"scale-CMajor", "scale-DMajor"}
+
+    def test_of_many_pieces_each_is_read_when_it_is_first_chosen(self, tmp_path):
+        paths = [tmp_path / f"{index:03}.mid" for index in range(101)]
+        for path in paths:
+            path.write_bytes(b"")  # nothing that could be read
+        env = RandomPiece(piano(), paths, [0, 1, *[0] * 99])
+        write_midi(melody(60, 64), paths[1])
+        first = played(env)
+        assert first.title == "001"
+        paths[1].unlink()
+        assert played(env) is first
+        with pytest.raises(ScoreError, match="000.mid"):
+            RandomPiece(piano(), paths[:100])
+
 
 class TestPlaceInTheStack:
     @pytest.mark.parametrize(

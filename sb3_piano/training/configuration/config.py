@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, Self
@@ -18,7 +19,10 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.utils import get_device
 from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 
+from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.music import Score, select_pieces
+from sb3_piano.music.selection import PieceSource
 from sb3_piano.players import PlayerResidual, player_class
 from sb3_piano.settings import Number, Whole, checked, settings
 from sb3_piano.threads import MatmulPrecision
@@ -37,6 +41,7 @@ from sb3_piano.training.configuration.values import (
     zoo_number,
 )
 
+_RANDOM_PIECE = "sb3_piano.wrappers.RandomPiece"
 _FORMS = "'package.module.Name', {package.module.Name: {argument: value}} or a list of these"
 
 
@@ -113,6 +118,16 @@ def _arguments_of(function: Callable[..., Any], *reserved: str) -> BeforeValidat
         return check_arguments(_read_arguments(value, info), function, reserved=reserved)
 
     return BeforeValidator(read)
+
+
+def _read_pieces(value: Any) -> tuple[str, ...]:
+    return () if value in (None, (), []) else tuple(map(_piece_name, select_pieces(value)))
+
+
+def _piece_name(piece: PieceSource) -> str:
+    if isinstance(piece, Score):
+        raise ConfigError(f"pieces has {piece.title!r} as a score: expected its name or file.")
+    return os.fspath(piece)
 
 
 _Whole = Annotated[Whole, BeforeValidator(zoo_number)]
@@ -211,7 +226,8 @@ class PlayConfig:
         mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         for name, value in mapping.items():
             if isinstance(value, tuple):
-                mapping[name] = plugins_to_plain(value)
+                plugins = all(isinstance(entry, Plugin) for entry in value)
+                mapping[name] = plugins_to_plain(value) if plugins else list(value)
         return {name: plain(value, name) for name, value in mapping.items()}
 
     def _check_algorithm_kwargs(self, made: type) -> dict[str, Any]:
@@ -267,6 +283,10 @@ class RunConfig(PlayConfig):
     """Environment steps to train for, over all environments together; at least 1."""
     policy: str = "MlpPolicy"
     """A policy of the algorithm by its short name, or the import path of one."""
+    pieces: Annotated[tuple[str, ...], BeforeValidator(_read_pieces)] = ()
+    """What ``RoboPianist-v0`` plays, in place of a ``score``: entries of
+    :func:`~sb3_piano.music.select_pieces`. They are dealt out to the environments in turn; one that
+    has several draws one for each episode."""
     n_envs: Annotated[_Whole, Ge(1)] = 1
     """Environments that play at the same time; at least 1."""
     vec_env: Literal["dummy", "threads", "processes", "subproc"] = "dummy"
@@ -309,6 +329,7 @@ class RunConfig(PlayConfig):
                 f"noise_type is {self.noise_type!r}, but {algorithm.__name__} takes no action "
                 "noise: expected an off-policy algorithm, or no noise_type."
             )
+        self._check_pieces()
         arguments = self._check_algorithm_kwargs(algorithm)
         device = arguments.get("device", "auto")
         try:
@@ -323,6 +344,21 @@ class RunConfig(PlayConfig):
             fitting = check_arguments(arguments["policy_kwargs"], policy, reserved=spaces)
             arguments["policy_kwargs"] = fitting
 
+    def _check_pieces(self) -> None:
+        if not self.pieces:
+            return
+        if self.env_id != GENERAL_ID or "score" in self.env_kwargs:
+            given = f"score {self.env_kwargs['score']!r}" if "score" in self.env_kwargs else ""
+            raise ConfigError(
+                f"pieces are given to {self.env_id!r}{given and ' with a '}{given}: expected "
+                f"{GENERAL_ID} without a score, which plays any piece."
+            )
+        if len(self.pieces) > 1 and self.env_kwargs.get("observation") == "window":
+            raise ConfigError(
+                f"{len(self.pieces)} pieces are given with observation 'window', which is as wide "
+                "as a piece: expected 'roll', or another that is the same for all."
+            )
+
     @property
     def algorithm(self) -> type[BaseAlgorithm]:
         """The class of the algorithm."""
@@ -331,6 +367,16 @@ class RunConfig(PlayConfig):
     def alone(self) -> Self:
         """Return the settings for one environment without log files."""
         return dataclasses.replace(self, n_envs=1, vec_env="dummy", monitor_kwargs={})
+
+    def of_env(self, index: int) -> Self:
+        """Return the settings of one of the environments, with the pieces that it gets."""
+        if not self.pieces:
+            return self
+        own = self.pieces[index :: self.n_envs] or (self.pieces[index % len(self.pieces)],)
+        chooser = Plugin(path=_RANDOM_PIECE, kwargs={"pieces": list(own)})
+        wrappers = self.env_wrapper if len(own) == 1 else (chooser, *self.env_wrapper)
+        changed = dataclasses.replace(self, pieces=(), env_wrapper=wrappers)
+        return changed.in_env(score=own[0])
 
 
 class CorrectsRun:

@@ -17,6 +17,7 @@ from sb3_piano.files import write_csv, write_json
 from sb3_piano.music import Score, load_score, write_midi
 from sb3_piano.music.difficulty import MotionRecording, write_motion
 from sb3_piano.settings import Count, Index, checked
+from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.evaluation.statistics import Summary, summarize
 from sb3_piano.training.playing.player import SavedPlayer
 from sb3_piano.training.runs.folder import RunFolder, unwritable
@@ -255,7 +256,7 @@ def evaluate_runs(
     motion: bool = False,
     on_episode: Callable[[], object] = lambda: None,
 ) -> Evaluations:
-    """Evaluate several runs, each on its own piece or on the given ones.
+    """Evaluate several runs, each on its own piece or pieces or on the given ones.
 
     What cannot be evaluated does not stop the others. Ctrl-C does, and all that was played until
     then is returned. Arguments, files in the runs' folders and errors are those of
@@ -267,11 +268,11 @@ def evaluate_runs(
     for run in runs:
         if [other.resolve() for other in runs].count(run.resolve()) > 1:
             raise ConfigError(f"Run '{run}' is given twice: expected each run once.")
-    pieces: list[Score | None] = [load_score(score) for score in scores]
+    given = [load_score(score) for score in scores]
     found: list[Evaluation] = []
     failures: list[Failure] = []
     interrupted = False
-    for run, piece in itertools.product(runs, pieces or [None]):
+    for run, piece in [(one, piece) for one in runs for piece in given or _pieces_of(one)]:
         try:
             evaluation = evaluate(
                 run,
@@ -297,6 +298,16 @@ def evaluate_runs(
         if interrupted:
             break
     return Evaluations(evaluations=tuple(found), failures=tuple(failures), interrupted=interrupted)
+
+
+def _pieces_of(run: Path) -> list[Score | None]:
+    """Return the pieces of a run that has several; ``None`` stands for its only one."""
+    try:
+        config = RunFolder.open(run).read_config()
+        several = config.pieces if isinstance(config, RunConfig) else ()
+        return [load_score(piece) for piece in several] if len(several) > 1 else [None]
+    except SB3PianoError:
+        return [None]  # what is wrong is told when the run is to be evaluated
 
 
 def _checked(seeds: Seeds, episodes: int) -> tuple[int, ...]:

@@ -236,6 +236,8 @@ def _own_piece(run: RunFolder, config: PlayConfig, env: Env) -> str:
     """
     if not isinstance(env.unwrapped, PianoEnv):
         return config.env_id
+    if isinstance(config, RunConfig) and len(config.pieces) > 1:
+        return f"{len(config.pieces)} pieces"
     titles = list(dict.fromkeys(score.title for score in possible_scores(env)))
     if titles != [env.unwrapped.default_score.title]:
         return " or ".join(titles)

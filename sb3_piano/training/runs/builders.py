@@ -82,8 +82,10 @@ def build_env(
     """Return one environment of a run.
 
     ``innermost`` is put around the bare environment, ``log`` around that, then the config's
-    ``env_wrapper``.
+    ``env_wrapper``. Of several ``pieces`` it draws one for each episode.
     """
+    if isinstance(config, RunConfig):
+        config = config.alone().of_env(0)
     env_kwargs = dict(config.env_kwargs)
     try:
         env: Env = gym.spec(registered_id(config.env_id, config.env_module)[1]).make(**env_kwargs)
@@ -108,13 +110,14 @@ def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> Ve
         venv.seed(config.seed)
         return venv
     training_process = os.getpid()
+    configs = [config.of_env(rank) for rank in range(config.n_envs)]
     log = partial(EpisodeLog, **config.monitor_kwargs)
 
     def make(rank: int) -> Env:
         if os.getpid() != training_process:
             # Ctrl-C reaches the whole process group; it is for the training alone to answer it.
             signal.signal(signal.SIGINT, signal.SIG_IGN)
-        env = build_env(config, innermost, log)
+        env = build_env(configs[rank], innermost, log)
         if config.seed is not None:
             env.unwrapped.action_space.seed(config.seed + rank)
         return env
@@ -128,10 +131,22 @@ def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> Ve
         kinds: dict[str, Callable[[list[Callable[[], Env]]], VecEnv]]
         kinds = {"dummy": DummyVecEnv, "threads": ThreadVecEnv, "processes": ProcessVecEnv}
         venv = kinds[config.vec_env](makers)
+        _check_same_observations(config, venv)
     venv.seed(config.seed)
     for plugin in config.vec_env_wrapper:
         venv = plugin(venv)
     return normalized(config, venv)
+
+
+def _check_same_observations(config: RunConfig, venv: VecEnv) -> None:
+    """Refuse environments that cannot be seen by one network, whose process this is."""
+    for index, env in enumerate(getattr(venv, "envs", ())):
+        if env.observation_space != venv.observation_space:
+            raise ConfigError(
+                f"With the piece {config.pieces[index % len(config.pieces)]!r} the observation is "
+                f"{env.observation_space}, with {config.pieces[0]!r} {venv.observation_space}: "
+                "expected wrappers that do not go by the piece."
+            )
 
 
 def refuse_other_vectors(config: RunConfig, what: str) -> None:

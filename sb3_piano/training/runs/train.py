@@ -31,7 +31,7 @@ from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
 from sb3_piano.callbacks.own_env import EnvWrapper, RunContext, hand_over
 from sb3_piano.callbacks.replay_segments import end_last_episode
 from sb3_piano.envs import PianoEnv
-from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError
 from sb3_piano.files import disk_refusal
 from sb3_piano.interrupts import StopRequest, stop_on_signal
 from sb3_piano.settings import Count, checked
@@ -78,7 +78,8 @@ def train(
 ) -> TrainResult:
     """Train a new model.
 
-    The folder is made once environment and model are known to work. Ctrl-C or SIGTERM ends the
+    The folder is made once environment and model are known to work, and is gone again if a callback
+    refuses them before the first step. Ctrl-C or SIGTERM ends the
     training with a checkpoint; after any other end :func:`resume` goes on from the last one.
 
     Args:
@@ -106,7 +107,14 @@ def train(
         with _owned(run):
             with run.whole_or_gone():
                 keep_base(run, config)
-            return _learn(config, run, model, every_callback, None, checkpoint_every, progress_bar)
+            try:
+                return _learn(
+                    config, run, model, every_callback, None, checkpoint_every, progress_bar
+                )
+            except SB3PianoError:  # such as from a callback that does not fit the model
+                if model.num_timesteps == 0:
+                    shutil.rmtree(run.path, ignore_errors=True)
+                raise
 
 
 def resume(

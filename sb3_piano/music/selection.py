@@ -1,0 +1,129 @@
+"""Several pieces at once: names, patterns, collections, and lists in files."""
+
+from __future__ import annotations
+
+import fnmatch
+import glob
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from sb3_piano.exceptions import ConfigError, UnknownPieceError, near_names
+from sb3_piano.music.catalogue import find_piece, is_path, pieces
+from sb3_piano.music.piece import Piece
+from sb3_piano.music.score import Score
+
+PieceSource = Score | str | os.PathLike[str]
+"""What :func:`~sb3_piano.music.load_score` makes a score of."""
+
+_LIST = ".txt"
+_WILD = frozenset("*?[")
+
+
+def select_pieces(entries: Sequence[PieceSource] | str | os.PathLike[str]) -> list[PieceSource]:
+    """Return the pieces that entries stand for, in their order, each of them once.
+
+    Nothing is read but lists: a corpus of thousands is selected in no time.
+
+    Args:
+        entries: One or more of: a score; the name of a piece; the path of a file; a pattern of
+            names (``"scale-*"``) or of paths (``"corpus/**/*.mid"``), whose pieces come in
+            the order of the alphabet; a collection (``"repertoire"``), as ``sb3-piano pieces list``
+            shows them; a text file with such an entry in each line, ``corpus.txt``, from ``#`` on a
+            comment, whose relative paths begin at its folder.
+
+    Returns:
+        Scores, full names of pieces and absolute paths.
+
+    Raises:
+        ConfigError: If there is no entry, a list cannot be read, or nothing fits a pattern.
+        UnknownPieceError: If there is no piece or collection of a name.
+    """
+    single = isinstance(entries, str) or not isinstance(entries, Sequence)
+    several: Sequence[Any] = [entries] if single else entries  # type: ignore[assignment]
+    known, found = pieces(), dict[object, PieceSource]()
+    for entry in several:
+        for piece in _selected(entry, Path(), known):
+            found.setdefault(id(piece) if isinstance(piece, Score) else piece, piece)
+    if not found:
+        raise ConfigError(
+            f"pieces is {entries!r}: expected one or more names, files, patterns such as "
+            "'scale-*', collections or lists of these."
+        )
+    return list(found.values())
+
+
+def _selected(entry: Any, folder: Path, known: Mapping[str, Piece]) -> Iterator[PieceSource]:
+    if isinstance(entry, Score):
+        yield entry
+        return
+    if not isinstance(entry, str | os.PathLike):
+        raise ConfigError(
+            f"A piece cannot be given as {type(entry).__name__}: expected a Score, a name, or the "
+            "path of a file."
+        )
+    text = os.fspath(entry)
+    if text.endswith(_LIST) and not _WILD & set(text):
+        yield from _listed((folder / text).absolute(), known)
+    elif not isinstance(entry, str) or is_path(text):
+        yield from _files(text, folder)
+    elif _WILD & set(text):
+        names = sorted(fnmatch.filter(known, text))
+        if not names:
+            raise ConfigError(
+                f"No piece has a name like {text!r}: expected a pattern of names that "
+                "'sb3-piano pieces list' shows."
+            )
+        yield from names
+    else:
+        yield from _named(text, known)
+
+
+def _named(text: str, known: Mapping[str, Piece]) -> Iterator[str]:
+    """Yield the piece of a name, or those of a collection."""
+    if text in known:
+        yield text
+        return
+    of_collection = [name for name, piece in known.items() if piece.collection == text]
+    if of_collection:
+        yield from of_collection
+        return
+    try:
+        yield find_piece(text).name
+    except UnknownPieceError as error:
+        near = near_names(text, {piece.collection for piece in known.values()})
+        raise UnknownPieceError(f"{error} No collection is called so either.{near}") from error
+
+
+def _files(text: str, folder: Path) -> Iterator[str]:
+    """Yield the file at a path, or those that fit a pattern; absolute paths."""
+    path = os.path.abspath(folder / Path(text).expanduser())
+    if not _WILD & set(text) or os.path.exists(path):  # a name may have brackets
+        yield path
+        return
+    names = sorted(glob.glob(path, recursive=True))
+    if not names:
+        raise ConfigError(f"No file is at {path!r}: expected a pattern of files that are there.")
+    yield from names
+
+
+def _listed(path: Path, known: Mapping[str, Piece]) -> Iterator[PieceSource]:
+    """Yield what a list in a file stands for."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise ConfigError(
+            f"The list of pieces '{path}' cannot be read: {reason}. Expected a text file with a "
+            "name, a path or a pattern in each line."
+        ) from error
+    for number, line in enumerate(lines, start=1):
+        entry = line.partition("#")[0].strip()
+        if entry.endswith(_LIST):
+            raise ConfigError(
+                f"'{path}', line {number}: {entry!r} is another list. Expected names, paths and "
+                "patterns only."
+            )
+        if entry:
+            yield from _selected(entry, path.parent, known)

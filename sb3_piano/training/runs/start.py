@@ -1,0 +1,212 @@
+"""Start of a training from what another run has learnt."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
+from stable_baselines3.common.vec_env import VecNormalize, unwrap_vec_normalize
+
+from sb3_piano.callbacks import Checkpoint, restore_replay_buffer
+from sb3_piano.exceptions import ConfigError, RunError, one_line
+from sb3_piano.settings import Index, checked
+from sb3_piano.training.configuration.config import Plugin, RunConfig
+from sb3_piano.training.configuration.names import registered_id
+from sb3_piano.training.configuration.yaml_files import load_config
+from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.runs.saved import load_statistics, model_files
+
+_log = logging.getLogger(__name__)
+
+_START = "sb3_piano.training.StartFromRun"
+
+
+class StartFromRun(BaseCallback):
+    """Give a model what the model of another run has learnt, before the training.
+
+    That is its networks, their optimizers, the entropy coefficient and the statistics of
+    ``VecNormalize``. Nothing acts at random then, whatever ``learning_starts`` says: the policy
+    fills the replay buffer itself, for ``seed_steps`` without an update, unless it is given a
+    buffer that is filled. A training that is resumed keeps its own networks.
+
+    ``sb3-piano train --init-from RUN`` adds this callback to a run.
+
+    Source: RoboVirtuoso (2023), section 4.2: "when seeding the replay buffer when finetuning, we
+    sample from the model rather than choosing actions randomly".
+
+    Args:
+        run: Folder of the run, of the same algorithm, policy and spaces.
+        with_buffer: Whether to begin with its replay buffer.
+        seed_steps: Environment steps before the first update; by default as many as a batch has.
+
+    Raises:
+        ConfigError: When training starts, if the model does not fit, or has no replay buffer.
+        RunError: If the folder is no run, or was saved without what is needed.
+    """
+
+    def __init__(
+        self,
+        run: str | os.PathLike[str],
+        with_buffer: bool = False,
+        seed_steps: int | None = None,
+    ) -> None:
+        super().__init__()
+        self._run = os.fspath(run)
+        self._with_buffer: bool = checked("with_buffer", with_buffer, bool)
+        self._seed_steps: int | None = checked("seed_steps", seed_steps, Index | None)
+        self._train_freq: Any = None
+
+    def _init_callback(self) -> None:
+        # Not at the start of training: checkpoints look at the buffer when they are initialised.
+        if self.model.num_timesteps == 0:
+            run = RunFolder.open(self._run)
+            config = run.read_config()
+            if not isinstance(config, RunConfig) or config.algorithm is not type(self.model):
+                raise ConfigError(
+                    f"Run '{run.path}' is of {config.algo!r}, this training of "
+                    f"{type(self.model).__name__}: expected a run of the same algorithm."
+                )
+            self._take_over(run, config)
+            if self._with_buffer:
+                self._take_buffer(run)
+            _log.info("Networks and optimizers are those of run '%s'.", run.path)
+        if isinstance(self.model, OffPolicyAlgorithm):
+            self.model.learning_starts = 0
+
+    def _on_training_start(self) -> None:
+        model = self.model
+        if self.num_timesteps > 0 or not isinstance(model, OffPolicyAlgorithm):
+            return
+        steps = model.batch_size if self._seed_steps is None else self._seed_steps
+        if self._with_buffer or steps == 0:
+            return
+        # Updates follow a roll-out, so that the first one is made as long as the seeding.
+        self._train_freq = model.train_freq
+        calls = math.ceil(steps / model.n_envs)
+        model.train_freq = TrainFreq(calls, TrainFrequencyUnit.STEP)  # type: ignore[assignment]
+
+    def _on_rollout_end(self) -> None:
+        if self._train_freq is not None:
+            assert isinstance(self.model, OffPolicyAlgorithm), "only these are seeded"
+            self.model.train_freq, self._train_freq = self._train_freq, None
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _take_over(self, run: RunFolder, config: RunConfig) -> None:
+        """Set networks, optimizers, entropy coefficient and statistics."""
+        if run.weights_file.is_file():
+            raise RunError(
+                f"Run '{run.path}' was shared to be played, without optimizers and critics' "
+                "states: expected the run that it was made of."
+            )
+        file, statistics = model_files(run, config)
+        off_policy = issubclass(config.algorithm, OffPolicyAlgorithm)
+        small: dict[str, Any] = {"buffer_size": 1} if off_policy else {}
+        try:
+            source = config.algorithm.load(file, device=self.model.device, **small)
+        except Exception as error:  # unpickling fails in any way
+            raise RunError(
+                f"Model '{file}' cannot be loaded ({one_line(error)}): expected a model that "
+                f"{config.algorithm.__name__} saved."
+            ) from error
+        self._check_spaces(run, source)
+        try:
+            self.model.set_parameters(source.get_parameters())  # type: ignore[arg-type]
+        except (RuntimeError, ValueError, KeyError, AttributeError) as error:
+            raise ConfigError(
+                f"The networks of run '{run.path}' do not fit ({one_line(error)}): expected its "
+                f"policy {config.policy!r} with policy_kwargs "
+                f"{config.algorithm_kwargs.get('policy_kwargs', {})}, and its ent_coef."
+            ) from error
+        for name in source._get_torch_save_params()[1]:
+            learnt = getattr(source, name)
+            if learnt.requires_grad:  # a coefficient that is fixed is the config's
+                getattr(self.model, name).data.copy_(learnt.data)
+        self._take_statistics(run, config, statistics)
+
+    def _check_spaces(self, run: RunFolder, source: BaseAlgorithm) -> None:
+        for name in ("observation_space", "action_space"):
+            theirs, ours = getattr(source, name), getattr(self.model, name)
+            if theirs != ours:
+                raise ConfigError(
+                    f"Run '{run.path}' has the {name} {theirs}, this training {ours}: expected "
+                    "equal ones, of the same wrappers and an observation that does not go by the "
+                    "piece, such as 'roll'."
+                )
+
+    def _take_statistics(self, run: RunFolder, config: RunConfig, file: Path | None) -> None:
+        normalizer = unwrap_vec_normalize(self.model.get_env())  # type: ignore[arg-type]
+        if (file is None) != (normalizer is None):
+            does = "does not normalise" if file is None else "normalises"
+            raise ConfigError(
+                f"Run '{run.path}' {does} observations and rewards, unlike this training: "
+                "expected the same 'normalize' in both."
+            )
+        if isinstance(normalizer, VecNormalize):
+            load_statistics(config, file, normalizer)
+
+    def _take_buffer(self, run: RunFolder) -> None:
+        buffer = getattr(self.model, "replay_buffer", None)
+        saved = Checkpoint.read(run.checkpoint_dir)
+        if buffer is None or saved is None or saved.replay is None:
+            raise ConfigError(
+                f"There is no replay buffer to take from run '{run.path}': expected an off-policy "
+                "algorithm and a run with its checkpoint, or no with_buffer."
+            )
+        restore_replay_buffer(buffer, run.checkpoint_dir, saved.replay)
+
+
+def load_start(
+    run: str | os.PathLike[str],
+    env_id: str | None = None,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    with_buffer: bool = False,
+    **overrides: Any,
+) -> RunConfig:
+    """Return the settings of a training that starts from what a run has learnt.
+
+    Args:
+        run: The run's folder. Its settings are kept, with its wrappers and observation.
+        env_id: What to play, if not what the run plays: the id of an environment, or
+            ``module:Id``.
+        path: Hyperparameters in place of the run's, as of :func:`load_config`.
+        with_buffer: Whether to begin with its replay buffer.
+        **overrides: Settings to take instead. ``env_kwargs`` are added to the run's.
+
+    Raises:
+        ConfigError: As :func:`load_config`, or if the run is not trained.
+        RunError: If the folder is no run.
+    """
+    folder = RunFolder.open(run)
+    config = folder.read_config()
+    if not isinstance(config, RunConfig):
+        raise ConfigError(
+            f"Run '{folder.path}' plays by {config.algo!r} without any training: expected one that "
+            "'sb3-piano train' made."
+        )
+    start = Plugin(path=_START, kwargs={"run": str(folder.path.absolute())})
+    if with_buffer:
+        start = dataclasses.replace(start, kwargs={**start.kwargs, "with_buffer": True})
+    if path is not None:
+        config = load_config(config.algo, env_id or config.env_id, path, **overrides)
+        return dataclasses.replace(config, callback=(*config.callback, start))
+    callbacks = tuple(plugin for plugin in config.callback if plugin.path != _START)
+    given = overrides.pop("env_kwargs", {})
+    env_kwargs = {**config.env_kwargs, **given}
+    changed: dict[str, Any] = {"callback": (*callbacks, start), "seed": None, **overrides}
+    if env_id is not None:
+        module, name = registered_id(env_id)
+        changed |= {"env_id": name, "env_module": module, "pieces": overrides.get("pieces", ())}
+        if "score" not in given:
+            env_kwargs.pop("score", None)
+    return dataclasses.replace(config, env_kwargs=env_kwargs, **changed)

@@ -1,0 +1,98 @@
+"""Entries that stand for pieces: names, patterns, collections, files and lists of these."""
+
+from __future__ import annotations
+
+import pytest
+
+from sb3_piano.exceptions import ConfigError, UnknownPieceError
+from sb3_piano.music import BUILT_IN, Note, Score, load_score, select_pieces, write_midi
+
+SCORE = Score(notes=[Note(onset=0.0, offset=0.5, pitch=60)], title="one")
+
+
+@pytest.fixture
+def corpus(tmp_path):
+    """A folder with files a.mid, b.mid and deep/c.mid."""
+    for name in ("b.mid", "a.mid", "deep/c.mid"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        write_midi(SCORE, tmp_path / name)
+    return tmp_path
+
+
+def test_names_are_completed_and_kept_in_order():
+    expected = ["repertoire-FurElise", "scale-CMajor", "TwinkleTwinkleLittleStar"]
+    names = ["FurElise", "scale-CMajor", "TwinkleTwinkleLittleStar"]
+    found = select_pieces(names)
+    assert found[:2] == expected[:2]
+    assert [load_score(piece).title for piece in found][2] == "TwinkleTwinkleLittleStar"
+
+
+def test_patterns_and_collections_stand_for_all_their_pieces():
+    majors = [name for name in BUILT_IN if name.startswith("scale-") and name.endswith("Major")]
+    assert select_pieces("scale-*Major") == sorted(majors)
+    assert len(majors) == 12
+    repertoire = [name for name, piece in BUILT_IN.items() if piece.collection == "repertoire"]
+    assert select_pieces(["repertoire"]) == repertoire
+
+
+def test_a_piece_that_several_entries_stand_for_is_there_once():
+    found = select_pieces(["scale-DMajor", SCORE, "scale-?Major", SCORE, "scale-CMajor"])
+    assert found[:2] == ["scale-DMajor", SCORE]
+    assert len(found) == 8
+    assert len(set(map(str, found))) == 8
+
+
+def test_files_are_found_by_path_and_by_pattern(corpus, monkeypatch):
+    monkeypatch.chdir(corpus)
+    assert select_pieces("b.mid") == [str(corpus / "b.mid")]
+    assert select_pieces([corpus / "b.mid", "./*.mid"]) == [
+        str(corpus / "b.mid"),
+        str(corpus / "a.mid"),
+    ]
+    deep = [str(corpus / name) for name in ("a.mid", "b.mid", "deep/c.mid")]
+    assert select_pieces(str(corpus / "**/*.mid")) == deep
+
+
+def test_a_file_whose_name_has_brackets_is_a_file(corpus):
+    (corpus / "a.mid").rename(corpus / "a[1].mid")
+    assert select_pieces([str(corpus / "a[1].mid")]) == [str(corpus / "a[1].mid")]
+
+
+def test_a_list_has_an_entry_in_each_line_and_paths_from_its_folder(corpus):
+    lines = ["# all there is", "", "deep/*.mid  # one", "scale-CMajor", "./a.mid"]
+    (corpus / "corpus.txt").write_text("\n".join(lines))
+    expected = [str(corpus / "deep/c.mid"), "scale-CMajor", str(corpus / "a.mid")]
+    assert select_pieces(str(corpus / "corpus.txt")) == expected
+    assert select_pieces([corpus / "corpus.txt", "scale-CMajor"]) == expected
+
+
+def test_thousands_are_selected_without_reading_one(tmp_path):
+    for number in range(3000):
+        (tmp_path / f"{number:04}.mid").write_bytes(b"")
+    (tmp_path / "all.txt").write_text("\n".join(f"./{n:04}.mid" for n in range(3000)))
+    assert len(select_pieces(tmp_path / "all.txt")) == 3000
+    assert len(select_pieces(str(tmp_path / "*.mid"))) == 3000
+
+
+@pytest.mark.parametrize(
+    ("entries", "error", "message"),
+    [
+        ([], ConfigError, r"pieces is \[\]: expected one or more"),
+        ("scale-*Mjor", ConfigError, "No piece has a name like 'scale-.Mjor'"),
+        (["./no/*.mid"], ConfigError, "No file is at '.*/no/.*mid'"),
+        ("missing.txt", ConfigError, "'.*missing.txt' cannot be read: No such file"),
+        ("Fur", UnknownPieceError, "Unknown piece 'Fur'"),
+        ("scael", UnknownPieceError, "Did you mean 'scale'"),
+        ([3], ConfigError, "cannot be given as int: expected a Score, a name"),
+    ],
+)
+def test_what_stands_for_nothing_is_refused(entries, error, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(error, match=message):
+        select_pieces(entries)
+
+
+def test_a_list_in_a_list_is_refused_with_its_line(tmp_path):
+    (tmp_path / "a.txt").write_text("scale-CMajor\nb.txt\n")
+    with pytest.raises(ConfigError, match=r"a.txt', line 2: 'b.txt' is another list"):
+        select_pieces(tmp_path / "a.txt")

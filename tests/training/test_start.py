@@ -1,0 +1,227 @@
+"""Trainings that start from what another run has learnt."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from stable_baselines3.common.callbacks import BaseCallback
+
+from sb3_piano.callbacks import Checkpoint
+from sb3_piano.cli import main
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.training import RunConfig, load_start, resume, train
+
+ALGORITHMS = ("sac", "td3", "tqc", "ppo")
+
+
+@pytest.fixture
+def config():
+    """Return a function that makes settings of something tiny on Pendulum, episodes of 20 steps."""
+
+    def make(algo="sac", **changes):
+        arguments = {"policy_kwargs": {"net_arch": [8]}, "device": "cpu", "batch_size": 8}
+        if algo == "ppo":
+            arguments["n_steps"] = 40
+        else:
+            arguments |= {"learning_starts": 10, "buffer_size": 200}
+        arguments |= changes.pop("algorithm_kwargs", {})
+        settings = {
+            "algo": algo,
+            "env_id": "Pendulum-v1",
+            "n_timesteps": 80,
+            "seed": 1,
+            "env_kwargs": {"max_episode_steps": 20},
+            "algorithm_kwargs": arguments,
+        }
+        return RunConfig(**{**settings, **changes})
+
+    return make
+
+
+@pytest.fixture
+def source(config, tmp_path):
+    """Return a function that trains a model to start from, and returns its folder."""
+
+    def make(algo="sac", **changes):
+        return train(config(algo, **changes), tmp_path / "source", progress_bar=False).folder
+
+    return make
+
+
+class Watched(BaseCallback):
+    """Notes the model as the training begins, and what is done step by step."""
+
+    def __init__(self):
+        super().__init__()
+        self.actions, self.updates = [], []
+
+    def _on_training_start(self):
+        self.parameters = flat(self.model)
+        self.coefficient = getattr(self.model, "log_ent_coef", None)
+        self.coefficient = None if self.coefficient is None else self.coefficient.detach().clone()
+        buffer = getattr(self.model, "replay_buffer", None)
+        self.rows = None if buffer is None else buffer.size()
+
+    def _on_step(self):
+        model = self.model
+        self.updates.append(model._n_updates)
+        if hasattr(model, "replay_buffer"):
+            observation = torch.as_tensor(np.array(model._last_obs))
+            with torch.no_grad():
+                mean = model.policy._predict(observation, deterministic=True).numpy()
+            self.actions.append((self.locals["buffer_actions"].copy(), mean))
+        return True
+
+
+def flat(model):
+    """Return all parameters and optimizers' states of a model by name."""
+    found = {}
+    for name, states in model.get_parameters().items():
+        for key, value in states.items():
+            if key == "state":
+                value = {f"{i}.{n}": t for i, s in value.items() for n, t in s.items()}
+                found.update({f"{name}.{n}": t.clone() for n, t in value.items()})
+            elif isinstance(value, torch.Tensor):
+                found[f"{name}.{key}"] = value.clone()
+    return found
+
+
+def started(config, run, folder, steps=40, **start):
+    """Train on from a run and return what was watched."""
+    watched = Watched()
+    plugin = {"sb3_piano.training.StartFromRun": {"run": str(run.path), **start}}
+    settings = config(run.read_config().algo, callback=plugin, n_timesteps=steps, seed=5)
+    train(settings, folder, callbacks=[watched], progress_bar=False)
+    return watched
+
+
+@pytest.mark.parametrize("algo", ALGORITHMS)
+def test_networks_optimizers_and_entropy_are_equal_to_the_bit(config, source, tmp_path, algo):
+    run = source(algo)
+    saved = run.read_config().algorithm.load(run.model_file)
+    watched = started(config, run, tmp_path / "next")
+    expected = flat(saved)
+    assert watched.parameters.keys() == expected.keys()
+    assert any(".exp_avg" in name for name in expected)
+    for name, tensor in expected.items():
+        assert torch.equal(watched.parameters[name], tensor), name
+    if algo in ("sac", "tqc"):
+        assert torch.equal(watched.coefficient, saved.log_ent_coef)
+        assert saved.log_ent_coef.item() != 0.0
+
+
+@pytest.mark.parametrize(("seed_steps", "first"), [(None, 8), (12, 12), (0, 1)])
+def test_the_loaded_policy_fills_the_buffer_without_an_update(
+    config, source, tmp_path, seed_steps, first
+):
+    run = source("td3", noise_type="normal", noise_std=1e-6)
+    start = {} if seed_steps is None else {"seed_steps": seed_steps}
+    plugin = {"sb3_piano.training.StartFromRun": {"run": str(run.path), **start}}
+    watched = Watched()
+    noise = {"noise_type": "normal", "noise_std": 1e-6}
+    own = config("td3", callback=plugin, n_timesteps=30, **noise)
+    train(own, tmp_path / "next", callbacks=[watched], progress_bar=False)
+    before = watched.updates[0]  # those of the run are not counted on
+    assert watched.updates[:first] == [before] * first
+    assert watched.updates[first:] == list(range(before + 1, before + 31 - first))
+    for action, policy in watched.actions:
+        np.testing.assert_allclose(action, policy, atol=1e-4)
+
+
+@pytest.mark.parametrize(("with_buffer", "rows"), [(False, 0), (True, 80)])
+def test_the_buffer_is_new_or_kept(config, source, tmp_path, with_buffer, rows):
+    watched = started(config, source(), tmp_path / "next", with_buffer=with_buffer)
+    assert watched.rows == rows
+    assert watched.updates[1] == (1 if with_buffer else 0)
+    saved = Checkpoint.read(tmp_path / "next" / "checkpoint")
+    assert saved.replay.total == rows + 40
+
+
+def test_a_training_that_is_resumed_keeps_its_own_networks(config, source, tmp_path):
+    run = source()
+    started(config, run, tmp_path / "next")
+    own = flat(run.read_config().algorithm.load(tmp_path / "next" / "model.zip"))
+    watched = Watched()
+    resume(tmp_path / "next", 60, callbacks=[watched], progress_bar=False)
+    assert all(torch.equal(watched.parameters[name], tensor) for name, tensor in own.items())
+    assert watched.updates[2] > watched.updates[0]  # it is not seeded again
+
+
+def test_statistics_of_observations_come_along(config, source, tmp_path):
+    run = source(normalize=True)
+    plugin = {"sb3_piano.training.StartFromRun": {"run": str(run.path)}}
+
+    class Counted(BaseCallback):
+        def _on_training_start(self):
+            self.count = self.model.get_vec_normalize_env().obs_rms.count
+
+        def _on_step(self):
+            return True
+
+    counted = Counted()
+    own = config(normalize=True, callback=plugin, n_timesteps=10)
+    train(own, tmp_path / "next", callbacks=[counted], progress_bar=False)
+    assert counted.count > 80
+    with pytest.raises(ConfigError, match="normalises observations and rewards, unlike this"):
+        train(config(callback=plugin), tmp_path / "other", progress_bar=False)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"algo": "td3"}, ConfigError, "is of 'sac', this training of TD3"),
+        ({"algorithm_kwargs": {"policy_kwargs": {"net_arch": [9]}}}, ConfigError, "do not fit"),
+        ({"algorithm_kwargs": {"ent_coef": 0.1}}, ConfigError, "and its ent_coef"),
+        ({"env_id": "MountainCarContinuous-v0"}, ConfigError, "has the observation_space Box"),
+        ({"algorithm_kwargs": {"buffer_size": 50}}, RunError, "200 rows of 1 environment"),
+    ],
+)
+def test_what_does_not_fit_is_refused_and_leaves_no_folder(
+    config, source, tmp_path, changes, error, message
+):
+    start = {"run": str(source().path), "with_buffer": error is RunError}
+    own = config(callback={"sb3_piano.training.StartFromRun": start}, **changes)
+    with pytest.raises(error, match=message):
+        train(own, tmp_path / "next", progress_bar=False)
+    assert not (tmp_path / "next").exists()
+
+
+def test_of_an_on_policy_run_there_is_no_buffer(config, source, tmp_path):
+    start = {"run": str(source("ppo").path), "with_buffer": True}
+    own = config("ppo", callback={"sb3_piano.training.StartFromRun": start})
+    with pytest.raises(ConfigError, match="There is no replay buffer to take"):
+        train(own, tmp_path / "next", progress_bar=False)
+
+
+def test_settings_are_those_of_the_run_with_what_is_given(config, source):
+    run = source()
+    found = load_start(run.path, n_timesteps=30, env_kwargs={"g": 9.0})
+    assert found.env_kwargs == {"max_episode_steps": 20, "g": 9.0}
+    assert (found.n_timesteps, found.seed) == (30, None)
+    assert found.algorithm_kwargs == run.read_config().algorithm_kwargs
+    (start,) = found.callback
+    assert start.kwargs == {"run": str(run.path.absolute())}
+    again = load_start(run.path, "MountainCarContinuous-v0", with_buffer=True)
+    assert again.env_id == "MountainCarContinuous-v0"
+    assert again.callback[0].kwargs["with_buffer"] is True
+
+
+@pytest.mark.slow
+def test_the_command_starts_from_a_run_on_another_piece(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    small = "{policy_kwargs: {net_arch: [8]}, batch_size: 8, buffer_size: 200, learning_starts: 9,"
+    small += " policy: MlpPolicy, n_timesteps: 20, env_kwargs: {physics: fast}}"
+    (tmp_path / "small.yml").write_text(f"default: {small}")
+    base = ["train", "--algo", "sac", "--config", "small.yml", "--no-progress", "--run", "first"]
+    assert main([*base, "--env", "RoboPianist-scale-CMajor-v0"]) == 0
+    following = ["train", "--init-from", "first", "--no-progress", "--run"]
+    assert main([*following, "second", "--pieces", "scale-[CD]Major", "--n-envs", "2"]) == 0
+    assert main([*following, "third", "--midi", "FurElise"]) == 0
+    assert main([*following, "fourth", "--with-buffer", "--steps", "30"]) == 0
+    assert Checkpoint.read(tmp_path / "fourth/checkpoint").replay.total == 50
+    capsys.readouterr()
+    assert main([*following, "fifth", "--algo", "sac"]) == 2
+    assert "--algo cannot be given with --init-from" in capsys.readouterr().err
+    assert main(["train", "--env", "RoboPianist-scale-CMajor-v0", "--with-buffer"]) == 2
+    assert "--with-buffer is given without --init-from" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""``sb3-piano evaluate`` and ``compare``: what trained models reach, alone and beside others."""
+"""``sb3-piano evaluate``: what trained models reach, alone and beside others."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ import argparse
 import itertools
 import os
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sb3_piano.cli.common import (
-    EXIT_OK,
     TRUST,
-    add_command,
     add_row,
     adder,
     new_table,
@@ -29,8 +27,7 @@ from sb3_piano.metrics import DEFINITIONS, FINGER_SHARES, Definition, has_value
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from sb3_piano.training import Comparison, Evaluation, Evaluations
-    from sb3_piano.training.evaluation.comparison import MetricComparison
+    from sb3_piano.training import Evaluation, Evaluations
 
 _MOST_FILES_LISTED = 5
 _REPETITION = (
@@ -41,6 +38,8 @@ _SHARES = {
     "shares, right thumb to little": FINGER_SHARES[:5],
     "shares, left thumb to little": FINGER_SHARES[5:],
 }
+_EQUAL_F1 = 0.0005
+"""Difference of F1 below which a table shows no difference."""
 _METRICS_IN_TABLE = 5
 """As many as fit beside each other on most terminals."""
 
@@ -51,14 +50,8 @@ _SCORE_HELP = (
 _MOTION_HELP = "also write how everything moved, as performance_<i>.npz beside each MIDI file"
 
 
-_BY_HELP = (
-    "pair the means of each piece (default), or those of each seed of a piece: of the evaluation, "
-    "or of the training"
-)
-
-
 def add_parser(commands: Any) -> None:
-    """Add both commands and their arguments."""
+    """Add the command and its arguments."""
     parser = commands.add_parser("evaluate", help="let trained models play", epilog=TRUST)
     parser.set_defaults(command=_evaluate)
     add, either = adder(parser), adder(parser.add_mutually_exclusive_group())
@@ -74,14 +67,6 @@ def add_parser(commands: Any) -> None:
     add("--csv", text="write a row for each episode")
     add("--json")
     add("--no-progress")
-    add = add_command(commands, "compare", _compare, "compare two evaluations piece by piece")
-    add("a", "A", "a JSON file of evaluate, an evaluated run, or a folder of evaluated runs")
-    add("b", "B", "likewise; differences are B - A")
-    add("--metric", "NAME", "such as f1; may be given several times", action="append")
-    by = ("piece", "seed", "training-seed")
-    add("--by", text=_BY_HELP, default="piece", choices=by)
-    add("--csv", text="write a row for each metric and pair")
-    add("--json")
 
 
 def evaluate_run(run: str) -> None:
@@ -256,7 +241,49 @@ def _several_runs_table(
         for run, cells in itertools.islice(resting.items(), 1 if same else None):
             add_row(table, "no-op baseline" if same else f"no-op baseline of {run}", *cells)
             table.rows[-1].style = "italic"
+    _add_means(table, evaluations, metrics, parent)
     return table
+
+
+def _add_means(
+    table: Table, evaluations: Sequence[Evaluation], metrics: Sequence[str], parent: Path
+) -> None:
+    """Add each run's means over its pieces, also without those that it plays as if it rested."""
+    by_run: dict[Path, list[Evaluation]] = defaultdict(list)
+    for evaluation in evaluations:
+        by_run[evaluation.run].append(evaluation)
+    several = {run: of_run for run, of_run in by_run.items() if len(of_run) > 1}
+    if several:
+        table.add_section()
+        add_row(table, "mean over pieces", style="bold")
+    for run, of_run in several.items():
+        name = str(run.relative_to(parent) if parent != Path() else run)
+        played = [found for found in of_run if not _as_if_resting(found)]
+        groups = {f"{name}, all {len(of_run)}": of_run}
+        if 0 < len(played) < len(of_run):
+            groups[f"{name}, {len(played)} without those as of resting hands"] = played
+        for text, group in groups.items():
+            cells = (_mean(group, metric) for metric in metrics)
+            add_row(table, text, *cells)
+
+
+def _mean(evaluations: Sequence[Evaluation], name: str) -> str:
+    """Return the mean of a metric over pieces, and its 95 % interval under it."""
+    from sb3_piano.training.evaluation.statistics import summarize
+
+    means = [found.mean[name] for found in evaluations if has_value(name, found.mean)]
+    if not means:
+        return _NOTHING
+    summary = summarize(means)
+    mean = rounded(name, summary.mean)
+    return mean if summary.interval is None else f"{mean}\n{rounded(name, *summary.interval)}"
+
+
+def _as_if_resting(evaluation: Evaluation) -> bool:
+    """Return whether a piece was played no other than by hands that rest, by its F1."""
+    if evaluation.baseline is None or not has_value("f1", evaluation.mean):
+        return False
+    return abs(evaluation.mean["f1"] - evaluation.baseline["f1"]) < _EQUAL_F1
 
 
 def _common_parent(evaluations: Iterable[Evaluation]) -> Path:
@@ -282,103 +309,3 @@ def _interval(evaluation: Evaluation, name: str) -> str:
     """Return the 95 % interval of a mean; nothing where there is none."""
     interval = evaluation.summary[name].interval if has_value(name, evaluation.mean) else None
     return "" if interval is None else rounded(name, *interval)
-
-
-def _compare(arguments: argparse.Namespace) -> int:
-    from sb3_piano.files import write_json
-    from sb3_piano.training import compare
-
-    comparison = compare(arguments.a, arguments.b, arguments.metric, by=arguments.by)
-    _show_comparison(comparison)
-    if arguments.csv is not None:
-        comparison.write_csv(arguments.csv)
-        print(f"Pairs:      {arguments.csv}")
-    if arguments.json is not None:
-        write_json(arguments.json, comparison.to_json())
-        print(f"Everything: {arguments.json}")
-    return EXIT_OK
-
-
-def _show_comparison(comparison: Comparison) -> None:
-    print(f"A: {comparison.a}\nB: {comparison.b}")
-    print_table(_pairs_table(comparison))
-    print_table(_summary_table(comparison))
-    for note in _notes(comparison):
-        print(note)
-    if any(found.difference.interval is not None for found in comparison.metrics):
-        print_narrowness(len(comparison.metrics[0].pairs))
-
-
-def _pairs_table(comparison: Comparison) -> Table:
-    """Return each pair of each metric."""
-    table = new_table("pair", "A", "B", "B - A")
-    for found in comparison.metrics:
-        table.add_section()
-        add_row(table, label(found.metric), style="bold")
-        for pair in found.pairs:
-            name = pair.piece if pair.seed is None else f"{pair.piece}, seed {pair.seed}"
-            values = (rounded(found.metric, pair.a), rounded(found.metric, pair.b))
-            add_row(table, name, *values, _signed(found.metric, pair.difference))
-    return table
-
-
-def _summary_table(comparison: Comparison) -> Table:
-    """Return the statistics of each metric."""
-    headings = ("mean A", "mean B", "B - A", "95 % interval", "A < B", "Wilcoxon p")
-    table = new_table("metric", *headings)
-    for found in comparison.metrics:
-        metric, interval, p = found.metric, found.difference.interval, found.test.p
-        add_row(
-            table,
-            label(metric),
-            rounded(metric, found.mean_a),
-            rounded(metric, found.mean_b),
-            _signed(metric, found.difference.mean),
-            "-" if interval is None else "..".join(_signed(metric, end) for end in interval),
-            f"{found.n_a_below_b} of {len(found.pairs)}",
-            "-" if p is None else "< 0.0001" if p < 0.0001 else f"{p:.3g}",
-        )
-    return table
-
-
-def _signed(metric: str, value: float) -> str:
-    text = rounded(metric, value)
-    return f"+{text}" if float(text) > 0 else text
-
-
-def _notes(comparison: Comparison) -> Iterator[str]:
-    """Yield in words what the tables do not tell."""
-    if comparison.physics_a != comparison.physics_b or len(comparison.physics_a) > 1:
-        yield (
-            f"Not played on the same physics: A on {' and '.join(comparison.physics_a)}, B on "
-            f"{' and '.join(comparison.physics_b)}. To play both on one: sb3-piano evaluate "
-            "--physics."
-        )
-    for side, missing in (("A", comparison.only_in_a), ("B", comparison.only_in_b)):
-        if missing:
-            yield f"Left out, as only {side} has them: {'; '.join(missing)}."
-    remarks: dict[str, list[str]] = {}
-    for found in comparison.metrics:
-        for remark in _remarks(found):
-            remarks.setdefault(remark, []).append(label(found.metric))
-    for remark, names in remarks.items():
-        of_all = len(names) == len(comparison.metrics)
-        yield f"{remark}." if of_all else f"{remark} ({', '.join(names)})."
-
-
-def _remarks(found: MetricComparison) -> Iterator[str]:
-    test = found.test
-    if found.difference.no_interval is not None:
-        yield f"No interval: {found.difference.no_interval}"
-    if test.no_test is not None:
-        yield f"No test: {test.no_test}"
-        return
-    n_equal = len(found.pairs) - test.n
-    if n_equal > 0:
-        yield f"{n_equal} equal {_pairs(n_equal)} left out of the test"
-    if test.least_p is not None and test.least_p > 0.05:
-        yield f"With {test.n} {_pairs(test.n)} p cannot be below {test.least_p:g}"
-
-
-def _pairs(count: int) -> str:
-    return "pair" if count == 1 else "pairs"

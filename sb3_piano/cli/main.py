@@ -11,7 +11,17 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import sb3_piano
-from sb3_piano.cli import bench, demonstrations, distill, evaluate, pieces, play, train, tune
+from sb3_piano.cli import (
+    bench,
+    compare,
+    demonstrations,
+    distill,
+    evaluate,
+    pieces,
+    play,
+    train,
+    tune,
+)
 from sb3_piano.cli.common import (
     EXIT_ERROR,
     EXIT_OK,
@@ -29,6 +39,7 @@ _ADDED = (
     play.add_plan_parser,
     tune.add_parser,
     evaluate.add_parser,
+    compare.add_parser,
     play.add_parser,
     play.add_report_parsers,
     demonstrations.add_parser,

@@ -156,24 +156,26 @@ TIERED_TERMS = ("energy", "forearm")
 class RewardTiering(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
     """Let energy and forearms count only in control steps in which the keys are pressed well.
 
-    Where ``key_press`` is less than the threshold, the terms ``energy`` and ``forearm`` are 0:
+    Where ``key_press`` is not above the threshold, the terms ``energy`` and ``forearm`` are 0:
     nothing is earned by forearms that keep apart, and no energy is paid for either. ``key_press``
     is taken as it arrives, so that of a :class:`~sb3_piano.wrappers.KeyRewardTiering` inside it is
     the tiered one.
 
-    Source: RoboVirtuoso, section 6, "reward tiering". It gives no number for the threshold; the
-    default asks, where no wrong key sounds, for half of the recall. In steps in which nothing is
-    due ``key_press`` is 0.5 at most, so that with a greater threshold they never have these terms.
+    Source: RoboVirtuoso, section 6, "reward tiering". It gives no number; the default is that of
+    its authors' code. In steps in which nothing is due ``key_press`` is 0.5 at most, so that they
+    never have these terms. Where a key is due, hands that press nothing are just above it, since a
+    key that is up counts 0.00025 of one that is down; 0.75 asks for half of the recall, and inside
+    a ``RewardTiering`` a ``KeyRewardTiering`` lets nothing count that is not played.
 
     Args:
         env: A piano environment, wrapped or not.
-        threshold: Least ``key_press`` with which the terms count, in [0, 1].
+        threshold: What ``key_press`` must exceed for the terms to count, in [0, 1].
 
     Raises:
         ConfigError: If ``threshold`` is out of range, or ``env`` is no piano or has no hands.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], threshold: float = 0.75) -> None:
+    def __init__(self, env: gym.Env[Any, Any], threshold: float = 0.5) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, threshold=threshold)
         super().__init__(env)
         self._threshold = checked("threshold", threshold, Share)
@@ -181,7 +183,7 @@ class RewardTiering(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
 
     def reward_terms(self, terms: RewardTerms) -> RewardTerms:
         """Return the terms, with 0 for those that are not earned."""
-        if terms["key_press"] >= self._threshold:
+        if terms["key_press"] > self._threshold:
             return terms
         return {**terms, **dict.fromkeys(TIERED_TERMS, 0.0)}
 

@@ -24,7 +24,10 @@ def folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("command", "message"),
     [
-        ("train", "Nothing to play: expected --env ID, --midi FILE or --resume RUN."),
+        (
+            "train",
+            "Nothing to play: expected --env ID, --midi FILE, --pieces PIECE... or --resume RUN.",
+        ),
         ("train --env RoboPianist-v0 --algo td4", "Unknown algorithm 'td4'. Did you mean 'td3'"),
         ("train --env RoboPianst-v0", "Unknown environment 'RoboPianst-v0'. Did you mean 'Rob"),
         ("train --env RoboPianist-v0 --algo a2c", "No preset comes with this package for 'a2c'"),

@@ -12,8 +12,10 @@ import pytest
 from acting import LOUD, STILL
 
 from sb3_piano.cli import main
-from sb3_piano.cli.evaluate import rounded
+from sb3_piano.cli.evaluate import _several_runs_table, rounded
 from sb3_piano.metrics import FINGER_SHARES
+from sb3_piano.training import evaluate_runs
+from sb3_piano.training.evaluation.statistics import summarize
 
 
 class Stopped(gym.Wrapper):
@@ -281,3 +283,32 @@ def test_equal_pairs_are_said_to_be_left_out_of_the_test(call, tmp_path):
     assert rows_of(out)[-1][4:] == [rows_of(out)[-1][4], "0 of 19", "< 0.0001"]
     assert "cannot be below" not in out
     assert "too narrow" not in out
+
+
+def test_a_run_on_several_pieces_has_its_means(piano_run, call, tmp_path):
+    piano_run(LOUD)
+    command = "evaluate run --metrics f1 recall --json all.json"
+    pieces = ("scale-CMajor", "FurElise", "TwinkleTwinkleLittleStar")
+    code, out, _ = call(command + "".join(f" --score {piece}" for piece in pieces))
+    assert code == 0
+    rows = rows_of(out)
+    found = json.loads((tmp_path / "all.json").read_text())["evaluations"]
+    at = rows.index(["mean over pieces", "", ""])
+    means = [sum(e["mean"][name] for e in found) / 3 for name in ("f1", "recall")]
+    assert rows[at + 1] == ["run, all 3", *(rounded("f1", mean) for mean in means)]
+    low, high = (float(end) for end in rows[at + 2][1].split(".."))
+    assert 0 <= low <= means[0] <= high
+    assert len(rows) == at + 3
+    assert "mean over pieces" not in call(f"{command} --score FurElise")[1]
+
+
+def test_means_are_also_those_without_pieces_played_as_by_resting_hands(piano_run, tmp_path):
+    run = piano_run(LOUD).path
+    found = evaluate_runs([run], scores=["scale-CMajor", "FurElise", "scale-DMajor"]).evaluations
+    summary = {**found[1].summary, "f1": summarize([found[1].baseline["f1"]])}
+    still = dataclasses.replace(found[1], summary=summary)
+    table = _several_runs_table([found[0], still, found[2]], ["f1"], tmp_path)
+    cells = list(table.columns[0].cells)
+    at = [str(cell) for cell in cells].index("run, 2 without those as of resting hands")
+    shown = str(list(table.columns[1].cells)[at]).split("\n")[0]
+    assert shown == rounded("f1", (found[0].mean["f1"] + found[2].mean["f1"]) / 2)

@@ -105,19 +105,21 @@ def test_each_step_is_compared_with_its_own_goal():
 @pytest.mark.parametrize(
     ("keys", "threshold", "counts"),
     [
-        ((), 0.75, False),  # 0.5
+        ((), 0.75, False),  # 0.5001
+        ((), 0.5, True),
+        ((WRONG,), 0.5, False),  # 0.0001
         ((C4,), 0.74, True),  # 0.75
         ((C4,), 0.76, False),
         ((C4, E4), 0.75, True),
-        ((C4, E4), 1, True),  # 1 reaches 1
+        ((C4, E4), 1, False),  # 1 does not exceed 1
         ((C4, E4, WRONG), 0.75, False),  # 0.5
         (range(NUM_KEYS), 0.0, True),
     ],
 )
-def test_comfort_counts_from_the_threshold_on(piano, keys, threshold, counts):
+def test_comfort_counts_above_the_threshold(piano, keys, threshold, counts):
     _, terms = play(piano, keys)
     assert (terms["forearm"], terms["energy"] < 0.0) == (1.0, True)
-    env = RewardTiering(piano, threshold)
+    env = RewardTiering(piano) if threshold == 0.5 else RewardTiering(piano, threshold)
     env.reset(seed=0)
     reward, tiered = play(env, keys)
     if not counts:
@@ -125,3 +127,8 @@ def test_comfort_counts_from_the_threshold_on(piano, keys, threshold, counts):
     assert tiered == terms
     weights = piano.config.reward_weights
     assert reward == pytest.approx(sum(weights[name] * terms[name] for name in terms))
+
+
+def test_by_default_rests_never_count(piano):
+    """Where nothing is due ``key_press`` is 0.5, which the default has to be exceeded by."""
+    assert play(RewardTiering(piano), (), steps=7)[1]["forearm"] == 0.0

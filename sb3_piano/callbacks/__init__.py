@@ -8,6 +8,7 @@ from sb3_piano.callbacks.beginning import (
 )
 from sb3_piano.callbacks.checkpoint import Checkpoint, ResumableCheckpoint
 from sb3_piano.callbacks.episode_metrics import EpisodeMetricsCallback, RewardTermsCallback
+from sb3_piano.callbacks.hindsight import HindsightCallback
 from sb3_piano.callbacks.metric_eval import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.callbacks.performance_video import PerformanceVideoCallback
 from sb3_piano.callbacks.progress import PianoProgressBar
@@ -21,6 +22,7 @@ __all__ = [
     "EpisodeMetricsCallback",
     "F1Callback",
     "HandWeightsCallback",
+    "HindsightCallback",
     "MetricEvalCallback",
     "OnsetF1Callback",
     "PerformanceVideoCallback",

@@ -5,6 +5,7 @@ from sb3_piano.wrappers.excerpt import Excerpt
 from sb3_piano.wrappers.hand_actions import HandActions
 from sb3_piano.wrappers.hand_reward import HandReward
 from sb3_piano.wrappers.hide_fingering import HideFingering
+from sb3_piano.wrappers.hindsight_flag import HindsightFlag
 from sb3_piano.wrappers.key_range import KeyRange
 from sb3_piano.wrappers.lookahead import Lookahead
 from sb3_piano.wrappers.piano import LayoutWrapper
@@ -28,6 +29,7 @@ __all__ = [
     "HandActions",
     "HandReward",
     "HideFingering",
+    "HindsightFlag",
     "KeyRange",
     "KeyRewardTiering",
     "LayoutWrapper",

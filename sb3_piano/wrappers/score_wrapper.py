@@ -43,6 +43,19 @@ class ScorePlan:
         return score
 
 
+@dataclass(frozen=True, kw_only=True)
+class FixedScore(ScorePlan):
+    """Plan of an episode that plays a given score, whatever wrappers add to the plan."""
+
+    score: Score
+    """What is played."""
+
+    def __call__(self, score: Score, random: np.random.Generator) -> Score:
+        """Return the given score."""
+        del score, random  # neither chosen nor changed
+        return self.score
+
+
 class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any]):
     """Change the score of each episode.
 

@@ -1,0 +1,211 @@
+"""Episodes played again, under the score of what was played in them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import VecEnv
+
+from sb3_piano.callbacks.own_env import env_name
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, RunError, ScoreError
+from sb3_piano.layers import layers
+from sb3_piano.metrics import frame_f1, presses_of
+from sb3_piano.music import MIN_PITCH, Note, Pedal, Score
+from sb3_piano.performance import Performance
+from sb3_piano.wrappers import HindsightFlag
+from sb3_piano.wrappers.residual import Residual
+from sb3_piano.wrappers.score_wrapper import FixedScore
+
+
+@dataclass
+class Episode:
+    """Actions of an episode."""
+
+    actions: list[Any] = field(default_factory=list)
+    """What the environment got in each control step."""
+    stored_actions: list[Any] = field(default_factory=list)
+    """The same as the replay buffer has it."""
+    steps_before: int = 0
+    """Control steps that the environment had played before, which schedules go by."""
+
+
+class Transition(NamedTuple):
+    """One environment's part of a row of a replay buffer."""
+
+    observation: Any
+    next_observation: Any
+    action: Any
+    reward: float
+    done: bool
+    info: dict[str, Any]
+
+
+class Relabelled(NamedTuple):
+    """A relabelled episode."""
+
+    transitions: list[Transition]
+    sounding: float
+    """Share of the control steps in which a key sounds."""
+
+
+class Stage:
+    """An environment in which actions are played again."""
+
+    def __init__(self, venv: VecEnv, model: BaseAlgorithm) -> None:
+        """Prepare an environment, which is closed if it is refused.
+
+        Raises:
+            ConfigError: If episodes of a model's environment cannot be relabelled in it.
+        """
+        self._venv = venv
+        try:
+            self._env: gym.Env[Any, Any] = getattr(venv.unwrapped, "envs")[0]  # noqa: B009
+            self._piano = _piano_for(self._env, venv, model)
+        except ConfigError:
+            venv.close()
+            raise
+        config = self._piano.config
+        for layer in layers(self._env):
+            if isinstance(layer, HindsightFlag):
+                layer.relabelled = True
+        keeps_labels = config.fingering != "optimal-transport"
+        # Nothing may change the score of what was played, or end the episode before it does.
+        self._piano.config = dataclasses.replace(
+            config,
+            trim_silence=False,
+            initial_buffer_time=0.0,
+            hands="both",
+            fingering="keep" if keeps_labels else "optimal-transport",
+            wrong_press_termination=False,
+        )
+        self._env.reset()
+        # A note that can be shown, whichever observation and wrappers there are.
+        self._note = self._piano.score.notes[0]
+
+    def close(self) -> None:
+        """Close the environment."""
+        self._venv.close()
+
+    def relabelled(self, episode: Episode) -> Relabelled | None:
+        """Return an episode under the score of what was played, or ``None`` if there is none.
+
+        Raises:
+            RunError: If the same actions play something else the second time.
+        """
+        score = score_by_steps(self._heard(episode))
+        if score is None:
+            return None
+        try:
+            observation, _ = self._env.reset(options={"transform": FixedScore(score=score)})
+        except ScoreError:
+            return None
+        self._piano.total_steps = episode.steps_before
+        # A score ends with its last note: silence that follows is no part of it.
+        steps = min(len(episode.actions), len(self._piano.roll))
+        transitions = []
+        played = zip(
+            episode.stored_actions[:steps], self._steps(episode.actions[:steps]), strict=True
+        )
+        for stored, (following, reward, info) in played:
+            transitions.append(Transition(observation, following, stored, reward, False, info))
+            observation = following
+        info = {**transitions[-1].info, "TimeLimit.truncated": True}
+        transitions[-1] = transitions[-1]._replace(done=True, info=info)
+        performance = self._piano.performance
+        _check_f1(performance)
+        return Relabelled(transitions, float(performance.key_active.any(axis=1).mean()))
+
+    def _heard(self, episode: Episode) -> Performance:
+        """Return what an episode's actions play."""
+        duration = len(episode.actions) * self._piano.config.control_timestep
+        note = dataclasses.replace(self._note, onset=0.0, offset=duration)
+        self._env.reset(options={"transform": FixedScore(score=Score(notes=[note]))})
+        for _ in self._steps(episode.actions):
+            pass
+        return self._piano.performance
+
+    def _steps(self, actions: Sequence[Any]) -> Iterator[tuple[Any, float, dict[str, Any]]]:
+        """Play actions and yield what follows each of them: observation, reward, info."""
+        for step, action in enumerate(actions, start=1):
+            observation, reward, terminated, truncated, info = self._env.step(action)
+            yield observation, float(reward), info
+            if (terminated or truncated) and step < len(actions):
+                raise RunError(
+                    f"An episode of {len(actions)} control steps ended after {step} when it was "
+                    "played again for HindsightCallback: expected one that ends with its piece. "
+                    "Train without wrappers that end it by what is played, or without the callback."
+                )
+
+
+def score_by_steps(performance: Performance) -> Score | None:
+    """Return the score whose roll is what was played, or ``None`` if no key sounded.
+
+    Each unbroken run of control steps in which a key sounds is a note, with the finger that was
+    nearest in the first of them; likewise for the pedal. Notes begin and end with control steps,
+    other than in :meth:`~sb3_piano.performance.Performance.to_score`.
+    """
+    step = performance.roll.control_timestep
+    presses = performance.presses
+    fingers = performance.press_finger[presses.first, presses.key].tolist()
+    notes = [
+        Note(onset=first * step, offset=end * step, pitch=MIN_PITCH + key, finger=finger)
+        for key, first, end, finger in zip(
+            presses.key.tolist(), presses.first.tolist(), presses.end.tolist(), fingers, strict=True
+        )
+    ]
+    if not notes:
+        return None
+    down = presses_of(performance.sustain[:, None])
+    spans = zip(down.first.tolist(), down.end.tolist(), strict=True)
+    pedals = [Pedal(onset=first * step, offset=end * step) for first, end in spans]
+    return Score(notes=notes, pedals=pedals, title="relabelled")
+
+
+def _piano_for(env: gym.Env[Any, Any], venv: VecEnv, model: BaseAlgorithm) -> PianoEnv:
+    """Return the piano in an environment in which a model's episodes are to be played again.
+
+    Raises:
+        ConfigError: If they cannot.
+    """
+    piano = env.unwrapped
+    if not isinstance(piano, PianoEnv):
+        raise ConfigError(
+            f"HindsightCallback finds {env_name(venv)}: expected a piano environment."
+        )
+    for name in ("observation_space", "action_space"):
+        own, expected = getattr(env, name), getattr(model, name)
+        if own != expected:
+            raise ConfigError(
+                f"HindsightCallback cannot add transitions of one environment: its {name} is "
+                f"{own}, the model's {expected}. Expected a training without vec_env_wrapper that "
+                "changes it, such as HandsAsAgents."
+            )
+    if piano.config.randomize_hand_positions:
+        raise ConfigError(
+            "randomize_hand_positions is True, with which HindsightCallback cannot play an episode "
+            "again: expected False."
+        )
+    for layer in layers(env):
+        if isinstance(layer, Residual):
+            raise ConfigError(
+                f"HindsightCallback finds {type(layer).__name__}, under which the same actions "
+                "play something else when the score is another: expected a training without it."
+            )
+    return piano
+
+
+def _check_f1(performance: Performance) -> None:
+    f1 = frame_f1(performance.roll.active[: len(performance)], performance.key_active)
+    if f1 != 1.0:
+        raise RunError(
+            f"A relabelled episode has F1 {f1:.4f}: expected 1. The environment plays the same "
+            "actions differently the second time, or under another score, as with a wrapper that "
+            "draws something or acts by the score itself. Train without it, or without "
+            "HindsightCallback."
+        )

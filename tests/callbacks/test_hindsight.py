@@ -1,0 +1,568 @@
+"""Episodes that are relabelled in hindsight: exactly what was played, and nothing lost."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from stable_baselines3 import DQN, PPO, SAC, TD3
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.noise import NormalActionNoise
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+from sb3_piano.buffers import CompactReplayBuffer
+from sb3_piano.callbacks import HindsightCallback
+from sb3_piano.callbacks.own_env import RunContext
+from sb3_piano.callbacks.relabelling import Stage, score_by_steps
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.music import Note, PianoRoll, Score
+from sb3_piano.performance import Performance
+from sb3_piano.vec_env import HandsAsAgents, ProcessVecEnv, ThreadVecEnv
+from sb3_piano.wrappers import (
+    Excerpt,
+    HandActions,
+    HandReward,
+    HindsightFlag,
+    KeyRange,
+    Lookahead,
+    PitchShift,
+    PreviousActionReward,
+    RandomPiece,
+    TemporalStretch,
+)
+from sb3_piano.wrappers.residual import Residual
+
+
+def piece(steps, first=1, pitch=60):
+    """Return a piece of so many control steps after its first note, and silence before it."""
+    notes = [
+        Note(onset=0.05 * first, offset=0.05 * (first + steps), pitch=pitch, finger=0),
+        Note(onset=0.05 * first, offset=0.05 * (first + 1), pitch=pitch - 5, finger=6),
+    ]
+    return Score(notes=notes, title=f"{steps} steps")
+
+
+def piano(score=None, **options):
+    options = {"physics": "fast", "n_steps_lookahead": 2, **options}
+    return PianoEnv(score or piece(19), **options)
+
+
+class Held(gym.Wrapper):
+    """Play each action for four control steps, so that keys go down and come up again."""
+
+    def reset(self, **kwargs):
+        self.count = 0
+        return super().reset(**kwargs)
+
+    def step(self, action):
+        if self.count % 4 == 0:
+            self.held = action
+        self.count += 1
+        return super().step(self.held)
+
+
+class Played(gym.Wrapper):
+    """Tell in the last info of an episode what was played."""
+
+    def step(self, action):
+        *result, terminated, truncated, info = super().step(action)
+        if terminated or truncated:
+            info = {**info, "played": self.unwrapped.performance}
+        return *result, terminated, truncated, info
+
+
+class Performances(BaseCallback):
+    """Keep what was played, with the environment that played it."""
+
+    def __init__(self):
+        super().__init__()
+        self.found = []
+
+    def _on_step(self):
+        self.found += [
+            (i, info["played"]) for i, info in enumerate(self.locals["infos"]) if "played" in info
+        ]
+        return True
+
+
+def collecting(envs, algorithm=SAC, vector=DummyVecEnv, **kwargs):
+    """Return a model that plays random actions in environments given as functions."""
+    settings = {
+        "learning_starts": 10**6,
+        "buffer_size": 20_000,
+        "policy_kwargs": {"net_arch": [4]},
+        "train_freq": 1,
+        "device": "cpu",
+        "seed": 3,
+        **kwargs,
+    }
+    venv = vector(envs) if isinstance(envs, list) else envs
+    return algorithm("MlpPolicy", venv, **settings)
+
+
+def flagged(**options):
+    return HindsightFlag(Held(Played(piano(**options))))
+
+
+def rows(model):
+    """Return observations, next ones, actions, rewards, dones and timeouts of all rows."""
+    buffer = model.replay_buffer
+    names = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
+    return {name: getattr(buffer, name)[: buffer.pos] for name in names}
+
+
+def block(env, observations, name):
+    described = env.observation_space.layout[name]
+    return observations[..., described.slice].reshape(*observations.shape[:-1], *described.shape)
+
+
+@pytest.fixture
+def relabelled(monkeypatch):
+    """Performances of the relabelled episodes, once the training is over."""
+    found, original = [], Stage.relabelled
+
+    def spied(stage, episode):
+        result = original(stage, episode)
+        if result is not None:
+            found.append(stage._piano.performance)
+        return result
+
+    monkeypatch.setattr(Stage, "relabelled", spied)
+    return found
+
+
+def assert_same_playing(relabelled, original):
+    """Check that a relabelled episode plays, and asks for, what was played in the original."""
+    steps = len(relabelled)
+    assert relabelled.metrics()["f1"] == 1.0
+    np.testing.assert_array_equal(relabelled.key_active, original.key_active[:steps])
+    np.testing.assert_array_equal(relabelled.roll.active[:steps], original.key_active[:steps])
+    np.testing.assert_array_equal(relabelled.roll.sustain[:steps], original.sustain[:steps])
+    assert not original.key_active[steps:].any()
+
+
+class TestScoreBySteps:
+    @staticmethod
+    def performance(key_active, sustain, press_finger):
+        steps, none = len(key_active), np.zeros(0)
+        shape = (steps, 88)
+        roll = PianoRoll(
+            control_timestep=0.05,
+            active=np.zeros(shape),
+            finger=np.full(shape, -1),
+            onset=np.zeros(shape),
+            sustain=np.zeros(steps),
+        )
+        return Performance(
+            roll=roll,
+            key_active=key_active,
+            sustain=sustain,
+            strike_time=none,
+            release_time=none,
+            press_finger=press_finger,
+        )
+
+    def test_a_repeated_note_and_a_pedal_by_hand(self):
+        keys = np.zeros((6, 88), dtype=bool)
+        keys[[0, 1, 3, 5], 39] = True
+        fingers = np.where(keys, 2, -1).astype(np.int8)
+        fingers[1, 39] = 7  # another finger came nearer
+        pedal = np.array([False, True, True, False, True, True])
+        score = score_by_steps(self.performance(keys, pedal, fingers))
+        assert [(n.pitch, n.finger) for n in score.notes] == [(60, 2)] * 3
+        times = [(note.onset, note.offset) for note in (*score.notes, *score.pedals)]
+        np.testing.assert_allclose(
+            times, [(0, 0.1), (0.15, 0.2), (0.25, 0.3), (0.05, 0.15), (0.2, 0.3)]
+        )
+
+    def test_its_roll_is_what_was_played(self):
+        random = np.random.default_rng(0)
+        for _ in range(100):
+            steps, share = random.integers(1, 400), random.choice([0.001, 0.02, 0.5, 0.9])
+            keys = random.random((steps, 88)) < share
+            pedal = random.random(steps) < 0.5
+            fingers = np.where(keys, random.integers(0, 10, keys.shape), -1).astype(np.int8)
+            score = score_by_steps(self.performance(keys, pedal, fingers))
+            if score is None:
+                assert not keys.any()
+                continue
+            roll = PianoRoll.from_score(score, 0.05)
+            last = np.flatnonzero(keys.any(axis=1))[-1]
+            assert len(roll) == last + 2
+            shown = min(len(roll), steps)
+            np.testing.assert_array_equal(roll.active[:shown], keys[:shown])
+            np.testing.assert_array_equal(roll.sustain[:shown], pedal[:shown])
+            begins = keys[:shown] & ~np.vstack([np.zeros((1, 88), dtype=bool), keys[: shown - 1]])
+            np.testing.assert_array_equal(roll.finger[:shown][begins], fingers[:shown][begins])
+
+
+@pytest.mark.slow
+def test_two_hundred_relabelled_episodes_have_an_f1_of_exactly_1(relabelled):
+    pieces = [piece(steps, first, 50 + steps) for steps, first in ((5, 0), (17, 3), (30, 1))]
+    original = Performances()
+    model = collecting([lambda: HindsightFlag(Held(Played(RandomPiece(piano(), pieces))))])
+    while len(relabelled) < 200:
+        model.learn(500, callback=[HindsightCallback(), original], log_interval=10**6)
+    sounded = [played for _, played in original.found if played.key_active.any()]
+    assert len(sounded) == len(relabelled)
+    for one, other in zip(relabelled, sounded, strict=True):
+        assert_same_playing(one, other)
+    repeated = sum(len(p.presses.key) > len(set(p.presses.key.tolist())) for p in relabelled)
+    pedals = sum(p.sustain.any() for p in relabelled)
+    shorter = sum(len(one) < len(other) for one, other in zip(relabelled, sounded, strict=True))
+    assert min(repeated, pedals, shorter) > 5
+
+
+def test_the_transitions_follow_those_of_the_episode_and_are_the_replay_s():
+    performances = Performances()
+    model = collecting([flagged])
+    model.learn(60, callback=[HindsightCallback(), performances], log_interval=10**6)
+    all_rows = {name: array[:, 0] for name, array in rows(model).items()}
+    env, expected, start = flagged(), [], 0
+    for _, played in performances.found:
+        steps = len(played)
+        assert not block(env, all_rows["observations"][start : start + steps], "relabelled").any()
+        assert all_rows["dones"][start + steps - 1] == 1
+        actions = all_rows["actions"][start : start + steps]
+        other = flagged(trim_silence=False)
+        score = score_by_steps(played)
+        observation, _ = other.reset(options={"score": score})
+        other.relabelled = True
+        observation[-1] = 1.0
+        count = min(steps, len(other.unwrapped.roll))
+        for index, action in enumerate(actions[:count]):
+            row = {name: array[start + steps + index] for name, array in all_rows.items()}
+            np.testing.assert_array_equal(row["observations"], observation)
+            observation, reward, *_ = other.step(action)
+            np.testing.assert_array_equal(row["next_observations"], observation)
+            np.testing.assert_array_equal(row["actions"], action)
+            assert row["rewards"] == np.float32(reward)
+            assert block(env, row["observations"], "relabelled") == [1]
+            assert row["dones"] == row["timeouts"] == (index == count - 1)
+            goal = block(env, row["observations"], "goal")[0, :88]
+            np.testing.assert_array_equal(goal, played.key_active[index])
+        expected.append(count)
+        start += steps + count
+    assert len(expected) == 3
+    assert len(all_rows["dones"]) == start  # 60 steps are three whole episodes
+    assert model.logger.name_to_value["hindsight/episodes"] == 3
+    sounding = np.mean(
+        [
+            p.key_active[:n].any(axis=1).mean()
+            for (_, p), n in zip(performances.found, expected, strict=True)
+        ]
+    )
+    assert model.logger.name_to_value["hindsight/sounding"] == pytest.approx(sounding)
+
+
+@pytest.mark.parametrize("train_freq", [1, 7])
+@pytest.mark.parametrize("vector", [DummyVecEnv, ThreadVecEnv])
+def test_of_two_environments_rows_are_added_when_both_have_some(vector, train_freq):
+    def env(steps):
+        return HindsightFlag(Held(Played(piano(piece(steps)))))
+
+    performances = Performances()
+    envs = [lambda: env(9), lambda: env(23)]
+    model = collecting(envs, vector=vector, train_freq=train_freq)
+    model.learn(2 * 70, callback=[HindsightCallback(), performances], log_interval=10**6)
+    all_rows = rows(model)
+    flag = block(env(9), all_rows["observations"], "relabelled")[..., 0]
+    np.testing.assert_array_equal(flag[:, 0], flag[:, 1])
+    real, added = flag[:, 0] == 0, flag[:, 0] == 1
+    assert real.sum() == 70
+    lengths = {0: 0, 1: 0}
+    for slot in (0, 1):
+        played = [p for s, p in performances.found if s == slot]
+        expected, start = [], 0
+        for one in played:
+            score = score_by_steps(one)
+            count = 0 if score is None else min(len(one), len(PianoRoll.from_score(score, 0.05)))
+            expected.append(all_rows["actions"][real, slot][start : start + count])
+            start += len(one)
+        expected = np.concatenate(expected)
+        lengths[slot] = len(expected)
+        actions = all_rows["actions"][added, slot]
+        np.testing.assert_array_equal(actions, expected[: len(actions)])
+    assert lengths[0] != lengths[1]
+    assert added.sum() == min(lengths.values()) > 30
+    # Nothing before the first episode of both is over.
+    assert not added[:24].any()
+
+
+def test_the_transitions_of_the_training_are_those_without_the_callback():
+    def make(buffer):
+        venv = VecNormalize(DummyVecEnv([flagged] * 2))
+        return collecting(venv, replay_buffer_class=buffer)
+
+    plain, model = make(None), make(None)
+    plain.learn(120)
+    model.learn(120, callback=HindsightCallback())
+    found, expected = rows(model), rows(plain)
+    real = found["observations"][:, 0, -1] == 0
+    assert 0 < real.sum() < len(real)
+    for name, array in expected.items():
+        np.testing.assert_array_equal(found[name][real], array, name)
+
+
+def test_a_compact_buffer_gets_the_same():
+    def batch(buffer):
+        model = collecting([flagged], replay_buffer_class=buffer)
+        model.learn(60, callback=HindsightCallback())
+        np.random.seed(0)  # noqa: NPY002
+        return model.replay_buffer.pos, model.replay_buffer.sample(200)
+
+    (count, one), (other_count, other) = batch(None), batch(CompactReplayBuffer)
+    assert count == other_count > 60
+    for array, expected in zip(other[:5], one[:5], strict=True):
+        np.testing.assert_array_equal(array, expected)
+
+
+# Every key is due for ten control steps, then one of them: what is wrong then was right before.
+CLUSTER = Score(
+    notes=[Note(onset=0.0, offset=0.5, pitch=pitch, finger=0) for pitch in range(21, 108)]
+    + [Note(onset=0.0, offset=1.0, pitch=108, finger=0)]
+)
+LEFT = Note(onset=0.0, offset=0.3, pitch=48, finger=5)
+STACKS = {
+    "shifted": ({}, lambda env: PitchShift(env, 3)),
+    "stretched": ({}, lambda env: TemporalStretch(env, [0.4, 2])),
+    "a part": ({}, lambda env: Excerpt(env, start=0.02, length=0.5)),
+    "pieces": ({}, lambda env: PitchShift(RandomPiece(env, [piece(3), piece(30)]), [-5, 5])),
+    "silence before": ({"initial_buffer_time": 0.2, "trim_silence": False}, None),
+    "for the robot": ({"fingering": "robot"}, None),
+    "without labels": ({"fingering": "optimal-transport"}, None),
+    "one hand's notes": ({"hands": "right"}, None),
+    "one hand": ({"hands_in_scene": "left", "score": Score(notes=[LEFT])}, None),
+    "no hand": ({"hands_in_scene": "none"}, None),
+    "a step earlier": ({"goal_time": "end", "wrong_press_termination": True}, None),
+    "a wrong press": ({"score": CLUSTER, "wrong_press_termination": True}, None),
+    "fingers": ({"observation": "fingers"}, None),
+    "hands": ({"observation": "hands", "reduced_action_space": False}, HandActions),
+    "few keys": ({}, lambda env: KeyRange(env, 24, outside="hide")),
+    "more": ({}, lambda env: PreviousActionReward(Lookahead(env, 20, stride=5, fingers=True))),
+}
+
+
+@pytest.mark.parametrize(("options", "wrapper"), STACKS.values(), ids=STACKS)
+def test_nothing_changes_the_score_of_what_was_played(options, wrapper, relabelled):
+    wrapper = wrapper or (lambda env: env)
+    original = Performances()
+    model = collecting([lambda: Held(Played(wrapper(piano(**options))))])
+    model.learn(90, callback=[HindsightCallback(), original])
+    sounded = [played for _, played in original.found if played.key_active.any()]
+    assert len(sounded) == len(relabelled) > 0
+    for one, other in zip(relabelled, sounded, strict=True):
+        if wrapper is HandActions:  # whose pedal goes by the score
+            other = dataclasses.replace(other, sustain=np.zeros_like(other.sustain))
+        assert_same_playing(one, other)
+        if options.get("fingering") != "optimal-transport":
+            first = other.presses.first, other.presses.key
+            np.testing.assert_array_equal(one.roll.finger[first], other.press_finger[first])
+        else:
+            assert (one.roll.finger == -1).all()
+
+
+def test_an_episode_with_keys_that_the_agent_does_not_see_is_left_out(relabelled):
+    original = Performances()
+    model = collecting([lambda: HindsightFlag(Held(Played(KeyRange(piano(), [50, 66]))))])
+    model.learn(100, callback=[HindsightCallback(), original])
+    keys = [np.flatnonzero(p.key_active.any(axis=0)) + 21 for _, p in original.found]
+    visible = [np.isin(k, range(50, 67)).all() and len(k) for k in keys]
+    assert len(relabelled) == sum(map(bool, visible)) < len(keys) == 5
+    assert model.replay_buffer.pos == 100 + sum(map(len, relabelled))
+
+
+class Quiet(gym.ActionWrapper):
+    def action(self, action):
+        return self.unwrapped.rest_action
+
+
+def test_an_episode_without_a_sound_is_left_out():
+    model = collecting([lambda: Quiet(piano())])
+    model.learn(40, callback=HindsightCallback())
+    assert model.replay_buffer.pos == 40
+    assert "hindsight/episodes" not in model.logger.name_to_value
+
+
+def test_an_environment_that_is_far_ahead_waits_for_the_other(monkeypatch):
+    monkeypatch.setattr("sb3_piano.callbacks.hindsight._MOST_WAITING", 30)
+    callback = HindsightCallback()
+    model = collecting([lambda: Held(piano(piece(500))), lambda: Held(piano())])
+    model.learn(2 * 200, callback=callback)
+    assert model.replay_buffer.pos == 200
+    assert not callback._waiting[0]
+    assert 30 <= len(callback._waiting[1]) < 30 + 20
+
+
+class Clock(gym.RewardWrapper):
+    """Reward by the number of steps that were played."""
+
+    def reward(self, reward):
+        return self.unwrapped.total_steps
+
+
+@pytest.mark.parametrize("train_freq", [1, 7])
+def test_schedules_stand_where_they_stood_in_the_episode(train_freq):
+    model = collecting([lambda: HindsightFlag(Clock(Held(piano())))], train_freq=train_freq)
+    model.learn(70, callback=HindsightCallback())
+    all_rows = rows(model)
+    added = all_rows["observations"][:, 0, -1] == 1
+    time = {
+        a.tobytes(): r
+        for a, r in zip(all_rows["actions"][~added], all_rows["rewards"][~added], strict=True)
+    }
+    assert added.sum() > 30
+    for action, reward in zip(all_rows["actions"][added], all_rows["rewards"][added], strict=True):
+        assert time[action.tobytes()] == reward
+
+
+class Stretched(gym.ActionWrapper):
+    """Actions in another space than from -1 to 1."""
+
+    def __init__(self, env):
+        super().__init__(env)
+        self.action_space = gym.spaces.Box(0.0, 4.0, env.action_space.shape, dtype=np.float32)
+
+    def action(self, action):
+        assert action.min() >= 0
+        assert action.max() > 1
+        return action / 2 - 1
+
+
+def test_actions_are_played_as_the_environment_gets_them_and_stored_as_the_buffer_has_them():
+    noise = NormalActionNoise(np.zeros(39), np.full(39, 0.1))
+    env = lambda: HindsightFlag(Stretched(Held(piano())))  # noqa: E731
+    model = collecting([env], TD3, action_noise=noise, learning_starts=30)
+    model.learn(60, callback=HindsightCallback())
+    all_rows = rows(model)
+    added = all_rows["observations"][:, 0, -1] == 1
+    real = {action.tobytes() for action in all_rows["actions"][~added]}
+    assert added.sum() > 20
+    assert all(action.tobytes() in real for action in all_rows["actions"][added])
+
+
+def test_of_a_training_that_goes_on_only_whole_episodes_are_relabelled(relabelled):
+    model = collecting([lambda: Held(Played(piano()))])
+    model.learn(5, callback=HindsightCallback())
+    original = Performances()
+    callbacks = [HindsightCallback(), original]
+    model.learn(35, callback=callbacks, reset_num_timesteps=False)
+    (_, partial), (_, whole) = original.found
+    assert len(partial) == 20
+    assert partial.key_active.any()
+    (found,) = relabelled
+    assert_same_playing(found, whole)
+
+
+class ByScore(gym.ActionWrapper):
+    def action(self, action):
+        return action if self.unwrapped.score.title == "relabelled" else -action
+
+
+class EndedByScore(gym.Wrapper):
+    def step(self, action):
+        observation, reward, terminated, truncated, info = super().step(action)
+        ends = self.unwrapped.score.title == "" and self.unwrapped.steps_played == 4
+        return observation, reward, terminated or ends, truncated, info
+
+
+@pytest.mark.parametrize(
+    ("wrapper", "message"),
+    [
+        (
+            ByScore,
+            r"A relabelled episode has F1 0\.\d+: expected 1. The environment plays the same",
+        ),
+        (EndedByScore, "An episode of 20 control steps ended after 4 when it was played again"),
+    ],
+)
+def test_an_environment_that_plays_differently_again_is_an_error(wrapper, message):
+    model = collecting([lambda: wrapper(Held(piano()))])
+    with pytest.raises(RunError, match=message):
+        model.learn(60, callback=HindsightCallback())
+
+
+class Corrected(Residual):
+    def __init__(self, env):
+        super().__init__(env, np.ones(38))
+
+    standardization = None
+
+    def base_action(self, observation):
+        return self.unwrapped.rest_action.copy()
+
+
+class AsDict(gym.ObservationWrapper):
+    def __init__(self, env):
+        super().__init__(env)
+        self.observation_space = gym.spaces.Dict({"vector": env.observation_space})
+
+    def observation(self, observation):
+        return {"vector": observation}
+
+
+def hands_as_agents():
+    def env():
+        options = {"observation": "hands", "reduced_action_space": False}
+        return HandActions(HandReward(piano(**options)))
+
+    return HandsAsAgents(DummyVecEnv([env]))
+
+
+def refused(name):
+    if name == "on-policy":
+        return PPO("MlpPolicy", DummyVecEnv([piano]), n_steps=8, batch_size=8, device="cpu")
+    if name == "no piano":
+        return DQN("MlpPolicy", "CartPole-v1", buffer_size=100, device="cpu")
+    if name == "dict":
+        return SAC("MultiInputPolicy", DummyVecEnv([lambda: AsDict(piano())]), buffer_size=100)
+    if name == "n steps":
+        return collecting([piano], n_steps=3)
+    if name == "memory":
+        kwargs = {"handle_timeout_termination": False}
+        return collecting([piano], optimize_memory_usage=True, replay_buffer_kwargs=kwargs)
+    if name == "random":
+        return collecting([lambda: piano(randomize_hand_positions=True)])
+    return collecting([lambda: Corrected(piano())])
+
+
+REFUSED = {
+    "on-policy": "PPO has no replay buffer for HindsightCallback: expected SAC, TD3",
+    "no piano": "HindsightCallback finds 'CartPole-v1': expected a piano environment",
+    "dict": r"HindsightCallback cannot add observations of Dict\(.*: expected a space of plain",
+    "n steps": "In a NStepReplayBuffer each transition must follow the one before.*expected n_ste",
+    "memory": "In a ReplayBuffer each transition must follow the one before",
+    "random": "randomize_hand_positions is True, with which .* again: expected False",
+    "corrected": "HindsightCallback finds Corrected, under which the same actions play something",
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_relabelled_is_refused_when_training_starts(name):
+    with pytest.raises(ConfigError, match=f"(?s){REFUSED[name]}"):
+        refused(name).learn(8, callback=HindsightCallback())
+
+
+def test_hands_as_agents_are_refused(tmp_path):
+    callback = HindsightCallback()
+    callback.use_run(RunContext(folder=tmp_path, make_env=lambda innermost: hands_as_agents()))
+    message = "(?s)cannot add transitions of one environment: its .* such as HandsAsAgents"
+    with pytest.raises(ConfigError, match=message):
+        collecting(hands_as_agents()).learn(8, callback=callback)
+
+
+@pytest.mark.slow
+def test_environments_in_processes_are_played_again_in_one_of_the_run(tmp_path, relabelled):
+    callback = HindsightCallback()
+    run = RunContext(folder=tmp_path, make_env=lambda innermost: DummyVecEnv([flagged]))
+    callback.use_run(run)
+    model = collecting([flagged] * 2, vector=ProcessVecEnv)
+    original = Performances()
+    model.learn(2 * 45, callback=[callback, original])
+    model.get_env().close()
+    assert len(relabelled) == 4
+    for one, (_, other) in zip(relabelled, original.found, strict=True):
+        assert_same_playing(one, other)

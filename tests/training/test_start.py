@@ -129,6 +129,27 @@ def test_the_loaded_policy_fills_the_buffer_without_an_update(
         np.testing.assert_allclose(action, policy, atol=1e-4)
 
 
+def test_several_environments_fill_the_buffer_together(config, source, tmp_path):
+    plugin = {"sb3_piano.training.StartFromRun": {"run": str(source().path), "seed_steps": 11}}
+    watched = Watched()
+    train(
+        config(n_envs=2, callback=plugin),
+        tmp_path / "next",
+        callbacks=[watched],
+        progress_bar=False,
+    )
+    before = watched.updates[0]
+    assert watched.updates[:8] == [before] * 6 + [before + 1, before + 2]
+
+
+def test_an_entropy_coefficient_that_is_fixed_is_the_new_runs(config, source, tmp_path):
+    run = source(algorithm_kwargs={"ent_coef": 0.3})
+    plugin = {"sb3_piano.training.StartFromRun": {"run": str(run.path)}}
+    own = config(callback=plugin, n_timesteps=10, algorithm_kwargs={"ent_coef": 0.1})
+    folder = train(own, tmp_path / "next", progress_bar=False).folder
+    assert own.algorithm.load(folder.model_file).ent_coef_tensor.item() == pytest.approx(0.1)
+
+
 @pytest.mark.parametrize(("with_buffer", "rows"), [(False, 0), (True, 80)])
 def test_the_buffer_is_new_or_kept(config, source, tmp_path, with_buffer, rows):
     watched = started(config, source(), tmp_path / "next", with_buffer=with_buffer)

@@ -312,3 +312,5 @@ def test_means_are_also_those_without_pieces_played_as_by_resting_hands(piano_ru
     at = [str(cell) for cell in cells].index("run, 2 without those as of resting hands")
     shown = str(list(table.columns[1].cells)[at]).split("\n")[0]
     assert shown == rounded("f1", (found[0].mean["f1"] + found[2].mean["f1"]) / 2)
+    of_none = _several_runs_table([still, still], ["f1"], tmp_path).columns[0].cells
+    assert [str(cell) for cell in of_none][-2:] == ["mean over pieces", "run, all 2"]

@@ -13,7 +13,7 @@ from sb3_piano.callbacks.replay_segments import restore_replay_buffer
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score, select_pieces, write_midi
-from sb3_piano.training import RunConfig, RunFolder, evaluate_runs, resume, train
+from sb3_piano.training import RunConfig, RunFolder, SavedPlayer, evaluate_runs, resume, train
 from sb3_piano.training.runs.builders import build_env, build_model, build_vec_env
 
 PIANO = "RoboPianist-v0"
@@ -157,6 +157,8 @@ def test_the_command_trains_on_pieces_and_evaluates_each(
         "62.mid",
         "scale-CMajor",
     ]
+    with SavedPlayer.open("run") as player:
+        assert player.piece == "3 pieces"
     found = evaluate_runs(["run"])
     assert [evaluation.piece for evaluation in found.evaluations] == ["60", "62", "scale-CMajor"]
     assert not found.failures

@@ -228,6 +228,27 @@ def test_settings_are_those_of_the_run_with_what_is_given(config, source):
     assert again.callback[0].kwargs["with_buffer"] is True
 
 
+def test_a_start_from_a_run_that_started_from_another_one_has_one_start(config, source, tmp_path):
+    plugin = {"sb3_piano.training.StartFromRun": {"run": str(source().path)}}
+    second = train(config(callback=plugin), tmp_path / "second", progress_bar=False).folder
+    (start,) = load_start(second.path).callback
+    assert start.kwargs["run"] == str(second.path.absolute())
+
+
+def test_another_piece_and_other_hyperparameters_take_the_place_of_the_runs(source, tmp_path):
+    run = source()
+    piece = RunConfig(**{**run.read_config().to_mapping(), "env_id": "RoboPianist-v0"})
+    run.write_config(piece.in_env(score="FurElise", physics="fast"))
+    found = load_start(run.path, "RoboPianist-scale-CMajor-v0")
+    assert "score" not in found.env_kwargs
+    assert found.env_kwargs["physics"] == "fast"
+    assert load_start(run.path).env_kwargs["score"] == "FurElise"
+    (tmp_path / "own.yml").write_text("default: {n_timesteps: 9, policy: MlpPolicy, gamma: 0.5}")
+    own = load_start(run.path, "Pendulum-v1", tmp_path / "own.yml", seed=4)
+    assert (own.n_timesteps, own.seed, own.algorithm_kwargs["gamma"]) == (9, 4, 0.5)
+    assert [plugin.path for plugin in own.callback] == ["sb3_piano.training.StartFromRun"]
+
+
 @pytest.mark.slow
 def test_the_command_starts_from_a_run_on_another_piece(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

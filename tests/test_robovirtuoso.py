@@ -1,0 +1,98 @@
+"""The cells of RoboVirtuoso's tables are what their names say, and the driver runs them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from sb3_piano.music import load_score, select_pieces
+from sb3_piano.training import RunFolder, load_config
+from sb3_piano.training.runs.builders import build_vec_env
+
+FOLDER = Path(__file__).parents[1] / "examples" / "robovirtuoso"
+STUDY = yaml.safe_load((FOLDER / "study.yml").read_text(encoding="utf-8"))
+NAMES = list(STUDY["cells"])
+PIANO = "RoboPianist-v0"
+
+
+def config_of(name, **changed):
+    return load_config("sac", PIANO, FOLDER / f"{name}.yml", **changed)
+
+
+def classes(plugins):
+    return {plugin.path.rpartition(".")[2] for plugin in plugins}
+
+
+def test_each_cell_has_a_file_and_stands_after_what_it_starts_from():
+    files = {str(file.relative_to(FOLDER))[:-4] for file in FOLDER.glob("*/*.yml")}
+    assert files == set(NAMES)
+    for index, name in enumerate(NAMES):
+        start = STUDY["cells"][name].get("start")
+        assert start is None or start in NAMES[:index]
+    tables = yaml.safe_load((FOLDER / "paper.yml").read_text(encoding="utf-8"))
+    reported = {name for cells in tables.values() for name in cells}
+    assert reported == {name for name in NAMES if not name.startswith("pretraining/")}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_cell_is_what_its_name_says(name):
+    config = config_of(name, pieces="scale-CMajor")
+    wrappers, short = classes(config.env_wrapper), name.partition("/")[2]
+    assert ("HindsightFlag" in wrappers) == ("hindsight" in short)
+    assert ("HindsightCallback" in classes(config.callback)) == ("hindsight" in short)
+    both = short.startswith("both")
+    transformer = name == "pretraining/twelve_scales_transformer"
+    assert ("KeyRewardTiering" in wrappers) == ("key_tiers" in short or both or transformer)
+    assert ("RewardTiering" in wrappers) == (short.startswith("tiers") or both)
+    (lookahead,) = (p.kwargs for p in config.env_wrapper if p.path.endswith("Lookahead"))
+    assert lookahead["steps"] == (100 if "100" in short or transformer else 10)
+    kinds = [kind for kind in ("conv", "transformer") if kind in short] or ["mlp"]
+    assert [config.algorithm_kwargs["policy_kwargs"]["encoder"]] == kinds
+    twelve = short.startswith("twelve")
+    assert config.n_envs == (12 if twelve else 1)
+    cycles = "Cycling" in str(config.algorithm_kwargs["replay_buffer_class"])
+    assert cycles == twelve
+    base = config_of("table_1/from_nothing", pieces="scale-CMajor")
+    own = {"replay_buffer_class", "gradient_steps", "policy_kwargs"}
+    for key, value in base.algorithm_kwargs.items():
+        assert key in own or config.algorithm_kwargs[key] == value
+
+
+def test_all_pieces_can_be_shown():
+    entries = [cell["together"] for cell in STUDY["cells"].values() if "together" in cell]
+    for piece in select_pieces([*entries, *STUDY["pieces"]]):
+        assert all(note.finger >= 0 for note in load_score(piece).notes)
+        build_vec_env(config_of("table_1/from_nothing", pieces=piece)).close()
+    assert set(STUDY["one"]) <= set(STUDY["pieces"])
+
+
+@pytest.mark.slow
+def test_the_driver_trains_starts_resumes_and_prints(tmp_path):
+    def call(script, *arguments):
+        command = [sys.executable, str(FOLDER / script), "--runs", str(tmp_path), *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=False)
+
+    early = call("run.py", "table_1/from_one_scale", "--steps", "50", "--no-progress")
+    assert early.returncode == 2
+    assert "pretraining/one_scale/seed_0" in early.stderr
+    cells = ["pretraining/one_scale", "table_1/from_one_scale", "--steps", "300"]
+    done = call("run.py", *cells, "--no-progress")
+    assert done.returncode == 0, done.stderr
+    n_pieces = len(STUDY["pieces"])
+    assert done.stdout.count("  F1 ") == 1 + n_pieces
+    first = tmp_path / "table_1/from_one_scale" / f"{STUDY['pieces'][0]}_seed_0"
+    config = RunFolder.open(first).read_config()
+    assert config.callback[-1].kwargs["run"] == str(tmp_path / "pretraining/one_scale/seed_0")
+    (found,) = json.loads((first / "pieces.json").read_text())["evaluations"]
+    assert found["piece"] == STUDY["pieces"][0]
+    again = call("run.py", *cells, "--no-progress")
+    assert again.stdout.count("finished before") == 1 + n_pieces
+    table = call("table.py").stdout
+    row = next(line for line in table.splitlines() if "table_1/from_one_scale" in line)
+    assert row.endswith(f"| 0.469 | {n_pieces} |")
+    assert "| table_2/hindsight | - | - | - | - | 0.073 | 0 |" in table

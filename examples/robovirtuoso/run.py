@@ -5,8 +5,8 @@
     python examples/robovirtuoso/run.py                               # all of them
 
 A training that is finished is skipped and one that was interrupted goes on, so that the same
-command after Ctrl-C, or a crash, does the rest. What another cell starts from has to be trained first, from
-the same seed. ``table.py`` prints what there is.
+command after Ctrl-C, or a crash, does the rest. What another cell starts from has to be trained
+first, from the same seed. ``table.py`` prints what there is.
 """
 
 from __future__ import annotations

@@ -46,19 +46,20 @@ def test_a_cell_is_what_its_name_says(name):
     assert ("HindsightFlag" in wrappers) == ("hindsight" in short)
     assert ("HindsightCallback" in classes(config.callback)) == ("hindsight" in short)
     both = short.startswith("both")
-    transformer = name == "pretraining/twelve_scales_transformer"
-    assert ("KeyRewardTiering" in wrappers) == ("key_tiers" in short or both or transformer)
+    assert ("KeyRewardTiering" in wrappers) == ("key_tiers" in short or both)
     assert ("RewardTiering" in wrappers) == (short.startswith("tiers") or both)
-    (lookahead,) = (p.kwargs for p in config.env_wrapper if p.path.endswith("Lookahead"))
-    assert lookahead["steps"] == (100 if "100" in short or transformer else 10)
-    kinds = [kind for kind in ("conv", "transformer") if kind in short] or ["mlp"]
-    assert [config.algorithm_kwargs["policy_kwargs"]["encoder"]] == kinds
-    twelve = short.startswith("twelve")
-    assert config.n_envs == (12 if twelve else 1)
-    cycles = "Cycling" in str(config.algorithm_kwargs["replay_buffer_class"])
-    assert cycles == twelve
-    base = config_of("table_1/from_nothing", pieces="scale-CMajor")
-    own = {"replay_buffer_class", "gradient_steps", "policy_kwargs"}
+    encoder, _, steps = short.removesuffix("_key_tiers").partition("_")
+    shows_roll = encoder in ("mlp", "conv", "transformer")
+    ahead = [p.kwargs["steps"] for p in config.env_wrapper if p.path.endswith("Lookahead")]
+    assert ahead == ([int(steps)] if shows_roll else [])
+    assert config.algorithm_kwargs["policy_kwargs"].get("encoder", encoder) == encoder
+    together = STUDY["cells"][name].get("together", "")
+    n_pieces = len(select_pieces(together)) if together else 1
+    assert config.n_envs == n_pieces
+    buffer = str(config.algorithm_kwargs["replay_buffer_class"])
+    assert ("Cycling" in buffer) == (n_pieces > 1)
+    base = config_of("table_4/mlp_10" if shows_roll else "table_1/from_nothing")
+    own = {"replay_buffer_class", "train_freq", "gradient_steps", "policy_kwargs"}
     for key, value in base.algorithm_kwargs.items():
         assert key in own or config.algorithm_kwargs[key] == value
 
@@ -67,7 +68,8 @@ def test_all_pieces_can_be_shown():
     entries = [cell["together"] for cell in STUDY["cells"].values() if "together" in cell]
     for piece in select_pieces([*entries, *STUDY["pieces"]]):
         assert all(note.finger >= 0 for note in load_score(piece).notes)
-        build_vec_env(config_of("table_1/from_nothing", pieces=piece)).close()
+        for name in ("table_1/from_nothing", "table_4/conv_100"):
+            build_vec_env(config_of(name, pieces=piece)).close()
     assert set(STUDY["one"]) <= set(STUDY["pieces"])
 
 

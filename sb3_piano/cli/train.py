@@ -117,7 +117,7 @@ def _config(arguments: argparse.Namespace) -> RunConfig:
         arguments.env = GENERAL_ID
     if arguments.init_from is not None:
         refuse_options(arguments, ("algo", "from"), "with --init-from: a run keeps its algorithm.")
-        named = arguments.env or arguments.midi
+        named = arguments.env or arguments.midi or arguments.fingering
         env_id, options = what_is_played(arguments) if named else (None, {})
         given |= {"with_buffer": arguments.with_buffer, **options}
         return load_start(arguments.init_from, env_id, arguments.config, **given)

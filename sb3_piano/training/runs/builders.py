@@ -140,7 +140,7 @@ def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> Ve
 
 def _check_same_observations(config: RunConfig, venv: VecEnv) -> None:
     """Refuse environments that cannot be seen by one network, whose process this is."""
-    for index, env in enumerate(getattr(venv, "envs", ())):
+    for index, env in enumerate(getattr(venv, "envs", ()) if config.pieces else ()):
         if env.observation_space != venv.observation_space:
             raise ConfigError(
                 f"With the piece {config.pieces[index % len(config.pieces)]!r} the observation is "

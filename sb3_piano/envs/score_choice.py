@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -13,12 +12,10 @@ import numpy as np
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import Score, find_piece, is_path, load_score
+from sb3_piano.music.catalogue import ScoreSource
 from sb3_piano.music.fingering import assign_hands
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering, without_fingers
 from sb3_piano.music.hands import Hand
-
-ScoreSource = Score | str | os.PathLike[str]
-"""Whatever :func:`~sb3_piano.music.load_score` makes a score of."""
 
 
 def own_score(source: ScoreSource, options: Mapping[str, Any]) -> tuple[Score, dict[str, Any]]:

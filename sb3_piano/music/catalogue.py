@@ -15,6 +15,9 @@ from sb3_piano.music.repertoire import REPERTOIRE
 from sb3_piano.music.score import Score
 from sb3_piano.music.studies import STUDIES
 
+ScoreSource = Score | str | os.PathLike[str]
+"""Whatever :func:`load_score` makes a score of."""
+
 BUILT_IN: Mapping[str, Piece] = MappingProxyType({**STUDIES, **REPERTOIRE})
 """The pieces that come with the package, by name."""
 
@@ -63,7 +66,7 @@ def _named_in_short(name: str, known: Mapping[str, Piece]) -> list[Piece]:
     return [piece for full, piece in known.items() if full == f"{piece.collection}-{name}"]
 
 
-def load_score(source: Score | str | os.PathLike[str]) -> Score:
+def load_score(source: ScoreSource) -> Score:
     """Return the score that `source` stands for.
 
     Args:

@@ -10,18 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from sb3_piano.exceptions import ConfigError, UnknownPieceError, near_names
-from sb3_piano.music.catalogue import find_piece, is_path, pieces
+from sb3_piano.music.catalogue import ScoreSource, find_piece, is_path, pieces
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
-
-PieceSource = Score | str | os.PathLike[str]
-"""What :func:`~sb3_piano.music.load_score` makes a score of."""
 
 _LIST = ".txt"
 _WILD = frozenset("*?[")
 
 
-def select_pieces(entries: Sequence[PieceSource] | str | os.PathLike[str]) -> list[PieceSource]:
+def select_pieces(entries: Sequence[ScoreSource] | str | os.PathLike[str]) -> list[ScoreSource]:
     """Return the pieces that entries stand for, in their order, each of them once.
 
     Nothing is read but lists: a corpus of thousands is selected in no time.
@@ -42,7 +39,7 @@ def select_pieces(entries: Sequence[PieceSource] | str | os.PathLike[str]) -> li
     """
     single = isinstance(entries, str) or not isinstance(entries, Sequence)
     several: Sequence[Any] = [entries] if single else entries  # type: ignore[assignment]
-    known, found = pieces(), dict[object, PieceSource]()
+    known, found = pieces(), dict[object, ScoreSource]()
     for entry in several:
         for piece in _selected(entry, Path(), known):
             found.setdefault(id(piece) if isinstance(piece, Score) else piece, piece)
@@ -54,7 +51,7 @@ def select_pieces(entries: Sequence[PieceSource] | str | os.PathLike[str]) -> li
     return list(found.values())
 
 
-def _selected(entry: Any, folder: Path, known: Mapping[str, Piece]) -> Iterator[PieceSource]:
+def _selected(entry: Any, folder: Path, known: Mapping[str, Piece]) -> Iterator[ScoreSource]:
     if isinstance(entry, Score):
         yield entry
         return
@@ -108,7 +105,7 @@ def _files(text: str, folder: Path) -> Iterator[str]:
     yield from names
 
 
-def _listed(path: Path, known: Mapping[str, Piece]) -> Iterator[PieceSource]:
+def _listed(path: Path, known: Mapping[str, Piece]) -> Iterator[ScoreSource]:
     """Yield what a list in a file stands for."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Score, load_score, select_pieces
-from sb3_piano.music.selection import PieceSource
+from sb3_piano.music.catalogue import ScoreSource
 from sb3_piano.settings import Number, checked
 from sb3_piano.wrappers.piano import piano_of
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper, possible_scores
@@ -50,7 +50,7 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
     def __init__(
         self,
         env: gym.Env[Any, Any],
-        pieces: Sequence[PieceSource] | str,
+        pieces: Sequence[ScoreSource] | str,
         weights: Sequence[float] | None = None,
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, pieces=pieces, weights=weights)

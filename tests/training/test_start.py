@@ -247,6 +247,10 @@ def test_another_piece_and_other_hyperparameters_take_the_place_of_the_runs(sour
     own = load_start(run.path, "Pendulum-v1", tmp_path / "own.yml", seed=4)
     assert (own.n_timesteps, own.seed, own.algorithm_kwargs["gamma"]) == (9, 4, 0.5)
     assert [plugin.path for plugin in own.callback] == ["sb3_piano.training.StartFromRun"]
+    same = load_start(run.path, path=tmp_path / "own.yml", env_kwargs={"physics": "faithful"})
+    assert same.env_id == "RoboPianist-v0"
+    assert same.env_kwargs == {"score": "FurElise", "physics": "faithful"}
+    assert same.algorithm_kwargs["gamma"] == 0.5
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.music import Score, select_pieces
-from sb3_piano.music.selection import PieceSource
+from sb3_piano.music.catalogue import ScoreSource
 from sb3_piano.players import PlayerResidual, player_class
 from sb3_piano.settings import Number, Whole, checked, settings
 from sb3_piano.threads import MatmulPrecision
@@ -124,7 +124,7 @@ def _read_pieces(value: Any) -> tuple[str, ...]:
     return () if value in (None, (), []) else tuple(map(_piece_name, select_pieces(value)))
 
 
-def _piece_name(piece: PieceSource) -> str:
+def _piece_name(piece: ScoreSource) -> str:
     if isinstance(piece, Score):
         raise ConfigError(f"pieces has {piece.title!r} as a score: expected its name or file.")
     return os.fspath(piece)
@@ -347,11 +347,11 @@ class RunConfig(PlayConfig):
     def _check_pieces(self) -> None:
         if not self.pieces:
             return
-        if self.env_id != GENERAL_ID or "score" in self.env_kwargs:
-            given = f"score {self.env_kwargs['score']!r}" if "score" in self.env_kwargs else ""
+        score = self.env_kwargs.get("score")
+        if self.env_id != GENERAL_ID or score is not None:
             raise ConfigError(
-                f"pieces are given to {self.env_id!r}{given and ' with a '}{given}: expected "
-                f"{GENERAL_ID} without a score, which plays any piece."
+                f"pieces are given to {self.env_id!r} with the score {score!r}: expected "
+                f"{GENERAL_ID}, which plays any piece, without a score."
             )
         if len(self.pieces) > 1 and self.env_kwargs.get("observation") == "window":
             raise ConfigError(

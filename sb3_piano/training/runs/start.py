@@ -21,7 +21,7 @@ from sb3_piano.settings import Index, checked
 from sb3_piano.training.configuration.config import Plugin, RunConfig
 from sb3_piano.training.configuration.names import registered_id
 from sb3_piano.training.configuration.yaml_files import load_config
-from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.runs.folder import FILE_OPTIONS, RunFolder
 from sb3_piano.training.runs.saved import load_statistics, model_files
 
 _log = logging.getLogger(__name__)
@@ -198,6 +198,10 @@ def load_start(
     if with_buffer:
         start = dataclasses.replace(start, kwargs={**start.kwargs, "with_buffer": True})
     if path is not None:
+        if env_id is None:  # what the run plays is no hyperparameter
+            own = {n: config.env_kwargs[n] for n in FILE_OPTIONS if n in config.env_kwargs}
+            overrides["env_kwargs"] = {**own, **overrides.get("env_kwargs", {})}
+            overrides.setdefault("pieces", config.pieces)
         config = load_config(config.algo, env_id or config.env_id, path, **overrides)
         return dataclasses.replace(config, callback=(*config.callback, start))
     callbacks = tuple(plugin for plugin in config.callback if plugin.path != _START)

@@ -11,6 +11,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from sb3_piano.callbacks.own_env import preserve_random_state
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.policies.values import critic_values
 from sb3_piano.settings import Whole, checked
 
 
@@ -53,7 +54,5 @@ class QValueCallback(BaseCallback):
     def _q_value(self, model: Any) -> float:
         with preserve_random_state(model, None):
             batch = model.replay_buffer.sample(model.batch_size, env=model._vec_normalize_env)
-            values = model.critic(batch.observations, batch.actions)
-        # TQC has (batch, critics, quantiles), the others a tuple of (batch, 1).
-        of_critics = torch.cat(values, dim=1) if isinstance(values, tuple) else values.mean(dim=2)
-        return float(of_critics.min(dim=1).values.mean())
+            values = critic_values(model.policy, batch.observations, batch.actions)
+        return float(values.min(dim=1).values.mean())

@@ -55,6 +55,11 @@ _SHARED: dict[str, tuple[Any, ...]] = {
     ),
     "--runs-dir": ("DIR", "where runs are kept; default: runs"),
     "--run": ("DIR", "the run's folder, in place of one in --runs-dir"),
+    "--tree": (
+        "NxD",
+        "look ahead before each action: N simulations of up to D control steps, such as 64x8; a "
+        "third number is the widening",
+    ),
     "--num-threads": (
         "N",
         "threads of torch; default: 1, or as OMP_NUM_THREADS or MKL_NUM_THREADS says",

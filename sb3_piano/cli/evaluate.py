@@ -62,6 +62,7 @@ def add_parser(commands: Any) -> None:
     add("--score", "PIECE", _SCORE_HELP, action="append")
     add("--physics")
     add("--best")
+    add("--tree")
     add("--motion", text=_MOTION_HELP)
     add("--metrics", "NAME", "show these, such as f1 onset_f1 return", nargs="+")
     add("--csv", text="write a row for each episode")
@@ -96,9 +97,11 @@ def _with_unit(text: str, unit: str) -> str:
 
 
 def _evaluate(arguments: argparse.Namespace) -> int:
+    from sb3_piano.players import TreeSettings
     from sb3_piano.settings import refuse_unknown
     from sb3_piano.training import evaluate_runs
 
+    tree = None if arguments.tree is None else TreeSettings.parse(arguments.tree)
     refuse_unknown(arguments.metrics or [], DEFINITIONS, "metric")
     seeds, scores = arguments.seeds or [arguments.seed], arguments.score or []
     count = len(arguments.runs) * max(len(scores), 1)
@@ -112,6 +115,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
             physics=arguments.physics,
             scores=scores,
             best=arguments.best,
+            tree=tree,
             motion=arguments.motion,
             on_episode=lambda: tell(advance=1),
         )
@@ -162,6 +166,12 @@ def _show_one(evaluation: Evaluation, metrics: list[str] | None = None) -> None:
         print_narrowness(n_episodes)
     if evaluation.is_repetition:
         print(f"Here {_REPETITION}")
+    if evaluation.tree is not None:
+        print(
+            f"Trees:       {evaluation.tree.children:.1f} actions at the root, "
+            f"{evaluation.tree.deepest:.1f} control steps deep; "
+            f"{evaluation.tree.visit_share:.0%} of the simulations went to the best action"
+        )
     if evaluation.metrics_file is not None:
         _list_performances(evaluation)
         print(f"Metrics:     {evaluation.metrics_file}")

@@ -66,6 +66,7 @@ def add_parser(commands: Any) -> None:
     add("--seed", "N", "seed of the run's environment; default: 0", int)
     add("--physics")
     add("--best")
+    add("--tree", text="let the run's model look ahead, as of evaluate: N simulations, D steps")
     add("--view", text=_VIEW_HELP, choices=VIEWS, default="stage")
     add("--size", "WxH", "pixels of the video", default="854x480")
     add("--human", text="show it in a window first, in real time")
@@ -165,6 +166,7 @@ def _picture(arguments: argparse.Namespace) -> Picture:
 def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     """Let the run or the piece play; return that, and the folder that it belongs into."""
     from sb3_piano.music import load_score
+    from sb3_piano.players import TreeSettings
     from sb3_piano.training.playing.takes import default_folder, take_of_run, take_of_score
 
     what, physics = arguments.what, arguments.physics
@@ -172,7 +174,7 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
         if Path(what).is_dir():
             reason = f"with the run '{what}': its own model plays."
             refuse_options(arguments, ("player", "planned"), reason, "Expected a piece.")
-        _check_piece(arguments, "score", "best")
+        _check_piece(arguments, "score", "best", "tree")
         return _played_take(arguments)
     instead = "expected --planned or --player, too, and a piece."
     refuse_options(
@@ -180,10 +182,16 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     )
     if Path(what).is_dir():
         score = None if arguments.score is None else load_score(arguments.score)
-        seed, best = arguments.seed or 0, arguments.best
-        take = take_of_run(what, seed=seed, physics=physics, score=score, best=best)
+        take = take_of_run(
+            what,
+            seed=arguments.seed or 0,
+            physics=physics,
+            score=score,
+            best=arguments.best,
+            tree=None if arguments.tree is None else TreeSettings.parse(arguments.tree),
+        )
         return take, default_folder(what, score)
-    _check_piece(arguments, "score", "seed", "best")
+    _check_piece(arguments, "score", "seed", "best", "tree")
     score = load_score(what)
     return take_of_score(score, physics=physics or "reference"), default_folder(None, score)
 

@@ -9,7 +9,7 @@ from sb3_piano.envs.observation import (
     ObservationSpace,
 )
 from sb3_piano.envs.piano_env import PianoEnv
-from sb3_piano.envs.record import EnvState
+from sb3_piano.envs.record import EnvState, Snapshot
 from sb3_piano.envs.recorder import EpisodeRecorder, Motion, Recording
 from sb3_piano.envs.registration import (
     DEBUG_IDS,
@@ -53,5 +53,6 @@ __all__ = [
     "PianoVectorEnv",
     "Recording",
     "ScoreTransform",
+    "Snapshot",
     "register_envs",
 ]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import operator
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -61,6 +63,21 @@ class EnvState:
     def step(self) -> int:
         """Control steps that are over."""
         return len(self.key_active)
+
+
+class Snapshot(NamedTuple):
+    """A moment of an episode, from ``PianoEnv.snapshot``, for that environment and its copies."""
+
+    physics: FloatArray
+    """MuJoCo's integration state."""
+    record: EpisodeRecord
+    """The record so far."""
+    finished: bool
+    """Whether the episode has ended."""
+    pedal: float
+    """The pedal's command in [0, 1]."""
+    total_steps: int
+    """Control steps that the environment had played since it was made."""
 
 
 class EpisodeRecord:
@@ -170,6 +187,15 @@ class EpisodeRecord:
             within=dict(zip(self._changes, self._sounding_within(), strict=True)),
             returns=np.array(self._sums()),
         )
+
+    def fork(self) -> EpisodeRecord:
+        """Return the same record, to go on from here independently; what is over is shared."""
+        copied = copy.copy(self)
+        for name in ("_key_active", "_sustain", "_fingertips", "_changes", "_key_angles"):
+            setattr(copied, name, list(getattr(self, name)))
+        copied._weighted_terms = list(self._weighted_terms)
+        copied._open = self._open.copy()
+        return copied
 
     def restore(self, state: EnvState) -> None:
         """Take over the steps that another record saved."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 from sb3_piano.metrics.onsets import ONSET_TOLERANCE
 from sb3_piano.music import PianoRoll
 
@@ -20,6 +22,12 @@ class OpenOnsets:
         self._times: dict[int, list[float]] = {}  # by key, s
         for _, key, time in roll.strikes():
             self._times.setdefault(key, []).append(time)
+
+    def copy(self) -> OpenOnsets:
+        """Return the same onsets, to go on from here independently."""
+        copied = copy.copy(self)
+        copied._times = {key: list(times) for key, times in self._times.items()}
+        return copied
 
     def hit(self, key: int, time: float) -> bool:
         """Return whether a strike (0 to 87; s) is in time for a note that was open until now."""

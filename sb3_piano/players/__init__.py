@@ -2,13 +2,16 @@
 
 :func:`make_player` makes one by its name. The learned one, :class:`SightReader`, is a small network
 of one hand (:class:`HandModel`) that never trained on the piece. With :class:`PlayerResidual` an
-agent corrects it, or the plan.
+agent corrects it, or the plan. :class:`TreeSearch` plays what a trained model would after looking
+ahead.
 """
 
 from sb3_piano.players.hand_model import HandFacts, HandModel
 from sb3_piano.players.making import PLAYERS, make_player, player_class
 from sb3_piano.players.residual import CORRECTED, PlayerResidual
 from sb3_piano.players.sight_reader import SightReader
+from sb3_piano.players.tree import TreeSettings
+from sb3_piano.players.tree_search import TreeSearch
 
 __all__ = [
     "CORRECTED",
@@ -17,6 +20,8 @@ __all__ = [
     "HandModel",
     "PlayerResidual",
     "SightReader",
+    "TreeSearch",
+    "TreeSettings",
     "make_player",
     "player_class",
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from sb3_piano.arrays import FloatArray
 from sb3_piano.music.constants import NUM_FINGERS
@@ -14,6 +15,9 @@ from sb3_piano.simulation.scene import PianoScene
 _INSTABILITIES = slice(
     int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQACC) + 1
 )
+
+
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class Simulation:
@@ -87,6 +91,24 @@ class Simulation:
         self.key_angles = angles
         # MuJoCo answers NaN and huge numbers with a warning and starts the simulation anew.
         return not any(self._instabilities.tobytes())
+
+    @property
+    def state_size(self) -> int:
+        """How many numbers :meth:`get_state` returns."""
+        return mujoco.mj_stateSize(self.scene.model, _STATE)
+
+    def get_state(self) -> FloatArray:
+        """Return MuJoCo's integration state, (state_size,)."""
+        state = np.empty(self.state_size)
+        mujoco.mj_getState(self.scene.model, self.data, state, _STATE)
+        return state
+
+    def set_state(self, state: FloatArray) -> None:
+        """Go back to a state, so that control steps from it repeat exactly, and look at it."""
+        mujoco.mj_resetData(self.scene.model, self.data)  # warnings of an instability, too
+        mujoco.mj_setState(self.scene.model, self.data, state, _STATE)
+        mujoco.mj_step1(self.scene.model, self.data)
+        self.read()
 
     def read(self) -> None:
         """Look at the present state, for all who need it."""

@@ -10,7 +10,7 @@ from typing import Any, SupportsFloat
 import gymnasium as gym
 import numpy as np
 
-from sb3_piano.arrays import FloatArray
+from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.envs.rewards import held, labelled_fingering
 from sb3_piano.envs.strikes import OpenOnsets
 from sb3_piano.exceptions import ConfigError
@@ -93,6 +93,14 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         rewards = self._rewards(step)
         info[HAND_REWARDS] = rewards
         return observation, float(rewards.mean()), terminated, truncated, info
+
+    def snapshot(self) -> tuple[OpenOnsets, BoolArray]:
+        """Return what goes with ``PianoEnv.snapshot``: the open onsets and the keys that sound."""
+        return self._open.copy(), self._sounding
+
+    def go_back(self, moment: tuple[OpenOnsets, BoolArray]) -> None:
+        """Go back to a moment."""
+        self._open, self._sounding = moment[0].copy(), moment[1]
 
     def _rewards(self, step: int) -> FloatArray:
         # Some keys at a time: plain numbers are faster than arrays.

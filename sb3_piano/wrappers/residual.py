@@ -60,6 +60,14 @@ class Residual(gym.Wrapper[Any, Any, Any, Any], CorrectsHandActions):
         self._seen, *result = self.env.step(self.corrected(self._seen, action))
         return self._seen, *result
 
+    def snapshot(self) -> Any:
+        """Return what goes with ``PianoEnv.snapshot``: the last observation."""
+        return self._seen
+
+    def go_back(self, moment: Any) -> None:
+        """Go back to a moment."""
+        self._seen = moment
+
     def corrected(self, observation: Any, action: Any) -> Float32Array:
         """Return what is played of an observation with the agent's action.
 

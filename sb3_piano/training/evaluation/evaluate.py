@@ -16,6 +16,8 @@ from sb3_piano.exceptions import ConfigError, SB3PianoError
 from sb3_piano.files import write_csv, write_json
 from sb3_piano.music import Score, load_score, write_midi
 from sb3_piano.music.difficulty import MotionRecording, write_motion
+from sb3_piano.players import TreeSearch, TreeSettings
+from sb3_piano.players.tree_search import SearchStatistics
 from sb3_piano.settings import Count, Index, checked
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.evaluation.statistics import Summary, summarize
@@ -58,6 +60,8 @@ class Evaluation:
     performances: tuple[Path | None, ...] = ()
     """The MIDI file of each episode, ``None`` if no key was pressed in it; empty if none was
     written, as for any piece but the run's own."""
+    tree: SearchStatistics | None = None
+    """What the trees looked like, if the model looked ahead by a tree search."""
     motions: tuple[Path, ...] = ()
     """The file of how everything moved in each episode; empty if none was asked for."""
     metrics_file: Path | None = None
@@ -109,6 +113,7 @@ class Evaluation:
             "interval": {name: summary.interval for name, summary in summaries},
             "no_interval": {name: s.no_interval for name, s in summaries if s.no_interval},
             **own("baseline", "episodes", "episode_seeds"),
+            "tree": None if self.tree is None else self.tree._asdict(),
             "performances": [None if path is None else path.name for path in self.performances],
             "motions": [path.name for path in self.motions],
         }
@@ -177,15 +182,16 @@ def evaluate(
     physics: str | None = None,
     score: Score | str | os.PathLike[str] | None = None,
     best: str | None = None,
+    tree: TreeSettings | None = None,
     motion: bool = False,
     on_episode: Callable[[], object] = lambda: None,
 ) -> Evaluation:
     """Let a run's saved model play, without exploring, and say how well it did.
 
     The environment has the run's wrappers and normalisation; returns and metrics are those of the
-    bare environment inside. Unless another piece is given, writes ``evaluation/metrics.json`` and,
-    from 1 on, ``evaluation/performance_<i>.mid`` into the run's folder, in place of those that
-    were there; ``motion`` adds a file beside each.
+    bare environment inside. Unless another piece or a tree is given, writes
+    ``evaluation/metrics.json`` and, from 1 on, ``evaluation/performance_<i>.mid`` into the run's
+    folder, in place of those that were there; ``motion`` adds a file beside each.
 
     Ctrl-C ends it with the episodes that are finished, see ``interrupted`` of the result; before
     the first one it is a ``KeyboardInterrupt`` as everywhere.
@@ -198,6 +204,7 @@ def evaluate(
         physics: Name of the physics profile to play on; by default the run's own.
         score: What to play in place of the run's own piece.
         best: Play the best model by this metric, such as "f1", in place of the last one.
+        tree: Let the model look ahead, see :class:`~sb3_piano.players.TreeSearch`.
         motion: Also write ``evaluation/performance_<i>.npz``, how everything moved (see
             :mod:`sb3_piano.music.difficulty`).
         on_episode: Is called after each episode.
@@ -210,10 +217,15 @@ def evaluate(
         ScoreError: If the score cannot be read.
     """
     seeds = _checked(seed, episodes)
-    if motion and score is not None:
-        raise ConfigError("Of another piece no motion is written: expected the run's own one.")
+    alone = score is None and tree is None
+    if motion and not alone:
+        raise ConfigError(
+            "Of another piece, or a tree search, no motion is written: expected the run's own one."
+        )
     played: list[_Episode] = []
-    with SavedPlayer.open(folder, seed=seeds[0], physics=physics, score=score, best=best) as player:
+    with SavedPlayer.open(
+        folder, seed=seeds[0], physics=physics, score=score, best=best, tree=tree
+    ) as player:
         resting = player.rest()  # first, so that Ctrl-C cannot leave episodes without it
         if motion and resting is None:
             raise ConfigError(f"Run '{player.run.path}' is of no piano: expected no motion=True.")
@@ -231,7 +243,7 @@ def evaluate(
     metrics = [episode.metrics for episode in played]
     found = Evaluation(
         run=player.run.path,
-        algo=player.config.algo,
+        algo=player.config.algo if tree is None else f"{player.config.algo}, tree {tree}",
         piece=player.piece,
         num_timesteps=player.num_timesteps,
         training_seed=player.run.read_config().seed,  # that of the player is its own
@@ -241,8 +253,9 @@ def evaluate(
         summary={name: summarize([each[name] for each in metrics]) for name in metrics[0]},
         baseline=None if resting is None else resting.metrics,
         interrupted=len(played) < episodes * len(seeds),
+        tree=player.model.statistics if isinstance(player.model, TreeSearch) else None,
     )
-    return found if score is not None else _written(found, player.run, played)
+    return _written(found, player.run, played) if alone else found
 
 
 def evaluate_runs(
@@ -253,6 +266,7 @@ def evaluate_runs(
     physics: str | None = None,
     scores: Sequence[Score | str | os.PathLike[str]] = (),
     best: str | None = None,
+    tree: TreeSettings | None = None,
     motion: bool = False,
     on_episode: Callable[[], object] = lambda: None,
 ) -> Evaluations:
@@ -281,6 +295,7 @@ def evaluate_runs(
                 physics=physics,
                 score=piece,
                 best=best,
+                tree=tree,
                 motion=motion,
                 on_episode=on_episode,
             )

@@ -26,7 +26,7 @@ from sb3_piano.files import write_bytes
 from sb3_piano.layers import layers
 from sb3_piano.music import Score, load_score
 from sb3_piano.planning import PianoPolicy
-from sb3_piano.players import HandModel
+from sb3_piano.players import HandModel, TreeSearch, TreeSettings
 from sb3_piano.settings import Count, Index, checked
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
@@ -83,6 +83,7 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         physics: str | None = None,
         score: Score | str | os.PathLike[str] | None = None,
         best: str | None = None,
+        tree: TreeSettings | None = None,
     ) -> SavedPlayer:
         """Return the player of a run.
 
@@ -115,11 +116,14 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
             env = cast(DummyVecEnv, venv.unwrapped).envs[0]
             if chosen is not None:
                 _check_playable(run, config, env, venv, chosen)
+            model = load_player(config, model_file, venv)
+            if tree is not None:
+                model = TreeSearch(model, venv, tree, seed=seed)
             return cls(
                 run=run,
                 config=config,
                 piece=_own_piece(run, config, env) if chosen is None else chosen.title,
-                model=load_player(config, model_file, venv),
+                model=model,
                 _venv=venv,
                 _recorder=[e for e in layers(env) if isinstance(e, EpisodeRecorder)][-1],
             )

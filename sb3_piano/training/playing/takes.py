@@ -20,6 +20,7 @@ from sb3_piano.metrics import presses_of
 from sb3_piano.music import PianoRoll, Score, is_path, load_score
 from sb3_piano.performance import Performance
 from sb3_piano.planning import PianoPolicy
+from sb3_piano.players import TreeSettings
 from sb3_piano.simulation import PianoScene, compile_scene
 from sb3_piano.training.configuration.config import PlannedConfig
 from sb3_piano.training.playing.player import SavedPlayer
@@ -47,6 +48,7 @@ def play_run(
     physics: str | None = None,
     score: Score | str | os.PathLike[str] | None = None,
     best: str | None = None,
+    tree: TreeSettings | None = None,
     picture: Picture | None = DEFAULT_PICTURE,
     progress: Progress | None = None,
 ) -> Played:
@@ -63,6 +65,7 @@ def play_run(
         physics: Name of the physics profile to play on; by default the run's own.
         score: What to play in place of the run's own piece.
         best: Play the best model by this metric, such as "f1", in place of the last one.
+        tree: Let the model look ahead, see :class:`~sb3_piano.players.TreeSearch`.
         picture: How the video looks; ``None`` for no video.
         progress: Is told how far the video is.
 
@@ -73,7 +76,7 @@ def play_run(
         ScoreError: If the score cannot be read, or a file cannot be written.
     """
     piece = None if score is None else load_score(score)
-    take = take_of_run(run, seed=seed, physics=physics, score=piece, best=best)
+    take = take_of_run(run, seed=seed, physics=physics, score=piece, best=best, tree=tree)
     folder = default_folder(run, piece) if out is None else Path(out)
     return write_take(take, folder / FILE_NAME, picture, progress)
 
@@ -115,9 +118,12 @@ def take_of_run(
     physics: str | None = None,
     score: Score | None = None,
     best: str | None = None,
+    tree: TreeSettings | None = None,
 ) -> Take:
     """Return an episode of a run's saved model; arguments and errors as of :func:`play_run`."""
-    with SavedPlayer.open(run, seed=seed, physics=physics, score=score, best=best) as player:
+    with SavedPlayer.open(
+        run, seed=seed, physics=physics, score=score, best=best, tree=tree
+    ) as player:
         if not isinstance(player.env, PianoEnv):
             raise RunError(
                 f"Run '{run}' cannot be watched: its environment {player.config.env_id!r} is no "

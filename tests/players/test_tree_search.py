@@ -1,0 +1,260 @@
+"""Tree search in the piano: it goes back exactly, touches nothing, and plays."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from sb3_contrib import TQC, CrossQ
+from stable_baselines3 import DDPG, PPO, SAC, TD3
+from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, EnvStateError
+from sb3_piano.music import Note, Score
+from sb3_piano.players import TreeSearch, TreeSettings
+from sb3_piano.players.tree_search import _moment, _World
+from sb3_piano.training import SavedPlayer, evaluate, load_config, play_run, train
+from sb3_piano.wrappers import HandActions, HandReward, PreviousActionReward
+
+TUNE = Score(
+    notes=[
+        Note(onset=0.1, offset=0.4, pitch=60, finger=0),
+        Note(onset=0.4, offset=0.7, pitch=62, finger=1),
+        Note(onset=0.7, offset=0.9, pitch=60, finger=0),
+    ],
+    title="tune",
+)
+SMALL = TreeSettings(simulations=9, depth=4)
+
+
+def piano(**options):
+    return PianoEnv(TUNE, **{"physics": "fast", **options})
+
+
+def wrapped(**options):
+    env = piano(observation="hands", reward_weights={"strike": 1.0}, **options)
+    return PreviousActionReward(HandReward(HandActions(env)))
+
+
+def untrained(env, algorithm=SAC, **arguments):
+    torch.manual_seed(0)
+    return algorithm(
+        "MlpPolicy", env, policy_kwargs={"net_arch": [16]}, seed=0, device="cpu", **arguments
+    )
+
+
+def drawn_actions(env, count):
+    env.action_space.seed(5)
+    return [env.action_space.sample() for _ in range(count)]
+
+
+def assert_same_step(one, other):
+    np.testing.assert_array_equal(one[0], other[0])
+    assert one[1:4] == other[1:4]
+
+
+@pytest.mark.parametrize("make", [piano, wrapped])
+@pytest.mark.parametrize("physics", ["reference", "fast"])
+def test_a_step_in_the_tree_is_the_step_that_a_fresh_replay_makes(make, physics):
+    """However deep: the paper asks for 1e-5 in reward, observation and end; these are equal."""
+    env = make(physics=physics)
+    env.reset(seed=1)
+    actions = drawn_actions(env, len(env.unwrapped.roll))
+    for action in actions[:4]:
+        env.step(action)
+    judge = TreeSearch(untrained(env), env)._judge
+    world = _World(env, env.unwrapped.roll, judge)
+    moments, steps = [_moment(env)], []
+    for action in actions[4:]:  # a path to the end, each node restored before it
+        other = drawn_actions(env, 1)[0] * 0.5
+        world.step(moments[-1], other)  # a sibling, by which nothing may be disturbed
+        steps.append(world.step(moments[-1], action))
+        moments.append(steps[-1].moment)
+    assert [step.terminal for step in steps] == [False] * (len(steps) - 1) + [True]
+
+    again = make(physics=physics)
+    again.reset(seed=1)
+    for action in actions[:4]:
+        again.step(action)
+    for action, step in zip(actions[4:], steps, strict=True):
+        observation, reward, terminated, truncated, _ = again.step(action)
+        np.testing.assert_array_equal(step.observation, observation)
+        assert step.reward == reward
+        assert step.terminal == (terminated or truncated)
+
+
+@pytest.mark.parametrize("fingering", [0.0, 1.0])
+@pytest.mark.parametrize("observation", ["roll", "fingers"])
+def test_deep_nodes_go_back_with_each_reward(fingering, observation):
+    env = piano(observation=observation, reward_weights={"fingering": fingering, "strike": 0.5})
+    env.reset(seed=1)
+    first = drawn_actions(env, 12)
+    for action in first[:6]:
+        env.step(action)
+    moment = env.snapshot()
+    before = [env.step(action) for action in first[6:]]
+    played = env.performance
+    env.go_back(moment)
+    assert env.steps_played == 6
+    after = [env.step(action) for action in first[6:]]
+    for one, other in zip(before, after, strict=True):
+        assert_same_step(one, other)
+    np.testing.assert_array_equal(played.key_active, env.performance.key_active)
+    np.testing.assert_array_equal(played.strike_time, env.performance.strike_time)
+
+
+def test_a_moment_of_another_model_is_refused():
+    two, one = piano(), piano(hands_in_scene="right")
+    two.reset()
+    one.reset()
+    with pytest.raises(EnvStateError, match="expected a state of an environment with the same"):
+        one.go_back(two.snapshot())
+
+
+@pytest.mark.parametrize("algorithm", [SAC, TD3, DDPG, TQC, CrossQ])
+def test_models_of_all_algorithms_with_critics_look_ahead(algorithm):
+    env = piano()
+    player = TreeSearch(untrained(env, algorithm), env, SMALL)
+    observation, _ = env.reset(seed=0)
+    for step in range(3):
+        action, state = player.predict(observation)
+        assert env.action_space.contains(action)
+        assert state == step + 1
+        observation, *_ = env.step(action)
+    assert player.statistics.steps == 3
+    assert player.statistics.children == 3  # of nine simulations
+    assert 2 <= player.statistics.deepest <= 4
+    assert 1 / 9 <= player.statistics.visit_share <= 1
+
+
+def test_the_environment_is_not_touched_and_ends_as_it_would():
+    plain, searched = wrapped(), wrapped()
+    player = TreeSearch(untrained(searched), searched, SMALL)
+    observations = [env.reset(seed=3)[0] for env in (plain, searched)]
+    done = False
+    while not done:
+        np.testing.assert_array_equal(*observations)
+        state = searched.unwrapped.get_state()
+        action, _ = player.predict(observations[1])
+        np.testing.assert_array_equal(state.physics, searched.unwrapped.get_state().physics)
+        steps = [env.step(action) for env in (plain, searched)]
+        assert_same_step(*steps)
+        observations, done = [step[0] for step in steps], steps[0][3]
+    assert steps[0][4]["f1"] == steps[1][4]["f1"]
+
+
+def test_equal_seeds_play_alike_and_others_do_not():
+    def played(seed):
+        env = piano()
+        player = TreeSearch(untrained(env), env, TreeSettings(simulations=30, depth=2), seed=seed)
+        observation, _ = env.reset(seed=0)
+        actions = []
+        for _ in range(4):
+            torch.rand(3)  # what others draw makes no difference
+            actions.append(player.predict(observation)[0])
+            observation, *_ = env.step(actions[-1])
+        return np.array(actions)
+
+    first = played(1)
+    np.testing.assert_array_equal(first, played(1))
+    assert np.abs(first - played(2)).max() > 0
+
+
+def test_a_single_simulation_plays_what_the_policy_does():
+    env = piano()
+    for algorithm in (SAC, TD3):
+        model = untrained(env, algorithm)
+        player = TreeSearch(model, env, TreeSettings(simulations=1, depth=1))
+        observation, _ = env.reset(seed=0)
+        for _ in range(3):
+            action, _ = player.predict(observation)
+            expected, _ = model.predict(observation, deterministic=True)
+            np.testing.assert_allclose(action, expected, atol=1e-6)
+            observation, *_ = env.step(action)
+
+
+def test_a_search_earns_more_than_the_policy_it_starts_from():
+    """With the values of a model that has learnt nothing: what is seen ahead is all that counts."""
+    returns = []
+    for shape in (TreeSettings(simulations=1, depth=1), TreeSettings(simulations=60, depth=4)):
+        env = piano()
+        player = TreeSearch(untrained(env, gamma=0.8), env, shape)
+        observation, _ = env.reset(seed=0)
+        total, done = 0.0, False
+        while not done:
+            observation, reward, _, done, _ = env.step(player.predict(observation)[0])
+            total += reward
+        returns.append(total)
+    assert returns[1] > returns[0] + 0.5
+
+
+def test_several_environments_and_normalized_ones_are_searched():
+    venv = VecNormalize(DummyVecEnv([piano, piano]))
+    model = untrained(venv)
+    venv.seed(0)
+    observations = venv.reset()
+    for _ in range(12):
+        observations, *_ = venv.step(np.stack([venv.action_space.sample() for _ in range(2)]))
+    venv.training = False
+    player = TreeSearch(model, venv, SMALL)
+    actions, state = player.predict(observations)
+    assert actions.shape == (2, *venv.action_space.shape)
+    assert state.tolist() == [13, 13]
+    judge = player._judge
+    assert judge.reward(0.5) == pytest.approx(0.5 / np.sqrt(venv.ret_rms.var + venv.epsilon))
+    raw = venv.unnormalize_obs(observations)[0]
+    mode = model.predict(observations[0], deterministic=True)[0]
+    np.testing.assert_allclose(judge.judge(raw)[1], mode, atol=1e-4)
+
+
+def test_what_cannot_be_searched_is_refused():
+    env = piano()
+    with pytest.raises(ConfigError, match="PPO, which has no critics: expected a model of SAC"):
+        TreeSearch(PPO("MlpPolicy", env, device="cpu"), env)
+    model = untrained(env)
+    with pytest.raises(ConfigError, match="expected the wrappers with which it was trained"):
+        TreeSearch(model, PreviousActionReward(piano()))
+    with pytest.raises(ConfigError, match="wrapper TimeLimit, which may remember"):
+        TreeSearch(model, gym.wrappers.TimeLimit(piano(), 5))
+    stacked = VecFrameStack(DummyVecEnv([piano]), 2)
+    with pytest.raises(ConfigError, match="VecFrameStack around the environments"):
+        TreeSearch(untrained(stacked), stacked)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    config = load_config(
+        "sac",
+        "RoboPianist-v0",
+        n_timesteps=120,
+        seed=0,
+        env_kwargs={"score": "scale-CMajor", "physics": "fast"},
+        env_wrapper=[{"sb3_piano.wrappers.Excerpt": {"start": 0.0, "length": 1.0}}],
+        policy_kwargs={"net_arch": [16]},
+        learning_starts=50,
+        batch_size=8,
+    )
+    folder = tmp_path_factory.mktemp("tree") / "run"
+    return train(config, folder, progress_bar=False).folder.path
+
+
+def test_a_run_is_evaluated_and_played_with_a_tree(run, tmp_path):
+    plain = evaluate(run)
+    files = sorted(path.name for path in (run / "evaluation").iterdir())
+    written = (run / "evaluation" / "metrics.json").read_text()
+    found = evaluate(run, tree=SMALL)
+    assert found.algo == "sac, tree 9x4"
+    assert found.tree is not None
+    assert found.tree.children == 3
+    assert found.to_json()["tree"]["children"] == 3
+    assert found.mean["return"] != plain.mean["return"]
+    assert found.baseline == plain.baseline
+    # The run's own evaluation is that of its model.
+    assert sorted(path.name for path in (run / "evaluation").iterdir()) == files
+    assert (run / "evaluation" / "metrics.json").read_text() == written
+    assert evaluate(run, tree=SMALL).mean == found.mean
+    assert play_run(run, tmp_path, tree=SMALL, picture=None).wav.is_file()
+    with SavedPlayer.open(run, tree=SMALL) as player:
+        assert player.play()[0].metrics["return"] == found.mean["return"]

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
-import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
@@ -24,11 +23,9 @@ from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.players.tree import Step, Tree, TreeSettings
-from sb3_piano.policies.values import critic_values
+from sb3_piano.policies.values import PolicyValues
 from sb3_piano.settings import Index, NotNegative, checked
 
-_PROPOSALS = 4
-"""So many actions are drawn at once, which takes little longer than one."""
 _WATCHERS = (Monitor, EpisodeRecorder)
 """Wrappers that only write down what happens."""
 _WITHOUT_MEMORY = (
@@ -117,13 +114,13 @@ class TreeSearch(PianoPolicy):
                 )
         self.num_timesteps = model.num_timesteps
         self.device = model.device
-        self._envs = _single_envs(env)
+        self._envs = single_envs(env)
         for single in self._envs:
-            _check_goes_back(single)
+            check_goes_back(single)
         self._shape = TreeSettings() if shape is None else shape
-        self._judge = _Judge(model, self._normalizer, checked("noise", noise, NotNegative))
+        self._judge = PolicyValues(model, self._normalizer, checked("noise", noise, NotNegative))
         self.set_random_seed(seed)
-        self._worlds: list[_World | None] = [None] * len(self._envs)
+        self._worlds: list[PianoWorld | None] = [None] * len(self._envs)
         self._searches: list[tuple[int, int, float]] = []
 
     @property
@@ -140,72 +137,16 @@ class TreeSearch(PianoPolicy):
     def _act(self, slot: int, step: int, observation: npt.NDArray[Any]) -> npt.NDArray[Any]:
         env, world = self._envs[slot], self._worlds[slot]
         if step == 0 or world is None or world.roll is not self._pianos[slot].roll:
-            self._worlds[slot] = world = _World(env, self._pianos[slot].roll, self._judge)
-        found = Tree(world, self._shape).search(observation, _moment(env))
+            self._worlds[slot] = world = PianoWorld(env, self._pianos[slot].roll, self._judge)
+        found = Tree(world, self._shape).search(observation, moment_of(env))
         self._searches.append((len(found.root.edges), found.deepest, found.visit_share))
         return found.action
 
 
-class _Judge:
-    """What a model would play, and what its critics expect of it."""
-
-    def __init__(self, model: OffPolicyAlgorithm, normalizer: VecNormalize | None, noise: float):
-        self.gamma = float(model.gamma)
-        self._policy: Any = model.policy
-        self._policy.set_training_mode(False)
-        self._normalizer = normalizer
-        self._noise = noise
-        self._random_state = torch.get_rng_state()
-
-    def set_random_seed(self, seed: int) -> None:
-        """Begin anew with the actions that are drawn."""
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(seed)
-            self._random_state = torch.get_rng_state()
-
-    def reward(self, reward: float) -> float:
-        """Return a reward as the critics learnt it."""
-        if self._normalizer is None:
-            return reward
-        return float(self._normalizer.normalize_reward(np.array(reward)))
-
-    @torch.no_grad()
-    def judge(self, observation: Any) -> tuple[float, Float32Array]:
-        """Return the mean of the critics' values of the policy's own action, and this."""
-        seen = self._seen(observation)
-        mode = self._policy._predict(seen, deterministic=True)
-        return float(critic_values(self._policy, seen, mode).mean()), self._played(mode)[0]
-
-    @torch.no_grad()
-    def propose(self, observation: Any) -> list[Float32Array]:
-        """Return actions that the policy might draw."""
-        seen = self._seen(observation)
-        rows = seen.expand(_PROPOSALS, *seen.shape[1:])
-        with torch.random.fork_rng(devices=[]):
-            torch.set_rng_state(self._random_state)
-            mode = self._policy._predict(rows, deterministic=True)
-            drawn = self._policy._predict(rows, deterministic=False)
-            if torch.equal(mode, drawn):
-                drawn = (mode + self._noise * torch.randn_like(mode)).clamp(-1.0, 1.0)
-            self._random_state = torch.get_rng_state()
-        return list(self._played(drawn))
-
-    def _seen(self, observation: Any) -> torch.Tensor:
-        if self._normalizer is not None:
-            observation = self._normalizer.normalize_obs(observation)
-        tensor: torch.Tensor = self._policy.obs_to_tensor(observation)[0]
-        return tensor
-
-    def _played(self, actions: torch.Tensor) -> Float32Array:
-        """Return actions, which a policy tells in [-1, 1], as the environment takes them."""
-        played: Float32Array = self._policy.unscale_action(actions.cpu().numpy())
-        return played
-
-
-class _World:
+class PianoWorld:
     """A copy of an environment, in which actions are tried."""
 
-    def __init__(self, env: gym.Env[Any, Any], roll: PianoRoll, judge: _Judge):
+    def __init__(self, env: gym.Env[Any, Any], roll: PianoRoll, judge: PolicyValues):
         self._env = _copy_without_watchers(env)
         self._judge = judge
         self.gamma = judge.gamma
@@ -218,7 +159,7 @@ class _World:
             layer.go_back(state)
         observation, reward, terminated, truncated, _ = self._env.step(action)
         ended = terminated or truncated
-        return Step(observation, self._judge.reward(float(reward)), _moment(self._env), ended)
+        return Step(observation, self._judge.reward(float(reward)), moment_of(self._env), ended)
 
     def judge(self, observation: Any) -> tuple[float, Float32Array]:
         """Return what the critics expect of the policy's own action, and this."""
@@ -234,11 +175,17 @@ def _with_memory(env: gym.Env[Any, Any]) -> Iterator[Any]:
     return (layer for layer in layers(env) if hasattr(type(layer), "snapshot"))
 
 
-def _moment(env: gym.Env[Any, Any]) -> list[Any]:
+def moment_of(env: gym.Env[Any, Any]) -> list[Any]:
+    """Return where an environment and its wrappers stand, to go back there."""
     return [layer.snapshot() for layer in _with_memory(env)]
 
 
-def _single_envs(env: gym.Env[Any, Any] | VecEnv) -> Sequence[gym.Env[Any, Any]]:
+def single_envs(env: gym.Env[Any, Any] | VecEnv) -> Sequence[gym.Env[Any, Any]]:
+    """Return the environments of a vector in this process, normalised or not.
+
+    Raises:
+        ConfigError: If there is anything else around them.
+    """
     if not isinstance(env, VecEnv):
         return [env]
     wrapper: VecEnv = env
@@ -253,8 +200,12 @@ def _single_envs(env: gym.Env[Any, Any] | VecEnv) -> Sequence[gym.Env[Any, Any]]
     return wrapper.envs
 
 
-def _check_goes_back(env: gym.Env[Any, Any]) -> None:
-    """Refuse wrappers that may remember something between control steps but cannot go back."""
+def check_goes_back(env: gym.Env[Any, Any]) -> None:
+    """Refuse wrappers that may remember something between control steps but cannot go back.
+
+    Raises:
+        ConfigError: If there is one.
+    """
     for layer in layers(env):
         kind = type(layer)
         known = isinstance(layer, _WATCHERS) or kind.__module__.startswith("sb3_piano.")

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import torch
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.vec_env import VecNormalize
+
+from sb3_piano.arrays import Float32Array
+
+_PROPOSALS = 4
+"""So many actions are drawn at once, which takes little longer than one."""
 
 
 def critic_values(policy: Any, observations: Any, actions: torch.Tensor) -> torch.Tensor:
@@ -18,3 +26,65 @@ def critic_values(policy: Any, observations: Any, actions: torch.Tensor) -> torc
     values = policy.critic(observations, actions)
     # TQC has (n, critics, quantiles), the others a tuple of (n, 1).
     return torch.cat(values, dim=1) if isinstance(values, tuple) else values.mean(dim=2)
+
+
+class PolicyValues:
+    """What a model would play in a state, and what its critics expect of that."""
+
+    def __init__(
+        self, model: OffPolicyAlgorithm, normalizer: VecNormalize | None, noise: float = 0.1
+    ):
+        """Take a model, and what normalises for it.
+
+        ``noise`` is the standard deviation of what is added to a policy without a distribution.
+        """
+        self.gamma = float(model.gamma)
+        self._policy: Any = model.policy
+        self._policy.set_training_mode(False)
+        self._normalizer = normalizer
+        self._noise = noise
+        self._random_state = torch.get_rng_state()
+
+    def set_random_seed(self, seed: int) -> None:
+        """Begin anew with the actions that are drawn."""
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self._random_state = torch.get_rng_state()
+
+    def reward(self, reward: float) -> float:
+        """Return a reward as the critics learnt it."""
+        if self._normalizer is None:
+            return reward
+        return float(self._normalizer.normalize_reward(np.array(reward)))
+
+    @torch.no_grad()
+    def judge(self, observation: Any) -> tuple[float, Float32Array]:
+        """Return the mean of the critics' values of the policy's own action, and this."""
+        seen = self._seen(observation)
+        mode = self._policy._predict(seen, deterministic=True)
+        return float(critic_values(self._policy, seen, mode).mean()), self.played(mode)[0]
+
+    @torch.no_grad()
+    def propose(self, observation: Any) -> list[Float32Array]:
+        """Return actions that the policy might draw."""
+        seen = self._seen(observation)
+        rows = seen.expand(_PROPOSALS, *seen.shape[1:])
+        with torch.random.fork_rng(devices=[]):
+            torch.set_rng_state(self._random_state)
+            mode = self._policy._predict(rows, deterministic=True)
+            drawn = self._policy._predict(rows, deterministic=False)
+            if torch.equal(mode, drawn):
+                drawn = (mode + self._noise * torch.randn_like(mode)).clamp(-1.0, 1.0)
+            self._random_state = torch.get_rng_state()
+        return list(self.played(drawn))
+
+    def _seen(self, observation: Any) -> torch.Tensor:
+        if self._normalizer is not None:
+            observation = self._normalizer.normalize_obs(observation)
+        tensor: torch.Tensor = self._policy.obs_to_tensor(observation)[0]
+        return tensor
+
+    def played(self, actions: torch.Tensor) -> Float32Array:
+        """Return actions, which a policy tells in [-1, 1], as the environment takes them."""
+        played: Float32Array = self._policy.unscale_action(actions.cpu().numpy())
+        return played

@@ -14,7 +14,7 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, EnvStateError
 from sb3_piano.music import Note, Score
 from sb3_piano.players import TreeSearch, TreeSettings
-from sb3_piano.players.tree_search import _moment, _World
+from sb3_piano.players.tree_search import PianoWorld, moment_of
 from sb3_piano.training import SavedPlayer, evaluate, load_config, play_run, train
 from sb3_piano.wrappers import HandActions, HandReward, PreviousActionReward
 
@@ -65,8 +65,8 @@ def test_a_step_in_the_tree_is_the_step_that_a_fresh_replay_makes(make, physics)
     for action in actions[:4]:
         env.step(action)
     judge = TreeSearch(untrained(env), env)._judge
-    world = _World(env, env.unwrapped.roll, judge)
-    moments, steps = [_moment(env)], []
+    world = PianoWorld(env, env.unwrapped.roll, judge)
+    moments, steps = [moment_of(env)], []
     for action in actions[4:]:  # a path to the end, each node restored before it
         other = drawn_actions(env, 1)[0] * 0.5
         world.step(moments[-1], other)  # a sibling, by which nothing may be disturbed

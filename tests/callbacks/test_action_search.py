@@ -1,0 +1,197 @@
+"""Exploration by searching among actions."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+import torch
+from sb3_contrib import TQC, CrossQ
+from stable_baselines3 import PPO, SAC, TD3
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
+
+from sb3_piano.callbacks import ActionSearchCallback
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Note, Score
+from sb3_piano.policies.values import critic_values
+from sb3_piano.wrappers import PreviousActionReward
+
+TUNE = Score(
+    notes=[
+        Note(onset=0.1, offset=0.4, pitch=60, finger=0),
+        Note(onset=0.4, offset=0.8, pitch=62, finger=1),
+    ]
+)
+
+
+def piano():
+    return PreviousActionReward(PianoEnv(TUNE, physics="fast", hands_in_scene="right"))
+
+
+def learner(env=None, algorithm=SAC, **arguments):
+    torch.manual_seed(0)
+    arguments = {"learning_starts": 10, "batch_size": 8, **arguments}
+    return algorithm(
+        "MlpPolicy",
+        piano() if env is None else env,
+        policy_kwargs={"net_arch": [16]},
+        seed=0,
+        device="cpu",
+        **arguments,
+    )
+
+
+class Look(BaseCallback):
+    """Call a function in a step of a training, with the model."""
+
+    def __init__(self, look, at=15):
+        super().__init__()
+        self._look, self._at = look, at
+
+    def _on_step(self):
+        if self.n_calls == self._at:
+            self._look(self.model)
+        return True
+
+
+def looked_at(callback, look, **arguments):
+    learner(**arguments).learn(20, callback=[callback, Look(look)])
+
+
+def explored(model, count=1):
+    """Return actions that a model takes when it explores, with what it observes."""
+    return np.concatenate([model.policy.predict(model._last_obs)[0] for _ in range(count)])
+
+
+def test_greedy_choice_by_critics_takes_the_action_that_they_value_most():
+    def look(model):
+        policy = model.policy
+        state = torch.get_rng_state()
+        played = explored(model)
+        torch.set_rng_state(state)
+        policy.actor(torch.as_tensor(model._last_obs))  # what SB3 draws first
+        seen, _ = policy.obs_to_tensor(model._last_obs)
+        with torch.no_grad():
+            mean, log_std, _ = policy.actor.get_action_dist_params(seen)
+            noise = torch.randn(12, mean.shape[1])
+            noise[0] = 0
+            actions = torch.tanh(mean + 2 * log_std.exp() * noise)
+            values = critic_values(policy, seen.expand(12, -1), actions)
+        score = values.mean(dim=1) + 1.5 * values.std(dim=1, correction=0)
+        np.testing.assert_allclose(played[0], actions[score.argmax()], atol=1e-6)
+
+    looked_at(ActionSearchCallback(candidates=12, choice="greedy", optimism=1.5), look)
+
+
+def test_a_single_candidate_is_the_policys_own_action():
+    def look(model):
+        own, _ = model.policy.predict(model._last_obs, deterministic=True)
+        np.testing.assert_allclose(explored(model), own, atol=1e-6)
+
+    for score in ("critics", "simulation", "both"):
+        looked_at(ActionSearchCallback(candidates=1, score=score), look)
+
+
+def test_with_simulation_the_action_that_earns_most_is_taken_and_the_environment_stays():
+    def look(model):
+        env = model.get_env().envs[0]
+        before = env.unwrapped.get_state()
+        played = explored(model)[0]
+        after = env.unwrapped.get_state()
+        np.testing.assert_array_equal(before.physics, after.physics)
+        assert before.step == after.step
+
+        def worth(action):
+            copied = copy.deepcopy(env)
+            observation, reward, *_ = copied.step(action)
+            seen, _ = model.policy.obs_to_tensor(observation)
+            with torch.no_grad():
+                ahead = critic_values(model.policy, seen, model.policy.actor(seen, True)).mean()
+            return reward + model.gamma * float(ahead)
+
+        others = [np.tanh(np.random.default_rng(s).normal(size=played.shape)) for s in range(8)]
+        own, _ = model.policy.predict(model._last_obs, deterministic=True)
+        assert worth(played) >= max(map(worth, [own[0], *others]))
+
+    search = ActionSearchCallback(candidates=40, score="simulation", choice="greedy")
+    looked_at(search, look, gamma=0.8)
+
+
+def test_a_high_temperature_draws_all_and_a_low_one_the_best():
+    def look_at_all(model):
+        assert len(np.unique(explored(model, 40), axis=0)) == 40
+
+    def spread(model, found):
+        found.append(explored(model, 60).std(axis=0).mean())
+
+    looked_at(ActionSearchCallback(temperature=1e9), look_at_all)
+    spreads = []
+    for temperature in (1e9, 1e-4):
+        callback = ActionSearchCallback(temperature=temperature, optimism=0)
+        looked_at(callback, lambda model: spread(model, spreads))
+    assert spreads[1] < 0.95 * spreads[0]  # the best of 33 are alike
+
+
+@pytest.mark.parametrize("algorithm", [SAC, TQC, CrossQ])
+@pytest.mark.parametrize("score", ["critics", "simulation", "both"])
+def test_trainings_explore_by_it_and_are_as_before_afterwards(algorithm, score):
+    def trained(callback, seed=0):
+        model = learner(DummyVecEnv([piano, piano]), algorithm)
+        return model.learn(60, callback=callback)
+
+    search = [ActionSearchCallback(candidates=4, score=score) for _ in range(2)]
+    models = [trained(callback) for callback in search]
+    played = [model.replay_buffer.actions[: model.replay_buffer.pos] for model in models]
+    np.testing.assert_array_equal(*played)  # by the seed
+    plain = trained(None)
+    assert np.abs(played[0] - plain.replay_buffer.actions[: plain.replay_buffer.pos]).max() > 0.1
+    assert "_predict" not in vars(models[0].policy)
+    observation = models[0].get_env().reset()
+    mode, _ = models[0].predict(observation, deterministic=True)
+    models[0].learn(4)  # without it
+    assert mode.shape == (2, 20)
+
+
+def test_a_model_is_saved_while_it_searches(tmp_path):
+    def look(model):
+        model.save(tmp_path / "model.zip")
+
+    looked_at(ActionSearchCallback(candidates=3), look)
+    loaded = SAC.load(tmp_path / "model.zip", device="cpu")
+    assert loaded.predict(np.zeros(loaded.observation_space.shape))[0].shape == (20,)
+
+
+def test_what_cannot_be_searched_is_refused():
+    with pytest.raises(ConfigError, match="TD3 has no critics and no distribution"):
+        learner(algorithm=TD3).learn(5, callback=ActionSearchCallback())
+    with pytest.raises(ConfigError, match="PPO has no critics and no distribution"):
+        PPO("MlpPolicy", piano(), n_steps=8, batch_size=8, device="cpu").learn(
+            8, callback=ActionSearchCallback()
+        )
+    with pytest.raises(ConfigError, match="use_sde is True"):
+        learner(use_sde=True).learn(5, callback=ActionSearchCallback())
+    venv = SubprocVecEnv([piano], start_method="spawn")
+    try:
+        with pytest.raises(ConfigError, match="in other processes"):
+            learner(venv).learn(5, callback=ActionSearchCallback(score="both"))
+    finally:
+        venv.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"candidates": 0}, "candidates"),
+        ({"score": "critic"}, "score"),
+        ({"choice": "best"}, "choice"),
+        ({"optimism": -1}, "optimism"),
+        ({"temperature": 0}, "temperature"),
+        ({"spread": -0.1}, "spread"),
+    ],
+)
+def test_arguments_out_of_range_are_refused(arguments, message):
+    with pytest.raises(ConfigError, match=message):
+        ActionSearchCallback(**arguments)

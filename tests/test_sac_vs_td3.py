@@ -96,7 +96,8 @@ def test_the_algorithms_share_what_the_paper_has_for_both():
     common = {k: v for k, v in sac["algorithm_kwargs"].items() if k not in own}
     assert common == td3["algorithm_kwargs"]
     assert (sac["n_timesteps"], common["learning_starts"]) == (50_000, 5_000)
-    assert common["policy_kwargs"] == {"net_arch": [256, 256, 256]}
+    net, fused = [256, 256, 256], {"fused": True}
+    assert common["policy_kwargs"] == {"net_arch": net, "optimizer_kwargs": fused}
 
 
 # The driver, as a user runs it: interrupted, then run again.

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sb3_piano.cli.common import (
     EXIT_OK,
     add_command,
     add_row,
+    check_output_file,
     new_table,
     print_narrowness,
     print_table,
@@ -38,12 +40,17 @@ def add_parser(commands: Any) -> None:
     add("--by", text=_BY_HELP, default="piece", choices=by)
     add("--csv", text="write a row for each metric and pair")
     add("--json")
+    add("--plot", "FILE", "draw the sorted differences: a .png, .svg or .pdf", Path)
 
 
 def _compare(arguments: argparse.Namespace) -> int:
     from sb3_piano.files import write_json
     from sb3_piano.training import compare
+    from sb3_piano.training.evaluation.difference_plot import picture_format
 
+    if arguments.plot is not None:
+        check_output_file("--plot", arguments.plot)
+        picture_format(arguments.plot)
     comparison = compare(arguments.a, arguments.b, arguments.metric, by=arguments.by)
     _show_comparison(comparison)
     if arguments.csv is not None:
@@ -52,6 +59,9 @@ def _compare(arguments: argparse.Namespace) -> int:
     if arguments.json is not None:
         write_json(arguments.json, comparison.to_json())
         print(f"Everything: {arguments.json}")
+    if arguments.plot is not None:
+        comparison.plot(arguments.plot)
+        print(f"Picture:    {arguments.plot}")
     return EXIT_OK
 
 
@@ -72,15 +82,14 @@ def _pairs_table(comparison: Comparison) -> Table:
         table.add_section()
         add_row(table, label(found.metric), style="bold")
         for pair in found.pairs:
-            name = pair.piece if pair.seed is None else f"{pair.piece}, seed {pair.seed}"
             values = (rounded(found.metric, pair.a), rounded(found.metric, pair.b))
-            add_row(table, name, *values, _signed(found.metric, pair.difference))
+            add_row(table, pair.name, *values, _signed(found.metric, pair.difference))
     return table
 
 
 def _summary_table(comparison: Comparison) -> Table:
     """Return the statistics of each metric."""
-    headings = ("mean A", "mean B", "B - A", "95 % interval", "A < B", "Wilcoxon p")
+    headings = ("mean A", "mean B", "B - A", "95 % interval", "A < B", "A <= B", "Wilcoxon p")
     table = new_table("metric", *headings)
     for found in comparison.metrics:
         metric, interval, p = found.metric, found.difference.interval, found.test.p
@@ -91,7 +100,8 @@ def _summary_table(comparison: Comparison) -> Table:
             rounded(metric, found.mean_b),
             _signed(metric, found.difference.mean),
             "-" if interval is None else "..".join(_signed(metric, end) for end in interval),
-            f"{found.n_a_below_b} of {len(found.pairs)}",
+            f"{found.n_a_below_b}/{len(found.pairs)}",
+            f"{found.n_a_not_above_b}/{len(found.pairs)}",
             "-" if p is None else "< 0.0001" if p < 0.0001 else f"{p:.3g}",
         )
     return table

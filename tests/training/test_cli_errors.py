@@ -54,6 +54,11 @@ def folder(tmp_path, monkeypatch):
         ("evaluate nix ./nix", "Run 'nix' is given twice"),
         ("compare nix all.json", "There is no 'nix'"),
         ("compare nix nix --csv .", "--csv is '.': expected a file"),
+        ("compare nix nix --plot no/x.png", "--plot is 'no/x.png': expected a file in a folder"),
+        (
+            "compare nix nix --plot x.gif",
+            "picture 'x.gif': expected a name that ends in .png, .svg",
+        ),
         ("report nowhere", "Unknown piece 'nowhere'"),
         ("report nowhere --out no/x.html", "--out is 'no/x.html': expected a file in a folder"),
         ("play runs/none", "there is no 'runs/none'. Expected the folder of a run, a file such as"),

@@ -241,23 +241,32 @@ def test_a_comparison_shows_each_pair_and_what_they_say_together(call, tmp_path)
         ["Waltz", "0.200", "0.400", "+0.200"],
         ["Etude", "0.300", "0.600", "+0.300"],
     ]
-    summary = {row[0]: row[1:] for row in rows if len(row) == 7}
+    summary = {row[0]: row[1:] for row in rows if len(row) == 8}
     interval = summary["F1"][3]
-    assert summary["F1"] == ["0.200", "0.400", "+0.200", interval, "3 of 3", "0.25"]
+    assert summary["F1"] == ["0.200", "0.400", "+0.200", interval, "3/3", "3/3", "0.25"]
     assert interval == "+0.100..+0.300"
-    assert summary["recall"] == ["1.000", "1.000", "0.000", "-", "0 of 3", "-"]
+    assert summary["recall"] == ["1.000", "1.000", "0.000", "-", "0/3", "3/3", "-"]
     for line in (
         "Left out, as only A has them: March.",
         "Left out, as only B has them: Polka.",
         "With 3 pairs p cannot be below 0.25 (F1).",
         "No interval: all values are equal (recall).",
         "No test: all pairs are equal (recall).",
+        "┃ A < B ┃ A <= B ┃ Wilcoxon p ┃",
         "An interval from so few values (3) is too narrow",
     ):
         assert line in out
     assert len((tmp_path / "pairs.csv").read_text().splitlines()) == 7
     assert json.loads((tmp_path / "all.json").read_text())["metrics"]["f1"]["wilcoxon_p"] == 0.25
     assert max(map(len, out.splitlines())) <= 100
+
+
+def test_a_comparison_is_drawn(call, tmp_path):
+    evaluations(tmp_path / "a.json", {"Scale": {"f1": 0.1}, "Waltz": {"f1": 0.2}})
+    code, out, err = call("compare a.json a.json --plot differences.svg")
+    assert (code, err) == (0, "")
+    assert out.endswith("Picture:    differences.svg\n")
+    assert "</svg>" in (tmp_path / "differences.svg").read_text()
 
 
 @pytest.mark.parametrize(("pairs", "told"), [(5, True), (6, False)])
@@ -280,7 +289,7 @@ def test_equal_pairs_are_said_to_be_left_out_of_the_test(call, tmp_path):
     evaluations(tmp_path / "b.json", after)
     _, out, _ = call("compare a.json b.json")
     assert "2 equal pairs left out of the test." in out
-    assert rows_of(out)[-1][4:] == [rows_of(out)[-1][4], "0 of 19", "< 0.0001"]
+    assert rows_of(out)[-1][4:] == [rows_of(out)[-1][4], "0/19", "2/19", "< 0.0001"]
     assert "cannot be below" not in out
     assert "too narrow" not in out
 

@@ -69,7 +69,7 @@ def test_pairs_are_the_means_over_all_episodes_of_a_piece(written):
     }
     assert found.difference.mean == pytest.approx((0.6 - 0.1) / 2)
     assert (found.mean_a, found.mean_b) == (pytest.approx(0.35), pytest.approx(0.6))
-    assert found.n_a_below_b == 1
+    assert (found.n_a_below_b, found.n_a_not_above_b) == (1, 1)
     assert found.test.p == 1.0  # of ranks 1 and 2, the signs - and + are in the middle
 
 
@@ -107,8 +107,16 @@ def test_equal_means_are_no_difference_however_many_episodes_they_are_from(writt
     b = written("b.json", {"Scale": episodes(0.1), "Waltz": episodes(0.3)})
     (found,) = compare(a, b).metrics
     assert [pair.difference for pair in found.pairs] == [0.0, pytest.approx(0.2)]
-    assert found.n_a_below_b == 1
+    assert (found.n_a_below_b, found.n_a_not_above_b) == (1, 2)
     assert found.test.no_test == "fewer than 2 pairs differ"
+
+
+def test_pairs_are_counted_without_and_with_the_equal_ones(written):
+    f1s = dict(zip("VWXYZ", (0.5, 0.6, 0.1, 0.5, 0.9), strict=True))
+    a = written("a.json", {name: episodes(0.5) for name in f1s})
+    b = written("b.json", {name: episodes(f1) for name, f1 in f1s.items()})
+    found = compare(a, b).to_json()["metrics"]["f1"]
+    assert (found["n_a_below_b"], found["n_a_not_above_b"]) == (2, 4)
 
 
 def test_the_main_metrics_are_compared_unless_others_are_named(written):

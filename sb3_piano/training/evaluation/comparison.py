@@ -18,6 +18,7 @@ from sb3_piano.envs import PianoEnvConfig
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import read_json, write_csv
 from sb3_piano.settings import checked, refuse_unknown
+from sb3_piano.training.evaluation.difference_plot import write_difference_plot
 from sb3_piano.training.evaluation.statistics import (
     SignedRankTest,
     Summary,
@@ -48,6 +49,11 @@ class Pair:
     """Value of A."""
     b: float
     """Value of B."""
+
+    @property
+    def name(self) -> str:
+        """The piece, and the seed if there is one."""
+        return _name(self.piece, self.seed)
 
     @property
     def difference(self) -> float:
@@ -87,6 +93,11 @@ class MetricComparison:
         """In how many pairs A is below B."""
         return sum(pair.difference > 0 for pair in self.pairs)
 
+    @property
+    def n_a_not_above_b(self) -> int:
+        """In how many pairs A is below B or equal to it."""
+        return sum(pair.difference >= 0 for pair in self.pairs)
+
     def to_json(self) -> dict[str, Any]:
         """Return all of it in JSON's types."""
         return {
@@ -97,6 +108,7 @@ class MetricComparison:
             "interval": self.difference.interval,
             "no_interval": self.difference.no_interval,
             "n_a_below_b": self.n_a_below_b,
+            "n_a_not_above_b": self.n_a_not_above_b,
             "n_pairs_that_differ": self.test.n,
             "wilcoxon_p": self.test.p,
             "least_p": self.test.least_p,
@@ -133,6 +145,14 @@ class Comparison:
         """Write a row for each metric and pair."""
         rows = [{"metric": m.metric, **pair.to_json()} for m in self.metrics for pair in m.pairs]
         write_csv(path, ("metric", "piece", "seed", "a", "b", "difference"), rows)
+
+    def plot(self, path: str | os.PathLike[str]) -> None:
+        """Write a picture of each metric's differences, sorted, with their mean and its interval.
+
+        Raises:
+            ConfigError: If ``path`` does not end in .png, .svg or .pdf.
+        """
+        write_difference_plot(self, path)
 
 
 def compare(
@@ -244,7 +264,11 @@ def _compared(metric: str, paired: _Paired) -> MetricComparison:
 
 
 def _names(tasks: Iterable[_Task]) -> tuple[str, ...]:
-    return tuple(piece if seed is None else f"{piece}, seed {seed}" for piece, seed in tasks)
+    return tuple(_name(piece, seed) for piece, seed in tasks)
+
+
+def _name(piece: str, seed: int | None) -> str:
+    return piece if seed is None else f"{piece}, seed {seed}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,229 @@
+"""The picture of a comparison, as matplotlib's objects tell what is in it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from matplotlib.image import imread
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.training import compare
+from sb3_piano.training.evaluation.difference_plot import MOST_NAMED, difference_plot
+
+
+@pytest.fixture
+def compared(tmp_path):
+    """Return a function that compares the metrics of A and B, of one episode of each piece."""
+
+    def make(a, b, metrics=None, files=("a.json", "b.json"), by="piece"):
+        for name, pieces in zip(files, (a, b), strict=True):
+            entries = [
+                {"piece": piece, "episode_seeds": [31], "episodes": [values]}
+                for piece, values in pieces.items()
+            ]
+            (tmp_path / name).write_text(json.dumps({"evaluations": entries}))
+        return compare(*(tmp_path / name for name in files), metrics, by=by)
+
+    return make
+
+
+@pytest.fixture
+def of_differences(compared):
+    """Return a function that compares two whose F1 differ by so much at each piece."""
+
+    def make(differences, **options):
+        a = {piece: {"f1": 0.5} for piece in differences}
+        b = {piece: {"f1": 0.5 + difference} for piece, difference in differences.items()}
+        return compared(a, b, **options)
+
+    return make
+
+
+FOUR = {"Scale": 0.1, "Waltz": -0.2, "Etude": 0.0, "March": 0.4}
+
+
+def panel_of(comparison):
+    (panel,) = difference_plot(comparison).axes
+    return panel
+
+
+def bars_of(panel):
+    """Return the places, lengths and colours of the bars, by what the legend calls them."""
+    return {
+        bars.get_label(): [
+            (bar.get_y() + bar.get_height() / 2, bar.get_width(), bar.get_facecolor())
+            for bar in bars
+        ]
+        for bars in panel.containers
+    }
+
+
+def line_of(panel, label):
+    """Return what is drawn as a line or as points under a name."""
+    (line,) = (line for line in panel.lines if line.get_label() == label)
+    return line
+
+
+def names_on(panel):
+    return [text.get_text() for text in panel.get_yticklabels()]
+
+
+def test_bars_are_the_differences_sorted_and_named_and_coloured_by_sign(of_differences):
+    panel = panel_of(of_differences(FOUR))
+    bars = bars_of(panel)
+    above, below = bars.pop("B above A"), bars.pop("B below A")
+    assert not bars
+    assert [bar[:2] for bar in below] == [(0, pytest.approx(-0.2))]
+    assert [bar[:2] for bar in above] == [(2, pytest.approx(0.1)), (3, pytest.approx(0.4))]
+    assert len({color for *_, color in above}) == 1
+    assert below[0][2] != above[0][2]
+    assert names_on(panel) == ["Waltz", "Etude", "Scale", "March"]
+    assert list(panel.get_yticks()) == [0, 1, 2, 3]
+
+
+def test_a_pair_without_a_difference_is_a_dot_on_the_line_at_0(of_differences):
+    panel = panel_of(of_differences(FOUR))
+    dots = line_of(panel, "equal")
+    assert (list(dots.get_xdata()), list(dots.get_ydata())) == ([0], [1])
+    assert [0, 0] in [list(line.get_xdata()) for line in panel.lines]
+
+
+def test_the_mean_and_its_interval_are_drawn_the_interval_behind_the_bars(of_differences):
+    comparison = of_differences(FOUR)
+    panel, summary = panel_of(comparison), comparison.metrics[0].difference
+    assert list(line_of(panel, "mean difference").get_xdata()) == [pytest.approx(0.075)] * 2
+    (band,) = (patch for patch in panel.patches if patch.get_label() == "its 95 % interval")
+    assert (band.get_x(), band.get_x() + band.get_width()) == pytest.approx(summary.interval)
+    assert all(band.get_zorder() < bar.get_zorder() for bars in panel.containers for bar in bars)
+    assert panel.get_axisbelow() is True
+
+
+def test_the_legend_tells_what_is_drawn_and_no_more(of_differences):
+    def legend(differences):
+        (found,) = difference_plot(of_differences(differences)).legends
+        return [text.get_text() for text in found.get_texts()]
+
+    everything = ["B above A", "B below A", "equal", "mean difference", "its 95 % interval"]
+    assert legend(FOUR) == everything
+    assert legend({"Scale": 0.5, "Waltz": 0.5}) == ["B above A", "mean difference"]
+    assert legend({"Scale": 0.0}) == ["equal", "mean difference"]
+
+
+@pytest.mark.parametrize("metrics", [["f1"], ["f1", "recall"]])
+def test_the_legend_fits_into_the_picture(compared, metrics):
+    a = {piece: {"f1": 0.5, "recall": 0.5} for piece in FOUR}
+    b = {piece: {"f1": 0.5 + d, "recall": 0.5} for piece, d in FOUR.items()}
+    figure = difference_plot(compared(a, b, metrics))
+    figure.draw_without_rendering()
+    (found,) = figure.legends
+    box = found.get_window_extent()
+    assert 0 < box.x0 < box.x1 < figure.bbox.width
+    assert box.height < 0.2 * figure.bbox.height
+
+
+@pytest.mark.parametrize(("sign", "end"), [(1, 0), (-1, 1)])
+def test_there_is_room_beyond_0_where_all_bars_are_on_one_side(of_differences, sign, end):
+    limits = panel_of(of_differences({"Scale": sign * 0.1, "Waltz": sign * 0.5})).get_xlim()
+    assert limits[end] * sign < -0.01
+
+
+def test_each_metric_has_a_panel_that_is_sorted_for_itself(compared):
+    a = {p: {"f1": 0.0, "onset_error_mean_ms": 1.0, "shown": 2.0} for p in ("Scale", "Waltz")}
+    b = {
+        "Scale": {"f1": 0.5, "onset_error_mean_ms": 3.0, "shown": 2.0},
+        "Waltz": {"f1": 0.1, "onset_error_mean_ms": 9.0, "shown": 1.0},
+    }
+    figure = difference_plot(compared(a, b, ["onset_error_mean_ms", "f1", "shown"]))
+    assert [(p.get_title(), p.get_xlabel(), names_on(p)[-1]) for p in figure.axes] == [
+        ("mean timing error\nB at or above A in 2 of 2", "B \N{MINUS SIGN} A [ms]", "Waltz"),
+        ("F1\nB at or above A in 2 of 2", "B \N{MINUS SIGN} A", "Scale"),
+        ("shown\nB at or above A in 1 of 2", "B \N{MINUS SIGN} A", "Scale"),
+    ]
+    places = [panel.get_subplotspec() for panel in figure.axes]
+    assert [(p.rowspan.start, p.colspan.start) for p in places] == [(0, 0), (0, 1), (1, 0)]
+    (found,) = figure.legends
+    labels = [text.get_text() for text in found.get_texts()]
+    assert sorted(set(labels)) == sorted(labels)
+
+
+@pytest.mark.parametrize("count", [MOST_NAMED, MOST_NAMED + 1, 130])
+def test_few_pairs_are_named_and_many_are_counted(of_differences, count):
+    panel = panel_of(of_differences({f"No. {n}": n / 10 for n in range(1, count + 1)}))
+    assert len(bars_of(panel)["B above A"]) == count
+    named = count <= MOST_NAMED
+    assert names_on(panel) == ([f"No. {n}" for n in range(1, count + 1)] if named else [])
+    low, high = panel.get_ylim()
+    assert -1 < low < -0.5 < count - 0.5 < high < count
+    assert panel.get_ylabel() == ("" if named else f"{count} pairs, sorted")
+
+
+def test_gaps_between_bars_are_there_while_they_can_be_seen(of_differences):
+    def height(count):
+        panel = panel_of(of_differences({f"No. {n}": 0.1 for n in range(count)}))
+        return panel.containers[0][0].get_height()
+
+    assert height(100) < 1.0 == height(101)
+
+
+def test_of_a_long_name_the_middle_is_left_out_and_the_seed_stays(of_differences):
+    names = ("RoboPianist-repertoire-150-NocturneOp9No2-v0", "Nocturne in E flat, Op9")
+    differences = {names[0]: 0.1, names[1]: 0.2, f"{names[1]}.": 0.3}
+    assert names_on(panel_of(of_differences(differences, by="seed"))) == [
+        "RoboPianist-rep…9No2-v0, seed 31",
+        "Nocturne in E flat, Op9, seed 31",
+        "Nocturne in E f…t, Op9., seed 31",
+    ]
+
+
+def test_dollars_in_names_are_no_formulas(compared, tmp_path):
+    a, b = {"$^$": {"$_$": 0.1}}, {"$^$": {"$_$": 0.3}}
+    comparison = compared(a, b, files=("$^$.json", "b.json"))
+    comparison.plot(tmp_path / "all.png")  # which raises an error for a formula that is none
+    assert names_on(panel_of(comparison)) == ["$^$"]
+
+
+def test_the_sources_stand_above_of_long_paths_the_end(of_differences, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    long = "a" * 100
+    (tmp_path / long).mkdir()
+    of_differences(FOUR, files=(f"{long}/all.json", "b.json"))
+    figure = difference_plot(compare(f"{long}/all.json", "b.json"))
+    assert figure.get_suptitle() == f"A: …{'a' * 45}/all.json\nB: b.json"
+
+
+@pytest.mark.parametrize(
+    ("name", "beginning"),
+    [("p.png", b"\x89PNG"), ("p.PNG", b"\x89PNG"), ("p.svg", b"<?xml"), ("p.pdf", b"%PDF")],
+)
+def test_the_suffix_tells_the_format(of_differences, tmp_path, name, beginning):
+    of_differences(FOUR).plot(str(tmp_path / name))
+    assert (tmp_path / name).read_bytes().startswith(beginning)
+    assert {file.name for file in tmp_path.iterdir()} == {"a.json", "b.json", name}
+
+
+def test_a_picture_takes_the_place_of_another_in_one_step(of_differences, tmp_path):
+    """A hard link keeps the former file, unless that is written into."""
+    of_differences(FOUR).plot(tmp_path / "p.png")
+    before = (tmp_path / "p.png").read_bytes()
+    (tmp_path / "former.png").hardlink_to(tmp_path / "p.png")
+    of_differences({"Scale": 0.1}).plot(tmp_path / "p.png")
+    assert (tmp_path / "former.png").read_bytes() == before != (tmp_path / "p.png").read_bytes()
+
+
+def test_more_pairs_make_a_higher_picture(of_differences, tmp_path):
+    def height(count):
+        of_differences({f"No. {n}": n / 10 for n in range(count)}).plot(tmp_path / "p.png")
+        return imread(tmp_path / "p.png").shape[0]
+
+    assert height(5) < height(12) < height(30)
+    assert height(75) == height(150)
+
+
+@pytest.mark.parametrize("name", ["p.gif", "p", ".png"])
+def test_another_suffix_is_refused_and_leaves_nothing(of_differences, tmp_path, name):
+    comparison = of_differences(FOUR)
+    wanted = f"format of the picture '.*{name}': expected a name that ends in .png, .svg or .pdf"
+    with pytest.raises(ConfigError, match=wanted):
+        comparison.plot(tmp_path / name)
+    assert not (tmp_path / name).exists()

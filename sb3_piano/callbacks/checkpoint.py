@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import pickle
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
 
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
+from sb3_piano.callbacks.own_env import nested
 from sb3_piano.callbacks.replay_segments import SEGMENT_PATTERN, ReplayManifest, ReplaySegments
-from sb3_piano.exceptions import RunError
+from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import PARTIAL_SUFFIX, read_json, write_atomically, write_bytes, write_json
 from sb3_piano.settings import Count, checked
 
@@ -20,6 +23,24 @@ CHECKPOINT_FILE = "checkpoint.json"
 DEFAULT_EVERY = 10_000
 """Environment steps between two checkpoints."""
 _PATTERNS = ("model-*.zip", "vecnormalize-*.pkl", SEGMENT_PATTERN, f"*{PARTIAL_SUFFIX}")
+
+CallbackStates = Mapping[str, Sequence[Mapping[str, Any]]]
+"""States of callbacks by the import path of their class, those of a class in their order."""
+
+
+@runtime_checkable
+class KeepsState(Protocol):
+    """A callback with a state that a training which is resumed goes on with."""
+
+    def state_dict(self) -> Mapping[str, Any]:
+        """Return the state, in JSON's types."""
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state; called before the training starts.
+
+        Raises:
+            ConfigError: If it is none of this class.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +57,8 @@ class Checkpoint:
     """The replay buffer, if the algorithm has one."""
     labels: Mapping[str, str] = field(default_factory=dict)
     """Identity of the run, as given to :class:`ResumableCheckpoint`."""
+    callbacks: CallbackStates = field(default_factory=dict)
+    """States of the callbacks that were given to :class:`ResumableCheckpoint`, if they have any."""
 
     @property
     def files(self) -> frozenset[str]:
@@ -51,6 +74,7 @@ class Checkpoint:
         folder: Path,
         labels: Mapping[str, str],
         replay: ReplayManifest | None = None,
+        callbacks: CallbackStates | None = None,
     ) -> Checkpoint:
         """Save a model, beside its replay buffer, and make that the folder's valid checkpoint."""
         steps = model.num_timesteps
@@ -63,9 +87,28 @@ class Checkpoint:
             vec_normalize=normalization if normalizes else None,
             replay=replay,
             labels=labels,
+            callbacks=callbacks or {},
         )
         write_json(folder / CHECKPOINT_FILE, dataclasses.asdict(saved))
         return saved
+
+    def restore_callbacks(self, callbacks: Iterable[BaseCallback]) -> None:
+        """Give callbacks their states back, however deep they are nested.
+
+        The first callback of a class gets the first state of that class, and so on. A callback
+        beyond that begins anew.
+
+        Raises:
+            RunError: If a state is damaged.
+        """
+        for name, several in _with_state(callbacks).items():
+            for callback, state in zip(several, self.callbacks.get(name, ()), strict=False):
+                try:
+                    callback.load_state_dict(state)
+                except ConfigError as error:
+                    raise RunError(
+                        f"{CHECKPOINT_FILE} has a state of {name} that is unusable: {error}"
+                    ) from error
 
     def copy_model(self, folder: Path, copy: Path) -> None:
         """Copy the model to a path; statistics of ``VecNormalize`` go beside it."""
@@ -98,10 +141,10 @@ class ResumableCheckpoint(BaseCallback):
     """Save, every so many environment steps, all that resuming the training needs.
 
     That is the model with its optimizers, the replay buffer (see
-    :mod:`~sb3_piano.callbacks.replay_segments`) and the statistics of ``VecNormalize``. The files
-    are written under new names; replacing ``checkpoint.json`` is the moment at which they become
-    valid, and only then are the former ones deleted. A process killed at any time leaves a folder
-    that can be resumed.
+    :mod:`~sb3_piano.callbacks.replay_segments`), the statistics of ``VecNormalize`` and the states
+    of callbacks that have one (:class:`KeepsState`). The files are written under new names;
+    replacing ``checkpoint.json`` is the moment at which they become valid, and only then are the
+    former ones deleted. A process killed at any time leaves a folder that can be resumed.
 
     The callback saves between two rollouts, when each counted step is in the replay buffer and all
     its updates are done: the first such moment at or after each multiple of ``every``, and the end
@@ -114,6 +157,7 @@ class ResumableCheckpoint(BaseCallback):
             play; statistics of ``VecNormalize`` go beside it as ``vecnormalize.pkl``.
         labels: Written into the checkpoint, to recognise the run by.
         resumed: The checkpoint from which the model was restored, if it was.
+        callbacks: Callbacks of the training whose states are saved.
 
     Raises:
         ConfigError: If ``every`` is less than 1.
@@ -128,6 +172,7 @@ class ResumableCheckpoint(BaseCallback):
         model_copy: str | Path | None = None,
         labels: Mapping[str, str] | None = None,
         resumed: Checkpoint | None = None,
+        callbacks: Iterable[BaseCallback] = (),
     ) -> None:
         super().__init__()
         self._folder = Path(folder)
@@ -136,6 +181,7 @@ class ResumableCheckpoint(BaseCallback):
         self._labels = dict(labels or {})
         self._saved_at = 0 if resumed is None else resumed.num_timesteps
         self._resumed = resumed
+        self._callbacks = tuple(callbacks)
         self._segments: ReplaySegments | None = None
 
     def _init_callback(self) -> None:
@@ -162,7 +208,11 @@ class ResumableCheckpoint(BaseCallback):
         if self.model.num_timesteps == self._saved_at:
             return
         replay = None if self._segments is None else self._segments.write()
-        checkpoint = Checkpoint.save(self.model, self._folder, self._labels, replay)
+        states = {
+            name: [callback.state_dict() for callback in several]
+            for name, several in _with_state(self._callbacks).items()
+        }
+        checkpoint = Checkpoint.save(self.model, self._folder, self._labels, replay, states)
         self._saved_at = checkpoint.num_timesteps
         if self._segments is not None and replay is not None:
             self._segments.committed(replay)
@@ -175,6 +225,22 @@ class ResumableCheckpoint(BaseCallback):
             for path in self._folder.glob(pattern):
                 if path.name not in files:
                     path.unlink(missing_ok=True)
+
+
+def _with_state(callbacks: Iterable[BaseCallback]) -> dict[str, list[KeepsState]]:
+    """Return the callbacks that keep a state by the import path of their class."""
+    found: dict[str, list[KeepsState]] = defaultdict(list)
+    for callback in _all(callbacks):
+        if isinstance(callback, KeepsState):
+            kind = type(callback)
+            found[f"{kind.__module__}.{kind.__qualname__}"].append(callback)
+    return found
+
+
+def _all(callbacks: Iterable[BaseCallback]) -> Iterator[BaseCallback]:
+    for callback in callbacks:
+        yield callback
+        yield from _all(nested(callback))
 
 
 def write_normalization(model: BaseAlgorithm, path: Path) -> bool:

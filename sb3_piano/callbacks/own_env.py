@@ -65,10 +65,11 @@ def hand_over(run: RunContext, callbacks: Iterable[BaseCallback]) -> None:
     for callback in callbacks:
         if isinstance(callback, UsesRun):
             callback.use_run(run)
-        hand_over(run, _children(callback))
+        hand_over(run, nested(callback))
 
 
-def _children(callback: BaseCallback) -> list[BaseCallback]:
+def nested(callback: BaseCallback) -> list[BaseCallback]:
+    """Return the callbacks that a callback of SB3 holds."""
     children = list(getattr(callback, "callbacks", ()))
     children += [getattr(callback, name, None) for name in ("callback", "callback_on_new_best")]
     return [child for child in children if isinstance(child, BaseCallback)]

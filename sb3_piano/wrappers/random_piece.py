@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -11,8 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Score, load_score, select_pieces
+from sb3_piano.music import Score, find_piece, is_path, load_score, select_pieces
 from sb3_piano.music.catalogue import ScoreSource
+from sb3_piano.music.difficulty import Features, features
+from sb3_piano.music.library import piece_features
 from sb3_piano.settings import Number, checked
 from sb3_piano.wrappers.piano import piano_of
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper, possible_scores
@@ -32,6 +35,11 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
 
     Up to 100 pieces are read at once, so that what is wrong with one is told at once. Of more, each
     is read when it is first chosen.
+
+    A curriculum asks which pieces there are and which one is played, and says how likely each is
+    from the next episode on: :attr:`piece_names`, :attr:`piece_index`, :meth:`set_piece_weights`.
+    A vector of environments reaches them by ``get_attr`` and ``env_method``. A piece of weight 0
+    never takes part: wrappers further out do not count with it.
 
     Args:
         env: A piano environment, wrapped or not.
@@ -58,6 +66,8 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
         self._piano = piano_of(env, "RandomPiece")
         self._pieces = select_pieces(pieces)
         self._probabilities = _probabilities(weights, len(self._pieces))
+        self._possible = np.flatnonzero(self._probabilities)
+        self._played: int | None = None
         self._scores: dict[int, Score] = {}
         if len(self._pieces) <= _FEW:
             for index in range(len(self._pieces)):
@@ -67,11 +77,50 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
     @property
     def sources(self) -> list[Score]:
         """The pieces that may be chosen."""
-        return [self._score(int(index)) for index in np.flatnonzero(self._probabilities)]
+        return [self._score(int(index)) for index in self._possible]
+
+    @property
+    def piece_names(self) -> list[str]:
+        """The pieces that may be chosen as text: names, absolute paths and titles of scores.
+
+        Each is another text: of several scores of one title the second is "title (2)".
+        """
+        return _names([self._pieces[index] for index in self._possible])
+
+    @property
+    def piece_index(self) -> int | None:
+        """Which of these the present episode plays; ``None`` if it is not chosen here."""
+        return self._played
+
+    def set_piece_weights(self, weights: Sequence[float]) -> None:
+        """Set how likely each piece is from the next episode on.
+
+        Args:
+            weights: One for each of :attr:`piece_names`, as of the constructor.
+
+        Raises:
+            ConfigError: If they are no such numbers.
+        """
+        self._probabilities[self._possible] = _probabilities(weights, len(self._possible))
+
+    def piece_features(self, index: int) -> Features:
+        """Return what makes one of :attr:`piece_names` hard, of the notes that are played here.
+
+        Raises:
+            ScoreError: If the piece cannot be read, or no two hands can play it.
+        """
+        own = int(self._possible[index])
+        source, config = self._pieces[own], self._piano.config
+        is_whole = config.hands == "both" and len(config.sides) != 1
+        if is_whole and isinstance(source, str) and not is_path(source):
+            return piece_features(find_piece(source))  # which were noted when it was imported
+        return features(self._score(own))
 
     def choose(self, random: np.random.Generator) -> Score:
         """Return the piece of an episode."""
-        return self._score(int(random.choice(len(self._pieces), p=self._probabilities)))
+        chosen = int(random.choice(len(self._pieces), p=self._probabilities))
+        self._played = int(np.searchsorted(self._possible, chosen))
+        return self._score(chosen)
 
     def _score(self, index: int) -> Score:
         """Return a piece; the same object for as long as it is among the last that were read."""
@@ -84,9 +133,21 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
 
     def extend(self, plan: ScorePlan, options: Mapping[str, Any]) -> ScorePlan:
         """Return the plan with this choice, unless the piece is settled further out."""
+        self._played = None  # until the environment has its seed, and chooses
         if "score" in options or plan.choose is not None:
             return plan
         return replace(plan, choose=self.choose)
+
+
+def _names(pieces: Sequence[ScoreSource]) -> list[str]:
+    found: dict[str, None] = {}
+    for piece in pieces:
+        title = piece.title if isinstance(piece, Score) else os.fspath(piece)
+        name, number = title, 2
+        while name in found:
+            name, number = f"{title} ({number})", number + 1
+        found[name] = None
+    return list(found)
 
 
 def _probabilities(weights: Any, count: int) -> npt.NDArray[np.float64]:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import os
 
 import numpy as np
 import pytest
 from stable_baselines3 import SAC
-from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList, EveryNTimesteps
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecNormalize
 
 from sb3_piano.callbacks import Checkpoint, ResumableCheckpoint, restore_replay_buffer
-from sb3_piano.exceptions import RunError
+from sb3_piano.exceptions import ConfigError, RunError
 
 
 def make_model(n_envs=1, normalize=False, **kwargs):
@@ -138,6 +139,105 @@ def test_a_killed_deletion_leaves_a_checkpoint_that_can_be_restored(tmp_path, mo
     assert Checkpoint.read(tmp_path).num_timesteps == 40
     make_model().learn(25, callback=ResumableCheckpoint(tmp_path, 20))
     assert not (tmp_path / "model-20.zip").exists()
+
+
+class Counter(BaseCallback):
+    """Count calls, on from where it stopped."""
+
+    def __init__(self, by=1):
+        super().__init__()
+        self.by = by
+        self.count = 0
+
+    def state_dict(self):
+        return {"count": self.count}
+
+    def load_state_dict(self, state):
+        if state["count"] < 0:
+            raise ConfigError("count is below 0: expected more.")
+        self.count = state["count"]
+
+    def _on_step(self):
+        self.count += self.by
+        return True
+
+
+class OtherCounter(Counter):
+    """A class with states of its own."""
+
+
+def counters():
+    """Return callbacks of two classes, some of them inside others, and the list to train with."""
+    found = [Counter(1), OtherCounter(100), Counter(10), Counter(1000)]
+    first, other, second, third = found
+    nested = CallbackList([EveryNTimesteps(5, second), third])
+    return found, [first, other, nested]
+
+
+def test_the_states_of_callbacks_are_saved_and_each_gets_its_own_back(tmp_path):
+    found, every = counters()
+    checkpoint = ResumableCheckpoint(tmp_path, 20, callbacks=every)
+    make_model().learn(25, callback=[*every, checkpoint])
+    expected = [25, 2500, 50, 25_000]
+    assert [callback.count for callback in found] == expected
+    others, every = counters()
+    Checkpoint.read(tmp_path).restore_callbacks(every)
+    assert [callback.count for callback in others] == expected
+
+
+def test_the_states_are_those_of_the_checkpoints_step(tmp_path):
+    found, every = counters()
+    checkpoint = ResumableCheckpoint(tmp_path, 20, callbacks=every)
+    model = make_model()
+    with pytest.raises(Killed):
+        model.learn(25, callback=[*every, checkpoint, KilledAt(23)])
+    assert found[0].count == 23
+    saved = Checkpoint.read(tmp_path)
+    assert saved.num_timesteps == 20
+    saved.restore_callbacks(every)
+    assert [callback.count for callback in found] == [20, 2000, 40, 20_000]
+
+
+class KilledAt(BaseCallback):
+    def __init__(self, step):
+        super().__init__()
+        self.step = step
+
+    def _on_step(self):
+        if self.num_timesteps == self.step:
+            raise Killed
+        return True
+
+
+def test_callbacks_that_were_not_there_begin_anew_and_states_of_others_are_left(tmp_path):
+    first = Counter()
+    make_model().learn(5, callback=[first, ResumableCheckpoint(tmp_path, callbacks=[first])])
+    again = [OtherCounter(), Counter(), Counter()]
+    Checkpoint.read(tmp_path).restore_callbacks(again)
+    assert [callback.count for callback in again] == [0, 5, 0]
+    Checkpoint.read(tmp_path).restore_callbacks([])
+
+
+def test_a_checkpoint_of_before_there_were_states_can_be_read(tmp_path):
+    first = Counter()
+    make_model().learn(5, callback=[first, ResumableCheckpoint(tmp_path, callbacks=[first])])
+    path = tmp_path / "checkpoint.json"
+    content = json.loads(path.read_text())
+    del content["callbacks"]
+    path.write_text(json.dumps(content))
+    saved = Checkpoint.read(tmp_path)
+    assert saved.callbacks == {}
+    again = Counter()
+    saved.restore_callbacks([again])
+    assert again.count == 0
+
+
+def test_a_state_that_its_callback_refuses_is_named(tmp_path):
+    first = Counter(by=-1)
+    make_model().learn(5, callback=[first, ResumableCheckpoint(tmp_path, callbacks=[first])])
+    message = r"checkpoint.json has a state of test_checkpoint.Counter that is unusable: count is"
+    with pytest.raises(RunError, match=message):
+        Checkpoint.read(tmp_path).restore_callbacks([Counter()])
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", '{"replay": null, "colour": 1}', "{"])

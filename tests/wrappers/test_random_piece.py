@@ -7,9 +7,13 @@ from collections import Counter
 import numpy as np
 import pytest
 from playing_scores import melody, piano, played, titles
+from stable_baselines3.common.vec_env import DummyVecEnv
 
-from sb3_piano.exceptions import ScoreError
-from sb3_piano.music import write_midi
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.music import Note, Score, find_piece, write_midi
+from sb3_piano.music.difficulty import features
+from sb3_piano.vec_env import ProcessVecEnv, ThreadVecEnv
 from sb3_piano.wrappers import Excerpt, PitchShift, RandomPiece, TemporalStretch
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
@@ -118,6 +122,98 @@ class TestPlaceInTheStack:
         env = PitchShift(RandomPiece(piano(), [A, B, C], [1, 0, 1]), 1)
         assert [(s.title, s.notes[0].pitch) for s in possible_scores(env)] == [("a", 61), ("c", 65)]
         assert [s.title for s in possible_scores(RandomPiece(env, [B]))] == ["b"]
+
+
+def new_choice():
+    """Return a choice of three pieces; a function that a process can be given."""
+    return RandomPiece(PianoEnv(A, physics="fast", n_steps_lookahead=0), [A, B, C])
+
+
+class TestForCurricula:
+    def test_each_piece_has_a_name_of_its_own(self, tmp_path):
+        write_midi(melody(60), tmp_path / "own.mid")
+        twins = [A, melody(70, title="a"), melody(71, title="a (2)"), melody(72, title="a")]
+        env = RandomPiece(piano(), [*twins, "TwinkleTwinkle", tmp_path / "own.mid"])
+        assert env.piece_names == [
+            "a",
+            "a (2)",
+            "a (2) (2)",
+            "a (3)",
+            find_piece("TwinkleTwinkle").name,
+            str(tmp_path / "own.mid"),
+        ]
+
+    def test_the_index_is_that_of_the_piece_in_the_names(self):
+        env = RandomPiece(piano(), [A, B, C], [1, 0, 1])
+        assert env.piece_names == ["a", "c"]
+        assert env.piece_index is None
+        seen = set()
+        for _ in range(12):
+            title = played(env).title
+            assert env.piece_names[env.piece_index] == title
+            seen.add(title)
+        assert seen == {"a", "c"}
+
+    def test_there_is_no_index_where_the_piece_is_not_chosen_here(self):
+        inner = RandomPiece(piano(), [A, B])
+        played(inner)
+        assert inner.piece_index is not None
+        played(inner, score=C)
+        assert inner.piece_index is None
+        played(inner)
+        outer = RandomPiece(inner, [B, C])
+        played(outer)
+        assert inner.piece_index is None
+        assert outer.piece_index is not None
+        assert PitchShift(outer, 1).get_wrapper_attr("piece_names") == ["b", "c"]
+
+    def test_new_weights_count_from_the_next_episode_on(self):
+        env = RandomPiece(piano(), [A, B, C])
+        env.reset(seed=0)
+        env.set_piece_weights([0, 3, 1])
+        twin = np.random.default_rng(5)
+        expected = ["abc"[twin.choice(3, p=[0, 3 / 4, 1 / 4])] for _ in range(20)]
+        assert titles(env, 20, seed=5) == expected
+        assert set(expected) == {"b", "c"}
+
+    def test_a_piece_without_a_chance_at_first_never_gets_one(self):
+        env = RandomPiece(piano(), [A, B, C], [1, 0, 1])
+        env.set_piece_weights([0, 1])
+        assert {*titles(env, 10)} == {"c"}
+        assert [score.title for score in env.sources] == ["a", "c"]  # KeyRange counts on both
+        with pytest.raises(ConfigError, match="weights is .*: expected a list of 2, one for each"):
+            env.set_piece_weights([1, 1, 1])
+
+    @pytest.mark.parametrize("weights", [[0, 0, 0], [1, -1, 1], [1, float("nan"), 1], "abc"])
+    def test_weights_that_are_none_are_refused(self, weights):
+        with pytest.raises(ConfigError, match="weights"):
+            RandomPiece(piano(), [A, B, C]).set_piece_weights(weights)
+
+    def test_the_features_are_those_of_what_is_played(self):
+        chord = [
+            Note(onset=0.0, offset=1.0, pitch=p, hand=h) for p, h in ((60, "left"), (76, "right"))
+        ]
+        two_hands = Score(notes=chord, title="two hands")
+        env = RandomPiece(piano(), [A, "OdeToJoy", two_hands], [0, 1, 1])
+        assert env.piece_features(0) == features(find_piece("OdeToJoy").score())
+        assert env.piece_features(1).maximum_polyphony == 2
+        right = PianoEnv(two_hands, physics="fast", hands="right")
+        env = RandomPiece(right, [two_hands, "OdeToJoy"])
+        assert env.piece_features(0).maximum_polyphony == 1
+        assert env.piece_features(1).notes < find_piece("OdeToJoy").score().notes.__len__()
+
+    @pytest.mark.parametrize(
+        "vector", [DummyVecEnv, ThreadVecEnv, pytest.param(ProcessVecEnv, marks=pytest.mark.slow)]
+    )
+    def test_a_vector_of_environments_passes_all_of_it_on(self, vector):
+        venv = vector([new_choice, new_choice])
+        venv.seed(0)
+        venv.env_method("set_piece_weights", [0.0, 0.0, 1.0], indices=1)
+        venv.reset()
+        assert venv.get_attr("piece_names") == [["a", "b", "c"]] * 2
+        assert venv.get_attr("piece_index", 1) == [2]
+        assert [f.notes for f in venv.env_method("piece_features", 0)] == [1, 1]
+        venv.close()
 
 
 class TestErrors:

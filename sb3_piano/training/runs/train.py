@@ -127,7 +127,10 @@ def resume(
     progress_bar: bool = True,
     checkpoint_every: int = DEFAULT_EVERY,
 ) -> TrainResult:
-    """Go on with a run from its last checkpoint, with its model, replay buffer and step count.
+    """Go on with a run from its last checkpoint: model, replay buffer, step count, callbacks.
+
+    Of the callbacks those go on that keep a state, such as
+    :class:`~sb3_piano.callbacks.LevelReplayCallback`; the others begin anew.
 
     A new episode begins, and random numbers are drawn from a seed made of the run's seed and the
     step count: two resumptions of one checkpoint are alike, but not like a run that never stopped.
@@ -219,6 +222,8 @@ def _learn(
         return build_vec_env(config.alone(), innermost=innermost)
 
     hand_over(RunContext(folder=run.path, make_env=another_env), callbacks)
+    if resumed is not None:
+        resumed.restore_callbacks(callbacks)
     own: list[BaseCallback] = [EpisodeMetricsCallback(), RewardTermsCallback()]
     with contextlib.ExitStack() as stack:
         stack.callback(_close_logger, model)
@@ -231,6 +236,7 @@ def _learn(
                 model_copy=run.model_file,
                 labels=config.labels,
                 resumed=resumed,
+                callbacks=callbacks,
             )
         )
         request = stack.enter_context(stop_on_signal())

@@ -1,0 +1,198 @@
+"""Easy pieces first, in real trainings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scripted import log_lines, series
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from sb3_piano.callbacks import DifficultyCallback
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Note, Score, load_score
+from sb3_piano.music.difficulty import features, rank
+from sb3_piano.vec_env import ProcessVecEnv, ThreadVecEnv
+from sb3_piano.wrappers import RandomPiece
+
+
+def piece(n_keys):
+    """Return a piece of some chords, the harder the more keys they have."""
+    pitches = [60 + 2 * key for key in range(n_keys)]
+    notes = [Note(onset=0.1 * i, offset=0.1 * i + 0.1, pitch=p) for i in (0, 1) for p in pitches]
+    return Score(notes=notes, title=f"{n_keys} keys")
+
+
+FIVE = [piece(n_keys) for n_keys in (3, 1, 5, 2, 4)]
+"""Pieces of equal length, not in the order of their difficulty."""
+
+
+def on_pieces(*several, vector=DummyVecEnv):
+    """Return a vector with an environment for each list of pieces."""
+
+    def piano(pieces):
+        return RandomPiece(PianoEnv(pieces[0], physics="fast", n_steps_lookahead=0), pieces)
+
+    return vector([lambda pieces=pieces: piano(pieces) for pieces in several])
+
+
+def model_of(venv):
+    """Return a model that only collects."""
+    network = {"net_arch": [8]}
+    return SAC(
+        "MlpPolicy", venv, learning_starts=10**6, policy_kwargs=network, device="cpu", seed=3
+    )
+
+
+class Drawn(BaseCallback):
+    """Keep the pieces that environments draw: the band in which they do, and the number of keys."""
+
+    def __init__(self):
+        super().__init__()
+        self.found = {}
+        self.band = 1
+
+    def _on_step(self):
+        for env in np.flatnonzero(self.locals["dones"]).tolist():
+            (score,) = self.training_env.get_attr("score", env)
+            # drawn in this step, by the weights of the one before
+            self.found.setdefault((env, self.band), set()).add(int(score.title[0]))
+        self.band = self.logger.name_to_value["curriculum/band"]
+        return True
+
+
+class Ended(BaseCallback):
+    """End the training after its first step."""
+
+    def _on_step(self):
+        return False
+
+
+def drawn(venv, steps, **settings):
+    """Return which pieces each environment draws in each band."""
+    curriculum = DifficultyCallback(**settings)
+    seen = Drawn()
+    model_of(venv).learn(steps, callback=[curriculum, seen])
+    venv.close()
+    return seen.found
+
+
+def test_the_bands_are_those_of_the_ranks():
+    curriculum = DifficultyCallback(bands=3)
+    model_of(on_pieces(FIVE)).learn(1, callback=curriculum)
+    expected = {"1 keys": 1, "2 keys": 1, "3 keys": 2, "4 keys": 2, "5 keys": 3}
+    assert curriculum.bands == expected
+    assert list(curriculum.bands) == list(expected)
+
+
+@pytest.mark.parametrize("vector", [DummyVecEnv, ThreadVecEnv])
+def test_one_band_is_added_after_the_other_and_then_all_are_equally_likely(vector):
+    found = drawn(on_pieces(FIVE, vector=vector), 600, bands=2, fraction=0.5)
+    assert found == {(0, 1): {1, 2, 3}, (0, 2): {1, 2, 3, 4, 5}, (0, 3): {1, 2, 3, 4, 5}}
+
+
+def test_the_present_band_alone():
+    found = drawn(on_pieces(FIVE), 600, bands=2, fraction=0.5, cumulative=False)
+    assert found == {(0, 1): {1, 2, 3}, (0, 2): {4, 5}, (0, 3): {1, 2, 3, 4, 5}}
+
+
+def test_an_environment_without_a_piece_of_the_band_plays_its_nearest():
+    easy, hard = [FIVE[1], FIVE[3]], [FIVE[0], FIVE[2], FIVE[4]]
+    found = drawn(on_pieces(easy, hard), 2 * 300, bands=5, fraction=0.5)
+    assert found[0, 1] == {1}
+    assert found[0, 2] == found[0, 5] == {1, 2}
+    assert found[1, 1] == found[1, 2] == found[1, 3] == {3}
+    assert found[1, 4] == {3, 4}
+    found = drawn(on_pieces(easy, hard), 2 * 300, bands=5, fraction=0.5, cumulative=False)
+    assert [found[0, band] for band in range(1, 7)] == [{1}, {2}, {2}, {2}, {2}, {1, 2}]
+    assert [found[1, band] for band in range(1, 7)] == [{3}, {3}, {3}, {4}, {5}, {3, 4, 5}]
+
+
+@pytest.mark.slow
+def test_environments_in_processes():
+    found = drawn(on_pieces(FIVE, FIVE, vector=ProcessVecEnv), 2 * 200, bands=2, fraction=1.0)
+    assert found[0, 1] <= {1, 2, 3}
+    assert found[1, 1] <= {1, 2, 3}
+    assert found[0, 2] & found[1, 2] & {4, 5}
+
+
+def test_the_band_is_logged_by_the_step_and_goes_on_with_a_training(tmp_path):
+    model = model_of(on_pieces(FIVE))
+    settings = {"bands": 4, "fraction": 0.8}
+    lines = log_lines(tmp_path, model, 100, DifficultyCallback(**settings), log_interval=1)
+    bands = series(lines, "curriculum/band")
+    assert set(bands.values()) == {1, 2, 3, 4, 5}
+    # of 80 steps a band has 20: the 20th begins the second
+    assert all(band == min(step // 20, 4) + 1 for step, band in bands.items())
+    model = model_of(on_pieces(FIVE))
+    model.learn(50, callback=DifficultyCallback(**settings))
+    again = DifficultyCallback(**settings)
+    # of 100 steps in all
+    lines = log_lines(tmp_path, model, 50, again, log_interval=1, reset_num_timesteps=False)
+    bands = series(lines, "curriculum/band")
+    assert min(bands) > 50
+    assert all(band == min(step // 20, 4) + 1 for step, band in bands.items())
+
+
+def test_a_second_training_sets_the_weights_of_its_own_environments():
+    curriculum = DifficultyCallback(bands=5)
+    for _ in range(2):
+        venv = on_pieces(FIVE)
+        model_of(venv).learn(100, callback=[curriculum, Ended()])
+        assert venv.envs[0]._probabilities.tolist() == [0, 1, 0, 0, 0]
+
+
+def test_each_piece_is_read_once():
+    class Counting(RandomPiece):
+        read = []  # noqa: RUF012
+
+        def piece_features(self, index):
+            self.read.append(self.piece_names[index])
+            return super().piece_features(index)
+
+    def maker():
+        return Counting(PianoEnv(FIVE[0], physics="fast", n_steps_lookahead=0), FIVE)
+
+    model_of(DummyVecEnv([maker, maker])).learn(2, callback=DifficultyCallback())
+    assert Counting.read == [score.title for score in FIVE]
+
+
+def test_an_on_policy_algorithm_needs_no_more():
+    settings = {"n_steps": 50, "batch_size": 50, "policy_kwargs": {"net_arch": [8]}}
+    curriculum = DifficultyCallback(bands=5, fraction=1.0)
+    seen = Drawn()
+    model = PPO("MlpPolicy", on_pieces(FIVE), device="cpu", seed=3, **settings)
+    model.learn(100, callback=[curriculum, seen])
+    assert seen.found[0, 1] == {1}
+    assert seen.found[0, 2] <= {1, 2}
+
+
+def test_the_ranks_are_those_of_the_command():
+    names = ["debug-TwinkleTwinkleLittleStar", "scale-CMajor", "repertoire-OdeToJoy"]
+    curriculum = DifficultyCallback(bands=3)
+    model_of(on_pieces(names)).learn(1, callback=curriculum)
+    expected = list(rank({name: features(load_score(name)) for name in names}))
+    assert list(curriculum.bands) == expected
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"bands": 1}, "bands is 1: expected a whole number, 2 or more"),
+        ({"fraction": 0}, "fraction is 0: expected a finite number above 0, 1 or less"),
+        ({"cumulative": 1}, "cumulative is 1: expected true or false"),
+    ],
+)
+def test_settings_out_of_range_are_refused(settings, message):
+    with pytest.raises(ConfigError, match=message):
+        DifficultyCallback(**settings)
+
+
+def test_more_bands_than_pieces_and_environments_without_a_choice_are_refused():
+    message = "bands is 6, but the environments choose among 5 pieces: expected at most as many"
+    with pytest.raises(ConfigError, match=message):
+        model_of(on_pieces(FIVE)).learn(1, callback=DifficultyCallback(bands=6))
+    with pytest.raises(ConfigError, match="DifficultyCallback finds no environment that chooses"):
+        model_of(on_pieces(FIVE[:1])).learn(1, callback=DifficultyCallback())

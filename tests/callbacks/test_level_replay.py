@@ -1,0 +1,503 @@
+"""Level replay in real trainings: scores, draws, checkpoints."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import signal
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from sb3_contrib import TQC, CrossQ
+from scripted import log_lines, series
+from stable_baselines3 import DDPG, DQN, PPO, SAC, TD3
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+from sb3_piano.callbacks import Checkpoint, LevelReplayCallback
+from sb3_piano.callbacks.level_replay import advantages
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.layers import layers
+from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.training import RunConfig, resume, train
+from sb3_piano.vec_env import HandsAsAgents, ProcessVecEnv, ThreadVecEnv
+from sb3_piano.wrappers import HandActions, HandReward, RandomPiece
+
+CALLBACK = "sb3_piano.callbacks.LevelReplayCallback"
+
+
+def piece(title, steps):
+    """Return a note of so many control steps, but for the silence at the end of an episode."""
+    return Score(notes=[Note(onset=0.0, offset=0.05 * steps, pitch=60, finger=0)], title=title)
+
+
+THREE = [piece("a", 4), piece("b", 7), piece("c", 5)]
+NINE = [piece(title, 3) for title in "abcdefghi"]
+
+
+def piano(pieces=THREE, **options):
+    options = {"physics": "fast", "n_steps_lookahead": 0, **options}
+    return RandomPiece(PianoEnv(pieces[0], **options), pieces)
+
+
+def on_pieces(*several, vector=DummyVecEnv, **options):
+    """Return a vector with an environment for each list of pieces."""
+    return vector([lambda pieces=pieces: piano(pieces, **options) for pieces in several])
+
+
+def model_of(venv, algorithm=SAC, **kwargs):
+    """Return an off-policy model that only collects, unless told to learn."""
+    settings = {
+        "learning_starts": 10**6,
+        "buffer_size": 1000,
+        "batch_size": 8,
+        "policy_kwargs": {"net_arch": [8]},
+        "device": "cpu",
+        "seed": 3,
+        "gamma": 0.8,
+        **kwargs,
+    }
+    policy = "MultiInputPolicy" if isinstance(venv.observation_space, gym.spaces.Dict) else None
+    return algorithm(policy or "MlpPolicy", venv, **settings)
+
+
+class Played(BaseCallback):
+    """Note what each environment plays, episode after episode."""
+
+    def __init__(self):
+        super().__init__()
+        self.titles = []
+        self.rounds = []
+
+    def _begun(self, envs):
+        scores = self.training_env.unwrapped.get_attr("score", envs)
+        self.titles += [score.title for score in scores]
+        self.rounds.append([score.title for score in scores])
+
+    def _on_training_start(self):
+        self._begun(range(self.training_env.unwrapped.num_envs))
+
+    def _on_step(self):
+        agents = self.training_env.num_envs // self.training_env.unwrapped.num_envs
+        ended = np.flatnonzero(self.locals["dones"][::agents])
+        if len(ended):
+            self._begun(ended)
+        return True
+
+
+class Scores(LevelReplayCallback):
+    """Keep each score with the step after which it was given."""
+
+    def __init__(self, **settings):
+        super().__init__(**settings)
+        self.scores = []
+
+    def _end(self, env, infos):
+        super()._end(env, infos)
+        name = self._playing[env]
+        self.scores.append((self.n_calls, env, self.sampler.levels[name].score))
+
+
+def summed(rewards, values, gamma, decay):
+    """Return advantages by their definition, a double sum."""
+    steps = range(len(rewards))
+    delta = [rewards[t] + gamma * values[t + 1] - values[t] for t in steps]
+    return [sum((gamma * decay) ** (k - t) * delta[k] for k in steps[t:]) for t in steps]
+
+
+def row_of(observations, index):
+    if isinstance(observations, dict):
+        return {name: rows[index] for name, rows in observations.items()}
+    return observations[index]
+
+
+def q_values(model, observations):
+    """Return the mean over the critics of Q at the policy's mode, by SB3's own predict."""
+    normalization = model.get_vec_normalize_env()
+    if normalization is not None:
+        observations = normalization.normalize_obs(observations)
+    actions, _ = model.predict(observations, deterministic=True)
+    scaled = torch.as_tensor(model.policy.scale_action(actions))
+    with torch.no_grad():
+        found = model.critic(model.policy.obs_to_tensor(observations)[0], scaled)
+    if torch.is_tensor(found):  # TQC's quantiles
+        return found.mean(dim=(1, 2)).numpy()
+    return torch.stack(found).mean(dim=0)[:, 0].numpy()
+
+
+def scores_of_rows(model, scores, agents=1, decay=0.95):
+    """Return the scores of the same episodes by the rows of the replay buffer."""
+    buffer, found = model.replay_buffer, []
+    for last, env, _ in scores:
+        surprises = []
+        for agent in range(env * agents, (env + 1) * agents):
+            done = buffer.dones[:last, agent].astype(bool)
+            before = np.flatnonzero(done[: last - 1])
+            rows = slice(before[-1] + 1 if len(before) else 0, last)
+            rewards = buffer.rewards[rows, agent]
+            normalization = model.get_vec_normalize_env()
+            if normalization is not None:
+                rewards = normalization.normalize_reward(rewards)
+            at = (rows, agent)
+            values = q_values(model, row_of(buffer.observations, at))
+            following = q_values(model, row_of(buffer.next_observations, at))[-1]
+            ends = buffer.dones[last - 1, agent] * (1 - buffer.timeouts[last - 1, agent])
+            values = [*values, (1 - ends) * following]
+            surprises.append(np.abs(summed(rewards, values, model.gamma, decay)).mean())
+        found.append(np.mean(surprises))
+    return found
+
+
+def assert_scores_of_rows(model, callback, **kwargs):
+    given = [score for *_, score in callback.scores]
+    assert len(set(given)) >= 4
+    np.testing.assert_allclose(given, scores_of_rows(model, callback.scores, **kwargs), rtol=1e-4)
+
+
+class TestScores:
+    def test_advantages_are_the_discounted_sums_of_residuals(self):
+        random = np.random.default_rng(0)
+        for steps in (1, 2, 30):
+            rewards, values = random.normal(size=steps), random.normal(size=steps + 1)
+            found = advantages(rewards, values, 0.9, 0.7)
+            np.testing.assert_allclose(found, summed(rewards, values, 0.9, 0.7))
+
+    @pytest.mark.parametrize("algorithm", [SAC, TD3, DDPG, TQC, CrossQ])
+    def test_they_are_those_of_the_rows_in_the_replay_buffer(self, algorithm):
+        callback = Scores()
+        model = model_of(on_pieces(THREE), algorithm)
+        model.learn(60, callback=callback)
+        assert_scores_of_rows(model, callback)
+        assert model.replay_buffer.timeouts.any()
+
+    def test_the_decay_is_the_one_that_was_given(self):
+        callback = Scores(gae_lambda=0.3)
+        model = model_of(on_pieces(THREE))
+        model.learn(60, callback=callback)
+        assert_scores_of_rows(model, callback, decay=0.3)
+
+    def test_no_value_follows_an_episode_that_was_not_cut_off(self):
+        callback = Scores()
+        # the fingers fall on wrong keys soon
+        long = [piece("a", 40), piece("b", 50)]
+        model = model_of(on_pieces(long, wrong_press_termination=True))
+        model.learn(200, callback=callback)
+        assert_scores_of_rows(model, callback)
+        ended = model.replay_buffer.dones.astype(bool)
+        assert (model.replay_buffer.timeouts[ended] == 0).any()
+
+    def test_under_vec_normalize_all_is_normalised(self):
+        venv = VecNormalize(on_pieces(THREE))
+        for _ in range(20):
+            venv.reset()
+            for _ in range(3):
+                venv.step([venv.action_space.sample()])
+        venv.training = False
+        callback = Scores()
+        model = model_of(venv)
+        model.learn(60, callback=callback)
+        assert_scores_of_rows(model, callback)
+
+    def test_observations_may_be_mappings(self):
+        callback = Scores()
+        model = model_of(DummyVecEnv([lambda: AsDict(piano())]))
+        model.learn(60, callback=callback)
+        assert_scores_of_rows(model, callback)
+
+    def test_hands_as_agents_share_the_piece(self):
+        options = {"observation": "hands", "reduced_action_space": False}
+        left = Note(onset=0.0, offset=0.2, pitch=40, finger=6)
+        both = [Score(notes=[*score.notes, left], title=score.title) for score in THREE]
+        maker = lambda: HandActions(HandReward(piano(both, **options)))  # noqa: E731
+        callback, seen = Scores(), Played()
+        model = model_of(HandsAsAgents(DummyVecEnv([maker, maker])))
+        model.learn(4 * 30, callback=[callback, seen])
+        assert_scores_of_rows(model, callback, agents=2)
+        assert {env for _, env, _ in callback.scores} == {0, 1}
+        visits = sum(level.visits for level in callback.sampler.levels.values())
+        assert visits == len(seen.titles)
+
+    def test_those_of_ppo_are_the_advantages_that_it_learns_from(self):
+        class Advantages(BaseCallback):
+            """Keep the mean absolute advantage of each whole episode of a rollout."""
+
+            found = ()
+
+            def _on_step(self):
+                return True
+
+            def _on_rollout_end(self):
+                buffer = self.model.rollout_buffer
+                starts = np.flatnonzero(buffer.episode_starts[:, 0])
+                bounds = itertools.pairwise(starts)
+                self.found = [np.abs(buffer.advantages[i:j, 0]).mean() for i, j in bounds]
+
+        callback, of_sb3 = Scores(), Advantages()
+        model = PPO(
+            "MlpPolicy",
+            on_pieces(THREE),
+            n_steps=64,
+            batch_size=64,
+            policy_kwargs={"net_arch": [8]},
+            device="cpu",
+            seed=3,
+        )
+        model.learn(64, callback=[callback, of_sb3])
+        given = [score for *_, score in callback.scores]
+        assert len(given) >= 6
+        np.testing.assert_allclose(given[: len(of_sb3.found)], of_sb3.found, rtol=1e-4)
+
+
+class AsDict(gym.ObservationWrapper):
+    def __init__(self, env):
+        super().__init__(env)
+        self.observation_space = gym.spaces.Dict({"vector": env.observation_space})
+
+    def observation(self, observation):
+        return {"vector": observation}
+
+
+class Rewarding(gym.RewardWrapper):
+    """Reward one of the pieces more than a critic expects."""
+
+    def reward(self, reward):
+        return reward + 100 * (self.unwrapped.score.title == "b")
+
+
+class TestDraws:
+    def test_each_piece_is_played_once_before_any_is_played_again(self):
+        callback, seen = LevelReplayCallback(), Played()
+        model_of(on_pieces(NINE)).learn(14 * 4, callback=[callback, seen])
+        assert len(seen.titles) > 12
+        assert len(set(seen.titles[:9])) == 9
+        # the tenth is drawn before the ninth has its score, but is no second first visit to it
+        assert seen.titles[9] != seen.titles[8]
+
+    @pytest.mark.parametrize("count", [7, 8, 9])
+    def test_two_environments_do_not_draw_the_same_unseen_piece(self, count):
+        pieces = NINE[:count]
+        for seed in range(3):
+            callback, seen = LevelReplayCallback(), Played()
+            model = model_of(on_pieces(pieces, pieces, pieces), seed=seed)
+            model.learn(3 * 24, callback=[callback, seen])
+            known = set(seen.rounds[0])  # drawn before the callback could say anything
+            for drawn in seen.rounds[1:]:
+                assert len(drawn) == 3  # pieces are equally long
+                new = [title for title in drawn if title not in known]
+                assert len(new) == len(set(new))
+                known.update(new)
+            assert known == {score.title for score in pieces}
+            assert callback.sampler.unseen() == []
+
+    def test_then_pieces_are_as_likely_as_the_sampler_says(self):
+        callback = LevelReplayCallback(beta=0.1, rho=0.1)
+        model = model_of(on_pieces(THREE, THREE))
+        model.learn(2 * 60, callback=callback)
+        likely = callback.sampler.probabilities()
+        assert min(likely.values()) < max(likely.values())
+        for env in model.get_env().envs:
+            assert env._probabilities.tolist() == pytest.approx([likely[name] for name in "abc"])
+
+    def test_the_piece_with_the_most_to_learn_is_played_the_most(self):
+        callback, seen = LevelReplayCallback(beta=0.1, rho=0.0), Played()
+        model = model_of(DummyVecEnv([lambda: Rewarding(piano())]))
+        model.learn(150, callback=[callback, seen])
+        # the fourth is drawn before the third has its score
+        assert set(seen.titles[:3]) == set("abc")
+        assert set(seen.titles[4:]) == {"b"}
+        counts = [seen.titles.count(title) for title in "abc"]
+        assert counts == [callback.sampler.levels[name].visits for name in "abc"]
+
+    def test_an_environment_chooses_among_its_own_pieces(self):
+        a, b, c = THREE
+        callback, seen = LevelReplayCallback(), Played()
+        model = model_of(on_pieces([a, b], [c], [b, c]))
+        model.learn(3 * 60, callback=[callback, seen])
+        levels = callback.sampler.levels
+        assert set(levels) == {"a", "b", "c"}
+        assert all(level.score is not None for level in levels.values())
+        # the piece of the one that has no choice is not counted
+        assert sum(level.visits for level in levels.values()) < len(seen.titles)
+        first, _, third = model.get_env().envs
+        likely = callback.sampler.probabilities(["a", "b"])
+        assert first._probabilities.tolist() == pytest.approx(list(likely.values()))
+        likely = callback.sampler.probabilities(["b", "c"])
+        assert third._probabilities.tolist() == pytest.approx(list(likely.values()))
+
+    def test_a_given_score_is_not_counted(self):
+        venv = on_pieces(THREE)
+        venv.set_options({"score": piece("other", 6)})
+        callback, seen = LevelReplayCallback(), Played()
+        model_of(venv).learn(30, callback=[callback, seen])
+        assert seen.titles[0] == "other"
+        visits = sum(level.visits for level in callback.sampler.levels.values())
+        assert visits == len(seen.titles) - 1
+        assert "other" not in callback.sampler.levels
+
+    def test_a_training_that_goes_on_counts_no_episode_twice(self):
+        callback, seen = Scores(), Played()
+        model = model_of(on_pieces(THREE))
+        model.learn(2, callback=[callback, seen])
+        model.learn(28, callback=callback, reset_num_timesteps=False)
+        assert sum(level.visits for level in callback.sampler.levels.values()) == (
+            1 + len(callback.scores)
+        )
+
+
+class TestReproducibility:
+    @staticmethod
+    def trained(vector, seed=1, n_envs=2):
+        callback, seen = LevelReplayCallback(beta=1.0), Played()
+        venv = on_pieces(*[THREE] * n_envs, vector=vector)
+        model = model_of(venv, learning_starts=20, seed=seed)
+        model.learn(n_envs * 60, callback=[callback, seen])
+        venv.close()
+        assert model._n_updates > 0
+        return seen.titles, callback.state_dict()
+
+    def test_equal_seeds_give_equal_runs_in_every_vector(self):
+        first = self.trained(DummyVecEnv)
+        assert self.trained(DummyVecEnv) == first
+        assert self.trained(ThreadVecEnv) == first
+        assert self.trained(DummyVecEnv, seed=2)[0] != first[0]
+
+    @pytest.mark.slow
+    def test_processes_give_the_same(self):
+        assert self.trained(ProcessVecEnv) == self.trained(DummyVecEnv)
+
+    def test_scoring_draws_no_random_numbers(self):
+        model = model_of(on_pieces(THREE))
+        callback = LevelReplayCallback()
+        model.learn(1, callback=callback)
+        before = torch.get_rng_state(), np.random.get_state()[1].tolist()  # noqa: NPY002
+        callback._values(np.stack([model.observation_space.sample()] * 3))
+        assert torch.equal(torch.get_rng_state(), before[0])
+        assert np.random.get_state()[1].tolist() == before[1]  # noqa: NPY002
+
+
+def test_scores_and_coverage_are_logged(tmp_path):
+    callback = Scores()
+    model = model_of(on_pieces(THREE))
+    lines = log_lines(tmp_path, model, 60, callback, log_interval=1)
+    assert len(lines) == len(callback.scores)
+    logged = list(series(lines, "level_replay/score").values())
+    np.testing.assert_allclose(logged, [score for *_, score in callback.scores], rtol=1e-4)
+    assert list(series(lines, "level_replay/unseen").values())[:4] == [2, 1, 0, 0]
+    last = lines[-1]
+    assert last["level_replay/gini"] == pytest.approx(callback.sampler.gini, abs=1e-4)
+    likely = callback.sampler.probabilities()
+    assert last["level_replay/top_probability"] == pytest.approx(max(likely.values()), abs=1e-4)
+
+
+class Interrupted(BaseCallback):
+    """Stop a run as Ctrl-C does."""
+
+    def __init__(self, step):
+        super().__init__()
+        self.step = step
+
+    def _on_step(self):
+        if self.num_timesteps == self.step:
+            signal.raise_signal(signal.SIGINT)
+        return True
+
+
+@pytest.fixture
+def config(tmp_path):
+    """Settings of a tiny SAC with level replay on three files."""
+    for score in THREE:
+        write_midi(score, tmp_path / f"{score.title}.mid")
+    return RunConfig(
+        algo="sac",
+        env_id="RoboPianist-v0",
+        n_timesteps=120,
+        seed=1,
+        pieces=str(tmp_path / "*.mid"),
+        env_kwargs={"physics": "fast", "n_steps_lookahead": 0},
+        callback=[{CALLBACK: {"beta": 1.0}}],
+        algorithm_kwargs={
+            "policy_kwargs": {"net_arch": [8]},
+            "learning_starts": 20,
+            "batch_size": 8,
+            "buffer_size": 300,
+            "device": "cpu",
+        },
+    )
+
+
+def saved_state(run):
+    """Return the state of the level replay in a run's checkpoint."""
+    (state,) = Checkpoint.read(run.checkpoint_dir).callbacks[
+        "sb3_piano.callbacks.level_replay.LevelReplayCallback"
+    ]
+    return state
+
+
+def test_an_interrupted_run_goes_on_with_its_scores_and_visits(config, tmp_path):
+    result = train(config, tmp_path / "run", progress_bar=False, callbacks=[Interrupted(60)])
+    assert (result.interrupted, result.num_timesteps) == (True, 60)
+    before = saved_state(result.folder)
+    assert {name.rpartition("/")[2] for name in before["levels"]} == {"a.mid", "b.mid", "c.mid"}
+    assert all(level["score"] is not None for level in before["levels"].values())
+    again = resume(result.folder.path, progress_bar=False, callbacks=[Interrupted(62)])
+    assert again.num_timesteps == 62
+    # a new episode of one piece has begun, and none has ended
+    after = saved_state(result.folder)
+    assert after["samples"] == before["samples"] + 1
+    changed = [n for n in before["levels"] if before["levels"][n] != after["levels"][n]]
+    (name,) = changed
+    visits = before["levels"][name]["visits"] + 1
+    expected = {**before["levels"][name], "visits": visits, "last": after["samples"]}
+    assert after["levels"][name] == expected
+    done = resume(result.folder.path, progress_bar=False)
+    assert done.num_timesteps == 120
+    assert saved_state(result.folder)["samples"] > after["samples"]
+
+
+def test_a_damaged_state_is_named_when_a_run_goes_on(config, tmp_path):
+    folder = train(config, tmp_path / "run", progress_bar=False, callbacks=[Interrupted(30)]).folder
+    path = folder.checkpoint_dir / "checkpoint.json"
+    path.write_text(path.read_text().replace('"samples": ', '"samples": -'))
+    message = r"checkpoint.json has a state of .*LevelReplayCallback that is unusable: samples is -"
+    with pytest.raises(RunError, match=message):
+        resume(folder.path, progress_bar=False)
+
+
+class TestErrors:
+    @pytest.mark.parametrize(
+        ("settings", "message"),
+        [
+            ({"beta": -1}, "beta is -1: expected a finite number above 0"),
+            ({"rho": 2}, "rho is 2: expected a finite number from 0 to 1"),
+            ({"gae_lambda": 1.1}, "gae_lambda is 1.1: expected a finite number from 0 to 1"),
+        ],
+    )
+    def test_settings_out_of_range_are_refused(self, settings, message):
+        with pytest.raises(ConfigError, match=message):
+            LevelReplayCallback(**settings)
+
+    def test_an_algorithm_without_values_is_refused(self):
+        model = DQN("MlpPolicy", "CartPole-v1", buffer_size=100, device="cpu")
+        with pytest.raises(ConfigError, match="DQN has no values .* expected PPO, SAC, TD3"):
+            model.learn(8, callback=LevelReplayCallback())
+
+    @pytest.mark.parametrize("pieces", [[THREE[0]], None])
+    def test_environments_without_a_choice_are_refused(self, pieces):
+        plain = DummyVecEnv([lambda: PianoEnv(THREE[0], physics="fast")])
+        model = model_of(plain if pieces is None else on_pieces(pieces))
+        message = "LevelReplayCallback finds no environment that chooses among several pieces: exp"
+        with pytest.raises(ConfigError, match=message):
+            model.learn(8, callback=LevelReplayCallback())
+
+
+def test_a_choice_inside_other_wrappers_is_found():
+    venv = DummyVecEnv([lambda: AsDict(piano())])
+    callback = LevelReplayCallback()
+    model_of(venv).learn(30, callback=callback)
+    (chooser,) = (one for one in layers(venv.envs[0]) if isinstance(one, RandomPiece))
+    likely = list(callback.sampler.probabilities().values())
+    assert chooser._probabilities.tolist() == pytest.approx(likely)
+    assert math.isclose(sum(likely), 1)

@@ -14,6 +14,7 @@ import sb3_piano
 from sb3_piano.cli import (
     bench,
     compare,
+    curriculum,
     demonstrations,
     distill,
     evaluate,
@@ -36,6 +37,7 @@ from sb3_piano.files import disk_refusal
 # torch and the simulator are imported by the commands that need them, so that --help is instant.
 _ADDED = (
     train.add_parser,
+    curriculum.add_parser,
     play.add_plan_parser,
     tune.add_parser,
     evaluate.add_parser,

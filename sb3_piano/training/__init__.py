@@ -18,6 +18,14 @@ from sb3_piano.training.playing.player import SavedPlayer, share
 from sb3_piano.training.playing.residual import RunResidual
 from sb3_piano.training.playing.takes import play_run, play_score
 from sb3_piano.training.runs.clone import CloneResult, clone
+from sb3_piano.training.runs.curriculum import CurriculumResult, run_curriculum
+from sb3_piano.training.runs.curriculum_config import (
+    Condition,
+    Curriculum,
+    Stage,
+    load_curriculum,
+)
+from sb3_piano.training.runs.curriculum_progress import StageEvaluation, StageProgress
 from sb3_piano.training.runs.fine_tuning import load_fine_tuning
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.start import StartFromRun, load_start
@@ -30,6 +38,9 @@ __all__ = [
     "PLANNERS",
     "CloneResult",
     "Comparison",
+    "Condition",
+    "Curriculum",
+    "CurriculumResult",
     "Evaluation",
     "Evaluations",
     "Picture",
@@ -40,6 +51,9 @@ __all__ = [
     "RunFolder",
     "RunResidual",
     "SavedPlayer",
+    "Stage",
+    "StageEvaluation",
+    "StageProgress",
     "StartFromRun",
     "TrainResult",
     "clone",
@@ -48,12 +62,14 @@ __all__ = [
     "evaluate",
     "evaluate_runs",
     "load_config",
+    "load_curriculum",
     "load_entry",
     "load_fine_tuning",
     "load_start",
     "play_run",
     "play_score",
     "resume",
+    "run_curriculum",
     "share",
     "train",
     "training_curves",

@@ -1,0 +1,95 @@
+"""Let trained policies look ahead, on the piece that they know and on one that they do not.
+
+    python examples/curriculum/tree.py               # trains what is missing, and prints the table
+    python examples/curriculum/tree.py --seeds 0     # of one seed: a third of the time
+
+Table 2 of "Curriculum Strategies for Bimanual Dexterous Piano Playing in RoboPianist", at a size
+for one core: six trainings of five minutes, then trees of 64 simulations, 1 and 8 control steps
+deep, and narrow ones of 256, which do get that deep. An untrained policy searches as well, to see
+what comes of the simulator alone. What is finished is kept: the same command goes on after Ctrl-C
+or a crash.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+from sb3_piano.exceptions import SB3PianoError
+from sb3_piano.files import write_json
+from sb3_piano.players import TreeSettings
+from sb3_piano.training import evaluate, load_config, resume, train
+
+HERE = Path(__file__).parent
+KNOWN, UNSEEN = "repertoire-PathetiqueRondo", "repertoire-FantaisieImpromptu"
+UNTRAINED = "untrained"
+TREES = (None, "64x1", "64x8", "256x8x0.5")
+COLUMNS = ("onset F1", "F1", "fingers", "return", "deepest", "share of visits")
+
+
+def main() -> int:
+    """Train, search and print."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    add = parser.add_argument
+    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="default: 0 1 2")
+    add("--steps", type=int, metavar="N", help="default: those of tree.yml")
+    add("--runs", type=Path, default=Path("runs/curriculum/tree"), metavar="DIR")
+    arguments = parser.parse_args()
+    rows = [("policy", "piece", "tree", *COLUMNS), ("---",) * (3 + len(COLUMNS))]
+    policies = [(KNOWN, KNOWN), (KNOWN, UNSEEN), (UNTRAINED, UNSEEN)]
+    cells = [(policy, piece, tree) for policy, piece in policies for tree in TREES]
+    try:
+        for policy, piece, tree in [*cells, (UNSEEN, UNSEEN, None)]:
+            found = []
+            for seed in arguments.seeds:
+                folder = arguments.runs / f"{policy}_seed_{seed}"
+                steps = 8 if policy == UNTRAINED else arguments.steps
+                if not finished(folder, UNSEEN if policy == UNTRAINED else policy, seed, steps):
+                    print("Interrupted: the same command goes on from here.")
+                    return 130
+                found.append(played(folder, piece, tree))
+            rows.append((policy, piece, tree or "-", *map(cell, zip(*found, strict=True))))
+    except SB3PianoError as error:
+        parser.exit(2, f"{parser.prog}: error: {error}\n")
+    for row in rows:
+        print("|", " | ".join(name.removeprefix("repertoire-") for name in row), "|")
+    return 0
+
+
+def finished(folder: Path, piece: str, seed: int, steps: int | None) -> bool:
+    """Bring a training to its end; return whether it was not interrupted."""
+    options = {} if steps is None else {"n_timesteps": steps}
+    config = load_config("sac", f"RoboPianist-{piece}-v0", HERE / "tree.yml", seed=seed, **options)
+    if (folder / "config.yml").is_file():
+        return not resume(folder, config.n_timesteps).interrupted
+    return not train(config, folder).interrupted
+
+
+def played(folder: Path, piece: str, tree: str | None) -> list[float]:
+    """Return what a policy reaches with a tree or without, one number for each column."""
+    file = folder / "trees" / f"{piece}_{tree}.json"
+    if not file.is_file():
+        shape = None if tree is None else TreeSettings.parse(tree)
+        file.parent.mkdir(exist_ok=True)
+        write_json(file, evaluate(folder, score=piece, tree=shape).to_json())
+    found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    mean, seen = found["mean"], found["tree"] or {"deepest": 0, "visit_share": 0}
+    names = ("onset_f1", "f1", "effective_fingers", "return")
+    return [*(mean[name] for name in names), seen["deepest"], seen["visit_share"]]
+
+
+def cell(values: tuple[float, ...]) -> str:
+    """Return the mean over the seeds, and the least and the greatest of them."""
+    digits = 0 if max(values) > 100 else 1 if max(values) > 2 else 3
+    if max(values) == 0:
+        return "-"
+    if len(values) == 1:
+        return f"{values[0]:.{digits}f}"
+    return f"{fmean(values):.{digits}f} [{min(values):.{digits}f}, {max(values):.{digits}f}]"
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,95 @@
+"""``sb3-piano curriculum``: train stages one after the other, each from the one before."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from typing import TYPE_CHECKING, Any
+
+from sb3_piano.cli.common import (
+    EXIT_INTERRUPTED,
+    EXIT_OK,
+    TRUST,
+    add_command,
+    add_row,
+    new_table,
+    print_table,
+    refuse_options,
+    whole_number,
+)
+from sb3_piano.cli.evaluate import evaluate_run, label, rounded
+from sb3_piano.exceptions import ConfigError
+
+if TYPE_CHECKING:
+    from sb3_piano.training import CurriculumResult, StageProgress
+
+_RUN_HELP = "the curriculum's folder; default: runs/curricula/NAME, after FILE"
+_METRICS = ("f1", "onset_f1")
+_NOTHING = "-"
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command and its arguments."""
+    about = "train stages one after the other, each from what the one before has learnt"
+    add = add_command(commands, "curriculum", _curriculum, about, epilog=TRUST)
+    add("file", "FILE", "YAML file of the stages; the same command goes on with them", nargs="?")
+    add("--run", "FOLDER", _RUN_HELP)
+    add("--runs-dir")
+    add("--seed", "N", "seed of every stage; default: the file's, or drawn", int)
+    add("--resume", "FOLDER", "go on with the curriculum in this folder, without its file")
+    add("--checkpoint-every", "N", "default: 10000 steps", whole_number)
+    add("--evaluate", text="evaluate the model of the last stage afterwards")
+    add("--no-progress")
+
+
+def _curriculum(arguments: argparse.Namespace) -> int:
+    from sb3_piano.training import load_curriculum, run_curriculum
+
+    options: dict[str, Any] = {"progress_bar": not arguments.no_progress}
+    if arguments.checkpoint_every is not None:
+        options["checkpoint_every"] = arguments.checkpoint_every
+    if (arguments.file is None) == (arguments.resume is None):
+        raise ConfigError("Expected either a FILE with stages or --resume FOLDER.")
+    folder = arguments.run if arguments.resume is None else arguments.resume
+    if arguments.resume is not None:
+        reason = "with --resume: a curriculum keeps its folder and seed."
+        refuse_options(arguments, ("run", "runs_dir", "seed"), reason, "Expected --resume alone.")
+    runs_dir = "runs" if arguments.runs_dir is None else arguments.runs_dir
+    curriculum = load_curriculum(folder if arguments.file is None else arguments.file)
+    number = {name: n for n, name in enumerate(curriculum.run_names, start=1)}
+
+    def tell(stage: StageProgress) -> None:
+        print(f"[{number[stage.name]}/{len(number)}] {stage.name}", flush=True)
+
+    result = run_curriculum(
+        curriculum, folder, runs_dir=runs_dir, seed=arguments.seed, on_stage=tell, **options
+    )
+    _report(result)
+    if result.interrupted:
+        return EXIT_INTERRUPTED
+    if arguments.evaluate:
+        evaluate_run(str(result.runs[-1].path))
+    return EXIT_OK
+
+
+def _report(result: CurriculumResult) -> None:
+    from sb3_piano.training.runs.curriculum import go_on
+
+    table = new_table("stage", "ended by", "steps", *map(label, _METRICS), left=2)
+    for stage in result.stages:
+        steps = str(stage.num_timesteps) if stage.num_timesteps else _NOTHING
+        add_row(table, stage.name, stage.ended_by or _NOTHING, steps, *_last_values(stage))
+    print_table(table)
+    print(f"Folder:   {result.folder}")
+    if result.interrupted:
+        print(f"Go on:    {go_on(result.folder)}")
+        return
+    if result.had_finished:
+        print("All stages had ended: nothing was left to do. Once more: with another --run FOLDER")
+    print(f"Evaluate: sb3-piano evaluate {shlex.quote(str(result.runs[-1].path))}")
+
+
+def _last_values(stage: StageProgress) -> list[str]:
+    """Return F1 and onset F1 of a stage's last evaluation; dashes where there are none."""
+    metrics = stage.evaluations[-1].metrics if stage.evaluations else {}
+    return [rounded(n, metrics[n]) if n in metrics else _NOTHING for n in _METRICS]

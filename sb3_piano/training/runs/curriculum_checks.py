@@ -1,0 +1,105 @@
+"""Checks of a curriculum before it is trained: do its stages fit its folder, and each other."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+
+from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError
+from sb3_piano.training.configuration.config import RunConfig
+from sb3_piano.training.runs.builders import build_env
+from sb3_piano.training.runs.curriculum_config import Curriculum
+from sb3_piano.training.runs.folder import RunFolder
+
+_SHARED = ("algo", "init_from", "seed")
+
+
+def check_unchanged(place: Path, theirs: Curriculum, ours: Curriculum) -> int:
+    """Return how many stages have begun in a folder, and whose settings are still the same.
+
+    Args:
+        place: The folder.
+        theirs: The curriculum that is in the folder.
+        ours: The one that is to be trained on there.
+
+    Raises:
+        RunError: If a stage that has begun has other settings now.
+    """
+    runs = [RunFolder(place / name) for name in theirs.run_names]
+    begun = max((n for n, run in enumerate(runs, start=1) if run.config_file.is_file()), default=0)
+    if begun == 0:
+        return 0
+    shared: list[dict[str, Any]] = [{n: getattr(c, n) for n in _SHARED} for c in (theirs, ours)]
+    pairs = [("It", shared[0], shared[1])]
+    for index in range(begun):
+        now = [stage.to_mapping() for stage in ours.stages[index : index + 1]] or [{}]
+        pairs.append((f"Stage {index + 1}", theirs.stages[index].to_mapping(), now[0]))
+    for what, old, new in pairs:
+        for name in dict.fromkeys((*old, *new)):
+            if old.get(name) != new.get(name):
+                raise RunError(
+                    f"The curriculum in '{place}' has begun with other settings. {what} has "
+                    f"{name} {old.get(name)!r} there, not {new.get(name)!r}: expected the same, or "
+                    "another folder (--run). Only stages that have not begun may change."
+                )
+    return begun
+
+
+class _Interface(NamedTuple):
+    """What has to be equal where one run starts from another."""
+
+    observation_space: gym.Space[Any]
+    action_space: gym.Space[Any]
+    normalize: bool
+
+    @classmethod
+    def of(cls, config: RunConfig) -> _Interface:
+        """Return that of the settings of a run."""
+        with contextlib.closing(build_env(config)) as env:
+            return cls(env.observation_space, env.action_space, config.normalize is not False)
+
+
+def check_fit(curriculum: Curriculum, place: Path, begun: int) -> None:
+    """Make the environments of all stages that have not begun, and look whether they fit.
+
+    Raises:
+        ConfigError: If a setting is invalid, or a stage cannot start from the one before.
+    """
+    before: tuple[RunConfig, _Interface] | None = None
+    for index in range(max(begun - 1, 0), len(curriculum.stages)):
+        try:
+            if index < begun:
+                config = RunFolder.open(place / curriculum.run_names[index]).read_config()
+                assert isinstance(config, RunConfig), "a stage is trained"
+            else:
+                config = curriculum.run_config(index)
+            interface = _Interface.of(config)
+            if before is not None:
+                _check_step(before[1], interface)
+                if curriculum.stages[index].with_buffer:
+                    _check_buffer(before[0], config)
+        except SB3PianoError as error:
+            raise ConfigError(f"Stage {index + 1}: {error}") from error
+        before = config, interface
+
+
+def _check_step(before: _Interface, after: _Interface) -> None:
+    for name, theirs, ours in zip(_Interface._fields, before, after, strict=True):
+        if theirs != ours:
+            raise ConfigError(
+                f"Its {name} is {ours}, that of the stage before {theirs}: expected equal ones, of "
+                "the same wrappers and an observation that does not go by the piece, such as "
+                "'roll'."
+            )
+
+
+def _check_buffer(before: RunConfig, after: RunConfig) -> None:
+    theirs, ours = ((c.n_envs, c.algorithm_kwargs.get("buffer_size")) for c in (before, after))
+    if theirs != ours:
+        raise ConfigError(
+            f"with_buffer is true, but n_envs and buffer_size are {ours[0]} and {ours[1]}, of the "
+            f"stage before {theirs[0]} and {theirs[1]}: expected equal ones, or no with_buffer."
+        )

@@ -1,0 +1,382 @@
+"""Settings of a curriculum: stages that are trained one after the other, and their YAML file."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import field
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from annotated_types import MinLen
+from pydantic import BeforeValidator
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+
+from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
+from sb3_piano.envs import GENERAL_ID
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.hyperparams import NAMED
+from sb3_piano.metrics import EPISODE_METRICS
+from sb3_piano.music import is_path
+from sb3_piano.settings import (
+    Count,
+    Index,
+    Share,
+    TextOrPath,
+    checked,
+    refuse_unknown,
+    settings,
+)
+from sb3_piano.training.configuration.config import Plugin, RunConfig
+from sb3_piano.training.configuration.names import algorithm_class, import_name
+from sb3_piano.training.configuration.values import (
+    coerce_mapping,
+    parameters_of,
+    plain,
+    zoo_number,
+)
+from sb3_piano.training.configuration.yaml_files import load_config, read_yaml_mapping
+from sb3_piano.training.runs.folder import FILE_OPTIONS
+
+CURRICULUM_FILE = "curriculum.yml"
+"""Name of the settings in a curriculum's folder."""
+
+CONDITIONS = tuple(
+    name
+    for name in EPISODE_METRICS
+    if name.endswith(("f1", "precision", "recall", "agreement", "return")) and name != "noop_f1"
+)
+"""Metrics that may end a stage: those of which more is better, up to 1."""
+
+_EXAMPLE = "{piece: hanon-01}"
+_PLAYED = ("piece", "pieces", "env")
+_OTHERS = ("eval_freq", "patience")
+# What a stage's run has from elsewhere, or sets itself.
+_NOT_OF_STAGES = {"algo", "env_id", "env_module", "algorithm_kwargs", "seed"}
+_NOT_OF_STAGES |= {"action_noise", "tensorboard_log"}
+
+_Calls = Annotated[Count, BeforeValidator(zoo_number)]
+_Listed = BeforeValidator(lambda value: (value,) if isinstance(value, str) else value or ())
+_Tuple = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
+_Plain = BeforeValidator(lambda value: plain(value, "settings"))
+
+
+@settings
+class Condition:
+    """Condition that ends a stage before its budget: what its evaluations have to reach.
+
+    The evaluations are those of the callbacks of the stage's run that are a
+    :class:`~sb3_piano.callbacks.MetricEvalCallback`. A run without any gets an ``OnsetF1Callback``
+    if onset F1 is asked for, else an ``F1Callback``.
+
+    Raises:
+        ConfigError: If no metric is named, one is not among :data:`CONDITIONS`, or a number is out
+            of range.
+    """
+
+    thresholds: Mapping[str, Share]
+    """The least value of each metric; all of them have to be reached."""
+    eval_freq: _Calls | None = None
+    """Calls between two evaluations, as of the callback, whose own it replaces: environment steps
+    over the number of environments."""
+    patience: _Calls = 1
+    """In how many evaluations in a row they have to be reached."""
+
+    def __post_init__(self) -> None:
+        refuse_unknown(self.thresholds, CONDITIONS, "metric", "until")
+        if not self.thresholds:
+            raise ConfigError("until names no metric: expected one or more, as in onset_f1: 0.8.")
+
+    @classmethod
+    def from_mapping(cls, value: Any) -> Self:
+        """Return the condition that ``until`` has in YAML: ``{onset_f1: 0.8, patience: 2}``."""
+        entries = coerce_mapping(value, "until")
+        refuse_unknown(entries, (*CONDITIONS, *_OTHERS), "key", "until")
+        others = {name: entries.pop(name) for name in _OTHERS if name in entries}
+        thresholds = {n: checked(f"until.{n}", least, Share) for n, least in entries.items()}
+        return cls(thresholds=thresholds, **others)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the condition as YAML has it."""
+        others = {name: getattr(self, name) for name in _OTHERS}
+        return {**self.thresholds, **{n: v for n, v in others.items() if v is not None}}
+
+    def is_met(self, evaluations: list[Mapping[str, float]]) -> bool:
+        """Return whether the last of the evaluations, the oldest first, are all high enough."""
+        last = evaluations[-self.patience :]
+        return len(last) == self.patience and all(
+            found[name] >= least for found in last for name, least in self.thresholds.items()
+        )
+
+    def with_evaluation(self, config: RunConfig) -> RunConfig:
+        """Return the settings of a run with evaluations.
+
+        Raises:
+            ConfigError: If so few are made that it can never be met.
+        """
+        plugins = list(config.callback)
+        judges = [i for i, plugin in enumerate(plugins) if _evaluates(plugin)]
+        if not judges:
+            kind = OnsetF1Callback if OnsetF1Callback.metric in self.thresholds else F1Callback
+            plugins.append(Plugin(path=f"sb3_piano.callbacks.{kind.__name__}"))
+            judges = [len(plugins) - 1]
+        if self.eval_freq is not None:
+            for index in judges:
+                kwargs = {**plugins[index].kwargs, "eval_freq": self.eval_freq}
+                plugins[index] = dataclasses.replace(plugins[index], kwargs=kwargs)
+        most = sum(_evaluations(plugins[index], config) for index in judges)
+        if most < self.patience:
+            raise ConfigError(
+                f"until {self.to_mapping()} can never be met: in n_timesteps {config.n_timesteps} "
+                f"of {config.n_envs} environment(s) come {most} evaluations. Expected more steps, "
+                "or a smaller eval_freq."
+            )
+        return dataclasses.replace(config, callback=tuple(plugins))
+
+
+def _evaluates(plugin: Plugin) -> bool:
+    return issubclass(import_name(plugin.path), MetricEvalCallback)
+
+
+def _evaluations(plugin: Plugin, config: RunConfig) -> int:
+    """Return how often a callback evaluates at most: every so many calls, and at the start."""
+    default = inspect.signature(MetricEvalCallback).parameters["eval_freq"].default
+    freq = checked("eval_freq", plugin.kwargs.get("eval_freq", default), Index)
+    several = config.n_timesteps // config.n_envs // freq if freq else 0
+    return int(several) + bool(plugin.kwargs.get("evaluate_start"))
+
+
+@settings
+class Stage:
+    """A stage: what is played, with which settings, and when it ends.
+
+    Raises:
+        ConfigError: If not exactly one of ``piece``, ``pieces`` and ``env`` is given.
+    """
+
+    piece: TextOrPath | None = None
+    """A piece's name or file, which ``RoboPianist-v0`` plays."""
+    pieces: Annotated[tuple[str, ...], _Tuple, _Listed] = ()
+    """Several in its place: entries of :func:`~sb3_piano.music.select_pieces`."""
+    env: str | None = None
+    """The id of an environment in their place; ``module:Id`` imports the module."""
+    name: str | None = None
+    """Name of the stage in the name of its folder; by default that of what is played."""
+    config: TextOrPath | None = None
+    """Hyperparameters, as ``path`` of :func:`~sb3_piano.training.load_config`."""
+    until: Condition | None = None
+    """Condition that ends the stage before its ``n_timesteps``."""
+    with_buffer: bool = False
+    """Whether to begin with the replay buffer of what it starts from."""
+    settings: Annotated[Mapping[str, Any], _Plain] = field(default_factory=dict)
+    """Settings of its run in place of those of the hyperparameters, by their names in YAML;
+    ``env_kwargs`` are added to them."""
+
+    def __post_init__(self) -> None:
+        given = [name for name in _PLAYED if getattr(self, name)]
+        if len(given) != 1:
+            raise ConfigError(
+                f"It has {' and '.join(given) or 'nothing to play'}: expected one of piece, pieces "
+                "and env."
+            )
+
+    @property
+    def label(self) -> str:
+        """Name of the stage, in characters that suit a folder."""
+        several = self.pieces[0] if len(self.pieces) == 1 else f"{len(self.pieces)}-pieces"
+        played = Path(self.piece).stem if self.piece and is_path(self.piece) else self.piece
+        return re.sub(r"[^\w.-]+", "-", self.name or played or self.env or several)
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the stage as YAML has it."""
+        own = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        until, rest = own.pop("until"), own.pop("settings")
+        own["pieces"] = list(self.pieces)
+        mapping = {name: value for name, value in own.items() if value}
+        return {**mapping, **rest, **({} if until is None else {"until": until.to_mapping()})}
+
+    def run_config(self, algo: str) -> RunConfig:
+        """Return the settings of its run, without seed and start.
+
+        Raises:
+            ConfigError: If one is not valid.
+        """
+        overrides = dict(self.settings)
+        if self.piece is not None:
+            options = coerce_mapping(overrides.get("env_kwargs", {}), "env_kwargs")
+            overrides["env_kwargs"] = {**options, "score": self.piece}
+        if self.pieces:
+            overrides["pieces"] = self.pieces
+        config = load_config(algo, self.env or GENERAL_ID, self.config, **overrides)
+        return config if self.until is None else self.until.with_evaluation(config)
+
+
+@settings
+class Curriculum:
+    """A curriculum: stages, each of which starts from what the one before has learnt.
+
+    Raises:
+        ConfigError: If a setting is unknown, has the wrong type or is out of range.
+    """
+
+    algo: str
+    """Name of the algorithm, one of :data:`~sb3_piano.training.ALGORITHMS`."""
+    stages: Annotated[tuple[Stage, ...], MinLen(1)]
+    """The stages in their order."""
+    name: str = "curriculum"
+    """Name of its folder."""
+    init_from: TextOrPath | None = None
+    """Folder of a run from which the first stage starts; by default from nothing."""
+    seed: Index | None = None
+    """Seed of each stage; ``None`` lets one be drawn and noted down."""
+
+    def __post_init__(self) -> None:
+        known = _known_settings(self.algo)
+        for number, stage in enumerate(self.stages, start=1):
+            refuse_unknown(stage.settings, known, "setting", f"stage {number}")
+        if self.stages[0].with_buffer and self.init_from is None:
+            raise ConfigError(
+                "with_buffer is true of stage 1, which starts from nothing: expected init_from, "
+                "too, or no with_buffer."
+            )
+        algorithm = algorithm_class(self.algo)
+        asking = [n for n, stage in enumerate(self.stages, start=1) if stage.with_buffer]
+        if asking and not issubclass(algorithm, OffPolicyAlgorithm):
+            raise ConfigError(
+                f"with_buffer is true of stage {asking[0]}, but {algorithm.__name__} has no replay "
+                "buffer: expected an off-policy algorithm, or no with_buffer."
+            )
+
+    @property
+    def run_names(self) -> tuple[str, ...]:
+        """Names of the stages' folders, such as ``1_hanon-01``."""
+        return tuple(f"{n}_{stage.label}" for n, stage in enumerate(self.stages, start=1))
+
+    def run_config(self, index: int) -> RunConfig:
+        """Return the settings of a stage's run, without seed and start.
+
+        Raises:
+            ConfigError: If one is not valid.
+        """
+        try:
+            return self.stages[index].run_config(self.algo)
+        except ConfigError as error:
+            raise ConfigError(f"Stage {index + 1}: {error}") from error
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping[Any, Any], folder: Path | None = None) -> Self:
+        """Return the curriculum that YAML has: settings that hold for all stages, and the stages.
+
+        Args:
+            mapping: Fields of this class; the keys of :class:`Stage` that hold for all stages, its
+                ``settings`` one by one; and ``stages``, a list of mappings of such keys.
+            folder: Where the paths of files begin; by default as the process has it.
+
+        Raises:
+            ConfigError: If a setting is unknown, has the wrong type or is out of range.
+        """
+        names = {f.name for f in dataclasses.fields(cls)}
+        own = {name: value for name, value in mapping.items() if name in names}
+        common = {name: value for name, value in mapping.items() if name not in names}
+        stages = own.get("stages")
+        if not isinstance(stages, list) or not stages:
+            raise ConfigError(f"stages is {stages!r}: expected a list of stages, as [{_EXAMPLE}].")
+        if "algo" not in own:
+            raise ConfigError("algo is missing: expected the name of an algorithm, such as sac.")
+        if own.get("init_from") is not None and folder is not None:
+            own["init_from"] = _located(own["init_from"], folder)
+        known = [*sorted(_fields_of_stages()), *_known_settings(own["algo"])]
+        refuse_unknown(common, [*sorted(names), *known], "key", "a curriculum")
+        made = []
+        for number, entry in enumerate(stages, start=1):
+            try:
+                if not isinstance(entry, Mapping):
+                    raise ConfigError(f"It is {entry!r}: expected a mapping, as {_EXAMPLE}.")
+                refuse_unknown(entry, known, "key", "a stage")
+                made.append(_stage(_merged(common, entry), folder))
+            except ConfigError as error:
+                raise ConfigError(f"Stage {number}: {error}") from error
+        return cls(**{**own, "stages": tuple(made)})
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the curriculum in YAML's types, each stage with all its settings."""
+        own = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        del own["stages"]
+        stages = [stage.to_mapping() for stage in self.stages]
+        return {**{n: v for n, v in own.items() if v is not None}, "stages": stages}
+
+
+def load_curriculum(path: str | os.PathLike[str]) -> Curriculum:
+    """Return the curriculum that a YAML file holds, or that is trained in a folder.
+
+    Paths of files that are not absolute begin at the folder of the YAML file.
+
+    Raises:
+        ConfigError: If the file cannot be read, or a setting is unknown, has the wrong type or is
+            out of range.
+    """
+    place = Path(path)
+    file = place / CURRICULUM_FILE if place.is_dir() else place
+    try:
+        mapping = {"name": file.stem, **read_yaml_mapping(file)}
+        return Curriculum.from_mapping(mapping, file.parent.absolute())
+    except ConfigError as error:
+        text = str(error)
+        raise ConfigError(text if text.startswith(f"'{file}'") else f"'{file}': {text}") from error
+
+
+def _fields_of_stages() -> set[str]:
+    return {f.name for f in dataclasses.fields(Stage)} - {"settings"}
+
+
+def _known_settings(algo: str) -> list[str]:
+    """Return the names that settings of a stage may have."""
+    arguments = [name for name in parameters_of(algorithm_class(algo)) if name[0] != "_"]
+    names = [f.name for f in dataclasses.fields(RunConfig)] + arguments
+    unfit = _NOT_OF_STAGES | _fields_of_stages()
+    return [name for name in dict.fromkeys(names) if name not in unfit]
+
+
+def _merged(common: Mapping[str, Any], stage: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a stage's keys with those that hold for all stages."""
+    if any(name in stage for name in _PLAYED):
+        common = {name: value for name, value in common.items() if name not in _PLAYED}
+    merged = {**common, **stage}
+    if "env_kwargs" in common and "env_kwargs" in stage:
+        both = [coerce_mapping(each["env_kwargs"], "env_kwargs") for each in (common, stage)]
+        merged["env_kwargs"] = both[0] | both[1]
+    return merged
+
+
+def _stage(keys: dict[str, Any], folder: Path | None) -> Stage:
+    """Return the stage of some keys, with absolute paths if a folder is given."""
+    own = {name: keys.pop(name) for name in _fields_of_stages() if name in keys}
+    if own.get("until") is not None:
+        own["until"] = Condition.from_mapping(own["until"])
+    stage = Stage(**own, settings=keys)
+    if folder is None:
+        return stage
+    changed: dict[str, Any] = {}
+    if stage.piece is not None and is_path(stage.piece):
+        changed["piece"] = _located(stage.piece, folder)
+    if stage.config is not None and stage.config not in NAMED:
+        changed["config"] = _located(stage.config, folder)
+    if stage.pieces:
+        entries = stage.pieces
+        changed["pieces"] = tuple(_located(t, folder) if is_path(t) else t for t in entries)
+    if "env_kwargs" in stage.settings:
+        options = coerce_mapping(stage.settings["env_kwargs"], "env_kwargs")
+        for name in FILE_OPTIONS:
+            text = options.get(name)
+            if isinstance(text, str) and (folder / text).is_file():
+                options[name] = _located(text, folder)
+        changed["settings"] = {**stage.settings, "env_kwargs": options}
+    return dataclasses.replace(stage, **changed)
+
+
+def _located(text: Any, folder: Path) -> str:
+    """Return a path that begins at a folder as an absolute one."""
+    return os.path.abspath(folder / Path(text).expanduser())

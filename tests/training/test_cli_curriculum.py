@@ -1,0 +1,95 @@
+"""The command that trains curricula."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from acting import act_at
+from tiny_curriculum import PENDULUM, write_curriculum
+
+from sb3_piano.cli import main
+from sb3_piano.training import RunFolder
+
+PIANO = {
+    "piece": "hanon-01",
+    "env_kwargs": {"physics": "fast", "observation": "fingers", "hands_in_scene": "right"},
+    "env_wrapper": [{"sb3_piano.wrappers.Excerpt": {"length": 1}}],
+    "callback": [],
+}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "notes.txt").write_text("mine")
+    write(PENDULUM)
+    return tmp_path
+
+
+def write(*stages, name="tiny.yml"):
+    write_curriculum(Path(name), *stages)
+
+
+@pytest.mark.slow
+def test_stages_are_trained_shown_and_evaluated(folder, capsys):
+    until = {"f1": 0, "eval_freq": 20}
+    write({**PIANO, "until": until}, {**PIANO, "name": "again"})
+    assert main(["curriculum", "tiny.yml", "--seed", "3", "--no-progress", "--evaluate"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("[1/2] 1_hanon-01\n[2/2] 2_again\n")
+    rows = [line.replace("│", " ").split() for line in out.splitlines() if line.startswith("│")]
+    assert rows[0][:3] == ["1_hanon-01", "condition", "20"]
+    assert [len(value) for value in rows[0][3:]] == [5, 5]  # as in 0.123
+    assert rows[1] == ["2_again", "budget", "60", "-", "-"]
+    last = "runs/curricula/tiny/2_again"
+    assert f"Evaluate: sb3-piano evaluate {last}\n" in out
+    assert "model after 60 steps of training" in out
+    assert RunFolder(folder / last).read_config().seed == 3
+    assert (folder / last / "evaluation").is_dir()
+
+    assert main(["curriculum", "tiny.yml", "--no-progress"]) == 0
+    out = capsys.readouterr().out
+    assert "[1/2]" not in out
+    assert "All stages had ended: nothing was left to do." in out
+
+
+def test_an_interruption_says_how_to_go_on(capsys):
+    write({**PENDULUM, "callback": act_at(30, "SIGINT")}, PENDULUM)
+    command = ["curriculum", "tiny.yml", "--run", "my runs", "--no-progress"]
+    assert main([*command, "--checkpoint-every", "25"]) == 130
+    out = capsys.readouterr().out
+    assert "Go on:    sb3-piano curriculum --resume 'my runs'" in out
+    assert "Evaluate" not in out
+    assert main(["curriculum", "--resume", "my runs", "--no-progress"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("[1/2] 1_Pendulum-v1\n[2/2] 2_Pendulum-v1\n")
+    assert "sb3-piano evaluate 'my runs/2_Pendulum-v1'" in out
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("", "Expected either a FILE with stages or --resume FOLDER."),
+        ("tiny.yml --resume full", "Expected either a FILE with stages or --resume FOLDER."),
+        ("no.yml", "'no.yml' cannot be read: No such file"),
+        ("tiny.yml --run full", "Folder 'full' is not empty, and holds no curriculum"),
+        ("--resume full", "'full/curriculum.yml' cannot be read: No such file"),
+        ("--resume full --seed 1", "--seed cannot be given with --resume: a curriculum keeps its"),
+        ("--resume full --run other", "--run cannot be given with --resume"),
+        ("--resume full --runs-dir other", "--runs-dir cannot be given with --resume"),
+        ("tiny.yml --seed -1", "seed is -1: expected a whole number, 0 or more"),
+        ("wrong.yml", "'wrong.yml': Stage 1: Unknown key 'gama' of a stage. Did you mean 'gamma'"),
+    ],
+)
+def test_what_is_wrong_is_told_in_one_line(folder, capsys, command, message):
+    write({**PENDULUM, "gama": 1}, name="wrong.yml")
+    before = sorted(folder.rglob("*"))
+    assert main(["curriculum", *command.split()]) == 2
+    captured = capsys.readouterr()
+    (line,) = captured.err.splitlines()
+    assert line.startswith("sb3-piano: error: ")
+    assert message in line
+    assert captured.out == ""
+    assert sorted(folder.rglob("*")) == before

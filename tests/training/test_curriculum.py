@@ -1,0 +1,521 @@
+"""Curricula: their YAML files, their stages one after the other, and what stops them."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from acting import act_at
+from stable_baselines3 import SAC
+from stable_baselines3.common.callbacks import BaseCallback
+from tiny_curriculum import NO_PIANO, PENDULUM, write_curriculum
+
+from sb3_piano.callbacks import Checkpoint
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.locks import hold
+from sb3_piano.training import (
+    Curriculum,
+    load_curriculum,
+    resume,
+    run_curriculum,
+    train,
+)
+
+DEADLINE = 180  # s; starting a process takes long where others are at work
+
+
+class SavesBeginning(BaseCallback):
+    """Save the model as the training begins; named in curricula by its import path."""
+
+    def use_run(self, run):
+        self.folder = run.folder
+
+    def _on_training_start(self):
+        self.model.save(self.folder / "beginning.zip")
+
+    def _on_step(self):
+        return True
+
+
+SAVES_BEGINNING = [f"{__name__}.SavesBeginning"]
+
+
+class OnlyF1(gym.Env):
+    """An environment of five steps that tells F1 and nothing else at its end."""
+
+    observation_space = gym.spaces.Box(-1, 1, (2,), np.float32)
+    action_space = gym.spaces.Box(-1, 1, (1,), np.float32)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.left = 5
+        return np.zeros(2, np.float32), {}
+
+    def step(self, action):
+        self.left -= 1
+        return np.zeros(2, np.float32), 0.0, False, self.left == 0, {"f1": 0.5}
+
+
+gym.register("OnlyF1-v0", OnlyF1)
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Return a function that writes a curriculum of a tiny SAC and returns the file."""
+
+    def make(*stages, **common):
+        return write_curriculum(tmp_path / "tiny.yml", *stages, **common)
+
+    return make
+
+
+@pytest.fixture
+def write_piano(write):
+    """The same for stages on one hand's part of the first 1.5 s of studies."""
+
+    def make(*stages, **common):
+        env_kwargs = {"physics": "fast", "observation": "fingers", "hands_in_scene": "right"}
+        excerpt = {"sb3_piano.wrappers.Excerpt": {"length": 1.5}}
+        return write(*stages, env_kwargs=env_kwargs, env_wrapper=[excerpt], callback=[], **common)
+
+    return make
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Return a function that runs the curriculum of a file in one folder."""
+
+    def start(file, **options):
+        settings = {"seed": 1, "progress_bar": False, "checkpoint_every": 20, **options}
+        return run_curriculum(load_curriculum(file), tmp_path / "out", **settings)
+
+    return start
+
+
+def ends(result):
+    return [(stage.name, stage.num_timesteps, stage.ended_by) for stage in result.stages]
+
+
+def flat(file):
+    """Return the networks and the optimizers' states of a saved model by name."""
+    found = {}
+    for name, states in SAC.load(file, device="cpu").get_parameters().items():
+        for key, value in states.items():
+            if isinstance(value, torch.Tensor):
+                found[f"{name}.{key}"] = value
+            elif key == "state":
+                found |= {f"{name}.{i}.{n}": t for i, s in value.items() for n, t in s.items()}
+    return found
+
+
+def assert_equal_models(one, other):
+    ours, theirs = flat(one), flat(other)
+    assert ours.keys() == theirs.keys()
+    assert [name for name in ours if not torch.equal(ours[name], theirs[name])] == []
+
+
+def content(folder):
+    """Return all files of a folder with their bytes."""
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+# What would only be known when a stage begins.
+
+
+@pytest.mark.parametrize(
+    ("stage", "message"),
+    [
+        ({"env": "MountainCarContinuous-v0", "env_kwargs": None}, "Its observation_space is Box"),
+        ({"normalize": True}, "Its normalize is True, that of the stage before False"),
+        ({"gamma": "high"}, "gamma is 'high': expected a number"),
+        ({"piece": "hanon-99", "env": None}, "Unknown piece 'hanon-99'"),
+        ({"env_kwargs": {"gravity": 9}}, "cannot be made with env_kwargs"),
+        ({"with_buffer": True, "buffer_size": 90}, "n_envs and buffer_size are 1 and 90, of the"),
+        ({"until": {"f1": 1, "eval_freq": 61}}, "in n_timesteps 60 of 1 environment"),
+        ({"until": {"f1": 1, "eval_freq": 60}, "n_envs": 2}, "60 of 2 environment"),
+        ({"until": {"f1": 1, "eval_freq": 30, "patience": 3}}, "come 2 evaluations"),
+        (
+            {
+                "until": {"f1": 1},
+                "callback": [{"sb3_piano.callbacks.F1Callback": {"eval_freq": "often"}}],
+            },
+            "eval_freq is 'often': expected a whole number",
+        ),
+    ],
+)
+def test_stages_that_do_not_fit_are_refused_before_any_is_trained(
+    write, run, tmp_path, stage, message
+):
+    file = write(PENDULUM, {k: v for k, v in {**PENDULUM, **stage}.items() if v is not None})
+    with pytest.raises(ConfigError, match=f"^Stage 2: .*{message}"):
+        run(file)
+    assert not (tmp_path / "out").exists()
+
+
+# Stages one after the other.
+
+
+@pytest.mark.slow
+def test_each_stage_starts_from_what_the_one_before_has_learnt(write_piano, run, tmp_path):
+    file = write_piano(
+        {"piece": "hanon-01", "env_kwargs": {"tempo": 60}, "n_timesteps": 80},
+        {"piece": "hanon-01", "env_kwargs": {"tempo": 108}, "n_timesteps": 70, "gamma": 0.5},
+        {"env": "RoboPianist-debug-CMajorScaleOneHand-v0", "with_buffer": True},
+    )
+    file.write_text(file.read_text().replace("callback: []", f"callback: {SAVES_BEGINNING}"))
+    result = run(file)
+    assert not result.interrupted
+    assert not result.had_finished
+    assert ends(result) == [
+        ("1_hanon-01", 80, "budget"),
+        ("2_hanon-01", 70, "budget"),
+        ("3_RoboPianist-debug-CMajorScaleOneHand-v0", 60, "budget"),
+    ]
+    first, second, third = result.runs
+    assert_equal_models(second.path / "beginning.zip", first.model_file)
+    assert_equal_models(third.path / "beginning.zip", second.model_file)
+    with pytest.raises(AssertionError):
+        assert_equal_models(second.path / "beginning.zip", second.model_file)
+    assert second.read_config().env_kwargs["tempo"] == 108
+    assert second.read_config().algorithm_kwargs["gamma"] == 0.5
+    rows = [Checkpoint.read(run.checkpoint_dir).replay.total for run in result.runs]
+    assert rows == [80, 70, 70 + 60]
+    assert {run.read_config().seed for run in result.runs} == {1}
+    # each is a run like any other
+    assert resume(second.path, 75, progress_bar=False).num_timesteps == 75
+
+
+@pytest.mark.slow
+def test_a_condition_that_is_met_ends_its_stage(write_piano, run):
+    file = write_piano(
+        {"piece": "hanon-01", "until": {"f1": 0, "eval_freq": 25}},
+        {"piece": "hanon-02", "until": {"f1": 0, "onset_recall": 1, "eval_freq": 25}},
+        {"piece": "hanon-03", "until": {"recall": 0, "eval_freq": 25, "patience": 2}},
+    )
+    result = run(file)
+    assert ends(result) == [
+        ("1_hanon-01", 25, "condition"),
+        ("2_hanon-02", 60, "budget"),
+        ("3_hanon-03", 50, "condition"),
+    ]
+    evaluations = [[e.num_timesteps for e in stage.evaluations] for stage in result.stages]
+    assert evaluations == [[25], [25, 50], [25, 50]]
+    assert set(result.stages[1].evaluations[0].metrics) == {"f1", "onset_f1", "onset_recall"}
+    # It is the model that was evaluated.
+    assert SAC.load(result.runs[0].model_file).num_timesteps == 25
+    written = json.loads((result.folder / "curriculum.json").read_text())
+    assert [stage["ended_by"] for stage in written["stages"]] == [
+        "condition",
+        "budget",
+        "condition",
+    ]
+    before = content(result.folder)
+    again = run(file)
+    assert again.had_finished
+    assert (ends(again), content(result.folder)) == (ends(result), before)
+
+
+@pytest.mark.slow
+def test_the_condition_goes_by_the_callbacks_that_evaluate(write_piano, run):
+    own = {"sb3_piano.callbacks.F1Callback": {"eval_freq": 40, "evaluate_start": True}}
+    other = {"sb3_piano.callbacks.OnsetF1Callback": {"eval_freq": 30}}
+    file = write_piano(
+        {"piece": "hanon-01", "callback": [own], "until": {"f1": 0}},
+        {"piece": "hanon-01", "callback": [own, other], "until": {"f1": 1}, "n_timesteps": 45},
+        {"piece": "hanon-01", "callback": [own, other], "until": {"f1": 1, "eval_freq": 20}},
+    )
+    result = run(file)
+    # Before its first step the first stage was good enough.
+    assert [end[1:] for end in ends(result)] == [(1, "condition"), (45, "budget"), (60, "budget")]
+    steps = [[e.num_timesteps for e in stage.evaluations] for stage in result.stages]
+    assert steps == [[0], [0, 30, 40], [0, 20, 40, 60]]
+    assert [plugin.path for plugin in result.runs[1].read_config().callback] == [
+        "sb3_piano.callbacks.F1Callback",
+        "sb3_piano.callbacks.OnsetF1Callback",
+        "sb3_piano.training.StartFromRun",
+    ]
+
+
+def test_a_metric_that_the_environment_does_not_tell_is_named(write, run):
+    until = {"f1": 0, "recall": 0, "eval_freq": 9}
+    file = write({"env": "OnlyF1-v0", **NO_PIANO, "until": until})
+    with pytest.raises(ConfigError, match="until asks for 'recall', which the evaluations do not"):
+        run(file)
+
+
+def test_another_callback_may_end_a_stage(write, run):
+    result = run(write({**PENDULUM, "callback": act_at(30, "stop")}, PENDULUM))
+    assert [end[1:] for end in ends(result)] == [(30, "callback"), (60, "budget")]
+
+
+@pytest.mark.slow
+def test_the_first_stage_may_start_from_a_run(write, run, tmp_path):
+    alone = load_curriculum(write(PENDULUM))
+    source = train(alone.run_config(0), tmp_path / "source", progress_bar=False).folder
+    file = write({**PENDULUM, "callback": SAVES_BEGINNING}, init_from="source", with_buffer=True)
+    (begun,) = run(file).runs
+    assert_equal_models(begun.path / "beginning.zip", source.model_file)
+    assert Checkpoint.read(begun.checkpoint_dir).replay.total == 60 + 60
+
+
+def test_stages_take_several_pieces(write_piano, run):
+    file = write_piano({"pieces": "hanon-0[12]", "n_envs": 2, "n_timesteps": 20})
+    (stage,) = run(file).runs
+    assert stage.path.name == "1_hanon-0-12-"
+    assert stage.read_config().pieces == ("hanon-01", "hanon-02")
+
+
+# Going on.
+
+
+def test_ctrl_c_stops_and_the_same_call_goes_on(write, run):
+    file = write(
+        PENDULUM, {**PENDULUM, "callback": act_at(30, "SIGINT"), "with_buffer": True}, PENDULUM
+    )
+    result = run(file, checkpoint_every=1000)
+    assert result.interrupted
+    assert [end[1:] for end in ends(result)] == [(60, "budget"), (30, None), (0, None)]
+    before = content(result.runs[0].path)
+    result = run(file, seed=None)
+    assert not result.interrupted
+    assert [end[1:] for end in ends(result)] == [(60, "budget")] * 3
+    assert content(result.runs[0].path) == before
+    assert Checkpoint.read(result.runs[1].checkpoint_dir).replay.total == 120
+    assert load_curriculum(result.folder).seed == 1
+
+
+def test_ctrl_c_in_the_last_step_of_a_stage_begins_no_other(write, run):
+    result = run(write({**PENDULUM, "callback": act_at(60, "SIGINT")}, PENDULUM))
+    assert [end[1:] for end in ends(result)] == [(60, "budget"), (0, None)]
+    assert result.interrupted
+    assert not result.runs[1].path.exists()
+
+
+@pytest.mark.slow
+def test_patience_goes_on_across_an_interruption(write_piano, run):
+    until = {"f1": 0, "eval_freq": 20, "patience": 3}
+    file = write_piano({"piece": "hanon-01", "until": until, "n_timesteps": 200})
+    file.write_text(file.read_text().replace("callback: []", f"callback: {act_at(45, 'SIGINT')}"))
+    (stage,) = run(file, checkpoint_every=1000).stages
+    assert (stage.num_timesteps, len(stage.evaluations)) == (45, 2)
+    (stage,) = run(file).stages
+    assert (stage.num_timesteps, stage.ended_by) == (65, "condition")
+    assert [e.num_timesteps for e in stage.evaluations] == [20, 40, 65]
+
+
+@pytest.fixture
+def crashed(write_piano, run, tmp_path):
+    """A curriculum whose first stage crashes at step 35, ten steps after its last checkpoint."""
+    until = {"f1": 0, "eval_freq": 10, "patience": 5}
+    file = write_piano({"piece": "hanon-01", "until": until}, {"piece": "hanon-02"})
+    crash = file.read_text().replace("callback: []", f"callback: {act_at(35, 'crash')}")
+    file.write_text(crash)
+
+    def again(**options):
+        with pytest.raises(RuntimeError, match="crash"):
+            run(file, checkpoint_every=25, **options)
+        (first, *_) = json.loads((tmp_path / "out" / "curriculum.json").read_text())["stages"]
+        return [evaluation["num_timesteps"] for evaluation in first["evaluations"]]
+
+    assert again() == [10, 20, 30]
+    assert Checkpoint.read(tmp_path / "out/1_hanon-01/checkpoint").num_timesteps == 25
+    return again
+
+
+def test_evaluations_of_a_model_that_is_lost_are_forgotten(crashed):
+    assert crashed() == [10, 20]
+
+
+@pytest.mark.parametrize(("steps", "has_ended"), [(30, False), (25, True)])
+def test_a_condition_counts_once_the_model_that_met_it_is_saved(
+    crashed, tmp_path, steps, has_ended
+):
+    notes = tmp_path / "out" / "curriculum.json"
+    content = json.loads(notes.read_text())
+    content["stages"][0] |= {"ended_by": "condition", "num_timesteps": steps}
+    notes.write_text(json.dumps(content))
+    crashed()  # in the first stage, or in the second
+    assert (tmp_path / "out" / "2_hanon-02").exists() == has_ended
+    first = json.loads(notes.read_text())["stages"][0]
+    assert first["ended_by"] == ("condition" if has_ended else None)
+
+
+def test_a_stage_that_starts_over_has_no_evaluations(write_piano, run, tmp_path):
+    evaluates = {"sb3_piano.callbacks.F1Callback": {"evaluate_start": True}}
+    callback = [evaluates, act_at(5, "crash")]
+    file = write_piano({"piece": "hanon-01", "callback": callback})
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match="crash"):
+            run(file)
+        notes = json.loads((tmp_path / "out" / "curriculum.json").read_text())
+        assert [e["num_timesteps"] for e in notes["stages"][0]["evaluations"]] == [0]
+
+
+def test_a_stage_whose_checkpoint_was_deleted_has_still_ended(write_piano, run):
+    file = write_piano({"piece": "hanon-01", "until": {"f1": 0, "eval_freq": 10}})
+    (stage,) = run(file).runs
+    shutil.rmtree(stage.checkpoint_dir)
+    assert run(file).had_finished
+
+
+def test_a_stage_starts_from_the_checkpoint_if_that_is_newer_than_the_model(write, run):
+    stage = {**PENDULUM, "callback": SAVES_BEGINNING}
+    (first,) = run(write(stage)).runs
+    newest = first.model_file.read_bytes()
+    shutil.copy(first.path / "beginning.zip", first.model_file)  # as a process that was killed
+    file = write(
+        {**PENDULUM, "callback": SAVES_BEGINNING}, {**PENDULUM, "callback": SAVES_BEGINNING}
+    )
+    second = run(file).runs[1]
+    assert first.model_file.read_bytes() == newest
+    assert_equal_models(second.path / "beginning.zip", first.model_file)
+
+
+def test_what_a_process_left_that_was_killed_while_it_began_a_stage_is_no_obstacle(write, run):
+    file = write(PENDULUM)
+    (stage,) = run(file).runs
+    left = stage.path.with_name("2_Pendulum-v1")
+    left.mkdir()
+    shutil.copy(stage.provenance_file, left)
+    assert [end[1:] for end in ends(run(write(PENDULUM, PENDULUM)))] == [(60, "budget")] * 2
+
+
+@pytest.mark.slow
+def test_killed_in_the_second_stage_it_goes_on_from_the_last_checkpoint(write, run, tmp_path):
+    file = write(PENDULUM, {**PENDULUM, "n_timesteps": 1000}, {**PENDULUM, "n_timesteps": 50})
+    command = [sys.executable, "-m", "sb3_piano.cli", "curriculum", file.name, "--run", "out"]
+    command += ["--no-progress", "--seed", "1", "--checkpoint-every", "50"]
+    environ = {**os.environ, "OMP_NUM_THREADS": "1"}
+    process = subprocess.Popen(
+        command, cwd=tmp_path, env=environ, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    folder = tmp_path / "out" / "2_Pendulum-v1" / "checkpoint"
+    deadline = time.monotonic() + DEADLINE
+    try:
+        while not (folder / "checkpoint.json").exists():
+            assert process.poll() is None, process.communicate()[1]
+            assert time.monotonic() < deadline, "it took too long"
+            time.sleep(0.01)
+        with pytest.raises(RunError, match=f"is being trained by process {process.pid} on"):
+            run(file)
+    finally:
+        process.kill()
+        process.communicate()
+    assert process.returncode == -signal.SIGKILL
+    saved = Checkpoint.read(folder).num_timesteps
+    assert 50 <= saved < 1000
+    before = content(tmp_path / "out" / "1_Pendulum-v1")
+    begun = []
+    result = run(file, checkpoint_every=500, on_stage=begun.append)
+    assert [stage.name for stage in begun] == ["2_Pendulum-v1", "3_Pendulum-v1"]
+    assert [end[1:] for end in ends(result)] == [(n, "budget") for n in (60, 1000, 50)]
+    assert content(tmp_path / "out" / "1_Pendulum-v1") == before
+    assert Checkpoint.read(folder).replay.total == 1000
+
+
+# The folder.
+
+
+@pytest.mark.parametrize(
+    ("stages", "options", "message"),
+    [
+        ([{"gamma": 0.5}, {}], {}, "Stage 1 has gamma None there, not 0.5"),
+        ([{"n_timesteps": 70}, {}], {}, "Stage 1 has n_timesteps 60 there, not 70"),
+        ([{"name": "new"}, {}], {}, "Stage 1 has name None there, not 'new'"),
+        ([{}, {"with_buffer": True}], {}, "Stage 2 has with_buffer None there, not True"),
+        ([{}], {}, "Stage 2 has env 'Pendulum-v1' there, not None"),
+        ([{}, {}], {"algo": "tqc"}, "It has algo 'sac' there, not 'tqc'"),
+        ([{}, {}], {"init_from": "1"}, "It has init_from None there, not"),
+        ([{}, {}], {"seed": 2}, "It has seed 1 there, not 2"),
+    ],
+)
+def test_what_has_begun_keeps_its_settings(begun, write, stages, options, message):
+    again, _ = begun
+    seed = options.get("seed")
+    file = write(*({**PENDULUM, **stage} for stage in stages), **options)
+    before = content(file.parent / "out")
+    with pytest.raises(RunError, match=f"has begun with other settings. {message}.*--run"):
+        again(file, seed=seed)
+    assert content(file.parent / "out") == before
+
+
+@pytest.fixture
+def begun(write, run):
+    """A curriculum of three stages that was interrupted in its second one."""
+    file = write(PENDULUM, PENDULUM, PENDULUM)
+    seen = []
+
+    def stop(stage):
+        seen.append(stage.name)
+        if len(seen) == 2:
+            signal.raise_signal(signal.SIGINT)
+
+    result = run(file, on_stage=stop)
+    assert [end[1:] for end in ends(result)] == [(60, "budget"), (0, None), (0, None)]
+    return run, result
+
+
+def test_stages_that_have_not_begun_may_change(begun, write):
+    again, _ = begun
+    file = write(PENDULUM, PENDULUM, {**PENDULUM, "gamma": 0.5}, {**PENDULUM, "name": "last"})
+    result = again(file, seed=None)
+    assert [end[1:] for end in ends(result)] == [(60, "budget")] * 4
+    assert result.runs[2].read_config().algorithm_kwargs["gamma"] == 0.5
+    assert result.runs[3].path.name == "4_last"
+    assert load_curriculum(result.folder) == Curriculum(
+        **{**vars_of(load_curriculum(file)), "seed": 1}
+    )
+
+
+def vars_of(curriculum):
+    return {name: getattr(curriculum, name) for name in ("algo", "stages", "name", "init_from")}
+
+
+def test_stages_that_are_changed_have_to_fit_what_has_begun(begun, write):
+    again, result = begun
+    file = write(PENDULUM, PENDULUM, {**PENDULUM, "normalize": True})
+    with pytest.raises(ConfigError, match="^Stage 3: Its normalize is True"):
+        again(file)
+    assert load_curriculum(result.folder).stages[2].settings.get("normalize") is None
+
+
+def test_a_folder_with_anything_else_is_refused_and_left_alone(write, run, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    with pytest.raises(RunError, match="is not empty, and holds no curriculum"):
+        run(write(PENDULUM))
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["notes.txt"]
+
+
+def test_one_process_at_a_time_trains_in_a_folder(write, run, tmp_path):
+    with (
+        hold(tmp_path / "out" / ".lock"),
+        pytest.raises(RunError, match="is being trained by process .* --resume"),
+    ):
+        run(write(PENDULUM))
+
+
+def test_without_a_folder_it_is_called_after_the_file(write, tmp_path):
+    curriculum = load_curriculum(write({**PENDULUM, "n_timesteps": 5}))
+    result = run_curriculum(curriculum, runs_dir=tmp_path / "runs", progress_bar=False)
+    assert result.folder == tmp_path / "runs" / "curricula" / "tiny"
+    again = run_curriculum(curriculum, runs_dir=tmp_path / "runs", progress_bar=False)
+    assert again.had_finished
+    seed = load_curriculum(result.folder).seed
+    assert result.runs[0].read_config().seed == seed is not None
+
+
+@pytest.mark.parametrize("option", ["seed", "checkpoint_every"])
+def test_numbers_out_of_range_are_refused(write, run, tmp_path, option):
+    with pytest.raises(ConfigError, match=f"{option} is -1"):
+        run(write(PENDULUM), **{option: -1})
+    assert not (tmp_path / "out").exists()

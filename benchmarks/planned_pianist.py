@@ -6,7 +6,8 @@
 Each piece is played once by each column: ``planned`` follows the plan, ``rehearsed`` one that was
 rehearsed 32 times before; ``sampling-8`` and ``sampling-32`` search around the plan,
 ``rehearsed-8`` and ``rehearsed-32`` around the rehearsed one; ``zero`` searches without any plan;
-``sight-reader`` is the network that comes with the package. All joints, half a second before the
+``sight-reader`` is the network that comes with the package; ``planned-tree`` and
+``sight-reader-tree`` look ahead with trees of 64 simulations. All joints, half a second before the
 first note, the reference physics (of candidates from zero, the fast one). One process for each job,
 one thread in each.
 
@@ -36,6 +37,7 @@ from rich.progress import MofNCompleteColumn, Progress
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import BUILT_IN
 from sb3_piano.planning import forget_plans
+from sb3_piano.players import TreeSettings
 from sb3_piano.training.playing.player import env_to_record
 from sb3_piano.training.playing.takes import planner_config, take_of_planner
 
@@ -43,6 +45,8 @@ _REHEARSED = {"rehearsals": 32}
 COLUMNS: Mapping[str, tuple[str, dict[str, Any]]] = {
     "planned": ("planned", {}),
     "sight-reader": ("sight-reader", {}),
+    "planned-tree": ("planned", {}),
+    "sight-reader-tree": ("sight-reader", {}),
     "rehearsed": ("planned", {"settings": _REHEARSED}),
     "sampling-8": ("sampling", {"samples": 8, "n_threads": 1}),
     "sampling-32": ("sampling", {"samples": 32, "n_threads": 1}),
@@ -54,6 +58,9 @@ COLUMNS: Mapping[str, tuple[str, dict[str, Any]]] = {
     ),
 }
 """Who plays, by name: an algorithm and its arguments."""
+
+TREE = TreeSettings(simulations=64, depth=8)
+"""Shape of the trees."""
 
 UNSEEN = ("repertoire",)
 """Collections whose pieces were not used to find constants, apart from those in ``SEEN``."""
@@ -77,7 +84,7 @@ def measure(piece: str, column: str) -> dict[str, object]:
     start = time.process_time()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", PlanWarning)
-        played = take_of_planner(config)
+        played = take_of_planner(config, tree=TREE if column.endswith("-tree") else None)
     told = [str(warning.message) for warning in caught if warning.category is PlanWarning]
     return {
         "piece": piece,

@@ -140,7 +140,7 @@ class ActionSearchCallback(BaseCallback):
         env = self._envs[slot]
         piano, world = env.unwrapped, self._worlds[slot]
         if piano.steps_played == 0 or world is None or world.roll is not piano.roll:
-            self._worlds[slot] = world = PianoWorld(env, piano.roll, self._values)
+            self._worlds[slot] = world = PianoWorld(env, self._values)
         moment, scores = moment_of(env), []
         for action in self._values.played(actions):
             step = world.step(moment, action)

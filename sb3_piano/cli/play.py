@@ -66,7 +66,7 @@ def add_parser(commands: Any) -> None:
     add("--seed", "N", "seed of the run's environment; default: 0", int)
     add("--physics")
     add("--best")
-    add("--tree", text="let the run's model look ahead, as of evaluate: N simulations, D steps")
+    add("--tree")
     add("--view", text=_VIEW_HELP, choices=VIEWS, default="stage")
     add("--size", "WxH", "pixels of the video", default="854x480")
     add("--human", text="show it in a window first, in real time")
@@ -174,7 +174,7 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
         if Path(what).is_dir():
             reason = f"with the run '{what}': its own model plays."
             refuse_options(arguments, ("player", "planned"), reason, "Expected a piece.")
-        _check_piece(arguments, "score", "best", "tree")
+        _check_piece(arguments, "score", "best")
         return _played_take(arguments)
     instead = "expected --planned or --player, too, and a piece."
     refuse_options(
@@ -210,6 +210,7 @@ def _check_piece(arguments: argparse.Namespace, *of_runs: str) -> None:
 
 def _played_take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     """Let a player play a piece, say how well, and return that and the folder for it."""
+    from sb3_piano.players import TreeSettings
     from sb3_piano.training.playing.takes import default_folder, take_of_planner
 
     physics = arguments.physics
@@ -221,7 +222,8 @@ def _played_take(arguments: argparse.Namespace) -> tuple[Take, Path]:
         def on_step(done: int, total: int) -> None:
             tell(**({"description": "Playing", "completed": done, "total": total} if done else {}))
 
-        played = take_of_planner(config, on_step)
+        tree = None if arguments.tree is None else TreeSettings.parse(arguments.tree)
+        played = take_of_planner(config, on_step, tree=tree)
     metrics, roll = played.metrics, played.take.performance.roll
     print(
         f"F1 {metrics['f1']:.3f} (precision {metrics['precision']:.3f}, recall "
@@ -234,7 +236,8 @@ def _played_take(arguments: argparse.Namespace) -> tuple[Take, Path]:
         f"played in {played.playing:.1f} s"
     )
     folder = default_folder(None, played.score)
-    return played.take, folder.with_name(f"{folder.name}-{config.algo}")
+    by = config.algo if arguments.tree is None else f"{config.algo}-tree"
+    return played.take, folder.with_name(f"{folder.name}-{by}")
 
 
 def _plan(arguments: argparse.Namespace) -> int:

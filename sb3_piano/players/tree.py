@@ -80,14 +80,17 @@ class World(Protocol):
     gamma: float
     """Discount of a control step."""
 
+    def go_back(self, moment: Any) -> None:
+        """Go to a moment."""
+
     def step(self, moment: Any, action: Float32Array) -> Step:
         """Try an action in a moment."""
 
     def judge(self, observation: Any) -> tuple[float, Float32Array]:
-        """Return what is still to be expected, and the policy's own action."""
+        """Return what is still to be expected where the world is now, and the policy's action."""
 
-    def propose(self, observation: Any) -> Sequence[Float32Array]:
-        """Return some other actions of the policy."""
+    def propose(self, observation: Any, mode: Float32Array) -> Sequence[Float32Array]:
+        """Return some actions other than the policy's own."""
 
 
 class Edge(NamedTuple):
@@ -154,6 +157,7 @@ class Tree:
 
     def search(self, observation: Any, moment: Any) -> Found:
         """Return what to do in a moment in which something is observed."""
+        self._world.go_back(moment)
         root = self._node(observation, moment, depth=0, terminal=False)
         deepest = 0
         for _ in range(self._shape.simulations):
@@ -201,7 +205,7 @@ class Tree:
             action = node.mode
         else:
             if not node.proposals:
-                node.proposals = list(self._world.propose(node.observation))
+                node.proposals = list(self._world.propose(node.observation, node.mode))
             action = node.proposals.pop(0)
         step = self._world.step(node.moment, action)
         child = self._node(step.observation, step.moment, node.depth + 1, step.terminal)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from statistics import fmean
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import gymnasium as gym
 import numpy as np
@@ -16,15 +16,17 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor, VecNormalize
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvWrapper
 
-from sb3_piano.arrays import Float32Array
-from sb3_piano.envs import EpisodeRecorder
+from sb3_piano.arrays import Float32Array, FloatArray
+from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
-from sb3_piano.music import PianoRoll
 from sb3_piano.planning import PianoPolicy
+from sb3_piano.players.guides import PlayerGuide
 from sb3_piano.players.tree import Step, Tree, TreeSettings
 from sb3_piano.policies.values import PolicyValues
 from sb3_piano.settings import Index, NotNegative, checked
+from sb3_piano.wrappers.hand_actions import change_of_actions
+from sb3_piano.wrappers.piano import piano_of
 
 _WATCHERS = (Monitor, EpisodeRecorder)
 """Wrappers that only write down what happens."""
@@ -52,20 +54,23 @@ class SearchStatistics(NamedTuple):
 
 
 class TreeSearch(PianoPolicy):
-    """Play what a model of SAC, TD3, DDPG, TQC or CrossQ would, after looking ahead.
+    """Play what a trained model or another player would, after looking ahead.
 
     In each control step a tree of actions is searched (see :class:`~sb3_piano.players.tree.Tree`):
     the policy proposes them, a copy of the environment tells what each leads to and earns, and the
     critics value where the tree ends. The action that was tried most is played. Nothing is learnt.
 
+    A player without critics, such as the sight-reader, proposes what it would play and variations
+    of it. What they earn is then told by what is heard, and by nothing beyond the tree: see
+    :class:`~sb3_piano.players.guides.PlayerGuide`.
+
     The environment that is played in is not touched: the copy is made when an episode begins, with
     all wrappers. Wrappers that remember something between control steps must have ``snapshot`` and
     ``go_back``, as those of this package do.
 
-    Rewards are the environment's, also where they are not the model's, and undiscounted values of
-    entropy are in the critics of SAC as it has learnt them. The end of a piece is worth nothing, as
-    in the source, though the critics of Stable-Baselines3 look beyond it. Wherever all nodes end at
-    the same depth, this changes no choice.
+    A model's rewards are those of the environment. The values of SAC's critics have its entropy in
+    them. The end of a piece is worth nothing, as in the source, though the critics of
+    Stable-Baselines3 look beyond it.
 
     With the default widening 64 simulations reach about 5 control steps ahead, whatever ``depth``
     says: ``widening=0.5`` goes deeper, with half as many actions; :attr:`statistics` tells.
@@ -81,18 +86,20 @@ class TreeSearch(PianoPolicy):
         env: gym.Env[Any, Any] | VecEnv,
         shape: TreeSettings | None = None,
         *,
-        noise: float = 0.1,
+        noise: float = 0.12,
         seed: int = 0,
     ) -> None:
-        """Take the model, and the environments to act in.
+        """Take who is to look ahead, and the environments to act in.
 
         Args:
-            model: The trained model; it is used, not changed.
+            model: A trained model of SAC, TD3, DDPG, TQC or CrossQ, or a player of these
+                environments; it is used, not changed.
             env: The environment, wrapped or not, or several of them in this process as a vector
                 environment of Stable-Baselines3, normalised as the model was trained.
             shape: Size and shape of the trees; by default ``TreeSettings()``.
-            noise: Standard deviation of what is added to a policy that has no distribution of its
-                own, as that of TD3, to get other actions than the one it plays.
+            noise: Standard deviation of what is added to an action to get others, where there is no
+                distribution of them, as of TD3 and of players: rad of a finger's joint; other
+                actuators as far as moves a fingertip as much.
             seed: Of these actions, 0 or more.
 
         Raises:
@@ -100,28 +107,40 @@ class TreeSearch(PianoPolicy):
                 model's, or has a wrapper that cannot go back.
         """
         super().__init__(env)
-        if not isinstance(model, OffPolicyAlgorithm) or not hasattr(model.policy, "critic"):
-            raise ConfigError(
-                f"A tree cannot be searched with {type(model).__name__}, which has no critics: "
-                "expected a model of SAC, TD3, DDPG, TQC or CrossQ."
-            )
-        for name in ("observation_space", "action_space"):
-            ours, theirs = getattr(env, name), getattr(model, name)
-            if ours != theirs:
-                raise ConfigError(
-                    f"The environment's {name} is {ours}, the model's {theirs}: expected the "
-                    "wrappers with which it was trained."
-                )
-        self.num_timesteps = model.num_timesteps
-        self.device = model.device
         self._envs = single_envs(env)
         for single in self._envs:
             check_goes_back(single)
         self._shape = TreeSettings() if shape is None else shape
-        self._judge = PolicyValues(model, self._normalizer, checked("noise", noise, NotNegative))
+        self._model = model
+        self.num_timesteps = model.num_timesteps
+        self.device = model.device
+        self._noise = self._noise_of_actions(checked("noise", noise, NotNegative))
+        self._random = np.random.default_rng()
+        if isinstance(model, PianoPolicy):
+            self._check_player(model)
+        else:
+            checked_model = _checked_model(model, env)
+            self._values = PolicyValues(checked_model, self._normalizer, self._noise)
         self.set_random_seed(seed)
         self._worlds: list[PianoWorld | None] = [None] * len(self._envs)
         self._searches: list[tuple[int, int, float]] = []
+
+    def _check_player(self, player: PianoPolicy) -> None:
+        if [*map(id, player._pianos)] != [*map(id, self._pianos)]:
+            raise ConfigError(
+                f"The {type(player).__name__} plays in other environments: expected one that was "
+                "made for these."
+            )
+
+    def _noise_of_actions(self, rad: float) -> FloatArray:
+        """Return the standard deviation of the noise, (n,), for actions of n numbers."""
+        noise = np.zeros_like(self._envs[0].action_space.sample(), dtype=float)
+        try:
+            change = np.abs(change_of_actions(self._envs[0], rad, "TreeSearch"))
+        except ConfigError:  # actions of another kind, each of which is a share of its range
+            return np.full(noise.shape, rad)
+        noise[: len(change)] = change  # the pedal may follow
+        return noise
 
     @property
     def statistics(self) -> SearchStatistics:
@@ -132,42 +151,94 @@ class TreeSearch(PianoPolicy):
 
     def set_random_seed(self, seed: int) -> None:
         """Begin anew with what is drawn at random."""
-        self._judge.set_random_seed(checked("seed", seed, Index))
+        self._random = np.random.default_rng(checked("seed", seed, Index))
+        if not isinstance(self._model, PianoPolicy):
+            self._values.set_random_seed(seed)
 
     def _act(self, slot: int, step: int, observation: npt.NDArray[Any]) -> npt.NDArray[Any]:
         env, world = self._envs[slot], self._worlds[slot]
         if step == 0 or world is None or world.roll is not self._pianos[slot].roll:
-            self._worlds[slot] = world = PianoWorld(env, self._pianos[slot].roll, self._judge)
+            self._worlds[slot] = world = PianoWorld(env, self._guide(slot))
         found = Tree(world, self._shape).search(observation, moment_of(env))
         self._searches.append((len(found.root.edges), found.deepest, found.visit_share))
         return found.action
+
+    def _guide(self, slot: int) -> Guide:
+        if isinstance(self._model, PianoPolicy):
+            return PlayerGuide(self._model, slot, self._noise, self._random)
+        return self._values
+
+
+class Guide(Protocol):
+    """What proposes actions, and says what they are worth."""
+
+    gamma: float
+    """Discount of a control step."""
+
+    def copied(self, memo: dict[int, Any]) -> Guide:
+        """Return the guide in a copy of the environment, which is in ``memo``."""
+
+    def reward(self, piano: PianoEnv, reward: float, info: Mapping[str, Any]) -> float:
+        """Return what the last control step was worth."""
+
+    def judge(self, observation: Any) -> tuple[float, Float32Array]:
+        """Return what is expected of the environment's present moment, and what is played."""
+
+    def propose(self, observation: Any, mode: Float32Array) -> list[Float32Array]:
+        """Return actions other than the one that is played."""
 
 
 class PianoWorld:
     """A copy of an environment, in which actions are tried."""
 
-    def __init__(self, env: gym.Env[Any, Any], roll: PianoRoll, judge: PolicyValues):
-        self._env = _copy_without_watchers(env)
-        self._judge = judge
-        self.gamma = judge.gamma
-        self.roll = roll
+    def __init__(self, env: gym.Env[Any, Any], guide: Guide):
+        """Copy an environment amid an episode, with its guide."""
+        memo: dict[int, Any] = {}
+        for layer in reversed([one for one in layers(env) if isinstance(one, _WATCHERS)]):
+            memo[id(layer)] = copy.deepcopy(layer.env, memo)
+        self._env = copy.deepcopy(env, memo)
+        self._guide = guide.copied(memo)
+        self._piano: Any = self._env.unwrapped
+        self.gamma = guide.gamma
+        self.roll = piano_of(env, "TreeSearch").roll
         """What is played in the environment, by which its episode is known."""
+
+    def go_back(self, moment: Any) -> None:
+        """Go to a moment of the environment or of the copy."""
+        for layer, state in zip(_with_memory(self._env), moment, strict=True):
+            layer.go_back(state)
 
     def step(self, moment: Any, action: Float32Array) -> Step:
         """Try an action in a moment."""
-        for layer, state in zip(_with_memory(self._env), moment, strict=True):
-            layer.go_back(state)
-        observation, reward, terminated, truncated, _ = self._env.step(action)
-        ended = terminated or truncated
-        return Step(observation, self._judge.reward(float(reward)), moment_of(self._env), ended)
+        self.go_back(moment)
+        observation, reward, terminated, truncated, info = self._env.step(action)
+        worth = self._guide.reward(self._piano, float(reward), info)
+        return Step(observation, worth, moment_of(self._env), terminated or truncated)
 
     def judge(self, observation: Any) -> tuple[float, Float32Array]:
-        """Return what the critics expect of the policy's own action, and this."""
-        return self._judge.judge(observation)
+        """Return what is expected of the present moment, and what the guide plays."""
+        return self._guide.judge(observation)
 
-    def propose(self, observation: Any) -> list[Float32Array]:
-        """Return other actions of the policy."""
-        return self._judge.propose(observation)
+    def propose(self, observation: Any, mode: Float32Array) -> list[Float32Array]:
+        """Return other actions."""
+        return self._guide.propose(observation, mode)
+
+
+def _checked_model(model: BaseAlgorithm, env: gym.Env[Any, Any] | VecEnv) -> OffPolicyAlgorithm:
+    """Return a model that has critics and fits the environment; refuse others."""
+    if not isinstance(model, OffPolicyAlgorithm) or not hasattr(model.policy, "critic"):
+        raise ConfigError(
+            f"A tree cannot be searched with {type(model).__name__}, which has no critics: "
+            "expected a model of SAC, TD3, DDPG, TQC or CrossQ."
+        )
+    for name in ("observation_space", "action_space"):
+        ours, theirs = getattr(env, name), getattr(model, name)
+        if ours != theirs:
+            raise ConfigError(
+                f"The environment's {name} is {ours}, the model's {theirs}: expected the "
+                "wrappers with which it was trained."
+            )
+    return model
 
 
 def _with_memory(env: gym.Env[Any, Any]) -> Iterator[Any]:
@@ -215,10 +286,3 @@ def check_goes_back(env: gym.Env[Any, Any]) -> None:
                 "something between control steps: expected it to have snapshot() and go_back(), "
                 "as sb3_piano.wrappers.PreviousActionReward has."
             )
-
-
-def _copy_without_watchers(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
-    memo: dict[int, Any] = {}
-    for layer in reversed([one for one in layers(env) if isinstance(one, _WATCHERS)]):
-        memo[id(layer)] = copy.deepcopy(layer.env, memo)
-    return copy.deepcopy(env, memo)

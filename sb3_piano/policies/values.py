@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import torch
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 
-from sb3_piano.arrays import Float32Array
+from sb3_piano.arrays import Float32Array, FloatArray
 
 _PROPOSALS = 4
 """So many actions are drawn at once, which takes little longer than one."""
@@ -32,7 +33,10 @@ class PolicyValues:
     """What a model would play in a state, and what its critics expect of that."""
 
     def __init__(
-        self, model: OffPolicyAlgorithm, normalizer: VecNormalize | None, noise: float = 0.1
+        self,
+        model: OffPolicyAlgorithm,
+        normalizer: VecNormalize | None,
+        noise: FloatArray | float = 0.0,
     ):
         """Take a model, and what normalises for it.
 
@@ -51,8 +55,14 @@ class PolicyValues:
             torch.manual_seed(seed)
             self._random_state = torch.get_rng_state()
 
-    def reward(self, reward: float) -> float:
+    def copied(self, memo: dict[int, Any]) -> PolicyValues:
+        """Return this: it knows nothing of the environment."""
+        del memo
+        return self
+
+    def reward(self, piano: Any, reward: float, info: Mapping[str, Any]) -> float:
         """Return a reward as the critics learnt it."""
+        del piano, info
         if self._normalizer is None:
             return reward
         return float(self._normalizer.normalize_reward(np.array(reward)))
@@ -65,18 +75,18 @@ class PolicyValues:
         return float(critic_values(self._policy, seen, mode).mean()), self.played(mode)[0]
 
     @torch.no_grad()
-    def propose(self, observation: Any) -> list[Float32Array]:
-        """Return actions that the policy might draw."""
+    def propose(self, observation: Any, mode: Float32Array) -> list[Float32Array]:
+        """Return actions that the policy might draw, given the one that it would play."""
         seen = self._seen(observation)
         rows = seen.expand(_PROPOSALS, *seen.shape[1:])
         with torch.random.fork_rng(devices=[]):
             torch.set_rng_state(self._random_state)
-            mode = self._policy._predict(rows, deterministic=True)
-            drawn = self._policy._predict(rows, deterministic=False)
-            if torch.equal(mode, drawn):
-                drawn = (mode + self._noise * torch.randn_like(mode)).clamp(-1.0, 1.0)
+            played = self.played(self._policy._predict(rows, deterministic=False))
+            if np.array_equal(played[0], played[1]):  # it has no distribution
+                noise = self._noise * torch.randn(played.shape).numpy()
+                played = np.clip(mode + noise, -1.0, 1.0).astype(np.float32)
             self._random_state = torch.get_rng_state()
-        return list(self.played(drawn))
+        return list(played)
 
     def _seen(self, observation: Any) -> torch.Tensor:
         if self._normalizer is not None:

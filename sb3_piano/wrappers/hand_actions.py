@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.arrays import Float32Array, FloatArray
-from sb3_piano.envs.actions import REACH, HandActionMap
+from sb3_piano.envs.actions import REACH, HandActionMap, hand_action_unit
 from sb3_piano.exceptions import ConfigError, InvalidActionError
 from sb3_piano.layers import layers
 from sb3_piano.wrappers.piano import piano_of
@@ -87,6 +87,28 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
     def _positions(self) -> FloatArray:
         piano = self._piano
         return piano.scene.actuator_positions(piano.data.qpos[piano.scene.hand_qpos])
+
+
+def change_of_actions(env: gym.Env[Any, Any], rad: float, asker: str) -> FloatArray:
+    """Return by how much actions change where a finger's joint is told to go elsewhere by ``rad``.
+
+    Returns:
+        (n,) a number for each actuator: other ones go as far as moves a fingertip as much.
+
+    Raises:
+        ConfigError: If the actions are neither the piano's own nor those of :class:`HandActions`;
+            the message names who asks.
+    """
+    piano = piano_of(env, asker)
+    if env.action_space == piano.action_space:
+        return piano.action_map.change(rad * hand_action_unit(piano.scene))
+    inside = hand_actions_of(env, asker)
+    if env.action_space != inside.action_space:
+        raise ConfigError(
+            f"{asker} cannot change actions of {env.action_space}: expected the piano's own, "
+            f"{piano.action_space}, or those of HandActions."
+        )
+    return np.full(inside.reach.shape, rad / np.abs(inside.reach).max())
 
 
 class CorrectsHandActions:

@@ -27,10 +27,13 @@ class Line:
         position, steps = moment[0] + float(action[0]), moment[1] + 1
         return Step(position, -abs(position - 1), (position, steps), steps >= self._length)
 
+    def go_back(self, moment):
+        pass
+
     def judge(self, observation):
         return self._value(observation), np.zeros(1, dtype=np.float32)
 
-    def propose(self, observation):
+    def propose(self, observation, mode):
         return list(self._random.uniform(-0.5, 0.5, (3, 1)).astype(np.float32))
 
 

@@ -64,8 +64,7 @@ def test_a_step_in_the_tree_is_the_step_that_a_fresh_replay_makes(make, physics)
     actions = drawn_actions(env, len(env.unwrapped.roll))
     for action in actions[:4]:
         env.step(action)
-    judge = TreeSearch(untrained(env), env)._judge
-    world = PianoWorld(env, env.unwrapped.roll, judge)
+    world = PianoWorld(env, TreeSearch(untrained(env), env)._values)
     moments, steps = [moment_of(env)], []
     for action in actions[4:]:  # a path to the end, each node restored before it
         other = drawn_actions(env, 1)[0] * 0.5
@@ -202,11 +201,11 @@ def test_several_environments_and_normalized_ones_are_searched():
     actions, state = player.predict(observations)
     assert actions.shape == (2, *venv.action_space.shape)
     assert state.tolist() == [13, 13]
-    judge = player._judge
-    assert judge.reward(0.5) == pytest.approx(0.5 / np.sqrt(venv.ret_rms.var + venv.epsilon))
+    values, deviation = player._values, np.sqrt(venv.ret_rms.var + venv.epsilon)
+    assert values.reward(None, 0.5, {}) == pytest.approx(0.5 / deviation)
     raw = venv.unnormalize_obs(observations)[0]
     mode = model.predict(observations[0], deterministic=True)[0]
-    np.testing.assert_allclose(judge.judge(raw)[1], mode, atol=1e-4)
+    np.testing.assert_allclose(values.judge(raw)[1], mode, atol=1e-4)
 
 
 def test_what_cannot_be_searched_is_refused():

@@ -11,15 +11,13 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
 from sb3_piano.arrays import Float32Array, FloatArray
-from sb3_piano.envs.actions import hand_action_unit
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.settings import Positive, checked
 from sb3_piano.training.configuration.config import CorrectsRun, RunConfig
 from sb3_piano.training.runs.builders import normalized, refuse_other_vectors
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.saved import act, load_player, load_statistics, model_files
-from sb3_piano.wrappers.hand_actions import hand_actions_of
-from sb3_piano.wrappers.piano import piano_of
+from sb3_piano.wrappers.hand_actions import change_of_actions
 from sb3_piano.wrappers.residual import Residual
 
 
@@ -48,18 +46,8 @@ class RunResidual(Residual, gym.utils.RecordConstructorArgs, CorrectsRun):
         self, env: gym.Env[Any, Any], run: str | os.PathLike[str], scale: float = 0.06
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, run=run, scale=scale)
-        piano, rad = piano_of(env, "RunResidual"), checked("scale", scale, Positive)
-        if env.action_space == piano.action_space:
-            reach = piano.action_map.change(rad * hand_action_unit(piano.scene))
-        else:
-            inside = hand_actions_of(env, "RunResidual")
-            if env.action_space != inside.action_space:
-                raise ConfigError(
-                    f"RunResidual cannot correct actions of {env.action_space}: expected the "
-                    f"piano's own, {piano.action_space}, or those of HandActions."
-                )
-            reach = np.full(inside.reach.shape, rad / np.abs(inside.reach).max())
-        super().__init__(env, reach)
+        rad = checked("scale", scale, Positive)
+        super().__init__(env, change_of_actions(env, rad, "RunResidual"))
         self._model, self._venv = _model_of(run, env)
 
     @property

@@ -20,7 +20,7 @@ from sb3_piano.metrics import presses_of
 from sb3_piano.music import PianoRoll, Score, is_path, load_score
 from sb3_piano.performance import Performance
 from sb3_piano.planning import PianoPolicy
-from sb3_piano.players import TreeSettings
+from sb3_piano.players import TreeSearch, TreeSettings
 from sb3_piano.simulation import PianoScene, compile_scene
 from sb3_piano.training.configuration.config import PlannedConfig
 from sb3_piano.training.playing.player import SavedPlayer
@@ -235,13 +235,19 @@ def plan_run(
 
 
 def take_of_planner(
-    config: PlannedConfig, on_step: Callable[[int, int], object] = lambda done, total: None
+    config: PlannedConfig,
+    on_step: Callable[[int, int], object] = lambda done, total: None,
+    *,
+    tree: TreeSettings | None = None,
 ) -> PlannedTake:
     """Play a piece without training and without a run's folder.
 
     ``on_step`` is told how many control steps are over, and of how many; first 0, before planning.
+    With a ``tree`` the player looks ahead, see :class:`~sb3_piano.players.TreeSearch`.
     """
     with _planner(config) as (player, env, piano):
+        if tree is not None:
+            player = TreeSearch(player, env, tree, seed=config.seed or 0)
         observation, _ = env.reset(seed=config.seed)
         on_step(0, len(piano.roll))
         times = [time.perf_counter()]

@@ -1,0 +1,141 @@
+"""Players that look ahead without critics."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+from sb3_piano.cli import main
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Note, Score, load_score
+from sb3_piano.planning import PlannedPianist
+from sb3_piano.players import SightReader, TreeSearch, TreeSettings
+from sb3_piano.players.guides import PlayerGuide
+from sb3_piano.players.tree_search import PianoWorld, moment_of
+from sb3_piano.training import evaluate
+from sb3_piano.training.playing.takes import plan_run, planner_config
+from sb3_piano.wrappers import Excerpt, HandActions
+
+TUNE = Score(
+    notes=[
+        Note(onset=0.1, offset=0.4, pitch=60, finger=0),
+        Note(onset=0.1, offset=0.4, pitch=48, finger=9),
+        Note(onset=0.4, offset=0.8, pitch=64, finger=2),
+    ],
+    title="tune",
+)
+
+
+def piano(score=TUNE, **options):
+    kwargs = {"physics": "fast", "reduced_action_space": False, "initial_buffer_time": 0.5}
+    return PianoEnv(score, **{**kwargs, **options})
+
+
+def played(env, player):
+    observation, _ = env.reset(seed=0)
+    done = False
+    while not done:
+        observation, _, _, done, info = env.step(player.predict(observation)[0])
+    return info
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrap"),
+    [(SightReader, lambda env: env), (SightReader, HandActions), (PlannedPianist, lambda env: env)],
+)
+def test_one_simulation_plays_what_the_player_does(kind, wrap):
+    plain, searched = wrap(piano()), wrap(piano())
+    player = kind(plain)
+    search = TreeSearch(kind(searched), searched, TreeSettings(simulations=1, depth=1))
+    observations = [env.reset(seed=0)[0] for env in (plain, searched)]
+    for _ in range(8):
+        actions = [p.predict(o)[0] for p, o in zip((player, search), observations, strict=True)]
+        np.testing.assert_array_equal(*actions)
+        steps = [env.step(action) for env, action in zip((plain, searched), actions, strict=True)]
+        observations = [step[0] for step in steps]
+        assert steps[0][1] == steps[1][1]
+
+
+@pytest.mark.parametrize("kind", [SightReader, PlannedPianist])
+def test_looking_ahead_plays_a_hard_piece_better(kind):
+    def hard():
+        piece = load_score("repertoire-FantaisieImpromptu")
+        return Excerpt(piano(piece, fingering="robot"), start=0.0, length=3.0)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        alone = played(env := hard(), kind(env))
+        shape = TreeSettings(simulations=48, depth=6)
+        ahead = played(env := hard(), TreeSearch(kind(env), env, shape))
+    assert ahead["onset_f1"] > alone["onset_f1"] + 0.05
+    assert ahead["f1"] > alone["f1"] + 0.05
+
+
+def test_a_control_step_is_worth_what_is_heard():
+    env = piano()
+    env.reset(seed=0)
+    guide = PlayerGuide(SightReader(env), 0, np.zeros(45), np.random.default_rng(0))
+    info = {"reward_terms": {"key_press": 0.75, "strike": -1.0}}
+    env.step(env.rest_action)
+    assert guide.reward(env, 0.0, info) == pytest.approx(1 + 0.5 * 0.75 - 0.3)  # silence is right
+    step = int(env.roll.onset.any(axis=1).argmax())
+    while env.steps_played <= step:
+        env.step(env.rest_action)
+    assert guide.reward(env, 0.0, info) == pytest.approx(0 + 0.5 * 0.75 - 0.3)  # two are missing
+    due = np.flatnonzero(env.roll.active[env.steps_played - 1])
+    sounding = np.zeros(88, dtype=bool)
+    sounding[[due[0], 5]] = True
+    env.simulation.sounding = sounding.tobytes()
+    assert guide.reward(env, 0.0, info) == pytest.approx(0.5 + 0.5 * 0.75 - 0.3)
+
+
+def test_variations_are_as_large_as_is_asked_for_and_leave_the_pedal_alone():
+    env = piano()
+    env.reset(seed=0)
+    search = TreeSearch(SightReader(env), env, noise=0.06)
+    world = PianoWorld(env, search._guide(0))
+    world.go_back(moment_of(env))
+    mode = world.judge(None)[1]
+    drawn = np.concatenate([world.propose(None, np.zeros_like(mode)) for _ in range(300)])
+    assert (drawn[:, -1] == 0).all()
+    expected = np.abs(env.action_map.change(search._noise[:-1] * 0 + 1))  # in actions, of 1 rad
+    fingers = env.scene.actuator_kind == "finger"
+    np.testing.assert_allclose(
+        drawn[:, :-1].std(axis=0)[fingers], 0.06 * expected[fingers], rtol=0.15
+    )
+
+
+def test_the_copy_of_the_player_reads_the_copy_of_the_environment():
+    env = piano()
+    observation, _ = env.reset(seed=0)
+    player = SightReader(env)
+    world = PianoWorld(env, TreeSearch(player, env)._guide(0))
+    start = moment_of(env)
+    for _ in range(3):
+        observation, *_ = env.step(player.predict(observation)[0])
+    world.go_back(moment_of(env))
+    np.testing.assert_array_equal(world.judge(observation)[1], player.predict(observation)[0])
+    world.go_back(start)
+    assert np.abs(world.judge(observation)[1] - player.predict(observation)[0]).max() > 0
+
+
+def test_a_player_of_another_environment_is_refused():
+    with pytest.raises(ConfigError, match="plays in other environments: expected one that was"):
+        TreeSearch(SightReader(piano()), piano())
+
+
+def test_runs_of_players_and_pieces_look_ahead_too(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    options = {"physics": "fast"}
+    run, *_ = plan_run(planner_config("scale-CMajor", "sight-reader", env_kwargs=options), "run")
+    found = evaluate(run.path, tree=TreeSettings(simulations=3, depth=2))
+    assert found.algo == "sight-reader, tree 3x2"
+    assert found.tree.children == 2
+    arguments = ["play", "scale-CMajor", "--player", "sight-reader", "--tree", "2x1"]
+    assert main([*arguments, "--physics", "fast", "--no-video", "--no-progress"]) == 0
+    assert (tmp_path / "play").iterdir().__next__().name.endswith("-sight-reader-tree")
+    assert main(["play", "scale-CMajor", "--tree", "2x1"]) == 2
+    assert "--tree cannot be given with a piece" in capsys.readouterr().err

@@ -62,6 +62,7 @@ class Watched(BaseCallback):
         self.coefficient = None if self.coefficient is None else self.coefficient.detach().clone()
         buffer = getattr(self.model, "replay_buffer", None)
         self.rows = None if buffer is None else buffer.size()
+        self.ended = bool(self.rows) and buffer.dones[self.rows - 1].all()
 
     def _on_step(self):
         model = self.model
@@ -154,6 +155,7 @@ def test_an_entropy_coefficient_that_is_fixed_is_the_new_runs(config, source, tm
 def test_the_buffer_is_new_or_kept(config, source, tmp_path, with_buffer, rows):
     watched = started(config, source(), tmp_path / "next", with_buffer=with_buffer)
     assert watched.rows == rows
+    assert watched.ended == with_buffer  # n-step returns must not run on into the new episodes
     assert watched.updates[1] == (1 if with_buffer else 0)
     saved = Checkpoint.read(tmp_path / "next" / "checkpoint")
     assert saved.replay.total == rows + 40

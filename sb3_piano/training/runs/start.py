@@ -16,6 +16,7 @@ from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
 from stable_baselines3.common.vec_env import VecNormalize, unwrap_vec_normalize
 
 from sb3_piano.callbacks import Checkpoint, restore_replay_buffer
+from sb3_piano.callbacks.replay_segments import end_last_episode
 from sb3_piano.exceptions import ConfigError, RunError, one_line
 from sb3_piano.settings import Index, checked
 from sb3_piano.training.configuration.config import Plugin, RunConfig
@@ -163,6 +164,7 @@ class StartFromRun(BaseCallback):
                 "algorithm and a run with its checkpoint, or no with_buffer."
             )
         restore_replay_buffer(buffer, run.checkpoint_dir, saved.replay)
+        end_last_episode(buffer)  # a new one begins
 
 
 def load_start(

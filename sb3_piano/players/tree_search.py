@@ -284,5 +284,5 @@ def check_goes_back(env: gym.Env[Any, Any]) -> None:
             raise ConfigError(
                 f"A tree cannot be searched with the wrapper {kind.__name__}, which may remember "
                 "something between control steps: expected it to have snapshot() and go_back(), "
-                "as sb3_piano.wrappers.PreviousActionReward has."
+                "as sb3_piano.wrappers.HandReward has."
             )

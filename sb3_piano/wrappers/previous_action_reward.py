@@ -51,14 +51,6 @@ class PreviousActionReward(LayoutWrapper, gym.utils.RecordConstructorArgs):
         self._reward = float(reward)
         return self.observation(observation), reward, terminated, truncated, info
 
-    def snapshot(self) -> tuple[npt.NDArray[np.float32], float]:
-        """Return what goes with ``PianoEnv.snapshot``: the last action and reward."""
-        return self._action, self._reward
-
-    def go_back(self, moment: tuple[npt.NDArray[np.float32], float]) -> None:
-        """Go back to a moment."""
-        self._action, self._reward = moment
-
     def observation(self, observation: Any) -> npt.NDArray[np.float32]:
         """Return an observation followed by the last action and reward."""
         parts = (observation, self._action.reshape(-1), (self._reward,))

@@ -120,6 +120,17 @@ def test_with_simulation_the_action_that_earns_most_is_taken_and_the_environment
     looked_at(search, look, gamma=0.8)
 
 
+def test_nothing_is_expected_after_the_last_control_step():
+    def look(model):
+        assert model.get_env().get_attr("steps_played") == [steps - 1]
+        search._values.judge = lambda observation: pytest.fail("the piece is over")
+        explored(model)
+
+    steps = len(piano().unwrapped.roll)
+    search = ActionSearchCallback(candidates=3, score="simulation")
+    learner().learn(steps - 1, callback=[search, Look(look, at=steps - 1)])
+
+
 def test_a_high_temperature_draws_all_and_a_low_one_the_best():
     def look_at_all(model):
         assert len(np.unique(explored(model, 40), axis=0)) == 40

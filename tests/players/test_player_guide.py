@@ -74,6 +74,40 @@ def test_looking_ahead_plays_a_hard_piece_better(kind):
     assert ahead["f1"] > alone["f1"] + 0.05
 
 
+def test_strikes_are_counted_anew_where_the_search_goes_back():
+    env = piano(reward_weights={"strike": 1.0})
+    player = SightReader(env)
+    observation, _ = env.reset(seed=0)
+    moments, rewards, actions = [], [], []
+    for _ in range(len(env.roll)):
+        moments.append(env.snapshot())
+        actions.append(player.predict(observation)[0])
+        observation, reward, *_ = env.step(actions[-1])
+        rewards.append(reward)
+    first = rewards.index(max(rewards))  # a strike in time
+    assert rewards[first] >= 1.0
+    for moment, action, reward in list(zip(moments, actions, rewards, strict=True))[::-1]:
+        for _ in range(2):
+            env.go_back(moment)
+            assert env.step(action)[1] == reward
+
+
+def test_a_search_that_is_seeded_again_plays_the_same():
+    env = piano()
+    search = TreeSearch(SightReader(env), env, TreeSettings(simulations=40, depth=2), noise=0.3)
+    games = []
+    for seed in (1, 1, 2):
+        search.set_random_seed(seed)
+        observation, _ = env.reset(seed=0)
+        game = []
+        for _ in range(20):
+            game.append(search.predict(observation)[0])
+            observation, *_ = env.step(game[-1])
+        games.append(np.array(game))
+    np.testing.assert_array_equal(games[0], games[1])
+    assert np.abs(games[0] - games[2]).max() > 0
+
+
 def test_a_control_step_is_worth_what_is_heard():
     env = piano()
     env.reset(seed=0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.players.tree import Step, Tree, TreeSettings
+from sb3_piano.players.tree import Edge, Node, Step, Tree, TreeSettings
 
 
 class Line:
@@ -89,6 +89,19 @@ def test_one_step_ahead_what_earns_more_is_tried_more_and_the_most_tried_is_play
     assert sum(visits[-5:]) > 2 * sum(visits[:-5])  # of twenty
     assert found.action == max(edges, key=lambda edge: edge.child.visits).action
     assert found.visit_share == visits[-1] / 400
+
+
+@pytest.mark.parametrize(("exploration", "chosen"), [(2.8, 0), (3.1, 1)])
+def test_children_are_chosen_by_value_and_by_how_seldom_they_were_visited(exploration, chosen):
+    """By hand: 1 + c sqrt(ln 4 / 2) against 0 + c sqrt(ln 4 / 1), which are equal at c = 2.9."""
+
+    def node(visits, **more):
+        place = {"observation": 0, "moment": 0, "depth": 1, "terminal": False}
+        return Node(**place, value=0.0, mode=np.zeros(1), visits=visits, **more)
+
+    edges = [Edge(np.zeros(1), 7.0, node(2)), Edge(np.ones(1), 3.0, node(1))]
+    tree = Tree(Line(), TreeSettings(exploration=exploration))
+    assert tree._chosen_edge(node(3, edges=edges)) is edges[chosen]
 
 
 def test_looking_ahead_finds_what_pays_later():

@@ -11,9 +11,9 @@ from stable_baselines3 import DDPG, PPO, SAC, TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.exceptions import ConfigError, EnvStateError
+from sb3_piano.exceptions import ConfigError, EnvStateError, SimulationDivergedError
 from sb3_piano.music import Note, Score
-from sb3_piano.players import TreeSearch, TreeSettings
+from sb3_piano.players import PlayerResidual, TreeSearch, TreeSettings
 from sb3_piano.players.tree_search import PianoWorld, moment_of
 from sb3_piano.training import SavedPlayer, evaluate, load_config, play_run, train
 from sb3_piano.wrappers import HandActions, HandReward, PreviousActionReward
@@ -38,6 +38,11 @@ def wrapped(**options):
     return PreviousActionReward(HandReward(HandActions(env)))
 
 
+def corrected(**options):
+    kwargs = {"physics": "fast", "observation": "hands", "reduced_action_space": False}
+    return PlayerResidual(HandActions(PianoEnv(TUNE, **{**kwargs, **options})))
+
+
 def untrained(env, algorithm=SAC, **arguments):
     torch.manual_seed(0)
     return algorithm(
@@ -55,7 +60,7 @@ def assert_same_step(one, other):
     assert one[1:4] == other[1:4]
 
 
-@pytest.mark.parametrize("make", [piano, wrapped])
+@pytest.mark.parametrize("make", [piano, wrapped, corrected])
 @pytest.mark.parametrize("physics", ["reference", "fast"])
 def test_a_step_in_the_tree_is_the_step_that_a_fresh_replay_makes(make, physics):
     """However deep: the paper asks for 1e-5 in reward, observation and end; these are equal."""
@@ -96,12 +101,25 @@ def test_deep_nodes_go_back_with_each_reward(fingering, observation):
     before = [env.step(action) for action in first[6:]]
     played = env.performance
     env.go_back(moment)
-    assert env.steps_played == 6
+    assert env.steps_played == env.total_steps == 6
     after = [env.step(action) for action in first[6:]]
     for one, other in zip(before, after, strict=True):
         assert_same_step(one, other)
     np.testing.assert_array_equal(played.key_active, env.performance.key_active)
     np.testing.assert_array_equal(played.strike_time, env.performance.strike_time)
+
+
+def test_a_search_goes_on_after_the_physics_became_unstable():
+    env = piano()
+    env.reset(seed=0)
+    moment = env.snapshot()
+    expected = env.step(env.rest_action)
+    env.go_back(moment)
+    env.data.qvel[:] = 1e12
+    with pytest.raises(SimulationDivergedError):
+        env.step(env.rest_action)
+    env.go_back(moment)
+    assert_same_step(env.step(env.rest_action), expected)
 
 
 def test_a_moment_of_another_model_is_refused():

@@ -14,6 +14,7 @@ from sb3_piano.music import Note, Pedal, Score
 from sb3_piano.planning import PlannedPianist
 from sb3_piano.vec_env import HandsAsAgents
 from sb3_piano.wrappers import HandActions, HandReward
+from sb3_piano.wrappers.hand_actions import change_of_actions
 
 PIECE = Score(
     notes=[
@@ -206,3 +207,27 @@ def test_hands_are_agents_with_half_of_everything_each():
     for other in others:
         with pytest.raises(ConfigError, match="HandsAsAgents cannot give each hand a part"):
             HandsAsAgents(DummyVecEnv([other]))
+
+
+@pytest.mark.parametrize("wrap", [lambda env: env, lambda env: HandActions(env, reach=0.5)])
+def test_a_change_of_actions_moves_where_a_finger_is_told_to_go(wrap):
+    env = wrap(piano())
+    env.reset(seed=0)
+    inside = env.unwrapped
+    change = change_of_actions(env, 0.03, "A test")
+    told = []
+    for share in (0.0, 1.0):
+        action = np.zeros(env.action_space.shape)
+        action[: len(change)] = share * change
+        own = env.piano_action(action) if isinstance(env, HandActions) else action
+        told.append(inside.action_map.controls(own)[0])
+    kinds = inside.scene.actuator_kind
+    fingers = (kinds == "finger") & (np.abs(told[0]) > 0.05)  # none is at the end of its range
+    np.testing.assert_allclose((told[1] - told[0])[fingers], 0.03, rtol=1e-4)
+    assert np.abs(told[1] - told[0]).max() < 0.031
+
+
+def test_other_actions_cannot_be_changed_so():
+    env = RescaleAction(piano(), 0.0, 1.0)
+    with pytest.raises(ConfigError, match="A test finds no HandActions around the piano"):
+        change_of_actions(env, 0.03, "A test")

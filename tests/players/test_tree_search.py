@@ -233,7 +233,7 @@ def test_what_cannot_be_searched_is_refused():
     model = untrained(env)
     with pytest.raises(ConfigError, match="expected the wrappers with which it was trained"):
         TreeSearch(model, PreviousActionReward(piano()))
-    with pytest.raises(ConfigError, match="wrapper TimeLimit, which may remember"):
+    with pytest.raises(ConfigError, match="TimeLimit, which may remember"):
         TreeSearch(model, gym.wrappers.TimeLimit(piano(), 5))
     stacked = VecFrameStack(DummyVecEnv([piano]), 2)
     with pytest.raises(ConfigError, match="VecFrameStack around the environments"):

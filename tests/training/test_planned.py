@@ -300,8 +300,8 @@ def test_what_is_left_out_of_a_file_is_told_in_words(capsys):
 def test_all_joints_play_unless_the_reduced_action_space_is_asked_for(monkeypatch):
     widths = []
 
-    def noted(config, on_step):
-        played = take_of_planner(config, on_step)
+    def noted(config, on_step, **options):
+        played = take_of_planner(config, on_step, **options)
         widths.append(played.take.scene.model.nu)
         return played
 

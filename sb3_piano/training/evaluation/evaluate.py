@@ -220,7 +220,8 @@ def evaluate(
     alone = score is None and tree is None
     if motion and not alone:
         raise ConfigError(
-            "Of another piece, or a tree search, no motion is written: expected the run's own one."
+            f"Of {'another piece' if tree is None else 'a tree search'} no motion is written: "
+            "expected the run's own piece, without a tree."
         )
     played: list[_Episode] = []
     with SavedPlayer.open(

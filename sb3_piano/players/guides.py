@@ -32,7 +32,7 @@ class PlayerGuide:
     """
 
     gamma = _GAMMA
-    """Discount of a control step, as of the hyperparameters of RoboVirtuoso."""
+    """Discount of a control step, that of the SAC in the source of the tree search."""
 
     def __init__(
         self, player: PianoPolicy, slot: int, noise: FloatArray, random: np.random.Generator

@@ -1,7 +1,12 @@
 """The simulated piano and its two Shadow hands."""
 
 from sb3_piano.music.constants import KEY_IS_BLACK
-from sb3_piano.simulation.compiling import assemble_scene, compile_scene, scene_parts
+from sb3_piano.simulation.compiling import (
+    assemble_scene,
+    attach_parts,
+    compile_scene,
+    scene_parts,
+)
 from sb3_piano.simulation.gl import find_gl_backend
 from sb3_piano.simulation.keyboard import KEY_COLORS, pedal_threshold
 from sb3_piano.simulation.physics import PHYSICS_PROFILES, PhysicsProfile, Solver, physics_profile
@@ -19,6 +24,7 @@ __all__ = [
     "Simulation",
     "Solver",
     "assemble_scene",
+    "attach_parts",
     "compile_scene",
     "find_gl_backend",
     "pedal_threshold",

@@ -68,6 +68,11 @@ def assemble_scene(parts: Sequence[mujoco.MjSpec], options: Mapping[str, Any]) -
         parts: Those of :func:`scene_parts`, or with more geoms in them.
         options: The arguments of :func:`scene_parts`.
     """
+    return _index_scene(attach_parts(parts).compile(), options)
+
+
+def attach_parts(parts: Sequence[mujoco.MjSpec]) -> mujoco.MjSpec:
+    """Attach parts, those of :func:`scene_parts`, to the first of them, and return it."""
     world, *attached = parts
     _number_unnamed(world, "/")
     for part in attached:
@@ -75,7 +80,7 @@ def assemble_scene(parts: Sequence[mujoco.MjSpec], options: Mapping[str, Any]) -
         _number_unnamed(part)
         frame = world.worldbody.add_body(name=prefix).add_frame()
         world.attach(part, prefix=prefix, frame=frame)
-    return _index_scene(world.compile(), options)
+    return world
 
 
 def scene_parts(

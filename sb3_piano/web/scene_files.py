@@ -1,0 +1,86 @@
+"""The simulated scene for MuJoCo elsewhere: its XML, and what is to be known to read its state."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from sb3_piano.envs.actions import hand_action_unit
+from sb3_piano.simulation import PianoScene, attach_parts, pedal_threshold, scene_parts
+
+
+def scene_xml(scene: PianoScene) -> str:
+    """Return a scene as MJCF; it compiles to the same model, but for numbers cut to six digits.
+
+    MuJoCo 3.14 can read it: textures are left out, and the ``input`` of servos, which is what it is
+    by default.
+    """
+    spec = attach_parts(scene_parts(**scene.options))
+    for texture in list(spec.textures):
+        spec.delete(texture)
+    spec.compile()
+    xml: str = spec.to_xml()
+    return xml.replace(' input="pos"', "")
+
+
+def scene_facts(scene: PianoScene, n_substeps: int) -> dict[str, Any]:
+    """Return addresses, indices and constants of a scene with hands whose 88 keys all move.
+
+    The names are those of ``SceneFacts`` in ``web/src/simulation/facts.ts``.
+
+    Args:
+        scene: The scene.
+        n_substeps: Physics steps in a control step.
+    """
+    model = scene.model
+    key_body = model.geom_bodyid[scene.key_geom]
+    return {
+        "substeps": n_substeps,
+        "bodyNames": [model.body(i).name for i in range(model.nbody)],
+        "keyQpos": scene.key_qpos.tolist(),
+        "keyDof": model.jnt_dofadr[model.body_jntadr[key_body]].tolist(),
+        "keyGeom": scene.key_geom.tolist(),
+        "keyBody": key_body.tolist(),
+        "keyMaxAngle": scene.key_max_angle.tolist(),
+        "keySoundingAngle": scene.key_sounding_angle.tolist(),
+        "keyPressOffset": scene.key_press_offset.tolist(),
+        "pedalThreshold": pedal_threshold(),
+        "actuatorNames": [model.actuator(i).name for i in range(model.nu)],
+        "ctrlLow": scene.ctrl_low.tolist(),
+        "ctrlHigh": scene.ctrl_high.tolist(),
+        "handActionUnit": hand_action_unit(scene).tolist(),
+        "handQpos": scene.hand_qpos.tolist(),
+        "actuatorOfJoint": _nonzero(scene.actuator_of_joint),
+        "hands": [
+            {
+                "side": side,
+                "jointNames": list(names),
+                "qpos": qpos.tolist(),
+                "dof": model.jnt_dofadr[ids].tolist(),
+                "jointRange": limits.tolist(),
+            }
+            for side, names, qpos, ids, limits in zip(
+                scene.sides,
+                scene.joint_names,
+                scene.joint_qpos,
+                scene.joints,
+                scene.joint_range,
+                strict=True,
+            )
+        ],
+        "fingertipSite": scene.fingertip_site.tolist(),
+        "fingertipGeom": scene.fingertip_geom.tolist(),
+        "sliderQpos": scene.slider_qpos.tolist(),
+        "counts": {name: int(getattr(model, name)) for name in _COUNTS},
+        "mujoco": mujoco.__version__,
+    }
+
+
+_COUNTS = ("nq", "nv", "nu", "nbody", "ngeom", "nsite")
+
+
+def _nonzero(matrix: np.ndarray[Any, np.dtype[np.float64]]) -> list[list[list[float]]]:
+    """Return column and value of what is not 0 in each row."""
+    return [[[int(c), float(row[c])] for c in np.flatnonzero(row)] for row in matrix]

@@ -49,6 +49,7 @@ ROOMS = [
     "distillation",
     "tuning",
     "bench",
+    "web",
     "cli",
 ]
 

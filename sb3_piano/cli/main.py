@@ -18,6 +18,7 @@ from sb3_piano.cli import (
     demonstrations,
     distill,
     evaluate,
+    export,
     pieces,
     play,
     train,
@@ -47,6 +48,7 @@ _ADDED = (
     demonstrations.add_parser,
     distill.add_parser,
     pieces.add_parser,
+    export.add_parser,
     bench.add_parser,
 )
 

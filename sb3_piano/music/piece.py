@@ -23,6 +23,7 @@ class Piece:
         fingering: Who chose the fingers, in a word or two: ``"standard"``, ``"ours"``...
         build: Makes the score; takes the options as keyword arguments.
         options: What may be chosen: the meaning of each option, in one line, by its name.
+        composer: Who wrote it, for people; empty where that is not known.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Piece:
     fingering: str
     build: Callable[..., Score]
     options: Mapping[str, str] = field(default_factory=dict)
+    composer: str = ""
 
     def score(self, **options: Any) -> Score:
         """Return the score.

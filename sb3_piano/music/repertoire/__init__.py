@@ -31,6 +31,7 @@ def _piece(stem: str, facts: Mapping[str, Any]) -> Piece:
         collection="repertoire",
         source=facts["source"],
         fingering=facts["fingering"],
+        composer=facts["composer"],
         build=partial(_read, path, name, facts.get("upbeat", False)),
     )
 

@@ -128,6 +128,7 @@ def _piece(number: int) -> Piece:
         collection="hanon",
         source="C. L. Hanon, The Virtuoso Pianist (1873; Schirmer 1900)",
         fingering="Hanon's",
+        composer="Charles-Louis Hanon (1819-1900)",
         build=partial(hanon, number=number, title=name),
         options={
             **option_meanings(tempo=_TEMPO, octaves=_OCTAVES),

@@ -10,6 +10,11 @@ export function makeScore(notes: readonly Note[], pedals: readonly Pedal[], titl
   return { title, notes: sorted, pedals: mergePedals(pedals), duration };
 }
 
+/** Return the score with other notes. */
+export function withNotes(score: Score, notes: readonly Note[]): Score {
+  return makeScore(notes, score.pedals, score.title);
+}
+
 /** Return the piece moved so that its first note starts at 0 s. */
 export function trimSilence(score: Score): Score {
   const start = score.notes[0]!.onset;

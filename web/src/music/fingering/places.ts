@@ -1,6 +1,5 @@
 /** Places of the simulated hands across the keys, and what their leaps cost. */
 
-import { NUM_KEYS } from "../../types";
 import { FINGERS_PER_HAND, KEY_IS_BLACK, MIDDLE, THUMB } from "../constants";
 import { roundTo } from "../numbers";
 
@@ -102,11 +101,11 @@ export interface LeapTable {
 const REPEATED = 0.5; // a strike of the same key by the same finger
 const LEAP_WEIGHT = 5.0; // the way of a leap, per m: the shorter one, if as much is lost
 const PASSED = 2.0; // a finger, not the thumb, that passes another one
-const tables = new Map<number, LeapTable>();
+const tables = new Map<string, LeapTable>();
 
 /** Return how late a note begins and how early the one before ends after `rest` control steps. */
 export function leapTable(key: number, laterKey: number, rest: number, sign: number): LeapTable {
-  const name = ((key * NUM_KEYS + laterKey) * (LEAP_REST + 2) + rest) * 2 + (sign > 0 ? 0 : 1);
+  const name = `${key} ${laterKey} ${rest} ${sign}`;
   let table = tables.get(name);
   if (!table) {
     table = makeLeapTable(key, laterKey, rest, sign);

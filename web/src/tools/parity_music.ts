@@ -1,0 +1,58 @@
+/** The music room for Python's tests: a request (JSON) on each line of the standard input, an answer on each line out. */
+
+import { createInterface } from "node:readline";
+import { InputError, type Score } from "../types";
+import { applyFingering, fingerScore } from "../music/fingering/apply";
+import { releaseEarly } from "../music/fingering/robot";
+import { readMidi } from "../music/midi";
+import { pressesOfHand } from "../music/presses";
+import { rollOf } from "../music/roll";
+import { makeScore, trimSilence } from "../music/score";
+
+/** Parts of a request; which are there depends on what is asked. */
+interface Request {
+  readonly ask: string;
+  readonly name: string;
+  /** A file in base64. */
+  readonly bytes: string;
+  readonly score: Pick<Score, "title" | "notes" | "pedals">;
+  readonly controlTimestep: number;
+  readonly initialBufferTime: number;
+}
+
+const ANSWERS: Readonly<Record<string, (request: Request) => unknown>> = {
+  midi: ({ bytes, name }) => readMidi(Buffer.from(bytes, "base64"), name),
+  trim: (request) => trimSilence(scoreOf(request)),
+  pianist: (request) => fingerScore(scoreOf(request)),
+  robot: (request) => applyFingering(scoreOf(request), request.controlTimestep),
+  roll: (request) => plain(rollOf(scoreOf(request), request.controlTimestep, request.initialBufferTime)),
+  held: (request) => {
+    const roll = releaseEarly(rollOf(scoreOf(request), request.controlTimestep));
+    return { ...plain(roll), presses: [pressesOfHand(roll, 0), pressesOfHand(roll, 1)] };
+  },
+};
+
+function scoreOf({ score }: Request): Score {
+  return makeScore(score.notes, score.pedals, score.title);
+}
+
+/** Arrays of numbers as JSON has them. */
+function plain(value: object): object {
+  const entries = Object.entries(value).map(([name, part]: [string, unknown]) => {
+    return [name, ArrayBuffer.isView(part) ? Array.from(part as Uint8Array) : part];
+  });
+  return Object.fromEntries(entries) as object;
+}
+
+function answer(request: Request): unknown {
+  try {
+    return { answer: ANSWERS[request.ask]!(request) };
+  } catch (error) {
+    if (error instanceof InputError) return { refused: error.message };
+    throw error;
+  }
+}
+
+for await (const line of createInterface({ input: process.stdin })) {
+  process.stdout.write(`${JSON.stringify(answer(JSON.parse(line) as Request))}\n`);
+}

@@ -5,7 +5,8 @@ export class FetchedAssets implements Assets {
   constructor(private readonly base: string) {}
 
   async bytes(name: string): Promise<Uint8Array> {
-    const response = await fetch(this.base + name);
+    // Names of samples have a #, which would end an address.
+    const response = await fetch(this.base + name.replaceAll("#", "%23"));
     if (!response.ok) throw new Error(`${name} cannot be fetched: ${response.status}`);
     return new Uint8Array(await response.arrayBuffer());
   }
@@ -30,4 +31,11 @@ export class EmbeddedAssets implements Assets {
   async json<T>(name: string): Promise<T> {
     return JSON.parse(new TextDecoder().decode(await this.bytes(name))) as T;
   }
+}
+
+/** The files of a page: those within it (in an element of the id "assets"), or those in the folder beside it. */
+export function assetsOf(page: Document): Assets {
+  const embedded = page.getElementById("assets")?.textContent;
+  if (!embedded) return new FetchedAssets("assets/");
+  return new EmbeddedAssets(JSON.parse(embedded) as Record<string, string>);
 }

@@ -1,0 +1,178 @@
+import { EpisodeMetrics } from "../music/metrics";
+import { loadSimulation, type Simulation } from "../simulation/simulation";
+import { readTensors, type Tensors } from "../tensors";
+import {
+  InputError,
+  type Assets,
+  type CataloguePiece,
+  type KeyEvent,
+  type Metrics,
+  type Piece,
+  type PlayerId,
+  type SceneState,
+  type Session,
+} from "../types";
+import { Noise } from "./noise";
+import { Planned } from "./planned";
+import type { Player } from "./player";
+import { EpisodeRecord } from "./record";
+import { Recorded } from "./recorded";
+import { ScorePlayer } from "./score_player";
+import { SightReader } from "./sight_reader";
+import { restingControls, Visitor } from "./visitor";
+
+/** Seed of the noise: an episode with the same settings is the same again. */
+const SEED = 1;
+
+/** Sessions on one simulated piano; there is one at a time, as a new one begins where the piano is. */
+export class Sessions {
+  private reader: SightReader | null = null;
+
+  private constructor(
+    private readonly assets: Assets,
+    readonly simulation: Simulation,
+  ) {}
+
+  /** Load MuJoCo and the scene. */
+  static async load(assets: Assets): Promise<Sessions> {
+    return new Sessions(assets, await loadSimulation(assets));
+  }
+
+  /**
+   * Begin to play a piece.
+   *
+   * @param entry What the catalogue has of the piece; left out for a visitor's own file.
+   * @throws InputError If this player cannot play the piece.
+   */
+  async open(piece: Piece, player: PlayerId, entry?: CataloguePiece | null): Promise<Session> {
+    return new PianoSession(this.simulation, piece, player, await this.playerOf(player, entry));
+  }
+
+  private async playerOf(player: PlayerId, entry?: CataloguePiece | null): Promise<Player> {
+    const { simulation } = this;
+    switch (player) {
+      case "sight-reader":
+        this.reader ??= await SightReader.load(this.assets, simulation);
+        return this.reader;
+      case "planned":
+        return new Planned(await this.tensors(entry?.plan, "a plan"), simulation);
+      case "recorded":
+        return new Recorded(await this.tensors(entry?.recording, "a recording"), simulation.facts.ctrlLow.length);
+      case "score":
+        return new ScorePlayer(simulation);
+      case "you":
+        return new Visitor(simulation.facts);
+    }
+  }
+
+  private async tensors(name: string | undefined, what: string): Promise<Tensors> {
+    if (name === undefined) {
+      throw new InputError(`There is no ${what.slice(2)} of this piece: expected a piece that comes with ${what}.`);
+    }
+    return readTensors(await this.assets.bytes(name));
+  }
+}
+
+class PianoSession implements Session {
+  noise = 0;
+  latency = 0;
+  readonly state: SceneState;
+  private record!: EpisodeRecord;
+  private judge!: EpisodeMetrics;
+  private random!: Noise;
+  /** What the player wanted, control step by control step. */
+  private wanted: Float64Array[] = [];
+  private failed = false;
+
+  constructor(
+    private readonly simulation: Simulation,
+    readonly piece: Piece,
+    readonly player: PlayerId,
+    private readonly actor: Player,
+  ) {
+    this.state = {
+      keyState: simulation.keyState,
+      sounding: simulation.sounding,
+      get bodyPositions() {
+        return simulation.bodyXpos;
+      },
+      get bodyQuaternions() {
+        return simulation.bodyXquat;
+      },
+      bodyNames: simulation.facts.bodyNames,
+    };
+    this.restart();
+  }
+
+  get stepsPlayed(): number {
+    return this.record.steps;
+  }
+
+  get finished(): boolean {
+    return this.failed || this.record.steps === this.piece.roll.steps;
+  }
+
+  restart(): void {
+    const { steps, controlTimestep } = this.piece.roll;
+    this.simulation.reset();
+    this.record = new EpisodeRecord(this.simulation, steps, controlTimestep);
+    this.judge = new EpisodeMetrics(this.piece.roll);
+    this.random = new Noise(SEED);
+    this.wanted = [];
+    this.failed = false;
+    this.actor.prepare(this.piece);
+  }
+
+  step(): readonly KeyEvent[] {
+    if (this.finished) throw new Error("The piece is over: call restart() before step().");
+    const { actor, record, simulation } = this;
+    const step = record.steps;
+    this.wanted.push(actor.controls(step));
+    this.simulate(this.controls(step));
+    const events = actor instanceof ScorePlayer ? record.add(simulation.sounding, actor.place(step)) : record.addLooked();
+    const strikes = events.filter((event) => event.down);
+    this.judge.add(simulation.sounding, strikes);
+    return events;
+  }
+
+  metrics(): Metrics {
+    return this.judge.metrics();
+  }
+
+  played(): Uint8Array {
+    return this.record.played();
+  }
+
+  pull(body: string | null, force?: readonly [number, number, number], at?: readonly [number, number, number]): void {
+    this.simulation.letGo();
+    if (body === null || force === undefined || at === undefined) return;
+    const index = this.state.bodyNames.indexOf(body);
+    if (index < 0) throw new Error(`There is no body ${body}: expected one of bodyNames.`);
+    this.simulation.pull(index, force, at);
+  }
+
+  pushKey(key: number, down: boolean): void {
+    this.simulation.pushKey(key, down);
+  }
+
+  private simulate(controls: Float64Array): void {
+    try {
+      this.simulation.advance(controls, (substep, angles, speeds) => this.record.look(substep, angles, speeds));
+    } catch (error) {
+      this.failed = true;
+      throw error;
+    }
+  }
+
+  /** What the actuators are told: what was wanted `latency` control steps ago, with noise, within their ranges. */
+  private controls(step: number): Float64Array {
+    const { facts } = this.simulation;
+    const wanted = this.wanted[step - this.latency] ?? restingControls(facts);
+    if (this.noise === 0) return wanted;
+    return wanted.map((control, i) => {
+      const low = facts.ctrlLow[i]!;
+      const high = facts.ctrlHigh[i]!;
+      return Math.min(Math.max(control + this.noise * (high - low) * this.random.next(), low), high);
+    });
+  }
+}

@@ -1,19 +1,17 @@
 import { readFile } from "node:fs/promises";
-import { createRequire } from "node:module";
 import { join } from "node:path";
 
 import type { Assets } from "../types";
+
+/** From the folder web/, where tools are started. */
+const MUJOCO = "node_modules/@mujoco/mujoco/mujoco.wasm";
 
 /** Files of a folder that `sb3-piano export web` wrote, for node; MuJoCo comes from its package. */
 export class FolderAssets implements Assets {
   constructor(private readonly folder: string) {}
 
   async bytes(name: string): Promise<Uint8Array> {
-    const path =
-      name === "mujoco.wasm"
-        ? createRequire(import.meta.url).resolve("@mujoco/mujoco/mujoco.wasm")
-        : join(this.folder, name);
-    return new Uint8Array(await readFile(path));
+    return new Uint8Array(await readFile(name === "mujoco.wasm" ? MUJOCO : join(this.folder, name)));
   }
 
   async json<T>(name: string): Promise<T> {

@@ -5,7 +5,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: install demo lint check test matrix clean
+.PHONY: install demo web lint check test matrix clean
 
 install: $(INSTALLED)
 
@@ -18,6 +18,18 @@ $(INSTALLED): setup.cfg pyproject.toml constraints.txt
 # Plan, clone and train on the first 15 s of a piece: a table, a video and a report.
 demo: $(INSTALLED)
 	$(BIN)/python examples/demo.py
+
+# The page in the browser: web/dist/index.html with files beside it, and web/dist/piano.html alone.
+web: web/assets/catalogue.json web/node_modules
+	cd web && npm run check && npm run build
+
+# Pieces are played, which takes some minutes, only when something in the package has changed.
+web/assets/catalogue.json: $(INSTALLED) $(shell find sb3_piano -type f ! -name '*.pyc')
+	$(BIN)/sb3-piano export web web/assets
+
+web/node_modules: web/package-lock.json
+	cd web && npm ci
+	touch $@
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
@@ -39,4 +51,4 @@ matrix:
 	.ci/matrix $(PYTHONS)
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) web/node_modules web/assets web/dist build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -1,0 +1,343 @@
+import { InputError, type Metrics, type PlayerId, type Session } from "../types";
+import { VIEWS, type View } from "../view/cameras";
+import type { RollView } from "../view/roll";
+import type { SceneView } from "../view/scene";
+import type { PianoSound } from "../view/sound";
+import { clock, describe, figures } from "./captions";
+import type { Elements } from "./elements";
+import { Judgement } from "./judgement";
+import { OWN_FILE, type Chosen, type Library } from "./library";
+import { readLink, writeLink } from "./permalink";
+import { Playback } from "./playback";
+import { PLAYERS, hindrance } from "./players";
+import { Scoreboard } from "./scoreboard";
+import type { Visitor } from "./visitor";
+
+/** What makes a session of a piece and a player, and what draws and sounds it. */
+export interface Parts {
+  readonly elements: Elements;
+  readonly library: Library;
+  readonly sound: PianoSound;
+  readonly roll: RollView;
+  makeSession(chosen: Chosen, player: PlayerId): Promise<Session>;
+}
+
+/** Time by which a visitor sees notes fall earlier, s: so late on average is a strike that is simulated. */
+const VISITOR_LEAD = 0.04;
+/** Control steps between two updates of the figures and of the captions. */
+const FIGURE_STEPS = 4;
+const CAPTION_STEPS = 60;
+/** Time for which a picture is drawn anew after something changed, s: the camera swings a little. */
+const SETTLING_TIME = 1;
+
+/** The page: one piece, one player, what is seen and heard of it, and everything that changes that. */
+export class App {
+  playback: Playback | null = null;
+  view: SceneView | null = null;
+  viewName: View = "stage";
+  player: PlayerId = "sight-reader";
+  visitor: Visitor | null = null;
+  /** Is called before each control step. */
+  beforeStep: () => void = () => undefined;
+  /** Pictures drawn so far. */
+  frames = 0;
+  private chosen: Chosen | null = null;
+  private judgement: Judgement | null = null;
+  private readonly scoreboard: Scoreboard;
+  private drawUntil = 0;
+  private loads = 0;
+
+  constructor(private readonly parts: Parts) {
+    this.scoreboard = new Scoreboard(parts.elements.players, (player) => void this.choosePlayer(player));
+    this.fillMenu();
+  }
+
+  get session(): Session | null {
+    return this.playback?.session ?? null;
+  }
+
+  /** Follow a permalink; what it leaves out stays as it is, or is the first piece and the sight-reader. */
+  async follow(hash: string): Promise<void> {
+    const link = readLink(hash);
+    if (link.view !== undefined) this.look(link.view, false);
+    if (link.tempo !== undefined) this.setTempo(link.tempo);
+    const id = link.piece ?? this.chosen?.piece.id ?? this.parts.library.catalogue.pieces[0].id;
+    const same = id === this.chosen?.piece.id;
+    if (same && (link.player ?? this.player) === this.player) return;
+    await this.report(async () => {
+      const chosen = same ? this.chosen! : await this.parts.library.piece(id);
+      await this.load(chosen, link.player ?? this.player);
+    });
+  }
+
+  /** Choose a piece of the catalogue. */
+  async choosePiece(id: string): Promise<void> {
+    await this.report(async () => this.load(await this.parts.library.piece(id), this.player));
+  }
+
+  /** Choose a MIDI file. */
+  async openFile(file: File): Promise<void> {
+    await this.report(async () => {
+      const bytes = new Uint8Array(await file.arrayBuffer());
+      this.say(`Reading ${file.name}, finding hands and fingers …`);
+      await painted();
+      await this.load(this.parts.library.midi(bytes, file.name), this.player);
+    });
+  }
+
+  async choosePlayer(player: PlayerId): Promise<void> {
+    const chosen = this.chosen;
+    if (chosen !== null) await this.report(() => this.load(chosen, player));
+  }
+
+  /** Put a piece and a player on, at the beginning; of two loads at once the later one counts. */
+  async load(chosen: Chosen, player: PlayerId): Promise<void> {
+    const load = ++this.loads;
+    const able = hindrance(player, chosen.entry) === null ? player : "sight-reader";
+    this.pause();
+    this.parts.sound.stop();
+    const session = await this.parts.makeSession(chosen, able);
+    if (load !== this.loads) return;
+    if (chosen.piece.id !== this.chosen?.piece.id || chosen.entry === null) this.scoreboard.showPiece(chosen.entry);
+    this.chosen = chosen;
+    this.player = able;
+    this.setSession(session);
+    this.showHead(chosen);
+    this.updateLink();
+  }
+
+  /** Play, or pause. */
+  async toggle(): Promise<void> {
+    const playback = this.playback;
+    if (playback === null) return;
+    if (playback.playing) {
+      this.pause();
+      this.say(`Paused at ${clock(playback.shown)}. ${figures(playback.session.metrics())}. ${describe(playback.session)}`);
+      return;
+    }
+    if (playback.session.finished) this.restart();
+    // The sound may need a moment to load; the piece does not wait for it.
+    void this.parts.sound.start();
+    playback.playing = true;
+    this.showPlaying();
+    this.say(`${PLAYERS[this.player].name} plays ${playback.session.piece.score.title}.`);
+  }
+
+  pause(): void {
+    if (this.playback !== null) this.playback.playing = false;
+    this.parts.sound.stop();
+    this.showPlaying();
+  }
+
+  restart(): void {
+    this.parts.sound.stop();
+    this.playback?.restart();
+    this.beginJudgement();
+    this.showFigures();
+    this.say("At the beginning.");
+  }
+
+  /** Play control steps without regard to real time. */
+  advance(steps: number): void {
+    if (this.playback === null) return;
+    this.playback.playing = false;
+    this.playback.advance(steps);
+    this.showPlaying();
+    this.showFigures();
+    this.say(`${describe(this.playback.session)} ${figures(this.playback.session.metrics())}.`);
+  }
+
+  setTempo(tempo: number): void {
+    const { elements } = this.parts;
+    elements.tempo.value = String(tempo);
+    elements.tempoText.value = `${Number(tempo.toFixed(2))}×`;
+    if (this.playback !== null) this.playback.tempo = tempo;
+    this.updateLink();
+  }
+
+  /** Disturb whoever plays; see `Session`. */
+  setDisturbance(noise: number, latency: number): void {
+    if (this.session === null) return;
+    this.session.noise = noise;
+    this.session.latency = latency;
+  }
+
+  look(view: View, moving: boolean): void {
+    this.viewName = view;
+    const index = VIEWS.indexOf(view);
+    this.parts.elements.views.querySelectorAll("input")[index].checked = true;
+    this.view?.look(view, moving);
+    this.updateLink();
+    this.wake();
+  }
+
+  /** Draw anew for a while. */
+  wake(): void {
+    this.drawUntil = performance.now() + 1000 * SETTLING_TIME;
+  }
+
+  /** Go on by some real time, s, and draw what has changed. */
+  frame(elapsed: number): void {
+    const playback = this.playback;
+    if (playback === null) return;
+    const played = playback.playing;
+    playback.tick(elapsed);
+    if (played && !playback.playing) this.finish();
+    if (played || performance.now() < this.drawUntil) this.draw(elapsed);
+  }
+
+  /** Fit the piano roll to its place on the page, in CSS pixels. */
+  resizeRoll(width: number, height: number, pixelRatio: number): void {
+    this.parts.roll.resize(width, height, pixelRatio);
+  }
+
+  /** Draw what is on show. */
+  draw(elapsed: number): void {
+    const { playback, judgement } = this;
+    if (playback === null || judgement === null) return;
+    const lead = this.player === "you" ? VISITOR_LEAD : 0;
+    const { roll, score } = playback.session.piece;
+    const moment = playback.moment();
+    this.view?.draw({ ...moment, time: moment.time + lead }, elapsed);
+    this.parts.roll.show({
+      notes: judgement.notes,
+      fates: judgement.fates(playback.shown),
+      presses: judgement.presses(playback.shown),
+      controlTimestep: roll.controlTimestep,
+      duration: score.duration,
+    });
+    this.parts.roll.draw(playback.shown + lead);
+    const { progress, clock: time } = this.parts.elements;
+    const length = roll.steps * roll.controlTimestep;
+    progress.style.width = `${(100 * playback.shown) / length}%`;
+    time.value = `${clock(playback.shown)} / ${clock(length)}`;
+    this.frames++;
+  }
+
+  /** Say something to all, also to those who do not see the picture. */
+  say(text: string): void {
+    this.parts.elements.caption.textContent = text;
+  }
+
+  /** Do something that bad input may stop, and then say why. */
+  async report(work: () => Promise<void>): Promise<void> {
+    const { message } = this.parts.elements;
+    message.hidden = true;
+    try {
+      await work();
+    } catch (error) {
+      message.textContent = error instanceof Error ? error.message : String(error);
+      message.hidden = false;
+      this.restoreMenus();
+      if (!(error instanceof InputError)) throw error;
+    }
+  }
+
+  private setSession(session: Session): void {
+    const { elements, sound } = this.parts;
+    this.playback = new Playback(session, {
+      before: () => this.beforeStep(),
+      after: (events, delay) => {
+        this.judgement?.add(events);
+        for (const event of events) {
+          const heard = this.player === "you" && this.visitor?.hasSounded(event);
+          if (this.playback?.playing && !heard) sound.play(event, delay(event));
+        }
+        if (this.player !== "you") sound.setPedal(session.piece.roll.sustain[session.stepsPlayed - 1] === 1);
+        this.visitor?.afterStep();
+        if (session.stepsPlayed % FIGURE_STEPS === 0) this.showFigures();
+        if (session.stepsPlayed % CAPTION_STEPS === 0 && this.playback?.playing) this.say(describe(session));
+      },
+    });
+    this.playback.tempo = Number(elements.tempo.value);
+    this.setDisturbance(Number(elements.noise.value), Number(elements.latency.value));
+    this.beginJudgement();
+    this.view?.showPiece(session.piece);
+    this.showFigures();
+    this.showPlaying();
+  }
+
+  private beginJudgement(): void {
+    if (this.session !== null) this.judgement = new Judgement(this.session.piece.roll);
+    this.wake();
+  }
+
+  private finish(): void {
+    this.showPlaying();
+    this.showFigures();
+    if (this.session !== null) this.say(`The end. ${figures(this.session.metrics())}.`);
+  }
+
+  private showHead({ piece, entry }: Chosen): void {
+    const { elements } = this.parts;
+    elements.title.textContent = piece.score.title;
+    elements.subtitle.textContent = [entry?.composer, PLAYERS[this.player].name].filter(Boolean).join(" · ");
+    document.title = `${piece.score.title} · sb3-piano`;
+    elements.warnings.replaceChildren(
+      ...piece.warnings.map((text) => Object.assign(document.createElement("li"), { textContent: text })),
+    );
+    elements.warnings.hidden = piece.warnings.length === 0;
+    elements.visitor.hidden = this.player !== "you";
+    const own = entry === null;
+    elements.playersNote.textContent = own ? "Plans and recordings come with the pieces of the list only." : "";
+    this.restoreMenus();
+    this.say(`${piece.score.title}: ${piece.score.notes.length} notes, ${clock(piece.score.duration)}.`);
+  }
+
+  private showFigures(): void {
+    const { elements } = this.parts;
+    const session = this.session;
+    const metrics: Metrics | null = session === null || session.stepsPlayed === 0 ? null : session.metrics();
+    elements.f1.textContent = metrics === null ? "–" : metrics.f1.toFixed(3);
+    elements.onsetF1.textContent = metrics === null ? "–" : metrics.onset_f1.toFixed(3);
+    if (metrics !== null) this.scoreboard.record(this.player, metrics);
+    this.wake();
+  }
+
+  private showPlaying(): void {
+    const { elements } = this.parts;
+    const playing = this.playback?.playing ?? false;
+    const begun = this.session !== null && this.session.stepsPlayed > 0;
+    elements.play.classList.toggle("playing", playing);
+    elements.play.ariaLabel = playing ? "Pause" : "Play";
+    elements.begin.hidden = playing || begun;
+    elements.begin.disabled = this.session === null;
+    elements.beginText.textContent = "Play";
+  }
+
+  private fillMenu(): void {
+    const { piece } = this.parts.elements;
+    const options = this.parts.library.catalogue.pieces.map(
+      ({ id, title, composer }) => new Option(composer === "" ? title : `${composer}: ${title}`, id),
+    );
+    piece.replaceChildren(...options);
+  }
+
+  /** Let the menus show what is on. */
+  private restoreMenus(): void {
+    const { piece } = this.parts.elements;
+    piece.querySelector(`option[value="${OWN_FILE}"]`)?.remove();
+    if (this.chosen === null) return;
+    const own = this.chosen.entry === null;
+    if (own) piece.prepend(new Option(this.chosen.piece.score.title, OWN_FILE));
+    piece.value = this.chosen.piece.id;
+    this.scoreboard.choose(this.player);
+  }
+
+  private updateLink(): void {
+    if (this.chosen === null) return;
+    const id = this.chosen.piece.id;
+    const link = writeLink({
+      piece: id === OWN_FILE ? undefined : id,
+      player: this.player,
+      tempo: Number(this.parts.elements.tempo.value),
+      view: this.viewName,
+    });
+    history.replaceState(null, "", link);
+  }
+}
+
+/** Wait until the browser has shown what was written. */
+function painted(): Promise<void> {
+  return new Promise((resolve) => requestAnimationFrame(() => setTimeout(resolve)));
+}

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from sb3_piano.envs.actions import hand_action_unit
-from sb3_piano.simulation import PianoScene, attach_parts, pedal_threshold, scene_parts
+from sb3_piano.simulation import PianoScene, attach_parts, scene_parts
 
 
 def scene_xml(scene: PianoScene) -> str:
@@ -41,44 +40,23 @@ def scene_facts(scene: PianoScene, n_substeps: int) -> dict[str, Any]:
         "bodyNames": [model.body(i).name for i in range(model.nbody)],
         "keyQpos": scene.key_qpos.tolist(),
         "keyDof": model.jnt_dofadr[model.body_jntadr[key_body]].tolist(),
-        "keyGeom": scene.key_geom.tolist(),
-        "keyBody": key_body.tolist(),
         "keyMaxAngle": scene.key_max_angle.tolist(),
         "keySoundingAngle": scene.key_sounding_angle.tolist(),
-        "keyPressOffset": scene.key_press_offset.tolist(),
-        "pedalThreshold": pedal_threshold(),
-        "actuatorNames": [model.actuator(i).name for i in range(model.nu)],
         "ctrlLow": scene.ctrl_low.tolist(),
         "ctrlHigh": scene.ctrl_high.tolist(),
         "handActionUnit": hand_action_unit(scene).tolist(),
         "handQpos": scene.hand_qpos.tolist(),
         "actuatorOfJoint": _nonzero(scene.actuator_of_joint),
         "hands": [
-            {
-                "side": side,
-                "jointNames": list(names),
-                "qpos": qpos.tolist(),
-                "dof": model.jnt_dofadr[ids].tolist(),
-                "jointRange": limits.tolist(),
-            }
-            for side, names, qpos, ids, limits in zip(
-                scene.sides,
-                scene.joint_names,
-                scene.joint_qpos,
-                scene.joints,
-                scene.joint_range,
-                strict=True,
-            )
+            {"qpos": qpos.tolist(), "dof": model.jnt_dofadr[joints].tolist()}
+            for qpos, joints in zip(scene.joint_qpos, scene.joints, strict=True)
         ],
-        "fingertipSite": scene.fingertip_site.tolist(),
         "fingertipGeom": scene.fingertip_geom.tolist(),
-        "sliderQpos": scene.slider_qpos.tolist(),
         "counts": {name: int(getattr(model, name)) for name in _COUNTS},
-        "mujoco": mujoco.__version__,
     }
 
 
-_COUNTS = ("nq", "nv", "nu", "nbody", "ngeom", "nsite")
+_COUNTS = ("nq", "nv", "nu", "nbody", "ngeom")
 
 
 def _nonzero(matrix: np.ndarray[Any, np.dtype[np.float64]]) -> list[list[list[float]]]:

@@ -57,11 +57,6 @@ export class Simulation {
     return this.data.geom_xmat as Float64Array;
   }
 
-  /** (nsite, 3) positions of the sites, m. */
-  get siteXpos(): Float64Array {
-    return this.data.site_xpos as Float64Array;
-  }
-
   /** (nbody, 3) positions of the bodies, m. */
   get bodyXpos(): Float64Array {
     return this.data.xpos as Float64Array;

@@ -343,7 +343,7 @@ def share(
 
     Raises:
         RunError: If there is no run, it has no model that can be loaded, or the folder cannot be
-        used.
+            used.
     """
     with SavedPlayer.open(run, best=best) as player:
         config = player.run.read_config()

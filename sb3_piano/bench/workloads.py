@@ -31,6 +31,7 @@ from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.envs.config import ObservationKind
 from sb3_piano.exceptions import SB3PianoError
+from sb3_piano.policies import sparing_updates
 from sb3_piano.policies.encoders import EncoderName
 from sb3_piano.threads import MatmulPrecision, torch_computing
 from sb3_piano.training import RunConfig, load_config
@@ -206,8 +207,8 @@ def simulation_measurements(
 def update_measurements(stack: contextlib.ExitStack) -> list[Measurement]:
     """Updates of each preset's networks: its default by observation, and for the debug pieces.
 
-    With the first kind of observation those with a ``matmul_precision`` of ``"medium"``, too, and
-    SAC's with our policies.
+    They are made as runs make them. With the first kind of observation those of SB3 alone are
+    measured, too, those with a ``matmul_precision`` of ``"medium"``, and SAC's with our policies.
     """
     found = []
     for algo in _ALGORITHMS:
@@ -223,16 +224,20 @@ def update_measurements(stack: contextlib.ExitStack) -> list[Measurement]:
         configs[f"{base}, medium precision"] = dataclasses.replace(
             configs[base], matmul_precision="medium"
         )
-        for name, config in configs.items():
+        alone = f"{base}, SB3 alone"
+        for name, config in {**configs, alone: configs[base]}.items():
             model = _filled_model(config, stack)[0]
-            run = partial(_run_updates, model, config.matmul_precision)
+            run = partial(_run_updates, model, config.matmul_precision, sparing=name != alone)
             ratios = {} if name == base else {f"x of {base}": (name, base)}
             found.append(Measurement(name=name, unit="updates/s", run=run, ratios=ratios))
     return found
 
 
-def _run_updates(model: OffPolicyAlgorithm, precision: MatmulPrecision | None) -> Sample:
-    with torch_computing(torch.get_num_threads(), precision):
+def _run_updates(
+    model: OffPolicyAlgorithm, precision: MatmulPrecision | None, sparing: bool
+) -> Sample:
+    as_in_runs = sparing_updates(model) if sparing else contextlib.nullcontext()
+    with torch_computing(torch.get_num_threads(), precision), as_in_runs:
         start = time.perf_counter()
         model.train(gradient_steps=UPDATES, batch_size=model.batch_size)
         return Sample(UPDATES, time.perf_counter() - start)
@@ -266,7 +271,8 @@ def training_measurement(
     def run() -> Sample:
         simulation.seconds = learner.seconds = 0.0
         before, start = model.num_timesteps, time.perf_counter()
-        model.learn(TRAINING_STEPS if steps is None else steps, reset_num_timesteps=False)
+        with sparing_updates(model):
+            model.learn(TRAINING_STEPS if steps is None else steps, reset_num_timesteps=False)
         seconds = time.perf_counter() - start
         parts = {"in the simulation": simulation.seconds, "in the learner": learner.seconds}
         parts["elsewhere"] = seconds - sum(parts.values())

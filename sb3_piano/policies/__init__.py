@@ -16,6 +16,7 @@ from sb3_piano.policies.regularized import (
     RegularizedTQCPolicy,
 )
 from sb3_piano.policies.simba import RSNorm, SimbaSACPolicy, SimbaTD3Policy, SimbaTQCPolicy
+from sb3_piano.policies.sparing import sparing_updates
 
 __all__ = [
     "DroQSACPolicy",
@@ -37,4 +38,5 @@ __all__ = [
     "hand_weights",
     "load_hand_weights",
     "set_standardization",
+    "sparing_updates",
 ]

@@ -137,7 +137,10 @@ def trained(monkeypatch):
             size = model.observation_space.shape[0]
             transitions = model.replay_buffer.size()
             precision = torch.get_float32_matmul_precision()
-            heard.append((type(model), gradient_steps, batch_size, size, transitions, precision))
+            sparing = "forward" in vars(model.critic)
+            heard.append(
+                (type(model), gradient_steps, batch_size, size, transitions, precision, sparing)
+            )
             real(model, gradient_steps=gradient_steps, batch_size=batch_size)
 
         monkeypatch.setattr(kind, "train", train)
@@ -159,12 +162,13 @@ def test_each_preset_is_updated_with_each_observation(short, trained):
             ("fingers", 130),
             ("hands", 758),
         ):
-            expected[f"{algo}, {observation}"] = (kind, 2, 256, size, 4, "highest")
-        expected[f"{algo} for debug pieces"] = (kind, 2, 128, 130, 4, "highest")
+            expected[f"{algo}, {observation}"] = (kind, 2, 256, size, 4, "highest", True)
+        expected[f"{algo} for debug pieces"] = (kind, 2, 128, 130, 4, "highest", True)
         if algo == "sac":
             for policy in ("DroQ", "SimBa", "mlp", "conv", "transformer"):
-                expected[f"sac, {policy}"] = (SAC, 2, 256, 1124, 4, "highest")
-        expected[f"{algo}, roll, medium precision"] = (kind, 2, 256, 1124, 4, "medium")
+                expected[f"sac, {policy}"] = (SAC, 2, 256, 1124, 4, "highest", True)
+        expected[f"{algo}, roll, medium precision"] = (kind, 2, 256, 1124, 4, "medium", True)
+        expected[f"{algo}, roll, SB3 alone"] = (kind, 2, 256, 1124, 4, "highest", False)
     assert [measurement.name for measurement in measurements] == list(expected)
     assert trained == list(expected.values())
     assert measurements[0].ratios == {}

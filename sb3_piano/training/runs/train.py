@@ -34,6 +34,7 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError
 from sb3_piano.files import disk_refusal
 from sb3_piano.interrupts import StopRequest, stop_on_signal
+from sb3_piano.policies import sparing_updates
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.config import RunConfig
@@ -227,6 +228,7 @@ def _learn(
     own: list[BaseCallback] = [EpisodeMetricsCallback(), RewardTermsCallback()]
     with contextlib.ExitStack() as stack:
         stack.callback(_close_logger, model)
+        stack.enter_context(sparing_updates(model))
         if progress_bar:
             own.append(stack.enter_context(contextlib.closing(PianoProgressBar())))
         own.append(

@@ -1,0 +1,113 @@
+"""Updates of stock off-policy algorithms without the products of matrices that change nothing.
+
+Two kinds of them are a third to a half of an update of SAC that observes a piano roll:
+
+- Most keys of a roll are never due and never sound, so that most columns of a batch are zero: they
+  add nothing to the first layer, and their weights have no gradient.
+- An actor's update differentiates by the weights of the critics, too, which nobody asks for: SB3
+  clears those gradients before the critics' own update.
+
+What is learnt is the same but for rounding, as fewer numbers are summed in another order.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+from stable_baselines3.common.base_class import BaseAlgorithm
+from torch import Tensor, nn
+from torch.nn import functional
+
+_WORTHWHILE = 0.75
+"""With more columns in use than this share, gathering them takes longer than it saves."""
+
+
+class ZeroSkippingLinear(nn.Linear):
+    """A linear layer that leaves out the inputs that are zero throughout a batch."""
+
+    always_used = 0
+    """Inputs at the end that are never left out: a critic's actions, which may all be zero and
+    still have a gradient."""
+
+    def forward(self, input: Tensor) -> Tensor:
+        """Return outputs (batch, out_features) for inputs (batch, in_features)."""
+        if input.shape[1:] != (self.in_features,):
+            return super().forward(input)  # which refuses it
+        used = input.detach().abs().sum(dim=0) != 0
+        used[self.in_features - self.always_used :] = True
+        columns = used.nonzero().squeeze(1)
+        if len(columns) > _WORTHWHILE * self.in_features:
+            return super().forward(input)
+        weight = self.weight.index_select(1, columns)
+        return functional.linear(input.index_select(1, columns), weight, self.bias)
+
+
+@contextlib.contextmanager
+def sparing_updates(model: BaseAlgorithm) -> Iterator[None]:
+    """Let a model's updates leave out meanwhile what changes nothing; afterwards it is as before.
+
+    It suits SAC, TD3, DDPG, TQC and CrossQ with any policy; of other algorithms nothing changes.
+    Runs train so. With SB3 alone::
+
+        with sparing_updates(model):
+            model.learn(100_000)
+
+    Args:
+        model: The model. Its networks keep their parameters, so that optimizers, saving and
+            loading know nothing of this.
+    """
+    policy: Any = model.policy
+    critic = getattr(policy, "critic", None)
+    with contextlib.ExitStack() as stack:
+        if critic is not None:
+            for name in ("forward", "q1_forward"):
+                if hasattr(critic, name):
+                    stack.enter_context(_without_own_gradients(critic, name))
+            for layer, actions in _first_layers(policy):
+                layer.__class__ = ZeroSkippingLinear
+                layer.always_used = actions
+                stack.callback(_restore, layer)
+        yield
+
+
+@contextlib.contextmanager
+def _without_own_gradients(critic: Any, name: str) -> Iterator[None]:
+    """Let a method of critics treat their weights as constants where it is the actor's update."""
+    setattr(critic, name, partial(_judged, critic, getattr(critic, name)))
+    try:
+        yield
+    finally:
+        delattr(critic, name)  # which hid the class's own
+
+
+def _judged(critic: nn.Module, method: Callable[..., Any], obs: Any, actions: Tensor) -> Any:
+    if not actions.requires_grad:  # an update of the critics: actions are data
+        return method(obs, actions)
+    learnt = [parameter for parameter in critic.parameters() if parameter.requires_grad]
+    for parameter in learnt:
+        parameter.requires_grad_(False)
+    try:
+        return method(obs, actions)
+    finally:
+        for parameter in learnt:
+            parameter.requires_grad_(True)
+
+
+def _first_layers(policy: Any) -> Iterator[tuple[Any, int]]:
+    """Yield the plain linear layers that see a batch, and how many actions are among the inputs."""
+    n_actions = policy.action_space.shape[0]
+    for name in ("actor", "actor_target", "critic", "critic_target"):
+        network = getattr(policy, name, None)
+        critics = getattr(network, "q_networks", ())
+        actor = getattr(network, "latent_pi", None) or getattr(network, "mu", None)
+        for layers, actions in [*((one, n_actions) for one in critics), (actor, 0)]:
+            if isinstance(layers, nn.Sequential) and len(layers) and type(layers[0]) is nn.Linear:
+                yield layers[0], actions
+
+
+def _restore(layer: Any) -> None:
+    layer.__class__ = nn.Linear
+    del layer.always_used

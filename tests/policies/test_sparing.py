@@ -1,0 +1,164 @@
+"""Updates without what changes nothing: the same gradients, the same learning."""
+
+from __future__ import annotations
+
+import contextlib
+
+import gymnasium as gym
+import pytest
+import torch
+from sb3_contrib import TQC, CrossQ
+from stable_baselines3 import DDPG, PPO, SAC, TD3
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.utils import set_random_seed
+from torch import nn
+
+from sb3_piano.policies import (
+    EncoderSACPolicy,
+    RegularizedSACPolicy,
+    sparing_updates,
+)
+from sb3_piano.policies.sparing import ZeroSkippingLinear
+from sb3_piano.training import load_config, train
+
+ALGORITHMS = {
+    "sac": (SAC, "MlpPolicy", {}),
+    "td3": (TD3, "MlpPolicy", {}),
+    "ddpg": (DDPG, "MlpPolicy", {}),
+    "tqc": (TQC, "MlpPolicy", {}),
+    "crossq": (CrossQ, "MlpPolicy", {}),
+    "regularized": (SAC, RegularizedSACPolicy, {"dropout": 0.0}),
+    "encoder": (SAC, EncoderSACPolicy, {"dropout": 0.0}),
+}
+
+
+def make(algorithm=SAC, policy="MlpPolicy", policy_kwargs=None, **env_kwargs):
+    env = gym.make("RoboPianist-debug-CMajorScaleOneHand-v0", physics="fast", **env_kwargs)
+    return algorithm(
+        policy,
+        env,
+        policy_kwargs={"net_arch": [24, 16], **(policy_kwargs or {})},
+        learning_starts=40,
+        buffer_size=100,
+        batch_size=32,
+        seed=0,
+    )
+
+
+def learnt(model):
+    return {name: value.detach().clone() for name, value in model.policy.state_dict().items()}
+
+
+def update(model, times=4):
+    set_random_seed(0)  # what buffers and policies draw from
+    model.train(gradient_steps=times, batch_size=32)
+    return learnt(model)
+
+
+def like(model):
+    """Return another model with the same networks, transitions and optimizers."""
+    algorithm, env, policy = type(model), model.get_env(), model.policy_class
+    other = algorithm(
+        policy, env, policy_kwargs=model.policy_kwargs, learning_starts=40, buffer_size=100
+    )
+    other.set_parameters(model.get_parameters())
+    other.replay_buffer, other._logger = model.replay_buffer, model.logger
+    return other
+
+
+@pytest.mark.parametrize("name", ALGORITHMS)
+def test_updates_learn_the_same_but_for_rounding(name):
+    stock = make(*ALGORITHMS[name])
+    stock.learn(40)
+    before, sparing = learnt(stock), like(stock)
+    expected = update(stock)
+    with sparing_updates(sparing):
+        found = update(sparing)
+    changed = [key for key, value in expected.items() if not torch.equal(value, before[key])]
+    assert any(key.startswith("actor") for key in changed)
+    assert any(key.startswith("critic") for key in changed)
+    for key, value in expected.items():
+        torch.testing.assert_close(found[key], value, rtol=1e-3, atol=2e-5, msg=key)
+
+
+def test_an_actors_update_differentiates_by_no_weight_of_the_critics():
+    model = make()
+    observations = torch.rand(8, model.observation_space.shape[0])
+    with sparing_updates(model):
+        actions = torch.zeros(8, model.action_space.shape[0], requires_grad=True)
+        torch.cat(model.critic(observations, actions)).sum().backward()
+        assert all(parameter.grad is None for parameter in model.critic.parameters())
+        assert actions.grad.abs().sum() > 0
+        torch.cat(model.critic(observations, actions.detach())).sum().backward()
+    assert all(parameter.grad is not None for parameter in model.critic.parameters())
+
+
+def test_actions_have_their_gradient_also_where_all_of_them_are_zero():
+    model = make(TD3)
+    observations = torch.zeros(8, model.observation_space.shape[0])
+    observations[:, 3] = 1.0
+    gradients = []
+    for context in (contextlib.nullcontext(), sparing_updates(model)):
+        actions = torch.zeros(8, model.action_space.shape[0], requires_grad=True)
+        with context:
+            model.critic.q1_forward(observations, actions).sum().backward()
+        gradients.append(actions.grad)
+    assert (gradients[0] != 0).any(dim=1).all()
+    torch.testing.assert_close(gradients[1], gradients[0])
+
+
+def test_columns_of_zeros_are_left_out_and_their_weights_have_no_gradient():
+    layer = nn.Linear(6, 3)
+    rows = torch.rand(4, 6)
+    rows[:, [0, 2, 3]] = 0.0
+    expected = layer(rows)
+    layer.__class__ = ZeroSkippingLinear
+    found = layer(rows)
+    torch.testing.assert_close(found, expected)
+    found.sum().backward()
+    assert (layer.weight.grad != 0).any(dim=0).tolist() == [False, True, False, False, True, True]
+
+
+def test_a_number_that_is_not_finite_is_seen():
+    layer = nn.Linear(6, 3)
+    layer.__class__ = ZeroSkippingLinear
+    rows = torch.zeros(4, 6)
+    rows[2, 1] = float("nan")
+    assert layer(rows).isnan().any(dim=1).tolist() == [False, False, True, False]
+
+
+@pytest.mark.parametrize("name", ["sac", "td3"])
+def test_afterwards_the_model_is_as_before(name):
+    model = make(*ALGORITHMS[name])
+    modules = [type(module) for module in model.policy.modules()]
+    attributes = set(vars(model.critic))
+    with sparing_updates(model):
+        assert ZeroSkippingLinear in [type(module) for module in model.policy.modules()]
+        with pytest.raises(RuntimeError):  # of other shapes
+            model.critic(torch.zeros(2, 3), torch.zeros(2, 3, requires_grad=True))
+        assert all(parameter.requires_grad for parameter in model.critic.parameters())
+    assert [type(module) for module in model.policy.modules()] == modules
+    assert set(vars(model.critic)) == attributes
+
+
+def test_an_algorithm_without_critics_of_actions_is_left_alone():
+    env = gym.make("RoboPianist-selfactuated-v0", score="scale-CMajor")
+    model = PPO("MlpPolicy", env, n_steps=8, batch_size=8)
+    modules = [type(module) for module in model.policy.modules()]
+    with sparing_updates(model):
+        assert [type(module) for module in model.policy.modules()] == modules
+
+
+def test_a_run_trains_so(tmp_path):
+    seen = []
+
+    class Look(BaseCallback):
+        def _on_step(self):
+            seen.append(type(self.model.critic.q_networks[0][0]))
+            return True
+
+    config = load_config(
+        "sac", "RoboPianist-debug-CMajorScaleOneHand-v0", n_timesteps=3, learning_starts=1, seed=0
+    )
+    train(config, tmp_path / "run", callbacks=[Look()], progress_bar=False)
+    assert seen == [ZeroSkippingLinear] * 3

@@ -1,0 +1,46 @@
+"""Pages of the reference: one for each public package, with what it exports."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+
+import sb3_piano
+
+FOLDER = "api"
+SECTION = "Reference"
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Add the section with the pages to the navigation."""
+    entries = [f"{FOLDER}/index.md", *(f"{FOLDER}/{name}.md" for name in packages())]
+    assert config.nav is not None, "mkdocs.yml has the other sections"
+    if not any(SECTION in entry for entry in config.nav):
+        config.nav.insert(-1, {SECTION: entries})  # the last one is about contributing
+    return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the pages."""
+    lines = ["# Reference", "", "| package | what it is |", "|---|---|"]
+    for name, meaning in packages().items():
+        full = f"{sb3_piano.__name__}.{name}"
+        lines.append(f"| [`{full}`]({name}.md) | {meaning} |")
+        page = f"# {full}\n\n::: {full}\n"
+        files.append(File.generated(config, f"{FOLDER}/{name}.md", content=page))
+    files.append(File.generated(config, f"{FOLDER}/index.md", content="\n".join(lines) + "\n"))
+    return files
+
+
+def packages() -> dict[str, str]:
+    """Return the packages that export something, with the first lines of their docstrings."""
+    found = {}
+    for info in pkgutil.iter_modules(sb3_piano.__path__):
+        if info.ispkg and info.name != "cli":
+            package = importlib.import_module(f"{sb3_piano.__name__}.{info.name}")
+            if getattr(package, "__all__", None) and package.__doc__:
+                found[info.name] = package.__doc__.partition("\n")[0]
+    return found

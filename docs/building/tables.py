@@ -1,0 +1,123 @@
+"""Tables that are made of the package itself, where a page has ``<!-- table: NAME -->``."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import re
+import sys
+import types
+import typing
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import griffe
+
+from sb3_piano.envs import PianoEnvConfig
+from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS as DEFAULT
+from sb3_piano.envs.rewards import RETURN_PREFIX
+from sb3_piano.envs.rewards import SELF_ACTUATED_REWARD_WEIGHTS as SELF_ACTUATED
+from sb3_piano.metrics import DEFINITIONS
+
+_RESULTS = Path(__file__).parents[1] / "results"
+_MARK = re.compile(r"^<!-- table: (.+?) -->$", re.M)
+
+
+def on_page_markdown(markdown: str, **named: object) -> str:
+    """Put each table in the place of its mark; an unknown one is a ``KeyError``."""
+    del named  # page, config and files, which MkDocs hands over
+    return _MARK.sub(lambda match: TABLES[match[1]](), markdown)
+
+
+def options() -> str:
+    """Return every option of the environments: its values, its default, and what it is."""
+    texts = griffe.load("sb3_piano.envs.config")["PianoEnvConfig"].attributes
+    kinds = typing.get_type_hints(PianoEnvConfig)
+    lines = ["| option | values | default | meaning |", "|---|---|---|---|"]
+    for field in dataclasses.fields(PianoEnvConfig):
+        docstring = texts[field.name].docstring
+        assert docstring is not None, f"the option {field.name} has no docstring"
+        meaning = _one_line(docstring.value)
+        values = _values(kinds[field.name])
+        lines.append(f"| `{field.name}` | {values} | {_default(field)} | {meaning} |")
+    return "\n".join(lines)
+
+
+def _values(kind: Any) -> str:
+    """Return in words what a type admits."""
+    if typing.get_origin(kind) is Literal:
+        return ", ".join(f'`"{value}"`' for value in typing.get_args(kind))
+    if typing.get_origin(kind) in (typing.Union, types.UnionType):
+        return " or ".join(_values(part) for part in typing.get_args(kind))
+    words = {bool: "`True`, `False`", int: "whole number", float: "number", str: "text"}
+    return words.get(typing.get_origin(kind) or kind, "mapping")
+
+
+def _default(field: dataclasses.Field[Any]) -> str:
+    if field.default is not dataclasses.MISSING:
+        return f"`{field.default!r}`".replace("'", '"')
+    assert field.default_factory is not dataclasses.MISSING, f"{field.name} has no default"
+    return f"`{field.default_factory()!r}`"
+
+
+def reward_terms() -> str:
+    """Return every term of the reward, with its default weights."""
+    terms = griffe.load("sb3_piano.envs.rewards")
+    lines = ["| term | weight | weight without hands | meaning |", "|---|---:|---:|---|"]
+    for name in dict.fromkeys([*DEFAULT, *SELF_ACTUATED]):
+        usual, without = (_weight(weights, name) for weights in (DEFAULT, SELF_ACTUATED))
+        lines.append(f"| `{name}` | {usual} | {without} | {_term(terms, name)} |")
+    return "\n".join(lines)
+
+
+def _term(module: griffe.Object | griffe.Alias, name: str) -> str:
+    """Return what a term is: by its function, or in words where several compute it."""
+    if name not in module.members:
+        return DEFINITIONS[RETURN_PREFIX + name].meaning
+    docstring = module[name].docstring
+    assert docstring is not None, f"the term {name} has no docstring"
+    return str(docstring.value.partition("\n")[0])
+
+
+def _weight(weights: Mapping[str, float], name: str) -> str:
+    return f"{weights[name]:g}" if name in weights else ""
+
+
+def metrics() -> str:
+    """Return every number of an episode, by subject."""
+    parts = []
+    for section in dict.fromkeys(d.section for d in DEFINITIONS.values()):
+        lines = [f"### {section}\n", "| name in `info` | label | meaning |", "|---|---|---|"]
+        for each in DEFINITIONS.values():
+            if each.section == section:
+                unit = f" ({each.unit.strip()})" if each.unit else ""
+                lines.append(f"| `{each.name}` | {each.label}{unit} | {_one_line(each.meaning)} |")
+        parts.append("\n".join(lines))
+    return "\n\n".join(parts)
+
+
+def _one_line(text: str) -> str:
+    """Return a text that fits a cell of a table; double backticks are Markdown, too."""
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def _results(table: str) -> str:
+    """Return a table of the results on the reference physics."""
+    spec = importlib.util.spec_from_file_location("records", _RESULTS / "records.py")
+    assert spec is not None, "docs/results/records.py is there"
+    assert spec.loader is not None, "it is a Python file"
+    records = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # pydantic looks there
+    spec.loader.exec_module(records)
+    found = [r for r in records.Results.read().results if r.physics == "reference"]
+    return str(getattr(records, table)(found))
+
+
+TABLES: Mapping[str, Callable[[], str]] = {
+    "options": options,
+    "reward terms": reward_terms,
+    "metrics": metrics,
+    "results": lambda: _results("score_table"),
+    "origin of the results": lambda: _results("origin_table"),
+}
+"""Maker of each table, by its name in a mark."""

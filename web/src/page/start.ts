@@ -1,9 +1,10 @@
 import type { Assets, Metrics, PlayerId, Session } from "../types";
+import { paintLegend } from "../view/legend";
+import { qualityFor } from "../view/quality";
 import { RollView } from "../view/roll";
 import { SceneView } from "../view/scene";
 import { PianoSound } from "../view/sound";
 import { loadStage } from "../view/stage";
-import { paintLegend } from "../view/legend";
 import { App } from "./app";
 import { connectControls } from "./controls";
 import { findElements, type Elements } from "./elements";
@@ -52,9 +53,8 @@ export async function start(assets: Assets, open: (assets: Assets) => Promise<Ma
 
 /** Add the picture; a browser without WebGL has the piano roll, the sound and the words. */
 function showScene(app: App, elements: Elements, stage: Awaited<ReturnType<typeof loadStage>>, session: Session): void {
-  const plain = new URLSearchParams(location.search).has("fast");
   try {
-    app.view = new SceneView(elements.scene, stage, session.state, plain);
+    app.view = new SceneView(elements.scene, stage, session.state, qualityFor(location.search));
   } catch (error) {
     const reason = error instanceof Error ? error.message : String(error);
     app.say(`There is no picture of the hands, as this browser cannot draw in three dimensions: ${reason}`);

@@ -51,7 +51,7 @@ const BAR_FRAGMENT = /* glsl */ `
     float blur = fwidth(distance) + 1e-6;
     float cover = 1.0 - smoothstep(-blur, 0.0, distance);
     float rim = 1.0 - smoothstep(0.0, 0.0035, -distance);
-    float fade = 1.0 - smoothstep(top - 0.12, top, height);
+    float fade = 1.0 - smoothstep(top - 0.2, top - 0.05, height);
     gl_FragColor = vec4(tint * (0.82 + 0.35 * rim), cover * fade);
     #include <colorspace_fragment>
   }`;

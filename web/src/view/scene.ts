@@ -3,7 +3,7 @@ import {
   DirectionalLight,
   MathUtils,
   NeutralToneMapping,
-  PCFSoftShadowMap,
+  PCFShadowMap,
   PMREMGenerator,
   Raycaster,
   Scene,
@@ -18,13 +18,15 @@ import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment
 
 import { KEY_IS_BLACK } from "../music/constants";
 import { NUM_KEYS, type Piece, type SceneState } from "../types";
-import { newCamera, placeOf, type Stretch, type View } from "./cameras";
+import { newCamera, placeOf, type Place, type Stretch, type View } from "./cameras";
 import { PRESSED_COLOR, WRONG_COLOR, fingerColor } from "./colors";
 import { FallingNotes } from "./falling_notes";
 import type { Pose } from "./pose";
+import type { Quality } from "./quality";
 import { notesOf } from "./roll_notes";
 import { keyOf, type Stage } from "./stage";
 import { StageObjects, type Hit } from "./stage_objects";
+import { ALL_KEYS, Stretches } from "./stretches";
 
 /** A moment between two control steps, as it is drawn. */
 export interface Moment {
@@ -44,8 +46,8 @@ export interface Touch {
   readonly point: Vector3;
 }
 
-/** Least width of the keys that are in sight, m, as in Python's `note_bars`. */
-const LEAST_STRETCH = 0.5;
+/** Time constant with which a view that goes along with the music does so, s. */
+const FOLLOWING_TIME = 0.6;
 /** Time that the camera takes from one view to another, s. */
 const TRAVEL_TIME = 0.7;
 
@@ -59,13 +61,17 @@ export class SceneView {
   private readonly falling: FallingNotes;
   private readonly keyY: readonly number[];
   private readonly raycaster = new Raycaster();
+  private readonly plain: boolean;
   private view: View = "stage";
-  private stretch: Stretch = { middle: 0, width: 1.22 };
+  private time = 0;
+  private stretch: Stretch = ALL_KEYS;
+  private stretches: Stretches | null = null;
+  /** Whether the camera is where the view has it; not after the visitor has moved it. */
+  private placed = true;
   private piece: Piece | null = null;
   private travel: { from: Vector3; look: Vector3; gone: number } | null = null;
 
   /**
-   * @param plain Draw without shadows and reflections, for slow machines.
    * @param state The scene at rest.
    * @throws Error If the browser has no WebGL 2.
    */
@@ -73,12 +79,14 @@ export class SceneView {
     private readonly canvas: HTMLCanvasElement,
     stage: Stage,
     state: SceneState,
-    private readonly plain: boolean,
+    quality: Quality,
   ) {
+    this.plain = quality === "plain";
+    const { plain } = this;
     this.renderer = new WebGLRenderer({ canvas, antialias: !plain, alpha: true });
     this.renderer.toneMapping = NeutralToneMapping;
     this.renderer.shadowMap.enabled = !plain;
-    this.renderer.shadowMap.type = PCFSoftShadowMap;
+    this.renderer.shadowMap.type = PCFShadowMap;
     this.objects = new StageObjects(stage, state.bodyNames, plain);
     this.keyY = keyPlaces(state);
     this.falling = new FallingNotes(this.keyY, KEY_IS_BLACK);
@@ -89,7 +97,10 @@ export class SceneView {
     this.orbit.minDistance = 0.4;
     this.orbit.maxDistance = 12;
     this.orbit.maxPolarAngle = MathUtils.degToRad(88);
-    this.orbit.addEventListener("start", () => (this.travel = null));
+    this.orbit.addEventListener("start", () => {
+      this.travel = null;
+      this.placed = false;
+    });
   }
 
   /** Show the notes of another piece, and the part of the keyboard that it needs. */
@@ -97,21 +108,22 @@ export class SceneView {
     this.piece = piece;
     const notes = notesOf(piece.roll);
     this.falling.show(notes, piece.roll.controlTimestep);
-    this.stretch = stretchOf(notes.map((note) => this.keyY[note.key]));
+    this.stretches = new Stretches(notes, this.keyY, piece.roll.controlTimestep);
+    this.stretch = this.stretches.at(this.view, 0);
     this.look(this.view, false);
   }
 
   /** Look from a view, at once or by moving there. */
   look(view: View, moving: boolean): void {
+    if (view !== this.view) this.stretch = this.stretches?.at(view, this.time) ?? ALL_KEYS;
     this.view = view;
     this.falling.group.visible = view === "stage";
     this.travel = null;
+    this.placed = true;
     if (moving) {
       this.travel = { from: this.camera.position.clone(), look: this.orbit.target.clone(), gone: 0 };
     } else {
-      const place = placeOf(view, this.stretch, this.camera.aspect);
-      this.camera.position.copy(place.position);
-      this.orbit.target.copy(place.target);
+      this.put(placeOf(view, this.stretch, this.camera.aspect));
       this.orbit.update();
     }
   }
@@ -132,9 +144,11 @@ export class SceneView {
 
   /** Draw a moment, `elapsed` s after the last one. */
   draw(moment: Moment, elapsed: number): void {
+    this.time = moment.time;
     this.objects.place(moment.from, moment.to, moment.share);
     const due = this.paintKeys(moment);
     this.falling.update(moment.time, elapsed, moment.sounding, due);
+    this.follow(elapsed);
     this.moveCamera(elapsed);
     this.orbit.update();
     this.renderer.render(this.scene, this.camera);
@@ -182,6 +196,23 @@ export class SceneView {
     return due;
   }
 
+  /** Go along with the music, if the view does. */
+  private follow(elapsed: number): void {
+    if (this.stretches === null || !this.placed) return;
+    const ahead = this.stretches.at(this.view, this.time);
+    const share = 1 - Math.exp(-elapsed / FOLLOWING_TIME);
+    this.stretch = {
+      middle: MathUtils.lerp(this.stretch.middle, ahead.middle, share),
+      width: MathUtils.lerp(this.stretch.width, ahead.width, share),
+    };
+    if (this.travel === null) this.put(placeOf(this.view, this.stretch, this.camera.aspect));
+  }
+
+  private put({ position, target }: Place): void {
+    this.camera.position.copy(position);
+    this.orbit.target.copy(target);
+  }
+
   private moveCamera(elapsed: number): void {
     if (this.travel === null) return;
     const travel = this.travel;
@@ -194,7 +225,7 @@ export class SceneView {
   }
 
   private light(): void {
-    const lamp = new SpotLight(0xfff1dc, 14, 0, MathUtils.degToRad(32), 0.8);
+    const lamp = new SpotLight(0xfff1dc, 9.5, 0, MathUtils.degToRad(32), 0.8);
     lamp.position.set(0.8, -0.35, 1.5);
     lamp.target.position.set(0, 0, 0);
     lamp.castShadow = !this.plain;
@@ -206,7 +237,7 @@ export class SceneView {
     fill.position.set(0.6, 0.9, 1.2);
     this.scene.add(lamp, lamp.target, fill);
     if (this.plain) {
-      this.scene.add(new AmbientLight(0xdfe6ff, 1.1));
+      this.scene.add(new AmbientLight(0xdfe6ff, 0.75));
       return;
     }
     const generator = new PMREMGenerator(this.renderer);
@@ -224,11 +255,4 @@ function keyPlaces(state: SceneState): number[] {
     if (key !== null) places[key] = state.bodyPositions[3 * body + 1];
   });
   return places;
-}
-
-function stretchOf(used: readonly number[]): Stretch {
-  if (used.length === 0) return { middle: 0, width: 1.22 };
-  const low = Math.min(...used);
-  const high = Math.max(...used);
-  return { middle: (low + high) / 2, width: Math.max(high - low, LEAST_STRETCH) };
 }

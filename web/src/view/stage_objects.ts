@@ -4,9 +4,9 @@ import {
   Group,
   InstancedMesh,
   Mesh,
+  MeshLambertMaterial,
   MeshStandardMaterial,
   Object3D,
-  type Material,
 } from "three";
 import { RoundedBoxGeometry } from "three/examples/jsm/geometries/RoundedBoxGeometry.js";
 
@@ -35,7 +35,8 @@ export class StageObjects {
     for (const geom of stage.geoms) byBody.set(geom.body, [...(byBody.get(geom.body) ?? []), geom]);
     const fixed: StageGeom[] = [];
     const keyGeoms: { geom: StageGeom; body: number }[] = [];
-    const skin = new MeshStandardMaterial({ vertexColors: true, roughness: 0.55 });
+    const skin = newMaterial(0.55, plain);
+    skin.vertexColors = true;
     for (const [name, geoms] of byBody) {
       const body = bodyNames.indexOf(name);
       const key = keyOf(name);
@@ -43,7 +44,8 @@ export class StageObjects {
       else if (body <= 0 || name === "piano/") fixed.push(...geoms);
       else this.addLink(new Mesh(bodyGeometry(stage, geoms), skin), body, name);
     }
-    const lacquer = new MeshStandardMaterial({ vertexColors: true, roughness: 0.28, metalness: 0 });
+    const lacquer = newMaterial(0.28, plain);
+    lacquer.vertexColors = true;
     const furniture = new Mesh(bodyGeometry(stage, fixed), lacquer);
     furniture.receiveShadow = true;
     this.keys = new KeyMeshes(keyGeoms, plain);
@@ -124,8 +126,7 @@ class KeyMeshes {
     // A small gap, so that neighbours are told apart from any side.
     const width = y - 0.0004;
     const box = plain ? new BoxGeometry(x, width, z) : new RoundedBoxGeometry(x, width, z, 1, 0.0012);
-    const material: Material = new MeshStandardMaterial({ roughness: black ? 0.3 : 0.38 });
-    const mesh = new InstancedMesh(box, material, those.length);
+    const mesh = new InstancedMesh(box, newMaterial(black ? 0.3 : 0.38, plain), those.length);
     mesh.castShadow = black;
     mesh.receiveShadow = true;
     mesh.frustumCulled = false;
@@ -135,6 +136,11 @@ class KeyMeshes {
     });
     return mesh;
   }
+}
+
+/** A surface; without a graphics processor that of `plain` takes a fifth of the time. */
+function newMaterial(roughness: number, plain: boolean): MeshLambertMaterial | MeshStandardMaterial {
+  return plain ? new MeshLambertMaterial() : new MeshStandardMaterial({ roughness });
 }
 
 const scratch = new Object3D();

@@ -17,14 +17,21 @@ from sb3_piano.music import Score, find_piece, is_path, load_score, write_midi
 from sb3_piano.music.catalogue import ScoreSource
 from sb3_piano.music.hands import HANDS
 from sb3_piano.music.selection import select_pieces
+from sb3_piano.planning import Plan
 from sb3_piano.players import TreeSettings
 from sb3_piano.players.hand_model import SHIPPED, SIGHT_READER
 from sb3_piano.simulation import PianoScene, compile_scene
 from sb3_piano.training.playing.takes import PLANNED_IN
-from sb3_piano.web.performances import WebPerformance, perform, plan_file, recording_file
+from sb3_piano.viewing.stage_files import stage_files
+from sb3_piano.web.performances import (
+    WebPerformance,
+    follow_plan,
+    plan_file,
+    recording_file,
+    sight_read,
+)
 from sb3_piano.web.reading_facts import reading_facts
 from sb3_piano.web.scene_files import scene_facts, scene_xml
-from sb3_piano.web.stage_files import stage_files
 
 DEFAULT_PIECES = ("repertoire", "scale-CMajor", "hanon-01")
 """Entries of :func:`~sb3_piano.music.selection.select_pieces` that are exported by default."""
@@ -67,21 +74,17 @@ def export_web(
     sources = _named(select_pieces(pieces))
     path = _made(Path(folder))
     _write_scene(path, _scene())
-    players = ["planned", SIGHT_READER]
-    total = len(sources) * len(players)
+    total = 2 * len(sources)
     listed: list[dict[str, Any]] = []
     for name, source in sources.items():
-        performances: dict[str, WebPerformance] = {}
         score = load_score(source)
-        for player in players:
-            done = len(listed) * len(players) + len(performances)
-            progress(name, done, total)
-            performances[player] = perform(score, player)
-        recorded = performances[SIGHT_READER]
-        if tree is not None:
-            recorded = perform(score, SIGHT_READER, tree=tree)
-        performances["recorded"] = recorded
-        listed.append(_write_piece(path, name, source, score, performances))
+        progress(name, 2 * len(listed), total)
+        planned, plan = follow_plan(score)
+        progress(name, 2 * len(listed) + 1, total)
+        read = sight_read(score)
+        recorded = read if tree is None else sight_read(score, tree)
+        performances = {"planned": planned, SIGHT_READER: read, "recorded": recorded}
+        listed.append(_write_piece(path, name, source, score, plan, performances))
     progress("", total, total)
     write_json(path / CATALOGUE, {"version": sb3_piano.__version__, "pieces": listed})
     return path / CATALOGUE
@@ -167,6 +170,7 @@ def _write_piece(
     name: str,
     source: ScoreSource,
     score: Score,
+    plan: Plan,
     performances: dict[str, WebPerformance],
 ) -> dict[str, Any]:
     """Write the files of a piece, and return its entry in the catalogue."""
@@ -176,11 +180,9 @@ def _write_piece(
         "plan": f"{_PIECES}/{name}.plan.safetensors",
         "recording": f"{_PIECES}/{name}.recording.safetensors",
     }
-    planned = performances["planned"]
-    assert planned.plan is not None, "that is what a planned pianist follows"
     write_midi(score, path / files["midi"])
-    _write_table(path / files["score"], score_table(planned.score))
-    write_bytes(path / files["plan"], plan_file(planned.plan))
+    _write_table(path / files["score"], score_table(performances["planned"].score))
+    write_bytes(path / files["plan"], plan_file(plan))
     write_bytes(path / files["recording"], recording_file(performances["recorded"]))
     known = isinstance(source, str) and not is_path(source)
     piece = find_piece(str(source)) if known else None

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,15 +13,18 @@ import safetensors.numpy
 
 from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.music import Score
-from sb3_piano.planning import Plan, PlanSettings, Trackers
+from sb3_piano.planning import Plan, PlanSettings, Tracker, Trackers
+from sb3_piano.planning.hand_plan import HandPlan
+from sb3_piano.planning.pianist import action_of
 from sb3_piano.players import TreeSearch, TreeSettings, make_player
+from sb3_piano.players.hand_model import SIGHT_READER
 from sb3_piano.training.playing.takes import PLANNED_IN
 
-# Feedback need not be exact: an error of 1/254 of the largest gain changes no note.
+# Gains make up most of a plan; rounded to 1/254 of the largest they take a quarter of the room.
 _GAIN_STEPS = 127
 
-OnStep = Callable[[], object]
-"""Called after each control step."""
+# A difference of one bit may grow to a centimetre within two seconds of a piece with many contacts.
+_STATE_EVERY = 10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,74 +33,126 @@ class WebPerformance:
 
     score: Score
     """The piece, with the fingers that play it."""
-    steps: int
-    """Control steps of the episode."""
-    controls: npt.NDArray[np.float32]
-    """(steps, nu) what the actuators were told; rad, or m for the sliders."""
+    actions: npt.NDArray[np.float32]
+    """(T, nu) what was done in each of T control steps, in [-1, 1], but for the pedal."""
+    states: npt.NDArray[np.float32]
+    """(T / 10, nq + nv) joint positions and velocities before each tenth step, the first included;
+    rad and rad/s, m and m/s."""
     metrics: Mapping[str, float]
     """The music metrics, by their names in ``info``."""
-    plan: Plan | None
-    """What was followed, of the planned pianist."""
 
 
-def perform(
-    score: Score,
-    player: str,
-    on_step: OnStep = lambda: None,
-    *,
-    tree: TreeSettings | None = None,
-) -> WebPerformance:
-    """Let a player play a piece once, where the page lets it play.
+def sight_read(score: Score, tree: TreeSettings | None = None) -> WebPerformance:
+    """Let the sight-reader play a piece where the page lets it play.
 
     Args:
         score: The piece.
-        player: One of :data:`~sb3_piano.players.PLAYERS`.
-        on_step: Called after each control step.
-        tree: Let the player look ahead.
+        tree: Let it look ahead.
 
     Raises:
         ScoreError: If the score cannot be played.
     """
-    piano = PianoEnv(score, **PLANNED_IN)
-    with contextlib.closing(EpisodeRecorder(piano)) as env:
-        pianist = make_player(player, env)
-        if tree is not None:
-            pianist = TreeSearch(pianist, env, tree)
-        observation, _ = env.reset(seed=0)
-        controls, state = [], None
-        while not env.finished:
-            action, state = pianist.predict(observation, state)
-            observation, *_ = env.step(action)
-            controls.append(piano.data.ctrl.astype(np.float32))
-            on_step()
-        return WebPerformance(
-            score=piano.score,
-            steps=piano.steps_played,
-            controls=np.array(controls),
-            metrics=env.finished[0].metrics,
-            plan=Trackers().of(piano).plan if player == "planned" else None,
-        )
+    with _stage(score) as (env, _):
+        reader = make_player(SIGHT_READER, env)
+        player = reader if tree is None else TreeSearch(reader, env, tree)
+        state = None
+
+        def act(observation: Any) -> Any:
+            nonlocal state
+            action, state = player.predict(observation, state)
+            return action
+
+        return _performance(env, act)
 
 
-def recording_file(performance: WebPerformance) -> bytes:
-    """Return a performance as a safetensors file: ``controls``, (T, nu) float32."""
-    return safetensors.numpy.save({"controls": performance.controls})
+def follow_plan(score: Score) -> tuple[WebPerformance, Plan]:
+    """Let planned hands play a piece; return that and the plan, rounded as in its file.
+
+    Raises:
+        ScoreError: If the score cannot be played.
+    """
+    with _stage(score) as (env, piano):
+        settings = PlanSettings()
+        plan = rounded(Trackers(settings).of(piano).plan)
+        tracker = Tracker(plan, piano.scene, settings.feedback)
+
+        def act(observation: Any) -> Any:
+            del observation  # which has the same positions, with fewer digits
+            step = piano.steps_played
+            controls = tracker.controls(step, piano.data.actuator_length)
+            return action_of(piano, controls, tracker, step)
+
+        return _performance(env, act), plan
+
+
+def rounded(plan: Plan) -> Plan:
+    """Return a plan with the numbers that :func:`plan_file` writes of it."""
+    return replace(plan, hands=tuple(_rounded_hand(hand) for hand in plan.hands))
 
 
 def plan_file(plan: Plan) -> bytes:
-    """Return a plan of T steps as a safetensors file.
+    """Return a rounded plan of T steps as a safetensors file.
 
     It has ``commands``, (T, nu) float32, and ``positions``, (T, nu) float32, where the actuators
     should be before each step; ``gains``, (T, h, n, n) int8, by how much the commands of each of
     the h hands change with its actuators that are elsewhere, in units of ``gain_unit``, (h, n)
     float32, one for each column; and in the metadata ``feedback``, the share of them that is used.
     """
-    gains = np.stack(plan.gains, axis=1)
-    unit = np.maximum(np.abs(gains).max(axis=(0, 2)), np.finfo(np.float32).tiny) / _GAIN_STEPS
+    units = [_gain_unit(hand) for hand in plan.hands]
+    gains = [np.rint(h.gains / u).astype(np.int8) for h, u in zip(plan.hands, units, strict=True)]
     tensors = {
         "commands": plan.commands.astype(np.float32),
         "positions": plan.positions[:-1].astype(np.float32),
-        "gains": np.rint(gains / unit[:, None, :]).astype(np.int8),
-        "gain_unit": unit.astype(np.float32),
+        "gains": np.stack(gains, axis=1),
+        "gain_unit": np.stack(units),
     }
     return safetensors.numpy.save(tensors, {"feedback": str(PlanSettings().feedback)})
+
+
+def recording_file(performance: WebPerformance) -> bytes:
+    """Return a performance as a safetensors file: its ``actions`` and ``states``."""
+    tensors = {"actions": performance.actions, "states": performance.states}
+    return safetensors.numpy.save(tensors, {"state_every": str(_STATE_EVERY)})
+
+
+@contextlib.contextmanager
+def _stage(score: Score) -> Iterator[tuple[EpisodeRecorder, PianoEnv]]:
+    """Give the environment in which the page's pieces are played, and the piano in it."""
+    piano = PianoEnv(score, **PLANNED_IN)
+    with contextlib.closing(EpisodeRecorder(piano)) as env:
+        yield env, piano
+
+
+def _performance(env: EpisodeRecorder, act: Callable[[Any], Any]) -> WebPerformance:
+    observation, _ = env.reset(seed=0)
+    piano: Any = env.unwrapped
+    states = []
+    while not env.finished:
+        if piano.steps_played % _STATE_EVERY == 0:
+            states.append(np.concatenate([piano.data.qpos, piano.data.qvel]))
+        observation, *_ = env.step(act(observation))
+    (recording,) = env.finished
+    assert recording.motion is not None, "a piano's episode has a motion"
+    return WebPerformance(
+        score=piano.score,
+        actions=recording.motion.actions[:, :-1].copy(),
+        states=np.array(states, dtype=np.float32),
+        metrics=recording.metrics,
+    )
+
+
+def _rounded_hand(hand: HandPlan) -> HandPlan:
+    unit = _gain_unit(hand)
+    return replace(
+        hand,
+        positions=hand.positions.astype(np.float32).astype(float),
+        commands=hand.commands.astype(np.float32).astype(float),
+        gains=np.rint(hand.gains / unit) * unit,
+    )
+
+
+def _gain_unit(hand: HandPlan) -> npt.NDArray[np.float32]:
+    """Return the unit of each column of a hand's gains, (n,)."""
+    largest = np.abs(hand.gains).max(axis=(0, 1))
+    unit: npt.NDArray[np.float32] = np.where(largest > 0, largest / _GAIN_STEPS, 1.0)
+    return unit.astype(np.float32)

@@ -38,13 +38,15 @@ export class Planned implements Player {
     const positions = this.simulation.actuatorPositions();
     const first = step * this.actuators;
     const perHand = this.actuators / this.hands;
-    // In the units of the gains.
-    const ahead = positions.map((position, i) => (position - this.positions[first + i]!) * this.gainUnit[i]!);
+    const ahead = positions.map((position, i) => position - this.positions[first + i]!);
     return positions.map((_, i) => {
-      const hand = Math.floor(i / perHand);
       const row = (first + i) * perHand;
+      const hand = i - (i % perHand);
       let change = 0;
-      for (let j = 0; j < perHand; j++) change += this.gains[row + j]! * ahead[hand * perHand + j]!;
+      for (let j = 0; j < perHand; j++) {
+        // Rounded as in Python.
+        change += Math.fround(this.gains[row + j]! * this.gainUnit[hand + j]!) * ahead[hand + j]!;
+      }
       const command = this.commands[first + i]! - this.feedback * change;
       return Math.min(Math.max(command, ctrlLow[i]!), ctrlHigh[i]!);
     });

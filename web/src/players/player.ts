@@ -10,4 +10,6 @@ export interface Player {
    * @param step The control step that is to be played, from 0; the simulation is as the one before left it.
    */
   controls(step: number): Float64Array;
+  /** Is told that somebody pulls, pushes, or lets actions come late or with noise, once or more often. */
+  disturb?(): void;
 }

@@ -1,26 +1,51 @@
+import type { Simulation } from "../simulation/simulation";
 import { floats, type Tensors } from "../tensors";
 import { InputError, type Piece } from "../types";
+import { ActionMap } from "./actions";
 import type { Player } from "./player";
 
-/** Commands of a performance that Python recorded, played once more whatever happens. */
+/**
+ * The actions of a performance that Python recorded, played once more.
+ *
+ * Contacts let a difference in the last bit, as there is between builds of MuJoCo, grow to a centimetre within two
+ * seconds. So hands and keys are put where they were every half a second, for as long as nobody interferes: then the
+ * actions go on alone.
+ */
 export class Recorded implements Player {
-  private readonly recorded: Float32Array;
+  private readonly actions: Float32Array;
+  private readonly states: Float32Array;
+  private readonly stateEvery: number;
+  private readonly map: ActionMap;
+  private disturbed = false;
 
-  /** @param actuators How many actuators there are. */
   constructor(
     file: Tensors,
-    private readonly actuators: number,
+    private readonly simulation: Simulation,
   ) {
-    this.recorded = floats(file, "controls");
+    this.actions = floats(file, "actions");
+    this.states = floats(file, "states");
+    this.stateEvery = Number(file.metadata["state_every"]);
+    this.map = new ActionMap(simulation.facts);
   }
 
   /** @throws InputError If the recording is of another piece. */
   prepare(piece: Piece): void {
-    checkLength(piece, this.recorded.length / this.actuators, "recording");
+    this.disturbed = false;
+    checkLength(piece, this.actions.length / this.simulation.facts.counts.nu, "recording");
+  }
+
+  disturb(): void {
+    this.disturbed = true;
   }
 
   controls(step: number): Float64Array {
-    return Float64Array.from(this.recorded.subarray(step * this.actuators, (step + 1) * this.actuators));
+    const { nu, nq, nv } = this.simulation.facts.counts;
+    if (!this.disturbed && step > 0 && step % this.stateEvery === 0) {
+      const first = (step / this.stateEvery) * (nq + nv);
+      const velocities = first + nq;
+      this.simulation.place(this.states.subarray(first, velocities), this.states.subarray(velocities, velocities + nv));
+    }
+    return this.map.controls(this.actions.subarray(step * nu, (step + 1) * nu));
   }
 }
 

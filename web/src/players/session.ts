@@ -12,6 +12,7 @@ import {
   type SceneState,
   type Session,
 } from "../types";
+import { ActionMap } from "./actions";
 import { Noise } from "./noise";
 import { Planned } from "./planned";
 import type { Player } from "./player";
@@ -57,7 +58,7 @@ export class Sessions {
       case "planned":
         return new Planned(await this.tensors(entry?.plan, "a plan"), simulation);
       case "recorded":
-        return new Recorded(await this.tensors(entry?.recording, "a recording"), simulation.facts.ctrlLow.length);
+        return new Recorded(await this.tensors(entry?.recording, "a recording"), simulation);
       case "score":
         return new ScorePlayer(simulation);
       case "you":
@@ -83,6 +84,8 @@ class PianoSession implements Session {
   /** What the player wanted, control step by control step. */
   private wanted: Float64Array[] = [];
   private failed = false;
+  private readonly map: ActionMap;
+  private readonly resting: Float64Array;
 
   constructor(
     private readonly simulation: Simulation,
@@ -101,6 +104,8 @@ class PianoSession implements Session {
       },
       bodyNames: simulation.facts.bodyNames,
     };
+    this.map = new ActionMap(simulation.facts);
+    this.resting = restingControls(simulation.facts);
     this.restart();
   }
 
@@ -127,6 +132,7 @@ class PianoSession implements Session {
     if (this.finished) throw new Error("The piece is over: call restart() before step().");
     const { actor, record, simulation } = this;
     const step = record.steps;
+    if (this.noise > 0 || this.latency > 0) actor.disturb?.();
     this.wanted.push(actor.controls(step));
     this.simulate(this.controls(step));
     const events = actor instanceof ScorePlayer ? record.add(simulation.sounding, actor.place(step)) : record.addLooked();
@@ -148,10 +154,12 @@ class PianoSession implements Session {
     if (body === null || force === undefined || at === undefined) return;
     const index = this.state.bodyNames.indexOf(body);
     if (index < 0) throw new Error(`There is no body ${body}: expected one of bodyNames.`);
+    this.actor.disturb?.();
     this.simulation.pull(index, force, at);
   }
 
   pushKey(key: number, down: boolean): void {
+    this.actor.disturb?.();
     this.simulation.pushKey(key, down);
   }
 
@@ -164,15 +172,15 @@ class PianoSession implements Session {
     }
   }
 
-  /** What the actuators are told: what was wanted `latency` control steps ago, with noise, within their ranges. */
+  /**
+   * What the actuators are told: what was wanted `latency` control steps ago, with noise, within their ranges.
+   *
+   * It is rounded to an action on the way, as it is in Python: differences of a millionth grow with each contact.
+   */
   private controls(step: number): Float64Array {
-    const { facts } = this.simulation;
-    const wanted = this.wanted[step - this.latency] ?? restingControls(facts);
-    if (this.noise === 0) return wanted;
-    return wanted.map((control, i) => {
-      const low = facts.ctrlLow[i]!;
-      const high = facts.ctrlHigh[i]!;
-      return Math.min(Math.max(control + this.noise * (high - low) * this.random.next(), low), high);
-    });
+    const action = this.map.action(this.wanted[step - this.latency] ?? this.resting);
+    // The range of an action is 2.
+    if (this.noise > 0) action.forEach((value, i) => (action[i] = value + 2 * this.noise * this.random.next()));
+    return this.map.controls(action);
   }
 }

@@ -67,10 +67,9 @@ export class Simulation {
     return this.data.xquat as Float64Array;
   }
 
-  /** Go to the beginning: all joints at 0, or where they are told, (nq); nothing pushes or pulls. */
-  reset(qpos?: ArrayLike<number>): void {
+  /** Go to the beginning: all joints at 0, and nothing pushes or pulls. */
+  reset(): void {
     this.mujoco.mj_resetData(this.model, this.data);
-    if (qpos !== undefined) this.qpos.set(qpos);
     this.look();
   }
 
@@ -94,6 +93,13 @@ export class Simulation {
     if (data.time < end - CONTROL_TIMESTEP / 2) {
       throw new Error("The physics became unstable: begin again, with less noise or less of a pull.");
     }
+  }
+
+  /** Go to joint positions, (nq), and velocities, (nv). */
+  place(qpos: ArrayLike<number>, qvel: ArrayLike<number>): void {
+    this.qpos.set(qpos);
+    this.qvel.set(qvel);
+    this.look();
   }
 
   /** Put keys down or up, (88) 1 or 0, without any force. */

@@ -58,8 +58,8 @@ PIECES = [
     "debug-CMajorChordProgressionTwoHands",
 ]
 STEADY = ["repertoire-BachMinuetG", "repertoire-BachPreludeC", "repertoire-FurElise"]
-"""Pieces whose F1 in Python stays when the joints begin 1e-4 rad elsewhere. That of a hard one, like
-the Maple Leaf Rag, changes by 0.04 when it is 1e-9: two versions of MuJoCo differ by more."""
+"""Pieces whose F1 in Python stays when the joints begin 1e-4 rad elsewhere. That of a hard one (the
+Maple Leaf Rag) changes by 0.04 when it is 1e-9: two versions of MuJoCo differ by more."""
 EVERY = 5
 """Control steps from one recorded state to the next."""
 STATE = ("qpos", "qvel", "geom_xpos", "geom_xmat")

@@ -5,7 +5,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: install demo web lint check test matrix clean
+.PHONY: install demo web replay site lint check test matrix clean
 
 install: $(INSTALLED)
 
@@ -20,16 +20,29 @@ demo: $(INSTALLED)
 	$(BIN)/python examples/demo.py
 
 # The page in the browser: web/dist/index.html with files beside it, and web/dist/piano.html alone.
-web: web/assets/catalogue.json web/node_modules
+web: web/assets/catalogue.json web/node_modules replay
 	cd web && npm run check && npm run build
 
 # Pieces are played, which takes some minutes, only when something in the package has changed.
-web/assets/catalogue.json: $(INSTALLED) $(shell find sb3_piano -type f ! -name '*.pyc')
+web/assets/catalogue.json: $(INSTALLED) $(shell find sb3_piano -type f ! -name '*.pyc' ! -name replay.js)
 	$(BIN)/sb3-piano export web web/assets
 
 web/node_modules: web/package-lock.json
 	cd web && npm ci
 	touch $@
+
+# The player of `sb3-piano report RUN --3d`, which wheels have and a clone has to build.
+REPLAY := sb3_piano/viewing/report/templates/replay.js
+
+replay: $(REPLAY)
+
+$(REPLAY): web/node_modules $(wildcard web/src/*.ts web/src/replay/*.ts web/src/view/*.ts web/src/page/playback.ts)
+	cd web && npm run replay
+
+# The documentation in site/, with the page in the browser and notebooks that are executed; `mkdocs
+# serve` shows it while it is written.
+site: $(INSTALLED) web
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
@@ -51,4 +64,4 @@ matrix:
 	.ci/matrix $(PYTHONS)
 
 clean:
-	rm -rf $(VENV) web/node_modules web/assets web/dist build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) web/node_modules web/assets web/dist $(REPLAY) site build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

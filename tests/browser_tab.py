@@ -13,10 +13,17 @@ class Tab:
     def __init__(self, page):
         self.page = page
         self.complaints = []
-        page.on("console", lambda message: self.complaints.append(message.text))
+        page.on("console", self._message)
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
         page.on("dialog", lambda dialog: (self.complaints.append(dialog.message), dialog.accept()))
         page.on("request", self._request)
+
+    def _message(self, message):
+        # Drawing by software, which screenshots hold up, is no fault of the page.
+        if (
+            "GL Driver Message" not in message.text
+        ):
+            self.complaints.append(message.text)
 
     def _request(self, request):
         if not request.url.startswith(("file:", "data:", "blob:")):

@@ -96,6 +96,7 @@ def add_report_parsers(commands: Any) -> None:
     add("--seed", "N", "of a run; default: 0", int)
     add("--physics")
     add("--best")
+    add("--3d", text="show a run's performance in three dimensions, too", dest="replay")
     add("--open", text="open it in the web browser")
     add = add_command(commands, "share", _share, "write a run for others to play, as plain files")
     add("run", "RUN", "the folder that train made")
@@ -303,9 +304,15 @@ def _report(arguments: argparse.Namespace) -> int:
             seed=arguments.seed or 0,
             physics=arguments.physics,
             best=arguments.best,
+            replay=arguments.replay,
         )
     else:
         _check_piece(arguments, "seed", "physics", "best")
+        if arguments.replay:
+            raise ConfigError(
+                "--3d shows how a run plays: expected a run's folder, not a piece. "
+                f"'sb3-piano plan {shlex.quote(arguments.what)}' makes one."
+            )
         path = write_piece_report(arguments.what, arguments.out)
     print(f"Report: {path}")
     if arguments.open and not webbrowser.open(path.resolve().as_uri()):

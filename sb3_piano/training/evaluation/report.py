@@ -12,16 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from sb3_piano.envs import PianoEnv
+from sb3_piano.envs import PianoEnv, Recording
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import write_text
 from sb3_piano.music import load_score
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.fingering import apply_fingering
+from sb3_piano.performance import Performance
 from sb3_piano.training.playing.player import SavedPlayer
 from sb3_piano.training.playing.takes import default_folder
 from sb3_piano.training.runs.folder import RunFolder, provenance
 from sb3_piano.viewing.report import Curve, Report, report_html, score_html
+from sb3_piano.viewing.report.replay import Replay, replay_of
 
 
 def write_report(
@@ -31,12 +33,17 @@ def write_report(
     seed: int = 0,
     physics: str | None = None,
     best: str | None = None,
+    replay: bool = False,
 ) -> Path:
     """Let a run's saved model play an episode, and write what there is to see into an HTML file.
 
     The file, by default ``evaluation/report.html`` in the run's folder, needs nothing else, also no
-    network. The resting hands get the same seed. Arguments and errors are those of
+    network. The resting hands get the same seed. With ``replay`` the page also shows the
+    performance in three dimensions. The other arguments, and errors, are those of
     :func:`~sb3_piano.training.play_run`.
+
+    Raises:
+        ConfigError: If the package was installed without the player of replays.
     """
     with SavedPlayer.open(folder, seed=seed, physics=physics, best=best) as player:
         run, env = player.run, player.env
@@ -51,7 +58,7 @@ def write_report(
         if performance.title == env.default_score.title:  # no wrapper chose another piece
             performance = dataclasses.replace(performance, title=player.piece)
         facts, commands = _origin(
-            player, env.config.physics, seed, {"--physics": physics, "--best": best}
+            player, env.config.physics, seed, {"--physics": physics, "--best": best}, replay
         )
         report = Report(
             performance=performance,
@@ -64,9 +71,16 @@ def write_report(
             ),
             facts=facts,
             commands=commands,
+            replay=_replay(env, performance, played) if replay else None,
         )
     path = run.evaluation_dir / "report.html" if out is None else Path(out)
     return _write(path, report_html(report), make_folder=out is None)
+
+
+def _replay(env: PianoEnv, performance: Performance, played: Recording) -> Replay:
+    motion = played.motion
+    assert motion is not None, "a piano's episode is recorded"
+    return replay_of(env.scene, motion.qpos, performance, played.metrics)
 
 
 def write_piece_report(name: str, out: str | os.PathLike[str] | None = None) -> Path:
@@ -141,7 +155,11 @@ Texts = list[tuple[str, str]]
 
 
 def _origin(
-    player: SavedPlayer, physics: str, seed: int, options: Mapping[str, str | None]
+    player: SavedPlayer,
+    physics: str,
+    seed: int,
+    options: Mapping[str, str | None],
+    replay: bool,
 ) -> tuple[Texts, Texts]:
     """Return the facts of a report, and the commands, with their options, to do it again."""
     config, run = player.config, player.run
@@ -165,6 +183,7 @@ def _origin(
     again = ["sb3-piano", "report", str(run.path), "--seed", str(seed)]
     for option, value in options.items():
         again += [] if value is None else [option, value]
+    again += ["--3d"] if replay else []
     training = str(notes.get("command", "unknown"))
     return list(facts.items()), [("Training", training), ("This report", shlex.join(again))]
 

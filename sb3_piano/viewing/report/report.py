@@ -22,6 +22,7 @@ from sb3_piano.viewing.report.piano_roll import (
     piano_roll,
     piano_roll_of_score,
 )
+from sb3_piano.viewing.report.replay import Replay
 
 PLAYED, NOTHING = "played", "playing nothing"
 """Names of numbers, bars and lines: of the policy, and of hands that rest."""
@@ -61,6 +62,8 @@ class Report:
     """Name and text of each fact about its origin."""
     commands: Sequence[tuple[str, str]] = ()
     """Purpose and text of each command line that makes it again."""
+    replay: Replay | None = None
+    """The performance in three dimensions, if it is to be shown."""
 
 
 def report_html(report: Report) -> str:

@@ -42,7 +42,7 @@ export interface Stage {
 /** Where the numbers of an array are in stage.bin: offset in bytes, and how many there are. */
 type Span = readonly [number, number];
 
-/** Load the assets stage.json and stage.bin, which Python's `sb3_piano.web.stage_files` writes. */
+/** Load the assets stage.json and stage.bin, which Python's `sb3_piano.viewing.stage_files` writes. */
 export async function loadStage(assets: Assets): Promise<Stage> {
   const [{ geoms, meshes }, bytes] = await Promise.all([
     assets.json<{ geoms: StageGeom[]; meshes: { vertices: Span; faces: Span }[] }>("stage.json"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 from pathlib import Path
@@ -29,6 +30,7 @@ BLOCKS = {
         re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
     )
 }
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8").replace("\\\n", " ")
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 # What is shortened in examples that train, so that the networks are updated some ten times.
@@ -77,9 +79,19 @@ def test_the_page_of_the_environments_names_every_one():
     assert f"`{GENERAL_ID}`" in IDS
 
 
+def markdown_of(page: Path) -> str:
+    """Return the text of a page, of a notebook that of its cells."""
+    text = page.read_text(encoding="utf-8")
+    if page.suffix == ".md":
+        return text
+    cells = json.loads(text)["cells"]
+    return "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+
+
 def test_every_link_leads_to_a_file_and_a_heading_that_exist():
-    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")):
-        for link in re.findall(r"\]\((?!https?:)([^)\s]+)\)", page.read_text(encoding="utf-8")):
+    pages = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md"))
+    for page in (*pages, *NOTEBOOKS):
+        for link in re.findall(r"\]\((?!https?:)([^)\s]+)\)", markdown_of(page)):
             name, _, anchor = link.partition("#")
             target = page.parent / name if name else page
             assert target.exists(), f"{page.name}: {link}"
@@ -134,6 +146,25 @@ def test_the_page_of_the_planned_pianist_has_commands_that_run(tmp_path, monkeyp
     assert main([*play, "--no-video"]) == main(plan) == 0
     assert "F1 0." in capsys.readouterr().out
     assert Path("runs/planned/my_piece/config.yml").is_file()
+
+
+@pytest.mark.parametrize("name", ["index", "getting_started"])
+def test_the_commands_of_the_first_pages_are_ones_that_there_are(name):
+    page = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```bash\n(.*?)^```", page, re.M | re.S)
+    commands = [shlex.split(line, comments=True) for line in "".join(blocks).splitlines()]
+    ours = [arguments for program, *arguments in commands if program == "sb3-piano"]
+    assert ours
+    for arguments in ours:
+        _parser().parse_args(arguments)
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_is_kept_without_what_it_printed(notebook):
+    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    assert code
+    assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in code)
 
 
 @pytest.mark.slow

@@ -8,14 +8,18 @@ from __future__ import annotations
 
 import base64
 import functools
+import re
 import tempfile
 from collections.abc import Iterator
 
 import nbformat
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
 from nbclient import NotebookClient
 from nbformat import NotebookNode
+
+_LINK = re.compile(r"(?<=\w)\.ipynb(?=\)|#[^)\s]*\))")
 
 TIMEOUT = 300
 """Time that a cell may take, s."""
@@ -28,6 +32,14 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             for uri, content in _pages(file.src_uri, file.content_string):
                 files.append(File.generated(config, uri, content=content))
     return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Let links of other pages to a notebook lead to its page."""
+    del config  # handed over by name
+    notebook = f"{page.file.src_uri.removesuffix('.md')}.ipynb"
+    is_its_page = files.get_file_from_path(notebook) is not None
+    return markdown if is_its_page else _LINK.sub(".md", markdown)
 
 
 @functools.lru_cache(maxsize=8)  # `mkdocs serve` builds again whenever a page changes

@@ -46,7 +46,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     known: set[Path] = set()
     while waiting:
         path = waiting.pop()
-        if path in known:
+        if path in known or _is_in_site(path):
             continue
         known.add(path)
         if path.is_dir():
@@ -84,7 +84,7 @@ def _target(link: str, origin: Path) -> Path:
 
 def _is_in_site(path: Path) -> bool:
     """Return whether a file is part of the documentation; its Python files are shown as pages."""
-    return path.is_relative_to(DOCS) and path.suffix != ".py"
+    return path.is_relative_to(DOCS) and path.is_file() and path.suffix != ".py"
 
 
 def _rewritten(markdown: str, origin: Path, src_uri: str) -> str:

@@ -102,15 +102,21 @@ def _one_line(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
-def _results(table: str) -> str:
-    """Return a table of the results on the reference physics."""
+def records() -> types.ModuleType:
+    """Return docs/results/records.py, which is no part of a package."""
     spec = importlib.util.spec_from_file_location("records", _RESULTS / "records.py")
     assert spec is not None, "docs/results/records.py is there"
     assert spec.loader is not None, "it is a Python file"
-    records = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # pydantic looks there
-    spec.loader.exec_module(records)
-    found = [r for r in records.Results.read().results if r.physics == "reference"]
-    return str(getattr(records, table)(found))
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # pydantic looks there
+    spec.loader.exec_module(module)
+    return module
+
+
+def _results(table: str) -> str:
+    """Return a table of the results on the reference physics."""
+    module = records()
+    found = [r for r in module.Results.read().results if r.physics == "reference"]
+    return str(getattr(module, table)(found))
 
 
 TABLES: Mapping[str, Callable[[], str]] = {

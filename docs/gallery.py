@@ -1,0 +1,80 @@
+"""The videos of docs/gallery.md: a few seconds of pieces that nobody trained on.
+
+    python docs/gallery.py
+
+It writes docs/gallery/*.mp4, and prints how well each was played.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from sb3_piano.music import load_score, write_midi
+from sb3_piano.players import TreeSettings
+from sb3_piano.training.playing.takes import planner_config, take_of_planner
+from sb3_piano.viewing import Picture, View, write_take
+
+FOLDER = Path(__file__).with_name("gallery")
+SECONDS = 8.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clip:
+    """The beginning of a piece, played by somebody and seen from somewhere."""
+
+    name: str
+    piece: str
+    title: str
+    player: str
+    view: View
+    tree: TreeSettings | None = None
+
+
+CLIPS = (
+    Clip(
+        name="fur_elise",
+        piece="FurElise",
+        title="Beethoven: Für Elise",
+        player="sight-reader",
+        view="stage",
+    ),
+    Clip(
+        name="maple_leaf_rag",
+        piece="MapleLeafRag",
+        title="Joplin: Maple Leaf Rag",
+        player="sight-reader",
+        view="close",
+        tree=TreeSettings(simulations=64, depth=8),
+    ),
+    Clip(
+        name="prelude_in_c",
+        piece="BachPreludeC",
+        title="Bach: Prelude in C",
+        player="planned",
+        view="top",
+    ),
+)
+
+
+def main() -> None:
+    """Play and film each of them."""
+    FOLDER.mkdir(exist_ok=True)
+    for clip in CLIPS:
+        with tempfile.TemporaryDirectory() as name:
+            piece = Path(name, f"{clip.title}.mid")
+            write_midi(load_score(clip.piece).excerpt(0.0, SECONDS), piece)
+            played = take_of_planner(planner_config(str(piece), clip.player), tree=clip.tree)
+            picture = Picture(width=480, height=270, view=clip.view)
+            files = write_take(played.take, Path(name, clip.name), picture)
+            if files.video is None:
+                raise SystemExit(f"No picture can be drawn here: {files.problem}")
+            file = Path(shutil.copy(files.video, FOLDER))
+        scores = f"F1 {played.metrics['f1']:.3f}, onset F1 {played.metrics['onset_f1']:.3f}"
+        print(f"{file}: {scores}, {file.stat().st_size / 1e6:.2f} MB", flush=True)
+
+
+if __name__ == "__main__":
+    main()

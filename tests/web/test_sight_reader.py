@@ -37,9 +37,10 @@ CHORDS = [
     ("right", (60, 79)),
     ("left", (21, 58)),
 ]
+LENGTH = {"right": 0.3, "left": 0.34}  # the left hand's notes overlap
 EDGES = Score(
     notes=[
-        Note(onset=0.3 * number, offset=0.3 * number + 0.3, pitch=pitch, hand=hand)
+        Note(onset=0.3 * number, offset=0.3 * number + LENGTH[hand], pitch=pitch, hand=hand)
         for number, (hand, pitches) in enumerate(CHORDS)
         for pitch in pitches
     ],

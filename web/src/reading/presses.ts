@@ -69,7 +69,7 @@ export function timePresses(presses: readonly Press[], sign: number): TimedPress
 
 /** Pairs (later, earlier) of notes between whose sounding the hand strikes no other. */
 function neighbours(presses: readonly Press[]): [number, number][] {
-  const onsets = [...new Set(presses.map((press) => press.first))].sort((a, b) => a - b);
+  const onsets = presses.map((press) => press.first); // ascending
   const pairs: [number, number][] = [];
   let recent: number[] = [];
   presses.forEach((press, later) => {

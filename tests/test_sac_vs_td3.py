@@ -6,6 +6,7 @@ import json
 import os
 import re
 import runpy
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,7 +17,7 @@ import pytest
 import yaml
 
 from sb3_piano.music import PianoRoll, load_score
-from sb3_piano.training import load_config
+from sb3_piano.training import evaluate, load_config, train
 
 FOLDER = Path(__file__).parents[1] / "examples" / "sac_vs_td3"
 FILES = sorted(FOLDER.glob("*/*.yml"))
@@ -160,7 +161,8 @@ def test_the_driver_goes_on_where_it_was_interrupted_and_the_table_shows_it(
     assert capsys.readouterr().out == f"[1/1] {CELL}, seed 0\n  finished before\n"
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == times
 
-    run_script("table.py", ["--runs", str(runs)], monkeypatch)
+    none = ["--runs", str(runs), "--kept", str(tmp_path / "kept.json")]
+    run_script("table.py", none, monkeypatch)
     printed = capsys.readouterr().out
     measured, *_ = re.findall(rf"^\| {CELL} \| (.*) \|$", printed, re.MULTILINE)
     missing, *_ = re.findall(r"^\| sac/d_major \| (.*) \|$", printed, re.MULTILINE)
@@ -169,11 +171,38 @@ def test_the_driver_goes_on_where_it_was_interrupted_and_the_table_shows_it(
     assert f"{mean['f1']:.3f} |" in measured
     assert missing.startswith("- | - | 248.3 | - |")
 
-    run_script("figures.py", ["--runs", str(runs), "--out", str(tmp_path / "out")], monkeypatch)
+    run_script("figures.py", [*none, "--out", str(tmp_path / "out")], monkeypatch)
     printed = capsys.readouterr().out
     drawn = sorted(path.stem for path in (tmp_path / "out").iterdir())
     assert drawn == ["figure_3", "figure_8"]  # those with the only cell that was run
     assert "figure_4: none of its cells was run" in printed
+
+
+@pytest.mark.slow
+def test_what_is_kept_of_a_run_outlives_its_folder(tmp_path, monkeypatch, capsys):
+    monkeypatch.syspath_prepend(FOLDER)
+    import cells
+    import results
+
+    runs, kept = tmp_path / "runs", tmp_path / "kept.json"
+    (cell,) = cells.find_cells([CELL])
+    config = cell.config(3, n_timesteps=320, learning_starts=1000)
+    train(config, cell.run_folder(runs, 3), progress_bar=False)
+    evaluate(cell.run_folder(runs, 3))
+    kept.write_text(json.dumps({CELL: {"0": {"columns": {"F1": 0.5}}}}))
+    assert results.keep([cell], runs, kept) == 0  # of another length than the cell's
+    monkeypatch.setattr(cells.Cell, "config", lambda self, seed: config)
+    assert results.keep([cell], runs, kept) == 1
+    before = results.results_of(cell, runs, tmp_path / "nothing.json")
+    shutil.rmtree(runs)
+    after = results.results_of(cell, runs, kept)
+    assert {0: results.Result({"F1": 0.5})} | before == after
+    assert after[3].steps[-1] == 320
+    assert after[3].columns["return / step"] == pytest.approx(after[3].columns["return"] / 151)
+    run_script("table.py", ["--runs", str(runs), "--kept", str(kept)], monkeypatch)
+    row, *_ = re.findall(rf"^\| {CELL} \| (.*) \|$", capsys.readouterr().out, re.MULTILINE)
+    assert row.endswith("| 2")
+    assert f"| {(0.5 + after[3].columns['F1']) / 2:.3f} |" in row
 
 
 def test_an_unknown_cell_is_one_clear_error(tmp_path, monkeypatch, capsys):

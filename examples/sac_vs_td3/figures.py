@@ -2,9 +2,9 @@
 
     python examples/sac_vs_td3/figures.py --out figures
 
-The runs are those of ``run.py``; each line is a run, in the colour of its cell. Returns are of the
-training's episodes, with exploration, by control step, so that pieces at any tempo compare. Cells
-that were not run are left out, and so is a figure without any.
+The runs are those of ``run.py`` and of results.json; each line is a run, in the colour of its cell.
+Returns are of the training's episodes, with exploration, by control step, so that pieces at any
+tempo compare. Cells that were not run are left out, and so is a figure without any.
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 from cells import RUNS, Cell, find_cells
-
-from sb3_piano.training import RunFolder, training_curves
+from results import KEPT, Result, results_of
 
 SHIFTS = ["", "_shift_2", "_shift_3", "_shift_5", "_shift_7"]
 STRETCHES = ["_stretch_05", "", "_stretch_2"]
@@ -39,28 +38,35 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     add = parser.add_argument
     add("--runs", type=Path, default=RUNS, metavar="DIR", help=f"default: {RUNS}")
+    add("--kept", type=Path, default=KEPT, metavar="FILE", help="default: results.json beside this")
     add("--out", type=Path, default=Path("figures"), metavar="DIR", help="default: figures")
     arguments = parser.parse_args()
     cells = {cell.name: cell for cell in find_cells()}
     arguments.out.mkdir(parents=True, exist_ok=True)
     for name, panels in FIGURES.items():
         file = arguments.out / f"{name}.png"
-        drawn = draw([[cells[cell] for cell in panel] for panel in panels], arguments.runs, file)
+        found = [[(cell, curves(cells[cell], arguments)) for cell in panel] for panel in panels]
+        drawn = draw(found, file)
         print(file if drawn else f"{name}: none of its cells was run")
 
 
-def draw(panels: list[list[Cell]], runs: Path, file: Path) -> bool:
-    """Draw a figure of several panels; return whether there was anything to draw."""
-    found = [[(cell, cell.evaluated_runs(runs)) for cell in panel] for panel in panels]
-    if not any(of_cell for panel in found for _, of_cell in panel):
+def curves(cell: Cell, arguments: argparse.Namespace) -> list[Result]:
+    """Return the runs of a cell whose curves are there."""
+    found = results_of(cell, arguments.runs, arguments.kept).values()
+    return [result for result in found if result.steps]
+
+
+def draw(panels: list[list[tuple[str, list[Result]]]], file: Path) -> bool:
+    """Draw a figure of several panels of cells; return whether there was anything to draw."""
+    if not any(of_cell for panel in panels for _, of_cell in panel):
         return False
     size = (1 + 4 * len(panels), 3.6)
     figure, axes = plt.subplots(1, len(panels), figsize=size, squeeze=False, layout="constrained")
-    for axis, panel in zip(axes[0], found, strict=True):
+    for axis, panel in zip(axes[0], panels, strict=True):
         for color, (cell, of_cell) in enumerate(panel):
             for number, run in enumerate(of_cell):
-                label = None if number else cell.name
-                axis.plot(*returns(run), color=f"C{color}", alpha=0.8, label=label)
+                label = None if number else cell
+                axis.plot(run.steps, run.returns, color=f"C{color}", alpha=0.8, label=label)
         axis.set(xlabel="environment steps", ylabel="return by control step")
         axis.grid(alpha=0.3)
         if axis.lines:
@@ -68,16 +74,6 @@ def draw(panels: list[list[Cell]], runs: Path, file: Path) -> bool:
     figure.savefig(file, dpi=120)
     plt.close(figure)
     return True
-
-
-def returns(run: RunFolder) -> tuple[list[int], list[float]]:
-    """Return environment steps, and the mean return of a control step over the last episodes."""
-    curves = training_curves(run)
-    total, length = curves["rollout/ep_rew_mean"], curves["rollout/ep_len_mean"]
-    by_step = dict(zip(length.steps.tolist(), length.values.tolist(), strict=True))
-    pairs = zip(total.steps.tolist(), total.values.tolist(), strict=True)
-    points = [(step, value / by_step[step]) for step, value in pairs if step in by_step]
-    return [step for step, _ in points], [value for _, value in points]
 
 
 if __name__ == "__main__":

@@ -1,24 +1,25 @@
 """Print the paper's tables 1 to 3 with what was measured beside what the paper has.
 
     python examples/sac_vs_td3/table.py
+    python examples/sac_vs_td3/table.py --keep   # and add the runs' figures to results.json
 
-The runs are those of ``run.py``. Where a cell was trained from several seeds, means are shown. A
-dash is what was not run, or what the paper does not have.
+The runs are those of ``run.py`` and, where a folder is gone, those that results.json has kept.
+Where a cell was trained from several seeds, means are shown. A dash is what was not run, or what
+the paper does not have.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import statistics
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import yaml
 from cells import HERE, RUNS, Cell, find_cells
+from results import KEPT, keep, results_of
 
-from sb3_piano.training import RunFolder, training_curves
 from sb3_piano.training.runs.builders import build_vec_env
 
 COLUMNS = {
@@ -38,37 +39,34 @@ COLUMNS = {
     "seeds": "{:.0f}",
 }
 
-LOGGED = {
-    "in training": "rollout/ep_rew_mean",  # with exploration, over the last 100 episodes
-    "Q": "train/q_value",
-    "actor loss": "train/actor_loss",
-    "critic loss": "train/critic_loss",
-}
-"""Columns that are the last values of curves in the training's log."""
-
 
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     add = parser.add_argument
     add("--runs", type=Path, default=RUNS, metavar="DIR", help=f"default: {RUNS}")
+    add("--kept", type=Path, default=KEPT, metavar="FILE", help="default: results.json beside this")
+    add("--keep", action="store_true", help="add the figures of the runs to that file")
     add("--resting", action="store_true", help="let hands rest also in cells that were not run")
     arguments = parser.parse_args()
     cells = {cell.name: cell for cell in find_cells()}
+    if arguments.keep:
+        count = keep(list(cells.values()), arguments.runs, arguments.kept)
+        print(f"{count} runs are kept in {arguments.kept}")
     for title, rows in yaml.safe_load((HERE / "paper.yml").read_text(encoding="utf-8")).items():
         print(f"\n{title}\n")
         print_row("cell", COLUMNS)
         print_row("---", ["---:"] * len(COLUMNS))
         for name, paper in rows.items():
-            values = {**measured(cells[name], arguments.runs), **(paper or {})}
+            values = {**measured(cells[name], arguments.runs, arguments.kept), **(paper or {})}
             if arguments.resting and "resting hands" not in values:
                 values["resting hands"] = resting_return(cells[name])
             print_row(name, [shown(values, column) for column in COLUMNS])
 
 
-def measured(cell: Cell, runs: Path) -> dict[str, float]:
+def measured(cell: Cell, runs: Path, kept: Path) -> dict[str, float]:
     """Return the columns that the runs of a cell give, means over their seeds; empty if none."""
-    found = [measured_in(run) for run in cell.evaluated_runs(runs)]
+    found = [result.columns for result in results_of(cell, runs, kept).values()]
     if not found:
         return {}
     means = {
@@ -77,22 +75,6 @@ def measured(cell: Cell, runs: Path) -> dict[str, float]:
         if all(name in values for values in found)
     }
     return {**means, "seeds": len(found)}
-
-
-def measured_in(run: RunFolder) -> dict[str, float]:
-    """Return the columns that one run gives."""
-    evaluation = json.loads((run.evaluation_dir / "metrics.json").read_text(encoding="utf-8"))
-    mean, resting = evaluation["mean"], evaluation["baseline"]
-    curves = training_curves(run)
-    logged = {name: curves[key].values[-1] for name, key in LOGGED.items() if key in curves}
-    return {
-        "return": mean["return"],
-        "resting hands": resting["return"],
-        "return / step": mean["return"] / mean["length"],
-        "F1": mean["f1"],
-        "onset F1": mean["onset_f1"],
-        **logged,
-    }
 
 
 def resting_return(cell: Cell) -> float:

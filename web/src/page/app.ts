@@ -27,7 +27,7 @@ const VISITOR_LEAD = 0.04;
 /** Control steps between two updates of the figures and of the captions. */
 const FIGURE_STEPS = 4;
 const CAPTION_STEPS = 60;
-/** Time for which a picture is drawn anew after something changed, s: the camera swings a little. */
+/** Time for which a camera that was moved swings on, s. */
 const SETTLING_TIME = 1;
 
 /** The page: one piece, one player, what is seen and heard of it, and everything that changes that. */
@@ -45,7 +45,8 @@ export class App {
   private judgement: Judgement | null = null;
   private readonly scoreboard: Scoreboard;
   private drawUntil = 0;
-  private loads = 0;
+  private changed = false;
+  private loading: Promise<void> = Promise.resolve();
 
   constructor(private readonly parts: Parts) {
     this.scoreboard = new Scoreboard(parts.elements.players, (player) => void this.choosePlayer(player));
@@ -90,20 +91,15 @@ export class App {
     if (chosen !== null) await this.report(() => this.load(chosen, player));
   }
 
-  /** Put a piece and a player on, at the beginning; of two loads at once the later one counts. */
-  async load(chosen: Chosen, player: PlayerId): Promise<void> {
-    const load = ++this.loads;
-    const able = hindrance(player, chosen.entry) === null ? player : "sight-reader";
-    this.pause();
-    this.parts.sound.stop();
-    const session = await this.parts.makeSession(chosen, able);
-    if (load !== this.loads) return;
-    if (chosen.piece.id !== this.chosen?.piece.id || chosen.entry === null) this.scoreboard.showPiece(chosen.entry);
-    this.chosen = chosen;
-    this.player = able;
-    this.setSession(session);
-    this.showHead(chosen);
-    this.updateLink();
+  /**
+   * Put a piece and a player on, at the beginning; the sight-reader, if this player cannot play the piece.
+   *
+   * One load waits for the one before, as all sessions are played on one simulated piano.
+   */
+  load(chosen: Chosen, player: PlayerId): Promise<void> {
+    const next = this.loading.then(() => this.put(chosen, player));
+    this.loading = next.catch(() => undefined);
+    return next;
   }
 
   /** Play, or pause. */
@@ -120,7 +116,7 @@ export class App {
     void this.parts.sound.start();
     playback.playing = true;
     this.showPlaying();
-    this.say(`${PLAYERS[this.player].name} plays ${playback.session.piece.score.title}.`);
+    this.say(`${PLAYERS[this.player].name}: playing.`);
   }
 
   pause(): void {
@@ -168,12 +164,13 @@ export class App {
     this.parts.elements.views.querySelectorAll("input")[index].checked = true;
     this.view?.look(view, moving);
     this.updateLink();
-    this.wake();
+    this.wake(moving);
   }
 
-  /** Draw anew for a while. */
-  wake(): void {
-    this.drawUntil = performance.now() + 1000 * SETTLING_TIME;
+  /** Draw anew, once, or for as long as the camera moves. */
+  wake(cameraMoves = false): void {
+    this.changed = true;
+    if (cameraMoves) this.drawUntil = performance.now() + 1000 * SETTLING_TIME;
   }
 
   /** Go on by some real time, s, and draw what has changed. */
@@ -181,9 +178,15 @@ export class App {
     const playback = this.playback;
     if (playback === null) return;
     const played = playback.playing;
-    playback.tick(elapsed);
+    try {
+      playback.tick(elapsed);
+    } catch (error) {
+      this.pause();
+      this.complain(error);
+      return;
+    }
     if (played && !playback.playing) this.finish();
-    if (played || performance.now() < this.drawUntil) this.draw(elapsed);
+    if (played || this.changed || performance.now() < this.drawUntil) this.draw(elapsed);
   }
 
   /** Fit the piano roll to its place on the page, in CSS pixels. */
@@ -194,6 +197,7 @@ export class App {
   /** Draw what is on show. */
   draw(elapsed: number): void {
     const { playback, judgement } = this;
+    this.changed = false;
     if (playback === null || judgement === null) return;
     const lead = this.player === "you" ? VISITOR_LEAD : 0;
     const { roll, score } = playback.session.piece;
@@ -221,16 +225,33 @@ export class App {
 
   /** Do something that bad input may stop, and then say why. */
   async report(work: () => Promise<void>): Promise<void> {
-    const { message } = this.parts.elements;
-    message.hidden = true;
+    this.parts.elements.message.hidden = true;
     try {
       await work();
     } catch (error) {
-      message.textContent = error instanceof Error ? error.message : String(error);
-      message.hidden = false;
+      this.complain(error);
+      this.say("");
       this.restoreMenus();
       if (!(error instanceof InputError)) throw error;
     }
+  }
+
+  private complain(error: unknown): void {
+    const { message } = this.parts.elements;
+    message.textContent = error instanceof Error ? error.message : String(error);
+    message.hidden = false;
+  }
+
+  private async put(chosen: Chosen, player: PlayerId): Promise<void> {
+    const able = hindrance(player, chosen.entry) === null ? player : "sight-reader";
+    this.pause();
+    const session = await this.parts.makeSession(chosen, able);
+    if (chosen.piece.id !== this.chosen?.piece.id || chosen.entry === null) this.scoreboard.showPiece(chosen.entry);
+    this.chosen = chosen;
+    this.player = able;
+    this.setSession(session);
+    this.showHead(chosen);
+    this.updateLink();
   }
 
   private setSession(session: Session): void {
@@ -270,9 +291,10 @@ export class App {
 
   private showHead({ piece, entry }: Chosen): void {
     const { elements } = this.parts;
-    elements.title.textContent = piece.score.title;
+    const title = titleOf({ piece, entry });
+    elements.title.textContent = title;
     elements.subtitle.textContent = [entry?.composer, PLAYERS[this.player].name].filter(Boolean).join(" · ");
-    document.title = `${piece.score.title} · sb3-piano`;
+    document.title = `${title} · sb3-piano`;
     elements.warnings.replaceChildren(
       ...piece.warnings.map((text) => Object.assign(document.createElement("li"), { textContent: text })),
     );
@@ -281,7 +303,7 @@ export class App {
     const own = entry === null;
     elements.playersNote.textContent = own ? "Plans and recordings come with the pieces of the list only." : "";
     this.restoreMenus();
-    this.say(`${piece.score.title}: ${piece.score.notes.length} notes, ${clock(piece.score.duration)}.`);
+    this.say(`${title}: ${piece.score.notes.length} notes, ${clock(piece.score.duration)}.`);
   }
 
   private showFigures(): void {
@@ -319,7 +341,7 @@ export class App {
     piece.querySelector(`option[value="${OWN_FILE}"]`)?.remove();
     if (this.chosen === null) return;
     const own = this.chosen.entry === null;
-    if (own) piece.prepend(new Option(this.chosen.piece.score.title, OWN_FILE));
+    if (own) piece.prepend(new Option(titleOf(this.chosen), OWN_FILE));
     piece.value = this.chosen.piece.id;
     this.scoreboard.choose(this.player);
   }
@@ -335,6 +357,10 @@ export class App {
     });
     history.replaceState(null, "", link);
   }
+}
+
+function titleOf({ piece, entry }: Chosen): string {
+  return entry?.title ?? piece.score.title;
 }
 
 /** Wait until the browser has shown what was written. */

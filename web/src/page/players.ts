@@ -5,11 +5,11 @@ export const PLAYER_IDS: readonly PlayerId[] = ["sight-reader", "planned", "reco
 
 /** Names of the players, and what they are, in a few words. */
 export const PLAYERS: Readonly<Record<PlayerId, { readonly name: string; readonly about: string }>> = {
-  "sight-reader": { name: "Sight-reader", about: "A network that plays any piece at sight" },
-  planned: { name: "Planned hands", about: "Follow a plan that was made beforehand" },
-  recorded: { name: "Recording", about: "The controls of one performance, once more" },
-  score: { name: "Score only", about: "The piece as it is written; the hands rest" },
-  you: { name: "You", about: "On a MIDI or computer keyboard" },
+  "sight-reader": { name: "Sight-reader", about: "A network; plays any piece" },
+  planned: { name: "Planned hands", about: "Follow a plan of the piece" },
+  recorded: { name: "Recording", about: "A performance, once more" },
+  score: { name: "Score only", about: "The piece as it is written" },
+  you: { name: "You", about: "MIDI or computer keyboard" },
 };
 
 /** Why a player cannot play a piece, or null if it can; a visitor's own file is no piece of the catalogue. */

@@ -27,7 +27,7 @@ export class Scoreboard {
       row.f1.textContent = row.onsetF1.textContent = "";
       const expected = entry?.expected[id];
       row.python.textContent =
-        expected === undefined ? "" : `In Python ${expected.f1.toFixed(2)} and ${expected.onset_f1.toFixed(2)}`;
+        expected === undefined ? "" : `Python ${expected.f1.toFixed(3)}, ${expected.onset_f1.toFixed(3)}`;
     }
   }
 

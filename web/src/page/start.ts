@@ -27,6 +27,12 @@ export interface PianoPage {
   metrics(): Metrics;
   /** Control steps played, and those of the piece. */
   steps(): { played: number; total: number };
+  /** Keys, 0-87, that sound. */
+  sounding(): number[];
+  /** The key or the body at a point of the page, in CSS pixels; null if there is neither. */
+  at(x: number, y: number): number | string | null;
+  /** Place of a body, m. */
+  place(body: string): number[];
   /** Draw pictures one after the other; return how many there have been. */
   draw(pictures: number): number;
   /** Root mean square of the sound, and whether it comes from samples. */
@@ -64,7 +70,10 @@ function showScene(app: App, elements: Elements, stage: Awaited<ReturnType<typeo
   app.view.look(app.viewName, false);
   const pointer = new Pointer(elements.scene, app.view, () => app.session, () => app.wake());
   app.beforeStep = () => pointer.apply();
-  for (const name of ["pointermove", "wheel"]) elements.scene.addEventListener(name, () => app.wake());
+  for (const name of ["pointerdown", "wheel"]) elements.scene.addEventListener(name, () => app.wake(true));
+  elements.scene.addEventListener("pointermove", (event) => {
+    if (event.buttons !== 0) app.wake(true);
+  });
 }
 
 /** Keep picture and piano roll as large as their places on the page. */
@@ -111,6 +120,16 @@ function pageOf(app: App, library: Library, sound: PianoSound): PianoPage {
     },
     metrics: () => session().metrics(),
     steps: () => ({ played: session().stepsPlayed, total: session().piece.roll.steps }),
+    sounding: () => [...session().state.sounding.entries()].filter(([, on]) => on === 1).map(([key]) => key),
+    at(x, y) {
+      const hit = app.view?.touch(x, y)?.hit ?? null;
+      return hit === null ? null : "key" in hit ? hit.key : hit.body;
+    },
+    place(body) {
+      const { bodyNames, bodyPositions } = session().state;
+      const index = bodyNames.indexOf(body);
+      return [...bodyPositions.subarray(3 * index, 3 * index + 3)];
+    },
     draw(pictures) {
       for (let i = 0; i < pictures; i++) app.draw(1 / 60);
       return app.frames;

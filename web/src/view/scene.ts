@@ -50,6 +50,11 @@ export interface Touch {
 const FOLLOWING_TIME = 0.6;
 /** Time that the camera takes from one view to another, s. */
 const TRAVEL_TIME = 0.7;
+/** Mean time between pictures from which on fewer pixels are drawn, s, and the share of the last in that mean. */
+const SLOWEST = 0.06;
+const INTERVAL_SHARE = 0.1;
+/** Fewest pixels in a CSS pixel's width. */
+const COARSEST = 0.6;
 
 /** The picture: piano, hands and falling notes, from cameras that one can move. */
 export class SceneView {
@@ -62,6 +67,9 @@ export class SceneView {
   private readonly keyY: readonly number[];
   private readonly raycaster = new Raycaster();
   private readonly plain: boolean;
+  private finest = 1;
+  private pixelRatio = 2;
+  private interval = 0;
   private view: View = "stage";
   private time = 0;
   private stretch: Stretch = ALL_KEYS;
@@ -135,7 +143,8 @@ export class SceneView {
 
   /** Fit the picture to its place on the page, in CSS pixels. */
   resize(width: number, height: number, pixelRatio: number): void {
-    this.renderer.setPixelRatio(this.plain ? Math.min(1, pixelRatio) : Math.min(2, pixelRatio));
+    this.finest = Math.min(this.plain ? 1 : 2, pixelRatio);
+    this.renderer.setPixelRatio(Math.min(this.finest, this.pixelRatio));
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
@@ -145,6 +154,7 @@ export class SceneView {
   /** Draw a moment, `elapsed` s after the last one. */
   draw(moment: Moment, elapsed: number): void {
     this.time = moment.time;
+    this.saveTime(elapsed);
     this.objects.place(moment.from, moment.to, moment.share);
     const due = this.paintKeys(moment);
     this.falling.update(moment.time, elapsed, moment.sounding, due);
@@ -171,6 +181,16 @@ export class SceneView {
     const { origin, direction } = this.raycaster.ray;
     const depth = near.clone().sub(origin).dot(ahead) / direction.dot(ahead);
     return origin.clone().addScaledVector(direction, depth);
+  }
+
+  /** Draw fewer pixels if pictures come too slowly: that is less of a loss than motion that stutters. */
+  private saveTime(elapsed: number): void {
+    this.interval += (Math.min(elapsed, 1) - this.interval) * INTERVAL_SHARE;
+    const ratio = this.renderer.getPixelRatio();
+    if (this.interval < SLOWEST || ratio <= COARSEST) return;
+    this.pixelRatio = Math.max(COARSEST, ratio * 0.8);
+    this.renderer.setPixelRatio(Math.min(this.finest, this.pixelRatio));
+    this.interval = 0;
   }
 
   private aim(x: number, y: number): void {

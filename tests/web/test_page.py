@@ -1,0 +1,302 @@
+"""The page in a real browser: from a disk and from a server, by mouse, keyboard and touch."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+from browser_tab import PHONE
+from page_parts import BROKEN_CHORD, MELODY, WEB, PianoTab, build_page, served
+
+from sb3_piano.music import Note, Score, write_midi
+from sb3_piano.music.constants import MIN_PITCH
+
+pytestmark = pytest.mark.slow
+
+C4 = 60 - MIN_PITCH
+SCREEN = {"viewport": {"width": 1000, "height": 700}}
+
+DROP = """([name, bytes]) => {
+  const data = new DataTransfer();
+  data.items.add(new File([new Uint8Array(bytes)], name));
+  document.body.dispatchEvent(new DragEvent("drop", { dataTransfer: data, bubbles: true }));
+}"""
+
+# A point of the picture at which something else is to be found than nothing.
+FIND = """wanted => {
+  const box = document.getElementById("scene").getBoundingClientRect();
+  for (let y = box.bottom - 2; y > box.top; y -= 6)
+    for (let x = box.left + 40; x < box.right; x += 6) {
+      const found = opened.at(x, y);
+      const fits = wanted === "any key" ? typeof found === "number" : found === wanted;
+      if (fits) return [x, y, found];
+    }
+  return null;
+}"""
+
+NAMELESS = """() => [...document.querySelectorAll("button, input, select, summary, a[href]")]
+  .filter(node => node.checkVisibility())
+  .filter(node => ![node.ariaLabel, node.innerText, node.title, ...[...(node.labels ?? [])]
+    .map(label => label.innerText)].some(text => (text ?? "").trim()))
+  .map(node => node.outerHTML)"""
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    if shutil.which("node") is None or not (WEB / "node_modules" / "esbuild").is_dir():
+        pytest.skip("Node.js or the page's packages are missing: run 'npm ci' in web/.")
+    return build_page(tmp_path_factory.mktemp("page"))
+
+
+@pytest.fixture(scope="module")
+def address(built):
+    with served(built.folder) as where:
+        yield f"{where}index.html"
+
+
+@pytest.fixture(scope="module")
+def shared(browser, address):
+    """A tab for all tests that need no other screen: building the page takes a second."""
+    context = browser.new_context(**SCREEN)
+    yield PianoTab(context, address)
+    context.close()
+
+
+@pytest.fixture
+def tab(shared):
+    """The tab with the first piece and the sight-reader; at its end nothing may have gone wrong."""
+    shared.page.evaluate("location.hash = ''")
+    shared.load(BROKEN_CHORD, "sight-reader")
+    shared.page.evaluate("document.activeElement.blur()")
+    yield shared
+    assert shared.complaints == []
+
+
+@pytest.fixture
+def opened(browser):
+    """Return the function that opens an address on another screen."""
+    contexts, tabs = [], []
+
+    def open_tab(where, **screen):
+        contexts.append(browser.new_context(**{**SCREEN, **screen}))
+        tabs.append(PianoTab(contexts[-1], where))
+        return tabs[-1]
+
+    yield open_tab
+    for context in contexts:
+        context.close()
+    assert [tab.complaints for tab in tabs] == [[] for _ in tabs]
+
+
+def test_one_file_from_a_disk_plays_and_sounds_without_any_request(built, opened):
+    tab = opened(built.one_file.as_uri())
+    tab.page.get_by_role("button", name="Play", exact=True).last.click()
+    tab.page.wait_for_function("opened.sound().sampled")
+    assert tab.advance(200)["f1"] == pytest.approx(
+        built.pieces[BROKEN_CHORD]["expected"]["sight-reader"]["f1"], abs=0.01
+    )
+
+
+@pytest.mark.parametrize(
+    ("piece", "player"),
+    [(MELODY, "sight-reader"), (BROKEN_CHORD, "planned"), (MELODY, "recorded")],
+)
+def test_players_play_as_they_do_in_python(built, tab, piece, player):
+    metrics = tab.play_all(piece, player)
+    expected = built.pieces[piece]["expected"][player]
+    assert metrics["f1"] == pytest.approx(expected["f1"], abs=0.01)
+    assert tab.text("#f1") == f"{metrics['f1']:.3f}"
+    row = tab.page.locator(f"tr:has(input[value={player}])").inner_text()
+    assert f"{metrics['f1']:.3f}" in row
+    assert f"{expected['onset_f1']:.3f}" in row
+
+
+def test_the_score_by_itself_is_without_fault_and_others_stay_in_the_table(tab):
+    heard = tab.advance(40)
+    metrics = tab.play_all(BROKEN_CHORD, "score")
+    assert (metrics["f1"], metrics["onset_f1"]) == (1.0, 1.0)
+    assert f"{heard['f1']:.3f}" in tab.text("tr:has(input[value=sight-reader])")
+
+
+def test_a_midi_file_that_is_dropped_is_played(built, tab, tmp_path):
+    notes = [Note(onset=0.5 * i, offset=0.5 * i + 0.4, pitch=60 + 2 * i) for i in range(3)]
+    write_midi(Score(notes=notes, title="Three notes"), tmp_path / "three.mid")
+    tab.page.evaluate(DROP, ["three <b>.mid", list((tmp_path / "three.mid").read_bytes())])
+    tab.page.wait_for_function("document.getElementById('piece').value === 'file'")
+    assert tab.text("#title") == "three <b>"
+    assert tab.steps() == (0, 39)  # half a second, and 1.4 s, at both ends
+    assert tab.page.locator("input[value=planned]").is_disabled()
+    # Each of three notes is struck, whatever else is.
+    assert tab.advance(39)["recall"] > 0.8
+    assert "piece=" not in tab.page.url
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("letter.mid", b"Dear Sir or Madam", "“letter.mid” cannot be read as a MIDI file"),
+        ("huge.mid", bytes(2_000_001), "'huge.mid' has 2,000,001 bytes: expected a MIDI file"),
+    ],
+)
+def test_a_bad_file_gives_one_message_and_the_piece_stays(tab, name, content, says):
+    tab.page.set_input_files("#file", {"name": name, "mimeType": "audio/midi", "buffer": content})
+    message = tab.page.get_by_role("alert")
+    message.wait_for()
+    assert says in message.inner_text()
+    assert tab.page.locator("#piece").input_value() == BROKEN_CHORD
+    tab.load(BROKEN_CHORD, "sight-reader")
+    assert tab.advance(1)["f1"] == 1.0
+
+
+def test_all_can_be_done_by_keyboard(tab):
+    keyboard = tab.page.keyboard
+    assert tab.page.evaluate(NAMELESS) == []
+    keyboard.press("ArrowRight")
+    keyboard.press("ArrowRight")
+    assert tab.steps()[0] == 2
+    keyboard.press("Space")
+    tab.page.wait_for_function("opened.steps().played > 4")
+    keyboard.press("Space")
+    assert tab.text("#caption").startswith("Paused at 0:0")
+    keyboard.press("Home")
+    assert tab.steps()[0] == 0
+    keyboard.press("-")
+    assert tab.page.locator("#tempo").input_value() == "0.95"
+    keyboard.press("+")
+    tab.page.locator("input[value=sight-reader]").focus()
+    keyboard.press("ArrowDown")
+    tab.page.wait_for_function(
+        "document.getElementById('subtitle').textContent === 'Planned hands'"
+    )
+    tab.page.locator("input[value=stage]").focus()
+    keyboard.press("ArrowRight")
+    assert "view=close" in tab.page.url
+    reached = set()
+    for _ in range(30):
+        keyboard.press("Tab")
+        reached.add(tab.page.evaluate("document.activeElement.id || document.activeElement.name"))
+    assert {"play", "step", "restart", "tempo", "volume", "piece", "open", "player"} <= reached
+
+
+def test_captions_say_what_is_due_and_what_sounds(tab):
+    tab.load(MELODY, "score")
+    tab.advance(12)
+    assert tab.text("#caption").startswith("Due: C4 (right thumb); sounding: C4.")
+    assert tab.page.locator("#caption").get_attribute("aria-live") == "polite"
+
+
+def test_a_visitor_plays_on_the_computers_keys_and_is_scored(tab):
+    tab.load(MELODY, "you")
+    silent = tab.advance(20)["f1"]
+    assert tab.sounding() == []
+    tab.load(MELODY, "you")
+    tab.advance(9)
+    tab.page.keyboard.down("q")
+    tab.advance(10)
+    assert tab.sounding() == [C4]
+    tab.page.keyboard.up("q")
+    tab.advance(3)
+    assert tab.sounding() == []
+    assert tab.page.evaluate("opened.metrics().f1") > silent
+    tab.page.keyboard.press("]")
+    assert tab.text("#octave") == "C5"
+    tab.page.keyboard.press("[")
+
+
+def test_a_visitor_may_connect_a_midi_keyboard(address, opened):
+    tab = opened(f"{address}#player=you", permissions=["midi", "midi-sysex"])
+    tab.page.get_by_role("button", name="Connect a MIDI keyboard").click()
+    tab.page.wait_for_function("document.getElementById('connected').textContent !== ''")
+    assert "keyboard" in tab.text("#connected")
+
+
+def test_the_mouse_presses_keys_and_pulls_hands(tab):
+    tab.load(MELODY, "you")
+    tab.advance(1)
+    x, y, key = tab.page.evaluate(FIND, "any key")
+    tab.page.mouse.move(x, y)
+    tab.page.mouse.down()
+    tab.advance(4)
+    assert tab.sounding() == [key]
+    tab.page.mouse.up()
+    tab.advance(4)
+    assert tab.sounding() == []
+    hand = "rh_shadow_hand/rh_palm"
+    before = tab.page.evaluate("opened.place", hand)
+    x, y, _ = tab.page.evaluate(FIND, hand)
+    tab.page.mouse.move(x, y)
+    tab.page.mouse.down()
+    tab.page.mouse.move(x + 120, y)
+    tab.advance(10)
+    pulled = tab.page.evaluate("opened.place", hand)
+    tab.page.mouse.up()
+    tab.advance(40)
+    after = tab.page.evaluate("opened.place", hand)
+    assert pulled[1] - before[1] > 0.02  # to the treble, which is to the right
+    assert after[1] == pytest.approx(before[1], abs=0.01)
+
+
+def test_noise_and_latency_disturb_whoever_plays(tab):
+    alone = tab.play_all(BROKEN_CHORD, "recorded")["f1"]
+    for slider, value in (("#noise", "0.1"), ("#latency", "4")):
+        tab.page.locator(slider).fill(value)
+        assert tab.play_all(BROKEN_CHORD, "recorded")["f1"] < alone
+        tab.page.locator(slider).fill("0")
+    assert tab.play_all(BROKEN_CHORD, "recorded")["f1"] == alone
+
+
+def test_a_permalink_is_followed_and_kept_up_to_date(tab):
+    def state():
+        return (
+            *(tab.page.locator(one).input_value() for one in ("#piece", "#tempo")),
+            *(tab.page.locator(f"input[name={one}]:checked").input_value()
+              for one in ("player", "view")),
+        )  # fmt: skip
+
+    link = f"#piece={MELODY}&player=score&tempo=0.5&view=top"
+    tab.page.evaluate("link => { location.hash = link; }", link)
+    tab.page.wait_for_function("document.title.startsWith('Twinkle')")
+    assert state() == (MELODY, "0.5", "score", "top")
+    tab.page.get_by_text("Stage", exact=True).click()
+    tab.page.locator("#tempo").fill("1")
+    tab.page.locator("#piece").select_option(BROKEN_CHORD)
+    tab.page.wait_for_function("document.title.startsWith('C major')")
+    assert tab.page.url.endswith(f"#piece={BROKEN_CHORD}&player=score")
+    tab.page.evaluate("location.hash = '#piece=nothing&player=nobody&tempo=90'")
+    tab.page.get_by_role("alert").wait_for()
+    assert "no piece 'nothing'" in tab.page.get_by_role("alert").inner_text()
+    assert state() == (BROKEN_CHORD, "1", "score", "stage")
+
+
+def test_on_a_phone_nothing_is_wider_than_the_screen(address, opened):
+    tab = opened(address, **PHONE)
+    page = tab.page
+    assert page.evaluate("[document.documentElement.scrollWidth, innerWidth]") == [390, 390]
+    widest = "nodes => Math.max(...nodes.map(node => node.getBoundingClientRect().right))"
+    assert page.eval_on_selector_all("main *:not(svg *)", widest) <= 390
+    smallest = """nodes => Math.min(...nodes.filter(node => node.checkVisibility())
+      .map(node => node.getBoundingClientRect().height))"""
+    assert page.eval_on_selector_all("button", smallest) >= 44
+    page.tap("#begin")
+    page.wait_for_function("opened.steps().played > 0")
+    page.tap("#play")
+    assert page.locator("#play").get_attribute("aria-label") == "Play"
+
+
+def test_rates_of_this_machine(tab, tell):
+    timed = """async count => {
+      const start = performance.now();
+      await count();
+      return performance.now() - start;
+    }"""
+    tab.load(MELODY, "sight-reader")
+    steps = tab.page.evaluate(f"({timed})(() => opened.advance(100))")
+    frames = tab.page.evaluate(
+        f"""({timed})(() => {{
+          opened.draw(10);
+          const gl = document.getElementById("scene").getContext("webgl2");
+          gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+        }})"""
+    )
+    assert tab.steps()[0] == 100
+    tell(f"page: {1e5 / steps:.0f} control steps/s, {1e4 / frames:.1f} pictures/s")

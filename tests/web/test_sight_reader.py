@@ -61,8 +61,6 @@ PIECES = [
 STEADY = ["repertoire-BachMinuetG", "repertoire-BachPreludeC", "repertoire-FurElise"]
 """Pieces whose F1 in Python stays when the joints begin 1e-4 rad elsewhere. That of a hard one (the
 Maple Leaf Rag) changes by 0.04 when it is 1e-9: two versions of MuJoCo differ by more."""
-EVERY = 5
-"""Control steps from one recorded state to the next."""
 STATE = ("qpos", "qvel", "geom_xpos", "geom_xmat")
 """What of MuJoCo's data is recorded."""
 
@@ -88,15 +86,17 @@ def piano(piece, seconds, **options):
     return PianoEnv(load_score(piece).excerpt(0.0, seconds), **PLANNED_IN, **options)
 
 
-def performed(piece, path):
+def performed(piece, path, every):
     """Let the sight-reader play the beginning of a piece; write its roll and states to a file.
 
+    States are recorded in one control step of ``every``.
+
     Returns:
-        The environment, and what was observed and done at each recorded state.
+        The environment, and what was observed and done in each recorded state.
     """
     env = piano(piece, 10.0, observation="hands")
     player, (observation, _) = SightReader(env), env.reset(seed=0)
-    steps, states, seen, done = range(0, len(env.roll), EVERY), [], [], []
+    steps, states, seen, done = range(0, len(env.roll), every), [], [], []
     for step in range(len(env.roll)):
         if step in steps:
             states.append({name: np.array(getattr(env.data, name)) for name in STATE})
@@ -125,9 +125,9 @@ def roll_arrays(roll):
 @pytest.mark.filterwarnings("ignore::sb3_piano.exceptions.PlanWarning")  # of notes left out
 @pytest.mark.parametrize("piece", [*PIECES, pytest.param(EDGES, id="edges")])
 def test_it_reads_observes_and_acts_as_in_python(reader, folder, piece, tmp_path):
-    env, observed, acted = performed(piece, tmp_path / "states.safetensors")
-    file = str(tmp_path / "states.safetensors")
-    answer = reader.ask({"ask": "observe", "folder": str(folder), "file": file})
+    file = tmp_path / "states.safetensors"
+    env, observed, acted = performed(piece, file, every=1 if piece is EDGES else 5)
+    answer = reader.ask({"ask": "observe", "folder": str(folder), "file": str(file)})
     read = read_piece(roll_with_fingers(env), both_hands(env.scene), KeyPlaces.of(env.scene))
     bounds = bounds_of(read.line, ARMS_APART)
     for there, here, bound in zip(answer["hands"], read.hands, bounds, strict=True):
@@ -142,6 +142,20 @@ def test_it_reads_observes_and_acts_as_in_python(reader, folder, piece, tmp_path
         np.testing.assert_allclose(there["bound"], bound, atol=1e-12)
     np.testing.assert_allclose(answer["observations"], observed, rtol=0, atol=1e-5)
     np.testing.assert_allclose(answer["actions"], acted, rtol=0, atol=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::sb3_piano.exceptions.PlanWarning")
+def test_velocities_are_cut(reader, folder, tmp_path):
+    file = tmp_path / "states.safetensors"
+    env, _, _ = performed(EDGES, file, every=50)
+    arrays = safetensors.numpy.load_file(file)
+    arrays["qvel"][:] = 60.0
+    safetensors.numpy.save_file(arrays, file)
+    answer = reader.ask({"ask": "observe", "folder": str(folder), "file": str(file)})
+    for side in ("right", "left"):
+        velocities = env.observation_layout[f"{side}_velocities"].slice
+        assert (np.abs(np.array(answer["observations"])[:, velocities]) == 50.0).all()
 
 
 @pytest.mark.slow

@@ -28,6 +28,17 @@ class Roles(griffe.Extension):
             if found.docstring is not None:
                 found.docstring.value = _markdown(found.docstring.value, found)
             waiting += [member for member in found.members.values() if not member.is_alias]
+            if found.is_module:
+                _uncover(found)
+
+
+def _uncover(package: griffe.Object | griffe.Alias) -> None:
+    """Let a name that a package exports be that of the function, not of the module it is from."""
+    for name in package.exports or ():
+        member = package.members.get(str(name))
+        if isinstance(member, griffe.Module) and str(name) in member.members:
+            function = member.members[str(name)]
+            package.members[str(name)] = griffe.Alias(str(name), function, parent=package)
 
 
 def _markdown(text: str, found: griffe.Object | griffe.Alias) -> str:

@@ -22,8 +22,11 @@ export interface Parts {
   makeSession(chosen: Chosen, player: PlayerId): Promise<Session>;
 }
 
-/** Time by which a visitor sees notes fall earlier, s: so late on average is a strike that is simulated. */
-const VISITOR_LEAD = 0.04;
+/**
+ * Time by which a visitor sees notes fall earlier, s: so late on average does a key sound that was struck, as it waits
+ * for the next control step (0 to 50 ms) and then goes down (30 ms).
+ */
+const VISITOR_LEAD = 0.055;
 /** Control steps between two updates of the figures and of the captions. */
 const FIGURE_STEPS = 4;
 const CAPTION_STEPS = 60;

@@ -4,8 +4,8 @@ import type { Session } from "../types";
 import type { SceneView } from "../view/scene";
 
 /** Stiffness of the spring between a hand and the pointer, N/m, and the greatest force, N. */
-const STIFFNESS = 150;
-const STRONGEST = 12;
+const STIFFNESS = 200;
+const STRONGEST = 40;
 
 /** A hand that is being pulled: the body, where it was taken, and where it is pulled to, m in the world. */
 interface Pull {

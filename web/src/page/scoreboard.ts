@@ -4,9 +4,27 @@ import { PLAYERS, PLAYER_IDS, hindrance } from "./players";
 interface Row {
   readonly radio: HTMLInputElement;
   readonly label: HTMLElement;
-  readonly python: HTMLElement;
-  readonly f1: HTMLElement;
-  readonly onsetF1: HTMLElement;
+  readonly inPython: HTMLElement;
+  readonly f1: Figure;
+  readonly onsetF1: Figure;
+}
+
+/** A cell with what was reached here, and below what Python measured. */
+class Figure {
+  private readonly here = document.createElement("span");
+  private readonly python = document.createElement("small");
+
+  constructor(cell: HTMLTableCellElement) {
+    cell.append(this.here, this.python);
+  }
+
+  show(value: number | null): void {
+    this.here.textContent = value === null ? "" : value.toFixed(3);
+  }
+
+  expect(value: number | undefined): void {
+    this.python.textContent = value === undefined ? "" : value.toFixed(3);
+  }
 }
 
 /** The table of players: a menu, and what each of them has reached on the piece. */
@@ -24,10 +42,15 @@ export class Scoreboard {
       const reason = hindrance(id, entry);
       row.radio.disabled = reason !== null;
       row.label.title = reason ?? "";
-      row.f1.textContent = row.onsetF1.textContent = "";
       const expected = entry?.expected[id];
-      row.python.textContent =
-        expected === undefined ? "" : `Python ${expected.f1.toFixed(3)}, ${expected.onset_f1.toFixed(3)}`;
+      row.inPython.hidden = expected === undefined;
+      for (const [figure, value] of [
+        [row.f1, expected?.f1],
+        [row.onsetF1, expected?.onset_f1],
+      ] as const) {
+        figure.show(null);
+        figure.expect(value);
+      }
     }
   }
 
@@ -39,8 +62,8 @@ export class Scoreboard {
   /** Keep what a player has reached so far. */
   record(player: PlayerId, metrics: Metrics): void {
     const row = this.rows.get(player)!;
-    row.f1.textContent = metrics.f1.toFixed(3);
-    row.onsetF1.textContent = metrics.onset_f1.toFixed(3);
+    row.f1.show(metrics.f1);
+    row.onsetF1.show(metrics.onset_f1);
   }
 }
 
@@ -53,10 +76,10 @@ function addRow(body: HTMLTableSectionElement, id: PlayerId, onChoice: () => voi
   const label = document.createElement("label");
   const text = document.createElement("span");
   const about = Object.assign(document.createElement("small"), { textContent: PLAYERS[id].about });
-  const python = document.createElement("small");
-  text.append(PLAYERS[id].name, about, python);
+  const inPython = Object.assign(document.createElement("small"), { textContent: "Measured in Python" });
+  text.append(PLAYERS[id].name, about, inPython);
   label.append(radio, text);
   head.append(label);
   row.append(head);
-  return { radio, label, python, f1: row.insertCell(), onsetF1: row.insertCell() };
+  return { radio, label, inPython, f1: new Figure(row.insertCell()), onsetF1: new Figure(row.insertCell()) };
 }

@@ -11,6 +11,7 @@ import { findElements, type Elements } from "./elements";
 import { Library, type Chosen } from "./library";
 import { Pointer } from "./pointer";
 import { Visitor } from "./visitor";
+import { hear } from "./visitor_keys";
 
 /** Control steps that are played before the browser may do something else. */
 const STEPS_AT_ONCE = 100;
@@ -27,6 +28,8 @@ export interface PianoPage {
   metrics(): Metrics;
   /** Control steps played, and those of the piece. */
   steps(): { played: number; total: number };
+  /** Take up a message of a MIDI keyboard. */
+  midi(message: readonly number[]): void;
   /** Keys, 0-87, that sound. */
   sounding(): number[];
   /** The key or the body at a point of the page, in CSS pixels; null if there is neither. */
@@ -54,7 +57,7 @@ export async function start(assets: Assets, open: (assets: Assets) => Promise<Ma
   if (app.session !== null) showScene(app, elements, stage, app.session);
   fit(app, elements);
   run(app);
-  return pageOf(app, library, sound);
+  return pageOf(app, library, sound, visitor);
 }
 
 /** Add the picture; a browser without WebGL has the piano roll, the sound and the words. */
@@ -101,7 +104,7 @@ function run(app: App): void {
   requestAnimationFrame(frame);
 }
 
-function pageOf(app: App, library: Library, sound: PianoSound): PianoPage {
+function pageOf(app: App, library: Library, sound: PianoSound, visitor: Visitor): PianoPage {
   const session = (): Session => {
     if (app.session === null) throw new Error("No piece is loaded.");
     return app.session;
@@ -120,6 +123,7 @@ function pageOf(app: App, library: Library, sound: PianoSound): PianoPage {
     },
     metrics: () => session().metrics(),
     steps: () => ({ played: session().stepsPlayed, total: session().piece.roll.steps }),
+    midi: (message) => hear(Uint8Array.from(message), visitor),
     sounding: () => [...session().state.sounding.entries()].filter(([, on]) => on === 1).map(([key]) => key),
     at(x, y) {
       const hit = app.view?.touch(x, y)?.hit ?? null;

@@ -1,9 +1,6 @@
 import type { KeyEvent, Session } from "../types";
-import type { PianoSound } from "../view/sound";
+import { FULL_SPEED, type PianoSound } from "../view/sound";
 import type { VisitorListener } from "./visitor_keys";
-
-/** Speed of a key, rad/s, at MIDI velocity 127. */
-const FULL_SPEED = 3;
 
 /**
  * What a visitor plays on a keyboard: it pushes the simulated keys and sounds at once.

@@ -81,8 +81,13 @@ export async function listenToMidi(
   if (!("requestMIDIAccess" in navigator)) {
     throw new Error("This browser does not speak MIDI; Chromium and Firefox do. The computer's keys work here, too.");
   }
-  const access = await navigator.requestMIDIAccess().catch(() => {
-    throw new Error("The browser may not use MIDI devices. Allow it in the site's settings, and try again.");
+  const access = await navigator.requestMIDIAccess().catch((error: Error) => {
+    const refused = error.name === "NotAllowedError" || error.name === "SecurityError";
+    throw new Error(
+      refused
+        ? "The browser may not use MIDI devices. Allow it in the site's settings, and try again."
+        : `The browser cannot use MIDI devices here: ${error.message} The computer's keys work, too.`,
+    );
   });
   const attach = (): void => {
     const inputs = [...access.inputs.values()].filter((input) => input.state === "connected");

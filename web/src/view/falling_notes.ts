@@ -83,6 +83,7 @@ export class FallingNotes {
   private bars: InstancedMesh | null = null;
   private notes: readonly RollNote[] = [];
   private timestep = 0;
+  private time = 0;
 
   /**
    * @param keyY (88) places of the keys along the keyboard, m.
@@ -143,7 +144,9 @@ export class FallingNotes {
    */
   update(time: number, elapsed: number, sounding: Uint8Array, due: Uint8Array): void {
     this.moveBars(time, sounding);
-    this.fadeGlow(elapsed, sounding, due);
+    // Light fades also with time that was played without being shown.
+    this.fadeGlow(Math.max(elapsed, Math.abs(time - this.time)), sounding, due);
+    this.time = time;
   }
 
   private moveBars(time: number, sounding: Uint8Array): void {

@@ -245,7 +245,7 @@ export class SceneView {
   }
 
   private light(): void {
-    const lamp = new SpotLight(0xfff1dc, 9.5, 0, MathUtils.degToRad(32), 0.8);
+    const lamp = new SpotLight(0xfff1dc, 8.5, 0, MathUtils.degToRad(32), 0.8);
     lamp.position.set(0.8, -0.35, 1.5);
     lamp.target.position.set(0, 0, 0);
     lamp.castShadow = !this.plain;

@@ -1,10 +1,13 @@
 /** The music room for Python's tests: a request (JSON) on each line of the standard input, an answer on each line out. */
 
 import { createInterface } from "node:readline";
-import { InputError, type Score } from "../types";
+import { InputError, NUM_KEYS, type Metrics, type Score } from "../types";
 import { applyFingering, fingerScore } from "../music/fingering/apply";
 import { releaseEarly } from "../music/fingering/robot";
+import { EpisodeMetrics } from "../music/metrics";
 import { readMidi } from "../music/midi";
+import { handOfName } from "../music/midi_hands";
+import { pieceOf } from "../music/piece";
 import { pressesOfHand } from "../music/presses";
 import { rollOf } from "../music/roll";
 import { makeScore, trimSilence } from "../music/score";
@@ -18,10 +21,18 @@ interface Request {
   readonly score: Pick<Score, "title" | "notes" | "pedals">;
   readonly controlTimestep: number;
   readonly initialBufferTime: number;
+  /** For each control step that was played the keys that sounded at its end, and those that went down in it. */
+  readonly played: readonly { readonly keys: readonly number[]; readonly strikes: readonly Strike[] }[];
+}
+
+interface Strike {
+  readonly key: number;
+  readonly time: number;
 }
 
 const ANSWERS: Readonly<Record<string, (request: Request) => unknown>> = {
   midi: ({ bytes, name }) => readMidi(Buffer.from(bytes, "base64"), name),
+  hand: ({ name }) => handOfName(name),
   trim: (request) => trimSilence(scoreOf(request)),
   pianist: (request) => fingerScore(scoreOf(request)),
   robot: (request) => applyFingering(scoreOf(request), request.controlTimestep),
@@ -30,7 +41,23 @@ const ANSWERS: Readonly<Record<string, (request: Request) => unknown>> = {
     const roll = releaseEarly(rollOf(scoreOf(request), request.controlTimestep));
     return { ...plain(roll), presses: [pressesOfHand(roll, 0), pressesOfHand(roll, 1)] };
   },
+  piece: (request) => {
+    const piece = pieceOf(request.name, scoreOf(request));
+    return { ...piece, roll: plain(piece.roll) };
+  },
+  metrics: (request) => metricsOf(request),
 };
+
+/** The metrics after each control step. */
+function metricsOf(request: Request): Metrics[] {
+  const judge = new EpisodeMetrics(rollOf(scoreOf(request), request.controlTimestep));
+  return request.played.map(({ keys, strikes }) => {
+    const sounding = new Uint8Array(NUM_KEYS);
+    for (const key of keys) sounding[key] = 1;
+    judge.add(sounding, strikes);
+    return judge.metrics();
+  });
+}
 
 function scoreOf({ score }: Request): Score {
   return makeScore(score.notes, score.pedals, score.title);

@@ -123,7 +123,7 @@ def test_a_page_of_each_kind_opens_and_asks_for_nothing_elsewhere(address, brows
 def test_the_notebooks_show_a_video_with_sound_and_curves(address, browser):
     with watched(browser, address) as (page, complaints):
         page.goto(f"{address}/notebooks/midi_to_video.html")
-        page.wait_for_function("document.querySelector('article video').duration > 7")
+        page.wait_for_function("document.querySelector('article video').duration > 5")
         audible = "v => v.play().then(() => { v.pause(); return v.webkitAudioDecodedByteCount; })"
         page.wait_for_function(
             f"({audible})(document.querySelector('article video')).then(count => count > 0)"

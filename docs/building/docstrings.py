@@ -28,11 +28,11 @@ class Roles(griffe.Extension):
             if found.docstring is not None:
                 found.docstring.value = _markdown(found.docstring.value, found)
             waiting += [member for member in found.members.values() if not member.is_alias]
-            if found.is_module:
+            if isinstance(found, griffe.Module):
                 _uncover(found)
 
 
-def _uncover(package: griffe.Object | griffe.Alias) -> None:
+def _uncover(package: griffe.Module) -> None:
     """Let a name that a package exports be that of the function, not of the module it is from."""
     for name in package.exports or ():
         member = package.members.get(str(name))

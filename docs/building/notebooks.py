@@ -51,7 +51,8 @@ def _pages(uri: str, text: str) -> tuple[tuple[str, str | bytes], ...]:
         NotebookClient(notebook, timeout=TIMEOUT, resources=place).execute()
     stem = uri.removesuffix(".ipynb")
     name = uri.rpartition("/")[2]
-    blocks, pictures = [], []
+    blocks: list[str] = []
+    pictures: list[tuple[str, bytes]] = []
     for cell in notebook.cells:
         if cell.cell_type == "markdown":
             blocks.append(cell.source)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib.util
 import re
 import sys
@@ -32,7 +33,7 @@ def on_page_markdown(markdown: str, **named: object) -> str:
 
 def options() -> str:
     """Return every option of the environments: its values, its default, and what it is."""
-    texts = griffe.load("sb3_piano.envs.config")["PianoEnvConfig"].attributes
+    texts = _package()["envs.config.PianoEnvConfig"].attributes
     kinds = typing.get_type_hints(PianoEnvConfig)
     lines = ["| option | values | default | meaning |", "|---|---|---|---|"]
     for field in dataclasses.fields(PianoEnvConfig):
@@ -42,6 +43,12 @@ def options() -> str:
         values = _values(kinds[field.name])
         lines.append(f"| `{field.name}` | {values} | {_default(field)} | {meaning} |")
     return "\n".join(lines)
+
+
+@functools.cache
+def _package() -> griffe.Object | griffe.Alias:
+    """Return the package as its files are written, with docstrings that Python does not keep."""
+    return griffe.load("sb3_piano")
 
 
 def _values(kind: Any) -> str:
@@ -63,7 +70,7 @@ def _default(field: dataclasses.Field[Any]) -> str:
 
 def reward_terms() -> str:
     """Return every term of the reward, with its default weights."""
-    terms = griffe.load("sb3_piano.envs.rewards")
+    terms = _package()["envs.rewards"]
     lines = ["| term | weight | weight without hands | meaning |", "|---|---:|---:|---|"]
     for name in dict.fromkeys([*DEFAULT, *SELF_ACTUATED]):
         usual, without = (_weight(weights, name) for weights in (DEFAULT, SELF_ACTUATED))

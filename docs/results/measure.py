@@ -17,11 +17,12 @@ import json
 import os
 import platform
 import time
+import typing
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from records import FILE, Result, Results
+from records import FILE, Physics, Result, Results
 
 import sb3_piano
 from sb3_piano.exceptions import PlanWarning
@@ -61,7 +62,9 @@ def _microseconds(seconds: float) -> int:
     return round(seconds * 1e6)
 
 
-def measure(piece: str, player: str, seeds: Sequence[int], physics: str = "reference") -> Result:
+def measure(
+    piece: str, player: str, seeds: Sequence[int], physics: Physics = "reference"
+) -> Result:
     """Return how well a player plays a piece, one episode for each seed."""
     algo, tree = PLAYERS[player]
     played, cpu = [], 0.0
@@ -123,7 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     add("--pieces", nargs="+", default=["repertoire"], metavar="NAME", help="or a collection")
     add("--players", nargs="+", choices=list(PLAYERS), default=["sight-reader", "planned"])
     add("--seeds", nargs="+", type=int, default=[0], metavar="N")
-    add("--physics", default="reference", metavar="NAME")
+    add("--physics", choices=typing.get_args(Physics), default="reference")
     add("--out", type=Path, default=FILE, metavar="FILE.json")
     given = parser.parse_args(arguments)
     results = Results.read(given.out) if given.out.is_file() else Results()

@@ -11,14 +11,14 @@ import datetime
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from statistics import fmean
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 FILE = Path(__file__).with_name("results.json")
 
-SCHEMA_VERSION = 1
-METRICS_VERSION = 1
+SCHEMA_VERSION: Final = 1
+METRICS_VERSION: Final = 1
 """Version of ``sb3_piano.metrics``: the definitions of docs/metrics.md, onsets within 50 ms."""
 
 Share = Annotated[float, Field(ge=0, le=1)]

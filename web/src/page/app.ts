@@ -333,7 +333,7 @@ export class App {
   private fillMenu(): void {
     const { piece } = this.parts.elements;
     const options = this.parts.library.catalogue.pieces.map(
-      ({ id, title, composer }) => new Option(composer === "" ? title : `${composer}: ${title}`, id),
+      ({ id, title, composer }) => new Option(composer === "" ? title : `${title} · ${composer}`, id),
     );
     piece.replaceChildren(...options);
   }

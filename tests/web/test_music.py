@@ -26,6 +26,7 @@ from sb3_piano.music import (
     write_midi,
 )
 from sb3_piano.music.fingering import apply_fingering, finger_score, without_fingers
+from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, MAX_INTERVAL, cost_tables
 from sb3_piano.music.fingering.robot import release_early
 from sb3_piano.music.formats.midi_hands import hand_of_name
 from sb3_piano.music.presses import presses_of_hand
@@ -185,6 +186,29 @@ class TestFingers:
         found = music("robot", score=score, controlTimestep=control_timestep)
         assert found["notes"] == score_table(expected)["notes"]
 
+    def test_the_costs_of_two_keys_are_the_same_to_the_last_digit(self, music):
+        found, expected = music("costs"), cost_tables(DEFAULT_WEIGHTS)
+        for name, table in (
+            ("moves", expected.moves),
+            ("chordMoves", expected.chord_moves),
+            ("colours", expected.colours),
+            ("grips", expected.grips),
+            ("far", expected.far),
+            ("shifts", expected.shifts),
+            ("fullShifts", expected.full_shifts),
+        ):
+            whole = np.broadcast_to(table, (12, 2 * MAX_INTERVAL + 1, 5, 5))
+            assert np.array_equal(np.array(found[name]).reshape(whole.shape), whole), name
+
+    def test_a_few_notes_have_the_same_hands_and_fingers(self, music):
+        random = np.random.default_rng(3)
+        for _ in range(60):
+            time, notes = 0.0, []
+            for pitch in random.integers(48, 73, size=5).tolist():
+                time += random.choice([0.0, 0.1, 0.5, 1.5])
+                notes.append(Note(onset=time, offset=time + random.uniform(0.1, 1), pitch=pitch))
+            assert_fingered_alike(music, Score(notes=notes))
+
     @pytest.mark.parametrize("labels", [True, False])
     def test_a_pianists_fingers_are_the_same(self, music, labels):
         score = crowded(11, labels=labels)
@@ -206,6 +230,17 @@ class TestRoll:
             "roll", score=score, controlTimestep=control_timestep, initialBufferTime=buffer
         )
         assert_same_roll(found, roll)
+
+    @pytest.mark.parametrize("early", [1e-9, 1e-7])
+    def test_noise_in_times_is_rounded_off_as_by_python(self, music, early):
+        times = [number * 0.05 - early for number in range(1, 9)]
+        notes = [
+            Note(onset=time, offset=time + 0.05, pitch=60 + number)
+            for number, time in enumerate(times)
+        ]
+        score = Score(notes=notes)
+        found = music("roll", score=score, controlTimestep=TIMESTEP, initialBufferTime=0)
+        assert_same_roll(found, PianoRoll.from_score(score, TIMESTEP))
 
     @pytest.mark.parametrize("name", PIECES)
     def test_hands_let_go_of_the_same_notes(self, music, name):

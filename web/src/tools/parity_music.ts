@@ -3,6 +3,7 @@
 import { createInterface } from "node:readline";
 import { InputError, NUM_KEYS, type Metrics, type Score } from "../types";
 import { applyFingering, fingerScore } from "../music/fingering/apply";
+import { CostTables } from "../music/fingering/cost";
 import { releaseEarly } from "../music/fingering/robot";
 import { EpisodeMetrics } from "../music/metrics";
 import { readMidi } from "../music/midi";
@@ -10,7 +11,7 @@ import { handOfName } from "../music/midi_hands";
 import { pieceOf } from "../music/piece";
 import { pressesOfHand } from "../music/presses";
 import { rollOf } from "../music/roll";
-import { makeScore, trimSilence } from "../music/score";
+import { makeScore } from "../music/score";
 
 /** Parts of a request; which are there depends on what is asked. */
 interface Request {
@@ -33,7 +34,7 @@ interface Strike {
 const ANSWERS: Readonly<Record<string, (request: Request) => unknown>> = {
   midi: ({ bytes, name }) => readMidi(Buffer.from(bytes, "base64"), name),
   hand: ({ name }) => handOfName(name),
-  trim: (request) => trimSilence(scoreOf(request)),
+  costs: () => plain(new CostTables()),
   pianist: (request) => fingerScore(scoreOf(request)),
   robot: (request) => applyFingering(scoreOf(request), request.controlTimestep),
   roll: (request) => plain(rollOf(scoreOf(request), request.controlTimestep, request.initialBufferTime)),

@@ -132,7 +132,7 @@ class TestMidi:
         hand = hand_of_name(name)
         assert music("hand", name=name) == (None if hand is None else ["right", "left"].index(hand))
 
-    def test_damaged_files_are_refused_where_python_refuses_them(self, music, tmp_path):
+    def test_a_damaged_file_is_refused_or_read_as_python_reads_it(self, music, tmp_path):
         path = tmp_path / "piece.mid"
         write_midi(load_score("debug-TwinkleTwinkleLittleStar"), path)
         cut, changed = variants_of(path.read_bytes(), 60)
@@ -140,14 +140,14 @@ class TestMidi:
         for content in [*cut, *changed]:
             path.write_bytes(content)
             expected, found = read_or_none(path), page_reads_or_none(music, path)
-            assert found == expected
-            outcomes.add(expected is None)
-        assert outcomes == {True, False}
+            assert found in (None, expected)
+            outcomes.add((found is None, expected is None))
+        assert outcomes == {(True, True), (True, False), (False, False)}
 
     @pytest.mark.parametrize(
         ("content", "message"),
         [
-            (b"", "“x.mid” cannot be read as a MIDI file .it ends too early.: expected a complete"),
+            (b"", "“x.mid” cannot be read as a MIDI file .it does not begin with MThd.: expected a"),
             (b"RIFF....", "does not begin with MThd"),
             (b"MThd\0\0\0\6\0\1\0\0\xe8\x28", "its times are not in ticks per beat"),
             (b"MThd\0\0\0\6\0\1\0\0\1\0", "“x.mid” has no notes .drums do not count.\\."),

@@ -48,6 +48,7 @@ lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	if [ -d web/node_modules ]; then cd web && npm run --silent check; fi
 
 PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal
 

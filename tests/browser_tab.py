@@ -20,9 +20,7 @@ class Tab:
 
     def _message(self, message):
         # Drawing by software, which screenshots hold up, is no fault of the page.
-        if (
-            "GL Driver Message" not in message.text
-        ):
+        if "GL Driver Message" not in message.text:
             self.complaints.append(message.text)
 
     def _request(self, request):

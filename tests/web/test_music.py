@@ -147,7 +147,7 @@ class TestMidi:
     @pytest.mark.parametrize(
         ("content", "message"),
         [
-            (b"", "“x.mid” cannot be read as a MIDI file .it does not begin with MThd.: expected a"),
+            (b"", "“x.mid” cannot be read as a MIDI file .it does not begin with MThd.: expected"),
             (b"RIFF....", "does not begin with MThd"),
             (b"MThd\0\0\0\6\0\1\0\0\xe8\x28", "its times are not in ticks per beat"),
             (b"MThd\0\0\0\6\0\1\0\0\1\0", "“x.mid” has no notes .drums do not count.\\."),

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
-import http.server
 import importlib
 import inspect
 import os
 import shutil
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
+from file_server import served
 from filelock import FileLock
 from lxml import html
 from mkdocs.config.defaults import MkDocsConfig
@@ -60,16 +58,8 @@ def site(tmp_path_factory, worker_id):
 @pytest.fixture(scope="module")
 def address(site):
     """Serve the site to this machine, and return where."""
-
-    class Handler(http.server.SimpleHTTPRequestHandler):
-        def log_message(self, *_):
-            """Say nothing."""
-
-    handler = functools.partial(Handler, directory=str(site))
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}"
-        server.shutdown()
+    with served(site) as where:
+        yield where
 
 
 @contextlib.contextmanager
@@ -111,7 +101,7 @@ def test_no_page_of_the_site_names_something_elsewhere_that_it_needs(site):
 def test_a_page_of_each_kind_opens_and_asks_for_nothing_elsewhere(address, browser):
     with watched(browser, address) as (page, complaints):
         for name in ("index", "options", "api/envs", "source/CHANGELOG", "gallery"):
-            page.goto(f"{address}/{name}.html")
+            page.goto(f"{address}{name}.html")
             assert page.inner_text("article h1")
         page.wait_for_function(
             "[...document.querySelectorAll('article video')].every(video => video.duration > 7)"
@@ -122,13 +112,13 @@ def test_a_page_of_each_kind_opens_and_asks_for_nothing_elsewhere(address, brows
 @pytest.mark.slow
 def test_the_notebooks_show_a_video_with_sound_and_curves(address, browser):
     with watched(browser, address) as (page, complaints):
-        page.goto(f"{address}/notebooks/midi_to_video.html")
+        page.goto(f"{address}notebooks/midi_to_video.html")
         page.wait_for_function("document.querySelector('article video').duration > 5")
         audible = "v => v.play().then(() => { v.pause(); return v.webkitAudioDecodedByteCount; })"
         page.wait_for_function(
             f"({audible})(document.querySelector('article video')).then(count => count > 0)"
         )
-        page.goto(f"{address}/notebooks/training_and_curves.html")
+        page.goto(f"{address}notebooks/training_and_curves.html")
         page.wait_for_function("document.querySelector('article img').naturalWidth > 500")
         assert "onset_f1" in page.inner_text("article")
     assert complaints == []
@@ -137,7 +127,7 @@ def test_the_notebooks_show_a_video_with_sound_and_curves(address, browser):
 @pytest.mark.slow
 def test_the_search_finds_pages(address, browser):
     with watched(browser, address) as (page, complaints):
-        page.goto(f"{address}/index.html")
+        page.goto(f"{address}index.html")
         page.fill(".md-search__input", "optimal transport")
         page.wait_for_selector(".md-search-result__item a")
         assert page.locator(".md-search-result__item").count() > 0

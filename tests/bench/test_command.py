@@ -39,7 +39,7 @@ def test_all_parts_are_measured_in_their_order_printed_and_written(tmp_path, cap
     assert captured.out.endswith("Result: result.json\n")
     assert "simulation" in captured.err  # the progress bar
     stored = json.loads((tmp_path / "result.json").read_text())
-    kinds = {"simulation": 10, "players": 5, "learner": 23, "training": 6, "memory": 2}
+    kinds = {"simulation": 10, "players": 5, "learner": 26, "training": 6, "memory": 2}
     assert [row["part"] for row in stored["rows"]] == [
         part for part, count in kinds.items() for _ in range(count)
     ]

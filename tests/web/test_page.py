@@ -6,7 +6,8 @@ import shutil
 
 import pytest
 from browser_tab import PHONE
-from page_parts import BROKEN_CHORD, MELODY, WEB, PianoTab, build_page, served
+from file_server import served
+from page_parts import BROKEN_CHORD, MELODY, WEB, PianoTab, build_page
 
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.music.constants import MIN_PITCH

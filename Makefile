@@ -31,7 +31,7 @@ web/node_modules: web/package-lock.json
 	cd web && npm ci
 	touch $@
 
-# The player of `sb3-piano report RUN --3d`, which wheels have and a clone has to build.
+# The player of `sb3-piano report RUN --3d`; wheels that are built afterwards have it, too.
 REPLAY := sb3_piano/viewing/report/templates/replay.js
 
 replay: $(REPLAY)

@@ -76,14 +76,17 @@ def sparing_updates(model: BaseAlgorithm) -> Iterator[None]:
 @contextlib.contextmanager
 def _without_own_gradients(critic: Any, name: str) -> Iterator[None]:
     """Let a method of critics treat their weights as constants where it is the actor's update."""
-    setattr(critic, name, partial(_judged, critic, getattr(critic, name)))
+    setattr(critic, name, partial(_with_constant_weights, critic, getattr(critic, name)))
     try:
         yield
     finally:
         delattr(critic, name)  # which hid the class's own
 
 
-def _judged(critic: nn.Module, method: Callable[..., Any], obs: Any, actions: Tensor) -> Any:
+def _with_constant_weights(
+    critic: nn.Module, method: Callable[..., Any], obs: Any, actions: Tensor
+) -> Any:
+    """Call a method of critics; in an actor's update, which alone differentiates by actions, so."""
     if not actions.requires_grad:  # an update of the critics: actions are data
         return method(obs, actions)
     learnt = [parameter for parameter in critic.parameters() if parameter.requires_grad]

@@ -17,8 +17,9 @@ from sb3_piano.cli import main
 from sb3_piano.envs import EpisodeRecorder
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score
+from sb3_piano.training import write_report
 from sb3_piano.viewing.report import Report, replay, report_html
-from sb3_piano.viewing.report.replay import RESOLUTION, replay_of
+from sb3_piano.viewing.report.replay import RESOLUTION, player_script, replay_of
 
 SCORE = Score(notes=[Note(onset=0.0, offset=0.45, pitch=60, finger=1)], title="one note")
 
@@ -42,7 +43,8 @@ def player():
 
 def replayed(recorded):
     scene, recording = recorded
-    return replay_of(scene, recording.motion.qpos, recording.performance, recording.metrics)
+    facts = recording.motion.qpos, recording.performance, recording.metrics
+    return replay_of(scene, *facts, player_script())
 
 
 def content(made, name):
@@ -84,10 +86,10 @@ def test_the_music_is_in_it(recorded):
     assert facts["title"] == "one note"
 
 
-def test_without_the_player_the_message_says_how_to_get_it(recorded, monkeypatch):
+def test_without_the_player_the_message_says_how_to_get_it_before_anything_plays(monkeypatch):
     monkeypatch.setattr(replay, "SCRIPT", "no.js")
     with pytest.raises(ConfigError, match=r"no\.js, is not in this installation.*make replay"):
-        replayed(recorded)
+        write_report("a folder that is not there", replay=True)
 
 
 def test_a_piece_that_nobody_has_played_has_no_replay(capsys):

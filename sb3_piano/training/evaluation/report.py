@@ -23,7 +23,7 @@ from sb3_piano.training.playing.player import SavedPlayer
 from sb3_piano.training.playing.takes import default_folder
 from sb3_piano.training.runs.folder import RunFolder, provenance
 from sb3_piano.viewing.report import Curve, Report, report_html, score_html
-from sb3_piano.viewing.report.replay import Replay, replay_of
+from sb3_piano.viewing.report.replay import Replay, player_script, replay_of
 
 
 def write_report(
@@ -45,6 +45,7 @@ def write_report(
     Raises:
         ConfigError: If the package was installed without the player of replays.
     """
+    script = player_script() if replay else None  # what is missing is told before anything plays
     with SavedPlayer.open(folder, seed=seed, physics=physics, best=best) as player:
         run, env = player.run, player.env
         if not isinstance(env, PianoEnv):
@@ -71,16 +72,16 @@ def write_report(
             ),
             facts=facts,
             commands=commands,
-            replay=_replay(env, performance, played) if replay else None,
+            replay=None if script is None else _replay(env, performance, played, script),
         )
     path = run.evaluation_dir / "report.html" if out is None else Path(out)
     return _write(path, report_html(report), make_folder=out is None)
 
 
-def _replay(env: PianoEnv, performance: Performance, played: Recording) -> Replay:
+def _replay(env: PianoEnv, performance: Performance, played: Recording, script: str) -> Replay:
     motion = played.motion
     assert motion is not None, "a piano's episode is recorded"
-    return replay_of(env.scene, motion.qpos, performance, played.metrics)
+    return replay_of(env.scene, motion.qpos, performance, played.metrics, script)
 
 
 def write_piece_report(name: str, out: str | os.PathLike[str] | None = None) -> Path:

@@ -44,6 +44,7 @@ def replay_of(
     qpos: FloatArray,
     performance: Performance,
     metrics: Mapping[str, float],
+    script: str,
 ) -> Replay:
     """Return the replay of an episode of t control steps.
 
@@ -52,11 +53,8 @@ def replay_of(
         qpos: (t + 1, nq) joint positions before and after each control step, rad or m.
         performance: What was played.
         metrics: The episode's numbers, ``f1`` among them.
-
-    Raises:
-        ConfigError: If the package was installed without the player.
+        script: The player, see :func:`player_script`.
     """
-    script = _script()
     stage, shapes = stage_files(scene)
     model, roll = scene.model, performance.roll
     names = [model.body(body).name for body in range(model.nbody)]
@@ -85,12 +83,17 @@ def _script_file() -> Traversable:
     return resources.files("sb3_piano.viewing.report") / "templates" / SCRIPT
 
 
-def _script() -> str:
+def player_script() -> str:
+    """Return the player's JavaScript.
+
+    Raises:
+        ConfigError: If the package was installed without it.
+    """
     file = _script_file()
     if not file.is_file():
         raise ConfigError(
-            f"The player for three dimensions, {SCRIPT}, is not in this installation: expected one "
-            "from a wheel. In a clone, 'make replay' builds it, with Node.js."
+            f"The player for three dimensions, {SCRIPT}, is not in this installation. In a clone, "
+            "'make replay' builds it, with Node.js 20; then install the package again."
         )
     # The end of an element may not stand in a script.
     return file.read_text(encoding="utf-8").replace("</script", "<\\/script")

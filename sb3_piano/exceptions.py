@@ -54,7 +54,7 @@ class RunError(SB3PianoError, RuntimeError):
     """A training run's folder cannot be created, read or continued."""
 
 
-def one_line(error: Exception) -> str:
+def one_line(error: BaseException) -> str:
     """Return what an error of another library says, for a message of ours: never empty."""
     return " ".join(str(error).split()) or type(error).__name__
 

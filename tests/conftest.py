@@ -20,6 +20,9 @@ import sb3_piano  # noqa: F401  (first of all: MuJoCo must not be imported befor
 _data_folder = tempfile.TemporaryDirectory(prefix="sb3-piano-tests-")
 os.environ["SB3_PIANO_DATA"] = _data_folder.name
 
+# Clusters are of this machine alone: to Ray 127.0.0.1 would be the address of its network card.
+os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
+
 torch.set_num_threads(1)  # faster for the small networks of the tests
 
 REFERENCE = Path(__file__).parent / "data" / "reference"
@@ -47,6 +50,22 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.arrays["action"])
+
+
+@pytest.fixture(scope="session")
+def ray_cluster():
+    """A cluster of Ray with two nodes of a core each, the first of which is the head.
+
+    Who takes a node away adds another one.
+    """
+    pytest.importorskip("ray")
+    from ray.cluster_utils import Cluster
+
+    node = {"num_cpus": 1, "node_ip_address": "127.0.0.1", "object_store_memory": 2**27}
+    cluster = Cluster(initialize_head=True, head_node_args=node)
+    cluster.add_node(**node)
+    yield cluster
+    cluster.shutdown()
 
 
 @pytest.fixture(scope="module")

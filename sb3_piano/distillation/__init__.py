@@ -12,7 +12,6 @@ from sb3_piano.distillation.config import (
 )
 from sb3_piano.distillation.distill import DistillResult, distill
 from sb3_piano.distillation.rounds import RoundResult
-from sb3_piano.distillation.workers import map_jobs, process_pool
 
 __all__ = [
     "DEFAULT_FILE",
@@ -26,6 +25,4 @@ __all__ = [
     "RoundResult",
     "TeacherSettings",
     "distill",
-    "map_jobs",
-    "process_pool",
 ]

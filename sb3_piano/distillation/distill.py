@@ -29,8 +29,8 @@ from sb3_piano.distillation.rounds import (
 )
 from sb3_piano.distillation.shards import JUDGED_BY
 from sb3_piano.distillation.teachers import new_teacher
-from sb3_piano.distillation.workers import process_pool
 from sb3_piano.exceptions import RunError
+from sb3_piano.executors import process_pool
 from sb3_piano.files import write_bytes, write_csv, write_text
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold

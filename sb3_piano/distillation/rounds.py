@@ -29,8 +29,8 @@ from sb3_piano.distillation.shards import (
     read_rows,
     shard_jobs,
 )
-from sb3_piano.distillation.workers import Job, Result, map_jobs
 from sb3_piano.exceptions import RunError
+from sb3_piano.executors import Job, Result, map_jobs
 from sb3_piano.files import read_json, write_json
 from sb3_piano.interrupts import StopRequest
 from sb3_piano.music import Score, load_score

@@ -1,4 +1,4 @@
-"""The processes that play excerpts."""
+"""Processes of this machine that do jobs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from sb3_piano.distillation import process_pool
+from sb3_piano.executors import process_pool
 
 
 @pytest.mark.slow

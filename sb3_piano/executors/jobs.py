@@ -1,47 +1,20 @@
-"""Processes that do jobs: a pool that ends with the process which made it, or any executor."""
+"""Jobs that an executor does, whose results are taken as they come."""
 
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 import os
-import signal
-import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
-from multiprocessing.connection import Connection
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from typing import TypeVar
 
 from sb3_piano.interrupts import StopRequest, ctrl_c_ignored
-from sb3_piano.settings import Count, checked
-from sb3_piano.threads import usable_cores
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 _LOOK_EVERY = 0.2  # s
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-
-
-@contextlib.contextmanager
-def process_pool(workers: int | None = None) -> Iterator[Executor]:
-    """Give an executor of processes that end with the block, or with this process.
-
-    Args:
-        workers: Processes; by default one for each usable core.
-
-    Raises:
-        ConfigError: If ``workers`` is not a whole number from 1 on.
-    """
-    count = checked("workers", workers, Count | None) or usable_cores()
-    context = multiprocessing.get_context("spawn")  # fork is not safe with torch's threads
-    theirs, ours = context.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(count, context, initializer=_begin, initargs=(theirs,))
-    try:
-        yield pool
-    finally:
-        ours.close()  # nothing was ever sent: that it has an end is the message
-        pool.shutdown(cancel_futures=True)
 
 
 def map_jobs(
@@ -90,17 +63,3 @@ def _one_thread_each() -> Iterator[None]:
     finally:
         for name in changed:
             del os.environ[name]
-
-
-def _begin(lifeline: Connection) -> None:
-    """Begin a process of a pool."""
-    # Ctrl-C reaches all processes of a terminal; it is for the one that made the pool to answer it.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
-
-
-def _end_with(lifeline: Connection) -> None:
-    """End this process, whatever it is at, when the pool's block ends or its process is killed."""
-    with contextlib.suppress(EOFError, OSError):
-        lifeline.recv()
-    os._exit(1)

@@ -1,0 +1,21 @@
+"""Executors: what does independent jobs, on this machine or on a cluster of Ray.
+
+All are of the kind of :class:`concurrent.futures.Executor`, so that who has jobs to do need not
+know where they are done.
+"""
+
+from sb3_piano.executors.cluster import Resources, connected_to_ray, ray_executor
+from sb3_piano.executors.jobs import Job, Result, map_jobs
+from sb3_piano.executors.opening import open_executor
+from sb3_piano.executors.processes import process_pool
+
+__all__ = [
+    "Job",
+    "Resources",
+    "Result",
+    "connected_to_ray",
+    "map_jobs",
+    "open_executor",
+    "process_pool",
+    "ray_executor",
+]

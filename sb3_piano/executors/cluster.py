@@ -1,0 +1,165 @@
+"""Clusters of Ray as executors."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor, Future
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import field
+from types import ModuleType
+from typing import Any, ParamSpec, TypeVar
+
+from sb3_piano.exceptions import ConfigError, one_line
+from sb3_piano.settings import Index, NotNegative, settings
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+@settings
+class Resources:
+    """What a job on a cluster needs, and how often it is begun again when its process is gone."""
+
+    num_cpus: NotNegative = 1.0
+    """Cores; as many threads, at least one, are what its libraries compute with."""
+    num_gpus: NotNegative = 0.0
+    """Graphics cards, or a part of one."""
+    memory_gb: NotNegative = 0.0
+    """Memory that a node must have left, GB; 0 for any."""
+    custom: Mapping[str, NotNegative] = field(default_factory=dict)
+    """Further resources, as the nodes of the cluster were started with."""
+    retries: Index = 10
+    """How often a job is begun again after its process or its node died, or was taken away."""
+
+    def options(self) -> dict[str, Any]:
+        """Return the options of a task of Ray."""
+        options: dict[str, Any] = {
+            "num_cpus": self.num_cpus,
+            "num_gpus": self.num_gpus,
+            "max_retries": self.retries,
+        }
+        if self.memory_gb:
+            options["memory"] = int(self.memory_gb * 2**30)
+        if self.custom:
+            options["resources"] = dict(self.custom)
+        return options
+
+
+@contextlib.contextmanager
+def connected_to_ray(address: str) -> Iterator[ModuleType]:
+    """Give the package ``ray``, connected to a cluster as long as the block lasts.
+
+    A connection that this process has already is used, and kept.
+
+    Args:
+        address: ``HOST:PORT`` as ``ray start --head`` prints it, ``auto`` for the cluster that
+            this machine belongs to, ``ray://HOST:PORT`` through Ray's client, or ``local`` for a
+            new one on this machine, which ends with the block.
+
+    Raises:
+        ConfigError: If no cluster answers there.
+        ImportError: If Ray is not installed.
+    """
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent to anybody
+    try:
+        import ray
+    except ImportError as error:
+        raise ImportError(
+            "Ray is not installed, which a cluster needs: pip install 'sb3-piano[ray]'"
+        ) from error
+    if ray.is_initialized():
+        yield ray
+        return
+    try:
+        ray.init(address=address, log_to_driver=False, logging_level=logging.WARNING)
+    except (ConnectionError, ValueError, RuntimeError) as error:
+        raise ConfigError(
+            f"No cluster of Ray can be reached at {address!r} ({one_line(error)}). Expected the "
+            "address that 'ray start --head' prints, 'auto' on one of its machines, or 'local'."
+        ) from error
+    try:
+        yield ray
+    finally:
+        ray.shutdown()
+
+
+@contextlib.contextmanager
+def ray_executor(
+    address: str,
+    resources: Resources = Resources(),
+) -> Iterator[Executor]:
+    """Give an executor whose jobs are tasks on a cluster of Ray.
+
+    A task whose process, or whose node, died or was taken away is begun again on any node: a job
+    must be fit for that. Tasks that have not ended with the block are cancelled; those that run
+    get Ctrl-C. Every node needs this package, of the same version.
+
+    Args:
+        address: See :func:`connected_to_ray`.
+        resources: What a job needs.
+
+    Raises:
+        ConfigError: If no cluster answers there.
+        ImportError: If Ray is not installed.
+    """
+    with connected_to_ray(address) as ray:
+        executor = _RayExecutor(ray, resources)
+        try:
+            yield executor
+        finally:
+            executor.shutdown(cancel_futures=True)
+
+
+class _RayExecutor(Executor):
+    """Executor of tasks; :func:`ray_executor` makes one."""
+
+    def __init__(self, ray: ModuleType, resources: Resources):
+        self._ray = ray
+        self._task = ray.remote(_call).options(**resources.options())
+        self._references: dict[Future[Any], Any] = {}
+        self._lock = threading.Lock()
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Begin a task; its result is a future as of any executor.
+
+        What the job raised is raised as it was; the end of its process, again and again, is a
+        :class:`~concurrent.futures.process.BrokenProcessPool` as of a pool of processes.
+        """
+        reference = self._task.remote(fn, args, kwargs)
+        future: Future[T] = Future()
+        with self._lock:
+            self._references[future] = reference
+        reference.future().add_done_callback(lambda ended: self._pass_on(ended, future))
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End: cancel what has not ended, if asked to, and wait for the rest."""
+        with self._lock:
+            left = dict(self._references)
+        if cancel_futures:
+            for reference in left.values():
+                self._ray.cancel(reference)
+        if wait and left:
+            self._ray.wait(list(left.values()), num_returns=len(left), fetch_local=False)
+
+    def _pass_on(self, ended: Future[Any], future: Future[Any]) -> None:
+        with self._lock:
+            self._references.pop(future, None)
+        if not future.set_running_or_notify_cancel():
+            return
+        error = ended.exception()
+        if error is None:
+            future.set_result(ended.result())
+        elif isinstance(error, self._ray.exceptions.RayTaskError):
+            future.set_exception(error.cause)
+        else:
+            text = f"A job ended on the cluster: {one_line(error)}"
+            future.set_exception(BrokenProcessPool(text))
+
+
+def _call(fn: Callable[..., T], args: tuple[Any, ...], kwargs: dict[str, Any]) -> T:
+    return fn(*args, **kwargs)

@@ -1,0 +1,38 @@
+"""The choice between processes of this machine and a cluster."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.executors.cluster import Resources, ray_executor
+from sb3_piano.executors.processes import process_pool
+
+
+def open_executor(
+    workers: int | None = None,
+    ray: str | None = None,
+    resources: Resources = Resources(),  # noqa: B008 - frozen
+) -> AbstractContextManager[Executor]:
+    """Return the executor that a command line asks for, as a context.
+
+    Args:
+        workers: Processes on this machine; by default one for each usable core.
+        ray: Address of a cluster of Ray, which then does the jobs; see
+            :func:`~sb3_piano.executors.connected_to_ray`.
+        resources: What a job needs, on a cluster.
+
+    Raises:
+        ConfigError: If ``workers`` is out of range or given with a cluster, or that cannot be
+            reached.
+        ImportError: If Ray is not installed.
+    """
+    if ray is None:
+        return process_pool(workers)
+    if workers is not None:
+        raise ConfigError(
+            f"--workers is {workers} with --ray {ray}: expected one of them. How many jobs run at "
+            "once on a cluster follows from what each of them needs."
+        )
+    return ray_executor(ray, resources)

@@ -1,0 +1,50 @@
+"""A pool of processes that ends with the process which made it."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from multiprocessing.connection import Connection
+
+from sb3_piano.settings import Count, checked
+from sb3_piano.threads import usable_cores
+
+
+@contextlib.contextmanager
+def process_pool(workers: int | None = None) -> Iterator[Executor]:
+    """Give an executor of processes that end with the block, or with this process.
+
+    Args:
+        workers: Processes; by default one for each usable core.
+
+    Raises:
+        ConfigError: If ``workers`` is not a whole number from 1 on.
+    """
+    count = checked("workers", workers, Count | None) or usable_cores()
+    context = multiprocessing.get_context("spawn")  # fork is not safe with torch's threads
+    theirs, ours = context.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(count, context, initializer=_begin, initargs=(theirs,))
+    try:
+        yield pool
+    finally:
+        ours.close()  # nothing was ever sent: that it has an end is the message
+        pool.shutdown(cancel_futures=True)
+
+
+def _begin(lifeline: Connection) -> None:
+    """Begin a process of a pool."""
+    # Ctrl-C reaches all processes of a terminal; it is for the one that made the pool to answer it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
+
+
+def _end_with(lifeline: Connection) -> None:
+    """End this process, whatever it is at, when the pool's block ends or its process is killed."""
+    with contextlib.suppress(EOFError, OSError):
+        lifeline.recv()
+    os._exit(1)

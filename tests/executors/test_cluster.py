@@ -1,0 +1,86 @@
+"""A cluster of Ray as an executor: what becomes of jobs, their errors, and nodes that die."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.executors import Resources, map_jobs, open_executor, ray_executor
+
+ray = pytest.importorskip("ray")
+
+pytestmark = pytest.mark.slow
+
+
+def _square(number: int) -> int:
+    return number**2
+
+
+def _refuse(number: int) -> None:
+    raise ConfigError(f"number is {number}: expected another one.")
+
+
+def _die_once(file: Path) -> str:
+    if not file.exists():
+        file.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "ended"
+
+
+def _sleep(file: Path) -> None:
+    file.touch()
+    try:
+        time.sleep(600)
+    except KeyboardInterrupt:
+        file.write_text("told", encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def address(ray_cluster) -> Iterator[str]:
+    this = sys.modules[__name__]
+    ray.cloudpickle.register_pickle_by_value(this)  # which the nodes do not have
+    yield ray_cluster.address
+    ray.cloudpickle.unregister_pickle_by_value(this)
+
+
+def test_results_are_those_of_the_function(address):
+    with open_executor(ray=address) as executor:
+        assert sorted(map_jobs(executor, _square, range(5))) == [0, 1, 4, 9, 16]
+
+
+def test_an_error_is_what_the_job_raised(address):
+    with ray_executor(address) as executor:
+        error = executor.submit(_refuse, 3).exception()
+    assert type(error) is ConfigError
+    assert str(error) == "number is 3: expected another one."
+
+
+def test_a_job_whose_process_was_killed_is_begun_again(address, tmp_path):
+    with ray_executor(address) as executor:
+        assert executor.submit(_die_once, tmp_path / "begun").result() == "ended"
+
+
+def test_jobs_that_run_when_the_block_ends_get_ctrl_c(address, tmp_path):
+    file = tmp_path / "begun"
+    with ray_executor(address) as executor:
+        executor.submit(_sleep, file)
+        while not file.exists():
+            time.sleep(0.1)
+    assert file.read_text(encoding="utf-8") == "told"
+
+
+def test_processes_and_a_cluster_at_once_are_refused():
+    with pytest.raises(ConfigError, match="--workers is 2 with --ray auto: expected one"):
+        open_executor(workers=2, ray="auto")
+
+
+def test_resources_are_checked():
+    with pytest.raises(ConfigError, match="num_cpus is -1"):
+        Resources(num_cpus=-1)

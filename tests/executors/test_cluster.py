@@ -37,7 +37,8 @@ def _die_once(file: Path) -> str:
 def _sleep(file: Path) -> None:
     file.touch()
     try:
-        time.sleep(600)
+        for _ in range(600):
+            time.sleep(0.1)  # which Ray does not interrupt, so that it must not be long
     except KeyboardInterrupt:
         file.write_text("told", encoding="utf-8")
 
@@ -71,7 +72,9 @@ def test_jobs_that_run_when_the_block_ends_get_ctrl_c(address, tmp_path):
     file = tmp_path / "begun"
     with ray_executor(address) as executor:
         executor.submit(_sleep, file)
+        deadline = time.monotonic() + 60
         while not file.exists():
+            assert time.monotonic() < deadline, "the job never began"
             time.sleep(0.1)
     assert file.read_text(encoding="utf-8") == "told"
 

@@ -19,6 +19,8 @@ from sb3_piano.settings import Index, NotNegative, settings
 P = ParamSpec("P")
 T = TypeVar("T")
 
+_GRACE = 60.0  # s, that jobs have to end after Ctrl-C before their processes are ended
+
 
 @settings
 class Resources:
@@ -96,7 +98,8 @@ def ray_executor(
 
     A task whose process, or whose node, died or was taken away is begun again on any node: a job
     must be fit for that. Tasks that have not ended with the block are cancelled; those that run
-    get Ctrl-C. Every node needs this package, of the same version.
+    get Ctrl-C, and are ended if that has not ended them within a minute. Every node needs this
+    package, of the same version.
 
     Args:
         address: See :func:`connected_to_ray`.
@@ -140,11 +143,23 @@ class _RayExecutor(Executor):
         """End: cancel what has not ended, if asked to, and wait for the rest."""
         with self._lock:
             left = dict(self._references)
+        references = list(left.values())
         if cancel_futures:
-            for reference in left.values():
+            for reference in references:
                 self._ray.cancel(reference)
-        if wait and left:
-            self._ray.wait(list(left.values()), num_returns=len(left), fetch_local=False)
+            for reference in self._unfinished(references, _GRACE):
+                self._ray.cancel(reference, force=True)
+        if wait:
+            self._unfinished(references, None)
+
+    def _unfinished(self, references: list[Any], seconds: float | None) -> list[Any]:
+        """Wait for tasks; return those that have not ended by then."""
+        if not references:
+            return []
+        left: list[Any] = self._ray.wait(
+            references, num_returns=len(references), timeout=seconds, fetch_local=False
+        )[1]
+        return left
 
     def _pass_on(self, ended: Future[Any], future: Future[Any]) -> None:
         with self._lock:

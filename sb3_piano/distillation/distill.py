@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import shlex
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from pathlib import Path
 import yaml
 
 from sb3_piano.demonstrations.dataset import require_minari
+from sb3_piano.demonstrations.shards import forget_unfinished
 from sb3_piano.distillation.config import DistillConfig
 from sb3_piano.distillation.improvement import improve, improvement_run
 from sb3_piano.distillation.rollout import hands_env
@@ -164,8 +164,7 @@ def _begin(place: Path, config: DistillConfig) -> None:
                     f"The distillation in '{place}' has {name} {theirs[name]}, not {value}: "
                     "expected the same settings, or another folder."
                 )
-        for left in data.glob(".recording-*"):  # of a worker that was killed
-            shutil.rmtree(left, ignore_errors=True)
+        forget_unfinished(data)
         return
     if any(found.name != LOCK_SUFFIX for found in place.iterdir()):
         raise RunError(f"Folder '{place}' is not empty: expected a new or empty one.")

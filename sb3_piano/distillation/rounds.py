@@ -17,15 +17,13 @@ import numpy as np
 import torch
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 
+from sb3_piano.demonstrations.shards import Shard, make_missing
 from sb3_piano.distillation.config import DistillConfig
 from sb3_piano.distillation.network import Float32Array, new_policy, regress, standardize
 from sb3_piano.distillation.rollout import hands_env
 from sb3_piano.distillation.shards import (
     JUDGED_BY,
-    Shard,
-    find_shard,
     judge,
-    make_shard,
     read_rows,
     shard_jobs,
 )
@@ -138,15 +136,10 @@ class Rounds:
             return self._shards[number]
         learner = weights_file(self._place, round_name(number - 1)) if number > 0 else None
         jobs = shard_jobs(self._config, number, learner, self._place / DATA)
-        found = {job.name: find_shard(job) for job in jobs}
-        missing = [job for job in jobs if found[job.name] is None]
         text = f"{round_name(number)}: playing, shards"
-        self._tell(text, len(jobs) - len(missing), len(jobs))
-        with self._mapped(make_shard, missing) as made:
-            for count, shard in enumerate(made, len(jobs) - len(missing) + 1):
-                found[shard.name] = shard
-                self._tell(text, count, len(jobs))
-        self._shards[number] = [shard for shard in found.values() if shard is not None]
+        self._shards[number] = make_missing(
+            self._executor, jobs, self._request, partial(self._tell, text)
+        )
         return self._shards[number]
 
     def _rows(self, last: int) -> tuple[Float32Array, Float32Array]:

@@ -21,6 +21,7 @@ from stable_baselines3 import TD3
 
 from sb3_piano.cli import main
 from sb3_piano.demonstrations.dataset import Transitions, open_dataset
+from sb3_piano.demonstrations.shards import find_shard
 from sb3_piano.distillation import (
     DEFAULT_FILE,
     DistillConfig,
@@ -29,7 +30,7 @@ from sb3_piano.distillation import (
 )
 from sb3_piano.distillation.rollout import hands_env, play_excerpt
 from sb3_piano.distillation.rounds import held_out_pieces
-from sb3_piano.distillation.shards import find_shard, read_rows, shard_jobs
+from sb3_piano.distillation.shards import read_rows, shard_jobs
 from sb3_piano.distillation.teachers import new_teacher
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError, UnknownPieceError

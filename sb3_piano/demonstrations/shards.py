@@ -1,0 +1,228 @@
+"""Shards: data sets of a few episodes each, made by any process, and known to be whole."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import importlib.metadata
+import shutil
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+
+import sb3_piano
+from sb3_piano.demonstrations.dataset import DatasetWriter, dataset_folder, open_dataset
+from sb3_piano.exceptions import RunError, ScoreError, SimulationDivergedError
+from sb3_piano.executors import map_jobs
+from sb3_piano.files import read_json, write_json
+from sb3_piano.interrupts import StopRequest
+
+if TYPE_CHECKING:
+    from minari import MinariDataset
+    from minari.data_collector.episode_buffer import EpisodeBuffer
+
+Notes = Mapping[str, float | str]
+"""What is noted about an episode; numbers are also written into the data set."""
+
+Play = Callable[[int], tuple["EpisodeBuffer", Notes]]
+"""Plays the episode of a number."""
+
+_VERSIONS = ("gymnasium", "h5py", "minari", "mujoco", "numpy", "stable-baselines3", "torch")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shard:
+    """A data set that is there and whole, as its manifest describes it."""
+
+    name: str
+    """Name of the data set."""
+    job: str
+    """:attr:`ShardJob.digest`."""
+    files: Mapping[str, str]
+    """SHA-256 of each file, by which damage is found."""
+    content: str
+    """SHA-256 of the episodes' seeds and arrays in their order, whatever the files are like."""
+    versions: Mapping[str, str]
+    """Versions of the packages that made it."""
+    steps: int
+    """Control steps."""
+    episodes: tuple[Notes, ...]
+    """Notes on each episode, such as ``noise`` and ``f1``."""
+    skipped: Mapping[str, str]
+    """Why an episode, by its number, could not be played."""
+
+    def open(self, root: Path) -> MinariDataset:
+        """Return the data set, in the folder of all.
+
+        Raises:
+            ConfigError: If it cannot be read.
+        """
+        return open_dataset(self.name, root)
+
+    def is_whole(self, root: Path) -> bool:
+        """Return whether its files are still as they were written."""
+        return self.files == _files(self.name, root)
+
+
+class ShardJob(ABC):
+    """Episodes that are to become a data set.
+
+    What is played is a function of the job alone, not of what its process did before.
+    """
+
+    root: Path
+    """The folder of the data sets, by a path that all processes have."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """Name of the data set."""
+
+    @property
+    @abstractmethod
+    def digest(self) -> str:
+        """Checksum of all that decides what the data set holds."""
+
+    @property
+    @abstractmethod
+    def numbers(self) -> Sequence[int]:
+        """Numbers of the episodes."""
+
+    @property
+    @abstractmethod
+    def metadata(self) -> Mapping[str, Any]:
+        """What the data set notes about itself, in JSON's types."""
+
+    @abstractmethod
+    def playing(self) -> AbstractContextManager[tuple[gym.Env[Any, Any], Play]]:
+        """Give the environment that is recorded, and what plays an episode in it.
+
+        An episode that cannot be played raises ``ScoreError`` or ``SimulationDivergedError``.
+        """
+
+    @property
+    def manifest_file(self) -> Path:
+        """Where it is noted what the data set is; it is written last."""
+        return self.root / f"{self.name}.json"
+
+
+def find_shard(job: ShardJob) -> Shard | None:
+    """Return the data set of a job if it is there, whole and of the same settings."""
+    try:
+        shard = read_json(job.manifest_file, Shard, "it is made again.")
+    except RunError:
+        return None
+    if shard is None or shard.job != job.digest or not shard.is_whole(job.root):
+        return None
+    return shard
+
+
+def make_shard(job: ShardJob) -> Shard:
+    """Play the episodes of a job and write the data set, in place of any that is there."""
+    episodes: list[Notes] = []
+    skipped, content = {}, hashlib.sha256()
+    with (
+        job.playing() as (env, play),
+        DatasetWriter(job.name, env, env.spec, overwrite=True, root=job.root) as writer,
+    ):
+        for number in job.numbers:
+            try:
+                episode, notes = play(number)
+            except (ScoreError, SimulationDivergedError) as error:
+                skipped[str(number)] = str(error)
+                continue
+            writer.add(episode, {n: note for n, note in notes.items() if not isinstance(note, str)})
+            episodes.append(notes)
+            _add_content(content, episode)
+        job.manifest_file.unlink(missing_ok=True)  # which would be of the data set before
+        requirements = [f"sb3-piano>={sb3_piano.__version__}"]
+        dataset = writer.finish({"requirements": requirements, **job.metadata})
+    shard = Shard(
+        name=job.name,
+        job=job.digest,
+        files=_files(job.name, job.root),
+        content=content.hexdigest(),
+        versions=_versions(),
+        steps=int(dataset.total_steps),
+        episodes=tuple(episodes),
+        skipped=skipped,
+    )
+    write_json(job.manifest_file, dataclasses.asdict(shard))
+    return shard
+
+
+def make_missing(
+    executor: Executor,
+    jobs: Sequence[ShardJob],
+    request: StopRequest | None = None,
+    tell: Callable[[int, int], object] = lambda done, total: None,
+) -> list[Shard]:
+    """Return the data sets of jobs, in their order; those that are not there and whole are made.
+
+    Args:
+        executor: Makes them.
+        jobs: What is to be there.
+        request: Ends the work when it is made.
+        tell: Is told how many are done, and of how many.
+
+    Raises:
+        KeyboardInterrupt: If the request is made.
+    """
+    found = {job.name: find_shard(job) for job in jobs}
+    missing = [job for job in jobs if found[job.name] is None]
+    done = len(jobs) - len(missing)
+    tell(done, len(jobs))
+    made: Generator[Shard, None, None] = map_jobs(executor, make_shard, missing, request)
+    with closing(made):  # jobs that have not begun are cancelled
+        for shard in made:
+            found[shard.name], done = shard, done + 1
+            tell(done, len(jobs))
+    return [shard for shard in found.values() if shard is not None]
+
+
+def forget_unfinished(root: Path) -> None:
+    """Delete what processes that were killed have left in the folder of the data sets."""
+    for left in root.glob(".recording-*"):
+        shutil.rmtree(left, ignore_errors=True)
+
+
+def file_digest(file: Path) -> str:
+    """Return the SHA-256 of a file."""
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()
+
+
+def _files(name: str, root: Path) -> dict[str, str]:
+    """Return the checksums of a data set's files, of none if it is not there."""
+    place = dataset_folder(name, root)
+    files = (path for path in sorted(place.rglob("*")) if path.is_file())
+    return {path.relative_to(place).as_posix(): file_digest(path) for path in files}
+
+
+def _add_content(content: Any, episode: EpisodeBuffer) -> None:
+    """Add an episode to a checksum: its seed, then name, type, shape and bytes of each array."""
+    arrays = {
+        "observations": episode.observations,
+        "actions": episode.actions,
+        "rewards": episode.rewards,
+        "terminations": episode.terminations,
+        "truncations": episode.truncations,
+        **{f"infos/{name}": array for name, array in sorted((episode.infos or {}).items())},
+    }
+    content.update(f"seed {episode.seed}".encode())
+    for name, values in arrays.items():
+        array = np.ascontiguousarray(values)
+        content.update(f"{name} {array.dtype.str} {array.shape}".encode())
+        content.update(array.tobytes())
+
+
+def _versions() -> dict[str, str]:
+    found = {package: importlib.metadata.version(package) for package in _VERSIONS}
+    return {"sb3-piano": sb3_piano.__version__, **found}

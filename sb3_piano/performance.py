@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.metrics import Onsets, Presses, episode_metrics, presses_of
+from sb3_piano.metrics import Losses, Onsets, Presses, episode_metrics, losses_of, presses_of
 from sb3_piano.music import MIN_PITCH, Note, Pedal, PianoRoll, Score
 
 BoolArray = npt.NDArray[np.bool_]
@@ -66,6 +66,13 @@ class Performance:
             target_finger=roll.finger[:steps],
             press_finger=self.press_finger,
             control_timestep=roll.control_timestep,
+        )
+
+    def losses(self) -> Losses:
+        """Return where due frames were lost in the steps played, and where wrong ones come from."""
+        steps, roll = len(self), self.roll
+        return losses_of(
+            roll.active[:steps], self.key_active, roll.finger[:steps], self.press_finger
         )
 
     def to_score(self) -> Score | None:

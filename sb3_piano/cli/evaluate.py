@@ -22,6 +22,7 @@ from sb3_piano.cli.common import (
     tell_interrupted,
     whole_number,
 )
+from sb3_piano.cli.losses import HELP, print_losses
 from sb3_piano.metrics import DEFINITIONS, FINGER_SHARES, Definition, has_value
 
 if TYPE_CHECKING:
@@ -65,6 +66,7 @@ def add_parser(commands: Any) -> None:
     add("--tree")
     add("--motion", text=_MOTION_HELP)
     add("--metrics", "NAME", "show these, such as f1 onset_f1 return", nargs="+")
+    add("--losses", text=HELP)
     add("--csv", text="write a row for each episode")
     add("--json")
     add("--no-progress")
@@ -121,6 +123,8 @@ def _evaluate(arguments: argparse.Namespace) -> int:
         )
     if found.evaluations:
         _show(found, arguments.metrics)
+        if arguments.losses:
+            _show_losses(found.evaluations)
         if arguments.csv is not None:
             found.write_csv(arguments.csv)
             print(f"Episodes:    {arguments.csv}")
@@ -175,6 +179,19 @@ def _show_one(evaluation: Evaluation, metrics: list[str] | None = None) -> None:
     if evaluation.metrics_file is not None:
         _list_performances(evaluation)
         print(f"Metrics:     {evaluation.metrics_file}")
+
+
+def _show_losses(evaluations: Sequence[Evaluation]) -> None:
+    """Print where each run loses frames, all its pieces together."""
+    from sb3_piano.metrics import Losses
+
+    for run, group in itertools.groupby(evaluations, key=lambda found: found.run):
+        losses = [found.losses for found in group if found.losses is not None]
+        print(f"Losses of {run}:")
+        if losses:
+            print_losses(Losses.sum_of(losses))
+        else:
+            print("It plays no piano: there are none.")
 
 
 def _list_performances(evaluation: Evaluation) -> None:

@@ -21,6 +21,8 @@ from sb3_piano.cli.common import (
     tell_errors,
     whole_number,
 )
+from sb3_piano.cli.losses import HELP as LOSSES_HELP
+from sb3_piano.cli.losses import print_losses
 from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
@@ -67,6 +69,7 @@ def add_parser(commands: Any) -> None:
     add("--physics")
     add("--best")
     add("--tree")
+    add("--losses", text=LOSSES_HELP)
     add("--view", text=_VIEW_HELP, choices=VIEWS, default="stage")
     add("--size", "WxH", "pixels of the video", default="854x480")
     add("--human", text="show it in a window first, in real time")
@@ -131,6 +134,8 @@ def _play(arguments: argparse.Namespace) -> int:
     if arguments.human:
         check_screen()  # before anything is played, which may take long
     take, folder = _take(arguments)
+    if arguments.losses:
+        print_losses(take.performance.losses())
     if arguments.human:
         show_take(take, view=arguments.view)
     folder = folder if arguments.out is None else Path(arguments.out)

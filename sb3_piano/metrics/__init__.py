@@ -23,6 +23,7 @@ from sb3_piano.metrics.frames import (
     non_silent_f1,
     noop_scores,
 )
+from sb3_piano.metrics.losses import DUE_KINDS, WRONG_KINDS, Losses, losses_of, shares_of
 from sb3_piano.metrics.onsets import (
     ONSET_TOLERANCE,
     Onsets,
@@ -38,12 +39,15 @@ from sb3_piano.metrics.presses import Presses, presses_of, wrong_presses, wrong_
 
 __all__ = [
     "DEFINITIONS",
+    "DUE_KINDS",
     "EPISODE_METRICS",
     "FINGER_SHARES",
     "ONSET_TOLERANCE",
+    "WRONG_KINDS",
     "Definition",
     "FrameScores",
     "KeyBoxes",
+    "Losses",
     "OnsetScores",
     "Onsets",
     "Presses",
@@ -55,6 +59,7 @@ __all__ = [
     "frame_f1",
     "frame_scores",
     "has_value",
+    "losses_of",
     "match_onsets",
     "nearest_fingers",
     "non_silent_f1",
@@ -64,6 +69,7 @@ __all__ = [
     "onset_scores",
     "onsets_of",
     "presses_of",
+    "shares_of",
     "timing_error",
     "wrong_presses",
     "wrong_presses_per_second",

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from sb3_piano.envs import Recording
 from sb3_piano.exceptions import ConfigError, SB3PianoError
 from sb3_piano.files import write_csv, write_json
+from sb3_piano.metrics import Losses
 from sb3_piano.music import Score, load_score, write_midi
 from sb3_piano.music.difficulty import MotionRecording, write_motion
 from sb3_piano.players import TreeSearch, TreeSettings
@@ -60,6 +61,8 @@ class Evaluation:
     performances: tuple[Path | None, ...] = ()
     """The MIDI file of each episode, ``None`` if no key was pressed in it; empty if none was
     written, as for any piece but the run's own."""
+    losses: Losses | None = None
+    """Where frames were lost in all episodes together; ``None`` if the environment is no piano."""
     tree: SearchStatistics | None = None
     """What the trees looked like, if the model looked ahead by a tree search."""
     motions: tuple[Path, ...] = ()
@@ -113,6 +116,7 @@ class Evaluation:
             "interval": {name: summary.interval for name, summary in summaries},
             "no_interval": {name: s.no_interval for name, s in summaries if s.no_interval},
             **own("baseline", "episodes", "episode_seeds"),
+            "losses": None if self.losses is None else dataclasses.asdict(self.losses),
             "tree": None if self.tree is None else self.tree._asdict(),
             "performances": [None if path is None else path.name for path in self.performances],
             "motions": [path.name for path in self.motions],
@@ -236,12 +240,14 @@ def evaluate(
                     moved = _titled_motion(recording, player.piece) if motion else None
                     performance = recording.performance
                     score_played = None if performance is None else performance.to_score()
-                    played.append(_Episode(one, recording.metrics, score_played, moved))
+                    lost = None if performance is None else performance.losses()
+                    played.append(_Episode(one, recording.metrics, score_played, moved, lost))
                     on_episode()
         except KeyboardInterrupt:
             if not played:
                 raise
     metrics = [episode.metrics for episode in played]
+    losses = [episode.losses for episode in played if episode.losses is not None]
     found = Evaluation(
         run=player.run.path,
         algo=player.config.algo if tree is None else f"{player.config.algo}, tree {tree}",
@@ -253,6 +259,7 @@ def evaluate(
         episode_seeds=tuple(episode.seed for episode in played),
         summary={name: summarize([each[name] for each in metrics]) for name in metrics[0]},
         baseline=None if resting is None else resting.metrics,
+        losses=Losses.sum_of(losses) if losses else None,
         interrupted=len(played) < episodes * len(seeds),
         tree=player.model.statistics if isinstance(player.model, TreeSearch) else None,
     )
@@ -349,6 +356,7 @@ class _Episode(NamedTuple):
     metrics: Mapping[str, float]
     score: Score | None
     motion: MotionRecording | None
+    losses: Losses | None
 
 
 def _titled_motion(recording: Recording, piece: str) -> MotionRecording | None:

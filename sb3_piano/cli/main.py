@@ -21,6 +21,7 @@ from sb3_piano.cli import (
     export,
     pieces,
     play,
+    sweep,
     train,
     tune,
 )
@@ -39,6 +40,7 @@ from sb3_piano.files import disk_refusal
 _ADDED = (
     train.add_parser,
     curriculum.add_parser,
+    sweep.add_parser,
     play.add_plan_parser,
     tune.add_parser,
     evaluate.add_parser,

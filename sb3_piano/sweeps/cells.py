@@ -1,0 +1,168 @@
+"""Cells: runs that are brought to their end wherever they are, from wherever they stopped."""
+
+from __future__ import annotations
+
+import json
+import traceback
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
+from sb3_piano.exceptions import SB3PianoError
+from sb3_piano.executors import map_jobs
+from sb3_piano.interrupts import StopRequest
+from sb3_piano.locks import LOCK_SUFFIX, hold
+from sb3_piano.sweeps.storage import Mirror, mirrored
+from sb3_piano.training import RunConfig, RunFolder, evaluate, evaluate_runs, resume, train
+
+
+@dataclass(frozen=True, kw_only=True)
+class CellJob:
+    """A run that is to be trained to its end and evaluated."""
+
+    name: str
+    """What it is called."""
+    config: RunConfig
+    """Its settings, with a seed."""
+    folder: str
+    """The run's folder: a path that every node sees, or a URL as of fsspec."""
+    episodes: int = 1
+    """Episodes that the trained model plays."""
+    each_piece: bool = False
+    """Whether a run with several pieces plays each; the file is ``pieces.json`` then."""
+    checkpoint_every: int = DEFAULT_EVERY
+    """Environment steps between two checkpoints."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CellResult:
+    """What became of a run."""
+
+    name: str
+    """What it is called."""
+    seed: int
+    """Seed of its training."""
+    folder: str
+    """The run's folder."""
+    started_at: int = 0
+    """Environment steps that were done before this attempt."""
+    num_timesteps: int = 0
+    """Environment steps that are done."""
+    n_timesteps: int = 0
+    """Environment steps that were asked for."""
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    """Means over the episodes of the trained model; empty unless it is finished."""
+    error: str | None = None
+    """Why it failed; ``None`` if it did not."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether it is trained and evaluated."""
+        return bool(self.metrics)
+
+    @property
+    def state(self) -> str:
+        """``finished``, ``failed``, how far it is, or ``not begun``."""
+        if self.error is not None:
+            return "failed"
+        if self.finished:
+            return "finished"
+        steps = f"{self.num_timesteps} of {self.n_timesteps} steps"
+        return steps if self.num_timesteps else "not begun"
+
+
+def finish_cells(
+    executor: Executor,
+    jobs: Sequence[CellJob],
+    request: StopRequest | None = None,
+    on_result: Callable[[CellResult], object] = lambda result: None,
+) -> list[CellResult]:
+    """Bring runs to their end; return what became of those that came to one.
+
+    A run that is finished is left as it is, one that had stopped goes on from its last checkpoint,
+    and one that fails does not stop the others.
+
+    Args:
+        executor: Where they are trained.
+        jobs: The runs, whose folders differ.
+        request: Ends it when it is made.
+        on_result: Is called with each as it comes.
+
+    Raises:
+        KeyboardInterrupt: If the request is made.
+    """
+    results = []
+    found: Generator[CellResult, None, None] = map_jobs(executor, finish_cell, jobs, request)
+    try:
+        for result in found:
+            on_result(result)
+            results.append(result)
+    finally:
+        found.close()
+    return results
+
+
+def finish_cell(job: CellJob) -> CellResult:
+    """Train a run to its end, from its last checkpoint if there is one, and evaluate it.
+
+    Raises:
+        KeyboardInterrupt: If it was interrupted, and has saved a checkpoint.
+    """
+    assert job.config.seed is not None, "cells have seeds"
+    known: dict[str, Any] = {"name": job.name, "seed": job.config.seed, "folder": job.folder}
+    try:
+        with mirrored(job.folder) as mirror, hold(_lock(mirror.place)):
+            return CellResult(**known, **_finished(job, mirror))
+    except SB3PianoError as error:
+        return CellResult(**known, error=str(error))
+    except Exception:  # a run's own wrappers may fail in any way
+        return CellResult(**known, error=traceback.format_exc())
+
+
+def _finished(job: CellJob, mirror: Mirror) -> dict[str, Any]:
+    place, config = mirror.place, job.config
+    options: dict[str, Any] = {
+        "progress_bar": False,
+        "checkpoint_every": job.checkpoint_every,
+        "callbacks": mirror.callbacks,
+    }
+    if RunFolder(place).config_file.is_file():
+        trained = resume(place, config.n_timesteps, **options)
+    else:
+        trained = train(config, place, **options)
+    if trained.interrupted:
+        mirror.store()
+        raise KeyboardInterrupt
+    steps = {
+        "started_at": trained.started_at,
+        "num_timesteps": trained.num_timesteps,
+        "n_timesteps": config.n_timesteps,
+    }
+    run = RunFolder(place)
+    if job.each_piece:
+        found = evaluate_runs([place], job.episodes)
+        found.write_json(place / "pieces.json")
+        metrics = {
+            name: sum(e.mean[name] for e in found.evaluations) / len(found.evaluations)
+            for name in (found.evaluations[0].mean if found.evaluations else ())
+        }
+    else:
+        metrics = metrics_of(run) or evaluate(place, job.episodes).mean
+    mirror.store()
+    return {**steps, "metrics": metrics}
+
+
+def metrics_of(run: RunFolder) -> dict[str, float]:
+    """Return the means of a run's evaluation; nothing if it has none of its last model."""
+    file = run.evaluation_dir / "metrics.json"
+    if not file.is_file() or file.stat().st_mtime < run.model_file.stat().st_mtime:
+        return {}
+    return dict(json.loads(file.read_text(encoding="utf-8"))["mean"])
+
+
+def _lock(place: Path) -> Path:
+    """Return the lock of a cell: a second attempt waits until the first one's process is gone."""
+    return place.with_name(f".{place.name}{LOCK_SUFFIX}")

@@ -1,0 +1,215 @@
+"""A sweep in its folder: begun, gone on with, and its results."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shlex
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from sb3_piano.callbacks import Checkpoint
+from sb3_piano.exceptions import RunError
+from sb3_piano.executors import Resources, open_executor
+from sb3_piano.files import write_csv, write_text
+from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.locks import LOCK_SUFFIX, hold
+from sb3_piano.sweeps.cells import CellJob, CellResult, finish_cells, metrics_of
+from sb3_piano.sweeps.config import SweepConfig
+from sb3_piano.sweeps.storage import is_url
+from sb3_piano.training import RunConfig, RunFolder
+
+RESULTS = "results.csv"
+_CONFIG = "sweep.yml"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepResult:
+    """What a sweep came to."""
+
+    folder: Path
+    """The sweep's folder."""
+    cells: tuple[CellResult, ...]
+    """Each run, in the order of the grid."""
+    interrupted: bool = False
+    """Whether Ctrl-C or SIGTERM ended it early."""
+
+    @property
+    def failures(self) -> list[CellResult]:
+        """The runs that failed."""
+        return [cell for cell in self.cells if cell.error is not None]
+
+
+def sweep(
+    config: SweepConfig,
+    folder: str | os.PathLike[str],
+    *,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    ray: str | None = None,
+    runs: str | None = None,
+    on_result: Callable[[CellResult, int, int], object] = lambda result, done, total: None,
+) -> SweepResult:
+    """Train and evaluate every run of a grid, or go on with what is left of one.
+
+    The folder gets ``sweep.yml``, the settings; a run's folder ``<cell>/seed_<n>`` for each, unless
+    ``runs`` says otherwise; and ``results.csv``, a line of each run. A run that is finished is left
+    as it is, one that stopped goes on from its last checkpoint, and one that fails does not stop
+    the others. Ctrl-C ends it; the same call goes on.
+
+    Args:
+        config: The grid.
+        folder: The sweep's folder, new, empty or that of a sweep of the same settings; cells and
+            seeds may have been added.
+        executor: Where the runs are trained; by default what ``workers`` and ``ray`` say, see
+            :func:`~sb3_piano.executors.open_executor`.
+        workers: Processes on this machine.
+        ray: Address of a cluster of Ray, all of whose nodes see the folder, or ``runs``.
+        runs: Where the runs are, if not in the folder: a URL as of fsspec.
+        on_result: Is called with each run that came to an end, and how many of how many did.
+
+    Raises:
+        ConfigError: If a setting is not valid, or the cluster cannot be reached.
+        RunError: If the folder cannot be used, or has a sweep of other settings.
+    """
+    place = Path(folder).absolute()
+    jobs = jobs_of(config, place, runs)
+    with _owned(place), stop_on_signal() as request:
+        _begin(place, {(job.name, job.config.seed or 0): job.config for job in jobs})
+        before = {result.folder: result for result in map(_status_of, jobs)}
+        todo = [job for job in jobs if not before[job.folder].finished]
+        ended = dict(before)
+
+        def tell(result: CellResult) -> None:
+            ended[result.folder] = result
+            write_results(place, [ended[job.folder] for job in jobs])
+            done = sum(one.finished or one.error is not None for one in ended.values())
+            on_result(result, done, len(jobs))
+
+        interrupted = False
+        chosen = (
+            open_executor(workers, ray, Resources(**config.resources))
+            if executor is None
+            else contextlib.nullcontext(executor)
+        )
+        try:
+            if todo:
+                with chosen as opened:
+                    finish_cells(opened, todo, request, tell)
+        except KeyboardInterrupt:
+            interrupted = True
+            ended |= {
+                job.folder: _status_of(job) for job in todo if ended[job.folder].error is None
+            }
+        results = tuple(ended[job.folder] for job in jobs)
+        write_results(place, results)
+    return SweepResult(folder=place, cells=results, interrupted=interrupted)
+
+
+def sweep_status(
+    config: SweepConfig, folder: str | os.PathLike[str], runs: str | None = None
+) -> list[CellResult]:
+    """Return how far each run of a sweep is, also while it is running."""
+    return [_status_of(job) for job in jobs_of(config, Path(folder).absolute(), runs)]
+
+
+def jobs_of(config: SweepConfig, place: Path, runs: str | None = None) -> list[CellJob]:
+    """Return the runs of a sweep in its folder."""
+    root = str(place) if runs is None else runs.rstrip("/")
+    return [
+        CellJob(
+            name=name,
+            config=run,
+            folder=f"{root}/{name}/seed_{seed}",
+            episodes=config.episodes,
+            checkpoint_every=config.checkpoint_every,
+        )
+        for (name, seed), run in config.runs().items()
+    ]
+
+
+def write_results(place: Path, results: Sequence[CellResult]) -> None:
+    """Write a line of each run: what it is called, how far it is, and its metrics."""
+    metrics = dict.fromkeys(name for result in results for name in result.metrics)
+    rows = [
+        {
+            "cell": result.name,
+            "seed": result.seed,
+            "state": result.state,
+            "steps": result.num_timesteps,
+            "reason": "" if result.error is None else result.error.strip().splitlines()[-1],
+            "folder": result.folder,
+            **result.metrics,
+        }
+        for result in results
+    ]
+    columns = ("cell", "seed", "state", "steps", *metrics, "reason", "folder")
+    write_csv(place / RESULTS, columns, rows)
+
+
+def _status_of(job: CellJob) -> CellResult:
+    """Return how far a run is by its folder; one that is elsewhere is asked when it is its turn."""
+    seed, total = job.config.seed or 0, job.config.n_timesteps
+    known = CellResult(name=job.name, seed=seed, folder=job.folder, n_timesteps=total)
+    if is_url(job.folder):
+        return known
+    run = RunFolder(Path(job.folder))
+    saved = Checkpoint.read(run.checkpoint_dir) if run.checkpoint_dir.is_dir() else None
+    if saved is None:
+        return known
+    steps = saved.num_timesteps
+    metrics = metrics_of(run) if steps >= total else {}
+    return CellResult(
+        name=job.name,
+        seed=seed,
+        folder=job.folder,
+        started_at=steps,
+        num_timesteps=steps,
+        n_timesteps=total,
+        metrics=metrics,
+    )
+
+
+@contextlib.contextmanager
+def _owned(place: Path) -> Iterator[None]:
+    def busy(owner: str) -> RunError:
+        return RunError(
+            f"Sweep '{place}' is being run by {owner}: expected one command in a folder. More runs "
+            "at once are --workers; how far it is: sb3-piano sweep FILE --status"
+        )
+
+    with hold(place / LOCK_SUFFIX, busy):
+        yield
+
+
+def _begin(place: Path, runs: dict[tuple[str, int], RunConfig]) -> None:
+    """Note the settings of the runs, or refuse others than those that are noted."""
+    file = place / _CONFIG
+    now = {f"{name}/seed_{seed}": run.to_mapping() for (name, seed), run in runs.items()}
+    noted: dict[str, object] = {}
+    if file.is_file():
+        noted = yaml.safe_load(file.read_text(encoding="utf-8")) or {}
+        for name, mapping in now.items():
+            if name in noted and noted[name] != yaml.safe_load(yaml.safe_dump(mapping)):
+                raise RunError(
+                    f"Run {name!r} of the sweep in '{place}' has other settings than when it was "
+                    f"begun ({_difference(noted[name], mapping)}): expected the same, or another "
+                    f"folder. What it had: {shlex.quote(str(file))}"
+                )
+    elif any(found.name != LOCK_SUFFIX for found in place.iterdir()):
+        raise RunError(f"Folder '{place}' is not empty and no sweep: expected a new or empty one.")
+    write_text(file, yaml.safe_dump({**noted, **now}, sort_keys=False))
+
+
+def _difference(noted: object, now: dict[str, object]) -> str:
+    """Return the first setting that differs."""
+    before = noted if isinstance(noted, dict) else {}
+    plain = yaml.safe_load(yaml.safe_dump(now))
+    for name in dict.fromkeys([*before, *plain]):
+        if before.get(name) != plain.get(name):
+            return f"{name} was {before.get(name)!r} and is {plain.get(name)!r}"
+    return "their order"

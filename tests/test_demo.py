@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import runpy
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,18 +13,25 @@ DEMO = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "demo.py"))
 
 
 @pytest.fixture
-def demo(tmp_path, monkeypatch):
-    """Return the demo's steps, briefer."""
+def demo(tmp_path, monkeypatch, capsys):
+    """Return a function that runs the demo on a second of a piece, briefer, and what it printed."""
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
-    demo = DEMO["demo"]
+    main = DEMO["main"]
     for name in ("EPISODES", "EPOCHS"):
-        monkeypatch.setitem(demo.__globals__, name, 4)
-    return demo
+        monkeypatch.setitem(main.__globals__, name, 4)
+
+    def run(steps):
+        options = ["--seconds", "1", "--steps", str(steps), "--out", str(tmp_path / "out")]
+        monkeypatch.setattr(sys, "argv", ["demo.py", "TwinkleTwinkle", *options])
+        assert main() == 0
+        return capsys.readouterr().out
+
+    return run
 
 
 @pytest.mark.slow
 def test_without_steps_of_sac_it_ends_with_the_clone(demo, tmp_path):
-    *_, last = demo("TwinkleTwinkle", 1.0, tmp_path / "out", 0, 0)
+    *_, last = demo(steps=0).splitlines()
     assert last.startswith("| cloned ")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "piece.mid",
@@ -34,8 +42,7 @@ def test_without_steps_of_sac_it_ends_with_the_clone(demo, tmp_path):
 
 @pytest.mark.slow
 def test_it_judges_each_step_and_leaves_video_and_report(demo, tmp_path):
-    rows = "\n".join(demo("TwinkleTwinkle", 1.0, tmp_path / "out", 0, 2480))
-    scores = dict(re.findall(r"\| (\w+) +\| (\d\.\d+)", rows))
+    scores = dict(re.findall(r"\| (\w+) +\| (\d\.\d+)", demo(steps=2480)))
     assert list(scores) == ["resting", "planned", "cloned", "trained"]
     assert float(scores["planned"]) > float(scores["resting"])
     assert (tmp_path / "out" / "trained" / "play" / "performance.mp4").is_file()

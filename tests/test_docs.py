@@ -32,7 +32,7 @@ BLOCKS = {
 }
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8").replace("\\\n", " ")
-EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))  # the demo has tests of its own
 # What is shortened in examples that train, so that the networks are updated some ten times.
 SHORT = {
     "02_train_stock_td3": {"STEPS = 1_000": "STEPS = 510"},

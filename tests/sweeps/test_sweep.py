@@ -1,0 +1,219 @@
+"""Sweeps: cells are ordinary runs, begun, gone on with and judged wherever they are."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+import torch
+import yaml
+from stable_baselines3 import TD3
+
+from sb3_piano.callbacks import Checkpoint
+from sb3_piano.cli import main
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.sweeps import SweepConfig, load_sweep, sweep, sweep_status
+from sb3_piano.sweeps.cells import finish_cell
+from sb3_piano.sweeps.sweep import jobs_of
+from sb3_piano.training import resume
+
+SHORT = {
+    "algos": ("td3",),
+    "envs": ("RoboPianist-debug-CMajorChordProgressionTwoHands-v0",),
+    "settings": {
+        "n_timesteps": 220,
+        "learning_starts": 100,
+        "batch_size": 32,
+        "policy_kwargs": {"net_arch": [16]},
+        "env_kwargs": {"physics": "fast"},
+        "callback": [],
+    },
+    "checkpoint_every": 60,
+}
+
+
+def here():
+    """Return an executor of this process."""
+    return ThreadPoolExecutor(1)
+
+
+def weights(folder):
+    return TD3.load(Path(folder) / "model.zip", device="cpu").policy.state_dict()
+
+
+def assert_same_weights(folder, other):
+    found, expected = weights(folder), weights(other)
+    assert found.keys() == expected.keys()
+    assert all(torch.equal(found[name], expected[name]) for name in found)
+
+
+def test_cells_are_all_combinations():
+    config = SweepConfig(
+        algos=("td3", "sac"),
+        pieces=("scale-CMajor", "hanon-01"),
+        variants={"plain": {}, "discount": {"gamma": 0.5, "n_timesteps": 7}},
+        settings={"n_timesteps": 9},
+        seeds=(0, 3),
+    )
+    runs = config.runs()
+    assert len(runs) == 16
+    run = runs["sac_hanon-01_discount", 3]
+    assert (run.algo, run.seed, run.n_timesteps) == ("sac", 3, 7)
+    assert run.algorithm_kwargs["gamma"] == 0.5
+    assert run.env_kwargs["score"] == "hanon-01"
+    assert runs["td3_scale-CMajor_plain", 0].n_timesteps == 9
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"envs": ()}, "neither pieces nor envs"),
+        ({"algos": ()}, "algos"),
+        ({"seed": (0,)}, "Unknown setting 'seed' of SweepConfig"),
+        ({"resources": {"num_cpus": -1}}, "num_cpus is -1"),
+        ({"seeds": (0, 0)}, "Two cells of the sweep"),
+        ({"settings": {"gamma": 7.0, "n_timesteps": 0}}, "Cell 'td3_RoboPianist-debug"),
+    ],
+)
+def test_what_is_wrong_with_a_grid_is_told(changed, told):
+    with pytest.raises(ConfigError, match=told):
+        SweepConfig(**{**SHORT, **changed}).runs()
+
+
+def test_the_file_is_named_when_a_setting_is_wrong(tmp_path):
+    file = tmp_path / "grid.yml"
+    file.write_text(yaml.safe_dump({"algos": ["td3"], "envs": ["x"], "seeds": ["one"]}))
+    with pytest.raises(ConfigError, match=r"grid\.yml': seeds"):
+        load_sweep(file)
+
+
+@pytest.mark.slow
+def test_a_sweep_ends_goes_on_and_has_results(tmp_path):
+    """One folder sees all: a run that had stopped, one that fails, a changed grid, a longer one."""
+    place = tmp_path / "sweep"
+    good = SweepConfig(**SHORT)
+    (job,) = jobs_of(good, place)
+    # The run had stopped after its second checkpoint.
+    shorter = SweepConfig(**{**SHORT, "settings": {**SHORT["settings"], "n_timesteps": 120}})
+    assert finish_cell(jobs_of(shorter, place)[0]).finished
+    shutil.copytree(job.folder, tmp_path / "alone")
+
+    both = SweepConfig(**{**SHORT, "variants": {"": {}, "odd": {"train_freq": [1, "episode"]}}})
+    with here() as executor, pytest.raises(RunError, match="not empty and no sweep"):
+        sweep(good, place, executor=executor)
+    (place / "sweep.yml").write_text("{}", encoding="utf-8")
+    told = []
+    with here() as executor:
+        result = sweep(
+            both, place, executor=executor, on_result=lambda cell, done, total: told.append(done)
+        )
+    first = result.cells[0]
+    assert first.started_at == 120
+    assert first.num_timesteps == 220
+    assert told == [1, 2]
+    assert all(cell.finished for cell in result.cells)
+
+    resume(tmp_path / "alone", 220, progress_bar=False, checkpoint_every=60)
+    assert_same_weights(first.folder, tmp_path / "alone")
+
+    with (place / "results.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["state"] for row in rows] == ["finished", "finished"]
+    assert float(rows[0]["f1"]) == first.metrics["f1"]
+
+    before = Path(first.folder, "model.zip").stat().st_mtime_ns
+    with here() as executor:
+        again = sweep(both, place, executor=executor, on_result=lambda *_: pytest.fail("a run"))
+    assert [cell.metrics for cell in again.cells] == [cell.metrics for cell in result.cells]
+    assert Path(first.folder, "model.zip").stat().st_mtime_ns == before
+
+    changed = SweepConfig(**{**SHORT, "settings": {**SHORT["settings"], "gamma": 0.5}})
+    with here() as executor, pytest.raises(RunError, match="other settings than when it was begun"):
+        sweep(changed, place, executor=executor)
+
+
+@pytest.mark.slow
+def test_a_cell_that_fails_does_not_stop_the_others(tmp_path, capsys):
+    grid = {
+        **SHORT,
+        "algos": ["td3"],
+        "envs": list(SHORT["envs"]),
+        "variants": {
+            "bad": {"env_kwargs": {"score": str(tmp_path / "gone.mid")}},
+            "good": {},
+        },
+    }
+    file = tmp_path / "grid.yml"
+    file.write_text(yaml.safe_dump(grid), encoding="utf-8")
+    status = main(
+        ["sweep", str(file), "--run", str(tmp_path / "sweep"), "--workers", "1", "--no-progress"]
+    )
+    told = capsys.readouterr()
+    assert status == 2
+    assert "gone.mid" in told.err
+    states = [cell.state for cell in sweep_status(load_sweep(file), tmp_path / "sweep")]
+    assert states == ["not begun", "finished"]
+
+
+@pytest.mark.slow
+def test_on_object_storage_a_cell_goes_on_from_the_last_whole_copy(tmp_path):
+    url = f"local://{tmp_path / 'bucket'}"
+    shorter = SweepConfig(**{**SHORT, "settings": {**SHORT["settings"], "n_timesteps": 120}})
+    (job,) = jobs_of(shorter, tmp_path / "sweep", url)
+    assert finish_cell(job).num_timesteps == 120
+    kept = tmp_path / "bucket" / job.folder.removeprefix(url).strip("/")
+    assert len(list(kept.glob("copy-*"))) == 1
+    (kept / "copy-99").mkdir()  # of a process that died while it copied
+    (longer,) = jobs_of(SweepConfig(**SHORT), tmp_path / "sweep", url)
+    result = finish_cell(longer)
+    assert (result.started_at, result.num_timesteps) == (120, 220)
+    newest = kept / (kept / "current").read_text(encoding="utf-8")
+    assert Checkpoint.read(newest / "checkpoint").num_timesteps == 220
+
+
+@pytest.mark.slow
+def test_a_node_that_dies_loses_no_cell(ray_cluster, tmp_path):
+    """Twelve cells on two nodes; one is killed while both train what they have checkpoints of.
+
+    Each cell finishes once, that of the dead node from its checkpoint, and those that were not
+    interrupted have the weights of local ones.
+    """
+    longer = {**SHORT, "settings": {**SHORT["settings"], "n_timesteps": 700}}
+    config = SweepConfig(**{**longer, "seeds": tuple(range(12))})
+    place = tmp_path / "cluster"
+    node = ray_cluster.add_node(num_cpus=1, node_ip_address="127.0.0.1", object_store_memory=2**27)
+    found = []
+
+    def both_nodes_train():
+        begun = [cell for cell in sweep_status(config, place) if cell.num_timesteps]
+        return len(begun) - len(found) >= 2 and all(c.num_timesteps < 600 for c in begun[-2:])
+
+    def kill():
+        deadline = time.monotonic() + 200
+        while not (len(found) >= 2 and both_nodes_train()) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        ray_cluster.remove_node(node, allow_graceful=False)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    result = sweep(
+        config, place, ray=ray_cluster.address, on_result=lambda cell, *_: found.append(cell)
+    )
+    killer.join()
+    assert sorted(cell.seed for cell in found) == list(range(12))
+    assert all(cell.finished for cell in result.cells), [cell.error for cell in result.cells]
+    resumed = [cell for cell in result.cells if cell.started_at > 0]
+    assert len(resumed) >= 1
+    untouched = [cell for cell in result.cells if cell.started_at == 0]
+    local = SweepConfig(**{**longer, "seeds": tuple(cell.seed for cell in untouched[:2])})
+    with here() as executor:
+        expected = sweep(local, tmp_path / "local", executor=executor)
+    for cell in expected.cells:
+        of_cluster = next(one for one in untouched if one.seed == cell.seed)
+        assert of_cluster.metrics == cell.metrics
+        assert_same_weights(of_cluster.folder, cell.folder)

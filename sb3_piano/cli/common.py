@@ -19,7 +19,7 @@ TRUST = (
     "Trust: the model.zip and vecnormalize.pkl of a run are Python pickles, and loading one runs "
     "whatever code is in it; config.yml and --config import the modules that they name, and a data "
     "set makes the environment that it names. So use those only of people whom you trust. Runs "
-    "that 'sb3-piano share' wrote have no pickles: a folder with policy.safetensors is played "
+    "that 'sb3-piano export' wrote have no pickles: a folder with policy.safetensors is played "
     "without unpickling anything."
 )
 """Part of the help of every command that loads a run, settings or a data set."""

@@ -1,4 +1,4 @@
-"""``sb3-piano play``, ``plan``, ``report`` and ``share``: what a model, a plan or a piece plays."""
+"""``sb3-piano play``, ``plan`` and ``report``: what a model, a plan or a piece plays."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _PLAYER_HELP = (
 )
 WEIGHTS_HELP = (
     "of the sight-reader: another network than the package's, as a file, or a folder with a "
-    "hand.safetensors such as share writes"
+    "hand.safetensors such as export writes"
 )
 VIEWS = ("stage", "close", "top", "roll")
 _VIEW_HELP = (
@@ -60,7 +60,7 @@ def add_parser(commands: Any) -> None:
     """Add ``play`` and its arguments."""
     about = "watch and hear a trained model, or a piece"
     add = add_command(commands, "play", _play, about, epilog=TRUST)
-    add("what", "RUN|PIECE", "a run's folder; or a file, such as MIDI, or a piece")
+    add("what", "RUN|PIECE", "a run's folder, or hf:OWNER/NAME of the Hub; or a piece or a file")
     add("--planned", text="the same as --player planned, or sampling if --sampling is given")
     _add_player_arguments(add)
     add("--out", "DIR", "default: RUN/play, or play/<title> for a piece")
@@ -89,8 +89,8 @@ def add_plan_parser(commands: Any) -> None:
     add("--out", "DIR", "the run's folder, in place of one in --runs-dir")
 
 
-def add_report_parsers(commands: Any) -> None:
-    """Add ``report`` and ``share`` with their arguments."""
+def add_report_parser(commands: Any) -> None:
+    """Add ``report`` and its arguments."""
     about = "write an HTML page: piano roll, fingers, reward, training"
     add = add_command(commands, "report", _report, about, epilog=TRUST)
     add("what", "RUN|PIECE", "a run's folder; or a file, such as MIDI, or a piece")
@@ -101,10 +101,6 @@ def add_report_parsers(commands: Any) -> None:
     add("--best")
     add("--3d", text="show a run's performance in three dimensions, too", dest="replay")
     add("--open", text="open it in the web browser")
-    add = add_command(commands, "share", _share, "write a run for others to play, as plain files")
-    add("run", "RUN", "the folder that train made")
-    add("folder", "FOLDER", "where to, new or empty")
-    add("--best", text="share the best model by f1 or onset_f1, not the last one")
 
 
 def _add_player_arguments(add: Add) -> None:
@@ -174,7 +170,11 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     from sb3_piano.music import load_score
     from sb3_piano.players import TreeSettings
     from sb3_piano.training.playing.takes import default_folder, take_of_run, take_of_score
+    from sb3_piano.training.sharing.hub import exported_folder, is_on_hub
 
+    if is_on_hub(arguments.what):
+        place = default_folder(None, None) / arguments.what.rpartition("/")[2]
+        arguments.what, arguments.out = exported_folder(arguments.what), arguments.out or place
     what, physics = arguments.what, arguments.physics
     if arguments.planned or arguments.player is not None:
         if Path(what).is_dir():
@@ -322,16 +322,4 @@ def _report(arguments: argparse.Namespace) -> int:
     print(f"Report: {path}")
     if arguments.open and not webbrowser.open(path.resolve().as_uri()):
         print("No web browser could be started: open the file in one.", file=sys.stderr)
-    return EXIT_OK
-
-
-def _share(arguments: argparse.Namespace) -> int:
-    from sb3_piano.training import share
-
-    shared = share(arguments.run, arguments.folder, best=arguments.best)
-    print(f"Shared:   {shared.path}")
-    print(
-        "          no file in it is a pickle; run.yml tells the command and paths of its training"
-    )
-    print(f"Evaluate: sb3-piano evaluate {shlex.quote(str(shared.path))}")
     return EXIT_OK

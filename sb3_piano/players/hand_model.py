@@ -41,7 +41,7 @@ FORMAT = "1"
 """Version of the files."""
 
 _EXPECTED = (
-    "expected a safetensors file of a hand's network, such as 'sb3-piano share' and HandModel.save "
+    "expected a safetensors file of a hand's network, such as 'sb3-piano export' and HandModel.save "
     "write"
 )
 

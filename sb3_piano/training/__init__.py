@@ -1,7 +1,7 @@
 """Training runs: YAML to environments, model and files; resuming and evaluating them."""
 
 from sb3_piano.training.configuration.config import PlannedConfig, Plugin, RunConfig
-from sb3_piano.training.configuration.names import ALGORITHMS, PLANNERS
+from sb3_piano.training.configuration.names import ALGORITHMS, KNOWN_PACKAGES, PLANNERS
 from sb3_piano.training.configuration.yaml_files import (
     entry_config,
     load_config,
@@ -14,7 +14,7 @@ from sb3_piano.training.evaluation.report import (
     write_piece_report,
     write_report,
 )
-from sb3_piano.training.playing.player import SavedPlayer, share
+from sb3_piano.training.playing.player import SavedPlayer
 from sb3_piano.training.playing.residual import RunResidual
 from sb3_piano.training.playing.takes import play_run, play_score
 from sb3_piano.training.runs.clone import CloneResult, clone
@@ -30,10 +30,13 @@ from sb3_piano.training.runs.fine_tuning import load_fine_tuning
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.start import StartFromRun, load_start
 from sb3_piano.training.runs.train import TrainResult, resume, train
+from sb3_piano.training.sharing.export import ExportedFolder, export_run
+from sb3_piano.training.sharing.hub import load_player
 from sb3_piano.viewing import Picture, Played
 
 __all__ = [
     "ALGORITHMS",
+    "KNOWN_PACKAGES",
     "MAIN_METRICS",
     "PLANNERS",
     "CloneResult",
@@ -43,6 +46,7 @@ __all__ = [
     "CurriculumResult",
     "Evaluation",
     "Evaluations",
+    "ExportedFolder",
     "Picture",
     "PlannedConfig",
     "Played",
@@ -61,16 +65,17 @@ __all__ = [
     "entry_config",
     "evaluate",
     "evaluate_runs",
+    "export_run",
     "load_config",
     "load_curriculum",
     "load_entry",
     "load_fine_tuning",
+    "load_player",
     "load_start",
     "play_run",
     "play_score",
     "resume",
     "run_curriculum",
-    "share",
     "train",
     "training_curves",
     "write_piece_report",

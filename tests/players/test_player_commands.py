@@ -14,7 +14,8 @@ from sb3_piano.cli.play import PLAYERS as ON_COMMAND_LINE
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.players import PLAYERS, HandModel, SightReader
-from sb3_piano.training import RunConfig, RunFolder, SavedPlayer, share
+from sb3_piano.training import RunConfig, RunFolder, SavedPlayer
+from sb3_piano.training.playing.player import write_player
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 FAST = ["--set", "physics=fast"]
@@ -56,7 +57,7 @@ def shared():
     )
     run = RunFolder.create(config, "run")
     build_model(config, build_vec_env(config)).save(run.model_file)
-    return share(run.path, "shared").path
+    return write_player(run.path, "shared").path
 
 
 def test_the_network_of_a_shared_run_plays_another_piece_by_every_command(shared, capsys):

@@ -10,7 +10,8 @@ from stable_baselines3.common.vec_env import VecNormalize
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import NAMED, PRESETS
 from sb3_piano.music import Note, Score, write_midi
-from sb3_piano.training import evaluate, load_config, share, train
+from sb3_piano.training import evaluate, load_config, train
+from sb3_piano.training.playing.player import write_player
 from sb3_piano.training.runs.builders import build_vec_env
 from sb3_piano.vec_env import HandsAsAgents
 
@@ -55,4 +56,4 @@ def test_it_trains_on_any_file_and_the_run_can_be_judged_and_shared(tmp_path):
     found = evaluate(run.path, physics="reference")
     assert 0 <= found.mean["f1"] <= 1
     assert found.baseline is not None
-    assert evaluate(share(run.path, tmp_path / "shared").path).mean == found.mean
+    assert evaluate(write_player(run.path, tmp_path / "shared").path).mean == found.mean

@@ -79,7 +79,7 @@ def test_every_command_works_with_such_a_run(capsys):
     command = "train --from other.safetensors --midi tune.mid --config mine.yml --steps 32 --seed 0"
     assert main([*command.split(), "--run", "run", "--no-progress"]) == 0
     wanted = evaluate("run").mean
-    assert main(["share", "run", "shared"]) == 0
+    assert main(["export", "run", "shared", "--no-video", "--episodes", "1"]) == 0
     tensors = HandModel.load(NETWORK).tensors
     Path(NETWORK).unlink()  # the run has its own
     shutil.move("run", "moved")

@@ -29,11 +29,10 @@ from sb3_piano.training import (
     clone,
     evaluate,
     load_fine_tuning,
-    share,
     train,
 )
 from sb3_piano.training.configuration.config import Plugin
-from sb3_piano.training.playing.player import run_to_record
+from sb3_piano.training.playing.player import run_to_record, write_player
 from sb3_piano.training.runs.builders import build_env
 from sb3_piano.wrappers import PitchShift
 
@@ -137,7 +136,7 @@ def test_a_run_is_trained_on_and_its_folder_has_all_that_it_needs(base, capsys):
     wanted = evaluate(run.path).mean
     shutil.rmtree("base")
     shutil.move("run", "moved")
-    assert main(["share", "moved", "shared"]) == 0
+    assert main(["export", "moved", "shared", "--no-video", "--episodes", "1"]) == 0
     assert not [*Path("shared").rglob("*.zip"), *Path("shared").rglob("*.pkl")]
     assert evaluate("moved").mean == wanted
     assert main(["train", "--resume", "moved", "--steps", "50", "--no-progress"]) == 0
@@ -180,7 +179,7 @@ def test_of_a_run_that_sees_hands_each_hand_is_corrected_by_one_network(base, ag
     assert correction.env_kwargs == {**first.read_config().env_kwargs, "physics": "reference"}
     second = train(correction, "run", progress_bar=False).folder
     assert evaluate(second.path).mean == evaluate(first.path, physics="reference").mean
-    assert evaluate(share(second.path, "shared").path).mean == evaluate(second.path).mean
+    assert evaluate(write_player(second.path, "shared").path).mean == evaluate(second.path).mean
 
     policy = SAC.load(second.model_file).policy
     with contextlib.closing(build_env(first.read_config())) as env:

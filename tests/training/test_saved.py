@@ -18,9 +18,9 @@ from sb3_piano.training import (
     SavedPlayer,
     evaluate,
     resume,
-    share,
     train,
 )
+from sb3_piano.training.playing.player import write_player
 from sb3_piano.training.playing.takes import plan_run, planner_config
 
 ON_POLICY = ("ppo", "a2c", "trpo")
@@ -79,7 +79,7 @@ def test_a_shared_run_plays_the_same_to_the_last_bit_without_unpickling(
     unpickled.clear()
     expected = played(run.path)
     assert unpickled, "the hook notices what a run unpickles"
-    shared = share(run.path, tmp_path / "shared")
+    shared = write_player(run.path, tmp_path / "shared")
     names = {file.name for file in shared.path.iterdir()}
     assert names == {"config.yml", "run.yml", "policy.safetensors"}
     unpickled.clear()
@@ -90,7 +90,7 @@ def test_a_shared_run_plays_the_same_to_the_last_bit_without_unpickling(
 def test_a_shared_piano_is_evaluated_reported_and_played(piano_run, tmp_path, unpickled, capsys):
     run = piano_run(np.linspace(-0.5, 0.5, 39), physics="fast")
     place = tmp_path / "for a friend"
-    assert main(["share", str(run.path), str(place)]) == 0
+    assert main(["export", str(run.path), str(place), "--no-video", "--episodes", "1"]) == 0
     assert "Evaluate: sb3-piano evaluate '" in capsys.readouterr().out
     expected = evaluate(run.path, seed=3)
     unpickled.clear()
@@ -108,23 +108,23 @@ def test_a_shared_piano_is_evaluated_reported_and_played(piano_run, tmp_path, un
 @pytest.mark.slow
 def test_what_plays_without_training_is_shared_too(tmp_path, midi_file):
     run = plan_run(planner_config(str(midi_file)), tmp_path / "planned")[0]
-    shared = share(run.path, tmp_path / "shared")
+    shared = write_player(run.path, tmp_path / "shared")
     assert {f.name for f in shared.path.iterdir()} == {"config.yml", "run.yml", "score.mid"}
 
 
 def test_a_shared_run_cannot_be_trained_on_and_has_one_model(pendulum_run, tmp_path):
-    shared = share(pendulum_run().path, tmp_path / "shared")
-    with pytest.raises(RunError, match="shared to be played, without what training needs"):
+    shared = write_player(pendulum_run().path, tmp_path / "shared")
+    with pytest.raises(RunError, match="exported to be played, without what training needs"):
         resume(shared.path)
-    with pytest.raises(RunError, match="was shared with one model, and has no best one by 'f1'"):
+    with pytest.raises(RunError, match="was exported with one model, and has no best one by 'f1'"):
         evaluate(shared.path, best="f1")
     with pytest.raises(RunError, match="holds a run already"):
-        share(shared.path, shared.path)
+        write_player(shared.path, shared.path)
 
 
 @pytest.mark.slow
 def test_damaged_weights_are_refused_or_harmless(pendulum_run, tmp_path):
-    shared = share(pendulum_run(normalize=True).path, tmp_path / "shared")
+    shared = write_player(pendulum_run(normalize=True).path, tmp_path / "shared")
     file, expected = shared.path / "policy.safetensors", played(shared.path)
     content = file.read_bytes()
     cut, changed = variants_of(content, 40)
@@ -142,7 +142,7 @@ def test_damaged_weights_are_refused_or_harmless(pendulum_run, tmp_path):
 
 
 def test_weights_of_another_model_are_refused(pendulum_run, small_config, tmp_path):
-    shared = share(pendulum_run().path, tmp_path / "shared")
+    shared = write_player(pendulum_run().path, tmp_path / "shared")
     config = shared.read_config()
     for change, message in (
         ({"algorithm_kwargs": {"policy_kwargs": {"net_arch": [9]}}}, "do not fit .*size mismatch"),
@@ -158,7 +158,7 @@ def test_weights_of_another_model_are_refused(pendulum_run, small_config, tmp_pa
 def test_a_folder_that_cannot_be_written_is_told(pendulum_run, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(RunError, match="cannot be written"):
-        share(pendulum_run().path, tmp_path / "file" / "shared")
+        write_player(pendulum_run().path, tmp_path / "file" / "shared")
 
 
 def test_the_help_says_what_loading_a_run_may_do(capsys):

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import re
 import sys
+from collections.abc import Iterator
+from contextvars import ContextVar
 from types import ModuleType
 from typing import Any
 
@@ -31,6 +34,14 @@ ALGORITHMS = tuple(_ALGORITHMS)
 
 PLANNERS = tuple(PLAYERS)
 """Names of what plays without training."""
+
+KNOWN_PACKAGES = ("sb3_piano", "stable_baselines3", "sb3_contrib", "gymnasium", "torch")
+"""Packages whose classes the settings of an exported run may name."""
+
+_WRITERS = ("Monitor", "RecordVideo", "VecMonitor", "VecVideoRecorder")
+"""Wrappers of these packages that write files wherever their arguments say."""
+
+_known_only: ContextVar[bool] = ContextVar("_known_only", default=False)
 
 _DOTTED = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)+")
 
@@ -64,11 +75,45 @@ def full_name(name: str) -> str:
     return f"{_ZOO_NAMES.get(head, head)}{dot}{rest}"
 
 
+@contextlib.contextmanager
+def known_packages_only() -> Iterator[None]:
+    """Refuse, while the block lasts, names of other packages than :data:`KNOWN_PACKAGES`.
+
+    They are refused before they are imported. For settings that come from somebody else.
+    """
+    token = _known_only.set(True)
+    try:
+        yield
+    finally:
+        _known_only.reset(token)
+
+
+def refuse_unknown_package(name: str) -> None:
+    """Refuse the import path of a thing that the settings of an exported run may not name.
+
+    Raises:
+        ConfigError: If it is of another package, private, or a wrapper that writes files.
+    """
+    package, *parts = full_name(name).split(".")
+    if package not in KNOWN_PACKAGES or any(part.startswith("_") for part in parts):
+        raise ConfigError(
+            f"{name!r} is refused, as settings of an exported run import no code of others: "
+            f"expected a public name of {', '.join(KNOWN_PACKAGES)}."
+        )
+    if parts and parts[-1] in _WRITERS:
+        raise ConfigError(
+            f"{name!r} is refused, as settings of an exported run write no files: expected no "
+            f"wrapper of {', '.join(_WRITERS)}."
+        )
+
+
 def import_name(name: str) -> Any:
     """Return what an import path names, such as ``package.module.Class``."""
     path = full_name(name)
     if not is_dotted(path):
         raise ConfigError(f"{name!r} is no import path: expected 'package.module.Name'.")
+    if _known_only.get():
+        refuse_unknown_package(name)
     found: Any = None
     for part in path.split("."):
         if found is None or (isinstance(found, ModuleType) and not hasattr(found, part)):
@@ -92,6 +137,8 @@ def import_name(name: str) -> Any:
                 f"{near_names(part, dir(found))}"
             )
         found = getattr(found, part)
+        if _known_only.get() and isinstance(found, ModuleType):
+            refuse_unknown_package(found.__name__)  # torch.os is of another one
     return found
 
 
@@ -118,6 +165,8 @@ def registered_id(env_id: str, module: str | None = None) -> tuple[str | None, s
     named, _, name = env_id.rpartition(":")
     module = named or module
     if module:
+        if _known_only.get():
+            refuse_unknown_package(module)
         before, is_new = gym.registry.get(name), module not in sys.modules
         try:
             importlib.import_module(module)
@@ -135,6 +184,10 @@ def registered_id(env_id: str, module: str | None = None) -> tuple[str | None, s
             f"Unknown environment {name!r}.{near_names(name, gym.registry)} Expected a registered "
             "id, or 'module:Id' to import the module that registers it."
         )
+    if _known_only.get():
+        made = gym.registry[name].entry_point
+        where = made if isinstance(made, str) else getattr(made, "__module__", str(made))
+        refuse_unknown_package(where.partition(":")[0])
     return module, name
 
 

@@ -40,8 +40,8 @@ from sb3_piano.training.runs.builders import (
 from sb3_piano.training.runs.folder import RunFolder, unwritable
 from sb3_piano.training.runs.saved import (
     act,
-    load_player,
     load_statistics,
+    load_to_play,
     model_files,
     pack_weights,
 )
@@ -116,7 +116,7 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
             env = cast(DummyVecEnv, venv.unwrapped).envs[0]
             if chosen is not None:
                 _check_playable(run, config, env, venv, chosen)
-            model = load_player(config, model_file, venv)
+            model = load_to_play(config, model_file, venv)
             if tree is not None:
                 model = TreeSearch(model, venv, tree, seed=seed)
             return cls(
@@ -135,6 +135,11 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
     def env(self) -> Env:
         """The bare environment."""
         return self._recorder.unwrapped
+
+    @property
+    def vec_env(self) -> VecEnv:
+        """The vector that the model plays in, with the run's wrappers and normalisation."""
+        return self._venv
 
     @property
     def num_timesteps(self) -> int:
@@ -320,45 +325,34 @@ def env_to_record(config: PlayConfig, start: float = 0.0) -> Env:
 def keep_base(run: RunFolder, config: PlayConfig) -> None:
     """Keep a copy of the run that is corrected, if one is, in the folder of the new run."""
     if config.base is not None:
-        share(config.base, run.base_dir)
+        write_player(config.base, run.base_dir)
         run.write_config(run.read_config().with_base(str(run.base_dir)))
 
 
-def share(
+def write_player(
     run: str | os.PathLike[str], folder: str | os.PathLike[str], *, best: str | None = None
 ) -> RunFolder:
     """Write what playing a run needs: its settings, origin, score and weights, in plain files.
 
     If it learnt one network for both hands (a policy for hands, acting by
     :class:`~sb3_piano.wrappers.HandActions`), that is written as well: ``hand.safetensors`` plays
-    any piece as a :class:`~sb3_piano.players.SightReader`.
-
-    The new folder has no pickles, so that loading it runs no code of it. It is evaluated, played
-    and reported on like the run, with the same result to the last bit; it cannot be trained on.
-
-    Args:
-        run: The run's folder.
-        folder: Where to, a new or empty folder.
-        best: Share the best model by this metric, such as "f1", in place of the last one.
-
-    Raises:
-        RunError: If there is no run, it has no model that can be loaded, or the folder cannot be
-            used.
+    any piece as a :class:`~sb3_piano.players.SightReader`. Arguments and errors are those of
+    :func:`~sb3_piano.training.export_run`, which adds what describes the run.
     """
     with SavedPlayer.open(run, best=best) as player:
         config = player.run.read_config()
-        shared = RunFolder.create(config, folder)
+        written = RunFolder.create(config, folder)
         try:
-            keep_base(shared, config)
+            keep_base(written, config)
             if player.run.provenance_file.is_file():
-                shutil.copyfile(player.run.provenance_file, shared.provenance_file)
+                shutil.copyfile(player.run.provenance_file, written.provenance_file)
             if isinstance(config, RunConfig):
                 assert isinstance(player.model, BaseAlgorithm), "what is trained has weights"
-                write_bytes(shared.weights_file, pack_weights(player.model, config))
+                write_bytes(written.weights_file, pack_weights(player.model, config))
                 hand = _hand_model(player)
                 if hand is not None:
-                    hand.save(shared.hand_file)
+                    hand.save(written.hand_file)
         except OSError as error:
-            shutil.rmtree(shared.path, ignore_errors=True)
-            raise unwritable(shared.path, error) from error
-        return shared
+            shutil.rmtree(written.path, ignore_errors=True)
+            raise unwritable(written.path, error) from error
+        return written

@@ -16,7 +16,7 @@ from sb3_piano.settings import Positive, checked
 from sb3_piano.training.configuration.config import CorrectsRun, RunConfig
 from sb3_piano.training.runs.builders import normalized, refuse_other_vectors
 from sb3_piano.training.runs.folder import RunFolder
-from sb3_piano.training.runs.saved import act, load_player, load_statistics, model_files
+from sb3_piano.training.runs.saved import act, load_statistics, load_to_play, model_files
 from sb3_piano.wrappers.hand_actions import change_of_actions
 from sb3_piano.wrappers.residual import Residual
 
@@ -67,7 +67,7 @@ class RunResidual(Residual, gym.utils.RecordConstructorArgs, CorrectsRun):
 def _model_of(run: str | os.PathLike[str], env: gym.Env[Any, Any]) -> tuple[BaseAlgorithm, VecEnv]:
     """Return the model of a run for an environment like its own, and the vector that it sees."""
     folder = RunFolder.open(run)
-    config = folder.read_config()
+    config = folder.read_config(exported=False)  # who exported it is whose run is played
     refused = f"Run '{folder.path}' cannot be corrected"
     if not isinstance(config, RunConfig):
         raise ConfigError(f"{refused}: it was not trained. Expected a training, or a clone.")
@@ -78,7 +78,7 @@ def _model_of(run: str | os.PathLike[str], env: gym.Env[Any, Any]) -> tuple[Base
         venv = plugin(venv)
     venv = normalized(config, venv)
     load_statistics(config, statistics, venv)
-    model = load_player(config, model_file, venv)
+    model = load_to_play(config, model_file, venv)
     assert isinstance(model, BaseAlgorithm), "it was trained"
     model.env = None  # which is this one
     return model, venv

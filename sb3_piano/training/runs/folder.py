@@ -25,7 +25,13 @@ from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music.library import user_library
 from sb3_piano.players.hand_model import FILE_NAME as HAND_FILE
 from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
-from sb3_piano.training.configuration.names import PLANNERS
+from sb3_piano.training.configuration.names import (
+    PLANNERS,
+    full_name,
+    is_dotted,
+    known_packages_only,
+    refuse_unknown_package,
+)
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 
 FILE_OPTIONS = ("score", "fingering")
@@ -53,10 +59,10 @@ class RunFolder:
     ``score.<suffix>``       the score that is played, if the run was given a file or an imported
                              piece; likewise ``fingering.<suffix>``, a file of finger labels
     ``model.zip``            the newest saved model; ``vecnormalize.pkl`` beside it, if it has any
-    ``policy.safetensors``   in place of both, in a run that was shared to be played
+    ``policy.safetensors``   in place of both, in a run that was exported to be played
     ``hand.safetensors``     the network of a hand that plays any piece as a sight-reader, if the
-                             run was given one, or was shared and its policy has one
-    ``base/``                what is corrected, if it is the model of another run: that run, shared
+                             run was given one, or was exported and its policy has one
+    ``base/``                what is corrected, if it is the model of another run: that, exported
     ``checkpoint/``          what resuming needs, see :class:`~sb3_piano.callbacks.Checkpoint`
     ``monitor/``             one ``<n>.monitor.csv`` per environment. After a crash it also has the
                              episodes since the last checkpoint, which are then played again
@@ -158,8 +164,43 @@ class RunFolder:
         found = self.path.glob("best_*/best_model.zip")
         return sorted(file.parent.name.removeprefix("best_") for file in found)
 
-    def read_config(self) -> PlayConfig:
-        """Return the run's settings; a score file is that of the folder, wherever it is now."""
+    def read_config(self, exported: bool | None = None) -> PlayConfig:
+        """Return the run's settings; a score file is that of the folder, wherever it is now.
+
+        Those of an ``exported`` run, by default of a folder with weights as plain arrays, may name
+        only classes of known packages, and nothing in its folder may be unpickled.
+
+        Raises:
+            ConfigError: If they are damaged, or name anything else.
+            RunError: If an exported run would have to be unpickled.
+        """
+        if not (self.weights_file.is_file() if exported is None else exported):
+            return self._read_config()
+        with known_packages_only():
+            config = self._read_config()
+        if isinstance(config, RunConfig):
+            for text in _texts(config.algorithm_kwargs):
+                if is_dotted(full_name(text)):  # it would be imported when the model is made
+                    try:
+                        refuse_unknown_package(text)
+                    except ConfigError as error:
+                        raise ConfigError(f"'{self.config_file}': {error}") from error
+            if not self.weights_file.is_file():
+                raise RunError(
+                    f"'{self.path}' has no {self.weights_file.name}, and its model could only be "
+                    "unpickled: expected a folder that 'sb3-piano export' wrote. Of people whom "
+                    "you trust, SavedPlayer.open and the commands load any run."
+                )
+        if config.base is not None:
+            if Path(config.base) != self.base_dir:
+                raise RunError(
+                    f"'{self.path}' corrects the run '{config.base}', which is not in it: "
+                    f"expected it as {self.base_dir.name}/, as 'sb3-piano export' writes it."
+                )
+            RunFolder.open(self.base_dir).read_config(exported=True)
+        return config
+
+    def _read_config(self) -> PlayConfig:
         content = read_yaml_mapping(self.config_file)
         kind: type[PlayConfig] = RunConfig
         if content.get("algo") in PLANNERS:
@@ -231,6 +272,15 @@ def provenance(seed: int | None) -> dict[str, Any]:
             "python": platform.python_version(),
         },
     }
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Yield every text in a plain value."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, (Mapping, list, tuple)):
+        for item in value.values() if isinstance(value, Mapping) else value:
+            yield from _texts(item)
 
 
 def _files(config: PlayConfig) -> dict[str, str]:

@@ -1,6 +1,6 @@
 """Saved models: SB3's own files, or weights as plain arrays.
 
-In a safetensors file weights are shared: reading one runs no code, unlike unpickling what
+In a safetensors file weights are exported: reading one runs no code, unlike unpickling what
 Stable-Baselines3 saves.
 """
 
@@ -26,6 +26,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import RunError, one_line
 from sb3_piano.planning import PianoPolicy
+from sb3_piano.settings import Index, checked
 from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
 from sb3_piano.training.runs.builders import build_model, build_planner
 from sb3_piano.training.runs.folder import RunFolder
@@ -42,7 +43,7 @@ def model_files(
 ) -> tuple[Path, Path | None]:
     """Return the file of a model, and that of ``VecNormalize`` if the run normalises.
 
-    A zip file and a pickle, or of a shared run its weights. ``best`` is the metric by which the
+    A zip file and a pickle, or of an exported run its weights. ``best`` is the metric by which the
     model is the best; by default it is the newest one. What plays without training is all in the
     config.
     """
@@ -50,7 +51,7 @@ def model_files(
     if run.weights_file.is_file():  # then nothing is unpickled, whatever else the folder holds
         if best is not None:
             raise RunError(
-                f"Run '{run.path}' was shared with one model, and has no best one by {best!r}: "
+                f"Run '{run.path}' was exported with one model, and has no best one by {best!r}: "
                 "expected no metric."
             )
         return run.weights_file, run.weights_file if normalizes else None
@@ -98,7 +99,7 @@ def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> B
         ) from error
 
 
-def load_player(config: PlayConfig, path: Path, venv: VecEnv) -> BaseAlgorithm | PianoPolicy:
+def load_to_play(config: PlayConfig, path: Path, venv: VecEnv) -> BaseAlgorithm | PianoPolicy:
     """Return what plays in a run, of :func:`model_files`, without what only training needs."""
     if not isinstance(config, RunConfig):
         return build_planner(config, venv)
@@ -177,15 +178,16 @@ def read_weights(path: Path, config: PlayConfig) -> tuple[Tensors, int]:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         if facts.pop("sha256", None) != _digest(tensors, facts):
             raise ValueError("its checksum is wrong")
+        steps = checked("num_timesteps", int(facts["num_timesteps"]), Index)
         for name, value in config.labels.items():
             if facts.get(name) != value:
                 raise ValueError(f"its {name} is {facts.get(name)!r}, not {value!r}")
     except Exception as error:  # a damaged file fails in any way
         raise RunError(
             f"Weights '{path}' cannot be loaded ({one_line(error)}): expected the file that "
-            "'sb3-piano share' wrote for this run."
+            "'sb3-piano export' wrote for this run."
         ) from error
-    return tensors, int(facts["num_timesteps"])
+    return tensors, steps
 
 
 def _digest(tensors: Tensors, facts: Mapping[str, str]) -> str:

@@ -106,7 +106,7 @@ class StartFromRun(BaseCallback):
         """Set networks, optimizers, entropy coefficient and statistics."""
         if run.weights_file.is_file():
             raise RunError(
-                f"Run '{run.path}' was shared to be played, without optimizers and critics' "
+                f"Run '{run.path}' was exported to be played, without optimizers and critics' "
                 "states: expected the run that it was made of."
             )
         file, statistics = model_files(run, config)

@@ -157,7 +157,7 @@ def resume(
     run = RunFolder.open(folder)
     if run.weights_file.is_file():
         raise RunError(
-            f"Run '{run.path}' was shared to be played, without what training needs to go on: "
+            f"Run '{run.path}' was exported to be played, without what training needs to go on: "
             "expected the run that it was made of."
         )
     with _owned(run):

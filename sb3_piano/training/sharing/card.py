@@ -1,0 +1,176 @@
+"""The card of an exported run, in the Hugging Face Hub's format: YAML facts, then Markdown."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sb3_piano.training.configuration.config import PlayConfig, RunConfig
+from sb3_piano.training.evaluation.evaluate import Evaluation
+from sb3_piano.training.runs.folder import RunFolder
+
+_TASK = {"type": "reinforcement-learning", "name": "reinforcement-learning"}
+
+_METRICS = {
+    "f1": "F1",
+    "precision": "precision",
+    "recall": "recall",
+    "onset_f1": "onset F1",
+    "return": "return",
+}
+"""Metrics of the card and their names in it, as far as the environment has them."""
+
+_HUB_TYPES = {"return": "mean_reward"}
+"""Types by which the Hub's leaderboards know a metric; others go by their own name."""
+
+
+def card_of(run: RunFolder, config: PlayConfig, found: Evaluation) -> str:
+    """Return the card of a run that was evaluated."""
+    shown = {name: label for name, label in _METRICS.items() if name in found.summary}
+    front = yaml.safe_dump(_front_matter(config, found, shown), sort_keys=False)
+    onset = f" and onset F1 {found.mean['onset_f1']:.3f}" if "onset_f1" in shown else ""
+    says = f", with F1 {found.mean['f1']:.3f}{onset}" if "f1" in shown else ""
+    body = f"""\
+# {config.algo} plays {found.piece}
+
+A model of {config.algo} (Stable-Baselines3 and sb3-piano) that plays *{found.piece}* in
+`{config.env_id}`{says}. It was trained for {found.num_timesteps} environment steps.
+
+## How well
+
+{_table(found, shown)}
+
+{_spread(found)} The commands that repeat this are below.
+
+## Use
+
+```bash
+pip install sb3-piano
+sb3-piano evaluate FOLDER --episodes 1 --seeds {_seeds(found)}
+sb3-piano play FOLDER
+```
+
+```python
+from sb3_piano.training import load_player
+
+with load_player("FOLDER") as player:
+    (recording,) = player.play()
+```
+
+FOLDER is this one. No file in it is a pickle, and `load_player` runs no code of it.
+
+## Training
+
+{_training(run, config)}
+
+## Data and limits
+
+{_limits(config, found)}
+"""
+    return f"---\n{front}---\n\n{body}"
+
+
+def _front_matter(
+    config: PlayConfig, found: Evaluation, shown: Mapping[str, str]
+) -> dict[str, Any]:
+    metrics = [
+        {
+            "type": _HUB_TYPES.get(name, name),
+            "value": f"{found.mean[name]:.3f} +/- {found.std[name]:.3f}"
+            if name == "return"
+            else round(found.mean[name], 4),
+            "name": _HUB_TYPES.get(name, f"mean {label}"),
+            "verified": False,
+        }
+        for name, label in shown.items()
+        if name in ("f1", "onset_f1", "return")
+    ]
+    dataset = {"name": config.env_id, "type": config.env_id}
+    return {
+        "library_name": "stable-baselines3",
+        "pipeline_tag": "reinforcement-learning",
+        "tags": [
+            config.env_id,
+            "deep-reinforcement-learning",
+            "reinforcement-learning",
+            "stable-baselines3",
+            "sb3-piano",
+        ],
+        "model-index": [
+            {
+                "name": config.algo,
+                "results": [{"task": _TASK, "dataset": dataset, "metrics": metrics}],
+            }
+        ],
+    }
+
+
+def _table(found: Evaluation, shown: Mapping[str, str]) -> str:
+    rows = ["| | mean | 95 % interval | resting hands |", "|---|---|---|---|"]
+    for name, label in shown.items():
+        summary = found.summary[name]
+        ends = summary.interval
+        interval = "none" if ends is None else f"{ends[0]:.4f} to {ends[1]:.4f}"
+        rest = "" if found.baseline is None else f"{found.baseline[name]:.4f}"
+        rows.append(f"| {label} | {summary.mean:.4f} | {interval} | {rest} |")
+    return "\n".join(rows)
+
+
+def _spread(found: Evaluation) -> str:
+    count = len(found.episodes)
+    seeds = f"{count} episode{'s' * (count > 1)}, seed{'s' * (count > 1)} {_seeds(found)}"
+    if found.is_repetition:
+        return (
+            f"Of {seeds}, without exploring. All are equal, as nothing is drawn at random, so that "
+            "there is no interval."
+        )
+    return f"Of {seeds}, without exploring; bootstrap intervals of the mean over episodes."
+
+
+def _seeds(found: Evaluation) -> str:
+    return " ".join(map(str, found.episode_seeds))
+
+
+def _training(run: RunFolder, config: PlayConfig) -> str:
+    if not isinstance(config, RunConfig):
+        return "None: it plans what it plays."
+    notes = run.read_provenance()
+    command = notes.get("command")
+    told = "" if not isinstance(command, str) else f"Trained by\n\n```\n{_short(command)}\n```\n\n"
+    versions = notes.get("versions")
+    known = versions.items() if isinstance(versions, Mapping) else ()
+    with_what = ", ".join(f"{name} {version}" for name, version in known) or "unknown versions"
+    return (
+        f"{told}with {with_what}. All settings are in `config.yml`, seed {config.seed}; from them\n"
+        "it is trained again by\n\n```python\n"
+        "from sb3_piano.training import RunFolder, train\n\n"
+        'train(RunFolder.open("FOLDER").read_config(), "again")\n```'
+    )
+
+
+def _short(command: str) -> str:
+    """Return a command line without the path of the interpreter that ran it."""
+    words = shlex.split(command)
+    for index, word in enumerate(words):
+        if Path(word).name == "sb3-piano" or word in ("sb3_piano", "sb3_piano.cli"):
+            return shlex.join(["sb3-piano", *words[index + 1 :]])
+    return command
+
+
+def _limits(config: PlayConfig, found: Evaluation) -> str:
+    physics = config.env_kwargs.get("physics")
+    where = "its physics are those of the environment" if physics is None else f"physics {physics}"
+    lines = [
+        f"- The figures are of a simulation ({where}); nothing of this was on a real hand.",
+        f"- What was played is {found.piece}. On another piece it was not measured.",
+        "- The policy acts without exploring; what it observes is what the wrappers of "
+        "`config.yml` give.",
+        "- Rounding differs between processors, so that another machine may play other digits.",
+    ]
+    if isinstance(config, RunConfig):
+        lines.append("- It cannot be trained on: optimizers and replay buffer are not in it.")
+    return "\n".join(lines)

@@ -1,0 +1,82 @@
+"""Export of a run: what plays it, what it plays, and how well, in a folder without pickles."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.files import Place, write_text
+from sb3_piano.training.evaluation.evaluate import evaluate
+from sb3_piano.training.playing.player import SavedPlayer, write_player
+from sb3_piano.training.playing.takes import take_of_run
+from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.sharing.card import card_of
+from sb3_piano.training.sharing.onnx_actor import write_onnx
+from sb3_piano.viewing import DEFAULT_PICTURE, Picture, Progress, write_take
+
+REPLAY = "replay"
+"""Name of the video and of its MIDI file, without suffixes; the Hub shows ``replay.mp4``."""
+
+
+class ExportedFolder(RunFolder):
+    """The folder of an exported run."""
+
+    card_file = Place("README.md")
+    onnx_file = Place("policy.onnx")
+    video_file = Place(f"{REPLAY}.mp4")
+
+
+def export_run(
+    run: str | os.PathLike[str],
+    folder: str | os.PathLike[str],
+    *,
+    best: str | None = None,
+    episodes: int = 5,
+    picture: Picture | None = DEFAULT_PICTURE,
+    onnx: bool = False,
+    on_episode: Callable[[], object] = lambda: None,
+    progress: Progress | None = None,
+) -> ExportedFolder:
+    """Write a run for others to play: settings, weights, a card, a video, in plain files.
+
+    The new folder has no pickles, and its settings name only classes of
+    :data:`~sb3_piano.training.KNOWN_PACKAGES`, so that loading it runs no code of it. It is
+    evaluated, played and reported on like the run, with the same result to the last bit; it cannot
+    be trained on. Whatever ends this early leaves no folder.
+
+    Args:
+        run: The run's folder.
+        folder: Where to, a new or empty folder.
+        best: Export the best model by this metric, such as "f1", in place of the last one.
+        episodes: How many the card tells of, each from the next seed from 0 on; at least 1.
+        picture: How the video looks; ``None`` for no video. Without a graphics driver there is
+            none either.
+        onnx: Also write the actor as ``policy.onnx``, see
+            :func:`~sb3_piano.training.sharing.onnx_actor.write_onnx`.
+        on_episode: Is called after each episode.
+        progress: Is told how far the video is.
+
+    Raises:
+        ConfigError: If a setting is out of range, or names a class of another package; or the
+            model cannot be written as ONNX.
+        RunError: If there is no run, it has no model that can be loaded, or the folder cannot be
+            used.
+        ImportError: If ``onnx`` is asked for and not installed.
+    """
+    exported = ExportedFolder(write_player(run, folder, best=best).path)
+    with exported.whole_or_gone():
+        config = exported.read_config(exported=True)
+        if onnx:
+            with SavedPlayer.open(exported.path) as player:
+                write_onnx(player, exported.onnx_file)
+        found = evaluate(exported.path, 1, range(episodes), on_episode=on_episode)
+        if found.interrupted:
+            raise KeyboardInterrupt
+        with SavedPlayer.open(exported.path) as player:
+            is_piano = isinstance(player.env, PianoEnv)
+        if picture is not None and is_piano:
+            take = take_of_run(exported.path)
+            write_take(take, exported.path / REPLAY, picture, progress).wav.unlink()
+        write_text(exported.card_file, card_of(exported, config, found))
+    return exported

@@ -1,0 +1,111 @@
+"""Exported runs on disk and on the Hugging Face Hub: load and publish them."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from sb3_piano.exceptions import ConfigError, RunError, one_line
+from sb3_piano.training.playing.player import SavedPlayer
+from sb3_piano.training.runs.folder import RunFolder
+
+_HUB = re.compile(r"hf:(//)?(?P<repo>[\w.-]+/[\w.-]+)(@(?P<revision>[\w./-]+))?")
+
+_FILES = ("*.yml", "*.safetensors", "score.*", "fingering.*", "README.md")
+"""Files of a repository that are fetched, also those in ``base/``: nothing that is unpickled."""
+
+
+def load_player(folder: str | os.PathLike[str], **options: Any) -> SavedPlayer:
+    """Return the player of an exported run, without running any code of its folder.
+
+    Nothing is unpickled, and its settings may name only classes of
+    :data:`~sb3_piano.training.KNOWN_PACKAGES`. Of a run of one's own, with ``model.zip``, use
+    :meth:`~sb3_piano.training.SavedPlayer.open`.
+
+    Args:
+        folder: The folder, or ``hf://OWNER/NAME``, optionally ``@REVISION``, of the Hugging Face
+            Hub, from where it is fetched once.
+        **options: Options of :meth:`~sb3_piano.training.SavedPlayer.open`.
+
+    Raises:
+        ConfigError: If its settings are damaged or name anything else.
+        RunError: If it is no exported run, its weights are damaged, or it cannot be fetched.
+        ImportError: If it is on the Hub and ``sb3-piano[hub]`` is not installed.
+    """
+    return SavedPlayer.open(exported_folder(folder), **options)
+
+
+def exported_folder(name: str | os.PathLike[str]) -> Path:
+    """Return the checked folder of an exported run, fetched if it is on the Hub."""
+    folder = _fetched(os.fspath(name)) if is_on_hub(name) else Path(name)
+    RunFolder.open(folder).read_config(exported=True)
+    return folder
+
+
+def is_on_hub(name: str | os.PathLike[str]) -> bool:
+    """Return whether a name stands for a repository of the Hub: ``hf:...``."""
+    return isinstance(name, str) and name.startswith("hf:")
+
+
+def push_to_hub(run: RunFolder, repo: str) -> str:
+    """Publish the folder of an exported run, and return its address.
+
+    ``repo`` is ``OWNER/NAME``; ``OWNER`` alone gets the name that RL Zoo gives,
+    ``<algo>-<env-id>``.
+
+    Raises:
+        ConfigError: If the settings of the run may not be exported.
+        RunError: If the Hub refuses it.
+        ImportError: If ``sb3-piano[hub]`` is not installed.
+    """
+    config = run.read_config(exported=True)
+    hub, names = _packages()
+    if "/" not in repo:
+        model = names.ModelName(config.algo, names.EnvironmentName(config.env_id))
+        repo = str(names.ModelRepoId(repo, model))
+    try:
+        api = hub.HfApi()
+        created = api.create_repo(repo_id=repo, exist_ok=True)
+        api.upload_folder(
+            repo_id=created.repo_id,
+            folder_path=run.path,
+            ignore_patterns=["*.zip", "*.pkl", ".lock"],
+            commit_message="Upload by sb3-piano export",
+        )
+    except Exception as error:  # requests, tokens and names fail in many ways
+        raise RunError(
+            f"'{run.path}' cannot be published as {repo!r} ({one_line(error)}): expected a "
+            "repository OWNER/NAME in which you may write, after 'hf auth login'."
+        ) from error
+    return str(created)
+
+
+def _fetched(name: str) -> Path:
+    match = _HUB.fullmatch(name)
+    if match is None:
+        raise ConfigError(f"{name!r} is no repository: expected hf://OWNER/NAME[@REVISION].")
+    hub, _ = _packages()
+    patterns = [*_FILES, *(f"base/{pattern}" for pattern in _FILES)]
+    try:
+        fetched = hub.snapshot_download(
+            match["repo"], revision=match["revision"], allow_patterns=patterns
+        )
+    except Exception as error:  # networks, names and tokens fail in many ways
+        raise RunError(
+            f"{name!r} cannot be fetched ({one_line(error)}): expected the name of a repository "
+            "that 'sb3-piano export --push-to-hub' made, and a connection to the Hub."
+        ) from error
+    return Path(fetched)
+
+
+def _packages() -> tuple[Any, Any]:
+    try:
+        import huggingface_hub
+        import huggingface_sb3
+    except ImportError as error:
+        raise ImportError(
+            "The Hugging Face Hub needs other packages: pip install 'sb3-piano[hub]'."
+        ) from error
+    return huggingface_hub, huggingface_sb3

@@ -183,7 +183,7 @@ def test_a_node_that_dies_loses_no_cell(ray_cluster, tmp_path):
     Each cell finishes once, that of the dead node from its checkpoint, and those that were not
     interrupted have the weights of local ones.
     """
-    longer = {**SHORT, "settings": {**SHORT["settings"], "n_timesteps": 700}}
+    longer = {**SHORT, "settings": {**SHORT["settings"], "n_timesteps": 400}}
     config = SweepConfig(**{**longer, "seeds": tuple(range(12))})
     place = tmp_path / "cluster"
     node = ray_cluster.add_node(num_cpus=1, node_ip_address="127.0.0.1", object_store_memory=2**27)
@@ -191,7 +191,7 @@ def test_a_node_that_dies_loses_no_cell(ray_cluster, tmp_path):
 
     def both_nodes_train():
         begun = [cell for cell in sweep_status(config, place) if cell.num_timesteps]
-        return len(begun) - len(found) >= 2 and all(c.num_timesteps < 600 for c in begun[-2:])
+        return len(begun) - len(found) >= 2 and all(c.num_timesteps < 350 for c in begun[-2:])
 
     def kill():
         deadline = time.monotonic() + 200

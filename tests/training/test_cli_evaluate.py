@@ -58,6 +58,20 @@ def written(run, tmp_path):
     return json.loads((tmp_path / run / "evaluation" / "metrics.json").read_text())
 
 
+def test_losses_are_shown_as_shares_of_what_the_file_counts(piano_run, call, tmp_path):
+    piano_run(LOUD)
+    code, out, err = call("evaluate run --losses")
+    assert (code, err) == (0, "")
+    found = written("run", tmp_path)["losses"]
+    table = rows_of(out[out.index("Losses of run:") :])
+    for counts in found.values():
+        for group, kinds in counts.items():
+            total = sum(kinds.values())
+            shares = [f"{100 * count / total:.1f}" if count else "-" for count in kinds.values()]
+            assert [group, str(total), *shares] in table
+    assert len(table) == sum(map(len, found.values())) > 0
+
+
 def test_one_run_has_all_metrics_by_section_beside_the_baseline(piano_run, call, tmp_path):
     piano_run(LOUD)
     code, out, err = call("evaluate run")

@@ -1,0 +1,148 @@
+"""Exported runs: what is in them, loading without pickles, folders that try to run code."""
+
+from __future__ import annotations
+
+import pickle
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+import yaml
+
+from sb3_piano.cli import main
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.training import evaluate, export_run, load_player
+from sb3_piano.training.configuration.names import import_name, known_packages_only
+
+FRESH = """
+    import pickle, sys
+
+    def refused(*arguments, **named):
+        raise AssertionError("unpickled")
+
+    import torch
+    from sb3_piano.training import load_player
+
+    class Refused(pickle.Unpickler):  # torch derives classes of its own from it
+        __init__ = refused
+
+    pickle.load = pickle.loads = torch.load = refused
+    pickle.Unpickler = Refused
+    def hook(event, arguments):
+        if event in ("pickle.find_class", "os.system", "os.exec", "subprocess.Popen"):
+            raise AssertionError(event)
+    sys.addaudithook(hook)
+    with load_player("exported") as player:
+        print(repr(player.play()[0].metrics["f1"]))
+"""
+
+
+class Evil:
+    """What makes a marker file when it is unpickled."""
+
+    def __reduce__(self):
+        return (exec, ("open('marker', 'w').close()",))
+
+
+@pytest.fixture
+def exported(pendulum_run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return export_run(pendulum_run(normalize=True).path, "exported", episodes=2, onnx=True)
+
+
+def change(folder, **settings):
+    content = yaml.safe_load(folder.config_file.read_text())
+    folder.config_file.write_text(yaml.safe_dump({**content, **settings}))
+
+
+def test_the_actor_as_onnx_plays_what_predict_plays(exported):
+    runtime = pytest.importorskip("onnxruntime")
+    session = runtime.InferenceSession(exported.onnx_file)
+    with load_player(exported.path) as player:
+        player.vec_env.seed(0)
+        seen = player.env.observation_space.sample()[None]
+        for _ in range(20):
+            wanted, _ = player.predict(seen, deterministic=True)
+            (action,) = session.run(None, {"observation": np.float32(seen)})
+            np.testing.assert_allclose(action, wanted, atol=1e-5, rtol=0)
+            seen = player.env.observation_space.sample()[None]
+
+
+@pytest.mark.slow
+def test_a_fresh_process_without_pickle_has_the_same_f1(piano_run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = piano_run(np.linspace(-0.5, 0.5, 39), physics="fast")
+    export_run(run.path, "exported", episodes=1, picture=None)
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(FRESH)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) == evaluate(run.path).mean["f1"]
+
+
+def test_the_card_has_the_figures_of_the_evaluation_in_the_format_of_the_hub(exported):
+    _, front, body = exported.card_file.read_text().split("---\n", 2)
+    facts = yaml.safe_load(front)
+    assert facts["library_name"] == "stable-baselines3"
+    (result,) = facts["model-index"][0]["results"]
+    found = evaluate(exported.path, 1, range(2))
+    assert result["metrics"][0]["value"] == (
+        f"{found.mean['return']:.3f} +/- {found.std['return']:.3f}"
+    )
+    low, high = found.summary["return"].interval
+    assert f"| {found.mean['return']:.4f} | {low:.4f} to {high:.4f} |" in body
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"env_module": "evil"},
+        {"env_wrapper": "evil.Wrapper"},
+        {"env_wrapper": "torch.os.system"},
+        {"callback": [{"evil.Callback": {}}]},
+        {"vec_env_wrapper": "evil.Wrapper"},
+        {"policy": "evil.Policy"},
+        {"algorithm_kwargs": {"policy_kwargs": "dict(activation_fn=evil.Net)"}},
+        {"algorithm_kwargs": {"policy_kwargs": {"features_extractor_kwargs": {"a": "evil.A"}}}},
+        {"env_wrapper": {"gymnasium.wrappers.RecordVideo": {"video_folder": "marker"}}},
+        {"env_wrapper": {"sb3_piano.training.RunResidual": {"run": "elsewhere"}}},
+    ],
+)
+def test_settings_that_name_code_of_others_are_refused_unimported(
+    exported, tmp_path, monkeypatch, settings
+):
+    (tmp_path / "evil.py").write_text("open('marker', 'w').close()")
+    monkeypatch.syspath_prepend(tmp_path)
+    change(exported, **settings)
+    with pytest.raises((ConfigError, RunError), match="refused|not in it"):
+        load_player(exported.path)
+    assert "evil" not in sys.modules
+    assert not (tmp_path / "marker").exists()
+
+
+def test_pickles_are_left_alone_or_refused(exported, tmp_path):
+    bad = pickle.dumps(Evil())
+    for name in ("model.zip", "vecnormalize.pkl"):
+        (exported.path / name).write_bytes(bad)
+    with load_player(exported.path) as player:
+        player.play()
+    exported.weights_file.write_bytes(bad)
+    with pytest.raises(RunError, match="cannot be loaded"):
+        load_player(exported.path)
+    exported.weights_file.unlink()
+    with pytest.raises(RunError, match="could only be unpickled"):
+        load_player(exported.path)
+    assert not (tmp_path / "marker").exists()
+
+
+def test_names_of_other_packages_are_let_through_afterwards():
+    with known_packages_only(), pytest.raises(ConfigError, match="refused"):
+        import_name("json.dumps")
+    assert import_name("json.dumps")
+
+
+def test_options_of_the_web_page_are_refused_with_a_run(capsys):
+    assert main(["export", "run", "folder", "--tree", "4x4"]) == 2
+    assert "--tree cannot be given with a run" in capsys.readouterr().err

@@ -113,8 +113,7 @@ def record(
         try:
             for number, episode_seed in enumerate(seeds):
                 turn = number % len(noise)
-                steps = _steps(policy, env, episode_seed, noises[turn])
-                episode, found = as_episode(steps, env, episode_seed)
+                episode, found = play_episode(policy, env, episode_seed, noises[turn])
                 found = {"noise": float(noise[turn]), **found}
                 writer.add(episode, found)
                 notes.append(found)
@@ -165,6 +164,25 @@ def _evaluation_env(spec: EnvSpec | None) -> dict[str, str]:
     return {"eval_env_spec": dataclasses.replace(spec, additional_wrappers=kept).to_json()}
 
 
+def play_episode(
+    policy: Predictor,
+    env: Env,
+    seed: int,
+    noise: ActuatorNoise | None = None,
+    options: dict[str, Any] | None = None,
+) -> tuple[EpisodeBuffer, dict[str, float]]:
+    """Return an episode that a policy plays without exploring, and notes on it.
+
+    Args:
+        policy: What plays.
+        env: The environment.
+        seed: Seeds the environment and the noise.
+        noise: What is added to the actions.
+        options: Options of the environment's ``reset``, such as the score.
+    """
+    return as_episode(_steps(policy, env, seed, noise, options), env, seed)
+
+
 def as_episode(
     steps: Iterable[tuple[Any, ...]], env: Env, seed: int
 ) -> tuple[EpisodeBuffer, dict[str, float]]:
@@ -197,7 +215,11 @@ def as_episode(
 
 
 def _steps(
-    policy: Predictor, env: Env, seed: int, noise: ActuatorNoise | None
+    policy: Predictor,
+    env: Env,
+    seed: int,
+    noise: ActuatorNoise | None,
+    options: dict[str, Any] | None,
 ) -> Iterator[tuple[Any, ...]]:
     """Yield observation, action, label, reward, termination and info of each step.
 
@@ -206,7 +228,7 @@ def _steps(
     random, space = np.random.default_rng(seed), env.action_space
     if noise is not None:
         noise.restart()
-    observation, _ = env.reset(seed=seed)
+    observation, _ = env.reset(seed=seed, options=options)
     state, start, over = None, np.ones(1, dtype=bool), False
     while not over:
         label, state = policy.predict(observation, state, start, deterministic=True)

@@ -1,0 +1,107 @@
+"""``sb3-piano corpus``: performances of many pieces, recorded by many processes."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from typing import TYPE_CHECKING, Any
+
+from sb3_piano.cli.common import (
+    EXIT_OK,
+    TRUST,
+    add_command,
+    add_row,
+    env_options,
+    new_table,
+    print_table,
+    progress_bar,
+    tell_interrupted,
+    whole_number,
+)
+from sb3_piano.cli.demonstrations import require_minari
+
+if TYPE_CHECKING:
+    from sb3_piano.demonstrations.corpus import RecordedCorpus
+
+_PIECES = (
+    "names of pieces, files, patterns such as 'scale-*' or '~/midi/**/*.mid', collections such as "
+    "repertoire, or lists in .txt files"
+)
+_PLAYERS = (
+    "planned (default), sampling or sight-reader, with settings as in planned:rehearsals=2 or "
+    "sampling:samples=32; or folders of runs; each plays every excerpt"
+)
+_SET = "an option of the environment, such as observation=roll; of no run"
+
+
+def add_parser(commands: Any) -> None:
+    """Add the command and its arguments."""
+    about = "record a corpus of performances of many pieces, or go on recording it"
+    add = add_command(commands, "corpus", _corpus, about, epilog=TRUST)
+    add("pieces", "PIECE", _PIECES, nargs="+")
+    add("--out", "FOLDER", "a new folder; the same command goes on in it", required=True)
+    add("--players", "PLAYER", _PLAYERS, default=["planned"], nargs="+")
+    add("--excerpts", "N", "so many, from the pieces in turns; default: one of each", whole_number)
+    add("--seconds", "S", "length of an excerpt; default: whole pieces", float)
+    add("--episodes", "N", "of each excerpt by each player", whole_number, 4)
+    noise = "standard deviations of noise on the actions, in turns; default: 0 0.03 0.06 0.1"
+    add("--noise", "RAD", noise, float, nargs="+")
+    add("--start", "RAD", "standard deviation of the joints at the start", float, 0.0)
+    add("--by-hand", text="observe and play by hand, as 'distill' learns")
+    add("--set", "NAME=VALUE", _SET, action="append")
+    add("--shard", "N", "performances of a data set, which one process plays", whole_number, 25)
+    add("--seed", "N", "", int, 0)
+    add("--workers", "N", "processes; default: one for each core", whole_number)
+    add("--ray", "ADDRESS", "record on a cluster of Ray, whose nodes see the same folders")
+    add("--no-progress")
+
+
+def _corpus(arguments: argparse.Namespace) -> int:
+    require_minari()
+    from sb3_piano.corpora import DEFAULT_NOISE, CorpusConfig, record_corpus
+    from sb3_piano.executors import open_executor
+
+    config = CorpusConfig(
+        pieces=arguments.pieces,
+        players=tuple(arguments.players),
+        excerpts=arguments.excerpts,
+        seconds=arguments.seconds,
+        episodes=arguments.episodes,
+        start=arguments.start,
+        by_hand=arguments.by_hand,
+        env_kwargs=env_options(arguments.set or ()),
+        shard=arguments.shard,
+        seed=arguments.seed,
+        noise=tuple(arguments.noise or DEFAULT_NOISE),
+    )
+    with (
+        open_executor(arguments.workers, arguments.ray) as executor,
+        progress_bar(arguments, "performances") as tell,
+    ):
+        corpus = record_corpus(
+            config,
+            arguments.out,
+            executor=executor,
+            on_progress=lambda done, total: tell(completed=done, total=total),
+        )
+    if corpus is None:
+        return tell_interrupted(True, hint="; the same command goes on.")
+    _show(corpus)
+    return EXIT_OK
+
+
+def _show(corpus: RecordedCorpus) -> None:
+    from sb3_piano.corpora import summary
+
+    table = new_table("player", "noise, rad", "performances", "F1", "onset F1")
+    for row in summary(corpus.shards):
+        scores = f"{row.f1:.3f}", f"{row.onset_f1:.3f}"
+        add_row(table, row.player, f"{row.noise:g}", str(row.episodes), *scores)
+    print_table(table)
+    if corpus.skipped:
+        number, why = next(iter(corpus.skipped.items()))
+        print(f"{len(corpus.skipped)} were left out, such as number {number}: {why}")
+    print(f"Steps:       {corpus.steps} in {len(corpus.shards)} shards")
+    print(f"Content:     {corpus.content}")
+    print(f"Folder:      {corpus.folder}")
+    print(f"Learn it:    sb3-piano clone {shlex.quote(str(corpus.folder))}")

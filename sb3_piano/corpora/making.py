@@ -1,0 +1,219 @@
+"""The making of a corpus: by any executor, gone on with, the same whoever makes it."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import shlex
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+import yaml
+
+from sb3_piano.corpora.config import CorpusConfig, Player
+from sb3_piano.corpora.playing import CorpusJob, open_player
+from sb3_piano.demonstrations.corpus import DATA, INDEX, RecordedCorpus
+from sb3_piano.demonstrations.dataset import require_minari
+from sb3_piano.demonstrations.shards import (
+    Shard,
+    file_digest,
+    forget_unfinished,
+    make_missing,
+)
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.executors import process_pool
+from sb3_piano.files import write_json, write_text
+from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.locks import LOCK_SUFFIX, hold
+from sb3_piano.players.hand_model import FILE_NAME
+from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
+from sb3_piano.training.runs.folder import provenance, unwritable
+
+_CONFIG, _PROVENANCE = "corpus.yml", "run.yml"
+_OF_A_RUN = ("config.yml", "model.zip", "policy.safetensors", "vecnormalize.pkl")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayedSo:
+    """How well a player played with a noise."""
+
+    player: str
+    """The player."""
+    noise: float
+    """Standard deviation of the noise, rad."""
+    episodes: int
+    """Performances."""
+    f1: float
+    """Mean F1."""
+    onset_f1: float
+    """Mean onset F1."""
+
+
+def record_corpus(
+    config: CorpusConfig,
+    folder: str | os.PathLike[str],
+    *,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    on_progress: Callable[[int, int], object] = lambda done, total: None,
+) -> RecordedCorpus | None:
+    """Record a corpus of performances, or go on recording it.
+
+    A folder in which it was begun is gone on with: shards that are whole are kept, those that are
+    missing or damaged are made. The result is the same whoever makes it, in whatever order, on
+    processors of one kind with packages of the same versions.
+
+    ============== ================================================================================
+    ``corpus.yml`` the settings, and checksums of the files that are played or that play
+    ``run.yml``    command line, versions of packages, time
+    ``data/``      Minari data sets, and a manifest of each, a :class:`Shard`
+    ``index.json`` when all are there: their names and contents, and a checksum of those
+    ============== ================================================================================
+
+    Args:
+        config: The settings.
+        folder: Where to: a new or empty folder, or one to go on with.
+        executor: Makes the shards, where it sees folder and files by the same paths; by default a
+            pool of processes of this machine.
+        workers: Processes of that pool; by default one for each usable core.
+        on_progress: Is told how many performances are over, and of how many.
+
+    Returns:
+        The corpus; ``None`` if Ctrl-C or SIGTERM ended it early.
+
+    Raises:
+        ConfigError: If a setting is not valid, or a player cannot play.
+        RunError: If the folder cannot be used, or has other settings.
+        ImportError: If Minari is not installed.
+    """
+    require_minari()
+    place = Path(folder).absolute()
+    _check_players(config)
+    with _owned(place), stop_on_signal() as request:
+        inputs = _inputs(config)
+        _begin(place, config, inputs)
+        count = -(-len(config) // config.shard)
+        jobs = [CorpusJob(config, inputs, number, place / DATA) for number in range(count)]
+
+        def tell(done: int, total: int) -> None:
+            on_progress(min(done * config.shard, len(config)), len(config))
+
+        pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
+        with pool as chosen, _broken_told(place):
+            try:
+                shards = make_missing(chosen, jobs, request, tell)
+            except KeyboardInterrupt:
+                return None
+        if not any(shard.steps for shard in shards):
+            why = next(iter(shards[0].skipped.values()))
+            raise RunError(f"Nothing could be played: {why}")
+        _write_index(place, config, shards)
+    return RecordedCorpus.open(place)
+
+
+def summary(shards: Sequence[Shard]) -> list[PlayedSo]:
+    """Return how well each player played with each noise, in the order in which they come."""
+    found: dict[tuple[str, float], list[Any]] = defaultdict(list)
+    for shard in shards:
+        for notes in shard.episodes:
+            found[str(notes["player"]), float(notes["noise"])].append(notes)
+    return [
+        PlayedSo(
+            player=player,
+            noise=noise,
+            episodes=len(episodes),
+            f1=fmean(notes["f1"] for notes in episodes),
+            onset_f1=fmean(notes["onset_f1"] for notes in episodes),
+        )
+        for (player, noise), episodes in found.items()
+    ]
+
+
+def _check_players(config: CorpusConfig) -> None:
+    """Open each player once, so that what is wrong with it is told now and not by a worker."""
+    spaces = None
+    for name in config.players:
+        with open_player(config, name) as (_, env):
+            own = env.observation_space, env.action_space
+            if spaces not in (None, own):
+                raise ConfigError(
+                    f"The player {name!r} observes {own[0]} and plays {own[1]}, "
+                    f"{config.players[0]!r} other: expected players that see and do the same, or a "
+                    "corpus for each."
+                )
+            spaces = own
+
+
+def _inputs(config: CorpusConfig) -> dict[str, str]:
+    """Return the checksums of the files that are played or that play, by their names."""
+    files = [Path(piece) for piece in config.pieces]
+    for text in config.players:
+        player = Player.of(text)
+        if player.is_run:
+            files += [Path(player.name, name) for name in _OF_A_RUN]
+        elif "model" in player.arguments:
+            model = Path(player.arguments["model"])
+            files.append(model / FILE_NAME if model.is_dir() else model)
+    return {str(file): file_digest(file) for file in files if file.is_file()}
+
+
+def _begin(place: Path, config: CorpusConfig, inputs: dict[str, str]) -> None:
+    """Write the settings into a new folder; check them against those of one to go on with."""
+    file, ours = place / _CONFIG, {**config.to_mapping(), "files": inputs}
+    if file.is_file():
+        theirs = read_yaml_mapping(file)
+        for name, value in ours.items():
+            if theirs.get(name) != value:
+                raise RunError(
+                    f"The corpus in '{place}' has {name} {theirs.get(name)}, not {value}: expected "
+                    "the same settings, or another folder."
+                )
+        forget_unfinished(place / DATA)
+        return
+    if any(found.name != LOCK_SUFFIX for found in place.iterdir()):
+        raise RunError(f"Folder '{place}' is not empty: expected a new or empty one.")
+    try:
+        (place / DATA).mkdir()
+        write_text(place / _PROVENANCE, yaml.safe_dump(provenance(config.seed), sort_keys=False))
+        write_text(file, yaml.safe_dump(ours, sort_keys=False))
+    except OSError as error:
+        raise unwritable(place, error) from error
+
+
+def _write_index(place: Path, config: CorpusConfig, shards: Sequence[Shard]) -> None:
+    contents = {shard.name: shard.content for shard in shards}
+    content = hashlib.sha256("".join(contents.values()).encode()).hexdigest()
+    index = {"content": content, "pieces": list(config.pieces), "shards": contents}
+    write_json(place / INDEX, index)
+
+
+@contextlib.contextmanager
+def _owned(place: Path) -> Iterator[None]:
+    """Keep other processes from working in a folder."""
+
+    def busy(owner: str) -> RunError:
+        return RunError(
+            f"'{place}' is being worked in by {owner}: expected one recording in a folder."
+        )
+
+    with hold(place / LOCK_SUFFIX, busy):
+        yield
+
+
+@contextlib.contextmanager
+def _broken_told(place: Path) -> Iterator[None]:
+    """Say how to go on when a worker was killed, as by a machine without memory."""
+    try:
+        yield
+    except BrokenExecutor as error:
+        raise RunError(
+            f"A worker ended before its work was done, as happens without memory: {error} What is "
+            "whole is kept; give the same command again, with fewer workers if need be, to go on "
+            f"with {shlex.quote(str(place))}."
+        ) from error

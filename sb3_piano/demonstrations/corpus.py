@@ -1,0 +1,119 @@
+"""Corpora that were recorded: shards in a folder, read one at a time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sb3_piano.demonstrations.dataset import Transitions, open_dataset
+from sb3_piano.demonstrations.shards import Shard
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.files import read_json
+
+if TYPE_CHECKING:
+    from minari import MinariDataset
+
+INDEX = "index.json"
+"""Name of the file that says that a corpus is whole."""
+
+DATA = "data"
+"""Name of the folder of its data sets."""
+
+_AGAIN = "give the command that recorded it again."
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Index:
+    content: str
+    pieces: tuple[str, ...]
+    shards: Mapping[str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedCorpus:
+    """A corpus that is whole; :meth:`open` reads its manifests, and nothing of its data."""
+
+    folder: Path
+    """Its folder."""
+    content: str
+    """SHA-256 of the contents of its shards, the same whoever recorded it."""
+    pieces: tuple[str, ...]
+    """Names and files of the pieces."""
+    shards: tuple[Shard, ...]
+    """Its data sets, but for those in which nothing could be played."""
+    skipped: Mapping[str, str]
+    """Why a performance, by its number, could not be played."""
+
+    @classmethod
+    def open(cls, folder: str | os.PathLike[str]) -> RecordedCorpus:
+        """Return the corpus in a folder.
+
+        Raises:
+            ConfigError: If there is none, or it is not whole.
+            RunError: If one of its manifests is damaged.
+        """
+        place = Path(folder)
+        index = read_json(place / INDEX, _Index, _AGAIN)
+        if index is None:
+            raise ConfigError(
+                f"There is no whole corpus in '{place}', it has no {INDEX}: expected one that "
+                f"'sb3-piano corpus' recorded; where that was interrupted, {_AGAIN}"
+            )
+        shards = []
+        for name, content in index.shards.items():
+            shard = read_json(place / DATA / f"{name}.json", Shard, _AGAIN)
+            if shard is None or shard.content != content:
+                raise ConfigError(f"Shard {name} of the corpus in '{place}' is damaged: {_AGAIN}")
+            shards.append(shard)
+        return cls(
+            folder=place,
+            content=index.content,
+            pieces=index.pieces,
+            shards=tuple(shard for shard in shards if shard.steps),
+            skipped={n: why for shard in shards for n, why in shard.skipped.items()},
+        )
+
+    @property
+    def root(self) -> Path:
+        """The folder of its data sets."""
+        return self.folder / DATA
+
+    @property
+    def steps(self) -> int:
+        """Control steps of all performances."""
+        return sum(shard.steps for shard in self.shards)
+
+    def dataset(self, shard: Shard) -> MinariDataset:
+        """Return the data set of a shard, whose files are checked.
+
+        Raises:
+            ConfigError: If it is damaged.
+        """
+        if not shard.is_whole(self.root):
+            raise ConfigError(
+                f"Shard {shard.name} of the corpus in '{self.folder}' is damaged: {_AGAIN}"
+            )
+        return shard.open(self.root)
+
+    def transitions(self) -> Iterator[Transitions]:
+        """Yield the transitions shard by shard; no more than one is in memory.
+
+        Raises:
+            ConfigError: If a shard is damaged.
+        """
+        return (Transitions.of(self.dataset(shard)) for shard in self.shards)
+
+
+def open_recorded(source: MinariDataset | RecordedCorpus | str) -> MinariDataset | RecordedCorpus:
+    """Return a data set or a corpus, given, by its name or by its folder.
+
+    Raises:
+        ConfigError: If there is none, or it cannot be read.
+        ImportError: If Minari is not installed.
+    """
+    if isinstance(source, str) and (Path(source) / INDEX).is_file():
+        return RecordedCorpus.open(source)
+    return source if isinstance(source, RecordedCorpus) else open_dataset(source)

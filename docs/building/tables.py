@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import importlib.util
 import re
-import sys
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,8 +18,9 @@ from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS as DEFAULT
 from sb3_piano.envs.rewards import RETURN_PREFIX
 from sb3_piano.envs.rewards import SELF_ACTUATED_REWARD_WEIGHTS as SELF_ACTUATED
 from sb3_piano.metrics import DEFINITIONS
+from sb3_piano.results import Result, Results, aggregate_table, origin_table, score_table
 
-_RESULTS = Path(__file__).parents[1] / "results"
+RESULTS = Path(__file__).parents[1] / "results" / "results.json"
 _MARK = re.compile(r"^<!-- table: (.+?) -->$", re.M)
 
 
@@ -109,28 +108,17 @@ def _one_line(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
-def records() -> types.ModuleType:
-    """Return docs/results/records.py, which is no part of a package."""
-    spec = importlib.util.spec_from_file_location("records", _RESULTS / "records.py")
-    assert spec is not None, "docs/results/records.py is there"
-    assert spec.loader is not None, "it is a Python file"
-    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)  # pydantic looks there
-    spec.loader.exec_module(module)
-    return module
-
-
-def _results(table: str) -> str:
+def _results(table: Callable[[Sequence[Result]], str]) -> str:
     """Return a table of the results on the reference physics."""
-    module = records()
-    found = [r for r in module.Results.read().results if r.physics == "reference"]
-    return str(getattr(module, table)(found))
+    return table([r for r in Results.read(RESULTS).results if r.physics == "reference"])
 
 
 TABLES: Mapping[str, Callable[[], str]] = {
     "options": options,
     "reward terms": reward_terms,
     "metrics": metrics,
-    "results": lambda: _results("score_table"),
-    "origin of the results": lambda: _results("origin_table"),
+    "results": lambda: _results(score_table),
+    "aggregates": lambda: _results(aggregate_table),
+    "origin of the results": lambda: _results(origin_table),
 }
 """Maker of each table, by its name in a mark."""

@@ -51,6 +51,13 @@ _SET_HELP = (
     "an option of the environment, such as initial_buffer_time=0.5; of no run; may be given "
     "several times; by default it observes by finger"
 )
+_DATASET = (
+    "name of a data set, such as 'sb3-piano record' writes, or the folder of a corpus, from "
+    "'sb3-piano corpus'"
+)
+_BUFFER = (
+    "transitions in memory; a larger corpus is read shard by shard in each epoch; default: 2e6"
+)
 
 
 def add_parser(commands: Any) -> None:
@@ -73,12 +80,13 @@ def add_parser(commands: Any) -> None:
 
     about = "make a run whose model imitates a data set"
     add = add_command(commands, "clone", _clone, about, epilog=TRUST)
-    add("dataset", "DATASET", "name of a data set, such as 'sb3-piano record' writes")
+    add("dataset", "DATASET|FOLDER", _DATASET)
     add("--algo", "NAME", "sac (default), td3, tqc or ddpg", default="sac")
     add("--config")
     add("--epochs", "N", "", whole_number, 60)
     add("--batch-size", "N", "", whole_number, 256)
     add("--learning-rate", "X", "at first", float, 1e-3)
+    add("--buffer", "N", _BUFFER, whole_number)
     add("--hidden", "N", "sizes of the hidden layers", whole_number, [512, 512], nargs="+")
     add("--no-normalize", text="give the observations as they are")
     add("--prefill", text="let training on begin with the data set in the replay buffer")
@@ -198,6 +206,7 @@ def _clone(arguments: argparse.Namespace) -> int:
     require_minari()
     from rich.progress import TextColumn
 
+    from sb3_piano.demonstrations.streaming import DEFAULT_BUFFER
     from sb3_piano.training import clone
 
     told = TextColumn("loss {task.fields[loss]:.2g}")
@@ -216,6 +225,7 @@ def _clone(arguments: argparse.Namespace) -> int:
             epochs=arguments.epochs,
             batch_size=arguments.batch_size,
             learning_rate=arguments.learning_rate,
+            buffer=arguments.buffer or DEFAULT_BUFFER,
             on_epoch=lambda loss: tell(advance=1, loss=loss),
         )
     path, cloning = shlex.quote(str(result.folder.path)), result.cloning

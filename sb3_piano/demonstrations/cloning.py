@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +15,10 @@ from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
 
+from sb3_piano.demonstrations.corpus import RecordedCorpus, open_recorded
 from sb3_piano.demonstrations.dataset import Transitions, open_dataset
+from sb3_piano.demonstrations.shards import Shard
+from sb3_piano.demonstrations.streaming import DEFAULT_BUFFER, Rows, ShuffledRows
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.settings import Count, Positive, checked
 
@@ -139,13 +143,14 @@ class Cloning:
 # 1.0.1, demands gymnasium 0.29 and Stable-Baselines3 2.2.
 def clone_behaviour(
     model: BaseAlgorithm,
-    dataset: MinariDataset | str,
+    dataset: MinariDataset | RecordedCorpus | str,
     *,
     epochs: int = 60,
     batch_size: int = 256,
     learning_rate: float = 1e-3,
     log_std: float | None = DEFAULT_LOG_STD,
     seed: int = 0,
+    buffer: int = DEFAULT_BUFFER,
     on_epoch: Callable[[float], object] = lambda loss: None,
 ) -> Cloning:
     """Train the actor of an off-policy model to the actions that a data set calls right.
@@ -156,7 +161,7 @@ def clone_behaviour(
 
     Args:
         model: A model of SAC, TQC, TD3 or DDPG.
-        dataset: A Minari data set, or its name.
+        dataset: A Minari data set or its name, or a corpus or its folder.
         epochs: How often to go through all transitions, at least 1.
         batch_size: Transitions of an update, at least 1.
         learning_rate: Learning rate of Adam at the beginning, above 0.
@@ -164,6 +169,8 @@ def clone_behaviour(
             the action is squashed; ``None`` leaves it. Fresh ones explore the whole range, which
             would play nothing of what was learnt. Others, and those with gSDE, have none.
         seed: Shuffles the transitions.
+        buffer: Transitions that are held in memory, at least 1; a larger corpus is read shard by
+            shard in each epoch, see :class:`~sb3_piano.demonstrations.streaming.ShuffledRows`.
         on_epoch: Is called with the loss of each epoch.
 
     Raises:
@@ -174,21 +181,20 @@ def clone_behaviour(
     checked("epochs", epochs, Count)
     checked("batch_size", batch_size, Count)
     checked("learning_rate", learning_rate, Positive)
+    checked("buffer", buffer, Count)
     actor = getattr(model.policy, "actor", None)
     if not isinstance(actor, torch.nn.Module):
         raise ConfigError(
             f"A {type(model).__name__} has no actor to be cloned into: expected SAC, TQC, TD3 or "
             "DDPG."
         )
-    found = open_dataset(dataset)
-    check_spaces(found, model.observation_space, model.action_space)
-    transitions = Transitions.of(found)
+    rows = _rows(model, dataset, buffer)
     if log_std is not None:
         _fix_exploration(actor, log_std)
     losses = []
     model.policy.set_training_mode(True)
     try:
-        for loss in _epochs(model, actor, transitions, epochs, batch_size, learning_rate, seed):
+        for loss in _epochs(model, actor, rows, epochs, batch_size, learning_rate, seed):
             losses.append(loss)
             on_epoch(loss)
     finally:
@@ -196,56 +202,93 @@ def clone_behaviour(
     target = getattr(model.policy, "actor_target", None)
     if isinstance(target, torch.nn.Module):
         target.load_state_dict(actor.state_dict())
-    return Cloning(n_transitions=len(transitions), losses=tuple(losses))
+    return Cloning(n_transitions=len(rows), losses=tuple(losses))
+
+
+def _rows(
+    model: BaseAlgorithm, dataset: MinariDataset | RecordedCorpus | str, buffer: int
+) -> ShuffledRows:
+    """Return what the model will see, by statistics that are set to the data's, and the targets."""
+    found = open_recorded(dataset)
+    reads: list[Callable[[], Transitions]]
+    if isinstance(found, RecordedCorpus):
+        first = found.dataset(found.shards[0])
+        reads = [partial(_of_shard, found, shard) for shard in found.shards]
+        sizes = [shard.steps for shard in found.shards]
+    else:
+        first, transitions = found, Transitions.of(found)
+        reads, sizes = [lambda: transitions], [len(transitions)]
+    check_spaces(first, model.observation_space, model.action_space)
+    _set_statistics(model, (read().observations for read in reads))
+    parts = [partial(_inputs_and_targets, model, read) for read in reads]
+    return ShuffledRows(parts, sizes, buffer)
+
+
+def _of_shard(corpus: RecordedCorpus, shard: Shard) -> Transitions:
+    return Transitions.of(corpus.dataset(shard))
+
+
+def _inputs_and_targets(model: BaseAlgorithm, read: Callable[[], Transitions]) -> Rows:
+    transitions, normalizer = read(), model.get_vec_normalize_env()
+    inputs: Any = transitions.observations
+    if normalizer is not None and normalizer.norm_obs:
+        inputs = normalizer.normalize_obs(inputs)
+    targets = scaled_actions(transitions.expert_actions, model.action_space)
+    return np.asarray(inputs, np.float32), np.asarray(targets, np.float32)
 
 
 def _epochs(
     model: BaseAlgorithm,
     actor: torch.nn.Module,
-    transitions: Transitions,
+    rows: ShuffledRows,
     epochs: int,
     batch_size: int,
     learning_rate: float,
     seed: int,
 ) -> Iterator[float]:
     """Train the actor, and yield the mean loss of each epoch."""
-
-    def tensor(array: npt.NDArray[Any]) -> torch.Tensor:
-        return torch.as_tensor(np.ascontiguousarray(array, dtype=np.float32), device=model.device)
-
-    observations = tensor(_inputs(model, transitions.observations))
-    targets = tensor(scaled_actions(transitions.expert_actions, model.action_space))
     optimizer = torch.optim.Adam(actor.parameters(), learning_rate)
-    updates = epochs * math.ceil(len(targets) / batch_size)
+    updates = epochs * math.ceil(len(rows) / batch_size)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, updates)
     random = torch.Generator().manual_seed(seed)
     for _ in range(epochs):
         total = 0.0
-        for rows in torch.randperm(len(targets), generator=random).split(batch_size):
+        for batch in rows.batches(batch_size, random):
+            observations, targets = (array.to(model.device) for array in batch)
             # SB3's hook of all its policies: the action before it is scaled to the action space.
-            played = model.policy._predict(observations[rows], deterministic=True)
-            loss = torch.nn.functional.mse_loss(played, targets[rows])
+            played = model.policy._predict(observations, deterministic=True)
+            loss = torch.nn.functional.mse_loss(played, targets)
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
             schedule.step()
-            total += loss.item() * len(rows)
-        yield total / len(targets)
+            total += loss.item() * len(targets)
+        yield total / len(rows)
 
 
-def _inputs(model: BaseAlgorithm, observations: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return the observations as the model will get them, by statistics that are set to theirs."""
+def _set_statistics(model: BaseAlgorithm, parts: Iterable[npt.NDArray[Any]]) -> None:
+    """Set the statistics by which observations are normalised, if they are, to those of parts.
+
+    Source: Chan et al. (1979), "Updating formulae and a pairwise algorithm for computing sample
+    variances", equation 2.1.
+    """
     normalizer = model.get_vec_normalize_env()
     if normalizer is None or not normalizer.norm_obs:
-        return observations
+        return
     statistics = normalizer.obs_rms
     assert not isinstance(statistics, dict), "observations are plain arrays"
-    statistics.mean = observations.mean(axis=0, dtype=np.float64)
-    variance = observations.var(axis=0, dtype=np.float64)
+    count, mean, variance = 0, np.float64(0), np.float64(0)
+    for part in parts:
+        share = len(part) / (count + len(part))
+        count += len(part)
+        change = part.mean(axis=0, dtype=np.float64) - mean
+        own = part.var(axis=0, dtype=np.float64)
+        variance = (1 - share) * variance + share * own + share * (1 - share) * change**2
+        mean = mean + share * change
+    statistics.mean = np.asarray(mean)
     # What never changed in the data set must not count a thousandfold when it does.
     statistics.var = np.where(variance < _CONSTANT, 1.0, variance)
-    statistics.count = float(len(observations))
-    return np.asarray(normalizer.normalize_obs(observations))
+    statistics.count = float(count)
 
 
 def _fix_exploration(actor: torch.nn.Module, log_std: float) -> None:

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Self
 
 from annotated_types import Ge, MinLen
 
+from sb3_piano.demonstrations.streaming import DEFAULT_BUFFER
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Corpus
 from sb3_piano.planning import PlanSettings
@@ -187,6 +188,11 @@ class DistillConfig:
     evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
     shard: Count = 25
     """Excerpts of a data set, which one process plays."""
+    recorded: str | None = None
+    """Folder of a corpus, from ``sb3-piano corpus --by-hand``, that is learnt from in place of
+    playing the first round; its ``excerpts`` are left out then."""
+    buffer: Count = DEFAULT_BUFFER
+    """Hands' rows that are held in memory in training; of more, shards are read in each epoch."""
     seed: Index = 0
     """Seeds the noise, who plays when, and the network; the corpus has its own."""
 
@@ -198,6 +204,8 @@ class DistillConfig:
                     f"{getattr(Round(excerpts=1), name)}, there is no learner before the first "
                     "round."
                 )
+        if self.recorded is not None:  # which is read again when it is gone on, from anywhere
+            object.__setattr__(self, "recorded", str(Path(self.recorded).absolute()))
         low, high = self.playing.segment
         if low > high:
             raise ConfigError(

@@ -24,6 +24,7 @@ from sb3_piano.distillation.rounds import (
     RoundResult,
     Rounds,
     held_out_pieces,
+    recorded_of,
     round_name,
     weights_file,
 )
@@ -109,6 +110,7 @@ def distill(
     if config is None:
         config = _settings_of(place)
     held_out = held_out_pieces(config)
+    recorded_of(config)  # what is wrong with it is better told now
     with contextlib.closing(hands_env(config.playing.physics)) as env:
         with new_teacher(config.teacher, config.playing, env):
             pass  # what is wrong with it is better told now than by a worker

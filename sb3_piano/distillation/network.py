@@ -13,10 +13,9 @@ from gymnasium import spaces
 from stable_baselines3.common.policies import BasePolicy
 from torch import nn
 
+from sb3_piano.demonstrations.streaming import ShuffledRows
 from sb3_piano.distillation.config import NetworkSettings, Round
 from sb3_piano.policies import HandsTD3Policy, set_standardization
-
-Float32Array = npt.NDArray[np.float32]
 
 _CONSTANT = 1e-3
 """A standard deviation up to which a number of the observation counts as one that never changes."""
@@ -48,8 +47,7 @@ def new_policy(settings: NetworkSettings, inputs: int, actions: int) -> HandsTD3
 
 def regress(
     policy: HandsTD3Policy,
-    observations: Float32Array,
-    labels: Float32Array,
+    rows: ShuffledRows,
     settings: Round,
     *,
     reach: float,
@@ -63,8 +61,7 @@ def regress(
 
     Args:
         policy: The policy.
-        observations: (N, n) observations of a hand.
-        labels: (N, m) the actions.
+        rows: (N, n) observations of a hand, and (N, m) the actions.
         settings: How to train.
         reach: What an action of 1 adds to a finger's joint, rad.
         seed: Shuffles the rows.
@@ -74,7 +71,6 @@ def regress(
     Returns:
         The mean loss of the last epoch.
     """
-    rows, targets = torch.from_numpy(observations), torch.from_numpy(labels)
     parameters = list(policy.actor.parameters())
     optimizer = torch.optim.Adam(parameters, settings.learning_rate)
     updates = settings.epochs * math.ceil(len(rows) / settings.batch_size)
@@ -87,16 +83,16 @@ def regress(
     policy.set_training_mode(True)
     for _ in range(settings.epochs):
         total = 0.0
-        for chosen in torch.randperm(len(rows), generator=random).split(settings.batch_size):
-            played = policy.actor(rows[chosen])
-            loss = nn.functional.smooth_l1_loss(played * scale, targets[chosen] * scale)
+        for observations, targets in rows.batches(settings.batch_size, random):
+            played = policy.actor(observations)
+            loss = nn.functional.smooth_l1_loss(played * scale, targets * scale)
             optimizer.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(parameters, _LARGEST_GRADIENT)
             optimizer.step()
             schedule.step()
             done, value = done + 1, loss.item()
-            total, recent = total + value * len(chosen), recent + value
+            total, recent = total + value * len(targets), recent + value
             if done % _REPORTED_EVERY == 0:
                 on_update(done, updates, recent / _REPORTED_EVERY)
                 recent = 0.0

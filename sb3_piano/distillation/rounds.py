@@ -17,9 +17,12 @@ import numpy as np
 import torch
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 
+from sb3_piano.demonstrations.cloning import check_spaces
+from sb3_piano.demonstrations.corpus import RecordedCorpus
 from sb3_piano.demonstrations.shards import Shard, make_missing
+from sb3_piano.demonstrations.streaming import ShuffledRows
 from sb3_piano.distillation.config import DistillConfig
-from sb3_piano.distillation.network import Float32Array, new_policy, regress, standardize
+from sb3_piano.distillation.network import new_policy, regress, standardize
 from sb3_piano.distillation.rollout import hands_env
 from sb3_piano.distillation.shards import (
     JUDGED_BY,
@@ -88,6 +91,7 @@ class Rounds:
         self._config, self._place, self._held_out = config, place, held_out
         self._executor, self._request, self._tell = executor, request, tell
         self._shards: dict[int, list[Shard]] = {}
+        self._recorded = recorded_of(config)
 
     def finish(self, number: int) -> RoundResult:
         """Do what is left to do of a round; those before it are done.
@@ -134,6 +138,8 @@ class Rounds:
         """Return the shards of a round, in order; those that are not there are made."""
         if number in self._shards:
             return self._shards[number]
+        if number == 0 and self._recorded is not None:
+            return list(self._recorded.shards)
         learner = weights_file(self._place, round_name(number - 1)) if number > 0 else None
         jobs = shard_jobs(self._config, number, learner, self._place / DATA)
         text = f"{round_name(number)}: playing, shards"
@@ -142,21 +148,20 @@ class Rounds:
         )
         return self._shards[number]
 
-    def _rows(self, last: int) -> tuple[Float32Array, Float32Array]:
+    def _rows(self, last: int) -> ShuffledRows:
         """Return the rows of all rounds up to one: both hands' observations, and labels."""
         shards = [shard for n in range(last + 1) for shard in self._play(n) if shard.steps > 0]
         if not shards:
             raise RunError("No excerpt could be played: expected another corpus or teacher.")
-        total, first = 2 * sum(shard.steps for shard in shards), 0
-        observations = labels = np.empty((0, 0), np.float32)
-        for shard in shards:
-            rows = read_rows(self._place / DATA, shard)
-            if first == 0:  # in one piece: there are gigabytes of it
-                observations, labels = (np.empty((total, a.shape[1]), np.float32) for a in rows)
-            part = slice(first, first + len(rows[0]))
-            observations[part], labels[part] = rows
-            first = part.stop
-        return observations, labels
+        roots = {id(shard): self._root(n) for n in range(last + 1) for shard in self._play(n)}
+        reads = [partial(read_rows, roots[id(shard)], shard) for shard in shards]
+        return ShuffledRows(reads, [2 * s.steps for s in shards], self._config.buffer)
+
+    def _root(self, number: int) -> Path:
+        """Return the folder of the data sets of a round."""
+        if number == 0 and self._recorded is not None:
+            return self._recorded.root
+        return self._place / DATA
 
     def _train(self, number: int, weights: Path) -> Mapping[str, str]:
         """Train a network on all data so far, unless it is there; see :meth:`judged`."""
@@ -164,13 +169,14 @@ class Rounds:
         if weights.is_file():
             return skipped
         config, name = self._config, round_name(number)
-        observations, labels = self._rows(number)
+        rows = self._rows(number)
+        inputs, actions = (array.shape[1] for array in next(rows.parts()))
         seed = np.random.SeedSequence([config.seed, number])
         torch_seed, shuffle = seed.generate_state(2).tolist()
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(torch_seed)
-            policy = new_policy(config.network, observations.shape[1], labels.shape[1])
-        self._prepare(policy, number, observations)
+            policy = new_policy(config.network, inputs, actions)
+        self._prepare(policy, number, rows)
 
         def tell(done: int, updates: int, loss: float) -> None:
             if self._request.made:
@@ -181,22 +187,23 @@ class Rounds:
             reach = float(np.abs(env.reach).max())
             loss = regress(
                 policy,
-                observations,
-                labels,
+                rows,
                 config.rounds[number],
                 reach=reach,
                 seed=shuffle,
                 on_update=tell,
             )
-            HandModel.of(policy, env, len(labels) // 2, loss=repr(loss)).save(weights)
+            HandModel.of(policy, env, len(rows) // 2, loss=repr(loss)).save(weights)
         return skipped
 
-    def _prepare(self, policy: HandsTD3Policy, number: int, observations: Float32Array) -> None:
+    def _prepare(self, policy: HandsTD3Policy, number: int, rows: ShuffledRows) -> None:
         """Give a new network the standardisation of the first round, and weights if it is warm."""
         if number == 0:
-            statistics = RunningMeanStd(shape=observations.shape[1:])
-            for part in np.array_split(observations, math.ceil(len(observations) / 10_000)):
-                statistics.update(part)
+            statistics: RunningMeanStd | None = None
+            for observations, _ in rows.parts():
+                statistics = statistics or RunningMeanStd(shape=observations.shape[1:])
+                statistics.update(observations)
+            assert statistics is not None, "there is a part"
             standardize(policy, statistics.mean, np.sqrt(statistics.var))
             return
         before = HandModel.load(weights_file(self._place, round_name(number - 1))).tensors
@@ -238,6 +245,21 @@ def held_out_pieces(config: DistillConfig) -> list[Score]:
     fresh = replace(config.corpus, seed=config.corpus.seed + 1, n=max(count, 1))
     pieces = [replace(load_score(name).excerpt(0.0, end), title=name) for name in settings.pieces]
     return [*(fresh[index] for index in range(count)), *pieces]
+
+
+def recorded_of(config: DistillConfig) -> RecordedCorpus | None:
+    """Return the corpus in place of the first round's playing, if one is given.
+
+    Raises:
+        ConfigError: If there is none in the folder, or it was not recorded by hand.
+    """
+    if config.recorded is None:
+        return None
+    corpus = RecordedCorpus.open(config.recorded)
+    with contextlib.closing(hands_env(config.playing.physics)) as env:
+        dataset = corpus.dataset(corpus.shards[0])
+        check_spaces(dataset, env.observation_space, env.action_space)
+    return corpus
 
 
 def round_name(number: int) -> str:

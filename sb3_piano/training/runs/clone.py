@@ -7,6 +7,7 @@ import dataclasses
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import gymnasium as gym
@@ -14,8 +15,11 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
 from sb3_piano.callbacks import Checkpoint
-from sb3_piano.demonstrations import Cloning, clone_behaviour, open_dataset
+from sb3_piano.demonstrations import Cloning, clone_behaviour
+from sb3_piano.demonstrations.corpus import RecordedCorpus, open_recorded
 from sb3_piano.demonstrations.dataset import reading
+from sb3_piano.demonstrations.streaming import DEFAULT_BUFFER
+from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.config import Plugin, RunConfig
@@ -43,7 +47,7 @@ class CloneResult:
 
 
 def clone(
-    dataset: MinariDataset | str,
+    dataset: MinariDataset | RecordedCorpus | str,
     algo: str = "sac",
     folder: str | os.PathLike[str] | None = None,
     *,
@@ -56,6 +60,7 @@ def clone(
     epochs: int = 60,
     batch_size: int = 256,
     learning_rate: float = 1e-3,
+    buffer: int = DEFAULT_BUFFER,
     on_epoch: Callable[[float], object] = lambda loss: None,
 ) -> CloneResult:
     """Make a run whose model imitates a data set, in the data set's environment.
@@ -64,7 +69,8 @@ def clone(
     played and evaluated, and resuming it trains the model on.
 
     Args:
-        dataset: A Minari data set, or its name.
+        dataset: A Minari data set or its name, or a corpus or its folder, of whose pieces those
+            that are played then are drawn.
         algo: Name of the algorithm, one of :data:`CLONABLE`.
         folder: The run's folder, new or empty; by default the next free one in ``runs_dir``.
         runs_dir: Where runs are kept.
@@ -78,6 +84,7 @@ def clone(
         epochs: How often to go through the data set.
         batch_size: Transitions of an update.
         learning_rate: Learning rate at the beginning.
+        buffer: Transitions that are held in memory; a larger corpus is read again in each epoch.
         on_epoch: Is called with the loss of each epoch.
 
     Raises:
@@ -91,17 +98,30 @@ def clone(
             f"Behaviour cannot be cloned into algorithm {algo!r}: expected one of "
             f"{', '.join(CLONABLE)}."
         )
-    found = open_dataset(dataset)
-    spec = _environment(found)
+    found = open_recorded(dataset)
+    if isinstance(found, RecordedCorpus):
+        if prefill:
+            raise ConfigError(
+                f"prefill is set with the corpus in '{found.folder}': expected a single data set, "
+                "which fits into a replay buffer."
+            )
+        name, recorded = str(found.folder.absolute()), found.dataset(found.shards[0])
+    else:
+        name, recorded = found.id, found
+    spec = _environment(recorded)
     seed = int(np.random.default_rng().integers(2**31)) if seed is None else seed
     alone = {"n_envs": 1, "vec_env": "dummy"} | ({"learning_starts": 0} if prefill else {})
     normalized = {"norm_reward": False} if normalize else False
     settings = load_config(algo, spec.id, config, seed=seed, normalize=normalized, **alone)
     arguments = settings.algorithm_kwargs
     policy_kwargs = {**arguments.get("policy_kwargs", {}), "net_arch": list(net_arch)}
-    filled = (Plugin(path=_PREFILL, kwargs={"dataset": found.id}),) if prefill else ()
+    filled = (Plugin(path=_PREFILL, kwargs={"dataset": name}),) if prefill else ()
+    settings = _in_environment(spec, settings)
+    if isinstance(found, RecordedCorpus) and settings.env_id == GENERAL_ID:
+        options = {n: value for n, value in settings.env_kwargs.items() if n != "score"}
+        settings = dataclasses.replace(settings, env_kwargs=options, pieces=found.pieces)
     settings = dataclasses.replace(
-        _in_environment(spec, settings),
+        settings,
         callback=(*filled, *settings.callback),
         algorithm_kwargs={**arguments, "policy_kwargs": policy_kwargs},
     )
@@ -118,13 +138,14 @@ def clone(
                 epochs=epochs,
                 batch_size=batch_size,
                 learning_rate=learning_rate,
+                buffer=buffer,
                 seed=seed,
                 on_epoch=on_epoch,
             )
             run.checkpoint_dir.mkdir()  # that of a training which has done no step yet
             saved = Checkpoint.save(model, run.checkpoint_dir, settings.labels)
             saved.copy_model(run.checkpoint_dir, run.model_file)
-            facts = {"dataset": found.id, "epochs": epochs, "batch_size": batch_size}
+            facts = {"dataset": name, "epochs": epochs, "batch_size": batch_size}
             facts |= {"learning_rate": learning_rate, "loss": cloning.losses[-1]}
             run.write_provenance({**run.read_provenance(), "cloned": facts})
     return CloneResult(folder=run, cloning=cloning)
@@ -137,7 +158,10 @@ def _environment(dataset: MinariDataset) -> EnvSpec:
             f"Data set {dataset.id!r} does not tell its environment: expected one that 'sb3-piano "
             "record' wrote."
         )
-    with reading(dataset.id), contextlib.closing(dataset.recover_environment(eval_env=True)) as env:
+    with (
+        reading(dataset.id, Path(dataset.storage.data_path).parent),
+        contextlib.closing(dataset.recover_environment(eval_env=True)) as env,
+    ):
         assert env.spec is not None, "it was made from one"
         return env.spec
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -63,7 +63,7 @@ def write_onnx(player: SavedPlayer, file: Path) -> None:
         torch.onnx.export(
             actor,
             (example,),
-            buffer,
+            cast(Any, buffer),  # torch takes files, too, which its types leave out
             input_names=[OBSERVATION],
             output_names=[ACTION],
             dynamic_axes=batch,

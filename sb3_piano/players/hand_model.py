@@ -41,8 +41,8 @@ FORMAT = "1"
 """Version of the files."""
 
 _EXPECTED = (
-    "expected a safetensors file of a hand's network, such as 'sb3-piano export' and HandModel.save "
-    "write"
+    "expected a safetensors file of a hand's network, such as 'sb3-piano export' and "
+    "HandModel.save write"
 )
 
 

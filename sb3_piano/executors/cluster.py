@@ -92,7 +92,7 @@ def connected_to_ray(address: str) -> Iterator[ModuleType]:
 @contextlib.contextmanager
 def ray_executor(
     address: str,
-    resources: Resources = Resources(),
+    resources: Resources = Resources(),  # noqa: B008 - frozen
 ) -> Iterator[Executor]:
     """Give an executor whose jobs are tasks on a cluster of Ray.
 

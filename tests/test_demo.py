@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import runpy
 import sys
@@ -19,6 +20,8 @@ def demo(tmp_path, monkeypatch, capsys):
     main = DEMO["main"]
     for name in ("EPISODES", "EPOCHS"):
         monkeypatch.setitem(main.__globals__, name, 4)
+    settings = functools.partial(main.__globals__["load_fine_tuning"], learning_starts=100)
+    monkeypatch.setitem(main.__globals__, "load_fine_tuning", settings)
 
     def run(steps):
         options = ["--seconds", "1", "--steps", str(steps), "--out", str(tmp_path / "out")]
@@ -42,7 +45,7 @@ def test_without_steps_of_sac_it_ends_with_the_clone(demo, tmp_path):
 
 @pytest.mark.slow
 def test_it_judges_each_step_and_leaves_video_and_report(demo, tmp_path):
-    scores = dict(re.findall(r"\| (\w+) +\| (\d\.\d+)", demo(steps=2480)))
+    scores = dict(re.findall(r"\| (\w+) +\| (\d\.\d+)", demo(steps=140)))
     assert list(scores) == ["resting", "planned", "cloned", "trained"]
     assert float(scores["planned"]) > float(scores["resting"])
     assert (tmp_path / "out" / "trained" / "play" / "performance.mp4").is_file()

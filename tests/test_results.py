@@ -1,35 +1,43 @@
-"""The results in docs/results fit their schema, are of the pieces there are, and come out again."""
+"""Results fit their schema, are of the pieces there are, are aggregated, and come out again."""
 
 from __future__ import annotations
 
-import importlib
 import json
-import random
 import shlex
-import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
+from scipy import stats
 
-from sb3_piano.music import load_score
+from sb3_piano.cli import main
+from sb3_piano.cli.main import _parser
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import Corpus, load_score
+from sb3_piano.music.corpus import HELD_OUT
 from sb3_piano.music.repertoire import REPERTOIRE
+from sb3_piano.results import (
+    Result,
+    Results,
+    aggregate,
+    aggregate_table,
+    digest,
+    drawn,
+    held_out,
+    score_table,
+)
+from sb3_piano.results.measuring import player_digest, score_digest, score_source
+from sb3_piano.training.playing.takes import plan_run, planner_config
 
-FOLDER = Path(__file__).parents[1] / "docs" / "results"
-sys.path.insert(0, str(FOLDER))  # as where a script of the folder runs
-measure = importlib.import_module("measure")
-records = importlib.import_module("records")
-sys.path.remove(str(FOLDER))
-
-RESULTS = records.Results.read().results
-QUICK = [result for result in RESULTS if result.cpu_seconds < 6]
-AGAIN = random.Random(20261124).sample(QUICK, 3)
-"""Results that are measured again, always the same ones as long as the file does not change."""
+FILE = Path(__file__).parents[1] / "docs" / "results" / "results.json"
+RESULTS = Results.read(FILE).results
 
 RESULT = {
     "piece": "repertoire-FurElise",
     "score_sha256": "0" * 64,
     "player": "planned",
+    "player_sha256": None,
     "physics": "reference",
     "seeds": [0, 1],
     "f1": [0.5, 0.7],
@@ -37,14 +45,15 @@ RESULT = {
     "noop_f1": 0.125,
     "cpu_seconds": 1.5,
     "package_version": "0.1.0",
+    "versions": {"mujoco": "3.17.0"},
     "hardware": "a processor",
-    "command": "python docs/results/measure.py",
+    "command": "sb3-piano results measure",
     "date": "2026-11-24",
 }
 
 
 def result(**changes):
-    return records.Result.model_validate_json(json.dumps({**RESULT, **changes}))
+    return Result.model_validate_json(json.dumps({**RESULT, **changes}))
 
 
 def test_each_piece_of_the_repertoire_has_a_result_of_each_player():
@@ -56,14 +65,27 @@ def test_each_piece_of_the_repertoire_has_a_result_of_each_player():
 def test_results_are_of_the_scores_that_the_package_has():
     for piece in {r.piece for r in RESULTS}:
         digests = {r.score_sha256 for r in RESULTS if r.piece == piece}
-        assert digests == {measure.digest(load_score(piece))}, piece
+        assert digests == {digest(load_score(piece))}, piece
+
+
+def test_results_of_the_sight_reader_are_of_the_network_that_the_package_has():
+    digests = {r.player_sha256 for r in RESULTS if r.player == "sight-reader"}
+    assert digests == {player_digest("sight-reader")}
+
+
+def test_the_commands_of_results_are_ones_that_there_are():
+    for found in RESULTS:
+        program, *arguments = shlex.split(found.command)
+        assert program == "sb3-piano"
+        given = _parser().parse_args(arguments)
+        assert (given.pieces, given.players) == ([found.piece], [found.player])
 
 
 def test_a_digest_changes_with_the_notes_and_not_with_the_title():
     score = load_score("FurElise")
     renamed = type(score)(notes=score.notes, pedals=score.pedals, title="another")
-    assert measure.digest(renamed) == measure.digest(score)
-    assert measure.digest(score.transpose(1)) != measure.digest(score)
+    assert digest(renamed) == digest(score)
+    assert digest(score.transpose(1)) != digest(score)
 
 
 @pytest.mark.parametrize(
@@ -83,30 +105,30 @@ def test_a_result_that_does_not_fit_is_refused(changes, message):
 
 def test_a_file_has_one_result_of_a_piece_a_player_and_a_physics():
     with pytest.raises(ValidationError, match="is there twice"):
-        records.Results(results=(result(), result(f1=[0.1, 0.1])))
+        Results(results=(result(), result(f1=[0.1, 0.1])))
 
 
 def test_a_file_of_another_schema_is_refused(tmp_path):
     file = tmp_path / "results.json"
-    measure.write(records.Results(results=(result(),)), file)
-    file.write_text(file.read_text().replace('"schema_version": 1', '"schema_version": 2'))
-    with pytest.raises(ValidationError, match="schema_version"):
-        records.Results.read(file)
+    Results(results=(result(),)).write(file)
+    file.write_text(file.read_text().replace('"schema_version": 2', '"schema_version": 3'))
+    with pytest.raises(ConfigError, match="(?s)results.json' does not fit.*schema_version"):
+        Results.read(file)
 
 
 def test_a_new_result_takes_the_place_of_the_old_one(tmp_path):
-    old = records.Results(results=(result(), result(player="sight-reader")))
+    old = Results(results=(result(), result(player="sight-reader")))
     merged = old.merged([result(f1=[0.9, 0.9])])
     assert [r.player for r in merged.results] == ["planned", "sight-reader"]
     assert merged.results[0].f1 == (0.9, 0.9)
-    measure.write(merged, tmp_path / "results.json")
-    assert records.Results.read(tmp_path / "results.json") == merged
+    merged.write(tmp_path / "results.json")
+    assert Results.read(tmp_path / "results.json") == merged
 
 
 def test_the_table_has_means_over_seeds_and_over_pieces_that_all_are_played():
     of_one = result(piece="repertoire-OdeToJoy", player="sight-reader", noop_f1=0.375)
     other = result(piece="repertoire-OdeToJoy", f1=[1, 1], onset_f1=[1, 1], noop_f1=0.375)
-    assert records.score_table([result(), other, of_one]).splitlines() == [
+    assert score_table([result(), other, of_one]).splitlines() == [
         "| piece | nothing | planned | sight-reader |",
         "|---|---:|---:|---:|",
         "| repertoire-FurElise | 0.125 | 0.600 / 0.375 |  |",
@@ -115,14 +137,122 @@ def test_the_table_has_means_over_seeds_and_over_pieces_that_all_are_played():
     ]
 
 
+def test_aggregates_are_of_the_pieces_that_all_have_played():
+    other = result(piece="repertoire-OdeToJoy", f1=[1, 1], onset_f1=[1, 1])
+    rows = aggregate_table([result(), other, result(player="sight-reader", f1=[0.8, 0.8])])
+    assert rows.splitlines()[2:] == [
+        "| planned | 1 | 2 | F1 | 0.600 | 0.500 to 0.700 | - |",
+        "| planned | 1 | 2 | onset F1 | 0.375 | 0.250 to 0.500 | - |",
+        "| sight-reader | 1 | 2 | F1 | 0.800 | - | - |",
+        "| sight-reader | 1 | 2 | onset F1 | 0.375 | 0.250 to 0.500 | - |",
+    ]
+
+
+def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end():
+    assert aggregate([[0.0, 0.4], [0.6, 1.0]]).iqm == pytest.approx(0.5)
+    assert aggregate([[0.0, 0.1], [0.3, 1.0]]).iqm == pytest.approx(0.2)
+
+
+def test_seeds_are_drawn_within_a_piece_and_pieces_only_on_demand():
+    """Seeds that all play the same give no width, however much pieces differ."""
+    found = aggregate([[0.1] * 3, [0.5] * 3, [0.9] * 3])
+    assert found.over_seeds is None
+    low, high = found.over_pieces
+    assert low < 0.5 < high
+    assert aggregate([[0.2, 0.4]]).over_pieces is None
+
+
+def test_the_interval_over_seeds_is_that_of_scipy_for_stratified_samples():
+    scores = np.random.default_rng(1).beta(4, 2, size=(6, 8))
+
+    def statistic(*samples, axis):
+        return stats.trim_mean(np.concatenate(samples, axis=axis), 0.25, axis=axis)
+
+    known = stats.bootstrap(
+        tuple(scores), statistic, method="percentile", random_state=np.random.default_rng(2)
+    ).confidence_interval
+    assert aggregate(scores).over_seeds == pytest.approx((known.low, known.high), abs=0.004)
+
+
+@pytest.mark.parametrize("scores", [[], [0.5, 0.5], [[]]])
+def test_scores_without_pieces_or_seeds_are_refused(scores):
+    with pytest.raises(ValueError, match="expected \\(n_pieces, n_seeds\\)"):
+        aggregate(scores)
+
+
+def test_held_out_studies_are_in_no_corpus_and_generated_pieces_are_always_the_same():
+    found = held_out()
+    assert {*found.studies} < {*HELD_OUT}
+    assert len({*found.pieces}) == len(found.pieces) == 25
+    piece = found.pieces[-1]
+    assert score_digest(piece) == score_digest(piece) != score_digest(found.pieces[-2])
+    corpus = Corpus(seed=20261124, n=12, duration=20.0, sources={"generated": 1.0})
+    with score_source(piece) as source:
+        assert len(load_score(source).notes) == len(corpus[11].notes)
+
+
+def test_the_same_seed_draws_the_same_sample_and_long_pieces_as_likely_as_short_ones():
+    assert drawn(RESULTS, 3, 5) == drawn(RESULTS, 3, 5)
+    times = sorted(RESULTS, key=lambda r: r.cpu_seconds)
+    longest = times[len(times) // 2 :]
+    share = np.mean([r in longest for seed in range(200) for r in drawn(RESULTS, 2, seed)])
+    assert 0.4 < share < 0.6
+    assert drawn(RESULTS, None, 0) == list(RESULTS)
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """Return a file of a run and the sight-reader, each on a study, measured by the command."""
+    folder = tmp_path_factory.mktemp("results")
+    plan_run(planner_config("debug-CMajorScaleOneHand", "sight-reader"), folder / "run")
+    command = ["results", "measure", "--pieces", "scale-AMajor", "--seeds", "0", "1"]
+    command += ["--players", "sight-reader", str(folder / "run"), "--physics", "fast"]
+    command += ["--workers", "1", "--out", str(folder / "results.json")]
+    assert main(command) == 0
+    return folder / "results.json"
+
+
+def check(file):
+    return main(["results", "check", str(file), "--all", "--workers", "1"])
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("known", AGAIN, ids=lambda r: f"{r.piece} {r.player}")
-def test_the_command_of_a_result_measures_it_again(known, tmp_path):
-    program, script, *arguments = shlex.split(known.command)
-    assert (program, script) == ("python", "docs/results/measure.py")
-    measure.main([*arguments, "--out", str(tmp_path / "again.json")])
-    (again,) = records.Results.read(tmp_path / "again.json").results
-    assert (again.key, again.score_sha256) == (known.key, known.score_sha256)
-    assert again.seeds == known.seeds
-    for name in ("f1", "onset_f1"):
-        assert getattr(again, name) == pytest.approx(getattr(known, name), abs=0.01)
+def test_an_honest_file_holds_to_the_digit(measured, capsys):
+    by_run, by_reader = sorted(Results.read(measured).results, key=lambda r: r.player)
+    assert by_run.f1 == by_reader.f1  # it is the same player
+    assert check(measured) == 0
+    assert "2 of 2 results that were played again hold, of 2 in the file" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_changed_numbers_and_other_scores_and_networks_are_found(measured, tmp_path, capsys):
+    one = min(Results.read(measured).results, key=lambda r: len(r.player))
+    changed = {
+        "f1": (round(one.f1[0], 4), round(one.f1[1] - 0.0001, 4)),
+        "noop_f1": one.noop_f1 + 0.01,
+        "score_sha256": "0" * 64,
+        "player_sha256": "0" * 64,
+    }
+    for name, value in changed.items():
+        file = tmp_path / f"{name}.json"
+        Results(results=(one.model_copy(update={name: value}),)).write(file)
+        assert check(file) == 1
+        out = capsys.readouterr().out
+        assert f"{name}{' of seed 1' if name == 'f1' else ''}: claimed" in out
+    tolerant = ["results", "check", str(tmp_path / "f1.json"), "--tolerance", "0.0001"]
+    assert main([*tolerant, "--workers", "1"]) == 0
+
+
+def test_who_is_no_player_is_told_before_anything_is_played(capsys):
+    assert main(["results", "measure", "--players", "sightreader"]) == 2
+    error = capsys.readouterr().err
+    assert "There is no player 'sightreader': expected one of planned, sampling-32" in error
+
+
+@pytest.mark.slow
+def test_what_the_documentation_claims_of_a_short_piece_holds(tmp_path):
+    """On other versions a note or two may sound differently."""
+    short = [r for r in RESULTS if r.piece == "repertoire-TwinkleTwinkle"]
+    Results(results=tuple(short)).write(tmp_path / "some.json")
+    file = str(tmp_path / "some.json")
+    assert main(["results", "check", file, "--all", "--tolerance", "0.01", "--workers", "1"]) == 0

@@ -72,7 +72,7 @@ def _add_workers(add: Callable[..., None]) -> None:
 def _measure(arguments: argparse.Namespace) -> int:
     from sb3_piano.music import select_pieces
     from sb3_piano.results import Measurement, Results, held_out, measure
-    from sb3_piano.results.measuring import player_digest
+    from sb3_piano.results.measuring import is_generated, player_digest
     from sb3_piano.results.records import physics_named
 
     if arguments.held_out and (arguments.pieces or arguments.seeds):
@@ -86,7 +86,10 @@ def _measure(arguments: argparse.Namespace) -> int:
     if arguments.held_out:
         pieces, seeds = held_out().pieces, held_out().seeds
     else:
-        pieces = tuple(map(str, select_pieces(arguments.pieces or ["repertoire"])))
+        given = arguments.pieces or ["repertoire"]
+        made = tuple(piece for piece in given if is_generated(piece))
+        others = [piece for piece in given if piece not in made]
+        pieces = made + tuple(map(str, select_pieces(others)) if others else ())
         seeds = tuple(arguments.seeds or [0])
     results = Results.read(file) if file.is_file() else Results()
     jobs = [

@@ -82,6 +82,11 @@ def _microseconds(seconds: float) -> int:
     return round(seconds * 1e6)
 
 
+def is_generated(piece: str) -> bool:
+    """Return whether a piece is called ``generated-SEED-INDEX``, see :func:`score_source`."""
+    return _GENERATED.fullmatch(piece) is not None
+
+
 @contextlib.contextmanager
 def score_source(piece: str) -> Iterator[str]:
     """Give what :func:`~sb3_piano.music.load_score` reads as the piece of this name.

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
+import shutil
 from pathlib import Path
 
 import pytest
 import yaml
+from fresh_python import run_python
 
 from sb3_piano.music import load_score, select_pieces
 from sb3_piano.training import RunFolder, load_config
@@ -75,9 +75,13 @@ def test_all_pieces_can_be_shown():
 
 @pytest.mark.slow
 def test_the_driver_trains_starts_resumes_and_prints(tmp_path):
+    driver, runs = tmp_path / "driver", tmp_path / "runs"
+    shutil.copytree(FOLDER, driver)
+    pieces = STUDY["pieces"][:2]
+    (driver / "study.yml").write_text(yaml.safe_dump({**STUDY, "pieces": pieces}))
+
     def call(script, *arguments):
-        command = [sys.executable, str(FOLDER / script), "--runs", str(tmp_path), *arguments]
-        return subprocess.run(command, capture_output=True, text=True, check=False)
+        return run_python([str(driver / script), "--runs", str(runs), *arguments], tmp_path)
 
     early = call("run.py", "table_1/from_one_scale", "--steps", "50", "--no-progress")
     assert early.returncode == 2
@@ -85,13 +89,13 @@ def test_the_driver_trains_starts_resumes_and_prints(tmp_path):
     cells = ["pretraining/one_scale", "table_1/from_one_scale", "--steps", "300"]
     done = call("run.py", *cells, "--no-progress")
     assert done.returncode == 0, done.stderr
-    n_pieces = len(STUDY["pieces"])
+    n_pieces = len(pieces)
     assert done.stdout.count("  F1 ") == 1 + n_pieces
-    first = tmp_path / "table_1/from_one_scale" / f"{STUDY['pieces'][0]}_seed_0"
+    first = runs / "table_1/from_one_scale" / f"{pieces[0]}_seed_0"
     config = RunFolder.open(first).read_config()
-    assert config.callback[-1].kwargs["run"] == str(tmp_path / "pretraining/one_scale/seed_0")
+    assert config.callback[-1].kwargs["run"] == str(runs / "pretraining/one_scale/seed_0")
     (found,) = json.loads((first / "pieces.json").read_text())["evaluations"]
-    assert found["piece"] == STUDY["pieces"][0]
+    assert found["piece"] == pieces[0]
     again = call("run.py", *cells, "--no-progress")
     assert again.stdout.count("finished before") == 1 + n_pieces
     table = call("table.py").stdout

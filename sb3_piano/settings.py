@@ -29,7 +29,7 @@ from pydantic import AllowInfNan, BeforeValidator, ConfigDict, TypeAdapter, Vali
 from pydantic.dataclasses import dataclass as checked_dataclass
 from pydantic_core import ErrorDetails
 
-from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.exceptions import ConfigError, SB3PianoError, near_names
 
 T = TypeVar("T")
 
@@ -163,7 +163,7 @@ def _message(error: ValidationError, kinds: Mapping[str, Any], *names: str) -> s
     """
     first = error.errors(include_url=False)[0]
     raised = first.get("ctx", {}).get("error")
-    if isinstance(raised, ConfigError):  # from a __post_init__
+    if isinstance(raised, SB3PianoError):  # from a __post_init__, or a validator of ours
         return str(raised)
     place: tuple[str | int, ...] = (*names, *first["loc"])
     name, inside = place[0], place[1:]

@@ -146,8 +146,10 @@ def test_a_high_temperature_draws_all_and_a_low_one_the_best():
     assert spreads[1] < 0.95 * spreads[0]  # the best of 33 are alike
 
 
-@pytest.mark.parametrize("algorithm", [SAC, TQC, CrossQ])
-@pytest.mark.parametrize("score", ["critics", "simulation", "both"])
+@pytest.mark.parametrize(
+    ("algorithm", "score"),
+    [(SAC, "critics"), (TQC, "critics"), (CrossQ, "both"), (SAC, "simulation")],
+)
 def test_trainings_explore_by_it_and_are_as_before_afterwards(algorithm, score):
     def trained(callback, seed=0):
         model = learner(DummyVecEnv([piano, piano]), algorithm)

@@ -200,11 +200,11 @@ class TestScoreBySteps:
 
 
 @pytest.mark.slow
-def test_two_hundred_relabelled_episodes_have_an_f1_of_exactly_1(relabelled):
+def test_relabelled_episodes_have_an_f1_of_exactly_1(relabelled):
     pieces = [piece(steps, first, 50 + steps) for steps, first in ((5, 0), (17, 3), (30, 1))]
     original = Performances()
     model = collecting([lambda: HindsightFlag(Held(Played(RandomPiece(piano(), pieces))))])
-    while len(relabelled) < 200:
+    while len(relabelled) < 80:
         model.learn(500, callback=[HindsightCallback(), original], log_interval=10**6)
     sounded = [played for _, played in original.found if played.key_active.any()]
     assert len(sounded) == len(relabelled)
@@ -213,7 +213,7 @@ def test_two_hundred_relabelled_episodes_have_an_f1_of_exactly_1(relabelled):
     repeated = sum(len(p.presses.key) > len(set(p.presses.key.tolist())) for p in relabelled)
     pedals = sum(p.sustain.any() for p in relabelled)
     shorter = sum(len(one) < len(other) for one, other in zip(relabelled, sounded, strict=True))
-    assert min(repeated, pedals, shorter) > 5
+    assert min(repeated, pedals, shorter) > 3
 
 
 def test_the_transitions_follow_those_of_the_episode_and_are_the_replay_s():

@@ -156,7 +156,7 @@ def test_it_is_drawn_without_hands():
 
 @pytest.mark.slow
 def test_stock_ppo_learns_it_in_seconds(tell):
-    # Two keys, so that 10,000 steps are enough.
+    # Two keys, so that 20,000 steps are enough: with 10,000 it plays nothing yet.
     notes = [Note(onset=i * 0.2, offset=i * 0.2 + 0.2, pitch=60 + i % 2) for i in range(20)]
     score = Score(notes=notes, title="trill")
     options = {"score": score, "physics": "fast"}

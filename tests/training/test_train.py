@@ -226,7 +226,7 @@ def test_an_on_policy_run_can_be_resumed(ppo_config, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("vec_env", ["threads", "processes", "subproc"])
+@pytest.mark.parametrize("vec_env", ["threads", "processes"])  # subproc: test_folder.py
 def test_several_environments_in_threads_or_processes_of_their_own(run, vec_env):
     result = run(n_envs=2, vec_env=vec_env, n_timesteps=80, every=40)
     assert result.num_timesteps == 80

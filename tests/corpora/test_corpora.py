@@ -1,0 +1,253 @@
+"""Corpora of seconds: the same whoever records them, gone on with, and learnt from in parts."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+import yaml
+from stable_baselines3 import TD3
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+from sb3_piano.cli import main
+from sb3_piano.corpora import CorpusConfig, record_corpus, summary
+from sb3_piano.corpora.playing import open_player
+from sb3_piano.demonstrations import clone_behaviour
+from sb3_piano.demonstrations.corpus import RecordedCorpus
+from sb3_piano.demonstrations.dataset import Transitions
+from sb3_piano.distillation import DistillConfig, distill
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.executors import ray_executor
+from sb3_piano.music import load_score
+from sb3_piano.training import clone
+
+SETTINGS = {
+    "pieces": ("FurElise", "scale-CMajor"),
+    "players": ("planned:rounds=2,iterations=2,dynamic_iterations=2", "sight-reader"),
+    "excerpts": 3,
+    "seconds": 1.0,
+    "episodes": 2,
+    "noise": (0.0, 0.05),
+    "by_hand": True,
+    "shard": 3,
+}
+
+
+class Backwards(ThreadPoolExecutor):
+    """Does jobs in this process, the last one first."""
+
+    def __init__(self):
+        super().__init__(1)
+        self._jobs = []
+
+    def submit(self, fn, /, *args, **kwargs):
+        self._jobs.append((fn, args))
+        future = super().submit(lambda: self._next())
+        return future
+
+    def _next(self):
+        fn, args = self._jobs.pop()
+        return fn(*args)
+
+
+@pytest.fixture(scope="module")
+def executor():
+    with ThreadPoolExecutor(1) as one:
+        yield one
+
+
+@pytest.fixture(scope="module")
+def corpus(executor, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("corpora") / "corpus"
+    return record_corpus(CorpusConfig(**SETTINGS), folder, executor=executor)
+
+
+def bytes_of(corpus):
+    files = (path for path in corpus.root.rglob("*") if path.is_file())
+    return {str(path.relative_to(corpus.root)): path.read_bytes() for path in files}
+
+
+def test_the_performances_are_of_the_excerpts_players_and_noises_in_order(corpus):
+    episodes = [notes for shard in corpus.shards for notes in shard.episodes]
+    assert len(corpus.shards) == 4
+    assert [notes["performance"] for notes in episodes] == list(range(12))
+    assert [notes["noise"] for notes in episodes] == [0.0, 0.05] * 6
+    players = [player for player in SETTINGS["players"] for _ in range(2)] * 3
+    assert [notes["player"] for notes in episodes] == players
+    first, second, third = (episodes[number]["title"] for number in (0, 4, 8))
+    assert {episodes[number]["title"] for number in range(4)} == {first}
+    assert first.partition(" from")[0] == third.partition(" from")[0] != second
+    assert first != third
+    assert len({notes["seed"] for notes in episodes}) == 12
+    assert {(row.player, row.noise, row.episodes) for row in summary(corpus.shards)} == {
+        (player, noise, 3) for player in SETTINGS["players"] for noise in (0.0, 0.05)
+    }
+
+
+@pytest.mark.filterwarnings("ignore::sb3_piano.exceptions.PlanWarning")
+def test_a_label_is_what_the_player_would_do_in_the_state_that_noise_led_to(corpus):
+    config = CorpusConfig(**SETTINGS)
+    data = corpus.dataset(corpus.shards[0])
+    (episode,) = data.iterate_episodes([1])
+    what = config.performance(1)
+    assert what.noise == 0.05
+    with open_player(config, what.player) as (player, env):
+        observation, _ = env.reset(seed=what.seed, options={"score": what.score})
+        state = None
+        for step in range(len(episode.actions)):
+            assert np.array_equal(observation, episode.observations[step])
+            label, state = player.predict(observation, state)
+            assert np.array_equal(label, episode.infos["expert_action"][step])
+            observation = env.step(episode.actions[step])[0]
+    assert np.abs(episode.actions - episode.infos["expert_action"][:-1]).max() > 0.05
+
+
+def test_an_excerpt_is_part_of_its_piece():
+    config = CorpusConfig(**SETTINGS)
+    part = config.performance(0).score
+    whole = load_score("FurElise")
+    assert 0 < len(part.notes) < len(whole.notes)
+    assert part.duration <= 1.0 + 1e-9
+    pitches = [note.pitch for note in whole.notes]
+    length = len(part.notes)
+    assert [n.pitch for n in part.notes] in [
+        pitches[i : i + length] for i in range(len(pitches) - length + 1)
+    ]
+
+
+@pytest.mark.slow
+def test_another_order_of_the_shards_makes_the_same_bytes(corpus, tmp_path):
+    with Backwards() as executor:
+        again = record_corpus(CorpusConfig(**SETTINGS), tmp_path / "again", executor=executor)
+    assert again.content == corpus.content
+    assert bytes_of(again) == bytes_of(corpus)
+
+
+@pytest.mark.slow
+def test_a_cluster_of_ray_makes_the_same_corpus(corpus, ray_cluster, tmp_path):
+    with ray_executor(ray_cluster.address) as executor:
+        again = record_corpus(CorpusConfig(**SETTINGS), tmp_path / "again", executor=executor)
+    assert again.content == corpus.content
+    assert bytes_of(again) == bytes_of(corpus)
+
+
+def test_a_truncated_shard_is_found_and_made_again_and_nothing_else(executor, tmp_path):
+    config = CorpusConfig(**{**SETTINGS, "players": ("sight-reader",), "shard": 2})
+    corpus = record_corpus(config, tmp_path / "corpus", executor=executor)
+    before = bytes_of(corpus)
+    damaged = corpus.root / "shard000001-v0" / "data" / "main_data.hdf5"
+    damaged.write_bytes(damaged.read_bytes()[:-3000])
+    (corpus.root / ".recording-of-a-killed-process").mkdir()
+    kept = corpus.root / "shard000000-v0.json"
+    time = kept.stat().st_mtime_ns
+    with pytest.raises(ConfigError, match="Shard shard000001-v0 .* is damaged: give the command"):
+        list(corpus.transitions())
+    told = []
+    again = record_corpus(
+        config, corpus.folder, executor=executor, on_progress=lambda *done: told.append(done)
+    )
+    assert told == [(4, 6), (6, 6)]
+    assert bytes_of(again) == before
+    assert kept.stat().st_mtime_ns == time
+    assert again.content == corpus.content
+
+
+def test_other_settings_in_its_folder_are_refused(corpus):
+    with pytest.raises(RunError, match=r"has seed 0, not 1: expected the same settings"):
+        record_corpus(CorpusConfig(**{**SETTINGS, "seed": 1}), corpus.folder)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"players": ("nobody",)}, "player is 'nobody': expected one of planned"),
+        ({"players": ("sampling:samples",)}, "expected NAME:SETTING=VALUE"),
+        ({"pieces": "studies"}, "No collection is called so either"),
+        ({"noise": (-1.0,)}, r"noise\[0\] is -1.0: expected"),
+    ],
+)
+def test_a_wrong_setting_is_named(changes, message):
+    with pytest.raises(ConfigError, match=message):
+        CorpusConfig(**{**SETTINGS, **changes})
+
+
+def test_a_corpus_that_is_not_whole_is_refused(corpus, tmp_path):
+    with pytest.raises(ConfigError, match="There is no whole corpus"):
+        RecordedCorpus.open(tmp_path)
+
+
+@pytest.mark.slow
+def test_a_run_is_cloned_from_a_corpus_in_parts_and_plays_its_pieces(corpus, tmp_path):
+    small = {"epochs": 8, "batch_size": 16, "net_arch": [32], "learning_rate": 3e-3, "seed": 0}
+    told = {}
+    for name, buffer in (("whole", 10_000), ("parts", 40)):
+        result = clone(str(corpus.folder), "td3", tmp_path / name, buffer=buffer, **small)
+        told[name] = result.cloning
+        config = result.folder.read_config()
+        assert config.pieces == corpus.pieces
+        assert "score" not in config.env_kwargs
+        assert result.cloning.n_transitions == corpus.steps
+    for cloning in told.values():
+        assert cloning.losses[-1] < 0.7 * cloning.losses[0]
+    assert told["parts"].losses != told["whole"].losses
+    with pytest.raises(ConfigError, match="prefill is set with the corpus"):
+        clone(str(corpus.folder), prefill=True)
+
+
+def test_a_distillation_begins_from_a_corpus(corpus, executor, tmp_path):
+    settings = yaml.safe_load(
+        """
+        rounds: [{excerpts: 1, epochs: 10, batch_size: 32}]
+        network: {net_arch: [16]}
+        improvements: []
+        evaluation: {physics: fast, excerpts: 0, pieces: [TwinkleTwinkle], duration: 1.0}
+        """
+    )
+    config = DistillConfig.from_mapping({**settings, "recorded": str(corpus.folder), "buffer": 90})
+    result = distill(config, tmp_path / "run", executor=executor)
+    assert result.rounds[0].transitions == corpus.steps
+    assert not list((tmp_path / "run" / "data").iterdir()), "nothing is played"
+
+
+def test_a_corpus_that_is_not_by_hand_is_refused_by_a_distillation(executor, tmp_path):
+    changes = {"by_hand": False, "players": ("sight-reader",), "excerpts": 1, "episodes": 1}
+    own = record_corpus(CorpusConfig(**{**SETTINGS, **changes}), tmp_path / "c", executor=executor)
+    config = DistillConfig.from_mapping({"recorded": str(own.folder)})
+    with pytest.raises(ConfigError, match="the model of shape"):
+        distill(config, tmp_path / "run")
+
+
+@pytest.mark.slow
+def test_the_command_records_tells_and_goes_on(tmp_path, capsys):
+    command = "corpus TwinkleTwinkle --players sight-reader --seconds 1 --episodes 2 --noise 0 0.1"
+    command = [*command.split(), "--workers", "1", "--out", str(tmp_path / "c")]
+    assert main(command) == 0
+    told = capsys.readouterr().out
+    index = json.loads((tmp_path / "c" / "index.json").read_text())
+    assert index["content"] in told
+    assert "sight-reader" in told
+    assert "0.1" in told
+    assert main(command) == 0
+    assert main([*command, "--seed", "1"]) == 2
+    assert "has seed 0, not 1" in capsys.readouterr().err
+
+
+def test_the_transitions_of_a_corpus_are_those_of_its_data_sets(corpus):
+    parts = list(corpus.transitions())
+    assert [len(part) for part in parts] == [shard.steps for shard in corpus.shards]
+    assert sum(map(len, parts)) == corpus.steps
+    one = Transitions.of(corpus.dataset(corpus.shards[1]))
+    assert np.array_equal(parts[1].observations, one.observations)
+
+
+def test_the_statistics_of_a_clone_are_those_of_all_parts(corpus):
+    with open_player(CorpusConfig(**SETTINGS), "sight-reader") as (_, env):
+        venv = VecNormalize(DummyVecEnv([lambda: env]), norm_reward=False)
+        model = TD3("MlpPolicy", venv, policy_kwargs={"net_arch": [8]}, buffer_size=10, seed=0)
+        clone_behaviour(model, corpus, epochs=1, buffer=50)
+    whole = np.concatenate([part.observations for part in corpus.transitions()])
+    assert np.allclose(venv.obs_rms.mean, whole.mean(axis=0, dtype=np.float64))
+    variance = whole.var(axis=0, dtype=np.float64)
+    assert np.allclose(venv.obs_rms.var, np.where(variance < 1e-8, 1, variance))

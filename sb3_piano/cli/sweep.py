@@ -69,7 +69,7 @@ def _sweep(arguments: argparse.Namespace) -> int:
     _show(result.cells)
     print(f"Results:  {result.folder / 'results.csv'}")
     if arguments.storage is None:
-        print(f"Compare:  sb3-piano compare {shlex.quote(str(folder))}/*/seed_*")
+        print(f"Evaluate: sb3-piano evaluate {shlex.quote(str(folder))}/*/seed_*")
     if result.interrupted:
         return tell_interrupted(True, hint=": the same command goes on.")
     return tell_errors(

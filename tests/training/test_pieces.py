@@ -87,8 +87,8 @@ def test_an_environment_of_its_own_draws_from_all_pieces(config):
     for own in (config(n_envs=3), config(n_envs=3).alone()):
         with contextlib.closing(build_env(own)) as env:
             titles = set()
-            for _ in range(12):
-                env.reset()
+            for seed in range(12):
+                env.reset(seed=seed)
                 titles.add(env.unwrapped.score.title)
         assert titles == {"60", "62", "64"}
 

@@ -28,6 +28,7 @@ _DESCRIPTION = (
     "Search hyperparameters, wrapper arguments and reward weights with Optuna. The same command "
     "goes on with a study that was stopped."
 )
+_RAY_HELP = "workers on a cluster of Ray, whose nodes all see --studies-dir; or auto"
 _STORAGE_HELP = "a database, such as postgresql+psycopg://user@host/name"
 
 
@@ -59,6 +60,7 @@ def add_parser(commands: Any) -> None:
     add("--seed", "N", "seed of the sampler; default: drawn", int)
     add = adder(tune.add_argument_group("where"))
     add("--workers", "N", "processes", whole_number, 1)
+    add("--ray", "ADDRESS", _RAY_HELP)
     add("--storage", "URL", _STORAGE_HELP)
     add("--name", "NAME", "the study's name; default: algorithm and environment")
     add("--studies-dir", "DIR", "where studies are", default="studies")
@@ -85,6 +87,7 @@ def _tune(arguments: argparse.Namespace) -> int:
         name=name,
         n_trials=arguments.trials,
         workers=arguments.workers,
+        ray=arguments.ray,
         storage=arguments.storage,
         search=search,
         progress_bar=not arguments.no_progress,

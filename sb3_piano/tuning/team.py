@@ -1,32 +1,27 @@
-"""Workers of a study: a parent asks for trials, child processes run them, and the parent tells."""
+"""The parent of a study's workers: it asks for trials, they run them, and it tells."""
 
 from __future__ import annotations
 
 import contextlib
-import gc
-import multiprocessing
-import os
 import platform
-import signal
-import sys
-import threading
 import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import wait
 from typing import Any
 
 import optuna
 from optuna.exceptions import ExperimentalWarning, StorageInternalError, UpdateFinishedTrialError
 from optuna.storages import RDBStorage, fail_stale_trials
-from optuna.trial import FixedTrial, FrozenTrial, TrialState
+from optuna.trial import FrozenTrial, TrialState
 
 from sb3_piano.exceptions import RunError
-from sb3_piano.interrupts import ctrl_c_ignored, stop_on_signal
-from sb3_piano.tuning.objective import Objective, note_place
+from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.tuning.objective import note_place
 from sb3_piano.tuning.study import StudyConfig, StudyFolder
 from sb3_piano.tuning.trials import FOLDER, HOST, INTERRUPTED, counting, requeue_lost
+from sb3_piano.tuning.workers import MakeWorker, ProcessWorker, Worker
 
 _POLL_SECONDS = 1.0
 _MAX_DEATHS = 3
@@ -66,7 +61,7 @@ class Heart:
 
 @dataclass
 class Team:
-    """Workers on this machine, and the trials that they run."""
+    """Workers of this command, and the trials that they run."""
 
     study: optuna.Study
     config: StudyConfig
@@ -79,7 +74,9 @@ class Team:
     """Trials of the study in all."""
     n_workers: int
     """Workers at most."""
-    _workers: list[_Worker] = field(default_factory=list, init=False)
+    make_worker: MakeWorker = ProcessWorker
+    """Makes a worker."""
+    _workers: list[Worker] = field(default_factory=list, init=False)
     _deaths: int = field(default=0, init=False)  # since the last trial that ended by itself
 
     def run(self, on_progress: Callable[[Sequence[FrozenTrial]], object]) -> bool:
@@ -148,7 +145,7 @@ class Team:
         return False
 
     @property
-    def _busy(self) -> list[_Worker]:
+    def _busy(self) -> list[Worker]:
         return [worker for worker in self._workers if worker.trial is not None]
 
     @property
@@ -166,11 +163,11 @@ class Team:
         self.config.space.suggest(trial)
         idle = next((worker for worker in self._workers if worker.trial is None), None)
         if idle is None:
-            idle = _Worker(self.config, self.folder)
+            idle = self.make_worker(self.config, self.folder)
             self._workers.append(idle)
         idle.begin(trial)
 
-    def _hear(self, worker: _Worker) -> None:
+    def _hear(self, worker: Worker) -> None:
         """Pass on all that a worker has said, or notice that it has died."""
         try:
             while worker.trial is not None and (worker.said or worker.connection.poll()):
@@ -183,11 +180,11 @@ class Team:
             worker.kill()
             self._workers.remove(worker)
 
-    def _pass_on(self, said: tuple[Any, ...], worker: _Worker, trial: optuna.Trial) -> None:
+    def _pass_on(self, said: tuple[Any, ...], worker: Worker, trial: optuna.Trial) -> None:
         match said:
             case "report", value, step:
                 trial.report(value, step)
-                worker.connection.send(trial.should_prune())
+                worker.send(trial.should_prune())
                 return
             case "note", name, value:
                 trial.set_user_attr(name, value)
@@ -200,7 +197,7 @@ class Team:
                 self._fail(trial)
         worker.trial, self._deaths = None, 0
 
-    def _replace(self, worker: _Worker) -> None:
+    def _replace(self, worker: Worker) -> None:
         """Queue the trial of a dead worker again; another worker will take it.
 
         Raises:
@@ -229,90 +226,3 @@ class Team:
                 worker.trial.set_user_attr(INTERRUPTED, True)
             self._fail(worker.trial)
         requeue_lost(self.study, self._is_ours)
-
-
-class _Worker:
-    """The parent's end of a child process, which runs one trial after the other."""
-
-    trial: optuna.Trial | None = None
-    """The trial that it runs."""
-    said: tuple[Any, ...] | None = None
-    """Its last report, if that is not in the store yet."""
-
-    def __init__(self, config: StudyConfig, folder: StudyFolder):
-        context = multiprocessing.get_context("spawn")
-        self.connection, end = context.Pipe()
-        self._process = context.Process(target=_work, args=(end, config, folder), daemon=False)
-        with ctrl_c_ignored():
-            self._process.start()
-        end.close()  # so that the worker's death is the end of what it says
-
-    def begin(self, trial: optuna.Trial) -> None:
-        """Let it run a trial."""
-        self.trial = trial
-        with contextlib.suppress(OSError):  # it has died, which its connection tells too
-            self.connection.send((trial.number, trial.params))
-
-    def kill(self) -> str:
-        """End it at once, if it has not ended by itself; return how it ended."""
-        self._process.kill()
-        self._process.join()
-        code = self._process.exitcode
-        assert code is not None, "the process has ended"
-        return f"signal {signal.Signals(-code).name}" if code < 0 else f"status {code}"
-
-
-class _SentTrial(FixedTrial):
-    """A trial whose settings were chosen in the parent, which is told how it does."""
-
-    def __init__(self, connection: Connection, number: int, params: dict[str, Any]):
-        super().__init__(params, number)
-        self._connection = connection
-        self._is_over = False
-
-    def report(self, value: float, step: int) -> None:
-        self._connection.send(("report", value, step))
-        self._is_over = self._connection.recv()
-
-    def should_prune(self) -> bool:
-        return self._is_over
-
-    def set_user_attr(self, key: str, value: Any) -> None:
-        self._connection.send(("note", key, value))
-
-
-def _work(connection: Connection, config: StudyConfig, folder: StudyFolder) -> None:
-    """Run the trials that come; the target of a process."""
-    os.setpgrp()  # Ctrl-C on the terminal is for the parent, which kills its workers
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    with (folder.workers_dir / f"{platform.node()}-{os.getpid()}.log").open("ab") as log:
-        for stream in (sys.stdout, sys.stderr):
-            stream.flush()
-            os.dup2(log.fileno(), stream.fileno())
-    objective = Objective(config, folder)
-    while True:
-        try:
-            number, params = connection.recv()
-        except EOFError:
-            return
-        connection.send(_end_of(objective, _SentTrial(connection, number, params)))
-        gc.collect()  # models refer to themselves: their memory would pile up
-
-
-def _end_of(objective: Objective, trial: FixedTrial) -> tuple[Any, ...]:
-    """Run a trial and return what is to be said of its end."""
-    try:
-        return "complete", objective(trial)
-    except optuna.TrialPruned:
-        return ("pruned",)
-    except Exception:
-        sys.excepthook(*sys.exc_info())  # for the log; the reason is noted with the trial
-        return ("failed",)
-
-
-def _end_with_parent() -> None:
-    """End this process once the one that started it is gone, however it died."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None, "a worker is started by another process"
-    parent.join()
-    os._exit(1)

@@ -20,6 +20,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from sb3_piano.exceptions import RunError
+from sb3_piano.executors import connected_to_ray
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.settings import Count, checked
 from sb3_piano.tuning.best import write_best
@@ -34,6 +35,7 @@ from sb3_piano.tuning.trials import (
     preset_trial,
     summary,
 )
+from sb3_piano.tuning.workers import MakeWorker, ProcessWorker, RayWorkers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +68,7 @@ def tune(
     name: str | None = None,
     n_trials: int = 20,
     workers: int = 1,
+    ray: str | None = None,
     storage: str | None = None,
     search: Search = Search(),  # noqa: B008 - frozen
     progress_bar: bool = True,
@@ -85,7 +88,10 @@ def tune(
         folder: The study's folder on this machine; it is made.
         name: The study's name in its store; by default that of the folder.
         n_trials: Trials of the study in all, at least 1.
-        workers: Processes on this machine that run trials, at least 1; they share the cores.
+        workers: Processes that run trials, at least 1; on this machine they share the cores.
+        ray: Address of a cluster of Ray, see :func:`~sb3_piano.executors.connected_to_ray`; the
+            workers are then actors there, with a core each. All nodes see ``folder`` by the same
+            path. The store stays with this process.
         storage: URL of a database, such as ``postgresql+psycopg://user@host/name``; by default
             the study is kept in its folder.
         search: How settings are chosen and trials are ended early.
@@ -109,9 +115,19 @@ def tune(
         _check_runs(study, place)
         label = f"{config.objective} {config.metric}"
         try:
-            with _progress_bar(n_trials, label, shown=progress_bar) as on_progress:
-                heart = Heart(study, store) if isinstance(store, RDBStorage) else None
-                team = Team(study, config, place, heart=heart, n_trials=n_trials, n_workers=workers)
+            with (
+                _workers_of(ray) as make_worker,
+                _progress_bar(n_trials, label, shown=progress_bar) as on_progress,
+            ):
+                team = Team(
+                    study,
+                    config,
+                    place,
+                    heart=Heart(study, store) if isinstance(store, RDBStorage) else None,
+                    n_trials=n_trials,
+                    n_workers=workers,
+                    make_worker=make_worker,
+                )
                 interrupted = team.run(on_progress)
             from sb3_piano.tuning.report import write_report, write_table  # not for each worker
 
@@ -131,6 +147,16 @@ def tune(
                 f"The database of study {name!r} cannot be used any more: {why_refused(error)}. "
                 "What is in it stays: when it is back, the same command goes on."
             ) from error
+
+
+@contextlib.contextmanager
+def _workers_of(ray: str | None) -> Iterator[MakeWorker]:
+    """Give what makes the workers, on this machine or on a cluster of Ray."""
+    if ray is None:
+        yield ProcessWorker
+        return
+    with connected_to_ray(ray) as package:
+        yield RayWorkers(package)
 
 
 @contextlib.contextmanager

@@ -72,12 +72,8 @@ def _sweep(arguments: argparse.Namespace) -> int:
         print(f"Evaluate: sb3-piano evaluate {shlex.quote(str(folder))}/*/seed_*")
     if result.interrupted:
         return tell_interrupted(True, hint=": the same command goes on.")
-    return tell_errors(
-        *(
-            f"{cell.name}, seed {cell.seed}: {(cell.error or '').strip().splitlines()[-1]}"
-            for cell in result.failures
-        )
-    )
+    failed = (f"{cell.name}, seed {cell.seed}: {cell.reason}" for cell in result.failures)
+    return tell_errors(*failed)
 
 
 def _show(cells: Sequence[CellResult]) -> None:

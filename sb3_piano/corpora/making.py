@@ -8,7 +8,7 @@ import os
 import shlex
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
@@ -27,7 +27,7 @@ from sb3_piano.demonstrations.shards import (
     make_missing,
 )
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.executors import process_pool
+from sb3_piano.executors import broken_told, process_pool
 from sb3_piano.files import write_json, write_text
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
@@ -105,7 +105,10 @@ def record_corpus(
             on_progress(min(done * config.shard, len(config)), len(config))
 
         pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
-        with pool as chosen, _broken_told(place):
+        with (
+            pool as chosen,
+            broken_told(f"give the same command again, for {shlex.quote(str(place))}"),
+        ):
             try:
                 shards = make_missing(chosen, jobs, request, tell)
             except KeyboardInterrupt:
@@ -204,16 +207,3 @@ def _owned(place: Path) -> Iterator[None]:
 
     with hold(place / LOCK_SUFFIX, busy):
         yield
-
-
-@contextlib.contextmanager
-def _broken_told(place: Path) -> Iterator[None]:
-    """Say how to go on when a worker was killed, as by a machine without memory."""
-    try:
-        yield
-    except BrokenExecutor as error:
-        raise RunError(
-            f"A worker ended before its work was done, as happens without memory: {error} What is "
-            "whole is kept; give the same command again, with fewer workers if need be, to go on "
-            f"with {shlex.quote(str(place))}."
-        ) from error

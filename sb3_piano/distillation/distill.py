@@ -6,7 +6,7 @@ import contextlib
 import os
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -31,7 +31,7 @@ from sb3_piano.distillation.rounds import (
 from sb3_piano.distillation.shards import JUDGED_BY
 from sb3_piano.distillation.teachers import new_teacher
 from sb3_piano.exceptions import RunError
-from sb3_piano.executors import process_pool
+from sb3_piano.executors import broken_told, process_pool
 from sb3_piano.files import write_bytes, write_csv, write_text
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
@@ -127,7 +127,7 @@ def distill(
     with _owned(place), torch_computing(num_threads), stop_on_signal() as request:
         _begin(place, config)
         pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
-        with pool as chosen, _broken_told(place):
+        with pool as chosen, broken_told(go_on(place)):
             work = Rounds(config, place.absolute(), held_out, chosen, request, on_progress)
             try:
                 for number, name in enumerate(names):
@@ -200,18 +200,6 @@ def _owned(place: Path) -> Iterator[None]:
 
     with hold(place / LOCK_SUFFIX, busy):
         yield
-
-
-@contextlib.contextmanager
-def _broken_told(place: Path) -> Iterator[None]:
-    """Say how to go on when a worker was killed, as by a machine without memory."""
-    try:
-        yield
-    except BrokenExecutor as error:
-        raise RunError(
-            f"A worker ended before its work was done, as happens without memory: {error} What is "
-            f"whole is kept; go on, with fewer workers if need be: {go_on(place)}"
-        ) from error
 
 
 def go_on(place: Path) -> str:

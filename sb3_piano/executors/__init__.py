@@ -7,12 +7,13 @@ know where they are done.
 from sb3_piano.executors.cluster import Resources, connected_to_ray, ray_executor
 from sb3_piano.executors.jobs import Job, Result, map_jobs
 from sb3_piano.executors.opening import open_executor
-from sb3_piano.executors.processes import process_pool
+from sb3_piano.executors.processes import broken_told, process_pool
 
 __all__ = [
     "Job",
     "Resources",
     "Result",
+    "broken_told",
     "connected_to_ray",
     "map_jobs",
     "open_executor",

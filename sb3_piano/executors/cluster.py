@@ -45,7 +45,7 @@ class Resources:
             "max_retries": self.retries,
         }
         if self.memory_gb:
-            options["memory"] = int(self.memory_gb * 2**30)
+            options["memory"] = int(self.memory_gb * 1e9)
         if self.custom:
             options["resources"] = dict(self.custom)
         return options

@@ -32,7 +32,7 @@ def open_executor(
         return process_pool(workers)
     if workers is not None:
         raise ConfigError(
-            f"--workers is {workers} with --ray {ray}: expected one of them. How many jobs run at "
+            f"workers is {workers} with ray {ray!r}: expected one of them. How many jobs run at "
             "once on a cluster follows from what each of them needs."
         )
     return ray_executor(ray, resources)

@@ -8,9 +8,10 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from multiprocessing.connection import Connection
 
+from sb3_piano.exceptions import RunError
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import usable_cores
 
@@ -34,6 +35,22 @@ def process_pool(workers: int | None = None) -> Iterator[Executor]:
     finally:
         ours.close()  # nothing was ever sent: that it has an end is the message
         pool.shutdown(cancel_futures=True)
+
+
+@contextlib.contextmanager
+def broken_told(how_to_go_on: str) -> Iterator[None]:
+    """Say how to go on when a worker was killed, as by a machine without memory.
+
+    Raises:
+        RunError: In place of the ``BrokenExecutor`` of any executor.
+    """
+    try:
+        yield
+    except BrokenExecutor as error:
+        raise RunError(
+            f"A worker ended before its work was done, as happens without memory: {error} What is "
+            f"whole is kept; go on, with fewer workers if need be: {how_to_go_on}"
+        ) from error
 
 
 def _begin(lifeline: Connection) -> None:

@@ -16,7 +16,7 @@ from sb3_piano.executors import map_jobs
 from sb3_piano.interrupts import StopRequest
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.sweeps.storage import Mirror, mirrored
-from sb3_piano.training import RunConfig, RunFolder, evaluate, evaluate_runs, resume, train
+from sb3_piano.training import RunConfig, RunFolder, evaluate, resume, train
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,8 +31,6 @@ class CellJob:
     """The run's folder: a path that every node sees, or a URL as of fsspec."""
     episodes: int = 1
     """Episodes that the trained model plays."""
-    each_piece: bool = False
-    """Whether a run with several pieces plays each; the file is ``pieces.json`` then."""
     checkpoint_every: int = DEFAULT_EVERY
     """Environment steps between two checkpoints."""
 
@@ -62,6 +60,11 @@ class CellResult:
     def finished(self) -> bool:
         """Whether it is trained and evaluated."""
         return bool(self.metrics)
+
+    @property
+    def reason(self) -> str:
+        """Why it failed, in a line; empty if it did not."""
+        return "" if self.error is None else self.error.strip().splitlines()[-1]
 
     @property
     def state(self) -> str:
@@ -142,15 +145,7 @@ def _finished(job: CellJob, mirror: Mirror) -> dict[str, Any]:
         "n_timesteps": config.n_timesteps,
     }
     run = RunFolder(place)
-    if job.each_piece:
-        found = evaluate_runs([place], job.episodes)
-        found.write_json(place / "pieces.json")
-        metrics = {
-            name: sum(e.mean[name] for e in found.evaluations) / len(found.evaluations)
-            for name in (found.evaluations[0].mean if found.evaluations else ())
-        }
-    else:
-        metrics = metrics_of(run) or evaluate(place, job.episodes).mean
+    metrics = metrics_of(run) or evaluate(place, job.episodes).mean
     mirror.store()
     return {**steps, "metrics": metrics}
 

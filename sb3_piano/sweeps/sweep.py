@@ -14,7 +14,7 @@ import yaml
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import RunError
-from sb3_piano.executors import Resources, open_executor
+from sb3_piano.executors import Resources, broken_told, open_executor
 from sb3_piano.files import write_csv, write_text
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
@@ -98,7 +98,7 @@ def sweep(
         )
         try:
             if todo:
-                with chosen as opened:
+                with chosen as opened, broken_told("give the same command again."):
                     finish_cells(opened, todo, request, tell)
         except KeyboardInterrupt:
             interrupted = True
@@ -141,7 +141,7 @@ def write_results(place: Path, results: Sequence[CellResult]) -> None:
             "seed": result.seed,
             "state": result.state,
             "steps": result.num_timesteps,
-            "reason": "" if result.error is None else result.error.strip().splitlines()[-1],
+            "reason": result.reason,
             "folder": result.folder,
             **result.metrics,
         }

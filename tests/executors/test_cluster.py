@@ -80,7 +80,7 @@ def test_jobs_that_run_when_the_block_ends_get_ctrl_c(address, tmp_path):
 
 
 def test_processes_and_a_cluster_at_once_are_refused():
-    with pytest.raises(ConfigError, match="--workers is 2 with --ray auto: expected one"):
+    with pytest.raises(ConfigError, match="workers is 2 with ray 'auto': expected one"):
         open_executor(workers=2, ray="auto")
 
 

@@ -1,7 +1,7 @@
 """Saved models: SB3's own files, or weights as plain arrays.
 
-In a safetensors file weights are exported: reading one runs no code, unlike unpickling what
-Stable-Baselines3 saves.
+An exported run has its weights in a safetensors file: reading one runs no code, unlike unpickling
+what Stable-Baselines3 saves.
 """
 
 from __future__ import annotations

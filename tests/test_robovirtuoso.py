@@ -90,14 +90,14 @@ def test_the_driver_trains_starts_resumes_and_prints(tmp_path):
     done = call("run.py", *cells, "--no-progress")
     assert done.returncode == 0, done.stderr
     n_pieces = len(pieces)
-    assert done.stdout.count("  F1 ") == 1 + n_pieces
+    assert done.stdout.count(": F1 ") == 1 + n_pieces
     first = runs / "table_1/from_one_scale" / f"{pieces[0]}_seed_0"
     config = RunFolder.open(first).read_config()
     assert config.callback[-1].kwargs["run"] == str(runs / "pretraining/one_scale/seed_0")
     (found,) = json.loads((first / "pieces.json").read_text())["evaluations"]
     assert found["piece"] == pieces[0]
     again = call("run.py", *cells, "--no-progress")
-    assert again.stdout.count("finished before") == 1 + n_pieces
+    assert again.stdout == f"{1 + n_pieces} of {1 + n_pieces} trainings are finished.\n"
     table = call("table.py").stdout
     row = next(line for line in table.splitlines() if "table_1/from_one_scale" in line)
     assert row.endswith(f"| 0.469 | {n_pieces} |")

@@ -158,7 +158,7 @@ def test_the_driver_goes_on_where_it_was_interrupted_and_the_table_shows_it(
     with pytest.raises(SystemExit) as exit_status:
         run_script("run.py", arguments(runs), monkeypatch)
     assert exit_status.value.code == 0
-    assert capsys.readouterr().out == f"[1/1] {CELL}, seed 0\n  finished before\n"
+    assert capsys.readouterr().out == "1 of 1 runs are finished.\n"
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == times
 
     none = ["--runs", str(runs), "--kept", str(tmp_path / "kept.json")]

@@ -6,8 +6,9 @@
 The grid of section 4 of "Curriculum Strategies for Bimanual Dexterous Piano Playing in
 RoboPianist", at a size for one core: 100,000 steps of each cell, five minutes, on the right hand's
 42 notes of the Pathétique's rondo as they are written. What starts from Hanon had up to 120,000
-steps of practice.yml before, with the labels shown and paid for. What is finished is kept: the same
-command goes on after Ctrl-C or a crash.
+steps of practice.yml before, with the labels shown and paid for. Practice is trained in this
+process, cells at once with --workers, or on a cluster of Ray with --ray, which has to see the
+runs. What is finished is kept: the same command goes on after Ctrl-C or a crash.
 """
 
 from __future__ import annotations
@@ -15,26 +16,25 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import itertools
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
 from sb3_piano.exceptions import SB3PianoError
+from sb3_piano.sweeps import CellJob, CellResult, finish_cells
 from sb3_piano.training import (
     Plugin,
     RunConfig,
-    RunFolder,
-    evaluate,
     load_config,
     load_curriculum,
-    resume,
     run_curriculum,
-    train,
 )
 
 HERE = Path(__file__).parent
 PIECE = "RoboPianist-repertoire-PathetiqueRondo-v0"
+BEFORE = ("nothing", "Hanon")
 METRICS = ("onset_f1", "f1", "effective_fingers")
 
 
@@ -46,28 +46,48 @@ def main() -> int:
     add("--fingering", nargs="+", type=float, default=[0.0, 1.0], metavar="WEIGHT")
     add("--steps", type=int, metavar="N", help="of each stage and cell; default: theirs")
     add("--runs", type=Path, default=Path("runs/curriculum/grid"), metavar="DIR")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--workers", type=int, metavar="N", help="cells at once; default: one a core"
+    )
+    where.add_argument("--ray", metavar="ADDRESS", help="train on a cluster that sees the runs")
     arguments = parser.parse_args()
-    print("| before | labels | weight | onset F1 | F1 | fingers |")
-    print("| --- | --- | --- | --- | --- | --- |", flush=True)
-    cells = itertools.product(("nothing", "Hanon"), ("shown", "hidden"), arguments.fingering)
+    cells = list(itertools.product(BEFORE, ("shown", "hidden"), arguments.fingering))
     try:
-        for before, labels, weight in cells:
-            name = f"{before}_{labels}_{weight:g}"
-            found = []
-            for seed in arguments.seeds:
-                start = None if before == "nothing" else practised(seed, arguments)
-                folder = RunFolder(arguments.runs / f"{name}_seed_{seed}")
-                finish(cell(labels, weight, start, seed, arguments.steps), folder)
-                mean = evaluate(folder.path).mean
-                found.append([mean[metric] for metric in METRICS])
-            columns = " | ".join(map(over_seeds, zip(*found, strict=True)))
-            print(f"| {before} | {labels} | {weight:g} | {columns} |", flush=True)
+        practice = {
+            ("Hanon", seed): practised(seed, arguments).absolute() for seed in arguments.seeds
+        }
+        jobs = [
+            CellJob(
+                name=f"{before}_{labels}_{weight:g}",
+                config=cell(labels, weight, practice.get((before, seed)), seed, arguments.steps),
+                folder=str(
+                    (arguments.runs / f"{before}_{labels}_{weight:g}_seed_{seed}").absolute()
+                ),
+            )
+            for before, labels, weight in cells
+            for seed in arguments.seeds
+        ]
+        results = finish_cells(jobs, workers=arguments.workers, ray=arguments.ray, on_result=tell)
     except KeyboardInterrupt:
         print("Interrupted: the same command goes on from here.")
         return 130
     except SB3PianoError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
-    return 0
+    print("| before | labels | weight | onset F1 | F1 | fingers |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    for before, labels, weight in cells:
+        name = f"{before}_{labels}_{weight:g}"
+        of_cell = [result.metrics for result in results if result.name == name and result.finished]
+        columns = [over_seeds([mean[metric] for mean in of_cell]) for metric in METRICS]
+        print(f"| {before} | {labels} | {weight:g} | {' | '.join(columns)} |")
+    return 1 if any(result.error is not None for result in results) else 0
+
+
+def tell(result: CellResult, done: int, total: int) -> None:
+    """Say what became of a run."""
+    found = result.reason or result.state
+    print(f"[{done}/{total}] {result.name}, seed {result.seed}: {found}", file=sys.stderr)
 
 
 def practised(seed: int, arguments: argparse.Namespace) -> Path:
@@ -107,18 +127,10 @@ def cell(labels: str, weight: float, start: Path | None, seed: int, steps: int |
     return dataclasses.replace(config, **changed)
 
 
-def finish(config: RunConfig, folder: RunFolder) -> None:
-    """Bring a training to its end."""
-    if folder.config_file.is_file():
-        result = resume(folder.path, config.n_timesteps)
-    else:
-        result = train(config, folder.path)
-    if result.interrupted:
-        raise KeyboardInterrupt
-
-
 def over_seeds(values: Sequence[float]) -> str:
     """Return the mean over the seeds, and the least and the greatest of them."""
+    if not values:
+        return "-"
     digits = 1 if max(values) > 2 else 3
     if len(values) == 1:
         return f"{values[0]:.{digits}f}"

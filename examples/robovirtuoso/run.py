@@ -1,24 +1,27 @@
-"""Train the cells of RoboVirtuoso's tables, one training after the other.
+"""Train the cells of RoboVirtuoso's tables.
 
     python examples/robovirtuoso/run.py 'pretraining/*' 'table_1/*'   # some cells
     python examples/robovirtuoso/run.py 'table_3/*' --seeds 0 1       # with two seeds
-    python examples/robovirtuoso/run.py                               # all of them
+    python examples/robovirtuoso/run.py --workers 2                   # all of them, two at once
+    python examples/robovirtuoso/run.py --ray HOST:6379               # on a cluster, docs/sweeps.md
 
 A training that is finished is skipped and one that was interrupted goes on, so that the same
-command after Ctrl-C, or a crash, does the rest. What another cell starts from has to be trained
-first, from the same seed. ``table.py`` prints what there is.
+command after Ctrl-C, or a crash, does the rest. What another cell starts from is trained before
+it, or was, from the same seed. ``table.py`` prints what there is.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from cells import RUNS, Training, find_cells
 
 from sb3_piano.exceptions import SB3PianoError
-from sb3_piano.training import evaluate_runs, resume, train
+from sb3_piano.sweeps import CellJob, CellResult, finish_cells
+from sb3_piano.training import evaluate_runs
 
 
 def main() -> int:
@@ -30,45 +33,70 @@ def main() -> int:
     add("--steps", type=int, metavar="N", help="default: those of the cell")
     add("--matmul-precision", metavar="HOW", help="highest (default), high or medium")
     add("--runs", type=Path, default=RUNS, metavar="DIR", help=f"default: {RUNS}")
-    add("--no-progress", action="store_true", help="show no progress bar")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=int, metavar="N", help="trainings at once; default: 1")
+    where.add_argument("--ray", metavar="ADDRESS", help="train on a cluster that sees the runs")
+    add("--no-progress", action="store_true", help="show no progress bar of one that is alone")
     arguments = parser.parse_args()
+    workers = 1 if arguments.workers is None and arguments.ray is None else arguments.workers
     options = {"n_timesteps": arguments.steps, "matmul_precision": arguments.matmul_precision}
     changed = {name: value for name, value in options.items() if value is not None}
+    bar = workers == 1 and not arguments.no_progress
+    failed = 0
     try:
         cells = find_cells(arguments.cells)
         todo = [training for cell in cells for training in cell.trainings(arguments.seeds)]
-        for number, training in enumerate(todo, start=1):
-            print(f"[{number}/{len(todo)}] {training.folder}", flush=True)
-            if not finish(training, arguments.runs, changed, not arguments.no_progress):
-                print("Interrupted: the same command goes on from here.")
-                return 130
+        for wave in in_waves(todo):
+            jobs = [job_of(training, arguments.runs, changed, bar) for training in wave]
+            results = finish_cells(jobs, workers=workers, ray=arguments.ray, on_result=tell)
+            failed += sum(result.error is not None for result in results)
+            for result in results:
+                if result.finished:
+                    judge(Path(result.folder))
+    except KeyboardInterrupt:
+        print("Interrupted: the same command goes on from here.")
+        return 130
     except SB3PianoError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
-    return 0
+    print(f"{len(todo) - failed} of {len(todo)} trainings are finished.")
+    return 1 if failed else 0
 
 
-def finish(training: Training, runs: Path, changed: dict[str, Any], progress: bool) -> bool:
-    """Bring a training to its end and evaluate it on each of its pieces.
+def in_waves(todo: Sequence[Training]) -> Iterator[list[Training]]:
+    """Yield trainings that may run at once: those first that others of them start from."""
+    while todo:
+        left = [training for training in todo if training.start in todo]
+        yield [training for training in todo if training not in left]
+        todo = left
 
-    Returns:
-        Whether it came to its end, rather than being interrupted.
-    """
-    config, folder = training.config(runs, **changed), runs / training.folder
-    evaluation = folder / "pieces.json"
-    if (folder / "config.yml").is_file():
-        result = resume(folder, config.n_timesteps, progress_bar=progress)
-    else:
-        result = train(config, folder, progress_bar=progress)
-    if result.interrupted:
-        return False
-    if result.had_finished and evaluation.is_file():
-        print("  finished before")
-        return True
+
+def job_of(training: Training, runs: Path, changed: dict[str, Any], bar: bool) -> CellJob:
+    """Return what brings a training to its end."""
+    return CellJob(
+        name=str(training.folder.parent),
+        config=training.config(runs, **changed),
+        folder=str((runs / training.folder).absolute()),
+        progress_bar=bar,
+    )
+
+
+def tell(result: CellResult, done: int, total: int) -> None:
+    """Say what became of a training."""
+    found = result.reason or result.state
+    print(f"[{done}/{total}] {result.name}, seed {result.seed}: {found}", flush=True)
+
+
+def judge(folder: Path) -> None:
+    """Evaluate a run on each of its pieces, unless it was, and say how well it plays."""
+    file = folder / "pieces.json"
+    if file.is_file():
+        return
     found = evaluate_runs([folder])
-    found.write_json(evaluation)
+    if found.interrupted:
+        raise KeyboardInterrupt
+    found.write_json(file)
     scores = ", ".join(f"{each.piece} {each.mean['f1']:.3f}" for each in found.evaluations)
-    print(f"  F1 {scores}", flush=True)
-    return not found.interrupted
+    print(f"{folder}: F1 {scores}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""Train the cells of the paper's tables, one after the other, and say how well each plays.
+"""Train the cells of the paper's tables, and say how well each plays.
 
     python examples/sac_vs_td3/run.py td3/d_major sac/d_major   # some cells
     python examples/sac_vs_td3/run.py '*/c_major*' --seeds 0 1  # by pattern, with two seeds
-    python examples/sac_vs_td3/run.py                           # all of them: a day
+    python examples/sac_vs_td3/run.py --workers 2               # all of them, two at once: a day
+    python examples/sac_vs_td3/run.py --ray HOST:6379           # on a cluster, see docs/sweeps.md
 
 A cell that is finished is skipped and one that was interrupted goes on, so that the same command
 after Ctrl-C, or a crash, does the rest. ``table.py`` prints what there is.
@@ -16,7 +17,7 @@ from pathlib import Path
 from cells import RUNS, find_cells
 
 from sb3_piano.exceptions import SB3PianoError
-from sb3_piano.training import RunConfig, evaluate, resume, train
+from sb3_piano.sweeps import CellJob, CellResult, finish_cells
 
 
 def main() -> int:
@@ -28,41 +29,42 @@ def main() -> int:
     add("--steps", type=int, metavar="N", help="default: 50000, the paper's")
     add("--matmul-precision", metavar="HOW", help="highest (default), high or medium")
     add("--runs", type=Path, default=RUNS, metavar="DIR", help=f"default: {RUNS}")
-    add("--no-progress", action="store_true", help="show no progress bar")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=int, metavar="N", help="runs at once; default: 1")
+    where.add_argument("--ray", metavar="ADDRESS", help="train on a cluster that sees the runs")
+    add("--no-progress", action="store_true", help="show no progress bar of a run that is alone")
     arguments = parser.parse_args()
+    workers = 1 if arguments.workers is None and arguments.ray is None else arguments.workers
+    changed = {"n_timesteps": arguments.steps, "matmul_precision": arguments.matmul_precision}
+    changed = {name: value for name, value in changed.items() if value is not None}
     try:
-        changed = {"n_timesteps": arguments.steps, "matmul_precision": arguments.matmul_precision}
-        changed = {name: value for name, value in changed.items() if value is not None}
-        todo = [(cell, seed) for seed in arguments.seeds for cell in find_cells(arguments.cells)]
-        for number, (cell, seed) in enumerate(todo, start=1):
-            print(f"[{number}/{len(todo)}] {cell.name}, seed {seed}", flush=True)
-            folder = cell.run_folder(arguments.runs, seed)
-            if not run_cell(cell.config(seed, **changed), folder, not arguments.no_progress):
-                print("Interrupted: the same command goes on from here.")
-                return 130
+        jobs = [
+            CellJob(
+                name=cell.name,
+                config=cell.config(seed, **changed),
+                folder=str(cell.run_folder(arguments.runs, seed).absolute()),
+                progress_bar=workers == 1 and not arguments.no_progress,
+            )
+            for seed in arguments.seeds
+            for cell in find_cells(arguments.cells)
+        ]
+        results = finish_cells(jobs, workers=workers, ray=arguments.ray, on_result=tell)
+    except KeyboardInterrupt:
+        print("Interrupted: the same command goes on from here.")
+        return 130
     except SB3PianoError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
-    return 0
+    failed = [result for result in results if result.error is not None]
+    print(f"{len(results) - len(failed)} of {len(results)} runs are finished.")
+    return 1 if failed else 0
 
 
-def run_cell(config: RunConfig, folder: Path, progress: bool) -> bool:
-    """Bring the run of a cell to its end and evaluate it.
-
-    Returns:
-        Whether it came to its end, rather than being interrupted.
-    """
-    if (folder / "config.yml").is_file():
-        result = resume(folder, config.n_timesteps, progress_bar=progress)
-    else:
-        result = train(config, folder, progress_bar=progress)
-    if result.interrupted:
-        return False
-    if result.had_finished and (folder / "evaluation" / "metrics.json").is_file():
-        print("  finished before")
-        return True
-    mean = evaluate(folder).mean
-    print(f"  return {mean['return']:.2f}, F1 {mean['f1']:.3f}: {folder}", flush=True)
-    return True
+def tell(result: CellResult, done: int, total: int) -> None:
+    """Say what became of a run."""
+    mean = result.metrics
+    found = f"return {mean['return']:.2f}, F1 {mean['f1']:.3f}" if mean else result.reason
+    place = f"[{done}/{total}] {result.name}, seed {result.seed}"
+    print(f"{place}: {found}: {result.folder}", flush=True)
 
 
 if __name__ == "__main__":

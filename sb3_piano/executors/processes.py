@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from multiprocessing.connection import Connection
@@ -14,6 +15,8 @@ from multiprocessing.connection import Connection
 from sb3_piano.exceptions import RunError
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import usable_cores
+
+_GRACE = 60.0  # s, that a training has to save what it has
 
 
 @contextlib.contextmanager
@@ -55,13 +58,20 @@ def broken_told(how_to_go_on: str) -> Iterator[None]:
 
 def _begin(lifeline: Connection) -> None:
     """Begin a process of a pool."""
-    # Ctrl-C reaches all processes of a terminal; it is for the one that made the pool to answer it.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Ctrl-C reaches the group of a terminal: it is for the process that made the pool to answer it.
+    if hasattr(os, "setpgrp"):
+        os.setpgrp()
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
 
 
 def _end_with(lifeline: Connection) -> None:
-    """End this process, whatever it is at, when the pool's block ends or its process is killed."""
+    """End this process when the pool's block ends or its process is killed.
+
+    What trains saves a checkpoint first, see :func:`~sb3_piano.interrupts.stop_on_signal`; all else
+    ends at once.
+    """
     with contextlib.suppress(EOFError, OSError):
         lifeline.recv()
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(_GRACE)
     os._exit(1)

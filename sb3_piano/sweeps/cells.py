@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import traceback
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from sb3_piano.callbacks import Checkpoint
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
 from sb3_piano.exceptions import SB3PianoError
-from sb3_piano.executors import map_jobs
-from sb3_piano.interrupts import StopRequest
+from sb3_piano.executors import Resources, broken_told, map_jobs, open_executor
+from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
-from sb3_piano.sweeps.storage import Mirror, mirrored
+from sb3_piano.sweeps.storage import Mirror, is_url, mirrored
 from sb3_piano.training import RunConfig, RunFolder, evaluate, resume, train
 
 
@@ -33,6 +35,8 @@ class CellJob:
     """Episodes that the trained model plays."""
     checkpoint_every: int = DEFAULT_EVERY
     """Environment steps between two checkpoints."""
+    progress_bar: bool = False
+    """Whether the worker shows a bar of its steps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,34 +82,70 @@ class CellResult:
 
 
 def finish_cells(
-    executor: Executor,
     jobs: Sequence[CellJob],
-    request: StopRequest | None = None,
-    on_result: Callable[[CellResult], object] = lambda result: None,
+    *,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    ray: str | None = None,
+    resources: Resources = Resources(),  # noqa: B008 - frozen
+    on_result: Callable[[CellResult, int, int], object] = lambda result, done, total: None,
 ) -> list[CellResult]:
-    """Bring runs to their end; return what became of those that came to one.
+    """Bring runs to their end; return what became of each, in their order.
 
     A run that is finished is left as it is, one that had stopped goes on from its last checkpoint,
-    and one that fails does not stop the others.
+    and one that fails does not stop the others. Ctrl-C and SIGTERM end it; the same call goes on.
 
     Args:
-        executor: Where they are trained.
         jobs: The runs, whose folders differ.
-        request: Ends it when it is made.
-        on_result: Is called with each as it comes.
+        executor: Where they are trained; by default what the next three say, see
+            :func:`~sb3_piano.executors.open_executor`.
+        workers: Processes on this machine.
+        ray: Address of a cluster of Ray, all of whose nodes see the folders.
+        resources: What a run needs, on a cluster.
+        on_result: Is called with each run that came to an end, and how many of how many did.
 
     Raises:
-        KeyboardInterrupt: If the request is made.
+        KeyboardInterrupt: If it was interrupted.
+        RunError: If a worker was killed.
     """
-    results = []
-    found: Generator[CellResult, None, None] = map_jobs(executor, finish_cell, jobs, request)
-    try:
-        for result in found:
-            on_result(result)
-            results.append(result)
-    finally:
-        found.close()
-    return results
+    ended = {job.folder: status_of(job) for job in jobs}
+    todo = [job for job in jobs if not ended[job.folder].finished]
+    chosen = (
+        open_executor(workers, ray, resources)
+        if executor is None
+        else contextlib.nullcontext(executor)
+    )
+    if todo:
+        with (
+            stop_on_signal() as request,
+            chosen as opened,
+            broken_told("give the same command again."),
+            contextlib.closing(map_jobs(opened, finish_cell, todo, request)) as results,
+        ):
+            for result in results:
+                ended[result.folder] = result
+                done = sum(one.finished or one.error is not None for one in ended.values())
+                on_result(result, done, len(jobs))
+    return [ended[job.folder] for job in jobs]
+
+
+def status_of(job: CellJob) -> CellResult:
+    """Return how far a run is by its folder; one that is elsewhere is asked when it is its turn."""
+    assert job.config.seed is not None, "cells have seeds"
+    total = job.config.n_timesteps
+    known: dict[str, Any] = {"name": job.name, "seed": job.config.seed, "folder": job.folder}
+    run = RunFolder(Path(job.folder))
+    if is_url(job.folder) or not run.checkpoint_dir.is_dir():
+        return CellResult(**known, n_timesteps=total)
+    saved = Checkpoint.read(run.checkpoint_dir)
+    steps = 0 if saved is None else saved.num_timesteps
+    return CellResult(
+        **known,
+        started_at=steps,
+        num_timesteps=steps,
+        n_timesteps=total,
+        metrics=metrics_of(run) if steps >= total else {},
+    )
 
 
 def finish_cell(job: CellJob) -> CellResult:
@@ -128,7 +168,7 @@ def finish_cell(job: CellJob) -> CellResult:
 def _finished(job: CellJob, mirror: Mirror) -> dict[str, Any]:
     place, config = mirror.place, job.config
     options: dict[str, Any] = {
-        "progress_bar": False,
+        "progress_bar": job.progress_bar,
         "checkpoint_every": job.checkpoint_every,
         "callbacks": mirror.callbacks,
     }

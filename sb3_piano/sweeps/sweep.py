@@ -12,16 +12,13 @@ from pathlib import Path
 
 import yaml
 
-from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import RunError
-from sb3_piano.executors import Resources, broken_told, open_executor
+from sb3_piano.executors import Resources
 from sb3_piano.files import write_csv, write_text
-from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
-from sb3_piano.sweeps.cells import CellJob, CellResult, finish_cells, metrics_of
+from sb3_piano.sweeps.cells import CellJob, CellResult, finish_cells, status_of
 from sb3_piano.sweeps.config import SweepConfig
-from sb3_piano.sweeps.storage import is_url
-from sb3_piano.training import RunConfig, RunFolder
+from sb3_piano.training import RunConfig
 
 RESULTS = "results.csv"
 _CONFIG = "sweep.yml"
@@ -78,34 +75,29 @@ def sweep(
     """
     place = Path(folder).absolute()
     jobs = jobs_of(config, place, runs)
-    with _owned(place), stop_on_signal() as request:
+    with _owned(place):
         _begin(place, {(job.name, job.config.seed or 0): job.config for job in jobs})
-        before = {result.folder: result for result in map(_status_of, jobs)}
-        todo = [job for job in jobs if not before[job.folder].finished]
-        ended = dict(before)
+        ended = {job.folder: status_of(job) for job in jobs}
 
-        def tell(result: CellResult) -> None:
+        def tell(result: CellResult, done: int, total: int) -> None:
             ended[result.folder] = result
-            write_results(place, [ended[job.folder] for job in jobs])
-            done = sum(one.finished or one.error is not None for one in ended.values())
-            on_result(result, done, len(jobs))
+            write_results(place, list(ended.values()))
+            on_result(result, done, total)
 
         interrupted = False
-        chosen = (
-            open_executor(workers, ray, Resources(**config.resources))
-            if executor is None
-            else contextlib.nullcontext(executor)
-        )
         try:
-            if todo:
-                with chosen as opened, broken_told("give the same command again."):
-                    finish_cells(opened, todo, request, tell)
+            finish_cells(
+                jobs,
+                executor=executor,
+                workers=workers,
+                ray=ray,
+                resources=Resources(**config.resources),
+                on_result=tell,
+            )
         except KeyboardInterrupt:
             interrupted = True
-            ended |= {
-                job.folder: _status_of(job) for job in todo if ended[job.folder].error is None
-            }
-        results = tuple(ended[job.folder] for job in jobs)
+            ended |= {job.folder: status_of(job) for job in jobs if not ended[job.folder].error}
+        results = tuple(ended.values())
         write_results(place, results)
     return SweepResult(folder=place, cells=results, interrupted=interrupted)
 
@@ -114,7 +106,7 @@ def sweep_status(
     config: SweepConfig, folder: str | os.PathLike[str], runs: str | None = None
 ) -> list[CellResult]:
     """Return how far each run of a sweep is, also while it is running."""
-    return [_status_of(job) for job in jobs_of(config, Path(folder).absolute(), runs)]
+    return [status_of(job) for job in jobs_of(config, Path(folder).absolute(), runs)]
 
 
 def jobs_of(config: SweepConfig, place: Path, runs: str | None = None) -> list[CellJob]:
@@ -149,29 +141,6 @@ def write_results(place: Path, results: Sequence[CellResult]) -> None:
     ]
     columns = ("cell", "seed", "state", "steps", *metrics, "reason", "folder")
     write_csv(place / RESULTS, columns, rows)
-
-
-def _status_of(job: CellJob) -> CellResult:
-    """Return how far a run is by its folder; one that is elsewhere is asked when it is its turn."""
-    seed, total = job.config.seed or 0, job.config.n_timesteps
-    known = CellResult(name=job.name, seed=seed, folder=job.folder, n_timesteps=total)
-    if is_url(job.folder):
-        return known
-    run = RunFolder(Path(job.folder))
-    saved = Checkpoint.read(run.checkpoint_dir) if run.checkpoint_dir.is_dir() else None
-    if saved is None:
-        return known
-    steps = saved.num_timesteps
-    metrics = metrics_of(run) if steps >= total else {}
-    return CellResult(
-        name=job.name,
-        seed=seed,
-        folder=job.folder,
-        started_at=steps,
-        num_timesteps=steps,
-        n_timesteps=total,
-        metrics=metrics,
-    )
 
 
 @contextlib.contextmanager

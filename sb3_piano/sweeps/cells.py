@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -11,14 +10,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sb3_piano.callbacks import Checkpoint
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.executors import Resources, broken_told, map_jobs, open_executor
+from sb3_piano.files import read_json
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
-from sb3_piano.sweeps.storage import Mirror, is_url, mirrored
+from sb3_piano.sweeps.storage import Mirror, glance, mirrored
 from sb3_piano.training import RunConfig, RunFolder, evaluate, resume, train
+
+_SAVED, _EVALUATION = "checkpoint/checkpoint.json", "evaluation/metrics.json"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,6 +82,23 @@ class CellResult:
         return steps if self.num_timesteps else "not begun"
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Saved:
+    """What is of interest in a checkpoint."""
+
+    num_timesteps: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Judged:
+    """What is of interest in an evaluation."""
+
+    num_timesteps: int
+    interrupted: bool
+    episodes: Sequence[Any]
+    mean: Mapping[str, Any]
+
+
 def finish_cells(
     jobs: Sequence[CellJob],
     *,
@@ -130,21 +148,16 @@ def finish_cells(
 
 
 def status_of(job: CellJob) -> CellResult:
-    """Return how far a run is by its folder; one that is elsewhere is asked when it is its turn."""
+    """Return how far a run is by its folder, also while it is trained."""
     assert job.config.seed is not None, "cells have seeds"
     total = job.config.n_timesteps
     known: dict[str, Any] = {"name": job.name, "seed": job.config.seed, "folder": job.folder}
-    run = RunFolder(Path(job.folder))
-    if is_url(job.folder) or not run.checkpoint_dir.is_dir():
-        return CellResult(**known, n_timesteps=total)
-    saved = Checkpoint.read(run.checkpoint_dir)
-    steps = 0 if saved is None else saved.num_timesteps
+    with glance(job.folder, (_SAVED, _EVALUATION)) as place:
+        saved = read_json(place / _SAVED, _Saved, "expected a checkpoint.")
+        steps = 0 if saved is None else saved.num_timesteps
+        metrics = metrics_of(place, steps, job.episodes) if steps >= total else {}
     return CellResult(
-        **known,
-        started_at=steps,
-        num_timesteps=steps,
-        n_timesteps=total,
-        metrics=metrics_of(run) if steps >= total else {},
+        **known, started_at=steps, num_timesteps=steps, n_timesteps=total, metrics=metrics
     )
 
 
@@ -184,18 +197,24 @@ def _finished(job: CellJob, mirror: Mirror) -> dict[str, Any]:
         "num_timesteps": trained.num_timesteps,
         "n_timesteps": config.n_timesteps,
     }
-    run = RunFolder(place)
-    metrics = metrics_of(run) or evaluate(place, job.episodes).mean
+    metrics = metrics_of(place, trained.num_timesteps, job.episodes)
+    metrics = metrics or evaluate(place, job.episodes).mean
     mirror.store()
     return {**steps, "metrics": metrics}
 
 
-def metrics_of(run: RunFolder) -> dict[str, float]:
-    """Return the means of a run's evaluation; nothing if it has none of its last model."""
-    file = run.evaluation_dir / "metrics.json"
-    if not file.is_file() or file.stat().st_mtime < run.model_file.stat().st_mtime:
+def metrics_of(place: Path, steps: int, episodes: int) -> dict[str, float]:
+    """Return the means of a run's evaluation; nothing if it has none after so many steps.
+
+    Args:
+        place: The run's folder.
+        steps: Environment steps that the model was trained for.
+        episodes: How many have to be played at least.
+    """
+    found = read_json(place / _EVALUATION, _Judged, "expected what 'sb3-piano evaluate' writes.")
+    if found is None or found.interrupted or found.num_timesteps != steps:
         return {}
-    return dict(json.loads(file.read_text(encoding="utf-8"))["mean"])
+    return dict(found.mean) if len(found.episodes) >= episodes else {}
 
 
 def _lock(place: Path) -> Path:

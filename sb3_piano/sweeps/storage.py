@@ -83,6 +83,27 @@ def mirrored(folder: str) -> Iterator[Mirror]:
         yield mirror
 
 
+@contextlib.contextmanager
+def glance(folder: str, files: Sequence[str]) -> Iterator[Path]:
+    """Give a folder with some files of a folder, which may be a URL, as far as they are there.
+
+    Raises:
+        ImportError: If the package for that kind of URL is not installed.
+    """
+    if not is_url(folder):
+        yield Path(folder)
+        return
+    fs, root = _filesystem(folder)
+    with tempfile.TemporaryDirectory(prefix="sb3-piano-") as scratch:
+        with contextlib.suppress(FileNotFoundError):
+            name = fs.cat_file(f"{root}/{_POINTER}").decode()
+            for file in files:
+                place = Path(scratch, file)
+                place.parent.mkdir(exist_ok=True)
+                place.write_bytes(fs.cat_file(f"{root}/{name}/{file}"))
+        yield Path(scratch)
+
+
 def _filesystem(url: str) -> tuple[Any, str]:
     import fsspec
 

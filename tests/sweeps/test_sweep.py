@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import shutil
 import threading
 import time
@@ -18,7 +19,7 @@ from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.sweeps import SweepConfig, load_sweep, sweep, sweep_status
-from sb3_piano.sweeps.cells import finish_cell
+from sb3_piano.sweeps.cells import finish_cell, status_of
 from sb3_piano.sweeps.sweep import jobs_of
 from sb3_piano.training import resume
 
@@ -168,8 +169,12 @@ def test_on_object_storage_a_cell_goes_on_from_the_last_whole_copy(tmp_path):
     assert finish_cell(job).num_timesteps == 120
     kept = tmp_path / "bucket" / job.folder.removeprefix(url).strip("/")
     assert len(list(kept.glob("copy-*"))) == 1
+    assert status_of(job).finished
+    more = dataclasses.replace(job, episodes=2)
+    assert (status_of(more).finished, status_of(more).num_timesteps) == (False, 120)
     (kept / "copy-99").mkdir()  # of a process that died while it copied
     (longer,) = jobs_of(SweepConfig(**SHORT), tmp_path / "sweep", url)
+    assert status_of(longer).state == "120 of 220 steps"
     result = finish_cell(longer)
     assert (result.started_at, result.num_timesteps) == (120, 220)
     newest = kept / (kept / "current").read_text(encoding="utf-8")

@@ -14,7 +14,7 @@ from small_disk import FillAt, small_disk
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.music import load_score
+from sb3_piano.music import load_score, write_midi
 from sb3_piano.music.library import Library
 from sb3_piano.training import RunFolder, resume, train
 
@@ -91,6 +91,22 @@ def test_the_name_of_a_piece_stays_a_name(small_config, tmp_path, monkeypatch):
     folder = RunFolder.create(config, tmp_path / "run")
     assert folder.read_config().env_kwargs == {"score": "CMajorScaleOneHand"}
     assert {path.name for path in folder.path.iterdir()} == {"config.yml", "run.yml"}
+
+
+def test_what_a_killed_process_began_of_a_folder_is_made_anew(small_config, tmp_path, monkeypatch):
+    file, place = tmp_path / "mine.mid", tmp_path / "run"
+    write_midi(load_score("hanon-01"), file)
+    config = small_config(env_id="RoboPianist-v0", env_kwargs={"score": str(file)})
+
+    def killed(folder, config):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RunFolder, "write_config", killed)
+        with pytest.raises(KeyboardInterrupt):
+            RunFolder.create(config, place)
+    assert {path.name for path in place.iterdir()} >= {"run.yml", "score.mid"}
+    assert RunFolder.create(config, place).read_config().env_kwargs["score"].endswith("score.mid")
 
 
 def test_a_folder_that_holds_a_run_is_refused_with_the_way_to_resume_it(small_config, tmp_path):

@@ -20,7 +20,7 @@ import yaml
 
 import sb3_piano
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.files import Place, write_text
+from sb3_piano.files import PARTIAL_SUFFIX, Place, write_text
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music.library import user_library
 from sb3_piano.players.hand_model import FILE_NAME as HAND_FILE
@@ -234,6 +234,7 @@ class RunFolder:
 
     def _write(self, config: PlayConfig) -> None:
         notes, library = provenance(config.seed), user_library()
+        self.write_provenance(notes)  # by which a folder that was never finished is known
         for option, text in _files(config).items():
             file = Path(text)
             if option == MODEL:
@@ -311,11 +312,14 @@ def _first_free(parent: Path, env_id: str) -> Path:
 
 
 def _check_empty(path: Path) -> None:
-    """Refuse a folder in which anything is but its lock."""
+    """Refuse a folder in which anything is but its lock, or what a killed process began of it."""
     if (path / "config.yml").exists():
         raise RunError(
             f"Folder '{path}' holds a run already: expected a new or empty folder. To go on with "
             f"that run: sb3-piano train --resume {path}"
         )
-    if any(found.name != LOCK_SUFFIX for found in path.iterdir()):
+    found = {file.name for file in path.iterdir()} - {LOCK_SUFFIX}
+    ours = {"run.yml", HAND_FILE, *(n for n in found if Path(n).stem in FILE_OPTIONS)}
+    ours |= {name for name in found if name.endswith(PARTIAL_SUFFIX)}
+    if found and not ("run.yml" in found and found <= ours):
         raise RunError(f"Folder '{path}' is not empty: expected a new or empty one.")

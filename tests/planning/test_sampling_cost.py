@@ -34,14 +34,15 @@ def due(*which):
 
 
 def test_in_silence_still_keys_cost_nothing():
-    assert SamplingCost().key_cost(due(), keys(), SOUNDING) == pytest.approx([0.0])
+    assert SamplingCost().key_cost(due(), keys(), SOUNDING).sum(axis=1) == pytest.approx([0.0])
 
 
 def test_keys_that_cannot_sound_are_never_wrong():
     sounding = np.where(np.arange(88) == 41, np.inf, SOUNDING)
     angles = keys(k41=0.0)
-    assert SamplingCost().key_cost(due(), angles, sounding) == pytest.approx([0.0])
-    assert only(missed=1, reluctant=1).key_cost(due(41), angles, sounding) == pytest.approx([2.0])
+    assert not SamplingCost().key_cost(due(), angles, sounding).any()
+    cost = only(missed=1, reluctant=1).key_cost(due(41), angles, sounding)
+    assert cost.sum(axis=1) == pytest.approx([2.0])
 
 
 def test_actuators_without_noise_are_not_counted():

@@ -47,7 +47,7 @@ class SamplingCost:
     def key_cost(
         self, due: BoolArray, angles: FloatArray, sounding_angle: FloatArray
     ) -> FloatArray:
-        """Return the cost of what the keys do at the end of a control step.
+        """Return the cost of what each key does at the end of a control step.
 
         Args:
             due: (88,) bool, keys that should sound.
@@ -55,16 +55,14 @@ class SamplingCost:
             sounding_angle: (88,) angle from which on each key sounds, rad.
 
         Returns:
-            (m,) 0 or more.
+            (m, 88) 0 or more.
         """
         sounding = angles >= sounding_angle
         down = np.minimum(angles / sounding_angle, 1.0)
-        missing, pressed = 1.0 - down[:, due], down[:, ~due]
-        return np.asarray(
-            self.missed * np.count_nonzero(~sounding[:, due], axis=1)
-            + self.wrong * np.count_nonzero(sounding[:, ~due], axis=1)
-            + self.reluctant * missing.sum(axis=1)
-            + self.brushed * (pressed * pressed).sum(axis=1)
+        return np.where(
+            due,
+            self.missed * ~sounding + self.reluctant * (1.0 - down),
+            self.wrong * sounding + self.brushed * down * down,
         )
 
     def plan_cost(

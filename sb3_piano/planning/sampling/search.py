@@ -116,7 +116,7 @@ class CandidateSearch:
             angles = simulations.key_angles(left)
             due, sounding_angle = self._roll.active[step], scene.key_sounding_angle
             mistakes[left] += wrong_keys(due, angles, sounding_angle)
-            now_cost = self._cost.key_cost(due, angles, sounding_angle)
+            now_cost = self._cost.key_cost(due, angles, sounding_angle).sum(axis=1)
             now_cost += self._cost.effort_cost(change, self._candidates.deviation)
             now_cost += self._hands_cost(step, left)
             cost[left] += self._cost.discount**ahead * now_cost
@@ -214,7 +214,7 @@ class Simulations:
 
         def job(thread: int) -> None:
             for row in range(thread, len(which), n_threads):
-                stable[row] = self._simulations[which[row]].advance(controls[row])
+                stable[row] = self._simulations[which[row]].advance(controls[row], watched=False)
 
         self._team.run(job)
         return stable

@@ -1,7 +1,8 @@
-"""The Hugging Face Hub: names, and a run that is fetched from a server of this machine."""
+"""The Hugging Face Hub: names, and a run that goes to a server of this machine, and back."""
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import http.server
 import json
@@ -12,49 +13,80 @@ import threading
 import pytest
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.training import export_run, load_player
+from sb3_piano.training import load_player
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 
 
-def hub_of(folder):
-    """Return a class that answers as the Hub does for a repository with the files of a folder."""
+class Hub(http.server.BaseHTTPRequestHandler):
+    """Answers as the Hub does for a repository, whose files its server keeps in a folder."""
 
-    class Hub(http.server.BaseHTTPRequestHandler):
-        def log_message(self, *arguments):
-            pass
+    def log_message(self, *arguments):
+        pass
 
-        def do_HEAD(self):
-            self.answer(False)
+    def do_HEAD(self):
+        self.answer(False)
 
-        def do_GET(self):
-            self.answer(True)
+    def do_GET(self):
+        self.answer(True)
 
-        def answer(self, with_body):
-            path = self.path.partition("?")[0]
-            files = [f for f in folder.rglob("*") if f.is_file()]
-            names = [str(f.relative_to(folder)) for f in files]
-            if "/resolve/" in path:
-                body = (folder / path.split(f"/resolve/{COMMIT}/")[1]).read_bytes()
-            elif "/tree/" in path:
-                body = json.dumps(
-                    [
-                        {"type": "file", "path": n, "size": f.stat().st_size, "oid": "0"}
-                        for n, f in zip(names, files, strict=True)
+    def do_POST(self):
+        folder = self.server.kept
+        body = self.rfile.read(int(self.headers["Content-Length"]))
+        if self.path.endswith("/api/repos/create"):
+            self.send({"url": f"http://{self.headers['Host']}/a/b"})
+        elif "/preupload/" in self.path:
+            paths = [file["path"] for file in json.loads(body)["files"]]
+            self.send(
+                {
+                    "files": [
+                        {"path": path, "uploadMode": "regular", "shouldIgnore": False}
+                        for path in paths
                     ]
-                ).encode()
-            else:
-                siblings = [{"rfilename": name} for name in names]
-                body = json.dumps({"id": "a/b", "sha": COMMIT, "siblings": siblings}).encode()
-            self.send_response(200)
-            self.send_header("ETag", f'"{hashlib.sha1(body).hexdigest()}"')
-            self.send_header("X-Repo-Commit", COMMIT)
-            self.send_header("Content-Length", str(len(body)))
-            self.end_headers()
-            if with_body:
-                self.wfile.write(body)
+                }
+            )
+        elif "/commit/" in self.path:
+            for line in map(json.loads, body.splitlines()):
+                if line["key"] == "file":
+                    file = folder / line["value"]["path"]
+                    file.parent.mkdir(parents=True, exist_ok=True)
+                    file.write_bytes(base64.b64decode(line["value"]["content"]))
+            url = f"http://{self.headers['Host']}/a/b/commit/{COMMIT}"
+            self.send({"commitUrl": url, "commitOid": COMMIT})
+        else:  # the card's heading is checked
+            self.send({"errors": [], "warnings": []})
 
-    return Hub
+    def answer(self, with_body):
+        path, folder = self.path.partition("?")[0], self.server.kept
+        files = [f for f in folder.rglob("*") if f.is_file()]
+        names = [str(f.relative_to(folder)) for f in files]
+        if "/resolve/" in path:
+            file = folder / path.split("/resolve/")[1].partition("/")[2]
+            if not file.is_file():
+                self.send_error(404)
+                return
+            body = file.read_bytes()
+        elif "/tree/" in path:
+            body = json.dumps(
+                [
+                    {"type": "file", "path": n, "size": f.stat().st_size, "oid": "0"}
+                    for n, f in zip(names, files, strict=True)
+                ]
+            ).encode()
+        else:
+            siblings = [{"rfilename": name} for name in names]
+            body = json.dumps({"id": "a/b", "sha": COMMIT, "siblings": siblings}).encode()
+        self.send(body, with_body)
+
+    def send(self, content, with_body=True):
+        body = content if isinstance(content, bytes) else json.dumps(content).encode()
+        self.send_response(200)
+        self.send_header("ETag", f'"{hashlib.sha1(body).hexdigest()}"')
+        self.send_header("X-Repo-Commit", COMMIT)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        if with_body:
+            self.wfile.write(body)
 
 
 def test_a_name_that_is_no_repository_is_refused():
@@ -63,20 +95,27 @@ def test_a_name_that_is_no_repository_is_refused():
 
 
 @pytest.mark.slow
-def test_a_run_is_fetched_without_its_pickles(pendulum_run, tmp_path):
+def test_a_run_is_published_and_fetched_without_its_pickles(pendulum_run, tmp_path):
     pytest.importorskip("huggingface_sb3")
-    exported = export_run(pendulum_run().path, tmp_path / "exported", episodes=1)
-    (exported.path / "model.zip").write_bytes(b"a pickle")
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), hub_of(exported.path))
+    kept = tmp_path / "kept"
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Hub)
+    server.kept = kept
     threading.Thread(target=server.serve_forever, daemon=True).start()
+    export = ["export", str(pendulum_run().path), str(tmp_path / "exported"), "--episodes", "1"]
     code = (
+        "from sb3_piano.cli import main\n"
         "from sb3_piano.training import load_player\n"
+        f"status = main({[*export, '--no-video', '--push-to-hub', 'a/b']})\n"
+        f"open({str(kept / 'model.zip')!r}, 'w').write('a pickle')\n"
         "with load_player('hf://a/b') as player:\n"
-        "    print(player.play()[0].metrics['return'], (player.run.path / 'model.zip').exists())\n"
+        "    there = (player.run.path / 'model.zip').exists()\n"
+        "    print(status, player.play()[0].metrics['return'], there)\n"
     )
     environment = {
         "HF_ENDPOINT": f"http://127.0.0.1:{server.server_port}",
         "HF_HOME": str(tmp_path / "cache"),
+        "HF_TOKEN": "hf_of_a_test",
+        "HF_HUB_DISABLE_XET": "1",
         "PATH": "/usr/bin:/bin",
         "OMP_NUM_THREADS": "1",
     }
@@ -85,6 +124,9 @@ def test_a_run_is_fetched_without_its_pickles(pendulum_run, tmp_path):
     )
     server.shutdown()
     assert done.returncode == 0, done.stderr
-    with load_player(exported.path) as player:
+    assert f"Hub:      http://127.0.0.1:{server.server_port}/a/b" in done.stdout
+    with load_player(tmp_path / "exported") as player:
         wanted = player.play()[0].metrics["return"]
-    assert done.stdout.split() == [str(wanted), "False"]
+    assert done.stdout.split()[-3:] == ["0", str(wanted), "False"]
+    sent = {str(path.relative_to(kept)) for path in kept.rglob("*") if path.is_file()}
+    assert {"README.md", "config.yml", "policy.safetensors", "evaluation/metrics.json"} <= sent

@@ -26,6 +26,7 @@ ROOMS = [
     "arrays",
     "locks",
     "interrupts",
+    "processes",
     "threads",
     "executors",
     "layers",

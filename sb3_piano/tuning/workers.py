@@ -23,6 +23,7 @@ from optuna.trial import FixedTrial
 
 from sb3_piano.exceptions import one_line
 from sb3_piano.interrupts import ctrl_c_ignored
+from sb3_piano.processes import process_context
 from sb3_piano.tuning.objective import Objective
 from sb3_piano.tuning.study import StudyConfig, StudyFolder
 
@@ -60,7 +61,7 @@ class ProcessWorker(Worker):
     """A child process."""
 
     def __init__(self, config: StudyConfig, folder: StudyFolder):
-        context = multiprocessing.get_context("spawn")
+        context = process_context()
         self.connection, end = context.Pipe()
         self._process = context.Process(target=_work, args=(end, config, folder), daemon=False)
         with ctrl_c_ignored():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import multiprocessing
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import Connection
@@ -21,6 +20,7 @@ from stable_baselines3.common.vec_env.base_vec_env import (
 )
 
 from sb3_piano.exceptions import RunError
+from sb3_piano.processes import process_context
 from sb3_piano.settings import Whole, checked
 from sb3_piano.threads import torch_computing, usable_cores
 
@@ -53,7 +53,7 @@ class ProcessVecEnv(VecEnv):
         """Number of processes."""
         bounds = [len(env_fns) * i // self.n_processes for i in range(self.n_processes + 1)]
         self._shares = [slice(*pair) for pair in itertools.pairwise(bounds)]
-        context = multiprocessing.get_context("spawn")  # fork is not safe beside threads
+        context = process_context()
         self._ours: list[Connection] = []
         self._processes: list[Any] = []
         for share in self._shares:

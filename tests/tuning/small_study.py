@@ -13,12 +13,12 @@ import torch
 
 from sb3_piano.tuning import Float, Space, StudyConfig
 
-ENV_ID = "RoboPianist-debug-TwinkleTwinkleLittleStar-v0"
+ENV_ID = "RoboPianist-debug-CMajorChordProgressionTwoHands-v0"  # the shortest one
 ENTRY = {
     "n_timesteps": 40,
     "policy": "MlpPolicy",
     "policy_kwargs": {"net_arch": [8]},
-    "env_kwargs": {"n_steps_lookahead": 1},
+    "env_kwargs": {"n_steps_lookahead": 1, "physics": "fast"},
     "learning_starts": 20,
     "buffer_size": 100,
     "batch_size": 8,

@@ -57,7 +57,8 @@ def test_each_trial_trains_with_its_settings_in_a_run_of_its_own(tmp_path):
         assert used.algorithm_kwargs["policy_kwargs"] == {
             "net_arch": settings["policy_kwargs.net_arch"]
         }
-        assert used.env_kwargs == {"n_steps_lookahead": settings["env_kwargs.n_steps_lookahead"]}
+        lookahead = settings["env_kwargs.n_steps_lookahead"]
+        assert used.env_kwargs == {"n_steps_lookahead": lookahead, "physics": "fast"}
         assert used.seed == 0
         assert used.n_timesteps == trial.user_attrs["steps"] == 40
         assert trial.user_attrs["host"] == platform.node()

@@ -30,6 +30,7 @@ from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.players import player_class
+from sb3_piano.processes import START_METHOD, process_context
 from sb3_piano.training.configuration.config import PlayConfig, RunConfig
 from sb3_piano.training.configuration.names import import_class, import_name, registered_id
 from sb3_piano.training.configuration.values import (
@@ -125,8 +126,8 @@ def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> Ve
     makers: list[Callable[[], Env]] = [partial(make, rank) for rank in range(config.n_envs)]
     if config.vec_env == "subproc":
         make(0).close()  # what is wrong is easier told from here than from a process
-        # fork is not safe in a process with threads, such as torch's
-        venv = SubprocVecEnv(makers, start_method="spawn")
+        process_context()  # which tells what to import once for all
+        venv = SubprocVecEnv(makers, start_method=START_METHOD)
     else:
         kinds: dict[str, Callable[[list[Callable[[], Env]]], VecEnv]]
         kinds = {"dummy": DummyVecEnv, "threads": ThreadVecEnv, "processes": ProcessVecEnv}

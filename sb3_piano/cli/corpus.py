@@ -28,7 +28,7 @@ _PIECES = (
     "repertoire, or lists in .txt files"
 )
 _PLAYERS = (
-    "planned (default), sampling or sight-reader, with settings as in planned:rehearsals=2 or "
+    "planned (default), sampling or sight-reader, with settings as in planned:passes=2 or "
     "sampling:samples=32; or folders of runs; each plays every excerpt"
 )
 _SET = "an option of the environment, such as observation=roll; of no run"

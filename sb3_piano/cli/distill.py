@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _SET_HELP = (
     "a setting in place of the file's, such as rounds.0.epochs=3, improvements=[] or "
-    "teacher.plan.rehearsals=2; may be given several times"
+    "teacher.plan.passes=2; may be given several times"
 )
 
 

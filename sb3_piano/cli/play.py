@@ -1,4 +1,4 @@
-"""``sb3-piano play``, ``plan`` and ``report``: what a model, a plan or a piece plays."""
+"""``sb3-piano play`` and ``report``: what a model, a plan or a piece plays."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from sb3_piano.cli.common import (
     Add,
     add_command,
     check_output_file,
-    env_options,
     progress_bar,
     refuse_options,
     tell_errors,
@@ -33,12 +32,15 @@ _OF_SAMPLING = ("nominal", "horizon")
 _PLANNED, _SAMPLING, _SIGHT_READER = PLAYERS = ("planned", "sampling", "sight-reader")
 """What plays any piece at once, by the names of :data:`sb3_piano.players.PLAYERS`."""
 _TAKES = {
-    _PLANNED: ("rehearsals",),
-    _SAMPLING: ("rehearsals", "sampling", *_OF_SAMPLING),
+    _PLANNED: ("passes", "plan"),
+    _SAMPLING: ("passes", "sampling", *_OF_SAMPLING),
     _SIGHT_READER: ("weights",),
 }
 """The options that each of them has, and no other."""
-_REHEARSALS_HELP = "play the plan N times in a simulation first, and try otherwise what goes wrong"
+PLAYER_OPTIONS = ("player", *_TAKES[_SAMPLING], "plan", "reduced", "weights")
+"""The options of :func:`add_player_arguments`, by the names of their values."""
+_PASSES_HELP = "play the plan N times in a simulation first, and try otherwise what goes wrong"
+_PLAN_HELP = "follow the plan of a file, such as the plan.npz of a run that 'plan --refine' made"
 _SAMPLING_HELP = "let predictive sampling try N ways on from each control step, and play the best"
 _PLAYER_HELP = (
     "who plays the piece, untrained on it: planned hands, those with sampling, or a learned "
@@ -53,7 +55,6 @@ _VIEW_HELP = (
     "from behind the pianist with falling notes (the default), close to the hands and along with "
     "them, from above, or mostly the notes"
 )
-_SET_HELP = "an option of the environment, such as physics=fast; may be given several times"
 
 
 def add_parser(commands: Any) -> None:
@@ -62,7 +63,7 @@ def add_parser(commands: Any) -> None:
     add = add_command(commands, "play", _play, about, epilog=TRUST)
     add("what", "RUN|PIECE", "a run's folder, or hf:OWNER/NAME of the Hub; or a piece or a file")
     add("--planned", text="the same as --player planned, or sampling if --sampling is given")
-    _add_player_arguments(add)
+    add_player_arguments(add)
     add("--out", "DIR", "default: RUN/play, or play/<title> for a piece")
     add("--score", "PIECE", "let the run's model play another piece")
     add("--seed", "N", "seed of the run's environment; default: 0", int)
@@ -75,18 +76,6 @@ def add_parser(commands: Any) -> None:
     add("--human", text="show it in a window first, in real time")
     add("--no-video", text="write only the MIDI file and the sound")
     add("--no-progress")
-
-
-def add_plan_parser(commands: Any) -> None:
-    """Add ``plan`` and its arguments."""
-    add = add_command(commands, "plan", _plan, "make a run that plays without any training")
-    what = "a file, such as MIDI, a piece by its name, or an environment"
-    add("what", "PIECE|ENV_ID", what)
-    _add_player_arguments(add)
-    add("--seed", "N", "what sampling draws from", int, 0)
-    add("--set", "NAME=VALUE", _SET_HELP, action="append")
-    add("--runs-dir", default="runs")
-    add("--out", "DIR", "the run's folder, in place of one in --runs-dir")
 
 
 def add_report_parser(commands: Any) -> None:
@@ -103,10 +92,11 @@ def add_report_parser(commands: Any) -> None:
     add("--open", text="open it in the web browser")
 
 
-def _add_player_arguments(add: Add) -> None:
+def add_player_arguments(add: Add) -> None:
     """Add what ``plan`` and ``play --player`` take: who plays, and with which joints."""
     add("--player", text=_PLAYER_HELP, choices=PLAYERS)
-    add("--rehearsals", "N", _REHEARSALS_HELP, whole_number)
+    add("--passes", "N", _PASSES_HELP, whole_number)
+    add("--plan", "FILE", _PLAN_HELP)
     add("--sampling", "N", _SAMPLING_HELP, whole_number)
     nominal = "what these ways change: plan (default), or none for sampling from zero"
     add("--nominal", "WHAT", nominal)
@@ -183,9 +173,7 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
         _check_piece(arguments, "score", "best")
         return _played_take(arguments)
     instead = "expected --planned or --player, too, and a piece."
-    refuse_options(
-        arguments, (*_TAKES[_SAMPLING], "weights", "reduced"), "without --planned:", instead
-    )
+    refuse_options(arguments, PLAYER_OPTIONS[1:], "without --planned:", instead)
     if Path(what).is_dir():
         score = None if arguments.score is None else load_score(arguments.score)
         take = take_of_run(
@@ -221,7 +209,7 @@ def _played_take(arguments: argparse.Namespace) -> tuple[Take, Path]:
 
     physics = arguments.physics
     options = {} if physics is None else {"physics": physics}
-    config = _config(arguments, arguments.seed or 0, options)
+    config = player_config(arguments, arguments.seed or 0, options)
     reads = config.algo == _SIGHT_READER
     with progress_bar(arguments, "Reading" if reads else "Planning") as tell:
 
@@ -246,20 +234,9 @@ def _played_take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     return played.take, folder.with_name(f"{folder.name}-{by}")
 
 
-def _plan(arguments: argparse.Namespace) -> int:
-    from sb3_piano.training.playing.takes import plan_run
-
-    config = _config(arguments, arguments.seed, env_options(arguments.set or ()))
-    folder, piece, seconds = plan_run(config, arguments.out, runs_dir=arguments.runs_dir)
-    path = shlex.quote(str(folder.path))
-    print(f"{piece}: ready to play after {seconds:.1f} s, without any training")
-    print(f"Run:         {folder.path}")
-    print(f"Evaluate:    sb3-piano evaluate {path}")
-    print(f"Watch:       sb3-piano play {path}")
-    return EXIT_OK
-
-
-def _config(arguments: argparse.Namespace, seed: int, options: dict[str, Any]) -> PlannedConfig:
+def player_config(
+    arguments: argparse.Namespace, seed: int, options: dict[str, Any]
+) -> PlannedConfig:
     """Return the settings of the player that the arguments stand for."""
     from sb3_piano.training.playing.takes import planner_config
 
@@ -270,13 +247,16 @@ def _config(arguments: argparse.Namespace, seed: int, options: dict[str, Any]) -
         weights = {} if arguments.weights is None else {"model": arguments.weights}
         return planner_config(arguments.what, player, seed=seed, env_kwargs=options, **weights)
     given = {n: value for n in _OF_SAMPLING if (value := getattr(arguments, n)) is not None}
-    plan = {} if arguments.rehearsals is None else {"rehearsals": arguments.rehearsals}
+    plan = {} if arguments.passes is None else {"passes": arguments.passes}
     if player == _PLANNED:
         given = {"settings": plan} if plan else {}
+        if arguments.plan is not None:
+            refuse_options(arguments, ["passes"], "with --plan: that plan is followed as it is.")
+            given["plan"] = arguments.plan
     else:
         if arguments.nominal == "none":
-            reason = "with --nominal none: there is no plan to rehearse."
-            refuse_options(arguments, ["rehearsals"], reason)
+            reason = "with --nominal none: there is no plan to refine."
+            refuse_options(arguments, ["passes"], reason)
         given |= {} if arguments.sampling is None else {"samples": arguments.sampling}
         given |= {"plan_settings": plan} if plan else {}
     return planner_config(arguments.what, player, seed=seed, env_kwargs=options, **given)

@@ -97,7 +97,7 @@ class TeacherSettings:
             rounds=3, iterations=3, dynamic_iterations=4, feedback=0.75
         )
     )
-    """How excerpts are planned: quickly, and by default without ``rehearsals``."""
+    """How excerpts are planned: quickly, and by default without ``passes`` of refinement."""
 
 
 @settings

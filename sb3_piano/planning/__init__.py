@@ -9,9 +9,11 @@ behind the ``predict`` of a trained model. What a plan is made of is cheap, and 
 from sb3_piano.music.presses import Press, presses_of_hand
 from sb3_piano.planning.hand_plan import HandPlan
 from sb3_piano.planning.pianist import PlannedPianist, Trackers, forget_plans
-from sb3_piano.planning.plan import Plan, plan, refine
+from sb3_piano.planning.plan import Plan, plan
+from sb3_piano.planning.plan_file import load_plan, save_plan
 from sb3_piano.planning.policy import PianoPolicy
 from sb3_piano.planning.problems import Problem
+from sb3_piano.planning.refinement import Refinement
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import Tracker
 from sb3_piano.reading.arms import wanted_places
@@ -31,14 +33,16 @@ __all__ = [
     "PlannedPianist",
     "Press",
     "Problem",
+    "Refinement",
     "TimedPress",
     "Tracker",
     "Trackers",
     "forget_plans",
     "key_frames",
+    "load_plan",
     "plan",
     "presses_of_hand",
-    "refine",
+    "save_plan",
     "time_presses",
     "wanted_places",
 ]

@@ -17,7 +17,9 @@ from stable_baselines3.common.vec_env import VecEnv
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import PlanWarning
 from sb3_piano.music import PianoRoll
-from sb3_piano.planning.plan import Plan, plan
+from sb3_piano.planning.plan import Plan
+from sb3_piano.planning.plan import plan as plan_piece
+from sb3_piano.planning.plan_file import load_plan, roll_digest
 from sb3_piano.planning.policy import PianoPolicy, roll_with_fingers
 from sb3_piano.planning.problems import summary
 from sb3_piano.planning.settings import PlanSettings
@@ -25,7 +27,7 @@ from sb3_piano.planning.tracker import Tracker
 from sb3_piano.simulation import PianoScene
 
 _PLANS_KEPT = 8
-_PLANS: OrderedDict[tuple[str, float, PlanSettings], Plan] = OrderedDict()
+_PLANS: OrderedDict[tuple[str, str, PlanSettings], Plan] = OrderedDict()
 
 
 class PlannedPianist(PianoPolicy):
@@ -37,11 +39,31 @@ class PlannedPianist(PianoPolicy):
     """
 
     def __init__(
-        self, env: gym.Env[Any, Any] | VecEnv, settings: PlanSettings | None = None
+        self,
+        env: gym.Env[Any, Any] | VecEnv,
+        settings: PlanSettings | None = None,
+        *,
+        plan: str | None = None,
     ) -> None:
+        """Take the environments to act in.
+
+        Args:
+            env: The environment, wrapped or not, or several of them in this process as a vector
+                environment of Stable-Baselines3.
+            settings: The plan's settings.
+            plan: A file of a plan, such as ``sb3-piano plan --refine`` writes, which is followed in
+                place of planning. It is read before the first note.
+
+        Raises:
+            ConfigError: If the environment is out of reach.
+        """
         super().__init__(env)
         self.settings = settings or PlanSettings()
-        self._trackers = Trackers(self.settings)
+        self._trackers = Trackers(self.settings, plan)
+
+    def plan(self, slot: int = 0) -> Plan:
+        """Return the plan of what one of the environments plays in this episode."""
+        return self._trackers.of(self._pianos[slot]).plan
 
     def _act(self, slot: int, step: int, observation: npt.NDArray[Any]) -> npt.NDArray[Any]:
         piano = self._pianos[slot]
@@ -67,14 +89,19 @@ class Trackers:
     several environments play one piece.
     """
 
-    def __init__(self, settings: PlanSettings | None = None):
+    def __init__(self, settings: PlanSettings | None = None, file: str | None = None):
+        """Take the settings of plans, and a file of a plan that is followed in place of them."""
         self.settings = settings or PlanSettings()
+        self._file = file
         self._kept: list[tuple[PianoRoll, PianoScene, Tracker]] = []
 
     def of(self, piano: PianoEnv) -> Tracker:
         """Return the tracker of what an environment plays in this episode.
 
         A :class:`PlanWarning` tells of notes that cannot be played as written.
+
+        Raises:
+            ConfigError: If a file was given that is damaged, or of another piece.
         """
         roll, scene = piano.roll, piano.scene
         # A glance tells within an episode, not in the next one.
@@ -84,7 +111,11 @@ class Trackers:
                     del self._kept[index]
                     self._kept.insert(0, (roll, scene, tracker))
                     return tracker
-        made = _planned_once(roll_with_fingers(piano), scene, self.settings)
+        fingered = roll_with_fingers(piano)
+        if self._file is None:
+            made = _planned_once(fingered, scene, self.settings)
+        else:
+            made = load_plan(self._file, fingered, scene)
         if made.problems:
             warnings.warn(summary(made.problems), PlanWarning, stacklevel=2)
         tracker = Tracker(made, scene, self.settings.feedback)
@@ -96,12 +127,9 @@ def _planned_once(roll: PianoRoll, scene: PianoScene, settings: PlanSettings) ->
     """Return the plan of a piece, or the one that was made before of all the same."""
     model = np.empty(mujoco.mj_sizeModel(scene.model), dtype=np.uint8)
     mujoco.mj_saveModel(scene.model, None, model)  # which may have been changed
-    digest = hashlib.sha256(model.tobytes() + repr(roll.early_releases).encode())
-    for array in (roll.active, roll.finger, roll.onset, roll.onset_time, roll.sustain):
-        digest.update(array.tobytes())
-    key = (digest.hexdigest(), roll.control_timestep, settings)
+    key = (hashlib.sha256(model.tobytes()).hexdigest(), roll_digest(roll), settings)
     if key not in _PLANS:
-        made = plan(roll, scene, settings)
+        made = plan_piece(roll, scene, settings)
         while len(_PLANS) >= _PLANS_KEPT:
             _PLANS.popitem(last=False)
         _PLANS[key] = made

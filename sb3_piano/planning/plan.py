@@ -6,8 +6,10 @@ the hands, and these a plan. Each is a value made by a function; all but the han
 
 from __future__ import annotations
 
+import contextlib
 import functools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,9 +19,8 @@ from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.planning.hand import Hand
-from sb3_piano.planning.hand_plan import HandPlan, HandTask, plan_hands
+from sb3_piano.planning.hand_plan import HandPlan, HandPlans, HandTask, plan_hands
 from sb3_piano.planning.problems import Problem, problems_of
-from sb3_piano.planning.refinement import refine_hands
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.reading import KeyPlaces, both_hands, read_piece
 from sb3_piano.simulation import SIDES, PianoScene
@@ -39,6 +40,9 @@ class Plan:
     """(T + 1,) line between the arms, m."""
     problems: tuple[Problem, ...]
     """Notes that cannot be played as written, in order of time."""
+    passes: int = 0
+    """Passes of refinement that it went through. From the first one on its motion is one that came
+    out in a simulation, and comes out again where everything is as it was there."""
 
     def __len__(self) -> int:
         return len(self.roll)
@@ -99,31 +103,56 @@ def plan(
         score = apply_fingering(piece, "robot", control_timestep)
         piece = PianoRoll.from_score(score, control_timestep)
     _check_fingers(piece)
-    made = _plan_roll(piece, scene, settings)
-    return refine(made, scene, settings) if settings.rehearsals > 0 else made
+    tasks = HandTasks.of(piece, scene, settings)
+    hands, line = plan_hands(
+        tasks.of_hands, tasks.places, tasks.line, settings, piece.control_timestep
+    )
+    made = tasks.plan(hands, line, scene)
+    if settings.passes == 0:
+        return made
+    from sb3_piano.planning.refinement import Refinement  # here, as it builds on plans
+
+    with contextlib.closing(Refinement(made, scene, feedback=settings.feedback)) as refinement:
+        refinement.run(passes=settings.passes)
+        return refinement.plan
 
 
-def _plan_roll(roll: PianoRoll, scene: PianoScene, settings: PlanSettings) -> Plan:
-    keys = KeyPlaces.of(scene)
-    n_substeps = round(roll.control_timestep / scene.model.opt.timestep)
-    sides = [SIDES.index(name) for name in scene.sides]
-    read = read_piece(
-        roll,
-        both_hands(scene),
-        keys,
-        hover=settings.hover,
-        hold_depth=settings.hold_depth,
-        arms_apart=settings.arms_apart,
-    )
-    readings = [read.hands[side] for side in sides]
-    hands = [Hand.of(scene, side, keys, n_substeps) for side in sides]
-    pairs = zip(hands, readings, strict=True)
-    tasks = [HandTask(hand, one.presses, one.frames) for hand, one in pairs]
-    places = [one.place for one in readings]
-    plans, line = plan_hands(tasks, places, read.line, settings, roll.control_timestep)
-    return Plan(
-        roll=read.roll, hands=plans, arm_line=line, problems=problems_of(read.roll, plans, scene)
-    )
+class HandTasks(NamedTuple):
+    """Tasks of all hands in a piece, which are known before a motion is planned."""
+
+    roll: PianoRoll
+    """The piece; without fingers where a hand lets go of a note."""
+    of_hands: list[HandTask]
+    """The task of each hand of the scene, the right one's first."""
+    places: list[FloatArray]
+    """Where across the keys each hand would be if it were alone, (T + 1,) m."""
+    line: FloatArray
+    """Where the line between the arms may begin, (T + 1,) m."""
+
+    @classmethod
+    def of(cls, roll: PianoRoll, scene: PianoScene, settings: PlanSettings) -> HandTasks:
+        """Read a roll with fingers."""
+        keys = KeyPlaces.of(scene)
+        n_substeps = round(roll.control_timestep / scene.model.opt.timestep)
+        sides = [SIDES.index(name) for name in scene.sides]
+        read = read_piece(
+            roll,
+            both_hands(scene),
+            keys,
+            hover=settings.hover,
+            hold_depth=settings.hold_depth,
+            arms_apart=settings.arms_apart,
+        )
+        readings = [read.hands[side] for side in sides]
+        hands = [Hand.of(scene, side, keys, n_substeps) for side in sides]
+        pairs = zip(hands, readings, strict=True)
+        tasks = [HandTask(hand, one.presses, one.frames) for hand, one in pairs]
+        return cls(read.roll, tasks, [one.place for one in readings], read.line)
+
+    def plan(self, hands: HandPlans, line: FloatArray, scene: PianoScene, passes: int = 0) -> Plan:
+        """Return the plan in which hands move along a line between the arms, (T + 1,) m."""
+        problems = problems_of(self.roll, hands, scene)
+        return Plan(roll=self.roll, hands=hands, arm_line=line, problems=problems, passes=passes)
 
 
 def _check_fingers(roll: PianoRoll) -> None:
@@ -132,12 +161,3 @@ def _check_fingers(roll: PianoRoll) -> None:
             "No note of the roll has a finger: expected fingers to plan with. Plan the score "
             "itself, or give it fingers with sb3_piano.music.fingering.apply_fingering."
         )
-
-
-def refine(plan: Plan, scene: PianoScene, settings: PlanSettings) -> Plan:
-    """Improve a plan by :attr:`PlanSettings.rehearsals` rounds in a simulation of its own.
-
-    The same plan and settings give the same result.
-    """
-    hands = refine_hands(plan.hands, plan.arm_line, plan.roll, scene, settings)
-    return replace(plan, hands=hands, problems=problems_of(plan.roll, hands, scene))

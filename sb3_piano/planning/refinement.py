@@ -1,189 +1,272 @@
 """Refinement of a plan: it is played in a simulation, and what goes wrong is tried otherwise.
 
-Collisions, friction and the keys' own dynamics are in no plan. A round of refinement (a rehearsal)
-adjusts touch or timing of some presses that went wrong, a few control steps apart from each other,
-plans again from there, plays the piece, and keeps each change after which its own surroundings
-sound better. It is a random search, but one in which all parts of a piece are searched at once.
+Collisions, friction and the keys' own dynamics are in no plan, but the simulator knows them. A pass
+plays the piece from its beginning to its end. Wherever a key would sound wrong within the next
+control steps, many ways on from there are simulated, and the best one is taken up; elsewhere the
+hands go on as before. The simulator is deterministic, so that commands which were right in
+simulation are right in an environment of the same physics.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
-from sb3_piano.arrays import BoolArray, FloatArray
-from sb3_piano.envs.actions import ActionMap
-from sb3_piano.metrics.frames import count_frames
-from sb3_piano.music import PianoRoll
-from sb3_piano.planning.hand_plan import HandPlans, replan_hands
-from sb3_piano.planning.settings import PlanSettings
-from sb3_piano.planning.tracker import corrected
-from sb3_piano.reading.presses import TimedPress
-from sb3_piano.simulation import PianoScene, Simulation
+from sb3_piano.arrays import BoolArray, FloatArray, IntArray
+from sb3_piano.planning.plan import Plan
+from sb3_piano.planning.roll_outs import RollOut, RollOuts, Way
+from sb3_piano.planning.sampling.ratings import HandRating
+from sb3_piano.planning.sampling.variations import Variation, Variations
+from sb3_piano.planning.splicing import spliced
+from sb3_piano.simulation import PianoScene
 
-Timed = list[list[TimedPress]]
+_HORIZON = 8
+"""Control steps that are simulated on from each place."""
+_TAKEN = 4
+"""Of these, so many are played before the next search."""
+_CANDIDATES = 12
+"""Ways on that are simulated in each round of a search."""
+_ROUNDS = 3
+"""Rounds of each search in the first pass; each further pass has one more."""
+_FINALISTS = 3
+"""Of the ways on that were found, so many are simulated further."""
+_LONG_RUN = 24
+"""Control steps over which these are compared with going on as before."""
 
-# What is heard so many control steps before and after a note belongs to it.
-_MARGIN = 3
-# From so many states earlier on the hands may move otherwise.
-_LEAD = 3
-_SEED = 0
-# After so many rounds what was kept of them is played on its own.
-_TRIALS_IN_A_ROW = 4
-
-
-def refine_hands(
-    hands: HandPlans, line: FloatArray, roll: PianoRoll, scene: PianoScene, settings: PlanSettings
-) -> HandPlans:
-    """Return the plans of the hands that sounded best in simulation; ``line`` is (T + 1,) m."""
-    rng = np.random.default_rng(_SEED)
-    timed: Timed = [list(hand.task.presses) for hand in hands]
-
-    def replanned(
-        before: HandPlans, presses: Timed, free: BoolArray
-    ) -> tuple[HandPlans, FloatArray]:
-        made = replan_hands(before, presses, line, free, settings, roll.control_timestep)
-        return made, _errors(made, roll, scene, settings)
-
-    best, errors = hands, _errors(hands, roll, scene, settings)
-    least = errors.sum()
-    rounds = settings.rehearsals
-    for number in range(1, rounds + 1):
-        changed, trials = _vary(timed, errors, rng)
-        if not trials:
-            break
-        tried, new_errors = replanned(hands, changed, _around(trials, len(roll)))
-        rejected = []
-        for trial in trials:
-            if new_errors[trial.steps].sum() < errors[trial.steps].sum() - 1e-9:
-                timed[trial.hand][trial.number] = changed[trial.hand][trial.number]
-            else:
-                rejected.append(trial)
-        old = _around(rejected, len(roll))
-        errors = np.where(old[1:], errors, new_errors)
-        hands = _mixed(hands, tried, old)
-        if number % _TRIALS_IN_A_ROW == 0 or number == rounds:
-            # All that was kept, and nothing else.
-            hands, errors = replanned(hands, timed, _around([], len(roll)))
-            if errors.sum() < least:
-                least, best = errors.sum(), hands
-    return best
+OnStep = Callable[[int, int, float], object]
+"""Is told control steps that are over in a pass, of how many, and the best F1 so far."""
 
 
-def _mixed(before: HandPlans, after: HandPlans, old: BoolArray) -> HandPlans:
-    """Return new plans whose ways are those from before in some states."""
-    return tuple(
-        replace(new, weightless=np.where(old[:, None], was.weightless, new.weightless))
-        for was, new in zip(before, after, strict=True)
-    )
+class _Played(NamedTuple):
+    """A plan as it was played in simulation."""
+
+    way: Way
+    """What was told in the T control steps, and where the actuators were before each."""
+    end: FloatArray
+    """(n,) where they were after the last one."""
+    f1: float
+    """How it sounded."""
+    cost: FloatArray
+    """(T, h) what it cost in each control step how each hand's keys sounded."""
 
 
-class _Trial(NamedTuple):
-    """A press with another adjustment or timing."""
+class Refinement:
+    """Improves a plan, pass after pass; the best one so far is kept.
 
-    hand: int
-    number: int
-    steps: slice
-    """The control steps that belong to it."""
-
-
-def _around(trials: Sequence[_Trial], n_steps: int) -> BoolArray:
-    """Return which states may differ because of some trials, (T + 1,) bool."""
-    states = np.zeros(n_steps + 1, dtype=bool)
-    for trial in trials:
-        states[max(trial.steps.start - _LEAD, 1) : trial.steps.stop + 1] = True
-    return states
-
-
-def _errors(
-    hands: HandPlans, roll: PianoRoll, scene: PianoScene, settings: PlanSettings
-) -> FloatArray:
-    """Play, and return what each control step lacks to an F1 of 1, (T,)."""
-    counts = count_frames(roll.active, _heard(hands, roll, scene, settings.feedback))
-    sounds = counts.played + counts.due
-    return np.where(sounds > 0, 1 - 2 * counts.hit / np.maximum(sounds, 1), 0.0)
-
-
-def _heard(hands: HandPlans, roll: PianoRoll, scene: PianoScene, feedback: float) -> BoolArray:
-    """Play, and return which keys sound after each control step, (T, 88)."""
-    # To the last bit what a pianist in the environment does: many passages are chaotic.
-    positions = np.concatenate([hand.positions for hand in hands], axis=1)
-    commands = np.concatenate([hand.commands for hand in hands], axis=1)
-    n_substeps = round(roll.control_timestep / scene.model.opt.timestep)
-    actions, simulation = ActionMap(scene), Simulation(scene, n_substeps)
-    data = simulation.data
-    mujoco.mj_step1(scene.model, data)
-    sounding = np.zeros_like(roll.active)
-    for step in range(len(sounding)):
-        observed = scene.actuator_positions(data.qpos[scene.hand_qpos].astype(np.float32))
-        gains = [hand.gains[step] for hand in hands]
-        told = corrected(commands[step], observed - positions[step], gains, feedback)
-        told = np.clip(told, scene.ctrl_low, scene.ctrl_high)
-        controls, _ = actions.controls(actions.action(told, pedal_down=False))
-        if not simulation.advance(controls):
-            break  # the physics became unstable: nothing more is heard
-        sounding[step] = scene.key_angle(data) >= scene.key_sounding_angle
-    return sounding
-
-
-def _vary(timed: Timed, errors: FloatArray, rng: np.random.Generator) -> tuple[Timed, list[_Trial]]:
-    """Change some of the presses around which something went wrong.
-
-    Returns:
-        All presses, and those that were changed.
+    The same plan, seed and number of passes give the same result, whatever the number of threads.
     """
-    changed: Timed = [list(presses) for presses in timed]
-    candidates = [
-        (hand, index) for hand, presses in enumerate(timed) for index in range(len(presses))
-    ]
-    taken = np.zeros(len(errors), dtype=bool)
-    trials = []
-    for which in rng.permutation(len(candidates)).tolist():
-        hand, index = candidates[which]
-        press = timed[hand][index].press
-        # The control step that leads to state s is s - 1.
-        start = max(press.first - 1 - _MARGIN, 0)
-        stop = min(press.last + _MARGIN, len(errors))
-        lead = max(start - _LEAD - 1, 0)
-        if errors[start:stop].sum() <= 0 or taken[lead:stop].any():
-            continue
-        taken[lead:stop] = True
-        ways = _adjustments(timed[hand][index])
-        changed[hand][index] = ways[int(rng.integers(len(ways)))](rng)
-        trials.append(_Trial(hand, index, slice(start, stop)))
-    return changed, trials
+
+    def __init__(
+        self,
+        plan: Plan,
+        scene: PianoScene,
+        *,
+        feedback: float,
+        seed: int = 0,
+        n_threads: int | None = None,
+    ) -> None:
+        """Play the plan once.
+
+        Args:
+            plan: The plan.
+            scene: The piano and the hands, with the physics in which it will be played.
+            feedback: Share of the plan's feedback that is used.
+            seed: Of what is tried, 0 or more.
+            n_threads: Threads that simulate; by default one for each usable core.
+        """
+        self.plan = plan
+        """The best plan so far."""
+        self._seed = seed
+        n_substeps = round(plan.roll.control_timestep / scene.model.opt.timestep)
+        self._roll_outs = RollOuts(scene, n_substeps, plan.gains, feedback, n_threads)
+        self._variations = Variations(scene, _HORIZON)
+        self._rating = HandRating(plan, scene, self._variations.deviation)
+        planned = Way(plan.commands, plan.positions[:-1])
+        self._best = self._played(planned, None, lambda *told: None, lambda: True)
+        self._other: _Played | None = None
+
+    @property
+    def f1(self) -> float:
+        """F1 of the best plan in simulation."""
+        return self._best.f1
+
+    def run(
+        self,
+        minutes: float | None = None,
+        passes: int | None = None,
+        *,
+        on_step: OnStep = lambda done, total, f1: None,
+        on_pass: Callable[[], object] = lambda: None,
+        should_stop: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Play pass after pass, until one of the limits is reached or nothing sounds wrong.
+
+        When the time is over, or ``should_stop`` says so, the rest of the piece is played without
+        searching, which takes seconds, and the best plan so far is kept.
+
+        Args:
+            minutes: For how long, min of the clock.
+            passes: How often.
+            on_step: Is told how far a pass is.
+            on_pass: Is called after each pass.
+            should_stop: Whether to end soon; asked every few control steps.
+        """
+        end = None if minutes is None else time.monotonic() + 60 * minutes
+        last = None if passes is None else self.plan.passes + passes
+
+        def over() -> bool:
+            return should_stop() or (end is not None and time.monotonic() >= end)
+
+        while not over() and self.plan.passes != last and self.f1 < 1:
+            random = np.random.default_rng([self._seed, self.plan.passes])
+            found = self._played(self._followed(), random, on_step, over)
+            if found.f1 > self.f1:
+                self._best, self._other = found, self._best
+            else:
+                self._other = found
+            self.plan = _as_played(self.plan, self._best)
+            on_pass()
+
+    def close(self) -> None:
+        """End the threads that simulate."""
+        self._roll_outs.close()
+
+    def _played(
+        self,
+        followed: Way,
+        random: np.random.Generator | None,
+        on_step: OnStep,
+        should_stop: Callable[[], bool],
+    ) -> _Played:
+        """Play, and search where something is wrong, until told to stop."""
+        total = len(self.plan)
+        # What is found is followed from there on, so that each search begins with the last one's.
+        parts: list[RollOut] = []
+        state, step, sounding = self._roll_outs.start(), 0, self._rating.silence
+        while step < total:
+            if random is not None and not should_stop():
+                found = self._search(_Place(state, step, sounding, followed), random)
+                ahead = slice(step, step + len(found.commands))
+                followed.commands[ahead], followed.positions[ahead] = found
+            taken = slice(step, min(step + _TAKEN, total))
+            part = self._roll_outs.run(state, step, [followed.cut(taken)])[0]
+            state, step = part.state, taken.stop
+            sounding = self._rating.sounding(part.angles[-1])
+            parts.append(part)
+            if random is not None:
+                on_step(step, total, self.f1)
+        way = Way(
+            np.concatenate([part.way.commands for part in parts]),
+            np.concatenate([part.way.positions for part in parts]),
+        )
+        angles = np.concatenate([part.angles for part in parts])
+        return _Played(way, parts[-1].end, self._rating.f1(angles), self._rating.each_step(angles))
+
+    def _followed(self) -> Way:
+        """Return what the next pass follows: of each hand the better parts of two passes."""
+        if self._other is None:
+            return Way(*(array.copy() for array in self._best.way))
+        return spliced(
+            (self._best.way, self._other.way),
+            (self._best.cost, self._other.cost),
+            self._variations.deviation,
+        )
+
+    def _search(self, place: _Place, random: np.random.Generator) -> Way:
+        """Return the best way on that was found from a place.
+
+        Each round varies the best one so far. The hands hardly touch: the best that one of them did
+        in any variation is joined with the best of the other, and tried in the next round.
+        """
+        centre = self._variations.none()
+        steps = min(_HORIZON, len(self.plan) - place.step)
+        first = self._varied(place, [centre], steps)
+        if first.mistakes[0] == 0:
+            return first.ways[0]
+        of_hand = first.cost[0]
+        finalists = [(float(first.cost[0].sum()), first.ways[0])]
+        rounds = _ROUNDS + self.plan.passes
+        for number in range(rounds + 1):
+            count = _CANDIDATES - (number > 0) if number < rounds else 0
+            tried = [centre] if number > 0 else []
+            tried += self._variations.drawn(centre, count, random)
+            found = self._varied(place, tried, steps)
+            if number > 0:
+                of_hand = found.cost[0]  # of what was joined, now that it is known together
+            leader = int(np.argmin(found.cost.sum(axis=1)))
+            finalists.append((float(found.cost[leader].sum()), found.ways[leader]))
+            for hand, cost in enumerate(found.cost.T):
+                winner = int(np.argmin(cost))
+                if cost[winner] < of_hand[hand]:
+                    centre = self._variations.joined(centre, hand, tried[winner])
+        return self._final(place, finalists)
+
+    def _final(self, place: _Place, finalists: list[tuple[float, Way]]) -> Way:
+        """Return which of some ways on is the best in the long run; the first one may stay."""
+        stay, *others = finalists
+        best = [way for cost, way in sorted(others, key=lambda one: one[0]) if cost < stay[0]]
+        if not best:
+            return stay[1]
+        ways = [stay[1], *best[:_FINALISTS]]
+        steps = len(stay[1].commands)
+        later = place.followed.cut(slice(place.step + steps, place.step + _LONG_RUN))
+        longer = [Way(*map(np.concatenate, zip(way, later, strict=True))) for way in ways]
+        return ways[int(np.argmin(self._tried(place, longer).cost.sum(axis=1)))]
+
+    def _varied(self, place: _Place, variations: list[Variation], steps: int) -> _Tried:
+        """Simulate variations of what is followed from a place on, and rate them."""
+        make = self._variations.way
+        return self._tried(
+            place, [make(place.followed, place.step, steps, one) for one in variations]
+        )
+
+    def _tried(self, place: _Place, ways: list[Way]) -> _Tried:
+        """Simulate ways on from a place, and rate them."""
+        rolled = self._roll_outs.run(place.state, place.step, ways)
+        angles = np.stack([one.angles for one in rolled])
+        ends = np.stack([one.end for one in rolled])
+        cost, mistakes = self._rating.rate(place.step, place.sounding, angles, ends)
+        cost[[not one.stable for one in rolled]] = np.inf
+        return _Tried([one.way for one in rolled], cost, mistakes)
 
 
-def _adjustments(one: TimedPress) -> Sequence[Callable[[np.random.Generator], TimedPress]]:
-    """Return the ways to change a press at random."""
-    press, adjustment = one.press, one.adjustment
+class _Place(NamedTuple):
+    """A moment of a pass."""
 
-    def adjusted(**changes: float) -> TimedPress:
-        return replace(one, adjustment=replace(adjustment, **changes))
+    state: FloatArray
+    """MuJoCo's integration state."""
+    step: int
+    """The control step that is to be played."""
+    sounding: BoolArray
+    """(88,) keys that sound."""
+    followed: Way
+    """What is followed in all T control steps."""
 
-    ways: list[Callable[[np.random.Generator], TimedPress]] = [
-        lambda rng: adjusted(
-            ready=float(np.clip(adjustment.ready + rng.normal(0, 0.2), -1.0, 0.6))
-        ),
-        lambda rng: adjusted(firmness=float(adjustment.firmness * np.exp(rng.normal(0, 0.4)))),
-        lambda rng: adjusted(
-            along=float(np.clip(adjustment.along + rng.normal(0, 0.004), -0.02, 0.02))
-        ),
-        lambda rng: adjusted(
-            across=float(np.clip(adjustment.across + rng.normal(0, 0.0025), -0.006, 0.006))
-        ),
-    ]
-    if one.first > press.first:
-        ways += [lambda rng: replace(one, first=one.first - 1)] * 2
-    if one.last < press.last:
-        ways += [lambda rng: replace(one, last=one.last + 1)] * 2
-    if one.first < one.last:
-        ways += [
-            lambda rng: replace(one, first=one.first + 1),
-            lambda rng: replace(one, last=one.last - 1),
-        ]
-    return ways
+
+class _Tried(NamedTuple):
+    """Ways on from a place that were simulated."""
+
+    ways: list[Way]
+    """As they came out."""
+    cost: FloatArray
+    """(m, h) what each hand did in each of them."""
+    mistakes: IntArray
+    """(m,) how many keys sounded wrong, over all control steps."""
+
+
+def _as_played(plan: Plan, played: _Played) -> Plan:
+    """Return a plan whose motion is the one that came out, one pass later."""
+    positions = np.concatenate([played.way.positions, played.end[None]])
+    n_hands = len(plan.hands)
+    parts = zip(
+        plan.hands,
+        np.split(positions, n_hands, axis=1),
+        np.split(played.way.commands, n_hands, axis=1),
+        strict=True,
+    )
+    hands = tuple(replace(hand, positions=p, commands=c) for hand, p, c in parts)
+    return replace(plan, hands=hands, passes=plan.passes + 1)

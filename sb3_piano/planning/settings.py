@@ -17,9 +17,9 @@ class PlanSettings:
         ConfigError: If a value is out of range.
     """
 
-    rehearsals: Index = 0
-    """Number of times that the plan is played in a simulation of its own, to adjust what went wrong
-    (:mod:`sb3_piano.planning.refinement`)."""
+    passes: Index = 0
+    """Passes of refinement: number of times that the plan is played in a simulation of its own,
+    where other ways are tried around what goes wrong (:mod:`sb3_piano.planning.refinement`)."""
     feedback: Number = 0.5
     """Share of the optimal feedback that is used: contacts are not in the linear model."""
 

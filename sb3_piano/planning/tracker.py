@@ -14,6 +14,10 @@ from sb3_piano.simulation import PianoScene
 if TYPE_CHECKING:
     from sb3_piano.planning.plan import Plan
 
+# Less than this, rad or m, is the rounding of an observation, after which a motion that was found
+# in simulation would not come out again: playing is chaotic.
+_ROUNDING = 1e-5
+
 
 class Tracker:
     """Commands for each control step of a plan, with a share of the optimal feedback."""
@@ -35,9 +39,12 @@ class Tracker:
         """
         plan = self.plan
         step = min(step, len(plan.commands) - 1)
+        ahead = np.asarray(positions, dtype=float) - plan.positions[step]
+        if plan.passes > 0:
+            ahead[np.abs(ahead) < _ROUNDING] = 0.0
         commands = corrected(
             plan.commands[step],
-            np.asarray(positions, dtype=float) - plan.positions[step],
+            ahead,
             [gains[step] for gains in plan.gains],
             self._feedback,
         )

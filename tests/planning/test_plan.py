@@ -181,7 +181,7 @@ def test_a_piece_may_be_as_short_as_a_control_step(steps):
         ({"feedback": True}, "feedback is True"),
         ({"rounds": 0}, "rounds is 0: expected a whole number, 1 or more"),
         ({"window": -1.0}, "window is -1.0: expected a finite number above 0"),
-        ({"rehearsals": -1}, "rehearsals is -1: expected a whole number, 0 or more"),
+        ({"passes": -1}, "passes is -1: expected a whole number, 0 or more"),
     ],
 )
 def test_impossible_settings_are_refused_by_name(options, told):

@@ -237,8 +237,8 @@ def test_the_plans_of_the_last_pieces_are_kept_and_no_more(monkeypatch):
 
 @pytest.mark.filterwarnings("ignore:.*cannot be played")
 def test_a_piece_is_planned_once_for_equal_scenes_and_anew_for_others(monkeypatch):
-    made, plan = [], pianist.plan
-    monkeypatch.setattr(pianist, "plan", lambda *given: made.append(given) or plan(*given))
+    made, plan = [], pianist.plan_piece
+    monkeypatch.setattr(pianist, "plan_piece", lambda *given: made.append(given) or plan(*given))
     envs = [piano(five_fingers(length=0.35)) for _ in range(3)]
     envs[2].model.actuator_gainprm[0, 0] *= 1.1
     plans = [Trackers(CARELESS).of(env).plan for env in envs]

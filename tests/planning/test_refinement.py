@@ -1,52 +1,206 @@
-"""Rehearsals: a plan is played, and what goes wrong is tried otherwise."""
+"""Refinement: a plan is played in simulation, what goes wrong is tried otherwise, and is kept."""
 
 from __future__ import annotations
+
+import contextlib
 
 import numpy as np
 import pytest
 
 from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score
-from sb3_piano.planning import PlannedPianist, PlanSettings, plan
-from sb3_piano.simulation import compile_scene
-
-pytestmark = pytest.mark.slow
+from sb3_piano.planning import PlannedPianist, PlanSettings, Refinement, load_plan, plan, save_plan
+from sb3_piano.planning.policy import roll_with_fingers
+from sb3_piano.planning.roll_outs import Way
+from sb3_piano.planning.splicing import spliced
 
 # A leap there and back, which costs the plan some frames.
 SCORE = Score(
     notes=[
-        Note(onset=0.3 * i, offset=0.3 * (i + 1), pitch=pitch, finger=finger)
-        for i, (pitch, finger) in enumerate([(60, 0), (72, 1), (74, 2), (60, 0)])
+        Note(onset=0.25 * i, offset=0.25 * (i + 1), pitch=pitch, finger=finger)
+        for i, (pitch, finger) in enumerate([(60, 0), (72, 1), (60, 0)])
     ]
 )
-SETTINGS = PlanSettings(rounds=2, iterations=6, rehearsals=8)
-PLAIN = PlanSettings(rounds=2, iterations=6)
-ON_STAGE = {"reduced_action_space": False, "initial_buffer_time": 0.5, "fingering": "robot"}
+OTHER = Score(notes=[*SCORE.notes[:-1], Note(onset=0.5, offset=0.75, pitch=62, finger=0)])
+SETTINGS = PlanSettings(rounds=2, iterations=6)
+ON_STAGE = {
+    "physics": "fast",
+    "reduced_action_space": False,
+    "initial_buffer_time": 0.3,
+    "fingering": "robot",
+}
+
+
+def stage(score=SCORE, **options):
+    env = PianoEnv(score, **{**ON_STAGE, **options})
+    env.reset(seed=0)
+    return env
+
+
+def planned(env):
+    return plan(roll_with_fingers(env), env.scene, SETTINGS)
+
+
+def refinement(made, env, **options):
+    return contextlib.closing(
+        Refinement(made, env.scene, feedback=SETTINGS.feedback, **{"n_threads": 1, **options})
+    )
+
+
+def played(env, pianist, shown=lambda observation: observation):
+    """Play an episode, and return its final info."""
+    observation, _ = env.reset(seed=0)
+    ended, state, info = False, None, {}
+    while not ended:
+        action, state = pianist.predict(shown(observation), state)
+        observation, _, _, ended, info = env.step(action)
+    return info
 
 
 @pytest.fixture(scope="module")
-def scene():
-    return compile_scene(reduced_action_space=False)
+def env():
+    return stage()
 
 
-def f1_of(settings: PlanSettings) -> float:
-    """Play the score and return its F1 as the environment tells it."""
-    env = PianoEnv(SCORE, **ON_STAGE)
-    observation, _ = env.reset(seed=0)
-    pianist, ended, state = PlannedPianist(env, settings), False, None
-    while not ended:
-        action, state = pianist.predict(observation, state)
-        observation, _, _, ended, info = env.step(action)
-    return float(info["f1"])
+@pytest.fixture(scope="module")
+def made(env):
+    return planned(env)
 
 
-def test_a_rehearsed_plan_sounds_better_on_stage():
-    plain = f1_of(PLAIN)
-    assert plain < 1
-    assert f1_of(SETTINGS) > plain
+@pytest.fixture(scope="module")
+def found(made, env):
+    """Return a plan that was refined by a pass, its F1 in simulation, and that of before."""
+    with refinement(made, env) as searching:
+        before = searching.f1
+        searching.run(passes=1)
+        return searching.plan, searching.f1, before
 
 
-def test_the_same_rehearsals_lead_to_the_same_plan(scene):
-    first, second = (plan(SCORE, scene, SETTINGS) for _ in range(2))
-    np.testing.assert_array_equal(first.commands, second.commands)
-    assert (first.commands != plan(SCORE, scene, PLAIN).commands).any(), "it found something"
+@pytest.fixture(scope="module")
+def file(found, env, tmp_path_factory):
+    path = tmp_path_factory.mktemp("plans") / "plan.npz"
+    save_plan(path, found[0], roll_with_fingers(env), env.scene, SETTINGS, f1=found[1])
+    return str(path)
+
+
+@pytest.mark.slow
+def test_what_is_told_of_a_plan_is_how_it_sounds_on_stage(made, env):
+    with refinement(made, env) as searching:
+        assert searching.f1 == played(env, PlannedPianist(env, SETTINGS))["f1"]
+        searching.run(passes=1, should_stop=lambda: True)
+        assert searching.plan is made, "there was no time for a pass"
+
+
+def test_a_refined_plan_sounds_better_and_on_stage_as_it_was_found(found, file, env):
+    _, f1, before = found
+    assert f1 > before
+    assert played(env, PlannedPianist(env, plan=file))["f1"] == f1
+
+
+def test_it_does_so_where_observations_are_rounded_otherwise(found, file, env):
+    layout = env.observation_layout
+    joints = np.zeros(env.observation_space.shape, dtype=bool)
+    for side in env.scene.sides:
+        joints[layout[f"{side}_joints"].slice] = True
+    rounding = np.random.default_rng(0).uniform(-1e-6, 1e-6, joints.shape) * joints
+    rounded = played(env, PlannedPianist(env, plan=file), lambda observed: observed + rounding)
+    assert rounded["f1"] == found[1]
+
+
+@pytest.mark.slow
+def test_hands_that_were_pushed_come_back(found, file):
+    env = stage(randomize_hand_positions=True)  # up to 5 cm aside
+    pushed = played(env, PlannedPianist(env, plan=file))
+    assert 0.3 < pushed["f1"] <= 1
+
+
+@pytest.mark.slow
+def test_the_result_depends_on_seed_and_passes_only(found, made, env):
+    with refinement(made, env, n_threads=2) as searching:
+        searching.run(passes=1)
+        np.testing.assert_array_equal(searching.plan.commands, found[0].commands)
+    with refinement(made, env, seed=1) as searching:
+        searching.run(passes=1)
+        assert (searching.plan.commands != found[0].commands).any()
+
+
+@pytest.mark.slow
+def test_it_goes_on_from_a_file_and_never_gets_worse(found, file, env):
+    kept = load_plan(file, roll_with_fingers(env), env.scene)
+    np.testing.assert_array_equal(kept.commands, found[0].commands)
+    np.testing.assert_array_equal(kept.positions, found[0].positions)
+    with refinement(kept, env) as searching:
+        assert searching.f1 == found[1]
+        searching.run(passes=1)
+        assert searching.f1 >= found[1]
+        assert searching.plan.passes == 2
+
+
+def test_whoever_stops_it_keeps_the_best(made, env):
+    told = []
+    with refinement(made, env) as searching:
+        before = searching.f1
+        searching.run(
+            on_step=lambda done, total, f1: told.append((done, total, f1)),
+            should_stop=lambda: len(told) >= 2,
+        )
+        assert searching.f1 >= before
+        assert searching.plan.passes == 1
+    done, total, f1 = told[-1]
+    assert (done, total, f1) == (len(searching.plan), len(searching.plan), before)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options", [{"hands_in_scene": "right"}, {"reduced_action_space": True}], ids=str
+)
+def test_one_hand_and_fewer_joints_are_refined_too(options):
+    env = stage(**options)
+    with refinement(planned(env), env) as searching:
+        before = searching.f1
+        searching.run(passes=1)
+        assert searching.f1 >= before
+        sounds = searching.plan.commands
+    env.reset(seed=0)
+    for step, commands in enumerate(sounds):
+        *_, info = env.step(env.action_map.action(commands, pedal_down=False))
+        assert env.steps_played == step + 1
+    assert info["f1"] == searching.f1
+
+
+@pytest.mark.parametrize(
+    ("score", "options", "message"),
+    [
+        (OTHER, {}, "is of another piece"),
+        (SCORE, {"physics": "reference"}, "physics 'fast', here 'reference'"),
+        (SCORE, {"reduced_action_space": True}, "reduced_action_space False, here True"),
+    ],
+    ids=["piece", "physics", "joints"],
+)
+def test_a_plan_for_something_else_is_refused(file, score, options, message):
+    env = stage(score, **options)
+    with pytest.raises(ConfigError, match=message):
+        PlannedPianist(env, plan=file).predict(env.reset()[0])
+
+
+def test_what_is_no_plan_is_refused(tmp_path, env):
+    path = tmp_path / "plan.npz"
+    with pytest.raises(ConfigError, match=r"cannot be read .*expected a file that"):
+        load_plan(path, env.roll, env.scene)
+    path.write_bytes(b"PK nothing")
+    with pytest.raises(ConfigError, match=r"cannot be read .*expected a file that"):
+        load_plan(path, env.roll, env.scene)
+
+
+def test_of_two_ways_the_better_parts_are_taken_where_they_are_near():
+    steps = np.arange(8.0)
+    near = np.array([0, 0, 0, 1, 1, 0, 0, 0])  # how far apart they are
+    ways = tuple(Way(np.full((8, 1), float(i)), (steps + i * near)[:, None]) for i in (0, 1))
+    cost = np.zeros((2, 8, 1))
+    cost[0, 2], cost[1, 6] = 1, 1
+    taken = spliced(ways, tuple(cost), np.ones(1)).commands[:, 0]
+    assert taken[2] == 1, "the first way costs there"
+    assert taken[6] == 0, "the second one does"
+    changed = np.flatnonzero(np.diff(taken)) + 1
+    assert not near[changed].any()

@@ -208,6 +208,11 @@ class PlayConfig:
         return dataclasses.replace(self, env_wrapper=wrappers)
 
     @property
+    def plan(self) -> str | None:
+        """The file of the plan that is followed, if any is named."""
+        return None
+
+    @property
     def base(self) -> str | None:
         """The folder of the run whose model is corrected, if one is."""
         runs = [p.kwargs["run"] for p in self.env_wrapper if _corrects_run(p)]
@@ -264,9 +269,19 @@ class PlannedConfig(PlayConfig):
         """The file of the network that plays, if any is named."""
         return self.algorithm_kwargs.get("model")
 
+    @property
+    def plan(self) -> str | None:
+        """The file of the plan that is followed, if any is named."""
+        return self.algorithm_kwargs.get("plan")
+
     def with_network(self, file: str) -> Self:
         """Return the settings with another file of that network."""
-        return dataclasses.replace(self, algorithm_kwargs={**self.algorithm_kwargs, "model": file})
+        return self.playing(model=file)
+
+    def playing(self, **arguments: Any) -> Self:
+        """Return the settings with other arguments of what plays."""
+        kwargs = {**self.algorithm_kwargs, **arguments}
+        return dataclasses.replace(self, algorithm_kwargs=kwargs)
 
 
 @settings

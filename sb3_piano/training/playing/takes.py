@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -19,7 +19,9 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.metrics import presses_of
 from sb3_piano.music import PianoRoll, Score, is_path, load_score
 from sb3_piano.performance import Performance
-from sb3_piano.planning import PianoPolicy
+from sb3_piano.planning import PianoPolicy, PlannedPianist, Refinement, save_plan
+from sb3_piano.planning.policy import roll_with_fingers
+from sb3_piano.planning.refinement import OnStep
 from sb3_piano.players import TreeSearch, TreeSettings
 from sb3_piano.simulation import PianoScene, compile_scene
 from sb3_piano.training.configuration.config import PlannedConfig
@@ -232,6 +234,65 @@ def plan_run(
         start = time.perf_counter()
         player.predict(observation)
         return run, piano.score.title, time.perf_counter() - start
+
+
+class Refined(NamedTuple):
+    """Result of :func:`refine_run`."""
+
+    passes: int
+    """Passes in all, those of before included."""
+    before: float
+    """F1 of the plan in simulation as it was before."""
+    f1: float
+    """F1 of the best plan."""
+
+
+def refine_run(
+    run: RunFolder,
+    *,
+    minutes: float | None = None,
+    passes: int | None = None,
+    on_step: OnStep = lambda done, total, f1: None,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> Refined:
+    """Refine the plan of a run of the planned pianist, see :class:`~sb3_piano.planning.Refinement`.
+
+    The best plan is kept as the run's ``plan.npz`` after each pass, and followed from then on; a
+    run that has one goes on from it.
+
+    Args:
+        run: The run.
+        minutes: For how long at most, min of the clock.
+        passes: How often the piece is played at most.
+        on_step: Is told how far a pass is.
+        should_stop: Whether to end soon.
+
+    Raises:
+        RunError: If the run is of something else.
+    """
+    config = run.read_config()
+    if not isinstance(config, PlannedConfig) or config.algo != "planned":
+        raise RunError(
+            f"Run '{run.path}' is of {config.algo!r}: expected a run of the planned pianist, which "
+            "'sb3-piano plan PIECE' makes without --sampling."
+        )
+    with run.owned(), _planner(config) as (player, env, piano):
+        assert isinstance(player, PlannedPianist), "this is the planned pianist"
+        env.reset(seed=config.seed)
+        settings, roll = player.settings, roll_with_fingers(piano)
+        refinement = Refinement(
+            player.plan(), piano.scene, feedback=settings.feedback, seed=config.seed or 0
+        )
+        before = refinement.f1
+
+        def keep() -> None:
+            plan, f1 = refinement.plan, refinement.f1
+            save_plan(run.plan_file, plan, roll, piano.scene, settings, f1=f1)
+            run.write_config(config.playing(plan=str(run.plan_file)))
+
+        with contextlib.closing(refinement):
+            refinement.run(minutes, passes, on_step=on_step, on_pass=keep, should_stop=should_stop)
+        return Refined(refinement.plan.passes, before, refinement.f1)
 
 
 def take_of_planner(

@@ -43,6 +43,9 @@ MODEL = "model"
 BASE = "base"
 """What stands for the folder of a run whose model is corrected."""
 
+PLAN = "plan"
+"""What stands for a file of a plan, which is followed."""
+
 _EXPECTED = "expected a folder that 'sb3-piano train' made"
 _PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch")
 
@@ -62,6 +65,7 @@ class RunFolder:
     ``policy.safetensors``   in place of both, in a run that was exported to be played
     ``hand.safetensors``     the network of a hand that plays any piece as a sight-reader, if the
                              run was given one, or was exported and its policy has one
+    ``plan.npz``             the plan that is followed, if it was refined
     ``base/``                what is corrected, if it is the model of another run: that, exported
     ``checkpoint/``          what resuming needs, see :class:`~sb3_piano.callbacks.Checkpoint`
     ``monitor/``             one ``<n>.monitor.csv`` per environment. After a crash it also has the
@@ -88,6 +92,7 @@ class RunFolder:
     tensorboard_dir = Place("tensorboard")
     evaluation_dir = Place("evaluation")
     base_dir = Place(BASE)
+    plan_file = Place("plan.npz")
 
     @classmethod
     def create(
@@ -285,16 +290,18 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _files(config: PlayConfig) -> dict[str, str]:
-    """Return what may name files: the environment's options, and the sight-reader's network."""
+    """Return what may name files: the environment's options, the sight-reader's network, a plan."""
     options = {name: config.env_kwargs.get(name) for name in FILE_OPTIONS}
-    options |= {MODEL: config.network, BASE: config.base}
+    options |= {MODEL: config.network, BASE: config.base, PLAN: config.plan}
     return {name: text for name, text in options.items() if isinstance(text, str)}
 
 
 def _with_files(config: PlayConfig, files: Mapping[str, str]) -> PlayConfig:
     """Return the settings with other files in place of those of :func:`_files`."""
-    options = {name: file for name, file in files.items() if name not in (MODEL, BASE)}
+    options = {name: file for name, file in files.items() if name in FILE_OPTIONS}
     config = config.in_env(**options)
+    if PLAN in files and isinstance(config, PlannedConfig):
+        config = config.playing(plan=files[PLAN])
     config = config.with_base(files[BASE]) if BASE in files else config
     return config.with_network(files[MODEL]) if MODEL in files else config
 

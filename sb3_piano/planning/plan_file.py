@@ -1,0 +1,130 @@
+"""Plans in files: what was found in minutes is played at once."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+import sb3_piano
+from sb3_piano.exceptions import ConfigError, one_line
+from sb3_piano.files import write_atomically
+from sb3_piano.music import PianoRoll
+from sb3_piano.planning.hand_plan import HandPlan
+from sb3_piano.planning.plan import HandTasks, Plan
+from sb3_piano.planning.settings import PlanSettings
+from sb3_piano.simulation import PianoScene
+
+FORMAT = 1
+"""Version of the files."""
+
+_OF_HAND = ("weightless", "positions", "commands", "gains")
+_EXPECTED = "expected a file that 'sb3-piano plan PIECE --refine MINUTES' wrote"
+
+
+def roll_digest(roll: PianoRoll) -> str:
+    """Return the SHA-256 of a roll: what is to be played, when, and by which fingers."""
+    digest = hashlib.sha256(repr((roll.control_timestep, roll.early_releases)).encode())
+    for array in (roll.active, roll.finger, roll.onset, roll.onset_time, roll.sustain):
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def save_plan(
+    path: str | os.PathLike[str],
+    plan: Plan,
+    roll: PianoRoll,
+    scene: PianoScene,
+    settings: PlanSettings,
+    **notes: float,
+) -> None:
+    """Write a plan, in place of a file that is there.
+
+    Args:
+        path: The file, which should end in ``.npz``.
+        plan: The plan.
+        roll: The roll that it was made for, with fingers.
+        scene: The piano and the hands that it was made for.
+        settings: The settings with which it was made.
+        **notes: Anything else that is known of it, such as ``f1``.
+    """
+    header = {
+        "format": FORMAT,
+        "roll": roll_digest(roll),
+        "scene": _described(scene),
+        "passes": plan.passes,
+        "settings": dataclasses.asdict(settings),
+        "versions": {"sb3_piano": sb3_piano.__version__, "mujoco": mujoco.__version__},
+        "notes": notes,
+    }
+    arrays = {
+        f"{name}_{i}": getattr(h, name) for i, h in enumerate(plan.hands) for name in _OF_HAND
+    }
+    text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    write: Any = np.savez_compressed  # its stub takes the names of arrays for options
+    write_atomically(
+        Path(path), lambda file: write(file, header=text, arm_line=plan.arm_line, **arrays)
+    )
+
+
+def load_plan(path: str | os.PathLike[str], roll: PianoRoll, scene: PianoScene) -> Plan:
+    """Return the plan of a file.
+
+    Args:
+        path: The file.
+        roll: What is to be played, with fingers.
+        scene: The piano and the hands that are to play it.
+
+    Raises:
+        ConfigError: If the file cannot be read, or holds a plan of another piece or for another
+            scene.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            header = json.loads(content["header"].tobytes())
+            if header["format"] != FORMAT:
+                raise ValueError(f"its format is {header['format']}, not {FORMAT}")
+            _check(header, roll, scene)
+            settings = PlanSettings(**header["settings"])
+            tasks = HandTasks.of(roll, scene, settings)
+            hands = tuple(
+                HandPlan(task=task, **{name: content[f"{name}_{index}"] for name in _OF_HAND})
+                for index, task in enumerate(tasks.of_hands)
+            )
+            return tasks.plan(hands, content["arm_line"], scene, header["passes"])
+    except _MisfitError as error:
+        raise ConfigError(f"The plan '{path}' {error}") from None
+    except Exception as error:  # a damaged file fails in any way
+        raise ConfigError(f"'{path}' cannot be read ({one_line(error)}): {_EXPECTED}.") from error
+
+
+class _MisfitError(Exception):
+    """What a plan was made for is not what is to be played."""
+
+
+def _check(header: Mapping[str, Any], roll: PianoRoll, scene: PianoScene) -> None:
+    if header["roll"] != roll_digest(roll):
+        raise _MisfitError(
+            "is of another piece, or of other fingers, times or control steps: expected a plan of "
+            "what is played here. 'sb3-piano plan PIECE --refine MINUTES' makes one."
+        )
+    here = _described(scene)
+    other = [n for n in here if header["scene"].get(n) != here[n]]
+    if other:
+        told = ", ".join(f"{n} {header['scene'].get(n)!r}, here {here[n]!r}" for n in other)
+        raise _MisfitError(
+            f"is for another scene ({told}): expected it in a scene as it was made for."
+        )
+
+
+def _described(scene: PianoScene) -> dict[str, Any]:
+    """Return what a scene was compiled with, in JSON's types."""
+    plain: dict[str, Any] = json.loads(json.dumps(dict(scene.options), default=str))
+    return plain

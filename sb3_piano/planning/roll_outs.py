@@ -1,0 +1,132 @@
+"""Control steps of a plan in simulation, from any state, as the planned pianist plays them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from sb3_piano.arrays import Float32Array, FloatArray
+from sb3_piano.simulation import PianoScene, Simulation
+from sb3_piano.threads import ThreadTeam, usable_cores
+
+
+class Way(NamedTuple):
+    """What a roll-out of s control steps follows; n are the scene's actuators, rad or m."""
+
+    commands: FloatArray
+    """(s, n) what the actuators are told where the hands are as planned."""
+    positions: FloatArray
+    """(s, n) where they should be before each control step."""
+
+    def cut(self, steps: slice) -> Way:
+        """Return what is followed in some of the control steps."""
+        return Way(self.commands[steps], self.positions[steps])
+
+
+class RollOut(NamedTuple):
+    """Result of a simulation over s control steps."""
+
+    state: FloatArray
+    """MuJoCo's integration state at the end."""
+    way: Way
+    """What was told, within the control ranges, and where the actuators were before each step."""
+    end: FloatArray
+    """(n,) where the actuators are at the end, rad or m."""
+    angles: FloatArray
+    """(s, 88) angle of each key after each control step, rad."""
+    stable: bool
+    """Whether the physics remained stable."""
+
+
+class RollOuts:
+    """Plays ways in simulations of a scene, many at once.
+
+    Everything is rounded as between the environment and a pianist that reads its observations: told
+    what was told here, the hands do in an environment the same, to the bit.
+    """
+
+    def __init__(
+        self,
+        scene: PianoScene,
+        n_substeps: int,
+        gains: Sequence[Float32Array],
+        feedback: float,
+        n_threads: int | None = None,
+    ):
+        """Build the simulations.
+
+        Args:
+            scene: The piano and the hands.
+            n_substeps: Physics steps of a control step.
+            gains: Of each hand's plan, (T, n / h, n / h).
+            feedback: Share of the feedback that is used.
+            n_threads: Threads that simulate, the calling one included; by default one for each
+                usable core.
+        """
+        self._scene = scene
+        self._n_substeps = n_substeps
+        self._gains = [feedback * gain for gain in gains]
+        threads = usable_cores() if n_threads is None else n_threads
+        self._team = ThreadTeam(threads, threads)
+        self._simulations = [Simulation(scene, n_substeps) for _ in range(threads)]
+        self._joints = scene.hand_qpos
+        self._middle = (scene.ctrl_high + scene.ctrl_low) / 2
+        self._half_range = (scene.ctrl_high - scene.ctrl_low) / 2
+        self.simulated = 0
+        """Control steps simulated so far."""
+
+    def start(self) -> FloatArray:
+        """Return the state in which an episode begins."""
+        data = mujoco.MjData(self._scene.model)
+        state = np.empty(self._simulations[0].state_size)
+        mujoco.mj_getState(self._scene.model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+        return state
+
+    def run(self, state: FloatArray, step: int, ways: Sequence[Way]) -> list[RollOut]:
+        """Play some ways from one state on, which is that before control step ``step``."""
+        results: list[RollOut | None] = [None] * len(ways)
+        n_threads = self._team.n_threads
+
+        def job(thread: int) -> None:
+            for row in range(thread, len(ways), n_threads):
+                results[row] = self._play(self._simulations[thread], state, step, ways[row])
+
+        self._team.run(job)
+        self.simulated += sum(len(way.commands) for way in ways)
+        return [result for result in results if result is not None]
+
+    def close(self) -> None:
+        """End the threads."""
+        self._team.close()
+
+    def _play(self, simulation: Simulation, state: FloatArray, step: int, way: Way) -> RollOut:
+        scene, data = self._scene, simulation.data
+        told, been = np.empty_like(way.commands), np.empty_like(way.commands)
+        angles = np.zeros((len(told), len(scene.key_sounding_angle)))
+        simulation.set_state(state)
+        stable = True
+        for i in range(len(told)):
+            been[i] = scene.actuator_positions(data.qpos[self._joints].astype(np.float32))
+            commands = way.commands[i] - self._correction(step + i, been[i] - way.positions[i])
+            told[i] = np.minimum(np.maximum(commands, scene.ctrl_low), scene.ctrl_high)
+            if not simulation.advance(self._rounded(told[i]), watched=False):
+                stable = False
+                break
+            angles[i] = scene.key_angle(data)
+        end = np.array(data.actuator_length)
+        return RollOut(simulation.get_state(), Way(told, been), end, angles, stable)
+
+    def _correction(self, step: int, ahead: FloatArray) -> FloatArray:
+        """Return how much less the actuators are told where they are ahead of the plan, (n,)."""
+        parts = np.split(ahead, len(self._gains))
+        return np.concatenate(
+            [gain[step] @ part for gain, part in zip(self._gains, parts, strict=True)]
+        )
+
+    def _rounded(self, told: FloatArray) -> FloatArray:
+        """Return commands as they come out of an action, which is of 32-bit floats."""
+        action = ((told - self._middle) / self._half_range).astype(np.float32).astype(float)
+        return np.asarray(self._middle + self._half_range * np.clip(action, -1.0, 1.0))

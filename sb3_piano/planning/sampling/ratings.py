@@ -1,0 +1,123 @@
+"""How each hand did in simulated ways on, and how a piece sounded."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sb3_piano.arrays import BoolArray, FloatArray, IntArray
+from sb3_piano.metrics import frame_f1
+from sb3_piano.music.constants import FINGERS_PER_HAND, NUM_KEYS, UNKNOWN_FINGER
+from sb3_piano.planning.plan import Plan
+from sb3_piano.planning.sampling.cost import SamplingCost, wrong_keys
+from sb3_piano.simulation import SIDES, PianoScene
+
+_COST = SamplingCost(discount=0.95)
+_STRUCK = 0.5
+"""Cost of a strike where no note begins, and of a note that does not sound in its first step."""
+
+
+class HandRating:
+    """Rates what the keys do in simulations of a plan, for each hand apart.
+
+    A key is the hand's whose finger has its note, or else the hand's whose fingertips are nearer in
+    the plan. The cost of keys is that of :class:`SamplingCost` in each control step, over half the
+    number of keys that are due and one more: as in F1, a key weighs less beside others.
+    """
+
+    def __init__(self, plan: Plan, scene: PianoScene, deviation: FloatArray) -> None:
+        """Find out whose the keys are.
+
+        Args:
+            plan: The plan, T control steps.
+            scene: The piano and the hands.
+            deviation: (n,) unit of distances from the plan for each actuator, rad or m.
+        """
+        roll = plan.roll
+        self._due = roll.active
+        self._weight = 2.0 / (1.0 + np.maximum(roll.active.sum(axis=1), 1))
+        self._sounding_angle = scene.key_sounding_angle
+        self._onset = roll.onset
+        # The onset scores allow for a control step, so that one step early is in time.
+        self._in_time = roll.onset.copy()
+        self._in_time[:-1] |= roll.onset[1:]
+        self._n_hands = len(plan.hands)
+        self._owner = _owners(plan, scene)
+        self._planned = np.concatenate([hand.weightless for hand in plan.hands], axis=1)
+        self._deviation = deviation
+        self.silence = np.zeros(NUM_KEYS, dtype=bool)
+        """(88,) keys that sound when nothing does."""
+
+    def sounding(self, angles: FloatArray) -> BoolArray:
+        """Return which keys sound at some angles, both (..., 88)."""
+        return np.asarray(angles >= self._sounding_angle)
+
+    def f1(self, angles: FloatArray) -> float:
+        """Return the F1 of a piece from the keys' angles after each control step, (T, 88) rad."""
+        return frame_f1(self._due, self.sounding(angles))
+
+    def rate(
+        self, step: int, sounding: BoolArray, angles: FloatArray, ends: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Rate m ways on from a moment.
+
+        Args:
+            step: The first control step of s.
+            sounding: (88,) keys that sound before it.
+            angles: (m, s, 88) angles of the keys after each control step, rad.
+            ends: (m, n) where the actuators are in the end, rad or m.
+
+        Returns:
+            (m, h) what each hand's part costs; (m,) how many keys sounded that should not, or did
+            not that should, over all control steps.
+        """
+        count, steps = angles.shape[:2]
+        cost, mistakes = np.zeros((count, self._n_hands)), np.zeros(count, dtype=int)
+        before = np.broadcast_to(sounding, (count, NUM_KEYS))
+        for ahead in range(steps):
+            here, now = angles[:, ahead], step + ahead
+            cost += _COST.discount**ahead * self._of_keys(now, before, here)
+            mistakes += wrong_keys(self._due[now], here, self._sounding_angle)
+            before = self.sounding(here)
+        planned = np.split(self._planned[step + steps], self._n_hands)
+        parts = np.split(ends, self._n_hands, axis=1)
+        units = np.split(self._deviation, self._n_hands)
+        for hand, (where, part, unit) in enumerate(zip(planned, parts, units, strict=True)):
+            cost[:, hand] += _COST.plan_cost(where, part, unit)
+        return cost, mistakes
+
+    def each_step(self, angles: FloatArray) -> FloatArray:
+        """Return what each hand's keys cost in each control step of a piece, (T, h).
+
+        ``angles`` are those of the keys after each control step, (T, 88) rad.
+        """
+        sounding = np.concatenate([self.silence[None], self.sounding(angles)[:-1]])
+        rows = zip(sounding, angles, strict=True)
+        return np.concatenate(
+            [self._of_keys(step, was[None], here[None]) for step, (was, here) in enumerate(rows)]
+        )
+
+    def _of_keys(self, step: int, before: BoolArray, angles: FloatArray) -> FloatArray:
+        """Return what each hand's keys cost in a control step, (m, h)."""
+        keys = _COST.key_cost(self._due[step], angles, self._sounding_angle) * self._weight[step]
+        sounds = self.sounding(angles)
+        keys += _STRUCK * (sounds & ~before & ~self._in_time[step])
+        keys += _STRUCK * (~sounds & self._onset[step])
+        owner = self._owner[step]
+        return np.stack(
+            [keys[:, owner == hand].sum(axis=1) for hand in range(self._n_hands)], axis=1
+        )
+
+
+def _owners(plan: Plan, scene: PianoScene) -> IntArray:
+    """Return which of the plan's hands each key belongs to in each control step, (T, 88)."""
+    across = scene.key_boxes[0][:, 1]
+    tips = plan.fingertips[1:, :, 1].reshape(len(plan), len(plan.hands), FINGERS_PER_HAND)
+    away = np.stack(
+        [np.abs(tips[:, hand, :, None] - across).min(axis=1) for hand in range(len(plan.hands))]
+    )
+    nearest = away.argmin(axis=0)
+    finger = plan.roll.finger
+    for index, side in enumerate(scene.sides):
+        has_it = finger // FINGERS_PER_HAND == SIDES.index(side)
+        nearest[has_it & (finger != UNKNOWN_FINGER)] = index
+    return np.asarray(nearest)

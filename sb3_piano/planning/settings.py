@@ -20,7 +20,7 @@ class PlanSettings:
     passes: Index = 0
     """Passes of refinement: number of times that the plan is played in a simulation of its own,
     where other ways are tried around what goes wrong (:mod:`sb3_piano.planning.refinement`)."""
-    feedback: Number = 0.5
+    feedback: Number = 1.0
     """Share of the optimal feedback that is used: contacts are not in the linear model."""
 
     hover: Number = HOVER

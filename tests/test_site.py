@@ -7,6 +7,7 @@ import dataclasses
 import importlib
 import inspect
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -123,6 +124,16 @@ def test_the_notebooks_show_a_video_with_sound_and_curves(address, browser):
         page.wait_for_function("document.querySelector('article img').naturalWidth > 500")
         assert "onset_f1" in page.inner_text("article")
     assert complaints == []
+
+
+@pytest.mark.slow
+def test_stock_ppo_learns_to_play_without_hands_in_the_notebook(site):
+    page = html.fromstring((site / "notebooks" / "training_and_curves.html").read_bytes())
+    text = page.xpath("//article")[0].text_content()
+    for name in ("f1", "onset_f1"):
+        ((learnt, nothing),) = re.findall(rf"^{name} (\d\.\d+), playing nothing (.*)$", text, re.M)
+        assert float(learnt) > 0.8
+        assert float(nothing) < 0.2
 
 
 @pytest.mark.slow

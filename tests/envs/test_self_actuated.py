@@ -9,9 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env as gymnasium_check
-from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env as sb3_check
-from stable_baselines3.common.env_util import make_vec_env
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
@@ -152,27 +150,3 @@ def test_it_is_drawn_without_hands():
     env.step(env.action_space.sample())
     assert env.render().std() > 10
     env.close()
-
-
-@pytest.mark.slow
-def test_stock_ppo_learns_it_in_seconds(tell):
-    # Two keys, so that 20,000 steps are enough: with 10,000 it plays nothing yet.
-    notes = [Note(onset=i * 0.2, offset=i * 0.2 + 0.2, pitch=60 + i % 2) for i in range(20)]
-    score = Score(notes=notes, title="trill")
-    options = {"score": score, "physics": "fast"}
-    venv = make_vec_env(ENV_ID, n_envs=8, seed=0, env_kwargs=options)
-    settings = {"gamma": 0.0, "n_steps": 128, "batch_size": 256, "learning_rate": 3e-3}
-    model = PPO("MlpPolicy", venv, seed=0, device="cpu", **settings)
-
-    def judged():
-        _, info = play(
-            gym.make(ENV_ID, **options), lambda seen: model.predict(seen, deterministic=True)[0]
-        )
-        return info["f1"]
-
-    before = judged()
-    model.learn(20_000)
-    after = judged()
-    tell(f"PPO on two driven keys: F1 {before:.3f} before, {after:.3f} after 20,000 steps")
-    assert before < 0.2
-    assert after > 0.8

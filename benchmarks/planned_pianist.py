@@ -3,9 +3,9 @@
     python benchmarks/planned_pianist.py --out planned.csv
     python benchmarks/planned_pianist.py --pieces debug FurElise --columns planned --out few.csv
 
-Each piece is played once by each column: ``planned`` follows the plan, ``rehearsed`` one that was
-rehearsed 32 times before; ``sampling-8`` and ``sampling-32`` search around the plan,
-``rehearsed-8`` and ``rehearsed-32`` around the rehearsed one; ``zero`` searches without any plan;
+Each piece is played once by each column: ``planned`` follows the plan, ``refined`` one that was
+refined by two passes before; ``sampling-8`` and ``sampling-32`` search around the plan,
+``refined-32`` around the refined one; ``zero`` searches without any plan;
 ``sight-reader`` is the network that comes with the package; ``planned-tree`` and
 ``sight-reader-tree`` look ahead with trees of 64 simulations. All joints, half a second before the
 first note, the reference physics (of candidates from zero, the fast one). One process for each job,
@@ -41,17 +41,16 @@ from sb3_piano.players import TreeSettings
 from sb3_piano.training.playing.player import env_to_record
 from sb3_piano.training.playing.takes import planner_config, take_of_planner
 
-_REHEARSED = {"rehearsals": 32}
+_REFINED = {"passes": 2}
 COLUMNS: Mapping[str, tuple[str, dict[str, Any]]] = {
     "planned": ("planned", {}),
     "sight-reader": ("sight-reader", {}),
     "planned-tree": ("planned", {}),
     "sight-reader-tree": ("sight-reader", {}),
-    "rehearsed": ("planned", {"settings": _REHEARSED}),
+    "refined": ("planned", {"settings": _REFINED}),
     "sampling-8": ("sampling", {"samples": 8, "n_threads": 1}),
     "sampling-32": ("sampling", {"samples": 32, "n_threads": 1}),
-    "rehearsed-8": ("sampling", {"samples": 8, "n_threads": 1, "plan_settings": _REHEARSED}),
-    "rehearsed-32": ("sampling", {"samples": 32, "n_threads": 1, "plan_settings": _REHEARSED}),
+    "refined-32": ("sampling", {"samples": 32, "n_threads": 1, "plan_settings": _REFINED}),
     "zero": (
         "sampling",
         {"nominal": "none", "samples": 16, "horizon": 12, "physics": "fast", "n_threads": 1},

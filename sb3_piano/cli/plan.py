@@ -101,7 +101,8 @@ def _refine(run: RunFolder, arguments: argparse.Namespace) -> int:
         f"Refined:     F1 {refined.before:.3f} before, {refined.f1:.3f} after {refined.passes} "
         f"passes, {time.monotonic() - start:.0f} s"
     )
-    print(f"Plan:        {run.plan_file}")
-    print(f"Go on:       sb3-piano plan {path} --refine MINUTES")
+    if refined.passes > 0:
+        print(f"Plan:        {run.plan_file}")
+        print(f"Go on:       sb3-piano plan {path} --refine MINUTES")
     hint = f": the best plan so far is kept. To go on: sb3-piano plan {path} --refine MINUTES"
     return tell_interrupted(request.made, hint=hint)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import signal
 from pathlib import Path
 
 import av
@@ -21,7 +22,7 @@ from sb3_piano.cli import main
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, PlanWarning, RunError
 from sb3_piano.music import Note, Pedal, Score, read_midi, write_midi
-from sb3_piano.planning import PlannedPianist, PlanSettings
+from sb3_piano.planning import PlannedPianist, PlanSettings, Refinement
 from sb3_piano.planning.sampling import PredictiveSampling, SamplingNoise
 from sb3_piano.simulation import find_gl_backend
 from sb3_piano.training import PLANNERS, PlannedConfig, RunFolder, SavedPlayer, evaluate
@@ -42,6 +43,13 @@ TUNE = Score(
     pedals=[Pedal(onset=0.2, offset=0.6)],
     title="tune",
 )
+# Some frames are lost on the way.
+LEAP = Score(
+    notes=[
+        Note(onset=0.25 * i, offset=0.25 * (i + 1), pitch=pitch, finger=finger)
+        for i, (pitch, finger) in enumerate([(60, 0), (72, 1), (60, 0)])
+    ]
+)
 # One finger cannot hold two keys a sixth apart.
 TOO_WIDE = Score(
     notes=[
@@ -50,6 +58,8 @@ TOO_WIDE = Score(
     ]
 )
 FAST = {"physics": "fast"}
+SHORTLY = ("--refine", "0.001")
+"""A pass, most of which has no time for searching."""
 ZERO = {"nominal": "none", "samples": 2, "horizon": 2, "n_threads": 1}
 """Sampling from zero, which needs no plan and little time."""
 
@@ -58,6 +68,7 @@ ZERO = {"nominal": "none", "samples": 2, "horizon": 2, "n_threads": 1}
 def _elsewhere(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_midi(TUNE, "tune.mid")
+    write_midi(LEAP, "leap.mid")
     write_midi(TOO_WIDE, "wide.mid")
     write_midi(PLAIN, "plain.mid")
 
@@ -327,3 +338,64 @@ def test_the_listener_hears_of_planning_and_of_every_step():
     assert len(played.take.qpos) == steps + 1
     assert played.score.title == "plain"
     assert min(played.planning, played.playing) > 0
+
+
+@pytest.mark.slow
+def test_a_refined_run_keeps_its_plan_plays_it_and_goes_on(capsys):
+    assert main(["plan", "leap.mid", *SHORTLY, "--set", "physics=fast", "--out", "run"]) == 0
+    told = capsys.readouterr().out
+    found = re.search(r"F1 ([\d.]+) before, ([\d.]+) after 1 passes", told)
+    assert found is not None
+    before, f1 = map(float, found.groups())
+    assert f1 >= before
+    shutil.move("run", "moved")
+    config = RunFolder.open("moved").read_config()
+    assert config.plan == str(Path("moved", "plan.npz"))
+    with SavedPlayer.open("moved") as player:
+        (recording,) = player.play()
+    assert recording.metrics["f1"] == pytest.approx(f1, abs=5e-4)
+    assert main(["plan", "moved", *SHORTLY]) == 0
+    assert f"F1 {f1:.3f} before" in capsys.readouterr().out
+    play = ["play", "leap.mid", "--planned", "--physics", "fast", "--no-video"]
+    assert main([*play, "--plan", "moved/plan.npz"]) == 0
+    assert "F1" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_a_refinement_and_keeps_the_best_so_far(monkeypatch, capsys):
+    search = Refinement._search
+
+    def interrupted(*given):
+        signal.raise_signal(signal.SIGINT)
+        return search(*given)
+
+    monkeypatch.setattr(Refinement, "_search", interrupted)
+    command = ["plan", "leap.mid", "--refine", "60", "--set", "physics=fast", "--out", "run"]
+    assert main(command) == 130
+    assert "interrupted: the best plan so far is kept" in capsys.readouterr().err
+    assert RunFolder.open("run").plan_file.is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ["leap.mid", "--refine", "5", "--sampling", "8"],
+            "--refine cannot be given to the player",
+        ),
+        (["folder"], "'folder' is a folder: expected a piece, or --refine MINUTES"),
+        (["folder", "--refine", "5"], "'folder' is no run"),
+        (["folder", "--refine", "5", "--out", "x"], "--out cannot be given with the run 'folder'"),
+    ],
+)
+def test_what_cannot_be_refined_is_told(arguments, message, capsys):
+    Path("folder").mkdir()
+    assert main(["plan", *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("minutes", ["0", "-1", "soon", "inf", "nan"])
+def test_a_time_for_refinement_is_above_0(minutes, capsys):
+    with pytest.raises(SystemExit):
+        main(["plan", "leap.mid", "--refine", minutes])
+    assert "is no number of minutes above 0" in capsys.readouterr().err

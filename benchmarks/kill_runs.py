@@ -213,7 +213,9 @@ def _workers(folder: StudyFolder) -> list[int]:
     """Return the process ids of the workers that live; the names of their logs have them."""
     ids = [int(log.stem.rpartition("-")[2]) for log in folder.workers_dir.glob("*.log")]
     commands = {pid: Path(f"/proc/{pid}/cmdline") for pid in ids}
-    return [pid for pid, file in commands.items() if file.exists() and b"multiprocessing" in _read(file)]
+    return [
+        pid for pid, file in commands.items() if file.exists() and b"multiprocessing" in _read(file)
+    ]
 
 
 def _read(file: Path) -> bytes:

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from sb3_piano.exceptions import ConfigError, UnknownPieceError, near_names
+from sb3_piano.music.encore import ENCORE
 from sb3_piano.music.formats import ACCEPTED_FILES, READERS, read_score
 from sb3_piano.music.library import PIECE_SUFFIX, PIG_PIECES, imported_pieces, read_piece
 from sb3_piano.music.piece import Piece
@@ -18,7 +19,7 @@ from sb3_piano.music.studies import STUDIES
 ScoreSource = Score | str | os.PathLike[str]
 """Whatever :func:`load_score` makes a score of."""
 
-BUILT_IN: Mapping[str, Piece] = MappingProxyType({**STUDIES, **REPERTOIRE})
+BUILT_IN: Mapping[str, Piece] = MappingProxyType({**STUDIES, **REPERTOIRE, **ENCORE})
 """The pieces that come with the package, by name."""
 
 

@@ -24,6 +24,7 @@ from sb3_piano.exceptions import (
 from sb3_piano.files import PARTIAL_SUFFIX
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music.difficulty import Features, features
+from sb3_piano.music.encore import ENCORE
 from sb3_piano.music.library.piece_file import (
     PIECE_SUFFIX,
     PieceInfo,
@@ -69,7 +70,7 @@ def slug(text: str) -> str:
 
 def is_built_in(name: str) -> bool:
     """Return whether a piece that comes with the package has that name."""
-    return name in STUDIES or name in REPERTOIRE
+    return name in STUDIES or name in REPERTOIRE or name in ENCORE
 
 
 def check_name(name: str) -> None:

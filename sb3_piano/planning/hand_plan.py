@@ -1,4 +1,4 @@
-"""The motion of the hands through a piece, planned stretch by stretch, and planned again."""
+"""The motion of the hands through a piece, planned stretch by stretch."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sb3_piano.arrays import BoolArray, Float32Array, FloatArray
+from sb3_piano.arrays import Float32Array, FloatArray
 from sb3_piano.music.constants import THUMB
 from sb3_piano.planning.hand import Hand
 from sb3_piano.planning.hand_cost import HandCost
@@ -98,33 +98,6 @@ def plan_hands(
         for motion, problem in zip(motions, problems, strict=True):
             motion.extend(problem, keep)
     return tuple(motion.plan() for motion in motions), line
-
-
-def replan_hands(
-    before: HandPlans,
-    presses: Sequence[Iterable[TimedPress]],
-    line: FloatArray,
-    free: BoolArray,
-    settings: PlanSettings,
-    control_timestep: float,
-) -> HandPlans:
-    """Return plans of the hands for other presses, adapted from earlier plans.
-
-    The hands may move otherwise than before in the states that are ``free``, (T + 1,) bool;
-    ``line`` is that between the arms, (T + 1,) m.
-    """
-    motions = [
-        _Motion(HandTask.of(plan.task.hand, timed, len(line), settings), settings)
-        for plan, timed in zip(before, presses, strict=True)
-    ]
-    for start, stop, keep in _stretches(len(line), settings, control_timestep):
-        bounds = _bounds(motions, line[start:stop], settings)
-        for motion, plan, bound in zip(motions, before, bounds, strict=True):
-            problem = motion.problem(start, stop, bound, plan.weightless[start:stop].copy())
-            if free[start:stop].any():
-                problem.improve(settings.iterations, free[start:stop])
-            motion.extend(problem, keep)
-    return tuple(motion.plan() for motion in motions)
 
 
 class _Motion:

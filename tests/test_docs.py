@@ -15,6 +15,8 @@ from sb3_piano.cli import main
 from sb3_piano.cli.main import _parser
 from sb3_piano.envs import ENV_IDS, GENERAL_ID
 from sb3_piano.music import Note, Score, load_score, repertoire, write_midi
+from sb3_piano.music.encore import ENCORE
+from sb3_piano.music.encore.abc_reading import read_header
 from sb3_piano.music.library import user_library
 from sb3_piano.music.repertoire import REPERTOIRE
 from sb3_piano.training import load_config
@@ -116,6 +118,15 @@ def test_the_page_of_the_repertoire_tells_what_its_table_says():
         entry = f"**`{name}`**: {piece['composer']}, *{piece['title']}*. {piece['source']}"
         if "simplified" in piece:
             entry += f" Simplified: {piece['simplified']}"
+        assert entry in " ".join(PAGE.split())
+
+
+def test_the_page_of_the_repertoire_tells_what_the_encores_say():
+    for name, piece in ENCORE.items():
+        header = read_header(piece.build.args[0])
+        entry = f"**`{name}`**: {header['C']}, *{header['T']}*. {header['S']}"
+        if "N" in header:
+            entry += f" Simplified: {header['N']}"
         assert entry in " ".join(PAGE.split())
 
 

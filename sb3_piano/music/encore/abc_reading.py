@@ -52,6 +52,8 @@ class _Voice:
     """Onset, offset and pitch of each note."""
     tied: dict[int, Fraction] = field(default_factory=dict)
     """Onsets of the notes that go on, by pitch."""
+    unmet: bool = False
+    """Whether a tie has just led to no note."""
     altered: dict[tuple[str, int], int] = field(default_factory=dict)
     """Accidentals of the bar, by letter and octave."""
     in_triplet: int = 0
@@ -121,7 +123,8 @@ def _read_line(
     while place < len(text):
         match = _TOKEN.match(text, place)
         if match is None:
-            raise ScoreError(f"'{path}': {text[place:]!r} is not read: expected notes or a bar.")
+            rest = text[place:].strip()
+            raise ScoreError(f"'{path}': {rest!r} is not read: expected notes or a bar line.")
         place = match.end()
         if match["bar"]:
             voice.bars.append(voice.time)
@@ -132,6 +135,11 @@ def _read_line(
             voice.in_triplet = 3
         else:
             _play(voice, match, unit, signature)
+            if voice.unmet:
+                raise ScoreError(
+                    f"'{path}': a tie before {text[place:]!r} has no note to go on with: expected "
+                    "one of the same pitch."
+                )
 
 
 def _play(
@@ -152,7 +160,7 @@ def _play(
             going_on[pitch] = onset
         else:
             voice.strikes.append((onset, end, pitch))
-    voice.tied, voice.time = going_on, end
+    voice.unmet, voice.tied, voice.time = bool(voice.tied), going_on, end
 
 
 def _pitch(

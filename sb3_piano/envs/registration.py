@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium as gym
 
 from sb3_piano.music import BUILT_IN
+from sb3_piano.music.encore import ENCORE
 from sb3_piano.music.library import PIG_PIECES, user_library
 from sb3_piano.music.studies import DEBUG
 
@@ -50,6 +51,8 @@ def register_envs() -> None:
     }
     pieces = {**PIECE_IDS, **PIG_IDS, **imported_ids()}
     options.update({env_id: {"score": piece} for env_id, piece in pieces.items()})
+    for piece in ENCORE:  # which have no fingers of their own
+        options[f"RoboPianist-{piece}-v0"]["fingering"] = "ergonomic"
     for env_id, kwargs in options.items():
         if env_id not in gym.registry:
             gym.register(

@@ -24,6 +24,7 @@ from sb3_piano.training import load_config
 env = gymnasium.make("RoboPianist-repertoire-FurElise-v0")
 env.reset(seed=0)
 env.step(env.action_space.sample())
+gymnasium.make("RoboPianist-encore-GriegArietta-v0").reset(seed=0)
 load_config("sac", "RoboPianist-repertoire-FurElise-v0")
 print(sb3_piano.__file__)
 """

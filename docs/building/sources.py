@@ -26,6 +26,7 @@ ALWAYS = (ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md")
 
 _LINK = re.compile(r"(?<=\]\()(?!https?:|#|mailto:)(?P<path>[^)\s#]+)(?=[)#])")
 _LANGUAGES = {
+    ".abc": "text",
     ".cfg": "ini",
     ".csv": "text",
     ".json": "json",

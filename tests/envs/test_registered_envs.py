@@ -40,7 +40,7 @@ print(digest.hexdigest())
 def test_the_ids_are_in_gymnasiums_registry_under_robopianists_names():
     ours = {name for name in gym.registry if name.startswith("RoboPianist")}
     assert ours == {*ENV_IDS, *PIG_IDS}
-    assert len(ENV_IDS) == 2 + 6 + 37 + 24 + 20 + 12 + 14
+    assert len(ENV_IDS) == 2 + 6 + 37 + 24 + 20 + 12 + 15
     assert {name for name in ours if "debug" in name} == {
         f"RoboPianist-debug-{piece}-v0"
         for piece in (

@@ -53,8 +53,8 @@ def test_a_key_alters_the_notes_of_all_octaves(read, key, expected):
 
 
 def test_an_accidental_holds_in_its_octave_up_to_the_bar_line(read):
-    score = read("[V:R] ^FFf=F _B_B__B^^C | F8 |]")
-    assert pitches(score) == [66, 66, 77, 65, 70, 70, 69, 62, 65]
+    score = read("[V:R] ^FFf=F _B_B__B^^C | B8 |]")
+    assert pitches(score) == [66, 66, 77, 65, 70, 70, 69, 62, 71]
 
 
 def test_lengths_count_in_the_unit_and_rests_are_silent(read):

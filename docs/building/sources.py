@@ -26,7 +26,6 @@ ALWAYS = (ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md")
 
 _LINK = re.compile(r"(?<=\]\()(?!https?:|#|mailto:)(?P<path>[^)\s#]+)(?=[)#])")
 _LANGUAGES = {
-    ".abc": "text",
     ".cfg": "ini",
     ".csv": "text",
     ".json": "json",

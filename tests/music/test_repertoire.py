@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from music21 import corpus
 
-from sb3_piano.music import MAX_PITCH, MIN_PITCH, PianoRoll, load_score
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.music import MAX_PITCH, MIN_PITCH, Corpus, PianoRoll, load_score
 from sb3_piano.music.encore import ENCORE
 from sb3_piano.music.hands import finger_number
 from sb3_piano.music.repertoire import REPERTOIRE
@@ -57,10 +58,10 @@ def held_together(score):
 # Every piece
 
 
-@pytest.mark.parametrize(("pieces", "suffix"), [(REPERTOIRE, ".mid"), (ENCORE, ".abc")])
-def test_each_file_is_a_piece(pieces, suffix):
+@pytest.mark.parametrize("pieces", [REPERTOIRE, ENCORE])
+def test_each_file_is_a_piece(pieces):
     folder = Path(next(iter(pieces.values())).build.args[0]).parent
-    stems = {path.stem for path in folder.glob(f"*{suffix}")}
+    stems = {path.stem for path in folder.glob("*.mid")}
     assert set(pieces) == {f"{folder.name}-{stem}" for stem in stems}
 
 
@@ -105,6 +106,11 @@ def test_the_encores_last_twenty_seconds_and_leave_fingers_to_be_found():
         score = piece.score()
         assert 20 <= score.duration <= 45, piece.name
         assert not score.has_fingering
+
+
+def test_no_corpus_is_made_of_the_encores():
+    with pytest.raises(ConfigError, match="Unknown source 'encore'"):
+        Corpus(sources={"encore": 1})
 
 
 def test_no_hand_spans_more_than_a_ninth_or_holds_more_than_five_keys(score):

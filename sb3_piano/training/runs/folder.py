@@ -326,7 +326,8 @@ def _check_empty(path: Path) -> None:
             f"that run: sb3-piano train --resume {path}"
         )
     found = {file.name for file in path.iterdir()} - {LOCK_SUFFIX}
-    ours = {"run.yml", HAND_FILE, f"{PLAN}.npz", *(n for n in found if Path(n).stem in FILE_OPTIONS)}
+    ours = {"run.yml", HAND_FILE, f"{PLAN}.npz"}
+    ours |= {name for name in found if Path(name).stem in FILE_OPTIONS}
     ours |= {name for name in found if name.endswith(PARTIAL_SUFFIX)}
     if found and not ("run.yml" in found and found <= ours):
         raise RunError(f"Folder '{path}' is not empty: expected a new or empty one.")

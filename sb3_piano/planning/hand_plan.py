@@ -201,7 +201,7 @@ def _key_forces(
         firmness = settings.press_force_thumb if finger == THUMB else settings.press_force
         torque = keys.holding_torque[key]
         lever = tips[first:stop, finger, 0] - keys.hinge[key]
-        force = one.adjustment.firmness * firmness * torque / lever
+        force = firmness * torque / lever
         forces[first:stop] += force[:, None] * jacobian[first:stop, finger, _UP]
     return forces
 

@@ -94,7 +94,7 @@ def key_frames(
     for index, one in enumerate(timed):
         finger = one.press.finger
         place = hand_place(one.press.key, finger, sign)
-        x = press_x(one.press.key, finger, mixed[index]) + one.adjustment.along
+        x = press_x(one.press.key, finger, mixed[index])
         goal = _Goal(one, x, float(radius[finger]), keys, hover, hold_depth)
         start = max(last[finger] + 2, one.first - _HOVER_STATES)
         free = {
@@ -153,7 +153,6 @@ class _Goal:
             place = self._at(_LIFT_DEPTH)
             arrays.put(strike - 1, finger, _LIFT, place, full * _LIFT_SHARE)
         ready = _LEAP_READY_DEPTH if one.leapt else _READY_DEPTH
-        ready += one.adjustment.ready
         arrays.put(strike, finger, _READY, self._at(ready), full * _READY_SHARE)
         for state in range(one.first, one.last + 1):
             arrays.put(state, finger, _HOLD, self._at(self.hold_depth), full)
@@ -170,7 +169,7 @@ class _Goal:
         """Return where the fingertip is when the key is at a depth."""
         key = self.one.press.key
         height = self.keys.height(key, self.x, depth) + self.radius + above
-        return np.array([self.x, self.keys.y[key] + self.one.adjustment.across, height])
+        return np.array([self.x, self.keys.y[key], height])
 
 
 def _held_places(

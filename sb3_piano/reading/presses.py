@@ -11,20 +11,6 @@ from sb3_piano.music.presses import Press
 
 
 @dataclass(frozen=True)
-class PressAdjustment:
-    """Deviation of a press from the settings, found by refinement."""
-
-    ready: float = 0.0
-    """Added to the depth in the state before the key is down."""
-    firmness: float = 1.0
-    """Times the force on the key."""
-    along: float = 0.0
-    """Farther from the hinge by so much, m."""
-    across: float = 0.0
-    """Farther to the right by so much, m."""
-
-
-@dataclass(frozen=True)
 class TimedPress:
     """A press as it is planned."""
 
@@ -40,8 +26,6 @@ class TimedPress:
     """Whether it came from another place."""
     repeated: bool = False
     """Whether the same finger strikes the same key again right after it."""
-    adjustment: PressAdjustment = PressAdjustment()
-    """Its deviation from the settings."""
 
 
 def time_presses(presses: Sequence[Press], sign: int) -> tuple[TimedPress, ...]:

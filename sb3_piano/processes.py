@@ -1,4 +1,4 @@
-"""How processes are started that train or play."""
+"""The start of processes of environments and of studies."""
 
 from __future__ import annotations
 

@@ -30,7 +30,8 @@ def process_pool(workers: int | None = None) -> Iterator[Executor]:
         ConfigError: If ``workers`` is not a whole number from 1 on.
     """
     count = checked("workers", workers, Count | None) or usable_cores()
-    context = multiprocessing.get_context("spawn")  # fork is not safe with torch's threads
+    # Each reads from the environment how many threads to take, which a fork server would not see.
+    context = multiprocessing.get_context("spawn")
     theirs, ours = context.Pipe(duplex=False)
     pool = ProcessPoolExecutor(count, context, initializer=_begin, initargs=(theirs,))
     try:

@@ -102,6 +102,7 @@ class _Judged:
 def finish_cells(
     jobs: Sequence[CellJob],
     *,
+    before: Sequence[CellResult] | None = None,
     executor: Executor | None = None,
     workers: int | None = None,
     ray: str | None = None,
@@ -115,6 +116,7 @@ def finish_cells(
 
     Args:
         jobs: The runs, whose folders differ.
+        before: How far each is, if that is known already.
         executor: Where they are trained; by default what the next three say, see
             :func:`~sb3_piano.executors.open_executor`.
         workers: Processes on this machine.
@@ -126,7 +128,7 @@ def finish_cells(
         KeyboardInterrupt: If it was interrupted.
         RunError: If a worker was killed.
     """
-    ended = {job.folder: status_of(job) for job in jobs}
+    ended = {result.folder: result for result in before or map(status_of, jobs)}
     todo = [job for job in jobs if not ended[job.folder].finished]
     chosen = (
         open_executor(workers, ray, resources)

@@ -88,6 +88,7 @@ def sweep(
         try:
             finish_cells(
                 jobs,
+                before=list(ended.values()),
                 executor=executor,
                 workers=workers,
                 ray=ray,

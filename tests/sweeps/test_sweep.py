@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import json
 import shutil
 import threading
 import time
@@ -116,6 +117,8 @@ def test_a_sweep_ends_goes_on_and_has_results(tmp_path):
     first = result.cells[0]
     assert first.started_at == 120
     assert first.num_timesteps == 220
+    judged = Path(first.folder, "evaluation", "metrics.json").read_bytes()
+    assert json.loads(judged)["num_timesteps"] == 220  # of the last model, not of the 120 steps
     assert told == [1, 2]
     assert all(cell.finished for cell in result.cells)
 

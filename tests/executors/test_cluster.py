@@ -35,8 +35,8 @@ def _die_once(file: Path) -> str:
 
 
 def _sleep(file: Path) -> None:
-    file.touch()
     try:
+        file.touch()  # from here on Ctrl-C may come
         for _ in range(600):
             time.sleep(0.1)  # which Ray does not interrupt, so that it must not be long
     except KeyboardInterrupt:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from sb3_piano.arrays import FloatArray
 from sb3_piano.planning.hand_cost import HandCost
@@ -188,7 +189,8 @@ class TrackingControl:
     def _backward(self, states: FloatArray, commands: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return by how much each command changes with its state, (t, n, 2 n), and alone."""
         size, count = self._size, len(states)
-        transition, control = self._dynamics.transition, self._dynamics.control
+        # (2 n, 3 n) the state after a step, by the one before it and by the commands.
+        onwards = np.hstack([self._dynamics.transition, self._dynamics.control])
         blocks, slopes = self._cost.quadratic(states[:, :size])
         slopes += self._faith * (states[:, :size] - self._plan)
         beyond = self._outside(states[:, :size])
@@ -207,15 +209,20 @@ class TrackingControl:
             value[here + size, here + size] += self._speed
             slope[:size] += slopes[step]
             slope[size:] += self._speed * states[step, size:]
-            pushed = value @ control
-            curvature = control.T @ pushed
+            # The cost from here on, by the state before the step and by its commands.
+            both = onwards.T @ value @ onwards
+            alone = onwards.T @ slope
+            across = both[2 * size :, : 2 * size]
+            curvature = both[2 * size :, 2 * size :]
             curvature[here, here] += hardness[step]
-            across = pushed.T @ transition
-            alone = control.T @ slope + pull[step]
-            solved = np.linalg.solve(curvature, np.column_stack([across, alone]))
+            wanted = np.empty((size, 2 * size + 1), order="F")
+            wanted[:, :-1] = across
+            wanted[:, -1] = alone[2 * size :] + pull[step]
+            _, solved, failed = dposv(curvature, wanted, overwrite_b=True)
+            assert failed == 0, "effort is a cost, so that commands have a curvature"
             gains[step], shifts[step] = -solved[:, :-1], -solved[:, -1]
-            slope = transition.T @ slope + across.T @ shifts[step]
-            value = transition.T @ value @ transition + across.T @ gains[step]
+            slope = alone[: 2 * size] + across.T @ shifts[step]
+            value = both[: 2 * size, : 2 * size] + across.T @ gains[step]
             value = (value + value.T) / 2
         return gains, shifts
 

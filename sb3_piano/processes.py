@@ -5,7 +5,10 @@ from __future__ import annotations
 import multiprocessing
 import multiprocessing.context
 import sys
+from pathlib import Path
 from typing import Literal
+
+from sb3_piano.threads import usable_cores
 
 START_METHOD: Literal["forkserver", "spawn"] = (
     "forkserver" if sys.platform == "linux" else "spawn"  # macOS's libraries do not bear forks
@@ -27,3 +30,16 @@ def process_context() -> (
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(_LIBRARIES))
     return context
+
+
+def may_start_processes() -> bool:
+    """Return whether there is a core for another process, and starting one disturbs nobody.
+
+    Each process imports the main module again. A module that runs with ``-m`` and an installed
+    command can bear that; a script may lack its guard (``if __name__ == "__main__":``), and would
+    do its work twice.
+    """
+    main = sys.modules["__main__"]
+    is_script = main.__spec__ is None and Path(getattr(main, "__file__", "")).suffix == ".py"
+    is_free = not multiprocessing.current_process().daemon
+    return is_free and not is_script and usable_cores() > 1

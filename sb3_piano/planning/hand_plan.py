@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,11 +14,14 @@ from sb3_piano.planning.hand import Hand
 from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.planning.least_squares import HandProblem, Smoothness
 from sb3_piano.planning.settings import PlanSettings
+from sb3_piano.planning.side_by_side import Talk, in_turns, in_two_processes
 from sb3_piano.planning.tracking_control import TrackingControl
+from sb3_piano.processes import may_start_processes
 from sb3_piano.reading.arms import bounds_of
 from sb3_piano.reading.key_frames import KeyFrames, key_frames
 from sb3_piano.reading.presses import TimedPress
 
+_MANY_STRETCHES = 4  # from so many on, a second process is worth the seconds that it takes to start
 _UP = 2
 
 
@@ -84,20 +88,52 @@ def plan_hands(
     ``wanted`` is where across the keys each hand would be if it were alone, ``line`` where the line
     between the arms may begin, all (T + 1,) m.
     """
-    motions = [_Motion(task, settings) for task in tasks]
-    line = line.copy()
-    for start, stop, keep in _stretches(len(line), settings, control_timestep):
+    stretches = tuple(_stretches(len(line), settings, control_timestep))
+    pairs = zip(tasks, wanted, strict=True)
+    parts = [_Part(task, places, line, stretches, settings) for task, places in pairs]
+    if len(parts) == 2 and len(stretches) >= _MANY_STRETCHES and may_start_processes():
+        found = in_two_processes(_planned, parts[0], parts[1])
+    else:
+        found = in_turns(_planned, parts)
+    (_, line), *_ = found
+    # What comes from another process has a copy of its task.
+    plans = (replace(plan, task=task) for (plan, _), task in zip(found, tasks, strict=True))
+    return tuple(plans), line
+
+
+class _Part(NamedTuple):
+    """What is to be planned for one hand; see :func:`plan_hands`."""
+
+    task: HandTask
+    wanted: FloatArray
+    line: FloatArray
+    stretches: tuple[tuple[int, int, int], ...]
+    settings: PlanSettings
+
+
+def _planned(part: _Part) -> Talk[FloatArray, tuple[HandPlan, FloatArray]]:
+    """Plan a hand beside the others.
+
+    Each yields how far its arm is beyond its bound, (s,) m, and is sent that of all of them.
+    """
+    task, settings, line = part.task, part.settings, part.line.copy()
+    motion, hand = _Motion(task, settings), task.hand.kinematics.hand
+    for start, stop, keep in part.stretches:
         here = line[start:stop]
-        bounds = _bounds(motions, here, settings)
-        problems = [
-            motion.problem(start, stop, bound, _guess(motion.task.hand, places[start:stop], bound))
-            for motion, places, bound in zip(motions, wanted, bounds, strict=True)
-        ]
-        here = _share_room(problems, here, settings)
+        bound = bounds_of(here, settings.arms_apart)[hand]
+        guess = _guess(task.hand, part.wanted[start:stop], bound)
+        problem = motion.problem(start, stop, bound, guess)
+        for turn in range(settings.rounds):
+            if turn > 0:
+                beyond = yield problem.cost.bound_violation(problem.positions)
+                if len(beyond) > 1:
+                    # Who is pressed harder against the line gets more room.
+                    here = here - (beyond[0] - beyond[1])
+                    problem.rebound(bounds_of(here, settings.arms_apart)[hand])
+            problem.improve(settings.iterations)
         line[start:keep] = here[: keep - start]
-        for motion, problem in zip(motions, problems, strict=True):
-            motion.extend(problem, keep)
-    return tuple(motion.plan() for motion in motions), line
+        motion.extend(problem, keep)
+    return motion.plan(), line
 
 
 class _Motion:
@@ -151,30 +187,6 @@ class _Motion:
             commands=np.concatenate(self._commands),
             gains=np.concatenate(self._gains),
         )
-
-
-def _bounds(
-    motions: Sequence[_Motion], line: FloatArray, settings: PlanSettings
-) -> list[FloatArray]:
-    """Return beyond which places each hand's arm must be, (s,) m each."""
-    bounds = bounds_of(line, settings.arms_apart)
-    return [bounds[motion.task.hand.kinematics.hand] for motion in motions]
-
-
-def _share_room(
-    problems: Sequence[HandProblem], line: FloatArray, settings: PlanSettings
-) -> FloatArray:
-    """Solve the hands' problems in turns, and return the line between the arms, (s,) m."""
-    for turn in range(settings.rounds):
-        if turn > 0 and len(problems) > 1:
-            # Who is pressed harder against the line gets more room.
-            right, left = (one.cost.bound_violation(one.positions) for one in problems)
-            line = line - (right - left)
-            for problem, bound in zip(problems, bounds_of(line, settings.arms_apart), strict=True):
-                problem.rebound(bound)
-        for problem in problems:
-            problem.improve(settings.iterations)
-    return line
 
 
 def _guess(hand: Hand, wanted: FloatArray, bound: FloatArray) -> FloatArray:

@@ -86,10 +86,21 @@ def _sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
+def load_yaml(text: str) -> Any:
+    """Return what YAML stands for."""
+    # By libyaml where it is there: a tenth of the time, of which every import would have its share.
+    return yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+
+
+def dump_yaml(content: Any, **style: Any) -> str:
+    """Return YAML that stands for it, keys in their order."""
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    return str(yaml.dump(content, Dumper=dumper, sort_keys=False, **style))
+
+
 def read_table(path: Path) -> Any:
     """Return the content of a YAML file that comes with the package."""
-    # By libyaml where it is there: a tenth of the time, of which every import would have its share.
-    return yaml.load(path.read_text("utf-8"), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    return load_yaml(path.read_text("utf-8"))
 
 
 def write_bytes(path: Path, content: bytes) -> None:
@@ -100,6 +111,11 @@ def write_bytes(path: Path, content: bytes) -> None:
 def write_text(path: Path, text: str) -> None:
     """Write UTF-8 text by :func:`write_atomically`."""
     write_bytes(path, text.encode())
+
+
+def write_yaml(path: Path, content: Mapping[str, Any]) -> None:
+    """Write YAML by :func:`write_atomically`."""
+    write_text(path, dump_yaml(content))
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

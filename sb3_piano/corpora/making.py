@@ -14,8 +14,6 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-import yaml
-
 from sb3_piano.corpora.config import CorpusConfig, Player
 from sb3_piano.corpora.playing import CorpusJob, open_player
 from sb3_piano.demonstrations.corpus import DATA, INDEX, RecordedCorpus
@@ -28,7 +26,7 @@ from sb3_piano.demonstrations.shards import (
 )
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.executors import broken_told, process_pool
-from sb3_piano.files import write_json, write_text
+from sb3_piano.files import write_json, write_yaml
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.players.hand_model import FILE_NAME
@@ -183,8 +181,8 @@ def _begin(place: Path, config: CorpusConfig, inputs: dict[str, str]) -> None:
         raise RunError(f"Folder '{place}' is not empty: expected a new or empty one.")
     try:
         (place / DATA).mkdir()
-        write_text(place / _PROVENANCE, yaml.safe_dump(provenance(config.seed), sort_keys=False))
-        write_text(file, yaml.safe_dump(ours, sort_keys=False))
+        write_yaml(place / _PROVENANCE, provenance(config.seed))
+        write_yaml(file, ours)
     except OSError as error:
         raise unwritable(place, error) from error
 

@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import yaml
-
 from sb3_piano.demonstrations.dataset import require_minari
 from sb3_piano.demonstrations.shards import forget_unfinished
 from sb3_piano.distillation.config import DistillConfig
@@ -32,7 +30,7 @@ from sb3_piano.distillation.shards import JUDGED_BY
 from sb3_piano.distillation.teachers import new_teacher
 from sb3_piano.exceptions import RunError
 from sb3_piano.executors import broken_told, process_pool
-from sb3_piano.files import write_bytes, write_csv, write_text
+from sb3_piano.files import write_bytes, write_csv, write_yaml
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.players.hand_model import FILE_NAME
@@ -172,9 +170,8 @@ def _begin(place: Path, config: DistillConfig) -> None:
         raise RunError(f"Folder '{place}' is not empty: expected a new or empty one.")
     try:
         data.mkdir()
-        notes = yaml.safe_dump(provenance(config.seed), sort_keys=False)
-        write_text(place / _PROVENANCE, notes)
-        write_text(file, yaml.safe_dump(config.to_mapping(), sort_keys=False))
+        write_yaml(place / _PROVENANCE, provenance(config.seed))
+        write_yaml(file, config.to_mapping())
     except OSError as error:
         raise unwritable(place, error) from error
 

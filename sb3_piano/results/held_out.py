@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import functools
-from importlib import resources
+from pathlib import Path
 from typing import Annotated, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field
+
+from sb3_piano.files import read_table
 
 Index = Annotated[int, Field(ge=0)]
 
@@ -41,5 +42,4 @@ class HeldOut(BaseModel):
 @functools.cache
 def held_out() -> HeldOut:
     """Return the list that comes with the package."""
-    file = resources.files("sb3_piano.results") / "held_out.yml"
-    return HeldOut.model_validate(yaml.safe_load(file.read_text(encoding="utf-8")))
+    return HeldOut.model_validate(read_table(Path(__file__).with_suffix(".yml")))

@@ -10,11 +10,9 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
 from sb3_piano.exceptions import RunError
 from sb3_piano.executors import Resources
-from sb3_piano.files import write_csv, write_text
+from sb3_piano.files import dump_yaml, load_yaml, read_table, write_csv, write_yaml
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.sweeps.cells import CellJob, CellResult, finish_cells, status_of
 from sb3_piano.sweeps.config import SweepConfig
@@ -162,9 +160,9 @@ def _begin(place: Path, runs: dict[tuple[str, int], RunConfig]) -> None:
     now = {f"{name}/seed_{seed}": run.to_mapping() for (name, seed), run in runs.items()}
     noted: dict[str, object] = {}
     if file.is_file():
-        noted = yaml.safe_load(file.read_text(encoding="utf-8")) or {}
+        noted = read_table(file) or {}
         for name, mapping in now.items():
-            if name in noted and noted[name] != yaml.safe_load(yaml.safe_dump(mapping)):
+            if name in noted and noted[name] != load_yaml(dump_yaml(mapping)):
                 raise RunError(
                     f"Run {name!r} of the sweep in '{place}' has other settings than when it was "
                     f"begun ({_difference(noted[name], mapping)}): expected the same, or another "
@@ -172,13 +170,13 @@ def _begin(place: Path, runs: dict[tuple[str, int], RunConfig]) -> None:
                 )
     elif any(found.name != LOCK_SUFFIX for found in place.iterdir()):
         raise RunError(f"Folder '{place}' is not empty and no sweep: expected a new or empty one.")
-    write_text(file, yaml.safe_dump({**noted, **now}, sort_keys=False))
+    write_yaml(file, {**noted, **now})
 
 
 def _difference(noted: object, now: dict[str, object]) -> str:
     """Return the first setting that differs."""
     before = noted if isinstance(noted, dict) else {}
-    plain = yaml.safe_load(yaml.safe_dump(now))
+    plain = load_yaml(dump_yaml(now))
     for name in dict.fromkeys([*before, *plain]):
         if before.get(name) != plain.get(name):
             return f"{name} was {before.get(name)!r} and is {plain.get(name)!r}"

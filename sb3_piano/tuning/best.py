@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import optuna
-import yaml
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.files import write_text
+from sb3_piano.files import dump_yaml, write_text
 from sb3_piano.metrics import DEFINITIONS
 from sb3_piano.training import entry_config
 from sb3_piano.training.configuration.names import full_name, import_name, is_dotted, registered_id
@@ -50,8 +49,12 @@ def write_best(study: optuna.Study, config: StudyConfig, folder: StudyFolder) ->
         return None
     written, left_out = zoo_entry(config.algo, config.env_id, entry)
     # Without a flow style, lists stand in one line.
-    style: Any = {"sort_keys": False, "default_flow_style": None, "allow_unicode": True}
-    content = yaml.safe_dump({registered_id(config.env_id)[1]: written}, width=100, **style)
+    content = dump_yaml(
+        {registered_id(config.env_id)[1]: written},
+        width=100,
+        default_flow_style=None,
+        allow_unicode=True,
+    )
     versions = provenance(None)["versions"].items()
     head = [
         f"The best settings of the study {study.study_name!r}: trial {best.number} of "

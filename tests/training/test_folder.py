@@ -143,7 +143,7 @@ def test_a_folder_that_could_not_be_filled_is_taken_away(small_config, tmp_path,
     def full(path, text):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("sb3_piano.training.runs.folder.write_text", full)
+    monkeypatch.setattr("sb3_piano.training.runs.folder.write_yaml", full)
     with pytest.raises(RunError, match="cannot be written: No space left on device"):
         RunFolder.create(small_config(), runs_dir=tmp_path)
     assert list((tmp_path / "td3").iterdir()) == []

@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from sb3_piano.exceptions import ConfigError, near_names, one_line
+from sb3_piano.files import load_yaml
 from sb3_piano.hyperparams import NAMED, PRESETS
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
@@ -176,6 +177,6 @@ def read_yaml_mapping(path: Path) -> dict[Any, Any]:
 def parse_yaml(text: str) -> Any:
     """Return what YAML stands for."""
     try:
-        return yaml.safe_load(text)
+        return load_yaml(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise ConfigError(f"is not valid YAML: {one_line(error)}.") from error

@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
 from sb3_piano.exceptions import RunError
-from sb3_piano.files import Place, write_text
+from sb3_piano.files import Place, write_yaml
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.settings import Count, checked
@@ -228,7 +227,7 @@ def _begin(place: Path, curriculum: Curriculum) -> Curriculum:
         drawn = int(np.random.default_rng().integers(2**31))
         curriculum = dataclasses.replace(curriculum, seed=drawn)
     try:
-        write_text(file, yaml.safe_dump(curriculum.to_mapping(), sort_keys=False))
+        write_yaml(file, curriculum.to_mapping())
     except OSError as error:
         raise unwritable(place, error) from error
     return curriculum

@@ -16,11 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import torch
-import yaml
 
 import sb3_piano
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.files import PARTIAL_SUFFIX, Place, write_text
+from sb3_piano.files import PARTIAL_SUFFIX, Place, write_yaml
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music.library import user_library
 from sb3_piano.players.hand_model import FILE_NAME as HAND_FILE
@@ -224,7 +223,7 @@ class RunFolder:
         """Write the run's settings, a score file in this folder as a name relative to it."""
         ours = {n: Path(f).name for n, f in _files(config).items() if Path(f).parent == self.path}
         mapping = _with_files(config, ours).to_mapping()
-        write_text(self.config_file, yaml.safe_dump(mapping, sort_keys=False))
+        write_yaml(self.config_file, mapping)
 
     def read_provenance(self) -> Mapping[str, Any]:
         """Return what is noted of the run's origin; nothing if that is gone or damaged."""
@@ -235,7 +234,7 @@ class RunFolder:
 
     def write_provenance(self, notes: Mapping[str, Any]) -> None:
         """Note where the run comes from, in YAML's types."""
-        write_text(self.provenance_file, yaml.safe_dump(dict(notes), sort_keys=False))
+        write_yaml(self.provenance_file, dict(notes))
 
     def _write(self, config: PlayConfig) -> None:
         notes, library = provenance(config.seed), user_library()

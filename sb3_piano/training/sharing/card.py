@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from sb3_piano.files import dump_yaml
 from sb3_piano.training.configuration.config import PlayConfig, RunConfig
 from sb3_piano.training.evaluation.evaluate import Evaluation
 from sb3_piano.training.runs.folder import RunFolder
@@ -31,7 +30,7 @@ _HUB_TYPES = {"return": "mean_reward"}
 def card_of(run: RunFolder, config: PlayConfig, found: Evaluation) -> str:
     """Return the card of a run that was evaluated."""
     shown = {name: label for name, label in _METRICS.items() if name in found.summary}
-    front = yaml.safe_dump(_front_matter(config, found, shown), sort_keys=False)
+    front = dump_yaml(_front_matter(config, found, shown))
     onset = f" and onset F1 {found.mean['onset_f1']:.3f}" if "onset_f1" in shown else ""
     says = f", with F1 {found.mean['f1']:.3f}{onset}" if "f1" in shown else ""
     body = f"""\

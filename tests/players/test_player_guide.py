@@ -68,7 +68,7 @@ def test_looking_ahead_plays_a_hard_piece_better(kind):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         alone = played(env := hard(), kind(env))
-        shape = TreeSettings(simulations=48, depth=6)
+        shape = TreeSettings(simulations=32, depth=4)
         ahead = played(env := hard(), TreeSearch(kind(env), env, shape))
     assert ahead["onset_f1"] > alone["onset_f1"] + 0.05
     assert ahead["f1"] > alone["f1"] + 0.05

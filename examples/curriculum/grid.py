@@ -112,7 +112,7 @@ def cell(labels: str, weight: float, start: Path | None, seed: int, steps: int |
     options = {} if steps is None else {"n_timesteps": steps}
     config = load_config("sac", PIECE, HERE / "grid.yml", seed=seed, **options)
     wrappers = [
-        dataclasses.replace(plugin, kwargs={"guidance": weight})
+        dataclasses.replace(plugin, kwargs={**plugin.kwargs, "fingering": weight})
         if plugin.path.endswith("HandReward")
         else plugin
         for plugin in config.env_wrapper

@@ -36,7 +36,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
 
     A hand that knows nothing hardly ever hits a due key. ``guidance`` adds up to that much for
     coming near: the mean closeness, as in RoboPianist's terms of fingering and of pressing keys, of
-    its fingers to the keys that are due and of these to being down.
+    its fingers to the keys that are due, times ``fingering``, and of these to being down.
 
     The reward of a step is the mean of the hands'; ``info["hand_rewards"]`` has them one by one,
     for :class:`~sb3_piano.vec_env.HandsAsAgents`. The terms of the piano's own reward are still in
@@ -48,6 +48,8 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         within: Share of what sounds within the step, 0 to 1.
         strikes: What a strike is worth, 0 or more; a missed key for a whole step is worth up to 1.
         guidance: What it is worth to be at due keys and to hold them down, 0 or more.
+        fingering: Weight of the labelled fingers in the guidance, 0 or more; with 0 it pays for
+            keys alone, whichever finger holds them.
 
     Raises:
         ConfigError: If a number is out of range, or ``env`` is no piano or has no hands.
@@ -60,9 +62,10 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         within: float = 0.3,
         strikes: float = 0.3,
         guidance: float = 0.0,
+        fingering: float = 1.0,
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(
-            self, own=own, within=within, strikes=strikes, guidance=guidance
+            self, own=own, within=within, strikes=strikes, guidance=guidance, fingering=fingering
         )
         super().__init__(env)
         self._piano = piano_of(env, "HandReward")
@@ -73,6 +76,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         self._within = checked("within", within, Share)
         self._strikes = checked("strikes", strikes, NotNegative)
         self._guidance = checked("guidance", guidance, NotNegative)
+        self._fingering = checked("fingering", fingering, NotNegative)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -130,7 +134,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         return rewards + self._guidance * self._closeness(step) if self._guidance else rewards
 
     def _closeness(self, step: int) -> FloatArray:
-        """Return how near each hand is to holding its due keys, in [0, 1]; 0 for none."""
+        """Return how near each hand is to holding its due keys; 0 for none."""
         simulation = self._piano.simulation
         keys, fingers = (array.tolist() for array in self._piano.asked_roll.due(step))
         distances: tuple[list[float], list[float]] = ([], [])
@@ -142,7 +146,9 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
             distances[hand].append(math.dist(simulation.press_point(key), tip))
             missing[hand].append(1.0 - simulation.key_state.item(key))
         pairs = zip(distances, missing, strict=True)
-        return np.array([0.5 * (labelled_fingering(d) + held(m)) for d, m in pairs])[self._hands]
+        fingering = self._fingering
+        closeness = [0.5 * (fingering * labelled_fingering(d) + held(m)) for d, m in pairs]
+        return np.array(closeness)[self._hands]
 
     def _hand(self, step: int, key: int) -> int:
         """Return the hand that holds a key, or is the nearest one: 0 or 1."""

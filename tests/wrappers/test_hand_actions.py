@@ -148,12 +148,13 @@ def test_strikes_count_when_they_are_in_time():
 def test_guidance_is_what_the_piano_s_own_terms_say_of_the_hand_that_has_to_play():
     score = Score(notes=[note for note in PIECE.notes if note.finger < 5], title="a right hand")
 
-    def env(guidance, **options):
+    def env(guidance, fingering, **options):
         piano = PianoEnv(score, observation="hands", **OPTIONS, **options)
-        return HandReward(piano, strikes=0.0, guidance=guidance)
+        return HandReward(piano, strikes=0.0, guidance=guidance, fingering=fingering)
 
-    for goal_time in ("beginning", "end"):
-        guided, plain = env(2.0, goal_time=goal_time), env(0.0, goal_time=goal_time)
+    for goal_time, weight in (("beginning", 1.0), ("end", 1.0), ("end", 0.0), ("end", 0.25)):
+        guided = env(2.0, weight, goal_time=goal_time)
+        plain = env(0.0, weight, goal_time=goal_time)
         bare = guided.unwrapped
         plain.reset(seed=0)
         observation, _ = guided.reset(seed=0)
@@ -168,11 +169,11 @@ def test_guidance_is_what_the_piano_s_own_terms_say_of_the_hand_that_has_to_play
             wrong = (sounding & ~asked.active[step]).any()
             held = 2 * terms["key_press"] - (not wrong)
             due = asked.active[step].any()
-            expected = terms["fingering"] + held if due else 0.0
+            expected = weight * terms["fingering"] + held if due else 0.0
             np.testing.assert_allclose(gained, [expected, 0.0], atol=1e-9)
             seen.append(expected)
         assert min(seen) == 0.0
-        assert max(seen) > 1.8
+        assert max(seen) > 0.9 * (1 + weight)
 
 
 def test_hands_are_agents_with_half_of_everything_each():

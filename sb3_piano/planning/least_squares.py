@@ -22,7 +22,8 @@ from sb3_piano.reading.kinematics import HandKinematics
 _LONGEST_STEP = 0.4  # rad, or m
 _FIRST_DAMPING = 1e-2
 _LEAST_DAMPING, _MOST_DAMPING = 1e-7, 30.0
-_FIXING = 1e12  # damping of states that stay as they are
+_FIXING = 1e12  # damping of what stays as it is
+_AT_END = 1e-9  # within this a position is at an end of its range; rad, or m
 _SHARES = (1.0, 0.5, 0.25)  # of a step that are tried
 
 _VELOCITY = 0.002  # weight of a velocity, per rad or m and control step
@@ -104,6 +105,7 @@ class HandProblem:
         if self._fixed is not None:
             damping = np.where(self._fixed, _FIXING, damping)
         damped[0] += np.repeat(damping, size)
+        damped[0, self._stopped(gradient).ravel()] += _FIXING
         try:
             factor = cholesky_banded(damped, lower=True, overwrite_ab=True, check_finite=False)
         except LinAlgError:
@@ -113,6 +115,16 @@ class HandProblem:
         if self._fixed is not None:
             step[self._fixed] = 0.0
         return step
+
+    def _stopped(self, gradient: FloatArray) -> BoolArray:
+        """Return which positions are at an end of their range and would go on beyond it, (s, n).
+
+        Were they free, the step would count on what clipping takes away (projected Newton;
+        Bertsekas 1982).
+        """
+        kinematics = self.cost.kinematics
+        below = (self.positions <= kinematics.low + _AT_END) & (gradient > 0)
+        return below | ((self.positions >= kinematics.high - _AT_END) & (gradient < 0))
 
     def _normal_equations(self) -> tuple[FloatArray, FloatArray]:
         blocks, gradient = self.cost.quadratic(self.positions)

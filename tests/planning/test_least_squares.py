@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hand_parts import hand_of, keys_of, scene_of, whole_hand
+from scipy.optimize import Bounds, minimize
 
 from sb3_piano.music.presses import Press
 from sb3_piano.planning import hand_cost, least_squares
@@ -90,6 +91,28 @@ def test_it_comes_to_where_no_small_change_helps(hand):
             way /= np.abs(way).max()
             moved = np.clip(best + scale * way, low, high)
             assert parts.total(moved) > parts.total()
+
+
+@BOTH_HANDS
+def test_with_joints_at_their_limits_it_comes_to_what_another_method_does_not_improve(hand):
+    step = 1 if hand == 0 else -1
+    wide = [Press(C4 + 8 * step + 4 * i * step, i, 6, 16) for i in range(5)]
+    parts = Parts(hand, wide)
+    problem, kinematics = parts.problem, parts.kinematics
+    problem.improve(60)
+    shape = problem.positions.shape
+    low, high = (np.broadcast_to(one, shape).ravel() for one in (kinematics.low, kinematics.high))
+    found = problem.positions.ravel()
+    assert (np.minimum(found - low, high - found) < 1e-6).any()
+
+    def cost(flat):
+        problem.positions = flat.reshape(shape)
+        return parts.total(), 2 * problem._normal_equations()[1].ravel()
+
+    reached = parts.total()
+    bounds, most = Bounds(low, high), {"maxiter": 200}
+    better = minimize(cost, found, jac=True, method="L-BFGS-B", bounds=bounds, options=most)
+    assert better.fun > 0.85 * reached
 
 
 def dense_solution(parts):

@@ -23,6 +23,7 @@ from sb3_piano.reading.presses import TimedPress
 
 _MANY_STRETCHES = 4  # from so many on, a second process is worth the seconds that it takes to start
 _UP = 2
+_GIVING_WAY = 3.0  # how far the line between the arms moves, per distance beyond it
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +129,7 @@ def _planned(part: _Part) -> Talk[FloatArray, tuple[HandPlan, FloatArray]]:
                 beyond = yield problem.cost.bound_violation(problem.positions)
                 if len(beyond) > 1:
                     # Who is pressed harder against the line gets more room.
-                    here = here - (beyond[0] - beyond[1])
+                    here = here - _GIVING_WAY * (beyond[0] - beyond[1])
                     problem.rebound(bounds_of(here, settings.arms_apart)[hand])
             problem.improve(settings.iterations)
         line[start:keep] = here[: keep - start]

@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 import sb3_piano.bench
-from sb3_piano.bench import BenchReport, Row, render
+from sb3_piano.bench import BenchReport, Row, players, render, workloads
 from sb3_piano.cli import main
 from sb3_piano.envs import PianoVectorEnv
 
@@ -22,6 +22,8 @@ from sb3_piano.envs import PianoVectorEnv
 @pytest.fixture(autouse=True)
 def _short(short, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(workloads, "UPDATES", 1)
+    monkeypatch.setattr(players, "PLANNED", 0.5)
 
 
 def shown(report):

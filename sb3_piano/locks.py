@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -17,26 +17,26 @@ _POLL_SECONDS = 0.01
 
 
 @contextlib.contextmanager
-def hold(path: Path, busy: Callable[[str], Exception] | None = None) -> Iterator[None]:
+def hold(path: Path, busy: str = "", expected: str = "") -> Iterator[None]:
     """Hold the lock that a file stands for; processes that are forked meanwhile do not hold it.
 
     The file says who has the lock, and is removed afterwards. It stays if the process dies.
 
     Args:
         path: The file, which is made if need be, as is its folder.
-        busy: Returns the error to raise if another has the lock, and is told who; by default that
-            one is waited for.
+        busy: What is told if another has the lock, such as ``'x' is being trained``; by default
+            that one is waited for.
+        expected: What is expected instead.
 
     Raises:
-        RunError: If the file cannot be made or locked.
+        RunError: If another has the lock, or the file cannot be made or locked.
     """
-    lock = FileLock(path, blocking=busy is None, poll_interval=_POLL_SECONDS)
+    lock = FileLock(path, blocking=not busy, poll_interval=_POLL_SECONDS)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except Timeout:
-        assert busy is not None, "there is no end to the waiting"
-        raise busy(_owner(path)) from None
+        raise RunError(f"{busy} by {_owner(path)}: expected {expected}") from None
     except OSError as error:
         raise RunError(
             f"'{path}' cannot be locked: {error.strerror}. Expected a folder on a disk of this "

@@ -7,7 +7,7 @@ import hashlib
 import os
 import shlex
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,14 +26,14 @@ from sb3_piano.demonstrations.shards import (
 )
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.executors import broken_told, process_pool
-from sb3_piano.files import write_json, write_yaml
+from sb3_piano.files import write_json
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
-from sb3_piano.training.runs.folder import provenance, unwritable
+from sb3_piano.training.runs.folder import begin_or_go_on
 
-_CONFIG, _PROVENANCE = "corpus.yml", "run.yml"
+_CONFIG = "corpus.yml"
 _OF_A_RUN = ("config.yml", "model.zip", "policy.safetensors", "vecnormalize.pkl")
 
 
@@ -93,9 +93,14 @@ def record_corpus(
     require_minari()
     place = Path(folder).absolute()
     _check_players(config)
-    with _owned(place), stop_on_signal() as request:
+    owned = hold(place / LOCK_SUFFIX, f"'{place}' is being worked in", "one recording in a folder.")
+    with owned, stop_on_signal() as request:
         inputs = _inputs(config)
-        _begin(place, config, inputs)
+        file, settings = place / _CONFIG, {**config.to_mapping(), "files": inputs}
+        theirs = read_yaml_mapping(file) if file.is_file() else None
+        begin_or_go_on(file, "corpus", settings, theirs, config.seed)
+        (place / DATA).mkdir(exist_ok=True)
+        forget_unfinished(place / DATA)
         count = -(-len(config) // config.shard)
         jobs = [CorpusJob(config, inputs, number, place / DATA) for number in range(count)]
 
@@ -164,44 +169,8 @@ def _inputs(config: CorpusConfig) -> dict[str, str]:
     return {str(file): file_digest(file) for file in files if file.is_file()}
 
 
-def _begin(place: Path, config: CorpusConfig, inputs: dict[str, str]) -> None:
-    """Write the settings into a new folder; check them against those of one to go on with."""
-    file, ours = place / _CONFIG, {**config.to_mapping(), "files": inputs}
-    if file.is_file():
-        theirs = read_yaml_mapping(file)
-        for name, value in ours.items():
-            if theirs.get(name) != value:
-                raise RunError(
-                    f"The corpus in '{place}' has {name} {theirs.get(name)}, not {value}: expected "
-                    "the same settings, or another folder."
-                )
-        forget_unfinished(place / DATA)
-        return
-    if any(found.name != LOCK_SUFFIX for found in place.iterdir()):
-        raise RunError(f"Folder '{place}' is not empty: expected a new or empty one.")
-    try:
-        (place / DATA).mkdir()
-        write_yaml(place / _PROVENANCE, provenance(config.seed))
-        write_yaml(file, ours)
-    except OSError as error:
-        raise unwritable(place, error) from error
-
-
 def _write_index(place: Path, config: CorpusConfig, shards: Sequence[Shard]) -> None:
     contents = {shard.name: shard.content for shard in shards}
     content = hashlib.sha256("".join(contents.values()).encode()).hexdigest()
     index = {"content": content, "pieces": list(config.pieces), "shards": contents}
     write_json(place / INDEX, index)
-
-
-@contextlib.contextmanager
-def _owned(place: Path) -> Iterator[None]:
-    """Keep other processes from working in a folder."""
-
-    def busy(owner: str) -> RunError:
-        return RunError(
-            f"'{place}' is being worked in by {owner}: expected one recording in a folder."
-        )
-
-    with hold(place / LOCK_SUFFIX, busy):
-        yield

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -30,14 +30,14 @@ from sb3_piano.distillation.shards import JUDGED_BY
 from sb3_piano.distillation.teachers import new_teacher
 from sb3_piano.exceptions import RunError
 from sb3_piano.executors import broken_told, process_pool
-from sb3_piano.files import write_bytes, write_csv, write_yaml
+from sb3_piano.files import write_bytes, write_csv
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.threads import torch_computing
-from sb3_piano.training.runs.folder import provenance, unwritable
+from sb3_piano.training.runs.folder import begin_or_go_on
 
-_CONFIG, _PROVENANCE, _TABLE = "config.yml", "run.yml", "rounds.csv"
+_CONFIG, _TABLE = "config.yml", "rounds.csv"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,8 +122,14 @@ def distill(
         improvements[names[-1]] = partial(improve, config, number, start, num_threads, on_progress)
     rounds: list[RoundResult] = []
     interrupted = False
-    with _owned(place), torch_computing(num_threads), stop_on_signal() as request:
-        _begin(place, config)
+    owned = hold(
+        place / LOCK_SUFFIX, f"'{place}' is being worked in", "one distillation in a folder."
+    )
+    with owned, torch_computing(num_threads), stop_on_signal() as request:
+        theirs = _settings_of(place).to_mapping() if (place / _CONFIG).is_file() else None
+        begin_or_go_on(place / _CONFIG, "distillation", config.to_mapping(), theirs, config.seed)
+        (place / DATA).mkdir(exist_ok=True)
+        forget_unfinished(place / DATA)
         pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
         with pool as chosen, broken_told(go_on(place)):
             work = Rounds(config, place.absolute(), held_out, chosen, request, on_progress)
@@ -153,29 +159,6 @@ def _settings_of(place: Path) -> DistillConfig:
     return DistillConfig.from_yaml(file)
 
 
-def _begin(place: Path, config: DistillConfig) -> None:
-    """Write the settings into a new folder; check them against those of one to go on with."""
-    data, file = place / DATA, place / _CONFIG
-    if file.is_file():
-        theirs, ours = _settings_of(place).to_mapping(), config.to_mapping()
-        for name, value in ours.items():
-            if theirs[name] != value:
-                raise RunError(
-                    f"The distillation in '{place}' has {name} {theirs[name]}, not {value}: "
-                    "expected the same settings, or another folder."
-                )
-        forget_unfinished(data)
-        return
-    if any(found.name != LOCK_SUFFIX for found in place.iterdir()):
-        raise RunError(f"Folder '{place}' is not empty: expected a new or empty one.")
-    try:
-        data.mkdir()
-        write_yaml(place / _PROVENANCE, provenance(config.seed))
-        write_yaml(file, config.to_mapping())
-    except OSError as error:
-        raise unwritable(place, error) from error
-
-
 def _write_results(place: Path, rounds: Sequence[RoundResult], names: Sequence[str]) -> None:
     """Write the table, and the newest network under the name by which others look for it."""
     columns = ("name", "transitions", "loss", *JUDGED_BY, "minutes")
@@ -184,19 +167,6 @@ def _write_results(place: Path, rounds: Sequence[RoundResult], names: Sequence[s
     files = [weights_file(place, name) for name in names]
     newest = [file for file in files if file.is_file()][-1]
     write_bytes(place / FILE_NAME, newest.read_bytes())
-
-
-@contextlib.contextmanager
-def _owned(place: Path) -> Iterator[None]:
-    """Keep other processes from working in a folder."""
-
-    def busy(owner: str) -> RunError:
-        return RunError(
-            f"'{place}' is being worked in by {owner}: expected one distillation in a folder."
-        )
-
-    with hold(place / LOCK_SUFFIX, busy):
-        yield
 
 
 def go_on(place: Path) -> str:

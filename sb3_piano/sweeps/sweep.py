@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -73,7 +72,9 @@ def sweep(
     """
     place = Path(folder).absolute()
     jobs = jobs_of(config, place, runs)
-    with _owned(place):
+    expected = "one command in a folder. More runs at once are --workers; how far it is: sb3-piano "
+    expected += "sweep FILE --status"
+    with hold(place / LOCK_SUFFIX, f"Sweep '{place}' is being run", expected):
         _begin(place, {(job.name, job.config.seed or 0): job.config for job in jobs})
         ended = {job.folder: status_of(job) for job in jobs}
 
@@ -140,18 +141,6 @@ def write_results(place: Path, results: Sequence[CellResult]) -> None:
     ]
     columns = ("cell", "seed", "state", "steps", *metrics, "reason", "folder")
     write_csv(place / RESULTS, columns, rows)
-
-
-@contextlib.contextmanager
-def _owned(place: Path) -> Iterator[None]:
-    def busy(owner: str) -> RunError:
-        return RunError(
-            f"Sweep '{place}' is being run by {owner}: expected one command in a folder. More runs "
-            "at once are --workers; how far it is: sb3-piano sweep FILE --status"
-        )
-
-    with hold(place / LOCK_SUFFIX, busy):
-        yield
 
 
 def _begin(place: Path, runs: dict[tuple[str, int], RunConfig]) -> None:

@@ -166,15 +166,11 @@ def _owned(folder: StudyFolder, *, embedded: bool) -> Iterator[None]:
     A folder with a journal has one owner. Machines that share a disk and work on one study in a
     database may also share the study's folder, as no trial is on two of them.
     """
-
-    def busy(owner: str) -> RunError:
-        return RunError(
-            f"Study '{folder.path}' is being run by {owner}: expected one command in a folder. For "
-            "more processes give that one more --workers, once it has ended or was stopped."
-        )
-
     name = "study" if embedded else platform.node()
-    with hold(folder.workers_dir / f"{name}{LOCK_SUFFIX}", busy):
+    expected = "one command in a folder. For more processes give that one more --workers, once it "
+    expected += "has ended or was stopped."
+    busy = f"Study '{folder.path}' is being run"
+    with hold(folder.workers_dir / f"{name}{LOCK_SUFFIX}", busy, expected):
         if embedded:
             mend_journal(folder)
         yield

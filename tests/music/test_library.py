@@ -202,7 +202,7 @@ def test_a_changed_byte_gives_the_very_score_or_our_error(position, value, cut, 
 
 
 def test_two_imports_at_a_time_are_refused(library, data):
-    message = "Another import into .*pieces' is under way"
+    message = "pieces': another import is under way"
     with (
         library.importing(),
         pytest.raises(ConfigError, match=message),

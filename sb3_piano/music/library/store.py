@@ -209,16 +209,10 @@ class Library:
             ConfigError: If another import into this library is under way, or its folder cannot be
                 written to.
         """
-
-        def busy(owner: str) -> ConfigError:
-            return ConfigError(
-                f"Another import into '{self.folder}' is under way, by {owner}: expected one at a "
-                "time."
-            )
-
         with contextlib.ExitStack() as stack:
             try:
-                stack.enter_context(hold(self.folder / LOCK_SUFFIX, busy))
+                busy = "another import is under way"
+                stack.enter_context(hold(self.folder / LOCK_SUFFIX, busy, "one at a time."))
             except RunError as error:
                 raise ConfigError(
                     f"Cannot keep pieces in '{self.folder}': {error} The environment variable "

@@ -236,15 +236,12 @@ def _begin(place: Path, curriculum: Curriculum) -> Curriculum:
 @contextlib.contextmanager
 def _owned(place: Path) -> Iterator[None]:
     """Keep other processes from training in a curriculum's folder; leave none that is empty."""
-
-    def busy(owner: str) -> RunError:
-        return RunError(
-            f"The curriculum in '{place}' is being trained by {owner}: expected one process in a "
-            f"folder. Wait for its end or stop it; then go on with: {go_on(place)}"
-        )
-
+    busy = f"The curriculum in '{place}' is being trained"
+    expected = (
+        f"one process in a folder. Wait for its end or stop it; then go on with: {go_on(place)}"
+    )
     try:
-        with hold(place / LOCK_SUFFIX, busy):
+        with hold(place / LOCK_SUFFIX, busy, expected):
             yield
     finally:
         with contextlib.suppress(OSError):  # it is not empty, or is gone

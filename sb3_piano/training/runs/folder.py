@@ -11,6 +11,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,7 @@ BASE = "base"
 PLAN = "plan"
 """What stands for a file of a plan, which is followed."""
 
+_PROVENANCE = "run.yml"
 _EXPECTED = "expected a folder that 'sb3-piano train' made"
 _PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch")
 
@@ -81,7 +83,7 @@ class RunFolder:
     path: Path
 
     config_file = Place("config.yml")
-    provenance_file = Place("run.yml")
+    provenance_file = Place(_PROVENANCE)
     model_file = Place("model.zip")
     statistics_file = Place("vecnormalize.pkl")
     weights_file = Place("policy.safetensors")
@@ -136,19 +138,14 @@ class RunFolder:
             raise RunError(f"'{folder.path}' is no run, it has no config.yml: {_EXPECTED}.")
         return folder
 
-    @contextlib.contextmanager
-    def owned(self) -> Iterator[None]:
+    def owned(self) -> AbstractContextManager[None]:
         """Keep other processes from training in this folder; all may read it meanwhile."""
-
-        def busy(owner: str) -> RunError:
-            return RunError(
-                f"Run '{self.path}' is being trained by {owner}: expected one training in a "
-                "folder. Wait for its end or stop it; then go on with: sb3-piano train --resume "
-                f"{shlex.quote(str(self.path))}"
-            )
-
-        with hold(self.path / LOCK_SUFFIX, busy):
-            yield
+        return hold(
+            self.path / LOCK_SUFFIX,
+            f"Run '{self.path}' is being trained",
+            "one training in a folder. Wait for its end or stop it; then go on with: sb3-piano "
+            f"train --resume {shlex.quote(str(self.path))}",
+        )
 
     @contextlib.contextmanager
     def whole_or_gone(self) -> Iterator[None]:
@@ -255,6 +252,39 @@ class RunFolder:
         self.write_config(config)
 
 
+def begin_or_go_on(
+    file: Path, what: str, ours: Mapping[str, Any], theirs: Mapping[str, Any] | None, seed: int
+) -> None:
+    """Write settings into a new folder, or check them against those that a file there has.
+
+    Args:
+        file: The file of the settings.
+        what: Is done there.
+        ours: The settings.
+        theirs: What the file has; ``None`` if there is none.
+        seed: What is noted as the seed.
+
+    Raises:
+        RunError: If the settings differ, a folder without them is not empty, or cannot be written.
+    """
+    place = file.parent
+    if theirs is not None:
+        for name, value in ours.items():
+            if theirs.get(name) != value:
+                raise RunError(
+                    f"The {what} in '{place}' has {name} {theirs.get(name)}, not {value}: expected "
+                    "the same settings, or another folder."
+                )
+        return
+    if any(found.name != LOCK_SUFFIX for found in place.iterdir()):
+        raise RunError(f"Folder '{place}' is not empty: expected a new or empty one.")
+    try:
+        write_yaml(place / _PROVENANCE, provenance(seed))
+        write_yaml(file, ours)
+    except OSError as error:
+        raise unwritable(place, error) from error
+
+
 def unwritable(place: Path, error: OSError) -> RunError:
     """Return the error of a folder that refuses a file."""
     return RunError(
@@ -325,8 +355,8 @@ def _check_empty(path: Path) -> None:
             f"that run: sb3-piano train --resume {path}"
         )
     found = {file.name for file in path.iterdir()} - {LOCK_SUFFIX}
-    ours = {"run.yml", HAND_FILE, f"{PLAN}.npz"}
+    ours = {_PROVENANCE, HAND_FILE, f"{PLAN}.npz"}
     ours |= {name for name in found if Path(name).stem in FILE_OPTIONS}
     ours |= {name for name in found if name.endswith(PARTIAL_SUFFIX)}
-    if found and not ("run.yml" in found and found <= ours):
+    if found and not (_PROVENANCE in found and found <= ours):
         raise RunError(f"Folder '{path}' is not empty: expected a new or empty one.")

@@ -56,15 +56,15 @@ class KilledOnce(gym.Wrapper):
         return self.env.step(action)
 
 
-class SlowUntil(gym.Wrapper):
-    """Let a step take long, as long as a file is not there: time to do something meanwhile."""
+class HeldUntil(gym.Wrapper):
+    """Let a step last until a file is there: time to do something meanwhile."""
 
     def __init__(self, env: gym.Env, marker: str):
         super().__init__(env)
         self._marker = Path(marker)
 
     def step(self, action):
-        if not self._marker.exists():
+        while not self._marker.exists():
             time.sleep(0.02)
         return self.env.step(action)
 

@@ -173,7 +173,7 @@ def test_a_study_goes_on_after_the_server_was_away(database_url, folder):
 
 
 def test_the_result_of_a_trial_that_was_given_away_is_not_taken(database_url, folder, tmp_path):
-    slow = small_study.wrapped(small_study.SlowUntil, marker=str(tmp_path / "quick"))
+    slow = small_study.wrapped(small_study.HeldUntil, marker=str(tmp_path / "quick"))
     config = small_study.small_study(entry=slow)
     study, heart = opened(folder, database_url, config)
     other, _ = opened(folder, database_url, config)

@@ -114,7 +114,7 @@ def test_a_study_goes_on_where_it_was_also_with_more_trials(finished, tmp_path):
 
 def test_ctrl_c_stops_the_workers_and_the_same_call_goes_on(tmp_path, ctrl_c):
     name = f"stopped-{time.time_ns()}"
-    slow = small_study.wrapped(small_study.SlowUntil, marker=str(tmp_path / "quick"))
+    slow = small_study.wrapped(small_study.HeldUntil, marker=str(tmp_path / "quick"))
     config = small(TWO, {"n_timesteps": 200, "learning_starts": 190, **slow})
     stopper = threading.Thread(target=press_ctrl_c_once_begun, args=(tmp_path / "study",))
     stopper.start()

@@ -15,7 +15,7 @@ from pathlib import Path
 import optuna
 import pytest
 import yaml
-from small_study import ENTRY, ENV_ID, SlowUntil, wrapped
+from small_study import ENTRY, ENV_ID, HeldUntil, wrapped
 
 from sb3_piano.cli import main
 from sb3_piano.envs import GENERAL_ID
@@ -108,7 +108,7 @@ def slow_study(files, monkeypatch):
 
     The value is the command and its process, which is the leader of a group of its own.
     """
-    slow = wrapped(SlowUntil, marker=str(files / "quick"))
+    slow = wrapped(HeldUntil, marker=str(files / "quick"))
     write("small.yml", {"default": {**ENTRY, "learning_starts": 190, **slow}})
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)  # of `slow`
     command = [sys.executable, "-m", "sb3_piano.cli", *arguments("--trials", "1")]
@@ -120,6 +120,7 @@ def slow_study(files, monkeypatch):
         assert process.poll() is None
         time.sleep(0.05)
     yield command, process
+    (files / "quick").touch()  # for a worker that has not ended, as it should have
     process.kill()
     process.communicate()
 

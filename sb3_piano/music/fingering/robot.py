@@ -65,6 +65,8 @@ LEAP_REST = 12
 
 # How far apart two fingertips can press white keys, by inverse kinematics of the hand, less a
 # margin for other keys and fingers; m. Rows and columns are fingers, from thumb to little finger.
+# Without the margin, and by the keys' colours, most pairs reach 10 to 70 mm farther, but such grips
+# are played worse: where fingers change, the planned pianist's F1 falls from 0.816 to 0.799.
 _NEAREST = np.array(
     [
         [0.0, 0.000, 0.010, 0.020, 0.030],

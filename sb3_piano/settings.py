@@ -55,6 +55,10 @@ def _path_text(value: Any) -> Any:
     return os.fspath(value) if isinstance(value, os.PathLike) else value
 
 
+def _tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
 Whole = Annotated[int, BeforeValidator(_integer)]
 """A whole number, NumPy's included; true and false are none."""
 
@@ -78,6 +82,9 @@ Positive = Annotated[Number, Gt(0)]
 
 TextOrPath = Annotated[str, BeforeValidator(_path_text)]
 """Text, or a path as text."""
+
+Listed = BeforeValidator(_tuple)
+"""Annotation of a tuple, which YAML can only give as a list."""
 
 
 @dataclasses.dataclass(frozen=True)

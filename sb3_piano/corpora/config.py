@@ -16,16 +16,12 @@ from sb3_piano.demonstrations.disturbances import DEFAULT_MEMORY
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import Score, load_score, select_pieces
 from sb3_piano.players import PLAYERS
-from sb3_piano.settings import Count, Index, NotNegative, Number, Positive, Unit, settings
+from sb3_piano.settings import Count, Index, Listed, NotNegative, Number, Positive, Unit, settings
 from sb3_piano.training.configuration.values import plain
 from sb3_piano.training.configuration.yaml_files import parse_yaml
 
 DEFAULT_NOISE = (0.0, 0.03, 0.06, 0.1)
 """Standard deviations, rad, with which learners see how a planned pianist recovers."""
-
-
-def _texts(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
 
 
 def _pieces(value: Any) -> tuple[str, ...]:
@@ -53,7 +49,7 @@ class CorpusConfig:
 
     pieces: Annotated[tuple[str, ...], BeforeValidator(_pieces)]
     """Entries of :func:`~sb3_piano.music.select_pieces`."""
-    players: Annotated[tuple[str, ...], MinLen(1), BeforeValidator(_texts)] = ("planned",)
+    players: Annotated[tuple[str, ...], MinLen(1), Listed] = ("planned",)
     """Names of players with their settings, such as ``sampling:samples=32``, see
     :class:`Player`, or folders of runs."""
     excerpts: Count | None = None
@@ -62,9 +58,9 @@ class CorpusConfig:
     """Length of an excerpt, s, from a note drawn at random; by default pieces are played whole."""
     episodes: Count = 4
     """Performances of each excerpt by each player."""
-    noise: Annotated[
-        tuple[Annotated[Number, Ge(0), Unit("rad")], ...], MinLen(1), BeforeValidator(_texts)
-    ] = DEFAULT_NOISE
+    noise: Annotated[tuple[Annotated[Number, Ge(0), Unit("rad")], ...], MinLen(1), Listed] = (
+        DEFAULT_NOISE
+    )
     """Standard deviations of the noise on the actions, rad; an excerpt's performances take
     turns."""
     noise_memory: Annotated[NotNegative, Unit("s")] = DEFAULT_MEMORY

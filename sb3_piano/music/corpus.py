@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import BeforeValidator
 
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.music.catalogue import is_path, load_score, pieces
@@ -21,7 +20,7 @@ from sb3_piano.music.library import imported_pieces
 from sb3_piano.music.repertoire import REPERTOIRE
 from sb3_piano.music.score import Score
 from sb3_piano.music.studies import STUDIES
-from sb3_piano.settings import Count, Index, Positive, Share, settings
+from sb3_piano.settings import Count, Index, Listed, Positive, Share, settings
 
 SOURCES = ("generated", "studies", "repertoire", "library")
 """Sources of excerpts, beside the path of a file or of a folder of MIDI files."""
@@ -59,9 +58,7 @@ _MIDI = (".mid", ".midi")
 _KEPT = 20_000
 """Excerpts with fingers that a process keeps, some 10 kB each."""
 
-_Names = Annotated[
-    tuple[str, ...], BeforeValidator(lambda value: tuple(value) if type(value) is list else value)
-]
+_Names = Annotated[tuple[str, ...], Listed]
 
 
 @settings

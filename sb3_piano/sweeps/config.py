@@ -11,17 +11,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from annotated_types import MinLen
-from pydantic import BeforeValidator
 
 from sb3_piano.envs.registration import GENERAL_ID
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.executors import Resources
 from sb3_piano.music import is_path, select_pieces
-from sb3_piano.settings import Count, Index, settings
+from sb3_piano.settings import Count, Index, Listed, settings
 from sb3_piano.training import RunConfig, load_config
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
-
-_Tuple = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
 
 _FILE = "config"
 """Setting of a sweep or a variant: the YAML file, or the name of presets, of its runs."""
@@ -35,19 +32,19 @@ class SweepConfig:
         ConfigError: If a setting is unknown, has the wrong type or is out of range.
     """
 
-    algos: Annotated[tuple[str, ...], _Tuple, MinLen(1)] = ("sac",)
+    algos: Annotated[tuple[str, ...], Listed, MinLen(1)] = ("sac",)
     """Names of algorithms."""
-    pieces: Annotated[tuple[str, ...], _Tuple] = ()
+    pieces: Annotated[tuple[str, ...], Listed] = ()
     """What ``RoboPianist-v0`` plays: names, files, patterns, collections or lists, as for
     :func:`~sb3_piano.music.select_pieces`; each piece is a cell of its own."""
-    envs: Annotated[tuple[str, ...], _Tuple] = ()
+    envs: Annotated[tuple[str, ...], Listed] = ()
     """Ids of environments, which are cells beside the pieces."""
     variants: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: {"": {}})
     """Settings by a name that is a part of the cell's; ``config`` among them names the file."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Settings of all runs, as in a YAML file for ``train``, such as ``n_timesteps``; those of a
     variant come before them. ``config`` is the YAML file or the name of presets."""
-    seeds: Annotated[tuple[Index, ...], _Tuple, MinLen(1)] = (0,)
+    seeds: Annotated[tuple[Index, ...], Listed, MinLen(1)] = (0,)
     """Seeds of each cell; each is a run of its own."""
     episodes: Count = 1
     """Episodes that each model plays when it is trained."""

@@ -24,6 +24,7 @@ from sb3_piano.music import is_path
 from sb3_piano.settings import (
     Count,
     Index,
+    Listed,
     Share,
     TextOrPath,
     checked,
@@ -59,8 +60,7 @@ _NOT_OF_STAGES = {"algo", "env_id", "env_module", "algorithm_kwargs", "seed"}
 _NOT_OF_STAGES |= {"action_noise", "tensorboard_log"}
 
 _Calls = Annotated[Count, BeforeValidator(zoo_number)]
-_Listed = BeforeValidator(lambda value: (value,) if isinstance(value, str) else value or ())
-_Tuple = BeforeValidator(lambda value: tuple(value) if isinstance(value, list) else value)
+_OneOrSeveral = BeforeValidator(lambda value: (value,) if isinstance(value, str) else value or ())
 _Plain = BeforeValidator(lambda value: plain(value, "settings"))
 
 
@@ -159,7 +159,7 @@ class Stage:
 
     piece: TextOrPath | None = None
     """A piece's name or file, which ``RoboPianist-v0`` plays."""
-    pieces: Annotated[tuple[str, ...], _Tuple, _Listed] = ()
+    pieces: Annotated[tuple[str, ...], Listed, _OneOrSeveral] = ()
     """Several in its place: entries of :func:`~sb3_piano.music.select_pieces`."""
     env: str | None = None
     """The id of an environment in their place; ``module:Id`` imports the module."""

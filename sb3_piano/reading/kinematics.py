@@ -17,14 +17,17 @@ from sb3_piano.simulation import SIDES, PianoScene, compile_scene
 
 _EXACT = 1e-12  # less is rounding, of unit vectors and m
 
+_Ways = tuple[tuple[int, float], ...]
+"""A vector as its ways along the axes of a frame, those that are not 0."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Joint:
     """A joint, and how it moves what comes after it."""
 
     slides: bool
-    axis: FloatArray
-    """(3,) in the body's frame."""
+    axis: _Ways
+    """In the body's frame; of a hinge, see `_Link`, that is the third axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +38,7 @@ class _Link:
     """
 
     parent: int
-    position: FloatArray
+    offset: _Ways
     rotation: FloatArray
     is_aligned: bool
     """Whether it is turned like its parent while its joints are at 0."""
@@ -137,13 +140,14 @@ class HandKinematics:
         frames: list[FloatArray] = []
         for link in self._links:
             if link.parent < 0:
-                place = np.repeat(link.position[:, None], len(positions), axis=1)
                 columns = np.repeat(link.rotation.T[..., None], len(positions), axis=2)
+                place = _moved(np.zeros((3, len(positions))), columns, link.offset)
             else:
                 columns = frames[link.parent]
-                place = _moved(places[link.parent], columns, link.position)
+                place = _moved(places[link.parent], columns, link.offset)
                 if not link.is_aligned:
-                    columns = np.tensordot(link.rotation.T, columns, 1)
+                    rows = columns.reshape(3, -1)
+                    columns = (link.rotation.T @ rows).reshape(columns.shape)
             for j in link.joints:
                 joint = self._joints[j]
                 if joint.slides:
@@ -197,7 +201,7 @@ class HandKinematics:
         self.tip_along = np.array([_far_end(model, int(g)) for g in geoms])
         """(5,) how far along the axis of its capsule each fingertip is from the middle, m."""
         self._tip_offset = [
-            _turn(model, body).T @ (model.geom_pos[g] + _axis(model, int(g)) * along)
+            _ways(_turn(model, body).T @ (model.geom_pos[g] + _axis(model, int(g)) * along))
             for g, along, body in zip(geoms, self.tip_along, tip_bodies, strict=True)
         ]
         self.radius[:] = model.geom_size[geoms, 0]
@@ -225,7 +229,7 @@ def _coupling(scene: PianoScene, place: int, actuators: IntArray) -> FloatArray:
 def _joint(model: mujoco.MjModel, joint: int) -> _Joint:
     slides = bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE)
     assert not model.jnt_pos[joint].any(), "the hands' joints are at their bodies' origins"
-    return _Joint(slides, model.jnt_axis[joint].copy())
+    return _Joint(slides, _ways(model.jnt_axis[joint]))
 
 
 def _turn(model: mujoco.MjModel, body: int) -> FloatArray:
@@ -240,10 +244,14 @@ def _turn(model: mujoco.MjModel, body: int) -> FloatArray:
     return _matrix(quaternion)
 
 
-def _moved(place: FloatArray, columns: FloatArray, offset: FloatArray) -> FloatArray:
-    """Return places, (3, s) m, an offset (3,) away that is in frames of (3 axes, 3, s)."""
-    for axis in np.flatnonzero(np.abs(offset) > _EXACT):
-        place = place + offset[axis] * columns[axis]
+def _ways(offset: FloatArray) -> _Ways:
+    return tuple((int(i), float(offset[i])) for i in np.flatnonzero(np.abs(offset) > _EXACT))
+
+
+def _moved(place: FloatArray, columns: FloatArray, offset: _Ways) -> FloatArray:
+    """Return places, (3, s) m, an offset away that is in frames of (3 axes, 3, s)."""
+    for axis, length in offset:
+        place = place + length * columns[axis]
     return place
 
 
@@ -266,7 +274,7 @@ def _link(model: mujoco.MjModel, body: int, number: dict[int, int], order: dict[
     rotation = turned @ _matrix(model.body_quat[body]) @ _turn(model, body)
     return _Link(
         parent=number.get(parent, -1),
-        position=turned @ model.body_pos[body],
+        offset=_ways(turned @ model.body_pos[body]),
         rotation=rotation,
         is_aligned=np.allclose(rotation, np.eye(3), atol=_EXACT),
         joints=tuple(order[joint] for joint in range(first, first + count)),

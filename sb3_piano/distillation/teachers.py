@@ -93,7 +93,8 @@ class PlannedTeacher:
         """Plan what the environment plays; see :meth:`Teacher.prepare`."""
         scene = self._piano.scene
         made = plan(self._piano.roll, scene, self._settings)
-        self._tracker = Tracker(made, scene, self._settings.feedback)
+        settings = self._settings
+        self._tracker = Tracker(made, scene, settings.feedback, settings.lift)
 
     def action(self, step: int, observation: npt.NDArray[np.float32]) -> Action:
         """Return what leads back to the plan."""

@@ -118,7 +118,7 @@ class Trackers:
             made = load_plan(self._file, fingered, scene)
         if made.problems:
             warnings.warn(summary(made.problems), PlanWarning, stacklevel=2)
-        tracker = Tracker(made, scene, self.settings.feedback)
+        tracker = Tracker(made, scene, self.settings.feedback, self.settings.lift)
         self._kept = [(roll, scene, tracker), *self._kept[: _PLANS_KEPT - 1]]
         return tracker
 

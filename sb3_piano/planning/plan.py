@@ -112,7 +112,9 @@ def plan(
         return made
     from sb3_piano.planning.refinement import Refinement  # here, as it builds on plans
 
-    with contextlib.closing(Refinement(made, scene, feedback=settings.feedback)) as refinement:
+    with contextlib.closing(
+        Refinement(made, scene, feedback=settings.feedback, lift=settings.lift)
+    ) as refinement:
         refinement.run(passes=settings.passes)
         return refinement.plan
 

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sb3_piano.arrays import BoolArray, FloatArray, IntArray
+from sb3_piano.planning.correction import Correction
 from sb3_piano.planning.plan import Plan
 from sb3_piano.planning.roll_outs import RollOut, RollOuts, Way
 from sb3_piano.planning.sampling.ratings import HandRating
@@ -66,6 +67,7 @@ class Refinement:
         scene: PianoScene,
         *,
         feedback: float,
+        lift: float = 0.0,
         seed: int = 0,
         n_threads: int | None = None,
     ) -> None:
@@ -75,6 +77,7 @@ class Refinement:
             plan: The plan.
             scene: The piano and the hands, with the physics in which it will be played.
             feedback: Share of the plan's feedback that is used.
+            lift: Height by which a fingertip is lifted that is beside its place, m.
             seed: Of what is tried, 0 or more.
             n_threads: Threads that simulate; by default one for each usable core.
         """
@@ -82,7 +85,8 @@ class Refinement:
         """The best plan so far."""
         self._seed = seed
         n_substeps = round(plan.roll.control_timestep / scene.model.opt.timestep)
-        self._roll_outs = RollOuts(scene, n_substeps, plan.gains, feedback, n_threads)
+        correction = Correction(plan.hands, feedback, lift)
+        self._roll_outs = RollOuts(scene, n_substeps, correction, n_threads)
         self._variations = Variations(scene, _HORIZON)
         self._rating = HandRating(plan, scene, self._variations.deviation)
         planned = Way(plan.commands, plan.positions[:-1])

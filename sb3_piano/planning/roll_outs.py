@@ -8,7 +8,8 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from sb3_piano.arrays import Float32Array, FloatArray
+from sb3_piano.arrays import FloatArray
+from sb3_piano.planning.correction import Correction
 from sb3_piano.simulation import PianoScene, Simulation
 from sb3_piano.threads import ThreadTeam, usable_cores
 
@@ -52,8 +53,7 @@ class RollOuts:
         self,
         scene: PianoScene,
         n_substeps: int,
-        gains: Sequence[Float32Array],
-        feedback: float,
+        correction: Correction,
         n_threads: int | None = None,
     ):
         """Build the simulations.
@@ -61,14 +61,13 @@ class RollOuts:
         Args:
             scene: The piano and the hands.
             n_substeps: Physics steps of a control step.
-            gains: Of each hand's plan, (T, n / h, n / h).
-            feedback: Share of the feedback that is used.
+            correction: Of commands where the hands are elsewhere than in what is followed.
             n_threads: Threads that simulate, the calling one included; by default one for each
                 usable core.
         """
         self._scene = scene
         self._n_substeps = n_substeps
-        self._gains = [feedback * gain for gain in gains]
+        self._correction = correction
         threads = usable_cores() if n_threads is None else n_threads
         self._team = ThreadTeam(threads, threads)
         self._simulations = [Simulation(scene, n_substeps) for _ in range(threads)]
@@ -110,7 +109,7 @@ class RollOuts:
         stable = True
         for i in range(len(told)):
             been[i] = scene.actuator_positions(data.qpos[self._joints].astype(np.float32))
-            commands = way.commands[i] - self._correction(step + i, been[i] - way.positions[i])
+            commands = way.commands[i] + self._correction(step + i, been[i] - way.positions[i])
             told[i] = np.minimum(np.maximum(commands, scene.ctrl_low), scene.ctrl_high)
             if not simulation.advance(self._rounded(told[i]), watched=False):
                 stable = False
@@ -118,13 +117,6 @@ class RollOuts:
             angles[i] = scene.key_angle(data)
         end = np.array(data.actuator_length)
         return RollOut(simulation.get_state(), Way(told, been), end, angles, stable)
-
-    def _correction(self, step: int, ahead: FloatArray) -> FloatArray:
-        """Return how much less the actuators are told where they are ahead of the plan, (n,)."""
-        parts = np.split(ahead, len(self._gains))
-        return np.concatenate(
-            [gain[step] @ part for gain, part in zip(self._gains, parts, strict=True)]
-        )
 
     def _rounded(self, told: FloatArray) -> FloatArray:
         """Return commands as they come out of an action, which is of 32-bit floats."""

@@ -22,6 +22,9 @@ class PlanSettings:
     where other ways are tried around what goes wrong (:mod:`sb3_piano.planning.refinement`)."""
     feedback: Number = 1.0
     """Share of the optimal feedback that is used: contacts are not in the linear model."""
+    lift: Number = 0.02
+    """Height by which a fingertip is lifted that is to the side of its place, m: it has caught on
+    something, or is late (:mod:`sb3_piano.planning.correction`)."""
 
     hover: Number = HOVER
     """Height over a key of a finger that will soon play it, m."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.arrays import Float32Array, FloatArray
+from sb3_piano.arrays import FloatArray
+from sb3_piano.planning.correction import Correction
 from sb3_piano.simulation import PianoScene
 
 if TYPE_CHECKING:
@@ -20,12 +20,12 @@ _ROUNDING = 1e-5
 
 
 class Tracker:
-    """Commands for each control step of a plan, with a share of the optimal feedback."""
+    """Commands for each control step of a plan, corrected (:class:`Correction`)."""
 
-    def __init__(self, plan: Plan, scene: PianoScene, feedback: float):
+    def __init__(self, plan: Plan, scene: PianoScene, feedback: float, lift: float = 0.0):
         self.plan = plan
         self._low, self._high = scene.ctrl_low, scene.ctrl_high
-        self._feedback = feedback
+        self._correction = Correction(plan.hands, feedback, lift)
 
     def controls(self, step: int, positions: npt.ArrayLike) -> FloatArray:
         """Return what to tell the actuators.
@@ -42,25 +42,5 @@ class Tracker:
         ahead = np.asarray(positions, dtype=float) - plan.positions[step]
         if plan.passes > 0:
             ahead[np.abs(ahead) < _ROUNDING] = 0.0
-        commands = corrected(
-            plan.commands[step],
-            ahead,
-            [gains[step] for gains in plan.gains],
-            self._feedback,
-        )
+        commands = plan.commands[step] + self._correction(step, ahead)
         return np.clip(commands, self._low, self._high)
-
-
-def corrected(
-    commands: FloatArray,
-    ahead: FloatArray,
-    gains: Sequence[Float32Array],
-    feedback: float,
-) -> FloatArray:
-    """Return the commands of a plan, (n,), corrected by how far the actuators are ahead of it.
-
-    ``ahead`` is (n,) or (N, n), rad or m, ``gains`` (n / h, n / h) for each of the h hands.
-    """
-    parts = zip(np.split(ahead, len(gains), axis=-1), gains, strict=True)
-    change = np.concatenate([part @ gain.T for part, gain in parts], axis=-1)
-    return np.asarray(commands - feedback * change)

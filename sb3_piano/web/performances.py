@@ -68,6 +68,8 @@ def sight_read(score: Score, tree: TreeSettings | None = None) -> WebPerformance
 def follow_plan(score: Score) -> tuple[WebPerformance, Plan]:
     """Let planned hands play a piece; return that and the plan, rounded as in its file.
 
+    It is followed as the page does, by its feedback alone.
+
     Raises:
         ScoreError: If the score cannot be played.
     """

@@ -44,7 +44,13 @@ def planned(env):
 
 def refinement(made, env, **options):
     return contextlib.closing(
-        Refinement(made, env.scene, feedback=SETTINGS.feedback, **{"n_threads": 1, **options})
+        Refinement(
+            made,
+            env.scene,
+            feedback=SETTINGS.feedback,
+            lift=SETTINGS.lift,
+            **{"n_threads": 1, **options},
+        )
     )
 
 

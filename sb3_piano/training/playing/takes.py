@@ -281,7 +281,11 @@ def refine_run(
         env.reset(seed=config.seed)
         settings, roll = player.settings, roll_with_fingers(piano)
         refinement = Refinement(
-            player.plan(), piano.scene, feedback=settings.feedback, seed=config.seed or 0
+            player.plan(),
+            piano.scene,
+            feedback=settings.feedback,
+            lift=settings.lift,
+            seed=config.seed or 0,
         )
         before = refinement.f1
 

@@ -1,0 +1,65 @@
+"""Changes of a plan's commands where the hands are elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from sb3_piano.arrays import Float32Array, FloatArray
+from sb3_piano.planning.hand_plan import HandPlan
+
+_ASIDE, _UP = 1, 2
+_BESIDE = (0.008, 0.014)
+"""From the first distance across the keys a fingertip is lifted, from the second one in full, m."""
+
+
+class Correction:
+    """Optimal feedback of the hands' plans, and a way out for fingers that have caught.
+
+    A fingertip far to the side of its place is above or between other keys than its own, and the
+    feedback, which knows no contacts, would push it on against whatever holds it there. It is
+    lifted instead, by the joints that move no other finger, until it is back.
+
+    Args:
+        hands: The plans.
+        feedback: Share of the optimal feedback that is used.
+        lift: Height by which such a fingertip is lifted, m.
+    """
+
+    def __init__(self, hands: Sequence[HandPlan], feedback: float, lift: float):
+        self._hands = [_OfHand(hand, feedback, lift) for hand in hands]
+
+    def __call__(self, step: int, ahead: FloatArray) -> FloatArray:
+        """Return how much more than planned the actuators are told before a control step.
+
+        ``ahead`` are the distances from the plan, (n,) or (N, n), rad or m.
+        """
+        parts = np.split(ahead, len(self._hands), axis=-1)
+        return np.concatenate(
+            [hand.change(step, part) for hand, part in zip(self._hands, parts, strict=True)],
+            axis=-1,
+        )
+
+
+class _OfHand:
+    """Correction of one hand, linear around where it is planned to be."""
+
+    def __init__(self, plan: HandPlan, feedback: float, lift: float):
+        self._gains: Float32Array = (feedback * plan.gains).astype(np.float32)
+        kinematics = plan.task.hand.kinematics
+        _, slopes = kinematics.fingertips_and_jacobian(plan.positions[:-1])  # (T, 5, 3, n)
+        moves = (slopes != 0).any(axis=(0, 2))
+        own = moves & (moves.sum(axis=0) == 1)
+        up = slopes[:, :, _UP] * own
+        square = np.maximum((up * up).sum(axis=-1, keepdims=True), 1e-12)
+        self._aside: Float32Array = slopes[:, :, _ASIDE].astype(np.float32)
+        self._lift: Float32Array = (lift * up / square).astype(np.float32)
+
+    def change(self, step: int, ahead: FloatArray) -> FloatArray:
+        change = -ahead @ self._gains[step].T
+        near, far = _BESIDE
+        beside = np.abs(ahead @ self._aside[step].T)
+        if (beside > near).any():
+            change += np.clip((beside - near) / (far - near), 0.0, 1.0) @ self._lift[step]
+        return np.asarray(change)

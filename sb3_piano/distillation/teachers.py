@@ -109,8 +109,8 @@ class PlannedTeacher:
         return float(max(along.max(), turned.max()))
 
     def _positions(self) -> npt.NDArray[np.float64]:
-        scene = self._piano.scene
-        return scene.actuator_positions(self._piano.data.qpos[scene.hand_qpos])
+        piano = self._piano
+        return self._tracker.positions(piano.data.qpos[piano.scene.hand_qpos])
 
 
 class RunTeacher:

@@ -30,6 +30,21 @@ class Correction:
     def __init__(self, hands: Sequence[HandPlan], feedback: float, lift: float):
         self._hands = [_OfHand(hand, feedback, lift) for hand in hands]
 
+    def positions(self, joints: FloatArray) -> FloatArray:
+        """Return where the actuators are as a plan counts it, from the joints of all hands.
+
+        Plans take fingers to bend evenly: see :meth:`HandKinematics.even_positions`.
+
+        Args:
+            joints: (m,) or (N, m) in the order of :attr:`PianoScene.hand_qpos`, rad or m.
+
+        Returns:
+            (n,) or (N, n) rad or m.
+        """
+        parts = np.split(joints, len(self._hands), axis=-1)
+        pairs = zip(self._hands, parts, strict=True)
+        return np.concatenate([hand.positions(part) for hand, part in pairs], axis=-1)
+
     def __call__(self, step: int, ahead: FloatArray) -> FloatArray:
         """Return how much more than planned the actuators are told before a control step.
 
@@ -48,6 +63,7 @@ class _OfHand:
     def __init__(self, plan: HandPlan, feedback: float, lift: float):
         self._gains: Float32Array = (feedback * plan.gains).astype(np.float32)
         kinematics = plan.task.hand.kinematics
+        self.positions = kinematics.even_positions
         _, slopes = kinematics.fingertips_and_jacobian(plan.positions[:-1])  # (T, 5, 3, n)
         moves = (slopes != 0).any(axis=(0, 2))
         own = moves & (moves.sum(axis=0) == 1)

@@ -68,18 +68,16 @@ class PlannedPianist(PianoPolicy):
     def _act(self, slot: int, step: int, observation: npt.NDArray[Any]) -> npt.NDArray[Any]:
         piano = self._pianos[slot]
         tracker = self._trackers.of(piano)
-        return action_of(
-            piano, tracker.controls(step, self._positions(slot, observation)), tracker, step
-        )
+        positions = tracker.positions(self._joints(slot, observation))
+        return action_of(piano, tracker.controls(step, positions), tracker, step)
 
-    def _positions(self, slot: int, observation: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-        """Return where the actuators are, (n,) rad or m, from the joints that are observed."""
+    def _joints(self, slot: int, observation: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return where the hands' joints are, (m,) rad or m, as they are observed."""
         piano, layout = self._pianos[slot], self._layout
         names = [f"{side}_joints" for side in piano.scene.sides]
         if layout is None or names[0] not in layout:  # something else is shown
-            return np.asarray(piano.data.actuator_length)
-        joints = np.concatenate([observation[layout[name].slice] for name in names])
-        return piano.scene.actuator_positions(joints)
+            return np.asarray(piano.data.qpos[piano.scene.hand_qpos])
+        return np.concatenate([observation[layout[name].slice] for name in names])
 
 
 class Trackers:

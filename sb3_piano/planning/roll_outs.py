@@ -108,15 +108,20 @@ class RollOuts:
         simulation.set_state(state)
         stable = True
         for i in range(len(told)):
-            been[i] = scene.actuator_positions(data.qpos[self._joints].astype(np.float32))
+            been[i] = self._positions(data)
             commands = way.commands[i] + self._correction(step + i, been[i] - way.positions[i])
             told[i] = np.minimum(np.maximum(commands, scene.ctrl_low), scene.ctrl_high)
             if not simulation.advance(self._rounded(told[i]), watched=False):
                 stable = False
                 break
             angles[i] = scene.key_angle(data)
-        end = np.array(data.actuator_length)
+        end = self._positions(data)
         return RollOut(simulation.get_state(), Way(told, been), end, angles, stable)
+
+    def _positions(self, data: mujoco.MjData) -> FloatArray:
+        """Return where the actuators are, from joints as they are observed: of 32-bit floats."""
+        joints = data.qpos[self._joints].astype(np.float32).astype(float)
+        return self._correction.positions(joints)
 
     def _rounded(self, told: FloatArray) -> FloatArray:
         """Return commands as they come out of an action, which is of 32-bit floats."""

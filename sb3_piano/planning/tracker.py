@@ -27,6 +27,10 @@ class Tracker:
         self._low, self._high = scene.ctrl_low, scene.ctrl_high
         self._correction = Correction(plan.hands, feedback, lift)
 
+    def positions(self, joints: npt.ArrayLike) -> FloatArray:
+        """Return where the actuators are as :meth:`controls` takes it (:class:`Correction`)."""
+        return self._correction.positions(np.asarray(joints, dtype=float))
+
     def controls(self, step: int, positions: npt.ArrayLike) -> FloatArray:
         """Return what to tell the actuators.
 

@@ -6,16 +6,20 @@ which is far faster in arrays over all of them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from sb3_piano.arrays import FloatArray, IntArray
+from sb3_piano.arrays import ComplexArray, FloatArray, IntArray
 from sb3_piano.music.constants import FINGERS_PER_HAND
 from sb3_piano.simulation import SIDES, PianoScene, compile_scene
 
 _EXACT = 1e-12  # less is rounding, of unit vectors and m
+_EVEN_STEPS = 3
+_LONGEST_EVEN_STEP = 0.3  # rad
+_STRAIGHT = 1e-7  # square of a slope, m per rad, below which a finger counts as straight
 
 _Ways = tuple[tuple[int, float], ...]
 """A vector as its ways along the axes of a frame, those that are not 0."""
@@ -45,6 +49,36 @@ class _Link:
     joints: tuple[int, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class _Bends:
+    """The k fingers whose last two joints share an actuator; their last three joints are parallel.
+
+    Places are in the plane of a finger: complex numbers, with its first link along the real axis.
+    """
+
+    knuckle: IntArray
+    """(k,) actuator of the joint before the two."""
+    both: IntArray
+    """(k,) actuator of the two."""
+    middle: IntArray
+    """(k,) the first one of the two joints."""
+    lengths: FloatArray
+    """(3, k) lengths of the links after the knuckle, m."""
+
+    def tip(self, middle: FloatArray, end: FloatArray) -> ComplexArray:
+        """Return where the tips are when the second and the third link are turned so far."""
+        first, second, third = self.lengths
+        return np.asarray(first + second * np.exp(1j * middle) + third * np.exp(1j * end))
+
+    def distance(self, even: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return how far evenly bent fingers reach from their knuckles, m, and the slope."""
+        _, second, third = self.lengths
+        tip = self.tip(even / 2, even)
+        distance = np.abs(tip)
+        turned = 1j * (second / 2 * np.exp(0.5j * even) + third * np.exp(1j * even))
+        return distance, (tip.conj() * turned).real / distance
+
+
 class HandKinematics:
     """The five fingertips of a hand (0 right, 1 left) as functions of where its actuators are.
 
@@ -66,7 +100,8 @@ class HandKinematics:
         """(n,) upper ends."""
         self.joint_ids = scene.joints[place]
         """(m,) the hand's joints among all of the model."""
-        self.joint_of_actuator = _coupling(scene, place, self.actuators)
+        self._actuator_of_joint = _moves(scene, place, self.actuators)
+        self.joint_of_actuator = _coupling(self._actuator_of_joint)
         """(m, n) joint positions by actuator positions."""
         names = [model.actuator(int(i)).name.rpartition("/")[2] for i in self.actuators]
         self.names = tuple(name.removeprefix("rh_A_").removeprefix("lh_A_") for name in names)
@@ -81,6 +116,7 @@ class HandKinematics:
         """The actuator that moves each joint, and how far."""
         tips = slice(place * FINGERS_PER_HAND, (place + 1) * FINGERS_PER_HAND)
         self._build_chains(model, scene.fingertip_geom[tips])
+        self._bends = self._find_bends()
         self._place_arm(scene)
         self.middle = float(self.arm(np.zeros((1, self.size)))[0])
         """Place of the forearm, and of the middle finger, where all joints are at 0, m."""
@@ -125,6 +161,45 @@ class HandKinematics:
                 actuator, share = self._actuator[j]
                 slopes[finger, :, actuator] += share * slope
         return _postures_first(tips), _postures_first(slopes)
+
+    def even_positions(self, joints: FloatArray) -> FloatArray:
+        """Return actuator positions at which the fingertips are where they are at some joints.
+
+        The two joints that share an actuator need not bend alike in a simulation: how they share
+        its way is free, and their sum does not tell where the tip is. Here they do, and the
+        knuckle, too, is where it leads the tip to its place.
+
+        Args:
+            joints: (..., m) positions of the hand's joints, rad or m.
+
+        Returns:
+            (..., n) rad or m.
+        """
+        positions = np.asarray(joints @ self._actuator_of_joint.T)
+        bends = self._bends
+        even = positions[..., bends.both]
+        tip = bends.tip(joints[..., bends.middle], even)
+        for _ in range(_EVEN_STEPS):  # Newton's, for the distance of the tip from the knuckle
+            distance, slope = bends.distance(even)
+            # No bend makes a straight finger longer, its slope is 0.
+            change = (np.abs(tip) - distance) * slope / (slope**2 + _STRAIGHT)
+            even = even + np.clip(change, -_LONGEST_EVEN_STEP, _LONGEST_EVEN_STEP)
+            even = np.clip(even, self.low[bends.both], self.high[bends.both])
+        positions[..., bends.both] = even
+        positions[..., bends.knuckle] += np.angle(tip / bends.tip(even / 2, even))
+        return positions
+
+    def _find_bends(self) -> _Bends:
+        """Find the fingers whose last two joints share an actuator."""
+        found = []
+        for offset, above in zip(self._tip_offset, self._joints_above, strict=True):
+            knuckle, middle, end = ((j, self._actuator[j][0]) for j in above[-3:])
+            if middle[1] == end[1]:
+                links = (self._links[self._link_of_joint[j]].offset for j, _ in (middle, end))
+                lengths = [math.hypot(*(way for _, way in ways)) for ways in (*links, offset)]
+                found.append((knuckle[1], end[1], middle[0], lengths))
+        knuckles, both, middles, lengths_of = (np.array(each) for each in zip(*found, strict=True))
+        return _Bends(knuckles, both, middles, lengths_of.T)
 
     def _chain(
         self, positions: FloatArray
@@ -219,10 +294,14 @@ def both_hands(scene: PianoScene) -> tuple[HandKinematics, HandKinematics]:
     return right, left
 
 
-def _coupling(scene: PianoScene, place: int, actuators: IntArray) -> FloatArray:
-    """Return which joint follows which actuator, (m, n); the joints of a tendon share its way."""
+def _moves(scene: PianoScene, place: int, actuators: IntArray) -> FloatArray:
+    """Return which actuator of a hand follows which joint, (n, m)."""
     number = np.repeat(np.arange(len(scene.joints)), [len(joints) for joints in scene.joints])
-    moves = scene.actuator_of_joint[np.ix_(actuators, number == place)]
+    return np.asarray(scene.actuator_of_joint[np.ix_(actuators, number == place)])
+
+
+def _coupling(moves: FloatArray) -> FloatArray:
+    """Return which joint follows which actuator, (m, n); the joints of a tendon share its way."""
     return np.ascontiguousarray((moves / (moves * moves).sum(axis=1, keepdims=True)).T)
 
 

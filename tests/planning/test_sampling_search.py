@@ -26,6 +26,10 @@ from sb3_piano.planning.sampling.noise import Candidates
 from sb3_piano.planning.sampling.search import CandidateSearch, Simulations
 
 
+def positions_in(env, tracker):
+    return tracker.positions(env.data.qpos[env.scene.hand_qpos])
+
+
 def cost_by_hand(env, change, tracker, cost, deviation):
     """Play a candidate in an environment and add up what it costs, key by key."""
     total = 0.0
@@ -37,7 +41,7 @@ def cost_by_hand(env, change, tracker, cost, deviation):
         told = delta + (
             np.clip(0.0, low, high)
             if tracker is None
-            else tracker.controls(step, env.data.actuator_length)
+            else tracker.controls(step, positions_in(env, tracker))
         )
         env.step(np.append(2 * (np.clip(told, low, high) - low) / (high - low) - 1, -1))
         now = 0.0
@@ -57,7 +61,7 @@ def cost_by_hand(env, change, tracker, cost, deviation):
                 now += cost.distance * (1 - cost.reach / (cost.reach + gap))
         else:
             planned = tracker.plan.positions[step + 1]
-            gaps = np.abs(env.data.actuator_length - planned) / (cost.tolerance * deviation)
+            gaps = np.abs(positions_in(env, tracker) - planned) / (cost.tolerance * deviation)
             now += cost.astray * np.mean([min(gap, 1) ** 2 for gap in gaps])
         total += cost.discount**ahead * now
     return total
@@ -149,7 +153,7 @@ def test_around_a_plan_nothing_is_tried_until_something_would_sound_wrong():
         if not tried[-1]:
             np.testing.assert_array_equal(best.knots, nothing[0])
             np.testing.assert_array_equal(
-                best.controls, tracker.controls(env.steps_played, env.data.actuator_length)
+                best.controls, tracker.controls(env.steps_played, positions_in(env, tracker))
             )
         play(env, PlannedPianist(env, WEAK), 1)
     # The first note is due in step 6, and this plan does not press it down.

@@ -72,3 +72,28 @@ def test_actuators_are_where_the_joints_put_them(options):
         kinematics = hand_of(scene, hand)
         joints = data.qpos[scene.model.jnt_qposadr[kinematics.joint_ids]]
         np.testing.assert_allclose(kinematics.joint_of_actuator @ positions, joints, atol=1e-12)
+
+
+@SCENES
+@BOTH_HANDS
+def test_evenly_bent_fingers_reach_where_uneven_ones_are(options, hand):
+    scene = scene_of(**options)
+    kinematics = hand_of(scene, hand)
+    rng = np.random.default_rng(3)
+    low, high = scene.joint_range[hand].T
+    # Fingers that are bent by more than a little: straight ones cannot reach farther.
+    joints = low + (high - low) * rng.uniform(0.2, 0.9, (6, len(low)))
+    even = kinematics.even_positions(joints)
+    tips = kinematics.fingertips(even)
+    addresses = scene.model.jnt_qposadr[kinematics.joint_ids]
+    far_off = 0
+    for s in range(len(joints)):
+        data = data_at(scene, np.zeros(kinematics.size), np.zeros(kinematics.size))
+        data.qpos[addresses] = joints[s]
+        mujoco.mj_forward(scene.model, data)
+        expected = fingertips_by_hand(scene, data, hand)
+        np.testing.assert_allclose(tips[s], expected, atol=2e-4)
+        plain = scene.actuator_positions(data.qpos[scene.hand_qpos])[kinematics.actuators]
+        far_off += int((np.abs(kinematics.fingertips(plain[None])[0] - expected) > 2e-3).sum())
+        np.testing.assert_array_equal(even[s], kinematics.even_positions(joints[s]))
+    assert far_off > 10

@@ -129,14 +129,15 @@ class CandidateSearch:
         """Return what m simulations are told without any change, (m, nu) rad or m."""
         if self._tracker is None:
             return np.broadcast_to(self._at_rest, (len(which), len(self._at_rest)))
-        return self._tracker.controls(step, self._simulations.positions(which))
+        joints = self._simulations.joints(which)
+        return self._tracker.controls(step, self._tracker.positions(joints))
 
     def _hands_cost(self, step: int, which: IntArray) -> FloatArray:
         """Return what it costs where the hands of m simulations are after a control step, (m,)."""
         if self._tracker is None:
             return self._finger_cost(step, which)
         planned = np.asarray(self._tracker.plan.positions[step + 1])
-        positions = self._simulations.positions(which)
+        positions = self._tracker.positions(self._simulations.joints(which))
         return self._cost.plan_cost(planned, positions, self._candidates.deviation)
 
     def _finger_cost(self, step: int, which: IntArray) -> FloatArray:
@@ -223,9 +224,9 @@ class Simulations:
         """Return the angle of each key, (m, 88) rad."""
         return np.stack([self.scene.key_angle(self._datas[n]) for n in which])
 
-    def positions(self, which: IntArray) -> FloatArray:
-        """Return the positions of the actuators, (m, nu) rad or m."""
-        return np.stack([self._datas[n].actuator_length for n in which])
+    def joints(self, which: IntArray) -> FloatArray:
+        """Return the positions of the hands' joints, (m, j) rad or m."""
+        return np.stack([self._datas[n].qpos[self.scene.hand_qpos] for n in which])
 
     def fingertips(self, which: IntArray) -> FloatArray:
         """Return the positions of the fingertips, (m, 10, 3) m."""

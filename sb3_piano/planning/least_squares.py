@@ -27,8 +27,8 @@ _AT_END = 1e-9  # within this a position is at an end of its range; rad, or m
 _SHARES = (1.0, 0.5, 0.25)  # of a step that are tried
 
 _VELOCITY = 0.002  # weight of a velocity, per rad or m and control step
-_JERK_FINGER = 0.01  # weight of a change of a velocity, per rad or m and squared control step
-_JERK = {"WRJ1": 0.02, "WRJ2": 0.02, "forearm_tx": 0.12, "forearm_ty": 0.2}
+_JERK_FINGER = 0.02  # weight of a change of a velocity, per rad or m and squared control step
+_JERK = {"WRJ1": 0.04, "WRJ2": 0.04, "forearm_tx": 0.24, "forearm_ty": 0.4}
 
 
 class HandProblem:

@@ -75,8 +75,9 @@ def test_fingers_press_their_keys_until_they_nearly_sound(options):
 def test_a_hand_without_notes_stays_put_above_the_keys(options):
     made = planned(PIECE, **options)
     left = made.fingertips[:, 5:]
-    settled = round(BUFFER / TIMESTEP)
-    assert np.abs(left[settled:] - left[-1]).max() < 0.003
+    settled = round(BUFFER / TIMESTEP)  # but for the last mm: motions are smooth
+    assert np.abs(left[settled:] - left[-1]).max() < 0.008
+    assert np.abs(left[2 * settled :] - left[-1]).max() < 0.001
     scene = scene_of(**options)
     arm = hand_of(scene, 1).arm(made.positions[:, scene.model.nu // 2 :])
     assert np.abs(arm - arm[0]).max() < 0.02

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sb3_piano.music.fingering.robot import ARMS_APART
-from sb3_piano.reading.key_frames import HOLD_DEPTH, HOVER
+from sb3_piano.reading.key_frames import HOVER
 from sb3_piano.settings import Count, Index, Number, Positive, settings
 
 
@@ -28,8 +28,8 @@ class PlanSettings:
 
     hover: Number = HOVER
     """Height over a key of a finger that will soon play it, m."""
-    hold_depth: Number = HOLD_DEPTH
-    """Depth of a key while it is down."""
+    hold_depth: Number = 1.2
+    """Depth of a key while it is down: more than its travel, so that it is pressed."""
     press_force: Number = 3.0
     """Force on a key that is held, as a multiple of what its spring takes."""
     press_force_thumb: Number = 4.0

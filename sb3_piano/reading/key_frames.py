@@ -15,7 +15,7 @@ from sb3_piano.reading.presses import TimedPress
 
 HOVER = 0.010
 """Height over a key of a finger that will soon play it, m."""
-HOLD_DEPTH = 1.2
+HOLD_DEPTH = 1.05
 """Depth of a key while it is down, a share of its travel."""
 
 # What may replace what: a finger that lets go a key has the right of way over its next approach.

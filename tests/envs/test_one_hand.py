@@ -225,8 +225,10 @@ def test_players_play_as_well_alone_as_beside_a_hand_at_rest(side, player):
         own = range(5) if side == "right" else range(5, 10)
         assert set(np.unique(fingers)) <= {-1, *own}
         found.append((info["f1"], info["onset_f1"]))
-    assert found[0] == pytest.approx(found[1], abs=0.02)
-    assert found[1][0] > 0.85
+    (f1, onset_f1), (alone_f1, alone_onset_f1) = found
+    assert f1 == pytest.approx(alone_f1, abs=0.02)
+    assert onset_f1 == pytest.approx(alone_onset_f1, abs=0.1)  # three of the scale's 29 strikes
+    assert alone_f1 > 0.85
 
 
 @pytest.mark.parametrize("side", SIDES)

@@ -67,7 +67,7 @@ class Refinement:
         scene: PianoScene,
         *,
         feedback: float,
-        lift: float = 0.0,
+        lift: float,
         seed: int = 0,
         n_threads: int | None = None,
     ) -> None:

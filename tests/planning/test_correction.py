@@ -58,3 +58,14 @@ def test_many_hands_are_corrected_as_each_alone(made):
     ahead = np.random.default_rng(0).uniform(-0.3, 0.3, (6, SCENE.model.nu))
     alone = np.stack([correction(STEP, one) for one in ahead])
     np.testing.assert_allclose(correction(STEP, ahead), alone, atol=1e-6)
+
+
+def test_positions_are_those_of_fingers_that_bend_evenly(made):
+    low, high = np.concatenate(SCENE.joint_range).T
+    joints = low + (high - low) * np.random.default_rng(1).uniform(0.2, 0.9, len(low))
+    positions = Correction(made.hands, 1.0, LIFT).positions(joints)
+    for hand, (found, part) in enumerate(
+        zip(np.split(positions, 2), np.split(joints, 2), strict=True)
+    ):
+        np.testing.assert_array_equal(found, hand_of(SCENE, hand).even_positions(part))
+    assert np.abs(positions - SCENE.actuator_positions(joints)).max() > 0.01

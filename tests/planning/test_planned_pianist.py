@@ -250,3 +250,15 @@ def test_a_piece_is_planned_once_for_equal_scenes_and_anew_for_others(monkeypatc
     pianist.forget_plans()
     assert Trackers(CARELESS).of(envs[0]).plan is not plans[0]
     assert len(made) == 4
+
+
+def test_it_sees_how_two_joints_share_the_way_of_their_actuator():
+    env = piano(PIECE)
+    observation, _ = env.reset(seed=0)
+    player = PlannedPianist(env, QUICK)
+    names = [name.rpartition("/")[2] for name in env.unwrapped.scene.joint_names[0]]
+    joints = observation[env.observation_space.layout["right_joints"].slice]
+    joints[[names.index("rh_RFJ2"), names.index("rh_RFJ1")]] = 0.5
+    evenly, _ = player.predict(observation)
+    joints[[names.index("rh_RFJ2"), names.index("rh_RFJ1")]] = 0.3, 0.7
+    assert np.abs(player.predict(observation)[0] - evenly).max() > 0.01

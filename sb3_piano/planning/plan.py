@@ -144,6 +144,7 @@ class HandTasks(NamedTuple):
             hover=settings.hover,
             hold_depth=settings.hold_depth,
             arms_apart=settings.arms_apart,
+            stretch=settings.stretch,
         )
         readings = [read.hands[side] for side in sides]
         hands = [Hand.of(scene, side, keys, n_substeps) for side in sides]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sb3_piano.music.fingering.robot import ARMS_APART
 from sb3_piano.reading.key_frames import HOVER
-from sb3_piano.settings import Count, Index, Number, Positive, settings
+from sb3_piano.settings import Count, Index, Number, Positive, Share, settings
 
 
 @settings
@@ -34,6 +34,9 @@ class PlanSettings:
     """Force on a key that is held, as a multiple of what its spring takes."""
     press_force_thumb: Number = 4.0
     """The same for thumbs."""
+    stretch: Share = 0.8
+    """Share of what two fingers can spread within which a hand strikes the next key without coming
+    up before."""
     arms_apart: Number = ARMS_APART
     """Least distance of the two forearms, m; they touch at 0.15."""
 

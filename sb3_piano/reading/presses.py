@@ -6,7 +6,13 @@ import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from sb3_piano.music.fingering.robot import LEAP_REST, hand_place, is_leap, lost_to_leap
+from sb3_piano.music.fingering.robot import (
+    LEAP_REST,
+    hand_place,
+    is_leap,
+    lost_to_leap,
+    within_stretch,
+)
 from sb3_piano.music.presses import Press
 
 
@@ -28,7 +34,9 @@ class TimedPress:
     """Whether the same finger strikes the same key again right after it."""
 
 
-def time_presses(presses: Sequence[Press], sign: int) -> tuple[TimedPress, ...]:
+def time_presses(
+    presses: Sequence[Press], sign: int, stretch: float = 0.0
+) -> tuple[TimedPress, ...]:
     """Return the presses of a hand, shortened around its leaps.
 
     A finger that is pressed down stands in the gap between the neighbouring keys: it has to come
@@ -36,18 +44,34 @@ def time_presses(presses: Sequence[Press], sign: int) -> tuple[TimedPress, ...]:
     for that is taken from the end of the earlier note, all but one state of it, and only what is
     then missing from the beginning of the later one: a strike that comes late is heard, a note
     that ends early hardly.
+
+    Args:
+        presses: The presses, in order of time.
+        sign: 1 for the right hand, -1 for the left one.
+        stretch: Share of what two fingers can spread within which the hand does not have to leap:
+            where all that is struck at a time is so near to what came before, nothing is lost.
     """
     timed = [TimedPress(press, press.first, press.last) for press in presses]
     places = [hand_place(press.key, press.finger, sign) for press in presses]
+    leaps: list[tuple[int, int, float]] = []
     for later, earlier in _neighbours(presses):
         before, after = presses[earlier], presses[later]
-        distance = abs(places[earlier] - places[later])
-        rest = after.first - before.last - 1
         same_finger = before.finger == after.finger
+        distance = abs(places[later] - places[earlier])
         if same_finger and before.key == after.key:
+            rest = after.first - before.last - 1
             timed[earlier] = replace(timed[earlier], repeated=rest <= 1)
         elif is_leap(distance, same_finger):
-            lost = sum(lost_to_leap(distance, rest))
+            leaps.append((later, earlier, distance))
+    moving = {
+        presses[later].first
+        for later, earlier, _ in leaps
+        if not within_stretch(presses[earlier], presses[later], sign, stretch)
+    }
+    for later, earlier, distance in leaps:
+        before, after = presses[earlier], presses[later]
+        if after.first in moving:
+            lost = sum(lost_to_leap(distance, after.first - before.last - 1))
             early = min(lost, before.last - before.first)
             late = min(lost - early, after.last - after.first)
             first = max(timed[later].first, after.first + late)

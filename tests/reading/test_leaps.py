@@ -118,3 +118,36 @@ def test_all_keys_of_a_chord_make_room_for_a_leap():
     begin = min(one.first for one in timed[3:])
     assert begin - end - 1 >= robot.LEAP_STEPS
     assert len({one.last for one in timed[:3]}) == len({one.first for one in timed[3:]}) == 1
+
+
+def third(finger, later_finger, sign):
+    """Return presses of two fingers on white keys a third apart, outwards."""
+    return [
+        Press(WHITE[MIDDLE], finger, 1, LONG),
+        Press(WHITE[MIDDLE + 2 * sign], later_finger, LONG + 1, 2 * LONG),
+    ]
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_fingers_that_spread_so_far_are_given_no_time_to_leap(sign):
+    presses = third(0, 1, sign)
+    assert gap(presses, sign) == robot.LEAP_STEPS
+    free = time_presses(presses, sign, stretch=0.8)
+    assert [(one.first, one.last) for one in free] == [(one.first, one.last) for one in presses]
+    assert not any(one.leaps or one.leapt for one in free)
+    # As far apart as fingers 2 and 3 are at most.
+    tight = time_presses(third(1, 2, sign), sign, stretch=0.7)
+    assert tight[0].leaps
+
+
+@pytest.mark.parametrize("fingers", [(0, 0), (1, 0)])
+def test_neither_one_finger_nor_those_that_would_cross_spread(fingers):
+    assert time_presses(third(*fingers, 1), 1, stretch=1.0)[0].leaps
+
+
+def test_a_chord_of_which_one_key_is_too_far_is_leapt_to_as_a_whole():
+    first, second = third(0, 1, 1)
+    far = Press(WHITE[MIDDLE + 12], 4, second.first, second.last)
+    alone, _ = time_presses([first, second], 1, stretch=0.8)
+    with_far, near, _ = time_presses([first, second, far], 1, stretch=0.8)
+    assert (alone.leaps, with_far.leaps, near.leapt) == (False, True, True)

@@ -146,6 +146,15 @@ def is_leap(distance: float, same_finger: bool) -> bool:
     return same_finger or distance > LEAP_DISTANCE
 
 
+def within_stretch(one: Press, other: Press, sign: int, stretch: float) -> bool:
+    """Return whether two fingers reach their keys with a share of what they can spread."""
+    low, high = sorted((one, other), key=lambda press: _across(press, sign))
+    if low.finger >= high.finger:
+        return False
+    apart, fingers = _across(high, sign) - _across(low, sign), (low.finger, high.finger)
+    return bool(_NEAREST[fingers] <= apart <= stretch * _FARTHEST[fingers])
+
+
 def lost_to_leap(distance: float, rest: int) -> tuple[int, int]:
     """Return by how many control steps the later note begins late, and the earlier one ends early.
 

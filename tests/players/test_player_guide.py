@@ -59,11 +59,14 @@ def test_one_simulation_plays_what_the_player_does(kind, wrap):
         assert steps[0][1] == steps[1][1]
 
 
-@pytest.mark.parametrize(("kind", "length"), [(SightReader, 3.0), (PlannedPianist, 4.0)])
-def test_looking_ahead_plays_a_hard_piece_better(kind, length):
+@pytest.mark.parametrize(
+    ("kind", "piece", "length"),
+    [(SightReader, "FantaisieImpromptu", 3.0), (PlannedPianist, "MapleLeafRag", 4.0)],
+)
+def test_looking_ahead_plays_a_hard_piece_better(kind, piece, length):
     def hard():
-        piece = load_score("repertoire-FantaisieImpromptu")
-        return Excerpt(piano(piece, fingering="robot"), start=0.0, length=length)
+        score = load_score(f"repertoire-{piece}")
+        return Excerpt(piano(score, fingering="robot"), start=0.0, length=length)
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -115,6 +115,20 @@ def test_a_score_is_planned_as_its_roll_and_gets_the_fingers_it_lacks():
     np.testing.assert_array_equal(made.commands, of_roll.commands)
 
 
+@pytest.mark.parametrize(("stretch", "leaps"), [(PlanSettings().stretch, False), (0.0, True)])
+def test_what_two_fingers_span_is_held_to_its_end_unless_told_otherwise(stretch, leaps):
+    third = Score(
+        notes=(
+            Note(onset=0.0, offset=0.5, pitch=60, finger=0),
+            Note(onset=0.5, offset=1.0, pitch=64, finger=1),
+        )
+    )
+    settings = dataclasses.replace(QUICK, stretch=stretch)
+    presses = plan(roll_of(third), scene_of(full=False), settings).hands[0].task.presses
+    assert [one.press.finger for one in presses] == [0, 1]
+    assert [one.leaps for one in presses] == [leaps, False]
+
+
 def test_another_control_step_may_be_chosen():
     score = five_fingers(order=(0, 2), length=0.4)
     made = plan(score, scene_of(full=False), QUICK, control_timestep=0.1)

@@ -135,7 +135,7 @@ def test_fingers_that_spread_so_far_are_given_no_time_to_leap(sign):
     free = time_presses(presses, sign, stretch=0.8)
     assert [(one.first, one.last) for one in free] == [(one.first, one.last) for one in presses]
     assert not any(one.leaps or one.leapt for one in free)
-    # As far apart as fingers 2 and 3 are at most.
+    # A third is 0.78 of what the index and the middle finger can spread.
     tight = time_presses(third(1, 2, sign), sign, stretch=0.7)
     assert tight[0].leaps
 

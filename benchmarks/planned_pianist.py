@@ -2,6 +2,7 @@
 
     python benchmarks/planned_pianist.py --out planned.csv
     python benchmarks/planned_pianist.py --pieces debug FurElise --columns planned --out few.csv
+    python benchmarks/planned_pianist.py --pieces encore --columns planned refined --losses
 
 Each piece is played once by each column: ``planned`` follows the plan, ``refined`` one that was
 refined by two passes before; ``sampling-8`` and ``sampling-32`` search around the plan,
@@ -15,7 +16,8 @@ A row is appended to the CSV file as soon as it is measured, and what is in the 
 again: stop it and call it again to go on; after a change to the planner begin a new file. Then, and
 with ``--pieces none`` at once, it prints the means of groups of pieces in Markdown. Their seconds
 are those of planning and playing together, as the processor counts them, so that other work on the
-machine does not; the file has those of the clock, too.
+machine does not; the file has those of the clock, too. ``--losses`` prints a row for each piece and
+column in place of the means: where frames are lost, and where wrong ones come from.
 """
 
 from __future__ import annotations
@@ -35,6 +37,7 @@ from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
 
 from sb3_piano.exceptions import PlanWarning
+from sb3_piano.metrics.losses import ALL, Losses
 from sb3_piano.music import BUILT_IN
 from sb3_piano.planning import forget_plans
 from sb3_piano.players import TreeSettings
@@ -68,7 +71,8 @@ SEEN = ("repertoire-ChopinNocturneOp9No2", "repertoire-MapleLeafRag")
 """Pieces that were looked at when it was decided how much time leaps get and what fingers cost."""
 
 METRICS = ("precision", "recall", "f1", "onset_f1", "noop_f1")
-FIELDS = ("piece", "column", *METRICS, "planning", "playing", "cpu", "music", "problem")
+LOSSES = ("never", "late", "early", "interrupted", "own_note", "neighbour", "other")
+FIELDS = ("piece", "column", *METRICS, "planning", "playing", "cpu", "music", "problem", *LOSSES)
 
 Row = Mapping[str, str]
 Key = tuple[str, str]
@@ -94,7 +98,16 @@ def measure(piece: str, column: str) -> dict[str, object]:
         "cpu": f"{time.process_time() - start:.2f}",
         "music": f"{played.take.performance.roll.duration:.2f}",
         "problem": " ".join(dict.fromkeys(told)),
+        **losses(played.take.performance.losses()),
     }
+
+
+def losses(found: Losses) -> dict[str, str]:
+    """Return how many frames were lost and wrong, by kind, as shares of those that are due."""
+    due = found.due.get(ALL, {})
+    counts = {**due, **found.wrong.get(ALL, {})}
+    total = max(sum(due.values()), 1)
+    return {kind: f"{counts.get(kind, 0) / total:.4f}" for kind in LOSSES}
 
 
 # The file.
@@ -110,13 +123,17 @@ def read_rows(path: Path) -> dict[Key, Row]:
 
 
 def append_row(path: Path, row: Mapping[str, object]) -> None:
-    """Add a row, the first one below the headings."""
+    """Add a row, the first one below the headings; a file keeps those that it was begun with."""
     is_new = not path.is_file()
+    fields: Sequence[str] = FIELDS
+    if not is_new:
+        with path.open(newline="", encoding="utf-8") as file:
+            fields = next(csv.reader(file))
     is_cut_off = not is_new and not path.read_bytes().endswith(b"\n")
     with path.open("a", newline="", encoding="utf-8") as file:
         if is_cut_off:
             file.write("\n")
-        writer = csv.DictWriter(file, FIELDS)
+        writer = csv.DictWriter(file, fields, extrasaction="ignore")
         if is_new:
             writer.writeheader()
         writer.writerow(row)
@@ -202,6 +219,19 @@ def print_table(rows: Mapping[Key, Row], columns: Sequence[str]) -> None:
         print(f"| {name} | {len(group)} | {music:.1f} | {nothing:.3f} | {' | '.join(shown)} |")
 
 
+def print_losses(rows: Mapping[Key, Row], columns: Sequence[str]) -> None:
+    """Print each piece: F1 and onset F1, and shares of the frames that are due."""
+    heading = [kind.replace("_", " ") for kind in LOSSES]
+    print(f"| piece | player | **F1** / onset F1 | {' | '.join(heading)} |")
+    print(f"| --- | --- | --- |{' ---: |' * len(heading)}")
+    for piece in BUILT_IN:
+        for row in (rows[piece, c] for c in columns if LOSSES[0] in rows.get((piece, c), {})):
+            shares = [f"{100 * float(row[kind]):.1f}" for kind in LOSSES]
+            f1 = f"**{float(row['f1']):.3f}** / {float(row['onset_f1']):.3f}"
+            name = piece.removeprefix(f"{BUILT_IN[piece].collection}-")
+            print(f"| {name} | {row['column']} | {f1} | {' | '.join(shares)} |")
+
+
 def chosen(names: Sequence[str]) -> list[str]:
     """Return the pieces that names stand for: of pieces, collections, "all" or "none".
 
@@ -229,11 +259,13 @@ def main() -> None:
     add("--columns", nargs="+", choices=list(COLUMNS), default=list(COLUMNS))
     add("--jobs", type=int, default=2, metavar="N", help="processes; default: 2")
     add("--out", type=Path, default=Path("planned_pianist.csv"), metavar="FILE.csv")
+    add("--losses", action="store_true", help="print each piece: where frames are lost, in %%")
     arguments = parser.parse_args()
     # Column by column, so that the cheap ones are whole early.
     wanted = [(piece, column) for column in arguments.columns for piece in chosen(arguments.pieces)]
     complete(arguments.out, wanted, arguments.jobs)
-    print_table(read_rows(arguments.out), arguments.columns)
+    show = print_losses if arguments.losses else print_table
+    show(read_rows(arguments.out), arguments.columns)
 
 
 if __name__ == "__main__":

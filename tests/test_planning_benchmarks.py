@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from sb3_piano.metrics.losses import Losses
+
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 
 
@@ -41,6 +43,27 @@ def test_what_is_in_the_file_is_not_measured_again(table, tmp_path, monkeypatch)
     table.complete(path, known, jobs=1)
     with pytest.raises(TypeError):
         table.complete(path, [("hanon-02", "zero")], jobs=1)
+
+
+def test_a_file_keeps_the_headings_that_it_was_begun_with(table, tmp_path):
+    path = tmp_path / "older.csv"
+    path.write_text("piece,column,f1\nhanon-01,planned,0.9\n", encoding="utf-8")
+    table.append_row(path, row(table, "hanon-02", "planned", f1="0.8"))
+    rows = table.read_rows(path)
+    assert rows["hanon-02", "planned"] == {"piece": "hanon-02", "column": "planned", "f1": "0.8"}
+
+
+def test_losses_are_shares_of_the_frames_that_are_due(table, capsys):
+    due = {"all": {"sounding": 6, "never": 1, "early": 1}, "thumb": {"never": 1}}
+    shares = table.losses(Losses(due=due, wrong={"all": {"neighbour": 2}}))
+    assert shares["never"] == shares["early"] == "0.1250"
+    assert shares["neighbour"] == "0.2500"
+    assert shares["late"] == shares["other"] == "0.0000"
+    rows = [row(table, "repertoire-FurElise", "planned", **shares)]
+    old = {"piece": "repertoire-OdeToJoy", "column": "planned", "f1": "0.9", "onset_f1": "0.9"}
+    table.print_losses({(r["piece"], r["column"]): r for r in [*rows, old]}, ["planned"])
+    *_, line = capsys.readouterr().out.splitlines()
+    assert line.startswith("| FurElise | planned | **0.500** / 0.500 | 12.5 | 0.0 | 12.5 |")
 
 
 def test_means_are_over_pieces_that_all_columns_have(table, capsys):

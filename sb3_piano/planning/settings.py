@@ -34,7 +34,7 @@ class PlanSettings:
     """Force on a key that is held, as a multiple of what its spring takes."""
     press_force_thumb: Number = 4.0
     """The same for thumbs."""
-    stretch: Share = 0.8
+    stretch: Share = 0.7
     """Share of what two fingers can spread within which a hand strikes the next key without coming
     up before."""
     arms_apart: Number = ARMS_APART

@@ -39,13 +39,7 @@ def row(piece: str, seconds: float, passes: int, samples: int) -> list[str]:
     cells = [cell(played(env, pianist), spent)]
     start = time.process_time()
     with contextlib.closing(
-        Refinement(
-            plan,
-            env.scene,
-            feedback=pianist.settings.feedback,
-            lift=pianist.settings.lift,
-            n_threads=1,
-        )
+        Refinement(plan, env.scene, pianist.settings, n_threads=1)
     ) as refinement:
         for _ in range(passes):
             refinement.run(passes=1)

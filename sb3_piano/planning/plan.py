@@ -112,9 +112,7 @@ def plan(
         return made
     from sb3_piano.planning.refinement import Refinement  # here, as it builds on plans
 
-    with contextlib.closing(
-        Refinement(made, scene, feedback=settings.feedback, lift=settings.lift)
-    ) as refinement:
+    with contextlib.closing(Refinement(made, scene, settings)) as refinement:
         refinement.run(passes=settings.passes)
         return refinement.plan
 
@@ -145,6 +143,7 @@ class HandTasks(NamedTuple):
             hold_depth=settings.hold_depth,
             arms_apart=settings.arms_apart,
             stretch=settings.stretch,
+            hurry=settings.hurry,
         )
         readings = [read.hands[side] for side in sides]
         hands = [Hand.of(scene, side, keys, n_substeps) for side in sides]

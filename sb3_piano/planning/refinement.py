@@ -4,7 +4,8 @@ Collisions, friction and the keys' own dynamics are in no plan, but the simulato
 plays the piece from its beginning to its end. Wherever a key would sound wrong within the next
 control steps, many ways on from there are simulated, and the best one is taken up; elsewhere the
 hands go on as before. The simulator is deterministic, so that commands which were right in
-simulation are right in an environment of the same physics.
+simulation are right in an environment of the same physics. The first pass begins with the better
+parts of two plans, of which the other one hurries: no plan knows how little time a leap may take.
 """
 
 from __future__ import annotations
@@ -19,9 +20,11 @@ import numpy as np
 from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.planning.correction import Correction
 from sb3_piano.planning.plan import Plan
+from sb3_piano.planning.plan import plan as make_plan
 from sb3_piano.planning.roll_outs import RollOut, RollOuts, Way
 from sb3_piano.planning.sampling.ratings import HandRating
 from sb3_piano.planning.sampling.variations import Variation, Variations
+from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.splicing import spliced
 from sb3_piano.simulation import PianoScene
 
@@ -65,19 +68,17 @@ class Refinement:
         self,
         plan: Plan,
         scene: PianoScene,
+        settings: PlanSettings,
         *,
-        feedback: float,
-        lift: float,
         seed: int = 0,
         n_threads: int | None = None,
     ) -> None:
-        """Play the plan once.
+        """Play the plan once; if it is not refined yet, one that hurries, too.
 
         Args:
             plan: The plan.
             scene: The piano and the hands, with the physics in which it will be played.
-            feedback: Share of the plan's feedback that is used.
-            lift: Height by which a fingertip is lifted that is beside its place, m.
+            settings: Those that the plan was made with.
             seed: Of what is tried, 0 or more.
             n_threads: Threads that simulate; by default one for each usable core.
         """
@@ -85,13 +86,15 @@ class Refinement:
         """The best plan so far."""
         self._seed = seed
         n_substeps = round(plan.roll.control_timestep / scene.model.opt.timestep)
-        correction = Correction(plan.hands, feedback, lift)
+        correction = Correction(plan.hands, settings.feedback, settings.lift)
         self._roll_outs = RollOuts(scene, n_substeps, correction, n_threads)
         self._variations = Variations(scene, _HORIZON)
         self._rating = HandRating(plan, scene, self._variations.deviation)
-        planned = Way(plan.commands, plan.positions[:-1])
-        self._best = self._played(planned, None, lambda *told: None, lambda: True)
+        self._best = self._played_plan(plan)
         self._other: _Played | None = None
+        if plan.passes == 0:
+            hurried = replace(settings, hurry=settings.hurry + 1, stretch=1.0, passes=0)
+            self._other = self._played_plan(make_plan(plan.roll, scene, hurried))
 
     @property
     def f1(self) -> float:
@@ -138,6 +141,11 @@ class Refinement:
     def close(self) -> None:
         """End the threads that simulate."""
         self._roll_outs.close()
+
+    def _played_plan(self, plan: Plan) -> _Played:
+        """Play a plan of the piece without searching."""
+        way = Way(plan.commands, plan.positions[:-1])
+        return self._played(way, None, lambda *told: None, lambda: True)
 
     def _played(
         self,

@@ -37,6 +37,9 @@ class PlanSettings:
     stretch: Share = 0.7
     """Share of what two fingers can spread within which a hand strikes the next key without coming
     up before."""
+    hurry: Index = 0
+    """Control steps by which leaps are faster than the robot's fingering counts on. A plan that
+    hurries strikes later and misses more, but its good parts are worth refining."""
     arms_apart: Number = ARMS_APART
     """Least distance of the two forearms, m; they touch at 0.15."""
 

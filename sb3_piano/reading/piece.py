@@ -50,18 +50,19 @@ def read_piece(
     hold_depth: float = HOLD_DEPTH,
     arms_apart: float = ARMS_APART,
     stretch: float = 0.0,
+    hurry: int = 0,
 ) -> Reading:
     """Return what a piece asks of both hands.
 
     It takes some milliseconds for each second of music; nothing is optimised or simulated. Heights
-    and distances are in m, a depth is a share of a key's travel, ``stretch`` is that of
-    :func:`time_presses`.
+    and distances are in m, a depth is a share of a key's travel, ``stretch`` and ``hurry`` are
+    those of :func:`time_presses`.
     """
     roll = release_early(roll)
     n_states = len(roll) + 1
     read = []
     for side, hand in enumerate(hands):
-        presses = time_presses(presses_of_hand(roll, side), hand.sign, stretch)
+        presses = time_presses(presses_of_hand(roll, side), hand.sign, stretch, hurry)
         frames = key_frames(presses, hand.sign, n_states, hand.radius, keys, hover, hold_depth)
         place, busy = wanted_places(frames, hand.sign, hand.middle)
         read.append(HandReading(presses=presses, frames=frames, place=place, busy=busy))

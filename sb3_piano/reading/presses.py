@@ -35,7 +35,7 @@ class TimedPress:
 
 
 def time_presses(
-    presses: Sequence[Press], sign: int, stretch: float = 0.0
+    presses: Sequence[Press], sign: int, stretch: float = 0.0, hurry: int = 0
 ) -> tuple[TimedPress, ...]:
     """Return the presses of a hand, shortened around its leaps.
 
@@ -50,6 +50,7 @@ def time_presses(
         sign: 1 for the right hand, -1 for the left one.
         stretch: Share of what two fingers can spread within which the hand does not have to leap:
             where all that is struck at a time is so near to what came before, nothing is lost.
+        hurry: Control steps by which leaps cost less than :func:`lost_to_leap` says.
     """
     timed = [TimedPress(press, press.first, press.last) for press in presses]
     places = [hand_place(press.key, press.finger, sign) for press in presses]
@@ -72,6 +73,7 @@ def time_presses(
         before, after = presses[earlier], presses[later]
         if after.first in moving:
             lost = sum(lost_to_leap(distance, after.first - before.last - 1))
+            lost = max(lost - hurry, 0)
             early = min(lost, before.last - before.first)
             late = min(lost - early, after.last - after.first)
             first = max(timed[later].first, after.first + late)

@@ -19,9 +19,10 @@ from sb3_piano.planning.splicing import spliced
 SCORE = Score(
     notes=[
         Note(onset=0.25 * i, offset=0.25 * (i + 1), pitch=pitch, finger=finger)
-        for i, (pitch, finger) in enumerate([(60, 0), (72, 1), (60, 0)])
+        for i, (pitch, finger) in enumerate([(60, 0), (76, 1), (60, 0)])
     ]
 )
+C_MAJOR = (72, 71, 69, 67, 65, 64, 62, 60)
 OTHER = Score(notes=[*SCORE.notes[:-1], Note(onset=0.5, offset=0.75, pitch=62, finger=0)])
 SETTINGS = PlanSettings(rounds=2, iterations=6)
 ON_STAGE = {
@@ -43,15 +44,7 @@ def planned(env):
 
 
 def refinement(made, env, **options):
-    return contextlib.closing(
-        Refinement(
-            made,
-            env.scene,
-            feedback=SETTINGS.feedback,
-            lift=SETTINGS.lift,
-            **{"n_threads": 1, **options},
-        )
-    )
+    return contextlib.closing(Refinement(made, env.scene, SETTINGS, **{"n_threads": 1, **options}))
 
 
 def played(env, pianist):
@@ -146,6 +139,32 @@ def test_it_goes_on_from_a_file_and_never_gets_worse(found, file, env):
         searching.run(passes=1)
         assert searching.f1 >= found[1]
         assert searching.plan.passes == 2
+
+
+@pytest.mark.slow
+def test_it_begins_with_the_better_parts_of_two_plans(monkeypatch):
+    # The middle finger follows the thumb to the next key: a step of silence is enough for that.
+    score = Score(
+        notes=[
+            Note(onset=0.25 * i, offset=0.25 * (i + 1), pitch=pitch, finger=finger)
+            for i, (pitch, finger) in enumerate(zip(C_MAJOR, (4, 3, 2, 1, 0, 2, 1, 0), strict=True))
+        ]
+    )
+    env = stage(score)
+    made = planned(env)
+
+    def only_follow(self, place, random):
+        return place.followed.cut(slice(place.step, place.step + 4))
+
+    monkeypatch.setattr(Refinement, "_search", only_follow)
+    with refinement(made, env) as searching:
+        before = searching.f1
+        searching.run(passes=1)
+        assert searching.f1 > before
+        once = searching.plan
+    with refinement(once, env) as again:  # what is refined has no use for a plan that hurries
+        again.run(passes=1)
+        np.testing.assert_array_equal(again.plan.commands, once.commands)
 
 
 def test_whoever_stops_it_keeps_the_best(made, env):

@@ -151,3 +151,14 @@ def test_a_chord_of_which_one_key_is_too_far_is_leapt_to_as_a_whole():
     alone, _ = time_presses([first, second], 1, stretch=0.8)
     with_far, near, _ = time_presses([first, second, far], 1, stretch=0.8)
     assert (alone.leaps, with_far.leaps, near.leapt) == (False, True, True)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_whoever_hurries_loses_less_sound_but_never_gains_any(sign):
+    presses = third(2, 1, sign)
+    lost = presses[0].last - time_presses(presses, sign)[0].last
+    assert lost >= robot.LEAP_STEPS
+    for hurry, expected in ((1, lost - 1), (lost, 0), (lost + 1, 0)):
+        hurried, later = time_presses(presses, sign, hurry=hurry)
+        assert presses[0].last - hurried.last == expected
+        assert (hurried.leaps, later.leapt) == (True, True)

@@ -283,8 +283,7 @@ def refine_run(
         refinement = Refinement(
             player.plan(),
             piano.scene,
-            feedback=settings.feedback,
-            lift=settings.lift,
+            settings,
             seed=config.seed or 0,
         )
         before = refinement.f1

@@ -37,7 +37,7 @@ from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress
 
 from sb3_piano.exceptions import PlanWarning
-from sb3_piano.metrics.losses import ALL, Losses
+from sb3_piano.metrics.losses import ALL, DUE_KINDS, WRONG_KINDS, Losses
 from sb3_piano.music import BUILT_IN
 from sb3_piano.planning import forget_plans
 from sb3_piano.players import TreeSettings
@@ -71,7 +71,7 @@ SEEN = ("repertoire-ChopinNocturneOp9No2", "repertoire-MapleLeafRag")
 """Pieces that were looked at when it was decided how much time leaps get and what fingers cost."""
 
 METRICS = ("precision", "recall", "f1", "onset_f1", "noop_f1")
-LOSSES = ("never", "late", "early", "interrupted", "own_note", "neighbour", "other")
+LOSSES = (*DUE_KINDS[1:], *WRONG_KINDS)  # all but those that sound
 FIELDS = ("piece", "column", *METRICS, "planning", "playing", "cpu", "music", "problem", *LOSSES)
 
 Row = Mapping[str, str]
@@ -220,7 +220,7 @@ def print_table(rows: Mapping[Key, Row], columns: Sequence[str]) -> None:
 
 
 def print_losses(rows: Mapping[Key, Row], columns: Sequence[str]) -> None:
-    """Print each piece: F1 and onset F1, and shares of the frames that are due."""
+    """Print a row for each piece and column: F1, onset F1, and losses in % of the due frames."""
     heading = [kind.replace("_", " ") for kind in LOSSES]
     print(f"| piece | player | **F1** / onset F1 | {' | '.join(heading)} |")
     print(f"| --- | --- | --- |{' ---: |' * len(heading)}")

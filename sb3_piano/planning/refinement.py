@@ -5,7 +5,7 @@ plays the piece from its beginning to its end. Wherever a key would sound wrong 
 control steps, many ways on from there are simulated, and the best one is taken up; elsewhere the
 hands go on as before. The simulator is deterministic, so that commands which were right in
 simulation are right in an environment of the same physics. The first pass begins with the better
-parts of two plans, of which the other one hurries: no plan knows how little time a leap may take.
+parts of two plans, in one of which leaps take less time: how little is enough, no plan knows.
 """
 
 from __future__ import annotations
@@ -40,6 +40,8 @@ _FINALISTS = 3
 """Of the ways on that were found, so many are simulated further."""
 _LONG_RUN = 24
 """Control steps over which these are compared with going on as before."""
+_HURRY = 1
+"""Control steps by which leaps are faster in the second plan, where fingers spread as they can."""
 
 OnStep = Callable[[int, int, float], object]
 """Is told control steps that are over in a pass, of how many, and the best F1 so far."""
@@ -73,7 +75,7 @@ class Refinement:
         seed: int = 0,
         n_threads: int | None = None,
     ) -> None:
-        """Play the plan once; if it is not refined yet, one that hurries, too.
+        """Play the plan once.
 
         Args:
             plan: The plan.
@@ -84,7 +86,7 @@ class Refinement:
         """
         self.plan = plan
         """The best plan so far."""
-        self._seed = seed
+        self._scene, self._settings, self._seed = scene, settings, seed
         n_substeps = round(plan.roll.control_timestep / scene.model.opt.timestep)
         correction = Correction(plan.hands, settings.feedback, settings.lift)
         self._roll_outs = RollOuts(scene, n_substeps, correction, n_threads)
@@ -92,9 +94,6 @@ class Refinement:
         self._rating = HandRating(plan, scene, self._variations.deviation)
         self._best = self._played_plan(plan)
         self._other: _Played | None = None
-        if plan.passes == 0:
-            hurried = replace(settings, hurry=settings.hurry + 1, stretch=1.0, passes=0)
-            self._other = self._played_plan(make_plan(plan.roll, scene, hurried))
 
     @property
     def f1(self) -> float:
@@ -129,6 +128,8 @@ class Refinement:
             return should_stop() or (end is not None and time.monotonic() >= end)
 
         while not over() and self.plan.passes != last and self.f1 < 1:
+            if self.plan.passes == 0:
+                self._other = self._played_plan(self._hurried())
             random = np.random.default_rng([self._seed, self.plan.passes])
             found = self._played(self._followed(), random, on_step, over)
             if found.f1 > self.f1:
@@ -141,6 +142,12 @@ class Refinement:
     def close(self) -> None:
         """End the threads that simulate."""
         self._roll_outs.close()
+
+    def _hurried(self) -> Plan:
+        """Return another plan of the piece, with faster leaps."""
+        hurry = self._settings.hurry + _HURRY
+        settings = replace(self._settings, hurry=hurry, stretch=1.0, passes=0)
+        return make_plan(self.plan.roll, self._scene, settings)
 
     def _played_plan(self, plan: Plan) -> _Played:
         """Play a plan of the piece without searching."""

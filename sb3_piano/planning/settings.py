@@ -38,8 +38,8 @@ class PlanSettings:
     """Share of what two fingers can spread within which a hand strikes the next key without coming
     up before."""
     hurry: Index = 0
-    """Control steps by which leaps are faster than the robot's fingering counts on. A plan that
-    hurries strikes later and misses more, but its good parts are worth refining."""
+    """Control steps that a leap takes less from the notes around it than the fingering expects.
+    Most music is played worse then; refinement looks for the parts that are played better."""
     arms_apart: Number = ARMS_APART
     """Least distance of the two forearms, m; they touch at 0.15."""
 

@@ -276,5 +276,7 @@ def _timeline(study: optuna.Study) -> go.Figure:
         state = TrialState[trace.name]
         trace.update(name=STATES[state], marker={"color": _STATE_COLORS[state]})
     height = max(220, 90 + 9 * len(study.get_trials(deepcopy=False)))
-    figure.update_layout(height=height, showlegend=True).update_xaxes(title=None)
+    figure.update_layout(height=height, showlegend=True)
+    # Labels of times that widened a margin could change the ticks, and these the labels, in turn.
+    figure.update_xaxes(title=None, automargin="height")
     return figure.update_yaxes(title_text="trial", showgrid=False)

@@ -79,6 +79,8 @@ def test_the_driver_trains_starts_resumes_and_prints(tmp_path):
     shutil.copytree(FOLDER, driver)
     pieces = STUDY["pieces"][:2]
     (driver / "study.yml").write_text(yaml.safe_dump({**STUDY, "pieces": pieces}))
+    cell = driver / "table_1" / "from_one_scale.yml"
+    cell.write_text(cell.read_text().replace("n_timesteps: 60000", "n_timesteps: 300"))
 
     def call(script, *arguments):
         return run_python([str(driver / script), "--runs", str(runs), *arguments], tmp_path)
@@ -102,3 +104,14 @@ def test_the_driver_trains_starts_resumes_and_prints(tmp_path):
     row = next(line for line in table.splitlines() if "table_1/from_one_scale" in line)
     assert row.endswith(f"| 0.469 | {n_pieces} |")
     assert "| table_2/hindsight | - | - | - | - | 0.073 | 0 |" in table
+    unseen = table.partition("Not seen in training: scale-AHarmonicMinor")[2]
+    scale = next(line for line in unseen.splitlines() if "pretraining/one_scale" in line)
+    assert scale.endswith("| - | 1 |")
+    # What is shorter than its cell says is shown, not kept; what is kept needs no folder any more.
+    kept = tmp_path / "kept.json"
+    said = call("table.py", "--keep", "--kept", str(kept)).stdout
+    assert said.startswith(f"{n_pieces} runs are kept in")
+    shutil.rmtree(runs)
+    table = call("table.py", "--kept", str(kept)).stdout
+    assert row in table.splitlines()
+    assert "| pretraining/one_scale | - | - | - | - | - | 0 |" in table

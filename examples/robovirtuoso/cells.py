@@ -44,13 +44,22 @@ class Cell:
         start = STUDY["cells"][self.name].get("start")
         return None if start is None else Cell(start)
 
+    @property
+    def is_together(self) -> bool:
+        """Whether it is trained on all its pieces together, and so judged on unseen ones, too."""
+        return "together" in STUDY["cells"][self.name]
+
+    @property
+    def n_timesteps(self) -> int:
+        """How many environment steps its trainings have."""
+        return load_config("sac", GENERAL_ID, self.file).n_timesteps
+
     def trainings(self, seeds: Sequence[int]) -> Iterator[Training]:
         """Yield its trainings: one on all its pieces together, or one on each."""
         study = STUDY["cells"][self.name]
-        together = study.get("together")
         for seed in seeds:
-            if together is not None:
-                yield Training(self, together, seed)
+            if self.is_together:
+                yield Training(self, study["together"], seed)
             else:
                 for piece in STUDY[study["each"]]:
                     yield Training(self, piece, seed)
@@ -68,8 +77,7 @@ class Training:
     @property
     def folder(self) -> Path:
         """Where its run is kept, below the folder of all runs."""
-        alone = "together" not in STUDY["cells"][self.cell.name]
-        piece = f"{self.pieces}_" if alone else ""
+        piece = "" if self.cell.is_together else f"{self.pieces}_"
         return Path(self.cell.name, f"{piece}seed_{self.seed}")
 
     @property

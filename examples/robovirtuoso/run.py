@@ -17,11 +17,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from cells import RUNS, Training, find_cells
+from cells import RUNS, STUDY, Cell, Training, find_cells
 
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.sweeps import CellJob, CellResult, finish_cells
-from sb3_piano.training import evaluate_runs
+from sb3_piano.training import RunFolder, evaluate_runs
 
 
 def main() -> int:
@@ -52,7 +52,7 @@ def main() -> int:
             failed += sum(result.error is not None for result in results)
             for result in results:
                 if result.finished:
-                    judge(Path(result.folder))
+                    judge(Cell(result.name), Path(result.folder))
     except KeyboardInterrupt:
         print("Interrupted: the same command goes on from here.")
         return 130
@@ -86,12 +86,15 @@ def tell(result: CellResult, done: int, total: int) -> None:
     print(f"[{done}/{total}] {result.name}, seed {result.seed}: {found}", flush=True)
 
 
-def judge(folder: Path) -> None:
-    """Evaluate a run on each of its pieces, unless it was, and say how well it plays."""
+def judge(cell: Cell, folder: Path) -> None:
+    """Evaluate a run on each of its pieces, and on unseen ones, unless it was; say how it plays."""
     file = folder / "pieces.json"
     if file.is_file():
         return
-    found = evaluate_runs([folder])
+    pieces: list[str] = []  # its own one
+    if cell.is_together:
+        pieces = [*RunFolder.open(folder).read_config().pieces, *STUDY["unseen"]]
+    found = evaluate_runs([folder], scores=pieces)
     if found.interrupted:
         raise KeyboardInterrupt
     found.write_json(file)

@@ -1,10 +1,13 @@
 """Print the report's tables with what was measured beside what the report has.
 
     python examples/robovirtuoso/table.py
+    python examples/robovirtuoso/table.py --keep   # and add the runs' figures to results.json
 
-The runs are those of ``run.py``. F1 is that of the last model without exploring: each piece's mean
-over seeds, of which the mean over pieces is shown, with a 95 % interval over pieces where there are
-several. Tables 3 and 4 are of the study's ``one`` piece. A dash is what was not run.
+The runs are those of ``run.py`` and, where a folder is gone, those that results.json has kept. F1
+is that of the last model without exploring: each piece's mean over seeds, of which the mean over
+pieces is shown, with a 95 % interval over pieces where there are several. Tables 3 and 4 are of the
+study's ``one`` piece; the last tables are of pieces that a policy has not seen. A dash is what was
+not run.
 """
 
 from __future__ import annotations
@@ -12,52 +15,102 @@ from __future__ import annotations
 import argparse
 import json
 from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 
 import yaml
-from cells import HERE, RUNS, STUDY, Cell
+from cells import HERE, RUNS, STUDY, Cell, find_cells
 
+from sb3_piano.files import write_text
+from sb3_piano.training import RunFolder
 from sb3_piano.training.evaluation.statistics import summarize
 
+KEPT = HERE / "results.json"
 COLUMNS = ("cell", "F1", "95 % interval", "onset F1", "resting hands", "report's F1", "runs")
 OF_ONE_PIECE = ("Table 3", "Table 4")
+
+Results = dict[str, dict[str, list[float]]]
+"""By run, such as ``table_2/hindsight/scale-CMajor_seed_0``, and piece: F1, onset F1, and the F1 of
+resting hands."""
 
 
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--runs", type=Path, default=RUNS, metavar="DIR", help=f"default: {RUNS}")
-    runs = parser.parse_args().runs
+    add = parser.add_argument
+    add("--runs", type=Path, default=RUNS, metavar="DIR", help=f"default: {RUNS}")
+    add("--kept", type=Path, default=KEPT, metavar="FILE", help="default: results.json beside this")
+    add("--keep", action="store_true", help="add the figures of the runs to that file")
+    arguments = parser.parse_args()
+    results = read_kept(arguments.kept)
+    if arguments.keep:
+        whole = read_runs(arguments.runs, only_whole=True)
+        all_runs = sorted({**results, **whole}.items())
+        rows = [f"  {json.dumps(run)}: {json.dumps(of_piece)}" for run, of_piece in all_runs]
+        write_text(arguments.kept, "{\n" + ",\n".join(rows) + "\n}\n")
+        print(f"{len(whole)} runs are kept in {arguments.kept}")
+    results.update(read_runs(arguments.runs))
     tables = yaml.safe_load((HERE / "paper.yml").read_text(encoding="utf-8"))
     for title, cells in tables.items():
         pieces = STUDY["one"] if title.startswith(OF_ONE_PIECE) else STUDY["pieces"]
-        print(f"\n{title}\n")
-        print_row(*COLUMNS)
-        print_row(*("---" for _ in COLUMNS))
-        for name, reported in cells.items():
-            values = measured(Cell(name), runs, pieces)
-            reports = "-" if reported is None else f"{reported:.3f}"
-            print_row(name, *values[:-1], reports, values[-1])
+        print_table(title, cells, pieces, results)
+    together = {cell.name: None for cell in find_cells() if cell.is_together}
+    for piece in STUDY["unseen"]:
+        print_table(f"Not seen in training: {piece}", together, [piece], results)
 
 
-def measured(cell: Cell, runs: Path, pieces: list[str]) -> list[str]:
+def read_runs(runs: Path, *, only_whole: bool = False) -> Results:
+    """Return the figures of the runs in a folder, or of those only that are of full length."""
+    results: Results = {}
+    for cell in find_cells():
+        for file in sorted((runs / cell.name).glob("*seed_*/pieces.json")):
+            steps = RunFolder.open(file.parent).read_config().n_timesteps
+            if only_whole and steps != cell.n_timesteps:
+                continue
+            evaluations = json.loads(file.read_text(encoding="utf-8"))["evaluations"]
+            results[f"{cell.name}/{file.parent.name}"] = {
+                one["piece"]: [
+                    round(value, 4)
+                    for value in (one["mean"]["f1"], one["mean"]["onset_f1"], one["baseline"]["f1"])
+                ]
+                for one in evaluations
+            }
+    return results
+
+
+def read_kept(file: Path) -> Results:
+    """Return the figures that a file has kept; none if there is no such file."""
+    return json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
+
+
+def print_table(
+    title: str, cells: dict[str, float | None], pieces: Sequence[str], results: Results
+) -> None:
+    """Print a row for each cell, with what the report has for it."""
+    print(f"\n{title}\n")
+    print_row(*COLUMNS)
+    print_row(*("---" for _ in COLUMNS))
+    for name, reported in cells.items():
+        *values, runs = measured(Cell(name), pieces, results)
+        print_row(name, *values, "-" if reported is None else f"{reported:.3f}", runs)
+
+
+def measured(cell: Cell, pieces: Sequence[str], results: Results) -> list[str]:
     """Return F1, its interval, onset F1, resting hands' F1 and the number of runs, as text."""
-    found: dict[str, list[dict[str, float]]] = defaultdict(list)
-    for file in sorted((runs / cell.name).glob("*seed_*/pieces.json")):
-        for evaluation in json.loads(file.read_text(encoding="utf-8"))["evaluations"]:
-            if evaluation["piece"] in pieces:
-                resting = {"resting": evaluation["baseline"]["f1"]}
-                found[evaluation["piece"]].append({**evaluation["mean"], **resting})
+    found: dict[str, list[list[float]]] = defaultdict(list)
+    for run, of_piece in results.items():
+        if run.rpartition("/")[0] == cell.name:
+            for piece in of_piece.keys() & set(pieces):
+                found[piece].append(of_piece[piece])
     if not found:
         return ["-", "-", "-", "-", "0"]
-
-    def by_piece(name: str) -> list[float]:
-        return [sum(each[name] for each in of) / len(of) for of in found.values()]
-
-    f1 = summarize(by_piece("f1"))
+    by_piece = [
+        [sum(values) / len(of) for values in zip(*of, strict=True)] for of in found.values()
+    ]
+    f1, onset_f1, resting = (summarize(values) for values in zip(*by_piece, strict=True))
     interval = "-" if f1.interval is None else f"{f1.interval[0]:.3f} to {f1.interval[1]:.3f}"
-    onset, resting = (f"{summarize(by_piece(name)).mean:.3f}" for name in ("onset_f1", "resting"))
-    return [f"{f1.mean:.3f}", interval, onset, resting, str(sum(map(len, found.values())))]
+    means = (f"{each.mean:.3f}" for each in (onset_f1, resting))
+    return [f"{f1.mean:.3f}", interval, *means, str(sum(map(len, found.values())))]
 
 
 def print_row(*cells: str) -> None:

@@ -33,11 +33,11 @@ _PLANNED, _SAMPLING, _SIGHT_READER = PLAYERS = ("planned", "sampling", "sight-re
 """What plays any piece at once, by the names of :data:`sb3_piano.players.PLAYERS`."""
 _TAKES = {
     _PLANNED: ("passes", "plan"),
-    _SAMPLING: ("passes", "sampling", *_OF_SAMPLING),
+    _SAMPLING: ("passes", "plan", "sampling", *_OF_SAMPLING),
     _SIGHT_READER: ("weights",),
 }
 """The options that each of them has, and no other."""
-PLAYER_OPTIONS = ("player", *_TAKES[_SAMPLING], "plan", "reduced", "weights")
+PLAYER_OPTIONS = ("player", *_TAKES[_SAMPLING], "reduced", "weights")
 """The options of :func:`add_player_arguments`, by the names of their values."""
 _PASSES_HELP = "play the plan N times in a simulation first, and try otherwise what goes wrong"
 _PLAN_HELP = "follow the plan of a file, such as the plan.npz of a run that 'plan --refine' made"
@@ -246,19 +246,15 @@ def player_config(
     if player == _SIGHT_READER:
         weights = {} if arguments.weights is None else {"model": arguments.weights}
         return planner_config(arguments.what, player, seed=seed, env_kwargs=options, **weights)
-    given = {n: value for n in _OF_SAMPLING if (value := getattr(arguments, n)) is not None}
-    plan = {} if arguments.passes is None else {"passes": arguments.passes}
-    if player == _PLANNED:
-        given = {"settings": plan} if plan else {}
-        if arguments.plan is not None:
-            refuse_options(arguments, ["passes"], "with --plan: that plan is followed as it is.")
-            given["plan"] = arguments.plan
-    else:
-        if arguments.nominal == "none":
-            reason = "with --nominal none: there is no plan to refine."
-            refuse_options(arguments, ["passes"], reason)
-        given |= {} if arguments.sampling is None else {"samples": arguments.sampling}
-        given |= {"plan_settings": plan} if plan else {}
+    given = {name: getattr(arguments, name) for name in ("plan", *_OF_SAMPLING)}
+    if arguments.nominal == "none":
+        refuse_options(arguments, ["passes", "plan"], "with --nominal none: no plan is followed.")
+    if arguments.plan is not None:
+        refuse_options(arguments, ["passes"], "with --plan: that plan is followed as it is.")
+    plan = None if arguments.passes is None else {"passes": arguments.passes}
+    given["settings" if player == _PLANNED else "plan_settings"] = plan
+    given["samples"] = arguments.sampling
+    given = {name: value for name, value in given.items() if value is not None}
     return planner_config(arguments.what, player, seed=seed, env_kwargs=options, **given)
 
 

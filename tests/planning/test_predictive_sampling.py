@@ -225,6 +225,11 @@ def test_wrong_arguments_are_named(argument, value, message):
         make_player(make_env(), **{argument: value})
 
 
+def test_without_a_plan_there_is_no_file_of_one():
+    with pytest.raises(ConfigError, match=r"plan is 'plan.npz' and nominal 'none': expected"):
+        make_player(make_env(), nominal="none", plan="plan.npz")
+
+
 def test_a_physics_profile_that_does_not_fit_the_control_step_is_refused():
     env = make_env(physics="reference", control_timestep=0.045)
     with pytest.raises(ConfigError, match=r"control_timestep 0.045 s .*'fast'"):

@@ -84,6 +84,10 @@ def folder(tmp_path, monkeypatch):
         ("plan tune.mid --out run --set fysics=fast", "Did you mean 'physics'"),
         ("plan tune.mid --seed -1", "seed is -1: expected a whole number, 0 or more"),
         ("plan tune.mid --nominal none", "--nominal cannot be given without --sampling"),
+        (
+            "play tune.mid --planned --sampling 2 --nominal none --plan plan.npz",
+            "--plan cannot be given with --nominal none: no plan is followed.",
+        ),
         ("plan tune.mid --horizon 3", "--horizon cannot be given without --sampling"),
         ("plan tune.mid --out run --sampling 2 --nominal plant", "Did you mean 'plan'"),
         ("plan Pendulum-v1 --out run", "Environment 'Pendulum-v1' cannot be made"),

@@ -64,6 +64,7 @@ class PredictiveSampling(PianoPolicy):
         noise: SamplingNoise | None = None,
         cost: SamplingCost | None = None,
         plan_settings: PlanSettings | None = None,
+        plan: str | None = None,
     ) -> None:
         """Take the environments to act in.
 
@@ -84,9 +85,12 @@ class PredictiveSampling(PianoPolicy):
             cost: How they are rated; by default ``SamplingCost()`` with a plan, else
                 ``COST_FROM_ZERO``.
             plan_settings: The plan's settings.
+            plan: A file of a plan, such as ``sb3-piano plan --refine`` writes, around which
+                candidates are drawn in place of planning. It is read before the first note.
 
         Raises:
-            ConfigError: If an argument is out of range, or the environment is out of reach.
+            ConfigError: If an argument is out of range, ``plan`` is given where none is followed,
+                or the environment is out of reach.
         """
         super().__init__(env)
         if nominal not in NOMINALS:
@@ -95,13 +99,17 @@ class PredictiveSampling(PianoPolicy):
                 f"{near_names(str(nominal), NOMINALS)}"
             )
         self._planned = nominal == "plan"
+        if plan is not None and not self._planned:
+            raise ConfigError(
+                f"plan is {plan!r} and nominal {nominal!r}: expected nominal 'plan', or no plan."
+            )
         self._samples = checked("samples", samples, Count)
         self._horizon = checked("horizon", horizon, Count)
         self._physics = physics
         self._n_threads = n_threads
         self._noise = noise or (SamplingNoise() if self._planned else NOISE_FROM_ZERO)
         self._cost = cost or (SamplingCost() if self._planned else COST_FROM_ZERO)
-        self._trackers = Trackers(plan_settings)
+        self._trackers = Trackers(plan_settings, plan)
         self.set_random_seed(seed)
         self._episodes: list[_Episode | None] = [None] * len(self._pianos)
         # Made here, so that what does not fit is told at once.

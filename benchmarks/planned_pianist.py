@@ -5,7 +5,7 @@
     python benchmarks/planned_pianist.py --pieces encore --columns planned refined --losses
 
 Each piece is played once by each column: ``planned`` follows the plan, ``refined`` one that was
-refined by two passes before; ``sampling-8`` and ``sampling-32`` search around the plan,
+refined by two passes before; ``sampling-32`` searches around the plan with 32 samples,
 ``refined-32`` around the refined one; ``zero`` searches without any plan;
 ``sight-reader`` is the network that comes with the package; ``planned-tree`` and
 ``sight-reader-tree`` look ahead with trees of 64 simulations. All joints, half a second before the
@@ -51,7 +51,6 @@ COLUMNS: Mapping[str, tuple[str, dict[str, Any]]] = {
     "planned-tree": ("planned", {}),
     "sight-reader-tree": ("sight-reader", {}),
     "refined": ("planned", {"settings": _REFINED}),
-    "sampling-8": ("sampling", {"samples": 8, "n_threads": 1}),
     "sampling-32": ("sampling", {"samples": 32, "n_threads": 1}),
     "refined-32": ("sampling", {"samples": 32, "n_threads": 1, "plan_settings": _REFINED}),
     "zero": (

@@ -71,6 +71,8 @@ def test_all_pieces_can_be_shown():
         for name in ("table_1/from_nothing", "table_4/conv_100"):
             build_vec_env(config_of(name, pieces=piece)).close()
     assert set(STUDY["one"]) <= set(STUDY["pieces"])
+    assert not set(STUDY["unseen"]) & set(select_pieces(entries))
+    assert len(select_pieces(STUDY["unseen"])) == 4
 
 
 @pytest.mark.slow

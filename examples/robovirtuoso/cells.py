@@ -51,7 +51,7 @@ class Cell:
 
     @property
     def n_timesteps(self) -> int:
-        """How many environment steps its trainings have."""
+        """Environment steps of each of its trainings."""
         return load_config("sac", GENERAL_ID, self.file).n_timesteps
 
     def trainings(self, seeds: Sequence[int]) -> Iterator[Training]:

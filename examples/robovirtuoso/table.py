@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -97,20 +96,16 @@ def print_table(
 
 def measured(cell: Cell, pieces: Sequence[str], results: Results) -> list[str]:
     """Return F1, its interval, onset F1, resting hands' F1 and the number of runs, as text."""
-    found: dict[str, list[list[float]]] = defaultdict(list)
-    for run, of_piece in results.items():
-        if run.rpartition("/")[0] == cell.name:
-            for piece in of_piece.keys() & set(pieces):
-                found[piece].append(of_piece[piece])
+    of_cell = [of for run, of in results.items() if run.rpartition("/")[0] == cell.name]
+    found = [[of[piece] for of in of_cell if piece in of] for piece in pieces]
+    found = [of_piece for of_piece in found if of_piece]
     if not found:
         return ["-", "-", "-", "-", "0"]
-    by_piece = [
-        [sum(values) / len(of) for values in zip(*of, strict=True)] for of in found.values()
-    ]
+    by_piece = [[sum(values) / len(of) for values in zip(*of, strict=True)] for of in found]
     f1, onset_f1, resting = (summarize(values) for values in zip(*by_piece, strict=True))
     interval = "-" if f1.interval is None else f"{f1.interval[0]:.3f} to {f1.interval[1]:.3f}"
     means = (f"{each.mean:.3f}" for each in (onset_f1, resting))
-    return [f"{f1.mean:.3f}", interval, *means, str(sum(map(len, found.values())))]
+    return [f"{f1.mean:.3f}", interval, *means, str(sum(map(len, found)))]
 
 
 def print_row(*cells: str) -> None:

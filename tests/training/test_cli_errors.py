@@ -84,6 +84,10 @@ def folder(tmp_path, monkeypatch):
         ("plan tune.mid --out run --set fysics=fast", "Did you mean 'physics'"),
         ("plan tune.mid --seed -1", "seed is -1: expected a whole number, 0 or more"),
         ("plan tune.mid --nominal none", "--nominal cannot be given without --sampling"),
+        *[
+            (f"play tune.mid {player} --plan plan.npz --passes 1", "--passes cannot be given with")
+            for player in ("--planned", "--planned --sampling 2")
+        ],
         (
             "play tune.mid --planned --sampling 2 --nominal none --plan plan.npz",
             "--plan cannot be given with --nominal none: no plan is followed.",

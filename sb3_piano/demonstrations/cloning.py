@@ -247,7 +247,7 @@ def _epochs(
     seed: int,
 ) -> Iterator[float]:
     """Train the actor, and yield the mean loss of each epoch."""
-    optimizer = torch.optim.Adam(actor.parameters(), learning_rate)
+    optimizer = torch.optim.Adam(actor.parameters(), learning_rate, fused=True)
     updates = epochs * math.ceil(len(rows) / batch_size)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, updates)
     random = torch.Generator().manual_seed(seed)

@@ -72,7 +72,7 @@ def regress(
         The mean loss of the last epoch.
     """
     parameters = list(policy.actor.parameters())
-    optimizer = torch.optim.Adam(parameters, settings.learning_rate)
+    optimizer = torch.optim.Adam(parameters, settings.learning_rate, fused=True)
     updates = settings.epochs * math.ceil(len(rows) / settings.batch_size)
     rising = min(max(_RISING, 1.5 / updates), 0.9)  # of few updates, at least the first
     schedule = torch.optim.lr_scheduler.OneCycleLR(

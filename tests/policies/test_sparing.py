@@ -141,6 +141,34 @@ def test_afterwards_the_model_is_as_before(name):
     assert set(vars(model.critic)) == attributes
 
 
+def fused(model):
+    optimizers = [model.actor.optimizer, model.critic.optimizer, model.ent_coef_optimizer]
+    return [group["fused"] for optimizer in optimizers for group in optimizer.param_groups]
+
+
+def test_adam_passes_over_the_weights_once_meanwhile():
+    model = make()
+    assert fused(model) == [None] * 3
+    with sparing_updates(model):
+        assert fused(model) == [True] * 3
+    assert fused(model) == [None] * 3
+
+
+@pytest.mark.parametrize("chosen", [{"fused": False}, {"foreach": True}])
+def test_a_way_that_was_chosen_for_adam_is_kept(chosen):
+    model = make(policy_kwargs={"optimizer_kwargs": chosen})
+    before = fused(model)
+    with sparing_updates(model):
+        assert fused(model)[:2] == before[:2]  # the entropy coefficient has SB3's own Adam
+    assert fused(model) == before
+
+
+def test_another_optimizer_is_left_alone():
+    model = make(policy_kwargs={"optimizer_class": torch.optim.SGD})
+    with sparing_updates(model):
+        assert model.actor.optimizer.param_groups[0]["fused"] is None
+
+
 def test_an_algorithm_without_critics_of_actions_is_left_alone():
     env = gym.make("RoboPianist-selfactuated-v0", score="scale-CMajor")
     model = PPO("MlpPolicy", env, n_steps=8, batch_size=8)

@@ -48,7 +48,10 @@ def whole_number(text: str) -> int:
 
 _SHARED: dict[str, tuple[Any, ...]] = {
     "--best": ("METRIC", "play the best model by f1 or onset_f1, not the last one"),
-    "--physics": ("NAME", "reference or fast; default: what it was trained on"),
+    "--physics": (
+        "NAME",
+        "reference, faithful, fast-contacts or fast; default: what it was trained on",
+    ),
     "--config": (
         "FILE.yml|NAME",
         f"hyperparameters: a file, or one of {', '.join(NAMED)}; default: the algorithm's preset",
@@ -67,8 +70,8 @@ _SHARED: dict[str, tuple[Any, ...]] = {
     ),
     "--matmul-precision": (
         "HOW",
-        "of torch's matrix products: highest (default), high or medium, which is faster on "
-        "processors with AVX-512",
+        "of torch's matrix products: highest (default), high or medium, which is faster on some "
+        "processors and rounds on some",
     ),
     "--csv": ("FILE", "write a row for each piece", Path),
     "--json": ("FILE", "write everything, statistics included", Path),

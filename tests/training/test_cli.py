@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 
@@ -16,6 +17,7 @@ from sb3_piano.envs import ENV_IDS
 from sb3_piano.hyperparams import FINE_TUNING, NAMED, PRESETS
 from sb3_piano.music import Note, Score, load_score, write_midi
 from sb3_piano.music.library import Library
+from sb3_piano.simulation import PHYSICS_PROFILES
 
 SETTINGS = {
     "n_timesteps": 60,
@@ -133,6 +135,13 @@ def test_the_version_is_told(capsys):
     with pytest.raises(SystemExit, match="0"):
         main(["--version"])
     assert capsys.readouterr().out == f"sb3-piano {sb3_piano.__version__}\n"
+
+
+def test_help_names_every_physics_profile(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main(["evaluate", "--help"])
+    told = capsys.readouterr().out.rpartition("--physics NAME")[2].partition("default:")[0]
+    assert set(re.findall("[a-z-]+", told)) - {"or"} == set(PHYSICS_PROFILES)
 
 
 @pytest.mark.slow

@@ -94,7 +94,7 @@ def test_the_driver_trains_starts_resumes_and_prints(tmp_path):
     done = call("run.py", *cells, "--no-progress")
     assert done.returncode == 0, done.stderr
     n_pieces = len(pieces)
-    assert done.stdout.count(": F1 ") == 1 + n_pieces
+    assert done.stdout.count(": F1 ") == 2 + n_pieces  # with the sight-reader's
     first = runs / "table_1/from_one_scale" / f"{pieces[0]}_seed_0"
     config = RunFolder.open(first).read_config()
     assert config.callback[-1].kwargs["run"] == str(runs / "pretraining/one_scale/seed_0")
@@ -109,11 +109,13 @@ def test_the_driver_trains_starts_resumes_and_prints(tmp_path):
     unseen = table.partition("Not seen in training: scale-AHarmonicMinor")[2]
     scale = next(line for line in unseen.splitlines() if "pretraining/one_scale" in line)
     assert scale.endswith("| - | 1 |")
+    reader = next(line for line in unseen.splitlines() if line.startswith("| sight-reader |"))
+    assert float(reader.split("|")[2]) > 0.9
     # What is shorter than its cell says is shown, not kept; what is kept needs no folder any more.
     kept = tmp_path / "kept.json"
     said = call("table.py", "--keep", "--kept", str(kept)).stdout
-    assert said.startswith(f"{n_pieces} runs are kept in")
+    assert said.startswith(f"{n_pieces + 1} runs are kept in")
     shutil.rmtree(runs)
     table = call("table.py", "--kept", str(kept)).stdout
-    assert row in table.splitlines()
+    assert {row, reader} <= set(table.splitlines())
     assert "| pretraining/one_scale | - | - | - | - | - | 0 |" in table

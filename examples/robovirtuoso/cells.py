@@ -21,6 +21,9 @@ HERE = Path(__file__).parent
 RUNS = Path("runs/robovirtuoso")
 """Where the runs are kept, unless said otherwise."""
 
+SIGHT_READER = "sight-reader"
+"""Player, and folder among the runs, of what plays the unseen pieces beside the cells."""
+
 STUDY: dict[str, Any] = yaml.safe_load((HERE / "study.yml").read_text(encoding="utf-8"))
 """Content of ``study.yml``."""
 

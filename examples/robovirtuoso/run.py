@@ -7,7 +7,8 @@
 
 A training that is finished is skipped and one that was interrupted goes on, so that the same
 command after Ctrl-C, or a crash, does the rest. What another cell starts from is trained before
-it, or was, from the same seed. ``table.py`` prints what there is.
+it, or was, from the same seed. What is trained on several pieces is judged on unseen ones, too,
+from beginning to end, and the sight-reader beside it. ``table.py`` prints what there is.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from cells import RUNS, STUDY, Cell, Training, find_cells
+from cells import RUNS, SIGHT_READER, STUDY, Cell, Training, find_cells
 
-from sb3_piano.exceptions import SB3PianoError
+from sb3_piano.envs import GENERAL_ID
+from sb3_piano.exceptions import RunError, SB3PianoError
 from sb3_piano.sweeps import CellJob, CellResult, finish_cells
-from sb3_piano.training import RunFolder, evaluate_runs
+from sb3_piano.training import PlannedConfig, RunFolder, evaluate_runs, load_config
 
 
 def main() -> int:
@@ -53,6 +55,8 @@ def main() -> int:
             for result in results:
                 if result.finished:
                     judge(Cell(result.name), Path(result.folder))
+        if any(cell.is_together for cell in cells):
+            judge_sight_reader(cells[0], arguments.runs / SIGHT_READER / "seed_0")
     except KeyboardInterrupt:
         print("Interrupted: the same command goes on from here.")
         return 130
@@ -88,15 +92,40 @@ def tell(result: CellResult, done: int, total: int) -> None:
 
 def judge(cell: Cell, folder: Path) -> None:
     """Evaluate a run on each of its pieces, and on unseen ones, unless it was; say how it plays."""
-    file = folder / "pieces.json"
-    if file.is_file():
-        return
     pieces: list[str] = []  # its own one
     if cell.is_together:
         pieces = [*RunFolder.open(folder).read_config().pieces, *STUDY["unseen"]]
+    evaluate(folder, pieces)
+
+
+def judge_sight_reader(cell: Cell, folder: Path) -> None:
+    """Evaluate the sight-reader on the unseen pieces, in the physics of a cell."""
+    physics = load_config("sac", GENERAL_ID, cell.file).env_kwargs["physics"]
+    config = PlannedConfig(
+        algo=SIGHT_READER,
+        env_id=GENERAL_ID,
+        seed=0,
+        env_kwargs={
+            "physics": physics,
+            "score": STUDY["unseen"][0],
+            "reduced_action_space": False,  # the sight-reader uses all joints
+        },
+    )
+    if not folder.is_dir():
+        RunFolder.create(config, folder)
+    evaluate(folder, STUDY["unseen"])
+
+
+def evaluate(folder: Path, pieces: Sequence[str]) -> None:
+    """Evaluate a run on pieces, or its own one, and keep it as ``pieces.json``, unless that is."""
+    file = folder / "pieces.json"
+    if file.is_file():
+        return
     found = evaluate_runs([folder], scores=pieces)
     if found.interrupted:
         raise KeyboardInterrupt
+    for failure in found.failures:
+        raise RunError(f"{failure} Nothing was kept: the same command judges it again.")
     found.write_json(file)
     scores = ", ".join(f"{each.piece} {each.mean['f1']:.3f}" for each in found.evaluations)
     print(f"{folder}: F1 {scores}", flush=True)

@@ -6,8 +6,8 @@
 The runs are those of ``run.py`` and, where a folder is gone, those that results.json has kept. F1
 is that of the last model without exploring: each piece's mean over seeds, of which the mean over
 pieces is shown, with a 95 % interval over pieces where there are several. Tables 3 and 4 are of the
-study's ``one`` piece; the last tables are of pieces that a policy has not seen. A dash is what was
-not run.
+study's ``one`` piece; the last tables are of whole pieces that a policy has not seen. A dash is
+what was not run.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import yaml
-from cells import HERE, RUNS, STUDY, Cell, find_cells
+from cells import HERE, RUNS, SIGHT_READER, STUDY, Cell, find_cells
 
 from sb3_piano.files import write_text
-from sb3_piano.training import RunFolder
+from sb3_piano.training import RunConfig, RunFolder
 from sb3_piano.training.evaluation.statistics import summarize
 
 KEPT = HERE / "results.json"
@@ -54,6 +54,7 @@ def main() -> None:
         pieces = STUDY["one"] if title.startswith(OF_ONE_PIECE) else STUDY["pieces"]
         print_table(title, cells, pieces, results)
     together = {cell.name: None for cell in find_cells() if cell.is_together}
+    together[SIGHT_READER] = None
     for piece in STUDY["unseen"]:
         print_table(f"Not seen in training: {piece}", together, [piece], results)
 
@@ -61,13 +62,14 @@ def main() -> None:
 def read_runs(runs: Path, *, only_whole: bool = False) -> Results:
     """Return the figures of the runs in a folder, or of those only that are of full length."""
     results: Results = {}
-    for cell in find_cells():
-        for file in sorted((runs / cell.name).glob("*seed_*/pieces.json")):
-            steps = RunFolder.open(file.parent).read_config().n_timesteps
-            if only_whole and steps != cell.n_timesteps:
+    for name in (*STUDY["cells"], SIGHT_READER):
+        for file in sorted((runs / name).glob("*seed_*/pieces.json")):
+            config = RunFolder.open(file.parent).read_config()
+            trained = isinstance(config, RunConfig)
+            if only_whole and trained and config.n_timesteps != Cell(name).n_timesteps:
                 continue
             evaluations = json.loads(file.read_text(encoding="utf-8"))["evaluations"]
-            results[f"{cell.name}/{file.parent.name}"] = {
+            results[f"{name}/{file.parent.name}"] = {
                 one["piece"]: [
                     round(value, 4)
                     for value in (one["mean"]["f1"], one["mean"]["onset_f1"], one["baseline"]["f1"])
@@ -90,13 +92,13 @@ def print_table(
     print_row(*COLUMNS)
     print_row(*("---" for _ in COLUMNS))
     for name, reported in cells.items():
-        *values, runs = measured(Cell(name), pieces, results)
+        *values, runs = measured(name, pieces, results)
         print_row(name, *values, "-" if reported is None else f"{reported:.3f}", runs)
 
 
-def measured(cell: Cell, pieces: Sequence[str], results: Results) -> list[str]:
+def measured(cell: str, pieces: Sequence[str], results: Results) -> list[str]:
     """Return F1, its interval, onset F1, resting hands' F1 and the number of runs, as text."""
-    of_cell = [of for run, of in results.items() if run.rpartition("/")[0] == cell.name]
+    of_cell = [of for run, of in results.items() if run.rpartition("/")[0] == cell]
     found = [[of[piece] for of in of_cell if piece in of] for piece in pieces]
     found = [of_piece for of_piece in found if of_piece]
     if not found:

@@ -106,6 +106,18 @@ def test_the_driver_trains_starts_resumes_and_prints(tmp_path):
     assert found["piece"] == pieces[0]
     again = call("run.py", *cells, "--no-progress")
     assert again.stdout == f"{1 + n_pieces} of {1 + n_pieces} trainings are finished.\n"
+    # What cannot be judged is told, and judged again when it can be.
+    model, judged = first / "model.zip", first / "pieces.json"
+    content, expected = model.read_bytes(), judged.read_text()
+    judged.unlink()
+    model.write_bytes(b"damaged")
+    failed = call("run.py", *cells, "--no-progress")
+    assert failed.returncode == 2
+    assert "Nothing was kept: the same command judges it again." in failed.stderr
+    assert not judged.exists()
+    model.write_bytes(content)
+    assert call("run.py", *cells, "--no-progress").returncode == 0
+    assert json.loads(judged.read_text()) == json.loads(expected)
     table = call("table.py").stdout
     row = next(line for line in table.splitlines() if "table_1/from_one_scale" in line)
     assert row.endswith(f"| 0.469 | {n_pieces} |")

@@ -53,9 +53,9 @@ class Cell:
         return "together" in STUDY["cells"][self.name]
 
     @property
-    def n_timesteps(self) -> int:
-        """Environment steps of each of its trainings."""
-        return load_config("sac", GENERAL_ID, self.file).n_timesteps
+    def settings(self) -> RunConfig:
+        """Settings of its trainings but for pieces, seed, and what they start from."""
+        return load_config("sac", GENERAL_ID, self.file)
 
     def trainings(self, seeds: Sequence[int]) -> Iterator[Training]:
         """Yield its trainings: one on all its pieces together, or one on each."""

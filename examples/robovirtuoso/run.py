@@ -23,7 +23,7 @@ from cells import RUNS, SIGHT_READER, STUDY, Cell, Training, find_cells
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import RunError, SB3PianoError
 from sb3_piano.sweeps import CellJob, CellResult, finish_cells
-from sb3_piano.training import PlannedConfig, RunFolder, evaluate_runs, load_config
+from sb3_piano.training import PlannedConfig, RunFolder, evaluate_runs
 
 
 def main() -> int:
@@ -100,13 +100,12 @@ def judge(cell: Cell, folder: Path) -> None:
 
 def judge_sight_reader(cell: Cell, folder: Path) -> None:
     """Evaluate the sight-reader on the unseen pieces, in the physics of a cell."""
-    physics = load_config("sac", GENERAL_ID, cell.file).env_kwargs["physics"]
     config = PlannedConfig(
         algo=SIGHT_READER,
         env_id=GENERAL_ID,
         seed=0,
         env_kwargs={
-            "physics": physics,
+            "physics": cell.settings.env_kwargs["physics"],
             "score": STUDY["unseen"][0],
             "reduced_action_space": False,  # the sight-reader uses all joints
         },
@@ -124,8 +123,8 @@ def evaluate(folder: Path, pieces: Sequence[str]) -> None:
     found = evaluate_runs([folder], scores=pieces)
     if found.interrupted:
         raise KeyboardInterrupt
-    for failure in found.failures:
-        raise RunError(f"{failure} Nothing was kept: the same command judges it again.")
+    if found.failures:
+        raise RunError(f"{found.failures[0]} Nothing was kept: the same command judges it again.")
     found.write_json(file)
     scores = ", ".join(f"{each.piece} {each.mean['f1']:.3f}" for each in found.evaluations)
     print(f"{folder}: F1 {scores}", flush=True)

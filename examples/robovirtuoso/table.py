@@ -66,7 +66,7 @@ def read_runs(runs: Path, *, only_whole: bool = False) -> Results:
         for file in sorted((runs / name).glob("*seed_*/pieces.json")):
             config = RunFolder.open(file.parent).read_config()
             trained = isinstance(config, RunConfig)
-            if only_whole and trained and config.n_timesteps != Cell(name).n_timesteps:
+            if only_whole and trained and config.n_timesteps != Cell(name).settings.n_timesteps:
                 continue
             evaluations = json.loads(file.read_text(encoding="utf-8"))["evaluations"]
             results[f"{name}/{file.parent.name}"] = {

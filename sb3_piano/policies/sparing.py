@@ -1,15 +1,15 @@
 """Updates of stock algorithms without the work that changes nothing.
 
-Three kinds of it are half of an update of SAC that observes a piano roll:
+Three kinds of it are a third of SB3's update of SAC that observes a piano roll:
 
 - Most keys of a roll are never due and never sound, so that most columns of a batch are zero: they
   add nothing to the first layer, and their weights have no gradient.
 - An actor's update differentiates by the weights of the critics, too, which nobody asks for: SB3
   clears those gradients before the critics' own update.
-- Adam reads and writes all weights a dozen times in each step, where torch's fused Adam passes over
+- Adam reads and writes all weights several times in each step, where torch's fused Adam passes over
   them once.
 
-What is learnt is the same but for rounding, as fewer numbers are summed in another order.
+What is learnt is the same but for rounding, as the same is computed in another order.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.save_util import recursive_getattr
 from torch import Tensor, nn
 from torch.nn import functional
-from torch.optim import Adam, AdamW
+from torch.optim import Adam
 
 _WORTHWHILE = 0.75
 """With more columns in use than this share, gathering them takes longer than it saves."""
@@ -85,7 +85,7 @@ def _adam_groups(model: BaseAlgorithm) -> Iterator[dict[str, Any]]:
     names, _ = model._get_torch_save_params()
     for name in names:
         optimizer = recursive_getattr(model, name)
-        if isinstance(optimizer, Adam | AdamW):
+        if isinstance(optimizer, Adam):  # or AdamW, which is one
             for group in optimizer.param_groups:
                 chosen = group["fused"] is not None or group["foreach"] or group["differentiable"]
                 if not chosen and all(one.device.type == "cpu" for one in group["params"]):

@@ -17,6 +17,7 @@ from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.music.formats import READERS
 from sb3_piano.music.generation import generate_score
 from sb3_piano.music.library import imported_pieces
+from sb3_piano.music.piece import Piece
 from sb3_piano.music.repertoire import REPERTOIRE
 from sb3_piano.music.score import Score
 from sb3_piano.music.studies import STUDIES
@@ -67,7 +68,7 @@ class Corpus:
 
     Excerpts that are not generated come from a random place of a piece, which is transposed
     within the keyboard and played slower or faster. A transposed piece keeps its hands, but not
-    its fingers. What would equal a held-out piece in another octave is not made.
+    its fingers. No piece is transposed so that it begins like a held-out study in any octave.
 
     Attributes:
         seed: Another seed gives another corpus.
@@ -102,8 +103,9 @@ class Corpus:
         if not self.sources:
             raise ConfigError(f"sources is empty: expected weights of {', '.join(SOURCES)}.")
         given = {source: _names(source) for source in self.sources if source != "generated"}
-        known = {alias for name in pieces() for alias in _aliases(name)}
-        known |= {alias for names in given.values() for name in names for alias in _aliases(name)}
+        all_pieces = pieces()
+        named = {*all_pieces, *(name for names in given.values() for name in names)}
+        known = {alias for name in named for alias in _aliases(name, all_pieces)}
         for name in self.held_out:
             if name not in known:
                 raise ConfigError(
@@ -166,8 +168,8 @@ class Corpus:
         }
 
     def _kept(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        held_out = set(self.held_out)
-        return tuple(name for name in names if not held_out & _aliases(name))
+        held_out, known = set(self.held_out), pieces()
+        return tuple(name for name in names if not held_out & _aliases(name, known))
 
     def _excerpt(self, random: np.random.Generator, name: str) -> Score:
         if name in STUDIES and STUDIES[name].options:
@@ -192,8 +194,8 @@ class Corpus:
     @functools.cached_property
     def _openings(self) -> frozenset[tuple[tuple[int, ...], ...]]:
         """How the held-out studies begin."""
-        studies = (name for name in STUDIES if not self._kept((name,)))
-        return frozenset(_opening(STUDIES[name].score(), 0) for name in studies)
+        held_out = set(STUDIES) - set(self._kept(tuple(STUDIES)))
+        return frozenset(_opening(STUDIES[name].score(), 0) for name in held_out)
 
 
 @functools.lru_cache(maxsize=_KEPT)
@@ -252,8 +254,8 @@ def _names(source: str) -> tuple[str, ...]:
     )
 
 
-def _aliases(name: str) -> set[str]:
+def _aliases(name: str, known: Mapping[str, Piece]) -> set[str]:
     """Return what a piece may be called: by its full name or without the collection, or file."""
     if is_path(name):
         return {name, Path(name).name, Path(name).stem}
-    return {name, name.partition("-")[2]} - {""}
+    return {name, name.removeprefix(f"{known[name].collection}-")}

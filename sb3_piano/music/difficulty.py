@@ -75,9 +75,6 @@ def features(score: Score) -> Features:
     """Return the features of a score.
 
     Hands are those of the notes; where any is unknown, they are assigned as for fingering.
-
-    Raises:
-        ScoreError: If no two hands can play the score.
     """
     duration = score.duration - score.notes[0].onset
     is_handed = all(note.hand is not None for note in score.notes)

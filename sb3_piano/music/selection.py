@@ -5,17 +5,20 @@ from __future__ import annotations
 import fnmatch
 import glob
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from sb3_piano.exceptions import ConfigError, UnknownPieceError, near_names
 from sb3_piano.music.catalogue import ScoreSource, find_piece, is_path, pieces
+from sb3_piano.music.formats.pig import looks_like_pig
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
 
 _LIST = ".txt"
 _WILD = frozenset("*?[")
+_COMMENT = re.compile(r"(^|\s)#.*")  # not the one in "Prelude in C# minor.mid"
 
 
 def select_pieces(entries: Sequence[ScoreSource] | str | os.PathLike[str]) -> list[ScoreSource]:
@@ -27,15 +30,16 @@ def select_pieces(entries: Sequence[ScoreSource] | str | os.PathLike[str]) -> li
         entries: One or more of: a score; the name of a piece; the path of a file; a pattern of
             names (``"scale-*"``) or of paths (``"corpus/**/*.mid"``), whose pieces come in
             the order of the alphabet; a collection (``"repertoire"``), as ``sb3-piano pieces list``
-            shows them; a text file with such an entry in each line, ``corpus.txt``, from ``#`` on a
-            comment, whose relative paths begin at its folder.
+            shows them; a text file with such an entry in each line, ``corpus.txt``, whose relative
+            paths begin at its folder; ``#`` at the start of a line or after a space begins a
+            comment.
 
     Returns:
         Scores, full names of pieces and absolute paths.
 
     Raises:
         ConfigError: If there is no entry, a list cannot be read, or nothing fits a pattern.
-        UnknownPieceError: If there is no piece or collection of a name.
+        UnknownPieceError: If there is no piece or collection of a name, or it is to be imported.
     """
     single = isinstance(entries, str) or not isinstance(entries, Sequence)
     several: Sequence[Any] = [entries] if single else entries  # type: ignore[assignment]
@@ -87,10 +91,13 @@ def _named(text: str, known: Mapping[str, Piece]) -> Iterator[str]:
         yield from of_collection
         return
     try:
-        yield find_piece(text).name
+        piece = find_piece(text)
     except UnknownPieceError as error:
         near = near_names(text, {piece.collection for piece in known.values()})
         raise UnknownPieceError(f"{error} No collection is called so either.{near}") from error
+    if piece.name not in known:
+        piece.score()  # which says how a piece of the PIG data set is imported
+    yield piece.name
 
 
 def _files(text: str, folder: Path) -> Iterator[str]:
@@ -106,9 +113,13 @@ def _files(text: str, folder: Path) -> Iterator[str]:
 
 
 def _listed(path: Path, known: Mapping[str, Piece]) -> Iterator[ScoreSource]:
-    """Yield what a list in a file stands for."""
+    """Yield what a list in a file stands for; a file of the PIG data set is a piece itself."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        content = path.read_bytes()
+        if looks_like_pig(content):
+            yield str(path)
+            return
+        lines = content.decode("utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise ConfigError(
@@ -116,7 +127,7 @@ def _listed(path: Path, known: Mapping[str, Piece]) -> Iterator[ScoreSource]:
             "name, a path or a pattern in each line."
         ) from error
     for number, line in enumerate(lines, start=1):
-        entry = line.partition("#")[0].strip()
+        entry = _COMMENT.sub("", line).strip()
         if entry.endswith(_LIST):
             raise ConfigError(
                 f"'{path}', line {number}: {entry!r} is another list. Expected names, paths and "

@@ -51,7 +51,7 @@ def synthesize(score: Score | None, *, at_least: float = 0.0) -> NDArray[np.floa
 
     Returns:
         (n, 2) float32, left and right, ``SAMPLE_RATE`` a second, in [-0.9, 0.9]; a second longer
-        than the last note.
+        than the last note, or than the pedal that holds it.
 
     Raises:
         ConfigError: If the length is no time.

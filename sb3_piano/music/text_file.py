@@ -22,6 +22,14 @@ def read_whole(text: str) -> int | None:
     return int(text) if text.isdecimal() and len(text) < 10 else None
 
 
+def readable(name: str) -> str:
+    """Return a name from the file system as text that can be written anywhere.
+
+    Names are bytes there: those of archives may be in another encoding than the system's.
+    """
+    return os.fsencode(name).decode("utf-8", errors="replace")
+
+
 def read_text(path: Path, kind: str) -> str:
     """Return the text of a file in UTF-8, without a byte order mark; messages tell its kind.
 

@@ -5,10 +5,11 @@ import time
 
 import pytest
 
+from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music import Note, Score, read_midi, write_midi
+from sb3_piano.music import Note, Score, read_midi, write_midi, write_musicxml
 from sb3_piano.music.fingering import finger_score
-from sb3_piano.music.library import Library, import_path
+from sb3_piano.music.library import Library, import_path, user_library
 from sb3_piano.music.library.task import ImportTask, run_tasks
 
 PIG_LINES = "//Version: PianoFingering_v170101\n0\t0.0\t1.0\tC4\t80\t80\t0\t1\n"
@@ -122,7 +123,9 @@ class TestOneFile:
         with pytest.raises(ConfigError, match="cannot be named 'debug-CMajorScaleOneHand'"):
             import_path(path, library, name="debug-CMajorScaleOneHand")
 
-    @pytest.mark.parametrize("name", ["debug-CMajorScaleOneHand", "etude-12-WaltzOp64No1"])
+    @pytest.mark.parametrize(
+        "name", ["debug-CMajorScaleOneHand", "FurElise", "etude-12-WaltzOp64No1"]
+    )
     def test_the_name_of_a_built_in_piece_and_of_the_pig_datas_is_changed(
         self, music, library, name
     ):
@@ -200,6 +203,50 @@ class TestFolder:
         report = import_path(music, library, jobs=1)
         assert report.imported == ("a",)
         assert "MAESTRO's table" in report.unusable[0].reason
+
+    def test_a_table_of_maestros_that_is_cut_short_gives_the_titles_that_it_has(
+        self, music, library
+    ):
+        save(music / "a.midi")
+        table = (
+            "canonical_composer,canonical_title,split,midi_filename\nBach,Air,test,a.midi\nBerg,So"
+        )
+        (music / "maestro-v3.0.0.csv").write_text(table)
+        report = import_path(music, library, jobs=1)
+        assert (report.imported, report.unusable) == (("a",), ())
+        assert library.info("a").title == "Bach: Air"
+
+    @pytest.mark.parametrize("head", ["\ufeff", "\n\n", "\ufeff\n// of whom\n"])
+    def test_text_with_a_byte_order_mark_or_empty_lines_is_music_too(self, music, library, head):
+        (music / "a.txt").write_text(head + PIG_LINES, encoding="utf-8")
+        assert import_path(music, library, jobs=1).imported == ("a",)
+
+    def test_xml_in_utf_16_is_music_too(self, music, library):
+        write_musicxml(tune(), music / "a.musicxml")
+        text = (music / "a.musicxml").read_text(encoding="utf-8").replace("UTF-8", "UTF-16", 1)
+        (music / "a.musicxml").unlink()
+        (music / "b.xml").write_text(text, encoding="utf-16")
+        assert import_path(music, library, jobs=1).imported == ("b",)
+
+    def test_names_of_one_file_in_two_folders_are_cut_where_file_systems_do(self, music, library):
+        for number, folder in enumerate(("一" * 40, "二" * 40)):
+            save(music / folder / f"{'月' * 60}.mid", 60 + number)
+        report = import_path(music, library, jobs=1)
+        assert (len(report.imported), report.unusable) == (2, ())
+
+    def test_a_name_in_another_encoding_gives_a_title_that_can_be_written(
+        self, music, tmp_path, monkeypatch, capsys
+    ):
+        monkeypatch.setenv("SB3_PIANO_DATA", str(tmp_path / "data"))
+        save(music / "a.mid")
+        os.rename(music / "a.mid", os.fsencode(music) + b"/F\xfcr Elise.mid")
+        report = import_path(music, jobs=1)
+        (name,) = report.imported
+        assert user_library().info(name).title == "F\ufffdr Elise"
+        assert main(["pieces", "list", "--csv", str(tmp_path / "all.csv")]) == 0
+        assert "F\ufffdr Elise" in (tmp_path / "all.csv").read_text(encoding="utf-8")
+        assert main(["pieces", "show", name]) == 0
+        assert "Elise.mid" in capsys.readouterr().out  # where it comes from
 
     def test_two_processes_import_what_one_does(self, music, tmp_path):
         for number in range(5):

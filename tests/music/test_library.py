@@ -9,8 +9,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from random_scores import FINGERS, HANDS, scores
 
+from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
-from sb3_piano.music import BUILT_IN, Note, Pedal, Score, load_score
+from sb3_piano.music import BUILT_IN, Note, Pedal, Score, find_piece, load_score
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.library import (
     DATA_VARIABLE,
@@ -118,17 +119,22 @@ def test_a_folder_that_cannot_be_read_has_no_pieces_and_fails_nobody(data, libra
     data.mkdir()
     (data / "pieces").write_text("a file, no folder")
     assert dict(imported_pieces()) == {}
-    with pytest.raises(NotADirectoryError):
-        library.names()
+    assert library.names() == ()
+    assert piece_features(find_piece("FurElise")) == features(load_score("FurElise"))
+    assert main(["pieces", "list", "--collection", "debug"]) == 0
+    with pytest.raises(UnknownPieceError, match="has no piece 'FurElise'"):
+        library.remove("FurElise")
 
 
-@pytest.mark.parametrize("name", ["debug-CMajorScaleTwoHands", *list(BUILT_IN)[-1:]])
+@pytest.mark.parametrize("name", ["debug-CMajorScaleTwoHands", *list(BUILT_IN)[-1:], "FurElise"])
 def test_the_name_of_a_built_in_piece_is_refused(library, name):
     with pytest.raises(ConfigError, match="a piece that comes with the package is"):
         library.add(ONE_NOTE, name, **FROM_NOWHERE)
 
 
-@pytest.mark.parametrize("name", ["", "-x", "a b", "a/b", "..", "a.mid", "x" * 101, "a\n"])
+@pytest.mark.parametrize(
+    "name", ["", "-x", "a b", "a/b", "..", "a.mid", "x" * 101, "月" * 34, "a\n"]
+)
 def test_a_name_that_no_id_could_have_is_refused(library, name):
     with pytest.raises(ConfigError, match="cannot be named .*expected letters, digits"):
         library.add(ONE_NOTE, name, **FROM_NOWHERE)

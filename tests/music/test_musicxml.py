@@ -153,6 +153,15 @@ class TestRepeats:
         assert pitches(score) == [0, 2, 2, 4]
         assert score.bars == (0, 2, 4, 6)
 
+    def test_are_played_as_often_as_they_say(self, read):
+        back = self.BACK.replace('"backward"', '"backward" times="4"')
+        assert pitches(read(note("C4", 16) + back, note("D4", 16))) == [0, 0, 0, 0, 2]
+
+    def test_of_an_upbeat_no_bar_line_is_before_it(self, read):
+        measures = part(note("G4", 4), note("C5", 16), note("D5", 12) + self.BACK)
+        upbeat = measures.replace('number="1"', 'number="0" implicit="yes"')
+        assert read(parts={"P1": upbeat}).bars == (0.5, 2.5, 4.5, 6.5)
+
     def test_endings_are_played_in_turn(self, read):
         def ending(number, kind, place):
             return (
@@ -294,7 +303,33 @@ class TestHands:
         assert labels(score) == [(60, *label)]
 
 
+class TestMeasures:
+    def test_of_several_parts_begin_together_however_much_of_them_is_written(self, read):
+        upper = part(*(note(name, 16) for name in ("C5", "D5", "E5")))
+        lower = part("", note("C3", 4), note("D3", 16))
+        score = read(parts={"A": upper, "B": lower})
+        assert [(n.pitch, n.onset) for n in score.notes if n.hand == "left"] == [(48, 2), (50, 4)]
+        assert [(n.pitch, n.onset) for n in score.notes if n.hand == "right"] == [
+            (72, 0),
+            (74, 2),
+            (76, 4),
+        ]
+
+    def test_a_repeat_ends_where_the_longest_part_does(self, read):
+        back = TestRepeats.BACK
+        parts = {"A": part(note("C3", 4) + back), "B": part(note("C5", 16) + back)}
+        score = read(parts=parts)
+        assert [(n.pitch, n.onset) for n in score.notes] == [(48, 0), (72, 0), (48, 2), (72, 2)]
+
+    def test_without_notes_and_rests_are_as_long_as_the_meter(self, read):
+        assert played(read(note("C4", 16), "", note("D4", 16))) == [(60, 0, 2), (62, 4, 6)]
+
+
 class TestPedal:
+    def test_stays_down_until_the_end_if_nothing_lifts_it(self, read):
+        music = pedal("start") + note("C4", 8)
+        assert read(music, note("D4", 16)).pedals == (Pedal(onset=0, offset=3),)
+
     @pytest.mark.parametrize("change", [pedal("change"), pedal("stop") + pedal("start")])
     def test_is_up_for_a_moment_where_it_is_changed(self, change, read):
         music = pedal("start") + note("C4", 8) + change + note("D4", 8) + pedal("stop")

@@ -5,7 +5,15 @@ from __future__ import annotations
 import pytest
 
 from sb3_piano.exceptions import ConfigError, UnknownPieceError
-from sb3_piano.music import BUILT_IN, Note, Score, load_score, select_pieces, write_midi
+from sb3_piano.music import (
+    BUILT_IN,
+    Note,
+    Score,
+    load_score,
+    select_pieces,
+    write_midi,
+    write_pig,
+)
 
 SCORE = Score(notes=[Note(onset=0.0, offset=0.5, pitch=60)], title="one")
 
@@ -66,6 +74,20 @@ def test_a_list_has_an_entry_in_each_line_and_paths_from_its_folder(corpus):
     assert select_pieces([corpus / "corpus.txt", "scale-CMajor"]) == expected
 
 
+def test_a_list_may_begin_with_a_byte_order_mark_and_name_files_with_sharps(corpus):
+    (corpus / "a.mid").rename(corpus / "Prelude in C# minor.mid")
+    text = "scale-CMajor # first\nPrelude in C# minor.mid\n"
+    (corpus / "corpus.txt").write_text(text, encoding="utf-8-sig")
+    expected = ["scale-CMajor", str(corpus / "Prelude in C# minor.mid")]
+    assert select_pieces(str(corpus / "corpus.txt")) == expected
+
+
+def test_a_file_of_the_pig_data_set_is_a_piece_however_it_was_found(corpus):
+    write_pig(load_score("scale-CMajor"), corpus / "1_fingering.txt")
+    found = select_pieces(str(corpus / "*_fingering.txt"))
+    assert found == select_pieces(found) == [str(corpus / "1_fingering.txt")]
+
+
 def test_thousands_are_selected_without_reading_one(tmp_path):
     for number in range(3000):
         (tmp_path / f"{number:04}.mid").write_bytes(b"")
@@ -83,6 +105,7 @@ def test_thousands_are_selected_without_reading_one(tmp_path):
         ("missing.txt", ConfigError, "'.*missing.txt' cannot be read: No such file"),
         ("Fur", UnknownPieceError, "Unknown piece 'Fur'"),
         ("scael", UnknownPieceError, "Did you mean 'scale'"),
+        ("etude-12-WaltzOp64No1", UnknownPieceError, "pieces import"),
         ([3], ConfigError, "cannot be given as int: expected a Score, a name"),
     ],
 )

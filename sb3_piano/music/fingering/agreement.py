@@ -198,7 +198,7 @@ def judge(labelled: Score) -> Agreement:
     that we find without being told.
 
     Raises:
-        ScoreError: If no note is labelled, or the score cannot be played.
+        ScoreError: If no note is labelled.
     """
     fingers = agreement(labelled, finger_score(without_fingers(labelled, keep_hands=True)))
     hands = agreement(labelled, assign_hands(without_fingers(labelled, keep_hands=False)))
@@ -209,8 +209,8 @@ def judge_annotated(annotations: Sequence[Score]) -> MatchRates:
     """Compare our fingering with those of several annotators, for the hands of the first one.
 
     Raises:
-        ScoreError: If there are no annotations, their notes differ, they have no labelled note in
-            common, or the piece cannot be played.
+        ScoreError: If there are no annotations, their notes differ, or they have no labelled note
+            in common.
     """
     if not annotations:
         raise ScoreError("There are no annotations: expected at least one.")

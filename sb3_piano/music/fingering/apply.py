@@ -44,7 +44,7 @@ def apply_fingering(
 
     Raises:
         ConfigError: If there is no such way, or no such file.
-        ScoreError: If no fingers can be found, or the file's labels do not fit the score.
+        ScoreError: If the file's labels do not fit the score.
     """
     if fingering == "keep":
         return score

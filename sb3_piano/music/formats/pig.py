@@ -8,6 +8,7 @@ key is held; an underscore may be left behind it. Lines that start with ``//`` a
 
 from __future__ import annotations
 
+import codecs
 import functools
 import math
 import os
@@ -21,7 +22,7 @@ from sb3_piano.music.hands import HANDS, finger_number, finger_of, likely_hand
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_name, pitch_number
 from sb3_piano.music.score import Score
-from sb3_piano.music.text_file import read_field, read_text
+from sb3_piano.music.text_file import read_field, read_text, readable
 
 _FIELDS = "id, onset, offset, pitch, onset velocity, offset velocity, channel, finger"
 _FINGER = re.compile(r"(-?)([0-5])(_(-?[0-5])?)*")
@@ -59,7 +60,14 @@ def read_pig(path: str | os.PathLike[str], *, shortest: float = 0.0) -> Score:
             f"{_FIELDS}."
         )
     left_out.warn(path)
-    return Score(notes=notes, title=path.stem)
+    return Score(notes=notes, title=readable(path.stem))
+
+
+def looks_like_pig(head: bytes) -> bool:
+    """Return whether a file that begins so has the lines of this format, as no other text has."""
+    lines = map(bytes.split, head.removeprefix(codecs.BOM_UTF8).splitlines())
+    first = next((line for line in lines if line and not line[0].startswith(b"//")), [])
+    return len(first) in (7, 8) and first[0].isdigit()
 
 
 def write_pig(score: Score, path: str | os.PathLike[str]) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music.fingering.apply import FINGERINGS, labels_file
 from sb3_piano.music.formats import ACCEPTED_FILES, READERS
+from sb3_piano.music.formats.pig import looks_like_pig
 from sb3_piano.music.library.datasets import (
     PIG_PIECES,
     find_dataset,
@@ -25,6 +26,7 @@ from sb3_piano.music.library.store import (
     LONGEST_NAME,
     Library,
     check_name,
+    cut,
     is_built_in,
     slug,
     user_library,
@@ -194,9 +196,9 @@ def _may_be(path: Path) -> bool:
     except OSError:
         return False
     if suffix == ".xml":
+        head = head.replace(b"\0", b"")  # of UTF-16
         return b"score-partwise" in head or b"score-timewise" in head
-    lines = [line.split() for line in head.splitlines() if not line.lstrip().startswith(b"//")]
-    return any(len(fields) in (7, 8) and fields[0].isdigit() for fields in lines[:1])
+    return looks_like_pig(head)
 
 
 def _read_titles(folder: Path) -> dict[Path, str]:
@@ -210,6 +212,7 @@ def _read_titles(folder: Path) -> dict[Path, str]:
         return {
             folder / row["midi_filename"]: f"{row['canonical_composer']}: {row['canonical_title']}"
             for row in csv.DictReader(io.StringIO(text))
+            if row["midi_filename"] is not None  # as in the last row of a table that is cut short
         }
     except (OSError, ValueError, KeyError, csv.Error) as error:
         raise ScoreError(
@@ -289,7 +292,7 @@ class _ImportPlan:
         If that is taken, the folder's name is put in front, then a number behind.
         """
         longer = slug(f"{path.absolute().parent.name} {path.stem}")
-        numbered = (f"{longer[: LONGEST_NAME - 8]}-{number}" for number in itertools.count(2))
+        numbered = (f"{cut(longer, LONGEST_NAME - 8)}-{number}" for number in itertools.count(2))
         names = itertools.chain([slug(path.stem), longer], numbered)
         return next(
             name

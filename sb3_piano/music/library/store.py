@@ -41,7 +41,8 @@ DATA_VARIABLE = "SB3_PIANO_DATA"
 """Environment variable with the folder for the user's data, in place of the system's usual one."""
 
 LONGEST_NAME = 100
-"""Longest name, in characters: file systems take 255 bytes, the suffix included."""
+"""Longest name, in bytes of UTF-8: file systems take 255, with the suffix and what a file that is
+being written has besides."""
 
 _NAME = re.compile(r"\w[\w-]*")
 
@@ -65,12 +66,18 @@ def slug(text: str) -> str:
     decomposed = unicodedata.normalize("NFKD", text)
     letters = "".join(mark for mark in decomposed if not unicodedata.combining(mark))
     words = re.sub(r"[\W]+", "-", unicodedata.normalize("NFC", letters))
-    return words[:LONGEST_NAME].strip("-_") or "piece"
+    return cut(words, LONGEST_NAME).strip("-_") or "piece"
+
+
+def cut(text: str, size: int) -> str:
+    """Return the beginning of a text that takes at most so many bytes."""
+    return text.encode(errors="replace")[:size].decode(errors="ignore")
 
 
 def is_built_in(name: str) -> bool:
-    """Return whether a piece that comes with the package has that name."""
-    return name in STUDIES or name in REPERTOIRE or name in ENCORE
+    """Return whether a piece that comes with the package is called so, in full or in short."""
+    ours = (*STUDIES.values(), *REPERTOIRE.values(), *ENCORE.values())
+    return any(piece.name in (name, f"{piece.collection}-{name}") for piece in ours)
 
 
 def check_name(name: str) -> None:
@@ -80,10 +87,10 @@ def check_name(name: str) -> None:
         ConfigError: If it has other characters than an id takes, is too long, or belongs to a
             piece that comes with the package.
     """
-    if not _NAME.fullmatch(name) or len(name) > LONGEST_NAME:
+    if not _NAME.fullmatch(name) or len(name.encode()) > LONGEST_NAME:
         raise ConfigError(
             f"A piece cannot be named {name!r}: expected letters, digits, hyphens and "
-            f"underscores, at most {LONGEST_NAME}, such as {slug(name)!r}."
+            f"underscores, at most {LONGEST_NAME} bytes, such as {slug(name)!r}."
         )
     if is_built_in(name):
         raise ConfigError(
@@ -110,10 +117,13 @@ class Library:
         return len(self.names())
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of all pieces, damaged or not, in alphabetical order."""
+        """Return the names of all pieces, damaged or not, in alphabetical order.
+
+        There are none if the folder is not there, or cannot be read.
+        """
         try:
             files = os.listdir(self.folder)
-        except FileNotFoundError:
+        except OSError:
             return ()
         return tuple(
             sorted(f.removesuffix(PIECE_SUFFIX) for f in files if f.endswith(PIECE_SUFFIX))
@@ -269,17 +279,14 @@ def user_library() -> Library:
 
 def imported_pieces() -> dict[str, Piece]:
     """Return the imported pieces by name; none if their folder cannot be read."""
-    try:
-        return user_library().pieces()
-    except OSError:
-        return {}
+    return user_library().pieces()
 
 
 def piece_features(piece: Piece) -> Features:
     """Return a piece's features; those of an imported one were noted in its file, if possible.
 
     Raises:
-        ScoreError: If its score cannot be made, or no two hands can play it.
+        ScoreError: If its score cannot be made.
     """
     library = user_library()
     noted = library.info(piece.name).features if piece.name in library else None

@@ -24,6 +24,7 @@ from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
 from sb3_piano.music.formats import read_score
 from sb3_piano.music.library.store import Library
 from sb3_piano.music.score import Score
+from sb3_piano.music.text_file import readable
 
 _KILLED = "the process that read it was killed; is there memory enough?"
 
@@ -192,15 +193,14 @@ def _import(task: ImportTask, library: Library) -> str | None:
     except ScoreError as error:
         return str(error)
     known: dict[str, Any] = {
-        "title": task.title or task.path.stem,
-        "source": task.source,
+        "title": task.title or readable(task.path.stem),
+        "source": readable(task.source),
         "fingering": _who_chose(read, score, task),
         "path": str(task.path.absolute()),
         "sha256": task.sha256,
         "setting": task.setting,
+        "features": asdict(features(score)),
     }
-    with contextlib.suppress(ScoreError):  # what no two hands can play can be listened to
-        known["features"] = asdict(features(score))
     for name, collection in task.names:
         library.add(score, name, collection=collection, **known)
     return None

@@ -25,7 +25,7 @@ from sb3_piano.music.formats.musicxml.timing import Timeline, timeline
 from sb3_piano.music.hands import HANDS, Hand, finger_of
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.score import Score
-from sb3_piano.music.text_file import reading
+from sb3_piano.music.text_file import readable, reading
 
 _KEYBOARDS = re.compile(
     r"piano|pno|klavier|clavier|clavecin|cembalo|harpsichord|keyboard|organ|orgel|celesta", re.I
@@ -105,12 +105,12 @@ def _score(parts: Sequence[SourcePart], line: Timeline, path: Path, left_out: Le
     if not notes:
         raise ScoreError(f"MusicXML file {str(path)!r} has no notes to play{left_out.only}.")
     last = max(note.offset for note in notes)
-    lines = sorted(start + wait for at in parts[0].measures for start, _ in line.played(at, at))
+    lines = [start + wait for at in parts[0].measures for start, _ in line.played(at, at)]
     return Score(
         notes=notes,
         pedals=[press for part in parts for press in _presses(part.pedals, line, wait)],
-        title=path.stem,
-        bars=sorted({float(at) for at in lines[int(parts[0].has_pickup) :] if float(at) < last}),
+        title=readable(path.stem),
+        bars=sorted({float(at) for at in lines if float(at) < last}),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import re
 import zipfile
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ from sb3_piano.music.constants import DEFAULT_VELOCITY
 from sb3_piano.music.formats.common import read_member
 from sb3_piano.music.formats.musicxml.timing import Marks
 from sb3_piano.music.pitch import SEMITONES
+from sb3_piano.music.text_file import read_whole
 
 FORTE = 90
 """The velocity of which MusicXML gives dynamics in per cent."""
@@ -73,10 +75,9 @@ class SourcePart:
         name: What the file calls it; may be empty.
         notes: The notes that sound, in the order of the file.
         pedals: (down, up) of each press of the pedal.
-        measures: When each measure begins.
+        measures: When each measure begins that is a whole one, no upbeat.
         staves: How many staves it has.
         clef: The first clef of its first staff, by its letter.
-        has_pickup: Whether the first measure is not a whole one.
     """
 
     name: str
@@ -85,7 +86,6 @@ class SourcePart:
     measures: list[Fraction] = field(default_factory=list)
     staves: int = 1
     clef: str = ""
-    has_pickup: bool = False
 
 
 def parse_document(content: bytes) -> tuple[list[SourcePart], Marks]:
@@ -99,16 +99,21 @@ def parse_document(content: bytes) -> tuple[list[SourcePart], Marks]:
     if root.tag != "score-partwise":
         raise ValueError(f"its root is <{root.tag}>, not <score-partwise>")
     names = {part.get("id"): part.findtext("part-name") for part in root.iter("score-part")}
-    marks = Marks()
-    parts = []
-    for element in root.findall("part"):
-        reader = _PartReader(SourcePart(names.get(element.get("id")) or ""), marks)
-        for measure in element.findall("measure"):
-            reader.read(measure)
-        parts.append(reader.part)
+    marks, elements = Marks(), root.findall("part")
+    readers = [_PartReader(SourcePart(names.get(one.get("id")) or ""), marks) for one in elements]
+    end = Fraction(0)
+    for measures in itertools.zip_longest(*(one.findall("measure") for one in elements)):
+        # A measure is as long as in its longest part: others may leave rests out.
+        there = [pair for pair in zip(readers, measures, strict=True) if pair[1] is not None]
+        end = max([reader.read(measure, end) for reader, measure in there])
+        for reader, measure in there:
+            reader.close(measure, end)
+        marks.end_measure(end)
+    for reader in readers:
+        reader.release_pedal(end)
         _count_grace_notes(reader.part.notes)
         _share_out_fingers(reader.part.notes)
-    return parts, marks
+    return [reader.part for reader in readers], marks
 
 
 def _unpacked(content: bytes) -> bytes:
@@ -133,17 +138,20 @@ class _PartReader:
         self._marks = marks
         self._divisions = Fraction(1)
         self._transposition = 0
-        self._here = self._last = Fraction(0)
+        self._meter = Fraction(0)  # length of a measure, in quarter notes, once it is known
+        self._here = Fraction(0)
         self._struck = (Fraction(0), Fraction(0))
         self._pedal_down: Fraction | None = None
 
-    def read(self, measure: Element) -> None:
-        """Read the next measure, which begins where the longest voice of the last one ended."""
-        start = self._here
-        if not self.part.measures:
-            self.part.has_pickup = measure.get("implicit") == "yes" or measure.get("number") == "0"
-        self.part.measures.append(start)
-        self._last = start
+    def read(self, measure: Element, start: Fraction) -> Fraction:
+        """Read a measure, but for the bar line at its end, and return where its last voice ends.
+
+        One without a note or a rest is as long as the meter has it.
+        """
+        is_upbeat = measure.get("implicit") == "yes" or measure.get("number") == "0"
+        if not is_upbeat:
+            self.part.measures.append(start)
+        self._here = end = start
         self._struck = (start, start)
         for child in measure:
             if child.tag == "note":
@@ -158,13 +166,21 @@ class _PartReader:
                 self._read_direction(child)
             elif child.tag == "sound":
                 self._read_sound(child)
-            elif child.tag == "barline":
-                places = {"left": start, "middle": self._here}
-                at = places.get(child.get("location", "right"), self._last)
-                self._read_barline(child, at)
-            self._last = max(self._last, self._here)
-        self._here = self._last
-        self._marks.end_measure(self._here)
+            elif child.tag == "barline" and not _is_last(child):
+                self._read_barline(child, start if child.get("location") == "left" else self._here)
+            end = max(end, self._here)
+        return end if end > start or is_upbeat else start + self._meter
+
+    def close(self, measure: Element, end: Fraction) -> None:
+        """Read the bar line at the end of a measure that was read, now that all parts have been."""
+        for barline in filter(_is_last, measure.findall("barline")):
+            self._read_barline(barline, end)
+
+    def release_pedal(self, at: Fraction) -> None:
+        """Note that the pedal is up, if it is down."""
+        if self._pedal_down is not None:
+            self.part.pedals.append((self._pedal_down, at))
+        self._pedal_down = None
 
     def _duration(self, element: Element) -> Fraction:
         duration = _number(element.findtext("duration") or "0") / self._divisions
@@ -184,6 +200,11 @@ class _PartReader:
     def _read_attributes(self, element: Element) -> None:
         self._divisions = _number(element.findtext("divisions") or "0") or self._divisions
         self.part.staves = max(self.part.staves, int(element.findtext("staves") or 1))
+        meter = element.find("time")
+        if meter is not None:
+            beats = sum(map(int, re.findall(r"\d+", meter.findtext("beats") or "")))
+            unit = read_whole(meter.findtext("beat-type") or "")
+            self._meter = Fraction(4 * beats, unit) if unit else Fraction(0)
         for clef in element.findall("clef"):
             if clef.get("number", "1") == "1":
                 self.part.clef = self.part.clef or clef.findtext("sign") or ""
@@ -202,8 +223,7 @@ class _PartReader:
         for pedal in element.findall("direction-type/pedal"):
             kind = pedal.get("type")
             if kind in ("start", "change", "stop"):
-                if self._pedal_down is not None:
-                    self.part.pedals.append((self._pedal_down, self._here))
+                self.release_pedal(self._here)
                 self._pedal_down = None if kind == "stop" else self._here
 
     def _read_sound(self, element: Element) -> None:
@@ -217,12 +237,17 @@ class _PartReader:
     def _read_barline(self, element: Element, at: Fraction) -> None:
         repeat, ending = element.find("repeat"), element.find("ending")
         if repeat is not None:
-            self._marks.add(at, repeat.get("direction", ""))
+            self._marks.add(at, repeat.get("direction", ""), repeat.get("times", ""))
         if ending is not None and ending.get("type") == "start":
             numbers = {int(number) for number in re.findall(r"\d+", ending.get("number", ""))}
             self._marks.begin_ending(at, numbers)
         elif ending is not None:
             self._marks.end_ending(at)
+
+
+def _is_last(barline: Element) -> bool:
+    """Return whether a bar line is the one at the end of its measure."""
+    return barline.get("location", "right") not in ("left", "middle")
 
 
 def _number(text: str) -> Fraction:

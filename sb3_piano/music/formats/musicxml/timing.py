@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 
+from sb3_piano.music.text_file import read_whole
+
 _QUARTERS_PER_MINUTE = Fraction(120)
 """The tempo of a file until its first mark, as notation programs have it."""
 
@@ -27,8 +29,8 @@ class Marks:
 
     Attributes:
         tempos: Quarter notes a minute from there on.
-        signs: Kinds, each with its name: forward and backward (repeats), dacapo, dalsegno, segno,
-            tocoda, coda, fine.
+        signs: Kinds, each with its name: forward and backward (repeats; how often they are played),
+            dacapo, dalsegno, segno, tocoda, coda, fine.
         endings: The endings that start there.
         end: Where the longest part ends.
     """
@@ -63,6 +65,11 @@ class Marks:
         self.end = max(self.end, at)
         if self._open is not None and self._open.stop is None:
             self._open.stop = at
+
+    def times(self, at: Fraction) -> int:
+        """Return how often is played what a repeat at a place ends, unless endings say more."""
+        given = (name for sign, name in self.signs.get(at, ()) if sign == "backward")
+        return max((read_whole(name) or 2 for name in given), default=2)
 
     def has(self, at: Fraction, kind: str) -> bool:
         """Return whether there is a sign of a kind."""
@@ -118,8 +125,8 @@ def timeline(marks: Marks) -> Timeline:
 def _played_order(marks: Marks) -> tuple[list[tuple[Fraction, Fraction]], list[int]]:
     """Return the stretches of the written music, and their indices in the order of playing.
 
-    A repeat is played twice, or as often as it has endings. After D.C. or D.S. repeats are played
-    no more, and of several endings the last.
+    A repeat is played twice, or as often as it says or has endings. After D.C. or D.S. repeats are
+    played no more, and of several endings the last.
     """
     stops = {ending.stop for ending in marks.endings.values() if ending.stop is not None}
     places = sorted({Fraction(0), marks.end, *marks.signs, *marks.endings, *stops})
@@ -137,7 +144,11 @@ def _played_order(marks: Marks) -> tuple[list[tuple[Fraction, Fraction]], list[i
             order.append(here)
             if marks.has(start, "forward") and here > first:
                 first, time = here, 1
-            if not leapt and marks.has(stop, "backward") and time < max(2, len(all_numbers)):
+            if (
+                not leapt
+                and marks.has(stop, "backward")
+                and time < max(marks.times(stop), len(all_numbers))
+            ):
                 here, time = first, time + 1
                 continue
             if leapt and marks.has(stop, "fine"):

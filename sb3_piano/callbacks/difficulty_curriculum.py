@@ -44,7 +44,7 @@ class DifficultyCallback(BaseCallback):
     Raises:
         ConfigError: If a number is out of range; when training starts, if no environment chooses
             among several pieces, or there are fewer than bands.
-        ScoreError: Then, if a piece cannot be read, or no two hands can play it.
+        ScoreError: Then, if a piece cannot be read.
     """
 
     def __init__(self, bands: int = 4, fraction: float = 0.5, cumulative: bool = True) -> None:

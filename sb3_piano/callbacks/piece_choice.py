@@ -61,7 +61,7 @@ class PieceChoice:
         """Return the features of all pieces; each is read once.
 
         Raises:
-            ScoreError: If a piece cannot be read, or no two hands can play it.
+            ScoreError: If a piece cannot be read.
         """
         found: dict[str, Features] = {}
         for env, own in self.pieces.items():

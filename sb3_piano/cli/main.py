@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import os
 import sys
 import warnings
@@ -72,6 +73,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 if all went well, 2 after an error of the user's, 130 after Ctrl-C.
     """
     arguments = _parser().parse_args(argv)
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a title in other letters must not end a command
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         for option in ("csv", "json"):
             check_output_file(f"--{option}", getattr(arguments, option, None))

@@ -13,7 +13,7 @@ from annotated_types import Ge, MinLen
 from pydantic import BeforeValidator
 
 from sb3_piano.demonstrations.disturbances import DEFAULT_MEMORY
-from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Score, load_score, select_pieces
 from sb3_piano.players import PLAYERS
 from sb3_piano.settings import Count, Index, Listed, NotNegative, Number, Positive, Unit, settings
@@ -113,8 +113,6 @@ class CorpusConfig:
 
     def _excerpt(self, number: int) -> Score:
         score = load_score(self.pieces[number % len(self.pieces)])
-        if not score.notes:
-            raise ScoreError(f"{score.title!r} has no notes: expected at least one.")
         if self.seconds is None:
             return score
         random = np.random.default_rng((self.seed, number, 0))
@@ -170,7 +168,10 @@ class Player:
             key, equals, value = setting.partition("=")
             if not (key and equals):
                 raise ConfigError(f"player is {text!r}: expected NAME:SETTING=VALUE,...")
-            arguments[key] = parse_yaml(value)
+            try:
+                arguments[key] = parse_yaml(value)
+            except ConfigError as error:
+                raise ConfigError(f"player is {text!r}: {error}") from error
         return cls(name=name, arguments=arguments)
 
     @property

@@ -29,12 +29,13 @@ from sb3_piano.executors import broken_told, process_pool
 from sb3_piano.files import write_json
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
+from sb3_piano.music.library import user_library
 from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
-from sb3_piano.training.runs.folder import begin_or_go_on
+from sb3_piano.training.runs.folder import BASE, RunFolder, begin_or_go_on, named_files
+from sb3_piano.training.runs.saved import model_files
 
 _CONFIG = "corpus.yml"
-_OF_A_RUN = ("config.yml", "model.zip", "policy.safetensors", "vecnormalize.pkl")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,15 +159,30 @@ def _check_players(config: CorpusConfig) -> None:
 
 def _inputs(config: CorpusConfig) -> dict[str, str]:
     """Return the checksums of the files that are played or that play, by their names."""
-    files = [Path(piece) for piece in config.pieces]
+    library = user_library()
+    files = [library.path(name) if name in library else Path(name) for name in config.pieces]
     for text in config.players:
         player = Player.of(text)
         if player.is_run:
-            files += [Path(player.name, name) for name in _OF_A_RUN]
+            files += _files_of_a_run(RunFolder.open(player.name))
         elif "model" in player.arguments:
-            model = Path(player.arguments["model"])
-            files.append(model / FILE_NAME if model.is_dir() else model)
+            files.append(_network_file(player.arguments["model"]))
     return {str(file): file_digest(file) for file in files if file.is_file()}
+
+
+def _files_of_a_run(run: RunFolder) -> list[Path]:
+    """Return the files that decide how a run plays, those of what it corrects included."""
+    config = run.read_config()
+    files = [run.config_file, *filter(None, model_files(run, config))]
+    for option, text in named_files(config).items():
+        files += _files_of_a_run(RunFolder.open(text)) if option == BASE else [_network_file(text)]
+    return files
+
+
+def _network_file(text: str) -> Path:
+    """Return the file that a text names, or that of the network in the folder that it names."""
+    path = Path(text)
+    return path / FILE_NAME if path.is_dir() else path
 
 
 def _write_index(place: Path, config: CorpusConfig, shards: Sequence[Shard]) -> None:

@@ -107,7 +107,7 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
         """Return what makes one of :attr:`piece_names` hard, of the notes that are played here.
 
         Raises:
-            ScoreError: If the piece cannot be read, or no two hands can play it.
+            ScoreError: If the piece cannot be read.
         """
         own = int(self._possible[index])
         source, config = self._pieces[own], self._piano.config

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -20,8 +21,10 @@ from sb3_piano.demonstrations.dataset import Transitions
 from sb3_piano.distillation import DistillConfig, distill
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.executors import ray_executor
-from sb3_piano.music import load_score
-from sb3_piano.training import clone
+from sb3_piano.music import load_score, write_midi
+from sb3_piano.music.library import user_library
+from sb3_piano.players.hand_model import SHIPPED
+from sb3_piano.training import PlannedConfig, RunFolder, clone
 
 SETTINGS = {
     "pieces": ("FurElise", "scale-CMajor"),
@@ -154,6 +157,38 @@ def test_a_truncated_shard_is_found_and_made_again_and_nothing_else(executor, tm
     assert again.content == corpus.content
 
 
+def test_another_piece_of_an_imported_name_is_refused(executor, tmp_path, monkeypatch):
+    monkeypatch.setenv("SB3_PIANO_DATA", str(tmp_path / "data"))
+    scale = load_score("scale-CMajor").excerpt(0, 0.5)
+    user_library().add(scale, "mine", source="here", fingering="none")
+    config = CorpusConfig(pieces="mine", players=("sight-reader",), episodes=1)
+    record_corpus(config, tmp_path / "corpus", executor=executor)
+    user_library().add(scale.transpose(1), "mine", source="here", fingering="none")
+    with pytest.raises(RunError, match="has files .*mine"):
+        record_corpus(config, tmp_path / "corpus", executor=executor)
+
+
+def test_another_network_of_a_run_that_plays_is_refused(executor, tmp_path):
+    write_midi(load_score("scale-CMajor").excerpt(0, 0.5), tmp_path / "a.mid")
+    shutil.copyfile(SHIPPED, tmp_path / "net.safetensors")
+    options = {"model": str(tmp_path / "net.safetensors")}
+    in_env = {"score": str(tmp_path / "a.mid"), "reduced_action_space": False}
+    played = PlannedConfig(
+        algo="sight-reader",
+        env_id="RoboPianist-v0",
+        env_kwargs=in_env,
+        algorithm_kwargs=options,
+    )
+    run = RunFolder.create(played, tmp_path / "run")
+    config = CorpusConfig(pieces=in_env["score"], players=(str(run.path),), episodes=1)
+    record_corpus(config, tmp_path / "corpus", executor=executor)
+    content = bytearray(run.hand_file.read_bytes())
+    content[-1] ^= 1
+    run.hand_file.write_bytes(content)
+    with pytest.raises(RunError, match="has files .*hand.safetensors"):
+        record_corpus(config, tmp_path / "corpus", executor=executor)
+
+
 def test_other_settings_in_its_folder_are_refused(corpus):
     with pytest.raises(RunError, match=r"has seed 0, not 1: expected the same settings"):
         record_corpus(CorpusConfig(**{**SETTINGS, "seed": 1}), corpus.folder)
@@ -164,6 +199,7 @@ def test_other_settings_in_its_folder_are_refused(corpus):
     [
         ({"players": ("nobody",)}, "player is 'nobody': expected one of planned"),
         ({"players": ("sampling:samples",)}, "expected NAME:SETTING=VALUE"),
+        ({"players": ("sampling:samples=[1",)}, r"player is 'sampling:samples=\[1': "),
         ({"pieces": "studies"}, "No collection is called so either"),
         ({"noise": (-1.0,)}, r"noise\[0\] is -1.0: expected"),
     ],

@@ -212,13 +212,14 @@ class RunFolder:
             config = kind(**content)
         except ConfigError as error:
             raise ConfigError(f"'{self.config_file}': {error}") from error
-        found = {name: self.path / file for name, file in _files(config).items()}
+        found = {name: self.path / file for name, file in named_files(config).items()}
         there = {n: path.is_dir() if n == BASE else path.is_file() for n, path in found.items()}
         return _with_files(config, {n: str(path) for n, path in found.items() if there[n]})
 
     def write_config(self, config: PlayConfig) -> None:
         """Write the run's settings, a score file in this folder as a name relative to it."""
-        ours = {n: Path(f).name for n, f in _files(config).items() if Path(f).parent == self.path}
+        files = named_files(config).items()
+        ours = {n: Path(f).name for n, f in files if Path(f).parent == self.path}
         mapping = _with_files(config, ours).to_mapping()
         write_yaml(self.config_file, mapping)
 
@@ -236,7 +237,7 @@ class RunFolder:
     def _write(self, config: PlayConfig) -> None:
         notes, library = provenance(config.seed), user_library()
         self.write_provenance(notes)  # by which a folder that was never finished is known
-        for option, text in _files(config).items():
+        for option, text in named_files(config).items():
             file = Path(text)
             if option == MODEL:
                 file = Path(file, HAND_FILE) if file.is_dir() else file
@@ -318,15 +319,15 @@ def _texts(value: Any) -> Iterator[str]:
             yield from _texts(item)
 
 
-def _files(config: PlayConfig) -> dict[str, str]:
-    """Return what may name files: the environment's options, the sight-reader's network, a plan."""
+def named_files(config: PlayConfig) -> dict[str, str]:
+    """Return what may name files: options of the environment, a network, a base run, a plan."""
     options = {name: config.env_kwargs.get(name) for name in FILE_OPTIONS}
     options |= {MODEL: config.network, BASE: config.base, PLAN: config.plan}
     return {name: text for name, text in options.items() if isinstance(text, str)}
 
 
 def _with_files(config: PlayConfig, files: Mapping[str, str]) -> PlayConfig:
-    """Return the settings with other files in place of those of :func:`_files`."""
+    """Return the settings with other files in place of those of :func:`named_files`."""
     options = {name: file for name, file in files.items() if name in FILE_OPTIONS}
     config = config.in_env(**options)
     if PLAN in files and isinstance(config, PlannedConfig):

@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from sb3_piano.demonstrations import record
-from sb3_piano.exceptions import SB3PianoError
+from sb3_piano.exceptions import RunError, SB3PianoError
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.training import (
     clone,
@@ -63,6 +63,8 @@ def main() -> int:
 
 def demo(piece: str, seconds: float, out: Path, seed: int, steps: int) -> Iterator[str]:
     """Yield the rows of the table, and at last where to look."""
+    if (out / "planned").exists():
+        raise RunError(f"'{out}' has the runs of a demo already: expected another --out.")
     out.mkdir(parents=True, exist_ok=True)
     score = load_score(piece)
     midi = out / "piece.mid"

@@ -8,6 +8,7 @@ import errno
 import io
 import json
 import os
+import secrets
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import BufferedWriter
 from pathlib import Path
@@ -55,16 +56,30 @@ def disk_refusal(error: BaseException | None) -> str | None:
     return None
 
 
+def partial_file(path: Path) -> Path:
+    """Return a file beside another, to be written in its place, whose name nobody else uses."""
+    # No longer than the longest name that a file may have, which is 255 bytes.
+    return path.with_name(f"{path.name[:50]}.{secrets.token_hex(8)}{PARTIAL_SUFFIX}")
+
+
 def write_atomically(path: Path, write: Callable[[BufferedWriter], object]) -> None:
-    """Write a file so that a reader, or a killed process, never leaves or sees half of it.
+    """Write a file so that its name always stands for a whole one, whoever else writes it.
 
     ``write`` is called with a neighbouring file, whose bytes reach the disk before it takes the
     final name in one step, which reaches the disk before this returns. If that fails the
     neighbouring file is deleted; only a killed process leaves it behind.
+
+    A link goes on leading to the file, which is replaced. A device or a pipe cannot be, and is
+    written to.
     """
-    partial = path.with_name(path.name + PARTIAL_SUFFIX)
+    if _takes_bytes(path):
+        with path.open("wb") as stream:
+            write(stream)
+        return
+    path = Path(os.path.realpath(path))
+    partial = partial_file(path)
     try:
-        with partial.open("wb") as file:
+        with partial.open("xb") as file:
             write(file)
             file.flush()
             os.fsync(file.fileno())
@@ -74,6 +89,29 @@ def write_atomically(path: Path, write: Callable[[BufferedWriter], object]) -> N
             partial.unlink()
         raise
     _sync_folder(path.parent)
+
+
+def check_writable(path: Path) -> None:
+    """Try whether :func:`write_atomically` can write a file, which stays as it is.
+
+    Raises:
+        OSError: If it cannot.
+    """
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if _takes_bytes(path):
+        return
+    path = Path(os.path.realpath(path))
+    with contextlib.suppress(FileNotFoundError):
+        path.stat()  # refuses a name that is too long
+    partial = partial_file(path)
+    partial.touch()
+    partial.unlink()
+
+
+def _takes_bytes(path: Path) -> bool:
+    """Tell whether something is there that is neither a file nor a folder."""
+    return path.exists() and not (path.is_file() or path.is_dir())
 
 
 def _sync_folder(folder: Path) -> None:
@@ -134,11 +172,15 @@ def read_json(path: Path, kind: type[T], expected: str) -> T | None:
     except FileNotFoundError:
         return None
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = "".join(f"{part}: " for part in first["loc"])
-        raise RunError(f"'{path}' cannot be read ({where}{first['msg']}): {expected}") from error
+        raise RunError(f"'{path}' cannot be read ({first_fault(error)}): {expected}") from error
     except OSError as error:
         raise RunError(f"'{path}' cannot be read ({error.strerror}): {expected}") from error
+
+
+def first_fault(error: ValidationError) -> str:
+    """Return where the first thing stands that does not fit, and what is wrong with it."""
+    first = error.errors(include_url=False)[0]
+    return "".join(f"{part}: " for part in first["loc"]) + first["msg"]
 
 
 def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:

@@ -32,6 +32,17 @@ def demo(tmp_path, monkeypatch, capsys):
     return run
 
 
+def test_a_folder_with_the_runs_of_a_demo_is_refused_and_stays_as_it_is(demo, tmp_path, capsys):
+    planned = tmp_path / "out" / "planned"
+    planned.mkdir(parents=True)
+    (planned / "config.yml").write_text("algo: planned")
+    (tmp_path / "out" / "piece.mid").write_text("that of the runs")
+    with pytest.raises(SystemExit, match="2"):
+        demo(steps=0)
+    assert "has the runs of a demo already: expected another --out." in capsys.readouterr().err
+    assert (tmp_path / "out" / "piece.mid").read_text() == "that of the runs"
+
+
 @pytest.mark.slow
 def test_without_steps_of_sac_it_ends_with_the_clone(demo, tmp_path):
     *_, last = demo(steps=0).splitlines()

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import errno
 import os
+import re
+import threading
 
 import pytest
 
 from sb3_piano.exceptions import RunError
-from sb3_piano.files import disk_refusal, write_atomically, write_text
+from sb3_piano.files import check_writable, disk_refusal, write_atomically, write_text
 
 
 @pytest.fixture
@@ -36,7 +38,9 @@ def test_the_content_reaches_the_disk_before_the_name_and_the_name_before_it_ret
     folder = tmp_path / "folder"
     folder.mkdir()
     write_text(folder / "file", "whole")
-    assert to_disk == ["sync file.partial", "name file", "sync folder"]
+    first, *others = to_disk
+    assert re.fullmatch(r"sync file\.[0-9a-f]+\.partial", first)
+    assert others == ["name file", "sync folder"]
 
 
 def test_a_file_that_could_not_be_written_leaves_the_former_one(tmp_path):
@@ -48,6 +52,61 @@ def test_a_file_that_could_not_be_written_leaves_the_former_one(tmp_path):
 
     with pytest.raises(OSError, match="No space left"):
         write_atomically(tmp_path / "file", half)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+    assert (tmp_path / "file").read_text() == "former"
+
+
+def test_of_two_that_write_a_file_at_once_each_writes_a_whole_one(tmp_path):
+    file = tmp_path / "file"
+
+    def slow(opened):
+        opened.write(b"slow ")
+        write_text(file, "fast")
+        assert file.read_text() == "fast"
+        opened.write(b"and whole")
+
+    write_atomically(file, slow)
+    assert file.read_text() == "slow and whole"
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("name", ["x" * 255, "\U0001d11e" * 63 + "abc"], ids=["ascii", "not ascii"])
+def test_the_longest_names_that_a_disk_takes_can_be_written(tmp_path, name):
+    check_writable(tmp_path / name)
+    write_text(tmp_path / name, "whole")
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_a_link_goes_on_leading_to_the_file_that_is_written(tmp_path):
+    (tmp_path / "folder").mkdir()
+    file, link = tmp_path / "folder" / "file", tmp_path / "link"
+    file.write_text("former")
+    link.symlink_to(file)
+    write_text(link, "new")
+    assert link.is_symlink()
+    assert file.read_text() == "new"
+    assert [path.name for path in file.parent.iterdir()] == ["file"]
+
+
+def test_a_pipe_is_written_to_and_not_replaced(tmp_path):
+    pipe, read = tmp_path / "pipe", []
+    os.mkfifo(pipe)
+    reader = threading.Thread(target=lambda: read.append(pipe.read_text()), daemon=True)
+    reader.start()
+    check_writable(pipe)
+    write_text(pipe, "what is told")
+    reader.join(30)
+    assert read == ["what is told"]
+    assert pipe.is_fifo()
+
+
+def test_a_file_that_cannot_be_written_is_found_without_writing_it(tmp_path):
+    (tmp_path / "file").write_text("former")
+    for good in ("file", "new"):
+        check_writable(tmp_path / good)
+    for bad in ("", "none/file", "file/new", "x" * 256):
+        with pytest.raises(OSError, match="directory|too long"):
+            check_writable(tmp_path / bad)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
     assert (tmp_path / "file").read_text() == "former"
 

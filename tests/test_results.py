@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import multiprocessing
 import shlex
 from pathlib import Path
 
@@ -115,6 +117,42 @@ def test_a_file_of_another_schema_is_refused(tmp_path):
     file.write_text(file.read_text().replace('"schema_version": 2', '"schema_version": 3'))
     with pytest.raises(ConfigError, match="(?s)results.json' does not fit.*schema_version"):
         Results.read(file)
+
+
+def test_a_file_that_is_no_json_is_told_in_a_line(tmp_path):
+    (tmp_path / "x").write_text("x")
+    with pytest.raises(ConfigError, match=r"^'.*x' does not fit .* \(Invalid JSON: .*\): .*\.$"):
+        Results.read(tmp_path / "x")
+
+
+def test_processes_that_write_one_file_keep_each_others_results(tmp_path):
+    file, fork = tmp_path / "results.json", multiprocessing.get_context("fork")
+    names = [[f"{who}-{number}" for number in range(10)] for who in "abc"]
+
+    def add(pieces):
+        for piece in pieces:
+            Results.add_to(file, [result(piece=piece)])
+
+    processes = [fork.Process(target=add, args=(pieces,)) for pieces in names]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+    assert [r.piece for r in Results.read(file).results] == sorted(itertools.chain(*names))
+    assert [path.name for path in tmp_path.iterdir()] == ["results.json"]
+
+
+def test_a_result_that_came_into_the_file_while_others_are_measured_stays(tmp_path, monkeypatch):
+    file = tmp_path / "results.json"
+
+    def done(*_):
+        yield result(piece="first")
+        Results.add_to(file, [result(piece="another's")])
+        yield result(piece="last")
+
+    monkeypatch.setattr("sb3_piano.cli.results._done", done)
+    assert main(["results", "measure", "--pieces", "scale-AMajor", "--out", str(file)]) == 0
+    assert [r.piece for r in Results.read(file).results] == ["another's", "first", "last"]
 
 
 def test_a_new_result_takes_the_place_of_the_old_one(tmp_path):

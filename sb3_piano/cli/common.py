@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sb3_piano.exceptions import ConfigError, SB3PianoError
+from sb3_piano.files import check_writable
 from sb3_piano.hyperparams import NAMED
 
 if TYPE_CHECKING:
@@ -182,7 +183,8 @@ def refuse_options(
     The message says that one cannot be given ``with_what``, and what is expected ``instead``.
     """
     for name in names:
-        if getattr(arguments, name) not in (None, False):
+        value = getattr(arguments, name)
+        if value is not None and value is not False:  # 0 is a value
             option = f"--{name.replace('_', '-')}"
             expected = instead or f"Expected no {option}."
             raise ConfigError(f"{option} cannot be given {with_what} {expected}")
@@ -190,8 +192,14 @@ def refuse_options(
 
 def check_output_file(option: str, file: Path | None) -> None:
     """Refuse a file that cannot be written, before anything is done."""
-    if file is not None and (file.is_dir() or not file.parent.is_dir()):
-        raise ConfigError(f"{option} is '{file}': expected a file in a folder that exists.")
+    if file is None:
+        return
+    try:
+        check_writable(file)
+    except OSError as error:
+        raise ConfigError(
+            f"{option} is '{file}' ({error.strerror}): expected a file in a folder that exists."
+        ) from error
 
 
 def tell_errors(*errors: object) -> int:

@@ -26,7 +26,7 @@ from sb3_piano.cli.common import (
     tell_interrupted,
     whole_number,
 )
-from sb3_piano.cli.rank import in_collection
+from sb3_piano.cli.rank import in_collection, piece_of
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def add_parser(commands: Any) -> None:
     add = add_command(own, "remove", _remove, "remove imported pieces, without asking")
     add("names", "NAME", "as 'pieces list' shows it", nargs="+")
     add = add_command(own, "export", _export, "write a piece to a file")
-    add("name", "NAME", "as 'pieces list' shows it")
+    add("name", "NAME|FILE", "as 'pieces list' shows it, or a file, which is converted")
     add("file", "FILE", "MIDI, MusicXML or PIG, by suffix", Path)
     rank.add_parser(own)
 
@@ -141,7 +141,7 @@ def _print_list(rows: Sequence[Mapping[str, Any]]) -> None:
 def _show(arguments: argparse.Namespace) -> int:
     from sb3_piano.music.library import piece_features
 
-    piece = _piece(arguments.name)
+    piece = piece_of(arguments.name)
     score = piece.score()
     _tell(piece)
     try:
@@ -161,23 +161,6 @@ def _show(arguments: argparse.Namespace) -> int:
 
 def _short(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _piece(text: str) -> Piece:
-    """Return the piece of a name, or a file as one."""
-    from sb3_piano.music import Piece, find_piece, is_path, load_score
-
-    if not is_path(text):
-        return find_piece(text)
-    score = load_score(text)
-    return Piece(
-        name=text,
-        title=score.title,
-        collection="none",
-        source=text,
-        fingering="as in the file",
-        build=lambda: score,
-    )
 
 
 def _tell(piece: Piece) -> None:
@@ -303,9 +286,8 @@ def _remove(arguments: argparse.Namespace) -> int:
 
 def _export(arguments: argparse.Namespace) -> int:
     check_output_file("FILE", arguments.file)
-    from sb3_piano.music import find_piece
     from sb3_piano.music.formats import write_score
 
-    write_score(find_piece(arguments.name).score(), arguments.file)
+    write_score(piece_of(arguments.name).score(), arguments.file)
     print(f"Exported: {arguments.file}")
     return EXIT_OK

@@ -54,22 +54,23 @@ _MOTION_HELP = (
     "runs; pieces without one are left out"
 )
 _LABELLED_HELP = (
-    "pieces with finger labels, or a folder of the PIG data set; default: all pieces with labels "
-    "that come with the package"
+    "pieces and files with finger labels, or a folder of the PIG data set; default: all pieces "
+    "with labels that come with the package"
 )
 
 
 def add_parser(commands: Any) -> None:
     """Add both commands and their arguments."""
     add = add_command(commands, "rank", _rank, "rank pieces by difficulty, the easiest first")
-    add("pieces", "NAME", "rank these among themselves; default: all", nargs="*")
+    about = "rank these names and files among themselves; default: all pieces"
+    add("pieces", "NAME|FILE", about, nargs="*")
     add("--collection", "NAME", "only the pieces of a collection, such as repertoire")
     add("--motion", "PATH", _MOTION_HELP, Path, nargs="+")
     add("--csv")
     add("--no-progress")
     about = "compare our fingering with finger labels, or with those of the PIG data"
     add = add_command(commands, "fingering", _fingering, about)
-    add("pieces", "NAME", _LABELLED_HELP, nargs="*")
+    add("pieces", "NAME|FILE", _LABELLED_HELP, nargs="*")
     add("--csv")
     add("--no-progress")
 
@@ -85,13 +86,30 @@ def in_collection(pieces: Mapping[str, Piece], collection: str | None) -> dict[s
     return {name: piece for name, piece in pieces.items() if piece.collection == collection}
 
 
+def piece_of(text: str) -> Piece:
+    """Return the piece of a name, or a file as one."""
+    from sb3_piano.music import Piece, find_piece, is_path, load_score
+
+    if not is_path(text):
+        return find_piece(text)
+    score = load_score(text)
+    return Piece(
+        name=text,
+        title=score.title,
+        collection="none",
+        source=text,
+        fingering="as in the file",
+        build=lambda: score,
+    )
+
+
 def _rank(arguments: argparse.Namespace) -> int:
-    from sb3_piano.music import find_piece, pieces
+    from sb3_piano.music import pieces
     from sb3_piano.music.difficulty import rank
     from sb3_piano.music.library import piece_features
 
     failures: list[str] = []
-    named = {piece.name: piece for piece in map(find_piece, arguments.pieces)}
+    named = {piece.name: piece for piece in map(piece_of, arguments.pieces)}
     chosen = in_collection(named or pieces(), arguments.collection)
     motion = _recorded(arguments.motion, chosen, failures) if arguments.motion else None
     ranked = {name: piece for name, piece in chosen.items() if motion is None or name in motion}
@@ -176,10 +194,10 @@ def _fingering(arguments: argparse.Namespace) -> int:
 
 
 def _judge_pieces(arguments: argparse.Namespace, failures: list[str]) -> None:
-    from sb3_piano.music import BUILT_IN, find_piece
+    from sb3_piano.music import BUILT_IN
     from sb3_piano.music.fingering import Agreement, judge
 
-    named = [find_piece(name) for name in arguments.pieces]
+    named = [piece_of(name) for name in arguments.pieces]
 
     def judged(piece: Piece) -> Agreement | None:
         score = piece.score()

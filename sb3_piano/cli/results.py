@@ -12,6 +12,7 @@ from sb3_piano.cli.common import (
     EXIT_OK,
     TRUST,
     add_command,
+    check_output_file,
     progress_bar,
     whole_number,
 )
@@ -81,6 +82,7 @@ def _measure(arguments: argparse.Namespace) -> int:
             "own. Expected one of them."
         )
     physics, file = physics_named(arguments.physics), arguments.out or Path("results.json")
+    check_output_file("--out", file)
     for player in arguments.players:
         player_digest(player)  # so that what cannot play is told before anything is played
     if arguments.held_out:
@@ -91,13 +93,13 @@ def _measure(arguments: argparse.Namespace) -> int:
         others = [piece for piece in given if piece not in made]
         pieces = made + tuple(map(str, select_pieces(others)) if others else ())
         seeds = tuple(arguments.seeds or [0])
-    results = Results.read(file) if file.is_file() else Results()
+    if file.is_file():
+        Results.read(file)  # so that another kind of file is told now, too
     jobs = [
         Measurement(piece, who, seeds, physics) for who in arguments.players for piece in pieces
     ]
     for found in _done(arguments, "pieces", measure, jobs):
-        results = results.merged([found])
-        results.write(file)
+        Results.add_to(file, [found])
         print(f"{found.piece} by {found.player}: F1 {found.f1}, onset F1 {found.onset_f1}")
     print(f"Results:     {file}")
     return EXIT_OK

@@ -16,7 +16,8 @@ from typing import Annotated, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.files import write_text
+from sb3_piano.files import first_fault, write_text
+from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.settings import checked
 
 SCHEMA_VERSION: Final = 2
@@ -120,7 +121,22 @@ class Results(BaseModel):
                 "'sb3-piano results measure' writes."
             ) from error
         except ValidationError as error:
-            raise ConfigError(f"'{file}' does not fit the schema of results: {error}") from error
+            raise ConfigError(
+                f"'{file}' does not fit the schema of results ({first_fault(error)}): expected a "
+                "file that 'sb3-piano results measure' writes."
+            ) from error
+
+    @classmethod
+    def add_to(cls, file: Path, measured: Iterable[Result]) -> None:
+        """Merge results into a file, into which other processes may merge theirs meanwhile.
+
+        Raises:
+            ConfigError: If it is there and cannot be read, or does not fit the schema.
+            RunError: If it cannot be locked.
+        """
+        with hold(file.with_name(file.name + LOCK_SUFFIX)):
+            known = cls.read(file) if file.is_file() else cls()
+            known.merged(measured).write(file)
 
     def write(self, file: Path) -> None:
         """Write a file that :meth:`read` reads, a result in each line."""

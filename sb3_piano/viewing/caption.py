@@ -22,7 +22,7 @@ def write_caption(picture: npt.NDArray[np.uint8], title: str, f1: float | None) 
 
     Args:
         picture: (height, width, 3) uint8, is changed.
-        title: On the left, shortened to half of the width.
+        title: On the left, shortened to half of the width, or left out if nothing fits there.
         f1: On the right.
     """
     height, width, _ = picture.shape
@@ -33,7 +33,7 @@ def write_caption(picture: npt.NDArray[np.uint8], title: str, f1: float | None) 
     draw, font, edge = ImageDraw.Draw(strip), _font(size), size // 2
     shown = title
     while shown and font.getlength(shown) > width / 2:
-        shown = shown[:-2].rstrip() + "…"
+        shown = f"{shown[:-2].rstrip()}…" if len(shown) > 1 else ""
     if f1 is not None:
         text = f"F1 so far {f1:.2f}"
         place = (width - edge - font.getlength(text), edge)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.exceptions import ConfigError, RenderingError
-from sb3_piano.files import PARTIAL_SUFFIX
+from sb3_piano.files import partial_file
 
 Frame = npt.NDArray[np.uint8]
 
@@ -50,8 +50,7 @@ def write_video(
     """
     path = Path(path)
     _check(fps, audio, size)
-    silent = path.with_name(path.name + ".silent" + PARTIAL_SUFFIX)
-    whole = path.with_name(path.name + PARTIAL_SUFFIX)
+    silent, whole = partial_file(path), partial_file(path)
     rate = Fraction(fps).limit_denominator(100000)
     try:
         with _ffmpeg_running(path, _encoding(silent, rate, size)) as pipe:

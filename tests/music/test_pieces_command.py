@@ -237,6 +237,12 @@ class TestExport:
             fingers = [(note.pitch, note.finger) for note in read(tmp_path / name).notes]
             assert fingers == [(note.pitch, note.finger) for note in load_score(TWINKLE).notes]
 
+    def test_a_file_is_converted(self, run, music, tmp_path):
+        status, _, err = run("export", music / "a.mid", tmp_path / "a.musicxml")
+        assert (status, err) == (0, "")
+        pitches = [note.pitch for note in load_score(tmp_path / "a.musicxml").notes]
+        assert pitches == [60, 62, 64, 66]
+
     def test_a_mistake_is_told(self, run, tmp_path):
         for file, message in (
             (tmp_path / "x.wav", "Cannot tell the format"),

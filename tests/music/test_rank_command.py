@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sb3_piano.music import BUILT_IN, Note, Score, find_piece, read_pig
+from sb3_piano.music import BUILT_IN, Note, Score, find_piece, read_pig, write_midi
 from sb3_piano.music.difficulty import MotionRecording, features, rank, write_motion
 from sb3_piano.music.fingering import (
     agreement,
@@ -73,6 +73,14 @@ def test_pieces_come_easiest_first_with_their_features(run):
     # four chords of 1 s: a triad and a bass; the triad spans a fifth
     assert rows[2][3:9] == ["16", "4.0", "4.00", "4", "4.00", "7"]
     assert "Difficulty by the score alone" in out
+
+
+def test_files_are_ranked_beside_pieces(run, tmp_path):
+    write_midi(find_piece(FAMILIAR[2]).score(), tmp_path / "chords.mid")
+    code, out, err = run("rank", FAMILIAR[0], "chords.mid")
+    assert (code, err) == (0, "")
+    assert [row[1] for row in rows_of(out)] == [FAMILIAR[0], "chords.mid"]
+    assert rows_of(out)[1][3:9] == ["16", "4.0", "4.00", "4", "4.00", "7"]
 
 
 @pytest.mark.slow
@@ -181,6 +189,15 @@ def test_what_is_judged_is_our_fingering_for_the_labels_hands_and_our_hands():
     kept = without_fingers(labelled, keep_hands=True)
     assert [note.hand for note in kept.notes] == [note.hand for note in labelled.notes]
     assert not kept.has_fingering
+
+
+def test_our_fingering_stands_beside_the_labels_of_a_file(run, tmp_path):
+    write_pig(find_piece(FAMILIAR[1]).score(), tmp_path / "labels.txt")
+    code, out, err = run("fingering", "labels.txt")
+    assert (code, err) == (0, "")
+    known = judge(find_piece(FAMILIAR[1]).score())
+    assert rows_of(out)[0][:2] == ["labels.txt", str(sum(known.notes))]
+    assert rows_of(out)[0][4] == f"{100 * known.both:.1f} %"
 
 
 @pytest.fixture

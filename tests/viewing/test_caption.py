@@ -33,6 +33,10 @@ def test_a_long_title_is_shortened_to_half_of_the_width():
     assert 300 < long.max() < 450
 
 
+def test_a_title_of_which_nothing_fits_is_left_out():
+    assert not written("Für Elise", shape=(480, 16, 3)).any()
+
+
 def test_letters_of_other_languages_are_drawn_and_not_replaced():
     shapes = {written(letter)[:60, :60].tobytes() for letter in "üřžçñß\u0e01"}
     assert len(shapes) == 7

@@ -118,6 +118,21 @@ def test_wrong_arguments_are_told_before_anything_is_drawn(tmp_path, changes, me
         write_video(tmp_path / "v.mp4", iter(int, 1), **arguments)
 
 
+def test_two_that_write_a_video_at_once_do_not_disturb_each_other(tmp_path):
+    file = tmp_path / "v.mp4"
+
+    def draw():
+        yield grey(20)
+        write_video(file, [grey(220)] * 2, 20.0, None, SIZE)
+        assert len(pictures_of(file)) == 2
+        yield grey(20)
+        yield grey(20)
+
+    write_video(file, draw(), 20.0, None, SIZE)
+    assert [round(picture.mean(), -1) for picture in pictures_of(file)] == [20, 20, 20]
+    assert [path.name for path in tmp_path.iterdir()] == ["v.mp4"]
+
+
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
 def test_an_error_while_drawing_leaves_the_former_file_and_no_process(tmp_path, error):
     (tmp_path / "v.mp4").write_text("former")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 
 import mujoco
 import numpy as np
 import pytest
 import safetensors.numpy
+from node_programs import WEB
 
 from sb3_piano.cli.main import main
 from sb3_piano.envs import PianoEnv
@@ -20,6 +22,7 @@ from sb3_piano.training.playing.takes import PLANNED_IN
 from sb3_piano.viewing.stage import staged
 from sb3_piano.viewing.stage_files import stage_files
 from sb3_piano.web import export_web, score_table
+from sb3_piano.web.export import _named
 from sb3_piano.web.performances import plan_file, rounded, sight_read
 from sb3_piano.web.scene_files import scene_facts, scene_xml
 
@@ -193,6 +196,15 @@ def test_what_cannot_be_exported_is_refused(tmp_path):
         export_web(tmp_path, "FurElisa")
     with pytest.raises(ConfigError, match="Two pieces are called 'A_broken_chord'"):
         export_web(tmp_path, [SHORT, Score(notes=SHORT.notes[:2], title="A broken chord")])
+
+
+def test_no_exported_piece_is_called_like_a_visitors_own_file():
+    """The page has both in one menu."""
+    page = (WEB / "src" / "page" / "library.ts").read_text("utf-8")
+    (own,) = re.findall(r'OWN_FILE = "(.+)"', page)
+    named = _named([f"{own}.mid"])
+    assert len(named) == 1
+    assert own not in named
 
 
 def test_a_file_is_no_folder(tmp_path, capsys):

@@ -35,6 +35,12 @@ FIND = """wanted => {
   return null;
 }"""
 
+NOTE_TITLES = """() => {
+  window.titles = [];
+  const note = new MutationObserver(() => titles.push(document.title));
+  note.observe(document.querySelector("title"), { childList: true });
+}"""
+
 NAMELESS = """() => [...document.querySelectorAll("button, input, select, summary, a[href]")]
   .filter(node => node.checkVisibility())
   .filter(node => ![node.ariaLabel, node.innerText, node.title, ...[...(node.labels ?? [])]
@@ -127,17 +133,48 @@ def test_the_score_by_itself_is_without_fault_and_others_stay_in_the_table(tab):
     ]
 
 
-def test_a_midi_file_that_is_dropped_is_played(built, tab, tmp_path):
+@pytest.fixture
+def dropped(tab, tmp_path):
+    """The tab with the file of three notes dropped on it."""
     notes = [Note(onset=0.5 * i, offset=0.5 * i + 0.4, pitch=60 + 2 * i) for i in range(3)]
     write_midi(Score(notes=notes, title="Three notes"), tmp_path / "three.mid")
     tab.page.evaluate(DROP, ["three <b>.mid", list((tmp_path / "three.mid").read_bytes())])
-    tab.page.wait_for_function("document.getElementById('piece').value === 'file'")
+    tab.page.wait_for_function("document.getElementById('piece').value === 'own:file'")
+    return tab
+
+
+def test_a_midi_file_that_is_dropped_is_played(dropped):
+    tab = dropped
     assert tab.text("#title") == "three <b>"
     assert tab.steps() == (0, 39)  # half a second, and 1.4 s, at both ends
     assert tab.page.locator("input[value=planned]").is_disabled()
     # Each of three notes is struck, whatever else is.
     assert tab.advance(39)["recall"] > 0.8
     assert "piece=" not in tab.page.url
+
+
+def test_figures_on_a_file_stay_in_the_table_when_another_plays_it(dropped):
+    heard = dropped.advance(20)
+    dropped.page.locator("input[value=score]").check()
+    dropped.page.wait_for_function("opened.steps().played === 0")
+    assert dropped.text("#title") == "three <b>"
+    assert [here for here, _ in figures(dropped, "sight-reader")] == [
+        f"{heard[name]:.3f}" for name in ("f1", "onset_f1")
+    ]
+
+
+def test_the_piece_that_was_chosen_last_stays_however_late_another_comes(address, opened):
+    tab, held = opened(address), []
+    page = tab.page
+    page.evaluate(NOTE_TITLES)
+    page.route(f"**/{MELODY}.json", lambda route: held.append(route))
+    page.locator("#piece").select_option(MELODY)
+    page.locator("#piece").select_option(BROKEN_CHORD)
+    page.wait_for_timeout(500)  # in which the second might be put on before the first
+    held[0].continue_()
+    page.wait_for_function("titles.some(title => title.startsWith('Twinkle'))")
+    page.wait_for_function("document.title.startsWith('C major')")
+    assert page.locator("#piece").input_value() == BROKEN_CHORD
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,6 @@ export const MIDDLE = 2;
 export const RING = 3;
 export const LITTLE = 4;
 
-/** MIDI velocity of a note that does not say how hard it is struck. */
-export const DEFAULT_VELOCITY = 80;
-
 /** Number of a hand and its sign across the keyboard: 0 and 1 for the right one, 1 and -1 for the left. */
 export const HANDS = [
   [0, 1],

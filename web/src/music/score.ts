@@ -29,11 +29,6 @@ export function trimSilence(score: Score): Score {
   return makeScore(notes, pedals, score.title);
 }
 
-/** Return whether at least one note says which finger plays it. */
-export function hasFingering(score: Score): boolean {
-  return score.notes.some((note) => note.finger !== UNKNOWN_FINGER);
-}
-
 function withHandOfFinger(note: Note): Note {
   if (note.finger === UNKNOWN_FINGER) return note;
   return { ...note, hand: note.finger < FINGERS_PER_HAND ? 0 : 1 };

@@ -66,41 +66,46 @@ export class App {
     if (link.view !== undefined) this.look(link.view, false);
     if (link.tempo !== undefined) this.setTempo(link.tempo);
     const id = link.piece ?? this.chosen?.piece.id ?? this.parts.library.catalogue.pieces[0].id;
-    const same = id === this.chosen?.piece.id;
-    if (same && (link.player ?? this.player) === this.player) return;
-    await this.report(async () => {
-      const chosen = same ? this.chosen! : await this.parts.library.piece(id);
-      await this.load(chosen, link.player ?? this.player);
-    });
+    const isOn = (): boolean => id === this.chosen?.piece.id;
+    if (isOn() && (link.player ?? this.player) === this.player) return;
+    await this.report(() => this.load(() => (isOn() ? this.chosen : this.parts.library.piece(id)), link.player));
   }
 
   /** Choose a piece of the catalogue. */
   async choosePiece(id: string): Promise<void> {
-    await this.report(async () => this.load(await this.parts.library.piece(id), this.player));
+    await this.report(() => this.load(() => this.parts.library.piece(id)));
   }
 
   /** Choose a MIDI file. */
   async openFile(file: File): Promise<void> {
-    await this.report(async () => {
+    const read = async (): Promise<Chosen> => {
       const bytes = new Uint8Array(await file.arrayBuffer());
       this.say(`Reading ${file.name}, finding hands and fingers …`);
       await painted();
-      await this.load(this.parts.library.midi(bytes, file.name), this.player);
-    });
+      return this.parts.library.midi(bytes, file.name);
+    };
+    await this.report(() => this.load(read));
   }
 
+  /** Choose who plays the piece that is on. */
   async choosePlayer(player: PlayerId): Promise<void> {
-    const chosen = this.chosen;
-    if (chosen !== null) await this.report(() => this.load(chosen, player));
+    await this.report(() => this.load(() => this.chosen, player));
   }
 
   /**
-   * Put a piece and a player on, at the beginning; the sight-reader, if this player cannot play the piece.
+   * Find a piece and put it on, at the beginning; with the sight-reader, if this player cannot play it.
    *
-   * One load waits for the one before, as all sessions are played on one simulated piano.
+   * One load waits for the one before, so that what was chosen last stays on: a piece may be slow to come. And all
+   * sessions are played on one simulated piano.
+   *
+   * @param find Null if there is no piece.
+   * @param player By default whoever is on by then.
    */
-  load(chosen: Chosen, player: PlayerId): Promise<void> {
-    const next = this.loading.then(() => this.put(chosen, player));
+  load(find: () => Chosen | null | Promise<Chosen>, player?: PlayerId): Promise<void> {
+    const next = this.loading.then(async () => {
+      const chosen = await find();
+      if (chosen !== null) await this.put(chosen, player ?? this.player);
+    });
     this.loading = next.catch(() => undefined);
     return next;
   }
@@ -249,7 +254,9 @@ export class App {
     const able = hindrance(player, chosen.entry) === null ? player : "sight-reader";
     this.pause();
     const session = await this.parts.makeSession(chosen, able);
-    if (chosen.piece.id !== this.chosen?.piece.id || chosen.entry === null) this.scoreboard.showPiece(chosen.entry);
+    // Two files of a visitor's have the same identifier.
+    const another = chosen !== this.chosen && (chosen.entry === null || chosen.piece.id !== this.chosen?.piece.id);
+    if (another) this.scoreboard.showPiece(chosen.entry);
     this.chosen = chosen;
     this.player = able;
     this.setSession(session);

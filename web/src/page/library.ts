@@ -2,8 +2,8 @@ import { readMidi } from "../music/midi";
 import { pieceOf } from "../music/piece";
 import { InputError, type Assets, type Catalogue, type CataloguePiece, type Piece, type Score } from "../types";
 
-/** Identifier of a visitor's own file, which no permalink can point at. */
-export const OWN_FILE = "file";
+/** Identifier of a visitor's own file. No piece of the catalogue has it: theirs are of letters, digits, `-` and `_`. */
+export const OWN_FILE = "own:file";
 
 /** Largest MIDI file that is read, bytes: a long piano sonata has a tenth of it. */
 const LARGEST_FILE = 2_000_000;

@@ -111,8 +111,8 @@ function pageOf(app: App, library: Library, sound: PianoSound, visitor: Visitor)
   };
   return {
     async load(piece, player) {
-      const own = typeof piece !== "string";
-      await app.load(own ? library.midi(piece, "file.mid") : await library.piece(piece), player);
+      const find = () => (typeof piece === "string" ? library.piece(piece) : library.midi(piece, "file.mid"));
+      await app.load(find, player);
     },
     async advance(steps) {
       for (let left = steps; left > 0; left -= STEPS_AT_ONCE) {

@@ -57,6 +57,11 @@ def stop_on_signal() -> Iterator[StopRequest]:
             _answering.clear()
 
 
+def stop_requested() -> bool:
+    """Return whether a signal asked the work of the present :func:`stop_on_signal` to end."""
+    return any(request.made for request in _answering)
+
+
 @contextlib.contextmanager
 def ctrl_c_deferred() -> Iterator[None]:
     """Put Ctrl-C off until the end of the block."""

@@ -201,7 +201,7 @@ def test_rl_zoo_trains_in_threads_as_the_docstring_says(tmp_path):
 
 
 class Flat(gym.ObservationWrapper):
-    """Shows a plain array, as processes hand on."""
+    """Shows a plain array."""
 
     def __init__(self):
         super().__init__(Monitor(Scripted()))
@@ -215,6 +215,9 @@ class Flat(gym.ObservationWrapper):
 
     def fail(self):
         raise ValueError("stuck")
+
+    def lock(self):
+        return threading.Lock()
 
 
 @pytest.mark.slow
@@ -236,6 +239,35 @@ def test_processes_give_what_dummy_vec_env_gives(venvs):
     )
     with pytest.raises(ValueError, match="stuck"):
         shared.env_method("fail", indices=[0])
+    with pytest.raises(AttributeError, match="no_such_thing"):
+        shared.get_attr("no_such_thing")
+    assert shared.has_attr("played")
+    assert not shared.has_attr("no_such_thing")
+    with pytest.raises(TypeError, match="pickle"):
+        shared.env_method("lock")
+    assert_equal_steps(plain, shared, actions)  # errors change nothing
+
+
+@pytest.mark.slow
+def test_processes_hand_on_dictionaries(venvs):
+    plain = venvs(DummyVecEnv, [Scripted] * 3)
+    shared = venvs(ProcessVecEnv, [Scripted] * 3, n_processes=2)
+    for vector in (plain, shared):
+        vector.seed(7)
+    np.testing.assert_equal(shared.reset(), plain.reset())
+    actions = np.random.default_rng(0).uniform(-1, 1, (20, 3, 1)).astype(np.float32)
+    assert_equal_steps(plain, shared, actions)
+
+
+@pytest.mark.slow
+def test_processes_go_on_after_an_error_in_a_step(venvs):
+    shared = venvs(ProcessVecEnv, [Flat] * 2, n_processes=2)
+    shared.reset()
+    with pytest.raises(TypeError, match="not 'NoneType'"):
+        shared.step(np.array([[None], [0.5]], dtype=object))
+    shared.reset()
+    _, rewards, _, _ = shared.step(np.array([[0.25], [0.5]], dtype=np.float32))
+    assert rewards.tolist() == [0.25, 0.5]
 
 
 @pytest.mark.slow

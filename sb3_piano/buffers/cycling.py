@@ -16,8 +16,8 @@ class CyclingReplayBuffer(CompactReplayBuffer):
     The k-th batch has transitions of environment k modulo the number of environments. Where each of
     them plays a piece of its own (``pieces`` in YAML), every piece has a replay buffer, and updates
     go round the pieces; with :class:`CompactReplayBuffer` each batch is drawn from all of them, in
-    equal shares on average. As there, ``buffer_size`` counts the transitions of all environments
-    together.
+    equal shares on average. A training that is resumed begins with environment 0 again. As there,
+    ``buffer_size`` counts the transitions of all environments together.
 
     Source: RoboVirtuoso (2023), section 4.2: "we give each environment its own replay buffer and
     then cycle through the replay buffers when sampling minibatches for training". Its authors make

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Literal
 
+import gymnasium as gym
 import torch
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
@@ -55,7 +56,8 @@ class ActionSearchCallback(BaseCallback):
 
     Raises:
         ConfigError: If an argument is wrong; when training starts, if the algorithm is none of SAC,
-            TQC and CrossQ, or the environment cannot be copied or go back.
+            TQC and CrossQ, the observations are dictionaries, or the environment cannot be copied
+            or go back.
     """
 
     def __init__(
@@ -86,6 +88,11 @@ class ActionSearchCallback(BaseCallback):
             raise ConfigError(
                 f"{type(self.model).__name__} has no critics and no distribution of actions for "
                 "ActionSearchCallback: expected SAC, TQC or CrossQ."
+            )
+        if isinstance(self.model.observation_space, gym.spaces.Dict):
+            raise ConfigError(
+                f"ActionSearchCallback cannot search by {self.model.observation_space}: expected "
+                "a space of plain arrays, such as that of a piano without Pixels."
             )
         if getattr(actor, "use_sde", False):
             raise ConfigError(

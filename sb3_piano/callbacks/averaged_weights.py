@@ -8,6 +8,7 @@ import torch
 from annotated_types import Ge, Lt
 from stable_baselines3.common.callbacks import BaseCallback
 
+from sb3_piano.interrupts import stop_requested
 from sb3_piano.settings import Number, checked
 
 
@@ -16,8 +17,9 @@ class AveragedWeightsCallback(BaseCallback):
 
     Each update of an on-policy algorithm is a step in a noisy direction; the mean of many plays
     better than the last of them (Izmailov et al. 2018). Training itself goes on with the last
-    ones, and so do models that are saved before the end. After an interruption the average begins
-    anew. In YAML, for ``sb3-piano train``::
+    ones, which models that are saved before the end have, too. So has the checkpoint of a training
+    that Ctrl-C or SIGTERM interrupted: resumed, it goes on with them, and the average begins anew.
+    In YAML, for ``sb3-piano train``::
 
         callback:
           - sb3_piano.callbacks.AveragedWeightsCallback: {decay: 0.95}
@@ -40,6 +42,8 @@ class AveragedWeightsCallback(BaseCallback):
         self._add()
 
     def _on_training_end(self) -> None:
+        if stop_requested() and self.num_timesteps < self.model._total_timesteps:
+            return  # what is resumed goes on with the weights that its optimizer knows
         self._add()
         with torch.no_grad():
             for parameter, mean in zip(self._parameters(), self._average, strict=True):

@@ -90,7 +90,8 @@ class MetricEvalCallback(EvalCallback):
             ``ThreadVecEnv``). It has the wrappers and the normalisation of the training.
         callback_on_new_best: As of ``EvalCallback``, like all that are not told here.
         n_eval_episodes: Episodes of an evaluation, at least 1. One is enough for a piece that
-            always starts alike.
+            always starts alike. Where several agents play an episode together, as in
+            :class:`~sb3_piano.vec_env.HandsAsAgents`, it counts once.
         eval_freq: Calls between two evaluations; 0 for none at all.
         log_path: Folder of ``evaluations.npz``, which also gets each metric, (evaluations,
             episodes). By default it is not written.
@@ -158,6 +159,7 @@ class MetricEvalCallback(EvalCallback):
         self.evaluate_start = evaluate_start
         self.evaluations_metrics: list[list[Mapping[str, float]]] = []
         """The metrics of each episode of each evaluation."""
+        self._n_episodes = n_eval_episodes
         self._makes_env = eval_env is None
         self._run: RunContext | None = None
         self._held = 0
@@ -176,10 +178,17 @@ class MetricEvalCallback(EvalCallback):
                 # Training in processes or threads, evaluating without them is as it should be.
                 warnings.filterwarnings("ignore", "Training and eval env are not of the same type")
             super()._init_callback()
+        # SB3 counts the episodes of each agent.
+        self.n_eval_episodes = self._n_episodes * self._agents
         if self.best_model_save_path is not None and self.model.num_timesteps > 0:
             saved = BestModel.read(Path(self.best_model_save_path))
             if saved is not None and saved.metric == self.metric:
                 self.best_mean_reward = max(self.best_mean_reward, saved.value)
+
+    @property
+    def _agents(self) -> int:
+        """How many agents, with neighbouring numbers, each environment has."""
+        return self.eval_env.num_envs // self.eval_env.unwrapped.num_envs
 
     def _on_training_start(self) -> None:
         super()._on_training_start()
@@ -219,7 +228,8 @@ class MetricEvalCallback(EvalCallback):
         super()._log_success_callback(locals_, globals_)
         info = locals_["info"]
         # Under a Monitor, evaluate_policy counts only the ends that Monitor saw.
-        if locals_["done"] and ("episode" in info or not locals_["is_monitor_wrapped"]):
+        over = locals_["done"] and ("episode" in info or not locals_["is_monitor_wrapped"])
+        if over and locals_["i"] % self._agents == 0:
             self._add_episode(info)
 
     def _add_episode(self, info: Mapping[str, Any]) -> None:

@@ -116,6 +116,7 @@ class PerformanceVideoCallback(BaseCallback):
             if self._seed is not None:
                 self._env.seed(self._seed)
             observation: Any = self._env.reset()
+            self._recorder.finished.clear()
             state, starts = None, np.ones(1, dtype=bool)
             while not self._recorder.finished:
                 action, state = self.model.predict(observation, state, starts, deterministic=True)

@@ -16,7 +16,7 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
 from sb3_piano.layers import layers
 from sb3_piano.metrics import frame_f1, presses_of
-from sb3_piano.music import MIN_PITCH, Note, Pedal, Score
+from sb3_piano.music import MIN_PITCH, Note, Pedal, PianoRoll, Score
 from sb3_piano.performance import Performance
 from sb3_piano.wrappers import HindsightFlag
 from sb3_piano.wrappers.residual import Residual
@@ -82,6 +82,7 @@ class Stage:
             initial_buffer_time=0.0,
             hands="both",
             fingering="keep" if keeps_labels else "optimal-transport",
+            goal_time="beginning",  # what was played is asked for in the step in which it was
             wrong_press_termination=False,
         )
         self._env.reset()
@@ -118,7 +119,7 @@ class Stage:
         info = {**transitions[-1].info, "TimeLimit.truncated": True}
         transitions[-1] = transitions[-1]._replace(done=True, info=info)
         performance = self._piano.performance
-        _check_f1(performance)
+        _check_f1(self._piano.asked_roll, performance)
         return Relabelled(transitions, float(performance.key_active.any(axis=1).mean()))
 
     def _heard(self, episode: Episode) -> Performance:
@@ -200,8 +201,8 @@ def _piano_for(env: gym.Env[Any, Any], venv: VecEnv, model: BaseAlgorithm) -> Pi
     return piano
 
 
-def _check_f1(performance: Performance) -> None:
-    f1 = frame_f1(performance.roll.active[: len(performance)], performance.key_active)
+def _check_f1(asked: PianoRoll, performance: Performance) -> None:
+    f1 = frame_f1(asked.active[: len(performance)], performance.key_active)
     if f1 != 1.0:
         raise RunError(
             f"A relabelled episode has F1 {f1:.4f}: expected 1. The environment plays the same "

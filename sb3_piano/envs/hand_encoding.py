@@ -209,7 +209,8 @@ class HandEncoding(Encoding):
         known[:, at["line"]] = scale * bound[_states(steps, LINE_AHEAD)]
 
 
-_PRESS_NUMBERS = 13
+_PRESS_NUMBERS = 13  # that an observation has of each press: see _hand_blocks
+_TABLE_WIDTH = 13  # of what _FingerPresses is made of, in other columns: see _table
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -237,7 +238,7 @@ class _FingerPresses:
         """Look up what each finger does in each state."""
         steps = len(roll)
         onsets = {(step, key): time for step, key, time in roll.strikes()}
-        shown = np.zeros((steps, PRESSES_AHEAD, FINGERS_PER_HAND, _PRESS_NUMBERS))
+        shown = np.zeros((steps, PRESSES_AHEAD, FINGERS_PER_HAND, _TABLE_WIDTH))
         states = np.arange(steps)
         for finger in range(FINGERS_PER_HAND):
             own = [one for one in hand.presses if one.press.finger == finger]
@@ -267,7 +268,7 @@ def _table(
     control_timestep: float,
 ) -> FloatArray:
     """Return a row for each press of a finger: key, states, point, facts, times as written."""
-    table = np.zeros((len(presses), _PRESS_NUMBERS))
+    table = np.zeros((len(presses), _TABLE_WIDTH))
     for row, one in zip(table, presses, strict=True):
         key, finger = one.press.key, one.press.finger
         start = one.press.first - 1  # the control step that leads to the first state

@@ -207,6 +207,11 @@ class PianoEnv(gym.Env[Any, Any]):
         return self._record.performance()
 
     @property
+    def summary(self) -> dict[str, float]:
+        """Metrics and ``return_<term>`` of this episode so far, as its final ``info`` has them."""
+        return self._record.summary()
+
+    @property
     def rest_action(self) -> npt.NDArray[np.float32]:
         """The action that plays nothing: it holds all joints at 0 (or as near as they can be)."""
         return self.action_map.rest

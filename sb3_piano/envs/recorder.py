@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.envs.rewards import RETURN_PREFIX
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music.difficulty import Motion
@@ -32,13 +33,15 @@ class Recording:
 class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
     """Record each episode when it ends, before a vector of environments resets it.
 
-    Put around the bare environment, it sees its own rewards, whatever wrappers further out do.
+    Put around the bare environment, it sees its own rewards, whatever wrappers further out do. If
+    one of those ends an episode earlier, the record is of the steps until then.
     """
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)
         self.finished: list[Recording] = []
-        """The episodes that ended, in their order."""
+        """The episodes that ended, in their order; one that a wrapper further out ended is there
+        when the next one begins."""
         self.resting = False
         """Whether the hands rest, whatever action arrives (see :attr:`can_rest`)."""
         self._return = 0.0
@@ -56,6 +59,9 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode."""
+        if self._length > 0:  # nothing here has ended the one before
+            env = self.unwrapped
+            self._finish(env.summary if isinstance(env, PianoEnv) else {})
         result = self.env.reset(seed=seed, options=options)
         self._return, self._length = 0.0, 0
         self._qpos, self._fingertips, self._actions = [], [], []
@@ -73,8 +79,12 @@ class EpisodeRecorder(gym.Wrapper[Any, Any, Any, Any]):
             self._actions.append(np.array(action, dtype=np.float32))
         self._note_positions()
         if terminated or truncated:
-            self.finished.append(self._recording(info))
+            self._finish(info)
         return observation, reward, terminated, truncated, info
+
+    def _finish(self, info: Mapping[str, Any]) -> None:
+        self.finished.append(self._recording(info))
+        self._length = 0
 
     def _note_positions(self) -> None:
         if self.can_rest:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import copy
 
-from sb3_piano.metrics.onsets import ONSET_TOLERANCE
+from sb3_piano.metrics.onsets import ONSET_TICKS_PER_S, ONSET_TOLERANCE
 from sb3_piano.music import PianoRoll
-
-_ROUNDING = 1e-9  # s
 
 
 class OpenOnsets:
@@ -32,7 +30,11 @@ class OpenOnsets:
     def hit(self, key: int, time: float) -> bool:
         """Return whether a strike (0 to 87; s) is in time for a note that was open until now."""
         times = self._times.get(key, [])
-        near = [onset for onset in times if abs(onset - time) <= ONSET_TOLERANCE + _ROUNDING]
+        near = [
+            onset
+            for onset in times
+            if round(abs(onset - time) * ONSET_TICKS_PER_S) / ONSET_TICKS_PER_S <= ONSET_TOLERANCE
+        ]
         if near:
             times.remove(min(near, key=lambda onset: abs(onset - time)))
         return bool(near)

@@ -12,8 +12,9 @@ from sb3_piano.metrics.presses import presses_of
 IntPairs = npt.NDArray[np.intp]
 """(k, 2) pairs of indices."""
 
-# Distances are rounded to ticks of 0.1 ms, as in mir_eval, so that 0.15 s - 0.1 s is 0.05 s.
-_TICKS_PER_S = 10_000
+ONSET_TICKS_PER_S = 10_000
+"""Distances from onsets are rounded to ticks of 0.1 ms, as in mir_eval, so that 0.15 s - 0.1 s is
+0.05 s."""
 
 # By how much the search for close events reaches farther than the tolerance, in s; what is too far
 # after rounding is then left out.
@@ -195,10 +196,10 @@ def _close_rows(a: Onsets, b: Onsets, tolerance: float) -> list[Row]:
     row = np.repeat(np.arange(len(a.key)), lengths)
     starts = np.cumsum(lengths) - lengths
     column = np.arange(len(row)) - starts[row] + first[row]
-    ticks = np.rint(np.abs(a.time[row] - b.time[column]) * _TICKS_PER_S)
-    close = ticks / _TICKS_PER_S <= tolerance
+    ticks = np.rint(np.abs(a.time[row] - b.time[column]) * ONSET_TICKS_PER_S)
+    close = ticks / ONSET_TICKS_PER_S <= tolerance
     # A pair more outweighs all distances together.
-    pair = len(a.key) * (round(tolerance * _TICKS_PER_S) + 1) + 1
+    pair = len(a.key) * (round(tolerance * ONSET_TICKS_PER_S) + 1) + 1
     worth = np.where(close, pair - ticks, 0).astype(np.int64).tolist()
     bounds = zip(first.tolist(), starts.tolist(), lengths.tolist(), strict=True)
     return [(j, worth[start : start + length]) for j, start, length in bounds]

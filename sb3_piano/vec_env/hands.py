@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env.base_vec_env import (
 )
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.wrappers.hand_reward import HAND_REWARDS
+from sb3_piano.wrappers.hand_reward import HAND_REWARDS, HandReward
 
 
 class HandsAsAgents(VecEnvWrapper):
@@ -29,7 +29,8 @@ class HandsAsAgents(VecEnvWrapper):
     In a run's YAML: ``vec_env_wrapper: sb3_piano.vec_env.HandsAsAgents``.
 
     Args:
-        venv: Pianos whose observations and actions have a part of equal meaning for each hand.
+        venv: Pianos whose observations and actions have a part of equal meaning for each hand, each
+            with a :class:`~sb3_piano.wrappers.HandReward`.
 
     Raises:
         ConfigError: If they have not.
@@ -41,6 +42,11 @@ class HandsAsAgents(VecEnvWrapper):
         except AttributeError:  # no piano
             self._hands = hands = 0
         spaces = [_of_hand(space, hands) for space in (venv.observation_space, venv.action_space)]
+        if not all(venv.env_is_wrapped(HandReward)):
+            raise ConfigError(
+                "HandsAsAgents finds no reward of each hand: expected "
+                "sb3_piano.wrappers.HandReward around every environment."
+            )
         super().__init__(venv, *spaces)
         self.num_envs = hands * venv.num_envs
 

@@ -30,12 +30,13 @@ EnvMaker = Callable[[], gym.Env[Any, Any]]
 class ProcessVecEnv(VecEnv):
     """Some processes, each of which steps its share of the environments one after the other.
 
-    It gives what ``DummyVecEnv`` gives, for observations that are plain arrays. Python's lock,
-    which threads share, holds none up: with wrappers that compute in Python, as those of
-    observations and rewards do, two processes are nearly twice as fast as one. SB3's
+    It gives what ``DummyVecEnv`` gives, for observations that are arrays or dictionaries of them.
+    Python's lock, which threads share, holds none up: with wrappers that compute in Python, as
+    those of observations and rewards do, two processes are nearly twice as fast as one. SB3's
     ``SubprocVecEnv`` has a process for each environment, of which each takes some 300 MB.
 
-    An error in an environment is raised here; after it the vector can only be closed.
+    An error in an environment is raised here when all processes have answered; the other
+    environments may have played that step. After it, call ``reset``.
 
     Args:
         env_fns: Functions that make the environments; each process calls those of its share.
@@ -75,7 +76,7 @@ class ProcessVecEnv(VecEnv):
         self._reset_seeds()
         self._reset_options()
         self.reset_infos = [info for _, infos in parts for info in infos]
-        return np.concatenate([observations for observations, _ in parts])
+        return _joined([observations for observations, _ in parts])
 
     def step_async(self, actions: np.ndarray) -> None:
         """Begin a step in every environment."""
@@ -88,7 +89,7 @@ class ProcessVecEnv(VecEnv):
         observations, rewards, dones, infos, reset_infos = parts
         self.reset_infos = list(itertools.chain.from_iterable(reset_infos))
         return (
-            np.concatenate(observations),
+            _joined(observations),
             np.concatenate(rewards),
             np.concatenate(dones),
             list(itertools.chain.from_iterable(infos)),
@@ -164,6 +165,13 @@ class ProcessVecEnv(VecEnv):
         return answers
 
 
+def _joined(parts: Sequence[Any]) -> VecEnvObs:
+    """Return the observations of all processes together."""
+    if isinstance(parts[0], dict):
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return np.concatenate(parts)
+
+
 def _ended(number: int, process: Any) -> RunError:
     process.join(timeout=5)
     return RunError(
@@ -199,7 +207,12 @@ def _serve(theirs: Connection, ours: Connection, env_fns: CloudpickleWrapper) ->
             theirs.send(((venv.observation_space, venv.action_space), None))
             while (asked := theirs.recv()) is not None:
                 method, args, kwargs = asked
-                theirs.send((getattr(venv, method)(*args, **kwargs), None))
+                try:
+                    theirs.send((getattr(venv, method)(*args, **kwargs), None))
+                except BrokenPipeError:
+                    raise
+                except Exception as error:
+                    theirs.send((None, error))
         except (EOFError, BrokenPipeError):
             raise
         except Exception as error:

@@ -218,7 +218,7 @@ class KeyRewardTiering(RewardTermsWrapper, gym.utils.RecordConstructorArgs):
 
     def reward_terms(self, terms: RewardTerms) -> RewardTerms:
         """Return the terms with ``key_press`` tiered."""
-        due = self._piano.roll.active[self._piano.steps_played - 1]
+        due = self._piano.asked_roll.active[self._piano.steps_played - 1]
         precision = 0.0 if np.any(self._piano.key_active > due) else 1.0
         recall = 2.0 * (terms["key_press"] - 0.5 * precision)
         if due.any():

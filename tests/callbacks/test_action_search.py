@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch
@@ -31,11 +32,20 @@ def piano():
     return PreviousActionReward(PianoEnv(TUNE, physics="fast", hands_in_scene="right"))
 
 
-def learner(env=None, algorithm=SAC, **arguments):
+class AsDict(gym.ObservationWrapper):
+    def __init__(self, env):
+        super().__init__(env)
+        self.observation_space = gym.spaces.Dict({"vector": env.observation_space})
+
+    def observation(self, observation):
+        return {"vector": observation}
+
+
+def learner(env=None, algorithm=SAC, policy="MlpPolicy", **arguments):
     torch.manual_seed(0)
     arguments = {"learning_starts": 10, "batch_size": 8, **arguments}
     return algorithm(
-        "MlpPolicy",
+        policy,
         piano() if env is None else env,
         policy_kwargs={"net_arch": [16]},
         seed=0,
@@ -186,6 +196,10 @@ def test_what_cannot_be_searched_is_refused():
         )
     with pytest.raises(ConfigError, match="use_sde is True"):
         learner(use_sde=True).learn(5, callback=ActionSearchCallback())
+    with pytest.raises(ConfigError, match=r"search by Dict.*: expected a space of plain arrays"):
+        learner(AsDict(piano()), policy="MultiInputPolicy").learn(
+            5, callback=ActionSearchCallback()
+        )
     venv = SubprocVecEnv([piano], start_method="spawn")
     try:
         with pytest.raises(ConfigError, match="in other processes"):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+
 import numpy as np
 import pytest
 import torch
@@ -10,6 +12,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.callbacks import AveragedWeightsCallback
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.interrupts import stop_on_signal
 
 
 class _Recorder(BaseCallback):
@@ -46,6 +49,33 @@ def test_the_policy_ends_with_the_moving_average_of_what_it_was(decay):
     final = torch.cat([one.detach().flatten() for one in model.policy.parameters()]).numpy()
     np.testing.assert_allclose(final, average, atol=1e-6)
     assert np.abs(recorder.seen[-1] - recorder.seen[0]).max() > 1e-3
+
+
+class _StopAt(BaseCallback):
+    """End the training at a step, by a signal or without one."""
+
+    def __init__(self, step, signaled):
+        super().__init__()
+        self._step, self._signaled = step, signaled
+
+    def _on_step(self):
+        if self.num_timesteps == self._step and self._signaled:
+            signal.raise_signal(signal.SIGINT)
+        return self.num_timesteps < self._step
+
+
+@pytest.mark.parametrize(
+    ("step", "signaled", "averaged"),
+    [(40, True, False), (40, False, True), (64, True, True)],
+    ids=["interrupted", "ended by a callback", "a signal in the last step"],
+)
+def test_an_interrupted_training_keeps_its_last_weights(step, signaled, averaged):
+    recorder = _Recorder()
+    model = PPO("MlpPolicy", "Pendulum-v1", n_steps=16, batch_size=16, seed=0, device="cpu")
+    with stop_on_signal():
+        model.learn(64, callback=[recorder, AveragedWeightsCallback(), _StopAt(step, signaled)])
+    final = torch.cat([one.detach().flatten() for one in model.policy.parameters()]).numpy()
+    assert np.array_equal(final, recorder.seen[-1]) is not averaged
 
 
 @pytest.mark.parametrize("decay", [1, -0.1, "much"])

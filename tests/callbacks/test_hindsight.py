@@ -216,9 +216,10 @@ def test_relabelled_episodes_have_an_f1_of_exactly_1(relabelled):
     assert min(repeated, pedals, shorter) > 3
 
 
-def test_the_transitions_follow_those_of_the_episode_and_are_the_replay_s():
+@pytest.mark.parametrize("goal_time", ["beginning", "end"])
+def test_the_transitions_follow_those_of_the_episode_and_are_the_replay_s(goal_time):
     performances = Performances()
-    model = collecting([flagged])
+    model = collecting([lambda: flagged(goal_time=goal_time)])
     model.learn(60, callback=[HindsightCallback(), performances], log_interval=10**6)
     all_rows = {name: array[:, 0] for name, array in rows(model).items()}
     env, expected, start = flagged(), [], 0

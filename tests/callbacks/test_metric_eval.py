@@ -22,7 +22,7 @@ from stable_baselines3.common.callbacks import (
     CallbackList,
 )
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnvWrapper, VecNormalize
 
 from sb3_piano.callbacks import F1Callback, MetricEvalCallback, OnsetF1Callback
 from sb3_piano.exceptions import ConfigError, RunError
@@ -76,17 +76,42 @@ def test_the_frequency_counts_calls_and_the_log_environment_steps(n_envs, tmp_pa
     assert series(lines, "eval/f1") == pytest.approx({5 * n_envs: 0.1, 10 * n_envs: 0.2})
 
 
+class TwoAgents(VecEnvWrapper):
+    """Two agents play in each environment."""
+
+    def __init__(self, *envs):
+        super().__init__(DummyVecEnv([lambda env=env: Monitor(env) for env in envs]))
+        self.num_envs = 2 * len(envs)
+
+    def reset(self):
+        return self.venv.reset().repeat(2, axis=0)
+
+    def step_async(self, actions):
+        self.venv.step_async(actions[::2])
+
+    def step_wait(self):
+        observations, rewards, dones, infos = self.venv.step_wait()
+        infos = [dict(info) for info in infos for _ in range(2)]
+        return observations.repeat(2, axis=0), rewards.repeat(2), dones.repeat(2), infos
+
+
+@pytest.mark.filterwarnings("ignore:Training and eval env are not of the same type")
 @pytest.mark.parametrize(
     "env",
     [
         lambda: with_f1(0.1, 0.3),
         lambda: DummyVecEnv([lambda: Monitor(with_f1(0.1)), lambda: Monitor(with_f1(0.3))]),
+        lambda: TwoAgents(with_f1(0.1, 0.3)),
+        lambda: TwoAgents(with_f1(0.1), with_f1(0.3)),
     ],
-    ids=["without a Monitor", "two environments"],
+    ids=["without a Monitor", "two environments", "two agents", "two agents in each of two"],
 )
 def test_each_whole_episode_counts_once(model, tmp_path, env):
     callback = F1Callback(env(), eval_freq=5, n_eval_episodes=2, warn=False)
     assert series(log_lines(tmp_path, model, 5, callback), "eval/f1") == pytest.approx({5: 0.2})
+    assert sorted(found["f1"] for found in callback.evaluations_metrics[0]) == [0.1, 0.3]
+    log_lines(tmp_path, model, 5, callback)  # another training counts alike
+    assert len(callback.evaluations_metrics[1]) == 2
 
 
 def test_the_evaluations_file_gains_the_metrics(model, tmp_path):

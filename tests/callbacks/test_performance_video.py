@@ -6,6 +6,7 @@ import av
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.wrappers import TimeLimit
 from scipy.io import wavfile
 from scripted import tiny_td3, vector_of, with_f1
 from stable_baselines3 import PPO
@@ -89,6 +90,16 @@ def test_a_piece_without_a_pressed_key_has_silence_and_no_notes(tmp_path):
     rate, sound = wavfile.read(tmp_path / "step_4.wav")
     assert len(sound) / rate == pytest.approx((STEPS + 1) * 0.05)  # as long as the pictures
     assert not sound.any()
+
+
+@pytest.mark.usefixtures("no_gl")
+@pytest.mark.filterwarnings("ignore:There are no videos")
+def test_an_episode_ends_when_a_wrapper_of_the_training_ends_it(tmp_path):
+    model = tiny_td3(TimeLimit(piano(), 3))
+    model.learn(8, PerformanceVideoCallback(4, str(tmp_path)))
+    for step in (4, 8):
+        rate, sound = wavfile.read(tmp_path / f"step_{step}.wav")
+        assert len(sound) / rate == pytest.approx((3 + 1) * 0.05)
 
 
 @pytest.mark.usefixtures("no_gl")

@@ -8,7 +8,9 @@ import torch
 from sb3_contrib import TQC, CrossQ
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.env_util import make_vec_env
 
+from sb3_piano.buffers import CyclingReplayBuffer
 from sb3_piano.callbacks import QValueCallback
 from sb3_piano.exceptions import ConfigError
 
@@ -28,15 +30,16 @@ class LastLogged(BaseCallback):
         return True
 
 
-def trained(algorithm, callbacks, steps=90):
+def trained(algorithm, callbacks, steps=90, env="Pendulum-v1", **settings):
     model = algorithm(
         "MlpPolicy",
-        "Pendulum-v1",
+        env,
         learning_starts=40,
         policy_kwargs={"net_arch": [16]},
         batch_size=32,
         seed=3,
         device="cpu",
+        **settings,
     )
     return model.learn(steps, callback=callbacks, log_interval=10**6)
 
@@ -50,6 +53,16 @@ def test_the_value_is_logged_and_the_training_is_the_same(algorithm):
     plain = trained(algorithm, None)
     for one, other in zip(model.policy.parameters(), plain.policy.parameters(), strict=True):
         torch.testing.assert_close(one, other, rtol=0, atol=0)
+
+
+def test_updates_go_round_the_environments_as_without_it():
+    def weights(callbacks):
+        venv = make_vec_env("Pendulum-v1", n_envs=2, seed=0)
+        model = trained(SAC, callbacks, 100, venv, replay_buffer_class=CyclingReplayBuffer)
+        return torch.cat([one.detach().flatten() for one in model.policy.parameters()])
+
+    callback = QValueCallback(every=45)  # once, with updates before and after it
+    torch.testing.assert_close(weights([callback]), weights(None), rtol=0, atol=0)
 
 
 def test_the_value_is_that_of_the_smaller_critic_at_the_actions_taken():

@@ -102,5 +102,16 @@ class TestOpenOnsets:
         onsets = OpenOnsets(self.roll())
         assert [onsets.hit(39, time) for time in strikes] == hits
 
+    def test_at_the_edge_of_the_tolerance_it_agrees_with_the_metric(self):
+        notes, key, hits = [Note(onset=0.48297, offset=0.9, pitch=60)], np.array([39]), []
+        roll = PianoRoll.from_score(Score(notes=notes, title="one"), 0.05)
+        ((_, _, onset),) = roll.strikes()
+        for distance in np.arange(499, 502, 0.1) / 10_000:
+            for time in (onset - distance, onset + distance):
+                pairs = match_onsets(Onsets(np.array([onset]), key), Onsets(np.array([time]), key))
+                hits.append(OpenOnsets(roll).hit(39, time))
+                assert hits[-1] == (len(pairs) == 1), distance
+        assert set(hits) == {True, False}
+
     def test_another_key_is_never_hit(self):
         assert not OpenOnsets(self.roll()).hit(40, 0.2)

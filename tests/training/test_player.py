@@ -41,6 +41,21 @@ def test_episodes_are_recorded_with_their_motion(piano_run):
         assert player.play()[0].metrics == first.metrics
 
 
+def test_an_episode_ends_when_a_wrapper_of_the_run_ends_it(piano_run):
+    folder = piano_run(STILL)
+    limit = {"gymnasium.wrappers.TimeLimit": {"max_episode_steps": 3}}
+    folder.write_config(dataclasses.replace(folder.read_config(), env_wrapper=[limit]))
+    found = evaluate(folder.path, episodes=2)
+    for metrics in (*found.episodes, found.baseline):
+        assert metrics["length"] == 3
+    assert found.summary["f1"].mean == found.episodes[0]["f1"]
+    with SavedPlayer.open(folder.path) as player:
+        endless = player.episodes()
+        next(endless)
+        player.vec_env.step([STILL])  # leave one under way
+        assert [recording.metrics["length"] for recording in player.play(2)] == [3, 3]
+
+
 def test_a_player_of_no_piano_does_not_rest(pendulum_run):
     with SavedPlayer.open(pendulum_run().path) as player:
         assert player.rest() is None

@@ -208,6 +208,8 @@ def test_hands_are_agents_with_half_of_everything_each():
     for other in others:
         with pytest.raises(ConfigError, match="HandsAsAgents cannot give each hand a part"):
             HandsAsAgents(DummyVecEnv([other]))
+    with pytest.raises(ConfigError, match="no reward of each hand: expected sb3_piano.wrappers.H"):
+        HandsAsAgents(DummyVecEnv([make, lambda: HandActions(piano())]))
 
 
 @pytest.mark.parametrize("wrap", [lambda env: env, lambda env: HandActions(env, reach=0.5)])

@@ -99,6 +99,16 @@ def test_each_step_is_compared_with_its_own_goal():
     assert found == pytest.approx([1.0, 1.0, 0.0, 0.0, 0.0], abs=TOLERANCE)
 
 
+def test_with_goals_at_the_end_of_steps_it_goes_by_those():
+    """C is asked for in the two steps before those that it is written in."""
+    notes = [Note(onset=0.15, offset=0.25, pitch=60, finger=0)]
+    piano = PianoEnv(Score(notes=notes), physics="fast", goal_time="end", trim_silence=False)
+    env = KeyRewardTiering(piano)
+    env.reset(seed=0)
+    found = [play(env, keys, steps=1)[1]["key_press"] for keys in [()] * 3 + [[C4]] * 3]
+    assert found == pytest.approx([0.5, 0.5, 0.0, 1.0, 0.0, 0.0], abs=TOLERANCE)
+
+
 # Energy and forearms only once the keys are pressed well.
 
 

@@ -192,7 +192,9 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         if isinstance(self.model, PianoPolicy):
             self.model.set_random_seed(seed or 0)
         self._venv.seed(seed)
-        return self._endless(self._venv.reset())
+        observation = self._venv.reset()
+        self._recorder.finished.clear()  # an episode that was left under way ends here
+        return self._endless(observation)
 
     def _endless(self, observation: Any) -> Iterator[Recording]:
         action, state, starts = None, None, np.ones(1, dtype=bool)
@@ -343,16 +345,16 @@ def write_player(
         config = player.run.read_config()
         written = RunFolder.create(config, folder)
         try:
-            keep_base(written, config)
-            if player.run.provenance_file.is_file():
-                shutil.copyfile(player.run.provenance_file, written.provenance_file)
-            if isinstance(config, RunConfig):
-                assert isinstance(player.model, BaseAlgorithm), "what is trained has weights"
-                write_bytes(written.weights_file, pack_weights(player.model, config))
-                hand = _hand_model(player)
-                if hand is not None:
-                    hand.save(written.hand_file)
+            with written.whole_or_gone():
+                keep_base(written, config)
+                if player.run.provenance_file.is_file():
+                    shutil.copyfile(player.run.provenance_file, written.provenance_file)
+                if isinstance(config, RunConfig):
+                    assert isinstance(player.model, BaseAlgorithm), "what is trained has weights"
+                    write_bytes(written.weights_file, pack_weights(player.model, config))
+                    hand = _hand_model(player)
+                    if hand is not None:
+                        hand.save(written.hand_file)
         except OSError as error:
-            shutil.rmtree(written.path, ignore_errors=True)
             raise unwritable(written.path, error) from error
         return written

@@ -120,6 +120,8 @@ def kill_trainings(place: Path, kills: int, seconds: float, rng: random.Random) 
     lost, while_saving, saved = [], 0, 0
     for number in range(kills):
         steps.unlink(missing_ok=True)
+        for left in run.path.rglob("*.partial"):  # by the kill before
+            left.unlink()
         every = ("--checkpoint-every", str(INTERVAL), "--steps", str(ENDLESS))
         if number == 0:
             new = ("--env", ENV_ID, "--config", "small.yml", "--run", "run", "--seed", "0")

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import shutil
+import sys
+import types
 from pathlib import Path
 
 import pytest
@@ -77,6 +80,50 @@ def test_all_pieces_can_be_shown():
     # Nor has the sight-reader, which stands beside them.
     studies = {piece for piece in STUDY["unseen"] if not piece.startswith("repertoire-")}
     assert studies <= set(HELD_OUT)
+
+
+def script(name, monkeypatch):
+    """Return a script as a module that others import by its bare name."""
+    spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, name, module)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_run_that_went_on_is_judged_again(tmp_path, monkeypatch):
+    script("cells", monkeypatch)
+    run = script("run", monkeypatch)
+    steps, judged = 100, []
+
+    class Judged(types.SimpleNamespace):
+        def write_json(self, file):
+            file.write_text(json.dumps({"evaluations": [vars(one) for one in self.evaluations]}))
+
+    def evaluate_runs(folders, scores):
+        judged.append(steps)
+        one = types.SimpleNamespace(piece="a", mean={"f1": 0.5}, num_timesteps=steps)
+        return Judged(interrupted=False, failures=(), evaluations=(one,))
+
+    monkeypatch.setattr(run, "evaluate_runs", evaluate_runs)
+    for steps in (100, 100, 200, 200):
+        run.evaluate(tmp_path, ["a"], steps)
+    assert judged == [100, 200]
+
+
+def test_figures_of_fewer_steps_than_a_cell_has_are_not_kept(tmp_path, monkeypatch):
+    cells, table = script("cells", monkeypatch), script("table", monkeypatch)
+    training = cells.Training(cells.Cell("table_1/from_nothing"), STUDY["pieces"][0], 0)
+    folder = tmp_path / training.folder
+    config = training.config(tmp_path)
+    RunFolder.create(config, folder)
+    figures = {"f1": 0.5, "onset_f1": 0.25}
+    one = {"piece": "a", "mean": figures, "baseline": {"f1": 0.0}}
+    for steps, kept in ((config.n_timesteps - 1, 0), (config.n_timesteps, 1)):
+        evaluations = [{**one, "num_timesteps": steps}]
+        (folder / "pieces.json").write_text(json.dumps({"evaluations": evaluations}))
+        assert len(table.read_runs(tmp_path, only_whole=True)) == kept
+        assert len(table.read_runs(tmp_path)) == 1
 
 
 @pytest.mark.slow

@@ -21,7 +21,7 @@ from typing import Any
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.files import write_json
 from sb3_piano.players import TreeSettings
-from sb3_piano.training import evaluate, load_config, resume, train
+from sb3_piano.training import TrainResult, evaluate, load_config, resume, train
 
 HERE = Path(__file__).parent
 KNOWN, UNSEEN = "repertoire-PathetiqueRondo", "repertoire-FantaisieImpromptu"
@@ -47,10 +47,11 @@ def main() -> int:
             for seed in arguments.seeds:
                 folder = arguments.runs / f"{policy}_seed_{seed}"
                 steps = 8 if policy == UNTRAINED else arguments.steps
-                if not finished(folder, UNSEEN if policy == UNTRAINED else policy, seed, steps):
+                run = trained(folder, UNSEEN if policy == UNTRAINED else policy, seed, steps)
+                if run.interrupted:
                     print("Interrupted: the same command goes on from here.")
                     return 130
-                found.append(played(folder, piece, tree))
+                found.append(played(folder, piece, tree, run.num_timesteps))
             rows.append((policy, piece, tree or "-", *map(cell, zip(*found, strict=True))))
     except SB3PianoError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
@@ -59,23 +60,24 @@ def main() -> int:
     return 0
 
 
-def finished(folder: Path, piece: str, seed: int, steps: int | None) -> bool:
-    """Bring a training to its end; return whether it was not interrupted."""
+def trained(folder: Path, piece: str, seed: int, steps: int | None) -> TrainResult:
+    """Bring a training to its end, unless it is interrupted."""
     options = {} if steps is None else {"n_timesteps": steps}
     config = load_config("sac", f"RoboPianist-{piece}-v0", HERE / "tree.yml", seed=seed, **options)
     if (folder / "config.yml").is_file():
-        return not resume(folder, config.n_timesteps).interrupted
-    return not train(config, folder).interrupted
+        return resume(folder, config.n_timesteps)
+    return train(config, folder)
 
 
-def played(folder: Path, piece: str, tree: str | None) -> list[float]:
-    """Return what a policy reaches with a tree or without, one number for each column."""
+def played(folder: Path, piece: str, tree: str | None, steps: int) -> list[float]:
+    """Return what a policy of so many steps reaches with a tree or without, one for each column."""
     file = folder / "trees" / f"{piece}_{tree}.json"
-    if not file.is_file():
+    found: dict[str, Any] = json.loads(file.read_text("utf-8")) if file.is_file() else {}
+    if found.get("num_timesteps") != steps:  # the training may have gone on since
         shape = None if tree is None else TreeSettings.parse(tree)
         file.parent.mkdir(exist_ok=True)
-        write_json(file, evaluate(folder, score=piece, tree=shape).to_json())
-    found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        found = evaluate(folder, score=piece, tree=shape).to_json()
+        write_json(file, found)
     mean, seen = found["mean"], found["tree"] or {"deepest": 0, "visit_share": 0}
     names = ("onset_f1", "f1", "effective_fingers", "return")
     return [*(mean[name] for name in names), seen["deepest"], seen["visit_share"]]

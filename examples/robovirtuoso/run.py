@@ -14,6 +14,7 @@ from beginning to end, and the sight-reader beside it. ``table.py`` prints what 
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ from cells import RUNS, SIGHT_READER, STUDY, Cell, Training, find_cells
 
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import RunError, SB3PianoError
+from sb3_piano.players import HandModel
+from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.sweeps import CellJob, CellResult, finish_cells
 from sb3_piano.training import PlannedConfig, RunFolder, evaluate_runs
 
@@ -54,7 +57,7 @@ def main() -> int:
             failed += sum(result.error is not None for result in results)
             for result in results:
                 if result.finished:
-                    judge(Cell(result.name), Path(result.folder))
+                    judge(Cell(result.name), Path(result.folder), result.num_timesteps)
         if any(cell.is_together for cell in cells):
             judge_sight_reader(cells[0], arguments.runs / SIGHT_READER / "seed_0")
     except KeyboardInterrupt:
@@ -90,12 +93,12 @@ def tell(result: CellResult, done: int, total: int) -> None:
     print(f"[{done}/{total}] {result.name}, seed {result.seed}: {found}", flush=True)
 
 
-def judge(cell: Cell, folder: Path) -> None:
+def judge(cell: Cell, folder: Path, steps: int) -> None:
     """Evaluate a run on each of its pieces, and on unseen ones, unless it was; say how it plays."""
     pieces: list[str] = []  # its own one
     if cell.is_together:
         pieces = [*RunFolder.open(folder).read_config().pieces, *STUDY["unseen"]]
-    evaluate(folder, pieces)
+    evaluate(folder, pieces, steps)
 
 
 def judge_sight_reader(cell: Cell, folder: Path) -> None:
@@ -112,13 +115,17 @@ def judge_sight_reader(cell: Cell, folder: Path) -> None:
     )
     if not folder.is_dir():
         RunFolder.create(config, folder)
-    evaluate(folder, STUDY["unseen"])
+    evaluate(folder, STUDY["unseen"], HandModel.load(SHIPPED).facts.num_timesteps)
 
 
-def evaluate(folder: Path, pieces: Sequence[str]) -> None:
-    """Evaluate a run on pieces, or its own one, and keep it as ``pieces.json``, unless that is."""
+def evaluate(folder: Path, pieces: Sequence[str], steps: int) -> None:
+    """Evaluate a run on pieces, or its own one, and keep it as ``pieces.json``.
+
+    What is kept already counts if the model had been trained for as many steps.
+    """
     file = folder / "pieces.json"
-    if file.is_file():
+    kept = json.loads(file.read_text("utf-8"))["evaluations"] if file.is_file() else []
+    if kept and all(one["num_timesteps"] == steps for one in kept):
         return
     found = evaluate_runs([folder], scores=pieces)
     if found.interrupted:

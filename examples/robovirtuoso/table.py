@@ -65,10 +65,12 @@ def read_runs(runs: Path, *, only_whole: bool = False) -> Results:
     for name in (*STUDY["cells"], SIGHT_READER):
         for file in sorted((runs / name).glob("*seed_*/pieces.json")):
             config = RunFolder.open(file.parent).read_config()
-            trained = isinstance(config, RunConfig)
-            if only_whole and trained and config.n_timesteps != Cell(name).settings.n_timesteps:
-                continue
             evaluations = json.loads(file.read_text(encoding="utf-8"))["evaluations"]
+            if only_whole and isinstance(config, RunConfig):
+                steps = Cell(name).settings.n_timesteps
+                judged = min(one["num_timesteps"] for one in evaluations)
+                if config.n_timesteps != steps or judged < steps:
+                    continue
             results[f"{name}/{file.parent.name}"] = {
                 one["piece"]: [
                     round(value, 4)

@@ -255,10 +255,11 @@ class DatasetWriter:
         self._storage.update_metadata(notes)
         if self._root is None:
             _make_namespace(self._id)
-        if self._place.exists():
-            self._place.rename(self._made / "old")
         self._place.parent.mkdir(parents=True, exist_ok=True)
-        (self._made / "new").rename(self._place)
+        with ctrl_c_deferred():  # which would delete both the old one and the new
+            if self._place.exists():
+                self._place.rename(self._made / "old")
+            (self._made / "new").rename(self._place)
         return open_dataset(self._id, self._root)
 
 

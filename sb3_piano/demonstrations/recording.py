@@ -19,6 +19,7 @@ import sb3_piano
 from sb3_piano.demonstrations.dataset import EXPERT_ACTION, DatasetWriter
 from sb3_piano.demonstrations.disturbances import DEFAULT_MEMORY, ActuatorNoise, PerturbedStart
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.interrupts import ctrl_c_deferred
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.settings import Count, Index, checked
 
@@ -115,8 +116,9 @@ def record(
                 turn = number % len(noise)
                 episode, found = play_episode(policy, env, episode_seed, noises[turn])
                 found = {"noise": float(noise[turn]), **found}
-                writer.add(episode, found)
-                notes.append(found)
+                with ctrl_c_deferred():  # which would leave an episode without its notes
+                    writer.add(episode, found)
+                    notes.append(found)
                 on_episode(found)
         except KeyboardInterrupt:
             if not notes:

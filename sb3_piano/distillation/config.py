@@ -6,7 +6,7 @@ import dataclasses
 import os
 import typing
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -14,7 +14,8 @@ from annotated_types import Ge, MinLen
 
 from sb3_piano.demonstrations.streaming import DEFAULT_BUFFER
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Corpus
+from sb3_piano.music import Corpus, is_path
+from sb3_piano.music.corpus import SOURCES
 from sb3_piano.planning import PlanSettings
 from sb3_piano.settings import (
     Count,
@@ -99,6 +100,10 @@ class TeacherSettings:
     )
     """How excerpts are planned: quickly, and by default without ``passes`` of refinement."""
 
+    def __post_init__(self) -> None:
+        if self.name != PLANNED and Path(self.name).is_dir():
+            object.__setattr__(self, "name", _absolute(self.name))
+
 
 @settings
 class NetworkSettings:
@@ -137,6 +142,8 @@ class EvaluationSettings:
             raise ConfigError(
                 "evaluation has no excerpts and no pieces: expected something to judge by."
             )
+        pieces = tuple(_absolute(piece) if is_path(piece) else piece for piece in self.pieces)
+        object.__setattr__(self, "pieces", pieces)
 
 
 @settings
@@ -157,13 +164,15 @@ class Improvement:
     weights."""
 
     def __post_init__(self) -> None:
-        if self.config is not None:  # which is read again when the rounds are done, from anywhere
-            object.__setattr__(self, "config", str(Path(self.config).absolute()))
+        if self.config is not None:
+            object.__setattr__(self, "config", _absolute(self.config))
 
 
 @settings
 class DistillConfig:
     """All settings of a distillation.
+
+    Relative paths are made absolute, so that it can be gone on with from anywhere.
 
     Raises:
         ConfigError: If a setting is unknown, has the wrong type or is out of range, or a piece that
@@ -204,8 +213,11 @@ class DistillConfig:
                     f"{getattr(Round(excerpts=1), name)}, there is no learner before the first "
                     "round."
                 )
-        if self.recorded is not None:  # which is read again when it is gone on, from anywhere
-            object.__setattr__(self, "recorded", str(Path(self.recorded).absolute()))
+        if self.recorded is not None:
+            object.__setattr__(self, "recorded", _absolute(self.recorded))
+        improvements = tuple(map(self._with_absolute_paths, range(len(self.improvements))))
+        object.__setattr__(self, "improvements", improvements)
+        object.__setattr__(self, "corpus", _with_absolute_paths(self.corpus))
         low, high = self.playing.segment
         if low > high:
             raise ConfigError(
@@ -214,11 +226,16 @@ class DistillConfig:
         for corpus in (self.corpus, *map(self.corpus_of, range(len(self.improvements)))):
             self._check_unseen(corpus)
 
+    def _with_absolute_paths(self, number: int) -> Improvement:
+        one, corpus = self.improvements[number], _with_absolute_paths(self.corpus_of(number))
+        return replace(one, corpus={name: getattr(corpus, name) for name in one.corpus})
+
     def _check_unseen(self, corpus: Corpus) -> None:
         for source, names in corpus.names.items():
             learnt = {alias for n in names for alias in (n, n.partition("-")[2], Path(n).stem)}
+            learnt |= {os.path.realpath(name) for name in names if is_path(name)}
             for piece in self.evaluation.pieces:
-                if piece in learnt:
+                if (os.path.realpath(piece) if is_path(piece) else piece) in learnt:
                     raise ConfigError(
                         f"evaluation.pieces has {piece!r}, which the corpus learns from (source "
                         f"{source!r}): expected other pieces, or it in corpus.held_out too."
@@ -266,6 +283,19 @@ class DistillConfig:
         """Return the numbers of a round's excerpts, counted over all rounds."""
         first = sum(one.excerpts for one in self.rounds[:number])
         return range(first, first + self.rounds[number].excerpts)
+
+
+def _absolute(path: str) -> str:
+    return str(Path(path).absolute())
+
+
+def _with_absolute_paths(corpus: Corpus) -> Corpus:
+    sources = {
+        source if source in SOURCES else _absolute(source): weight
+        for source, weight in corpus.sources.items()
+    }
+    held_out = tuple(_absolute(name) if os.sep in name else name for name in corpus.held_out)
+    return replace(corpus, sources=sources, held_out=held_out)
 
 
 def _change(mapping: Any, name: str, value: Any) -> None:

@@ -35,6 +35,7 @@ from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.threads import torch_computing
+from sb3_piano.training.runs.builders import build_env
 from sb3_piano.training.runs.folder import begin_or_go_on
 
 _CONFIG, _TABLE = "config.yml", "rounds.csv"
@@ -117,7 +118,8 @@ def distill(
     improvements: dict[str, Callable[[Path], Mapping[str, str]]] = {}
     for number in range(len(config.improvements)):
         start = weights_file(place.absolute(), names[-1])
-        improvement_run(config, number, start, num_threads)
+        run = improvement_run(config, number, start, num_threads)
+        build_env(run).close()  # what is wrong is better told now than when the rounds are done
         names.append(f"improved-{number}")
         improvements[names[-1]] = partial(improve, config, number, start, num_threads, on_progress)
     rounds: list[RoundResult] = []

@@ -20,7 +20,7 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from sb3_piano.demonstrations.cloning import check_spaces
 from sb3_piano.demonstrations.corpus import RecordedCorpus
 from sb3_piano.demonstrations.shards import Shard, make_missing
-from sb3_piano.demonstrations.streaming import ShuffledRows
+from sb3_piano.demonstrations.streaming import Rows, ShuffledRows
 from sb3_piano.distillation.config import DistillConfig
 from sb3_piano.distillation.network import new_policy, regress, standardize
 from sb3_piano.distillation.rollout import hands_env
@@ -150,18 +150,17 @@ class Rounds:
 
     def _rows(self, last: int) -> ShuffledRows:
         """Return the rows of all rounds up to one: both hands' observations, and labels."""
-        shards = [shard for n in range(last + 1) for shard in self._play(n) if shard.steps > 0]
-        if not shards:
+        played = [(n, shard) for n in range(last + 1) for shard in self._play(n) if shard.steps > 0]
+        if not played:
             raise RunError("No excerpt could be played: expected another corpus or teacher.")
-        roots = {id(shard): self._root(n) for n in range(last + 1) for shard in self._play(n)}
-        reads = [partial(read_rows, roots[id(shard)], shard) for shard in shards]
-        return ShuffledRows(reads, [2 * s.steps for s in shards], self._config.buffer)
+        reads = [partial(self._read, n, shard) for n, shard in played]
+        return ShuffledRows(reads, [2 * shard.steps for _, shard in played], self._config.buffer)
 
-    def _root(self, number: int) -> Path:
-        """Return the folder of the data sets of a round."""
+    def _read(self, number: int, shard: Shard) -> Rows:
+        """Return the rows of a data set of a round; what was recorded elsewhere is checked."""
         if number == 0 and self._recorded is not None:
-            return self._recorded.root
-        return self._place / DATA
+            return read_rows(self._recorded.dataset(shard))
+        return read_rows(shard.open(self._place / DATA))
 
     def _train(self, number: int, weights: Path) -> Mapping[str, str]:
         """Train a network on all data so far, unless it is there; see :meth:`judged`."""

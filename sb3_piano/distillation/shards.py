@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 import sb3_piano
 from sb3_piano.demonstrations.dataset import Transitions
-from sb3_piano.demonstrations.shards import Notes, Play, Shard, ShardJob, file_digest
+from sb3_piano.demonstrations.shards import Notes, Play, ShardJob, file_digest
 from sb3_piano.distillation.config import DistillConfig
 from sb3_piano.distillation.rollout import hands_env, play_alone, play_excerpt
 from sb3_piano.distillation.teachers import new_teacher
@@ -27,9 +27,13 @@ from sb3_piano.threads import torch_computing
 from sb3_piano.wrappers import HandActions
 
 if TYPE_CHECKING:
+    from minari import MinariDataset
     from minari.data_collector.episode_buffer import EpisodeBuffer
 
 Float32Array = npt.NDArray[np.float32]
+
+_PLAYED_BY = ("corpus", "playing", "teacher", "shard", "seed")
+"""Settings that decide how excerpts are played, beside those of the rounds."""
 
 JUDGED_BY = ("f1", "onset_f1")
 """Metrics of an evaluation."""
@@ -62,9 +66,12 @@ class RoundJob(ShardJob):
 
     @property
     def digest(self) -> str:
-        """Checksum of the settings, the data set's name and the learner's weights."""
+        """Checksum of the settings up to this round, the data set's name, the learner's weights."""
         learner = "" if self.learner is None else file_digest(self.learner)
-        content = [self.config.to_mapping(), self.name, learner]
+        settings = self.config.to_mapping()
+        played = [settings[name] for name in _PLAYED_BY]
+        rounds = settings["rounds"][: self.round_number + 1]
+        content = [played, rounds, self.name, learner]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property
@@ -106,13 +113,13 @@ def shard_jobs(
     ]
 
 
-def read_rows(root: Path, shard: Shard) -> tuple[Float32Array, Float32Array]:
+def read_rows(dataset: MinariDataset) -> tuple[Float32Array, Float32Array]:
     """Return both hands' rows of a data set: observations (N, n) and labels (N, m).
 
     Raises:
         ConfigError: If the data set is damaged.
     """
-    transitions = Transitions.of(shard.open(root))
+    transitions = Transitions.of(dataset)
     return tuple(  # type: ignore[return-value]
         array.reshape(2 * len(transitions), -1)
         for array in (transitions.observations, transitions.expert_actions)

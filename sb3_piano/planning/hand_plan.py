@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ from sb3_piano.planning.side_by_side import Talk, in_turns, in_two_processes
 from sb3_piano.planning.tracking_control import TrackingControl
 from sb3_piano.processes import may_start_processes
 from sb3_piano.reading.arms import bounds_of
-from sb3_piano.reading.key_frames import KeyFrames, key_frames
+from sb3_piano.reading.key_frames import KeyFrames
 from sb3_piano.reading.presses import TimedPress
 
 _MANY_STRETCHES = 4  # from so many on, a second process is worth the seconds that it takes to start
@@ -35,26 +35,6 @@ class HandTask:
     """The presses as they are planned."""
     frames: KeyFrames
     """Targets of the fingertips in all T + 1 states."""
-
-    @classmethod
-    def of(
-        cls, hand: Hand, presses: Iterable[TimedPress], n_states: int, settings: PlanSettings
-    ) -> HandTask:
-        """Find the key frames that belong to presses."""
-        timed, kinematics = tuple(presses), hand.kinematics
-        return cls(
-            hand,
-            timed,
-            key_frames(
-                timed,
-                kinematics.sign,
-                n_states,
-                kinematics.radius,
-                hand.keys,
-                settings.hover,
-                settings.hold_depth,
-            ),
-        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -53,7 +53,6 @@ class HandProblem:
         self._pull = hand.pull**2
         self._damping = np.full(len(start), _FIRST_DAMPING)
         self._normal: tuple[FloatArray, FloatArray] | None = None
-        self._fixed: BoolArray | None = None
         self._state_cost: FloatArray
         self._total: float
         self._evaluate()
@@ -64,9 +63,8 @@ class HandProblem:
         self._normal = None
         self._evaluate()
 
-    def improve(self, iterations: int, free: BoolArray | None = None) -> None:
-        """Try some steps; states that are not ``free`` ((s,) bool) stay as they are."""
-        self._fixed = None if free is None else ~free
+    def improve(self, iterations: int) -> None:
+        """Try some steps."""
         for _ in range(iterations):
             step = self._step()
             if step is None:
@@ -101,20 +99,14 @@ class HandProblem:
         band, gradient = self._normal
         size = self.positions.shape[1]
         damped = band.copy()
-        damping = self._damping
-        if self._fixed is not None:
-            damping = np.where(self._fixed, _FIXING, damping)
-        damped[0] += np.repeat(damping, size)
+        damped[0] += np.repeat(self._damping, size)
         damped[0, self._stopped(gradient).ravel()] += _FIXING
         try:
             factor = cholesky_banded(damped, lower=True, overwrite_ab=True, check_finite=False)
         except LinAlgError:
             return None
         step = cho_solve_banded((factor, True), -gradient.ravel(), check_finite=False)
-        step = np.clip(step.reshape(self.positions.shape), -_LONGEST_STEP, _LONGEST_STEP)
-        if self._fixed is not None:
-            step[self._fixed] = 0.0
-        return step
+        return np.clip(step.reshape(self.positions.shape), -_LONGEST_STEP, _LONGEST_STEP)
 
     def _stopped(self, gradient: FloatArray) -> BoolArray:
         """Return which positions are at an end of their range and would go on beyond it, (s, n).

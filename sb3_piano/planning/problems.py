@@ -89,7 +89,7 @@ def _released(roll: PianoRoll) -> list[Problem]:
 
 
 def _unplayed(plan: HandPlan, timestep: float, moving: slice) -> list[Problem]:
-    """Return the notes of a hand whose keys are rigid, then those that its fingers do not reach."""
+    """Return the notes of a hand whose keys are rigid, then others that no finger reaches."""
     rigid, unreached = [], []
     frames, side = plan.task.frames, plan.task.hand.kinematics.hand
     tips = plan.task.hand.kinematics.fingertips(plan.weightless)
@@ -98,6 +98,7 @@ def _unplayed(plan: HandPlan, timestep: float, moving: slice) -> list[Problem]:
         note = press.key, press.first - 1, side * FINGERS_PER_HAND + press.finger
         if not moving.start <= press.key < moving.stop:
             rigid.append(_problem(timestep, *note, "its key is rigid in this scene"))
+            continue
         off = tips[states, press.finger, 1:] - frames.target[states, press.finger, 1:]
         error = float(np.abs(off).max(initial=0.0))
         if error > _TOLERANCE:

@@ -74,8 +74,6 @@ class RollOuts:
         self._joints = scene.hand_qpos
         self._middle = (scene.ctrl_high + scene.ctrl_low) / 2
         self._half_range = (scene.ctrl_high - scene.ctrl_low) / 2
-        self.simulated = 0
-        """Control steps simulated so far."""
 
     def start(self) -> FloatArray:
         """Return the state in which an episode begins."""
@@ -94,7 +92,6 @@ class RollOuts:
                 results[row] = self._play(self._simulations[thread], state, step, ways[row])
 
         self._team.run(job)
-        self.simulated += sum(len(way.commands) for way in ways)
         return [result for result in results if result is not None]
 
     def close(self) -> None:

@@ -35,8 +35,8 @@ class SightReader(PianoPolicy):
     simulation itself. Its actions are those of the environment: the piano's own, or those of
     :class:`~sb3_piano.wrappers.HandActions`.
 
-    Notes without a finger get the robot's. A :class:`PlanWarning` tells of notes that no finger
-    can hold as they are written.
+    Notes without a finger get one: the robot's, or, where other notes have fingers, one that goes
+    with those. A :class:`PlanWarning` tells of notes that no finger can hold as they are written.
 
     Args:
         env: The environment, wrapped or not, or several of them in this process as a vector
@@ -91,13 +91,15 @@ class SightReader(PianoPolicy):
             encoding = known.encoding
         else:
             encoding = HandEncoding(piano.scene, piano.config.control_timestep)
-        problems = unheld(encoding.read(roll_with_fingers(piano)).roll)
+        roll = roll_with_fingers(piano)
+        problems = unheld(encoding.read(roll).roll)
         if piano.config.observation == "hands":  # the environment has told of those without finger
             problems = [one for one in problems if one.finger != UNKNOWN_FINGER]
         if problems:
             warnings.warn(summary(problems), PlanWarning, stacklevel=4)
         layout = self._layout if self._normalizer is None else None  # which cuts what is far off
         shown = layout is not None and _places(layout) == _places(encoding.layout)
+        shown = shown and roll.equals(piano.roll)
         self._read[slot] = made = _Read(piano.roll, piano.scene, encoding, shown)
         return made
 

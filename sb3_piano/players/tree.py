@@ -17,6 +17,8 @@ from sb3_piano.settings import Count, NotNegative, Number, Positive, settings
 _EQUAL = 1e-8
 """Values of siblings that are no further apart are not told from each other (the paper's 1e-8)."""
 
+_NOTHING = np.zeros(0, dtype=np.float32)
+
 
 @settings
 class TreeSettings:
@@ -87,7 +89,10 @@ class World(Protocol):
         """Try an action in a moment."""
 
     def judge(self, observation: Any) -> tuple[float, Float32Array]:
-        """Return what is still to be expected where the world is now, and the policy's action."""
+        """Return what is still to be expected where the world is now, and the policy's action.
+
+        It is not asked where the episode has ended.
+        """
 
     def propose(self, observation: Any, mode: Float32Array) -> Sequence[Float32Array]:
         """Return some actions other than the policy's own."""
@@ -113,7 +118,7 @@ class Node:
     value: float
     """What is expected without looking further ahead; 0 where the episode has ended."""
     mode: Float32Array
-    """The policy's own action, the first that is tried."""
+    """The policy's own action, the first that is tried; empty where the episode has ended."""
     visits: int = 0
     """How many simulations came here."""
     total: float = 0.0
@@ -213,13 +218,14 @@ class Tree:
         return node.edges[-1]
 
     def _node(self, observation: Any, moment: Any, depth: int, terminal: bool) -> Node:
-        value, mode = self._world.judge(observation)
+        # Where the episode has ended nothing is played any more.
+        value, mode = (0.0, _NOTHING) if terminal else self._world.judge(observation)
         return Node(
             observation=observation,
             moment=moment,
             depth=depth,
             terminal=terminal,
-            value=0.0 if terminal else value,
+            value=value,
             mode=mode,
         )
 

@@ -134,7 +134,7 @@ class TreeSearch(PianoPolicy):
 
     def _noise_of_actions(self, rad: float) -> FloatArray:
         """Return the standard deviation of the noise, (n,), for actions of n numbers."""
-        noise = np.zeros_like(self._envs[0].action_space.sample(), dtype=float)
+        noise = np.zeros(self._envs[0].action_space.shape or ())
         try:
             change = np.abs(change_of_actions(self._envs[0], rad, "TreeSearch"))
         except ConfigError:  # actions of another kind, each of which is a share of its range

@@ -43,7 +43,8 @@ def time_presses(
     up before it can move sideways, and the next one has to arrive before it can go down. The time
     for that is taken from the end of the earlier note, all but one state of it, and only what is
     then missing from the beginning of the later one: a strike that comes late is heard, a note
-    that ends early hardly.
+    that ends early hardly. Where the leaps before and after a note would take all of it, its first
+    and its last state change places: it keeps two or more, up to the whole note.
 
     Args:
         presses: The presses, in order of time.
@@ -80,7 +81,7 @@ def time_presses(
             last = min(timed[earlier].last, before.last - early)
             timed[later] = replace(timed[later], leapt=True, first=first)
             timed[earlier] = replace(timed[earlier], leaps=True, last=last)
-    # A very short note keeps one state.
+    # What leaps take from both ends may be all there is: then first and last change places.
     return tuple(
         replace(one, first=min(one.first, one.last), last=max(one.first, one.last)) for one in timed
     )

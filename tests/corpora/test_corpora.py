@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from concurrent.futures import ThreadPoolExecutor
 
+import h5py
 import numpy as np
 import pytest
 import yaml
@@ -245,6 +247,14 @@ def test_a_distillation_begins_from_a_corpus(corpus, executor, tmp_path):
     result = distill(config, tmp_path / "run", executor=executor)
     assert result.rounds[0].transitions == corpus.steps
     assert not list((tmp_path / "run" / "data").iterdir()), "nothing is played"
+    shutil.copytree(corpus.folder, tmp_path / "damaged")
+    last = corpus.shards[-1].name
+    (file,) = (tmp_path / "damaged" / "data" / last).rglob("*.hdf5")
+    with h5py.File(file, "r+") as opened:
+        opened["episode_0/observations"][3] = 999.0
+    config = dataclasses.replace(config, recorded=str(tmp_path / "damaged"))
+    with pytest.raises(ConfigError, match=f"Shard {last} of the corpus in .* is damaged"):
+        distill(config, tmp_path / "other", executor=executor)
 
 
 def test_a_corpus_that_is_not_by_hand_is_refused_by_a_distillation(executor, tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from pathlib import Path
 
 import gymnasium as gym
 import minari
@@ -191,14 +192,15 @@ def test_ctrl_c_keeps_the_episodes_that_are_finished(datasets):
 
 
 @pytest.mark.usefixtures("ctrl_c")
-def test_ctrl_c_while_an_episode_is_written_waits_for_its_end(monkeypatch):
+@pytest.mark.parametrize("number", [1, 2])
+def test_ctrl_c_while_an_episode_is_written_waits_for_its_end(number, monkeypatch):
     from minari.dataset._storages.hdf5_storage import HDF5Storage
 
     write, written = HDF5Storage.update_episodes, []
 
     def pressed_meanwhile(self, episodes):
         written.append(1)
-        if len(written) == 2:
+        if len(written) == number:
             press_ctrl_c()
         write(self, episodes)
 
@@ -206,8 +208,26 @@ def test_ctrl_c_while_an_episode_is_written_waits_for_its_end(monkeypatch):
     env = pendulum()
     recorded = record(Linear(env), env, NAME, episodes=5)
     assert recorded.interrupted
-    assert [len(episode) for episode in minari.load_dataset(NAME)] == [20, 20]
-    assert len(notes_of(recorded.dataset)[1]) == len(notes_of(recorded.dataset)[0])
+    assert [len(episode) for episode in minari.load_dataset(NAME)] == [20] * number
+    noted = [notes["return"] for notes in notes_of(recorded.dataset)]
+    assert noted == [notes["return"] for notes in recorded.episodes]
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_ctrl_c_while_a_data_set_is_replaced_waits_until_it_is(monkeypatch):
+    env = pendulum()
+    record(Linear(env), env, NAME, episodes=2)
+    rename = Path.rename
+
+    def pressed_after(self, target):
+        found = rename(self, target)
+        press_ctrl_c()
+        return found
+
+    monkeypatch.setattr(Path, "rename", pressed_after)
+    with pytest.raises(KeyboardInterrupt):
+        record(Linear(env), env, NAME, episodes=3, overwrite=True)
+    assert len(minari.load_dataset(NAME)) == 3
 
 
 @pytest.mark.parametrize("name", ["no version-v0", "planned", "../up-v0", "a//b-v", "", "/a-v0"])

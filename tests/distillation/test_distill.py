@@ -35,7 +35,7 @@ from sb3_piano.distillation.teachers import new_teacher
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError, UnknownPieceError
 from sb3_piano.hyperparams import SIGHT_READER
-from sb3_piano.music import Corpus, load_score
+from sb3_piano.music import Corpus, load_score, write_midi
 from sb3_piano.players import HandModel, SightReader
 from sb3_piano.training import PlannedConfig, Plugin, RunConfig, RunFolder, train
 
@@ -82,7 +82,7 @@ def rows_of(folder, config):
     shards = [shard for number in (0, 1) for shard in shards_of(folder, config, number)]
     return [
         np.concatenate(a)
-        for a in zip(*(read_rows(folder / "data", s) for s in shards), strict=True)
+        for a in zip(*(read_rows(s.open(folder / "data")) for s in shards), strict=True)
     ]
 
 
@@ -138,6 +138,64 @@ def test_the_file_that_comes_with_the_package_has_the_defaults():
 def test_a_wrong_setting_is_named(tiny, name, value, message):
     with pytest.raises(ConfigError, match=message):
         DistillConfig.from_yaml(tiny, **{name: value})
+
+
+@pytest.fixture
+def songs(tmp_path, monkeypatch):
+    """Work beside a folder ``songs`` with a piece ``a.mid``."""
+    (tmp_path / "songs").mkdir()
+    write_midi(load_score("TwinkleTwinkle").excerpt(0.0, 4.0), tmp_path / "songs" / "a.mid")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "songs"
+
+
+@pytest.mark.parametrize("source", ["songs", "./songs", "songs/a.mid", "{place}/songs"])
+@pytest.mark.parametrize("piece", ["songs/a.mid", "./songs/../songs/a.mid", "{place}/songs/a.mid"])
+def test_a_file_that_is_learnt_from_does_not_judge(tiny, songs, source, piece):
+    source, piece = (text.format(place=songs.parent) for text in (source, piece))
+    changes = {"corpus.sources": {source: 1}, "evaluation.pieces": [piece]}
+    with pytest.raises(ConfigError, match=r"a\.mid', which the corpus learns from"):
+        DistillConfig.from_yaml(tiny, **changes)
+    DistillConfig.from_yaml(tiny, **{**changes, "evaluation.pieces": ["songs/b.mid"]})
+
+
+def test_settings_are_the_same_in_another_folder(tiny, songs, monkeypatch):
+    for copy in ("judge.mid", "songs/b.mid"):
+        shutil.copy("songs/a.mid", copy)
+    (songs.parent / "teacher").mkdir()
+    changes = {
+        "corpus.sources": {"generated": 1, "songs": 1, "songs/b.mid": 1},
+        "corpus.held_out": ["songs/a.mid", "hanon-05"],
+        "evaluation.pieces": ["judge.mid", "TwinkleTwinkle"],
+        "teacher.name": "teacher",
+        "improvements": [{"n_timesteps": 1, "corpus": {"sources": {"songs": 2}}}],
+    }
+    config = DistillConfig.from_yaml(tiny, **changes)
+    (songs / "elsewhere").mkdir()
+    monkeypatch.chdir(songs / "elsewhere")
+    again = DistillConfig.from_mapping(config.to_mapping())
+    assert again.to_mapping() == config.to_mapping()
+    assert again.corpus.names[str(songs)] == (str(songs / "b.mid"),)
+    assert again.corpus_of(0).names == {str(songs): (str(songs / "b.mid"),)}
+    assert again.teacher.name == str(songs.parent / "teacher")
+    assert len(held_out_pieces(again)) == 3
+
+
+def test_what_comes_after_a_shard_does_not_change_it(tiny):
+    def digest(number, **changes):
+        config = DistillConfig.from_yaml(tiny, **changes)
+        return shard_jobs(config, number, None, tiny.parent)[0].digest
+
+    later = {"improvements": [{"n_timesteps": 1}], "evaluation.duration": 1.0}
+    later |= {"network.net_arch": [8], "buffer": 9, "rounds.1.learner": 0.5}
+    for name, value in later.items():
+        assert digest(0, **{name: value}) == digest(0), name
+    assert digest(1, **{"rounds.1.learner": 0.5}) != digest(1)
+    own = {"corpus.seed": 1, "rounds.0.noise": 0.5, "playing.physics": "reference", "seed": 1}
+    own |= {"teacher.plan": {"feedback": 0.5}, "shard": 3}
+    for name, value in own.items():
+        assert digest(0, **{name: value}) != digest(0), name
+        assert digest(1, **{name: value}) != digest(1), name
 
 
 def test_a_label_is_what_the_teacher_would_do_in_the_state_that_the_played_actions_led_to(whole):
@@ -370,6 +428,14 @@ def test_settings_of_a_training_without_a_place_for_the_corpus_are_refused_at_on
     changes = {"improvements": [{"n_timesteps": 1, "config": str(file)}]}
     with pytest.raises(ConfigError, match=r"one piece.yml', which has no CorpusExcerpt: expected"):
         distill(DistillConfig.from_yaml(tiny, **changes), tmp_path / "run")
+
+
+def test_physics_of_a_training_that_do_not_exist_are_refused_at_once(tiny, few_steps, tmp_path):
+    improvement = {"n_timesteps": 1, "config": str(few_steps), "physics": "fats"}
+    config = DistillConfig.from_yaml(tiny, improvements=[improvement])
+    with pytest.raises(ConfigError, match=r"Unknown physics profile 'fats'.*'fast'"):
+        distill(config, tmp_path / "run")
+    assert not list(tmp_path.iterdir())
 
 
 def test_whole_pieces_are_played_without_a_duration(tiny):

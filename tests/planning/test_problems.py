@@ -86,6 +86,11 @@ def test_notes_on_rigid_keys_are_told():
     assert list(reasons) == [76]
 
 
+def test_a_rigid_key_that_is_out_of_reach_is_one_problem():
+    (problem,) = problems_of((108, 9), moving_keys=(key_of(70), key_of(75)))
+    assert "its key is rigid" in problem.reason
+
+
 SIX = Score(
     notes=[
         Note(pitch=pitch, hand="right", onset=0.0, offset=0.4) for pitch in (72, 74, 76, 77, 79, 81)

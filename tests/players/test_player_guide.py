@@ -12,6 +12,7 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score, load_score
 from sb3_piano.planning import PlannedPianist
+from sb3_piano.planning.sampling import PredictiveSampling
 from sb3_piano.players import SightReader, TreeSearch, TreeSettings
 from sb3_piano.players.guides import PlayerGuide
 from sb3_piano.players.tree_search import PianoWorld, moment_of
@@ -75,6 +76,12 @@ def test_looking_ahead_plays_a_hard_piece_better(kind, piece, length):
         ahead = played(env := hard(), TreeSearch(kind(env), env, shape))
     assert ahead["onset_f1"] > alone["onset_f1"] + 0.05
     assert ahead["f1"] > alone["f1"] + 0.05
+
+
+def test_a_player_that_searches_itself_looks_ahead_to_the_end_of_the_piece():
+    env = piano(TUNE.excerpt(0.0, 0.3), initial_buffer_time=0.1)
+    player = PredictiveSampling(env, nominal="none", samples=2, horizon=2, n_threads=1)
+    assert "f1" in played(env, TreeSearch(player, env, TreeSettings(simulations=6, depth=3)))
 
 
 def test_strikes_are_counted_anew_where_the_search_goes_back():

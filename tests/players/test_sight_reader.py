@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 
 import gymnasium as gym
 import numpy as np
@@ -162,6 +163,18 @@ def test_notes_without_finger_get_one_and_those_beyond_the_hands_are_told(model)
         with pytest.warns(PlanWarning, match=told):
             _, actions, _ = play(env, SightReader(env, model))
         assert len(actions) == len(env.roll)
+
+
+def test_notes_without_finger_among_others_are_played_whatever_is_observed(model):
+    notes = [dataclasses.replace(n, finger=-1 if n.pitch == 76 else n.finger) for n in TUNE.notes]
+    actions = []
+    for observation in ("roll", "hands"):
+        with warnings.catch_warnings():  # an environment that shows hands tells of the note
+            warnings.filterwarnings("ignore", "Notes without a finger", PlanWarning)
+            env = piano(Score(notes=notes), observation=observation, fingering="keep")
+            actions.append(play(env, SightReader(env, model))[1])
+    assert len(actions[0])
+    np.testing.assert_allclose(*actions, atol=1e-6)
 
 
 def test_a_network_for_other_environments_is_refused_when_it_is_made(model, tmp_path):

@@ -22,6 +22,7 @@ class Line:
     def __init__(self, length=10**6, value=lambda position: 0.0):
         self._random = np.random.default_rng(4)
         self._length, self._value = length, value
+        self.judged = []
 
     def step(self, moment, action):
         position, steps = moment[0] + float(action[0]), moment[1] + 1
@@ -31,6 +32,7 @@ class Line:
         pass
 
     def judge(self, observation):
+        self.judged.append(observation)
         return self._value(observation), np.zeros(1, dtype=np.float32)
 
     def propose(self, observation, mode):
@@ -122,6 +124,7 @@ def test_nothing_is_expected_after_the_end():
     found = search(hopeful, simulations=30, depth=4)
     assert found.deepest == 1
     assert all(edge.child.value == 0 for edge in found.root.edges)
+    assert hopeful.judged == [0.0], "the root, which a player is asked about, and no end"
 
 
 def test_fewer_children_make_deeper_trees():

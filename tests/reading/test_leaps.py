@@ -44,6 +44,18 @@ def test_no_press_is_empty_and_none_is_longer_than_asked(presses, sign):
         assert one.press.first <= one.first <= one.last <= one.press.last
 
 
+def test_a_note_that_leaps_before_and_after_would_use_up_keeps_states_in_its_middle():
+    far = WHITE[MIDDLE + 12]
+    for last, kept in ((3, (2, 3)), (10, (4, 8)), (20, (8, 14))):
+        presses = [
+            Press(WHITE[MIDDLE], 2, 1, 1),
+            Press(far, 2, 2, last),
+            Press(WHITE[MIDDLE], 2, last + 1, last + 1),
+        ]
+        timed = time_presses(presses, 1)
+        assert (timed[1].first, timed[1].last) == kept
+
+
 def test_a_step_of_neighbouring_fingers_on_neighbouring_keys_is_free():
     presses = [Press(WHITE[MIDDLE + i], i, 1 + 5 * i, 5 + 5 * i) for i in range(5)]
     timed = time_presses(presses, 1)

@@ -16,6 +16,7 @@ from sb3_piano.cli.common import (
     what_is_played,
     whole_number,
 )
+from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
     from sb3_piano.tuning import StudyConfig, TuneResult
@@ -75,6 +76,10 @@ def _tune(arguments: argparse.Namespace) -> int:
     optuna.logging.set_verbosity(optuna.logging.WARNING)  # the progress bar tells the rest
     config = _config(arguments)
     name = _default_name(arguments, config) if arguments.name is None else arguments.name
+    if name == ".." or Path(name).name != name:
+        raise ConfigError(
+            f"--name is {name!r}: expected the name of a folder in --studies-dir, not a path."
+        )
     search = Search(
         sampler=arguments.sampler,
         pruner=arguments.pruner,
@@ -125,6 +130,7 @@ def _default_name(arguments: argparse.Namespace, config: StudyConfig) -> str:
 
 
 def _show(result: TuneResult, config: StudyConfig, arguments: argparse.Namespace) -> None:
+    from sb3_piano.tuning.best import best_entry, train_commands
     from sb3_piano.tuning.storage import shown_url
     from sb3_piano.tuning.trials import summary
 
@@ -145,7 +151,5 @@ def _show(result: TuneResult, config: StudyConfig, arguments: argparse.Namespace
         print(f"Failed:     {reason}")
     if result.interrupted:
         print("Interrupted: the same command goes on.")
-    elif result.best is not None:
-        best = shlex.quote(str(result.folder.best_file))
-        algo, env_id = config.algo, config.env_id
-        print(f"Train:      sb3-piano train --algo {algo} --env {env_id} --config {best}")
+    elif (entry := best_entry(result.study, config)) is not None:
+        print(f"Train:      {train_commands(config, result.folder.best_file, entry)['Train']}")

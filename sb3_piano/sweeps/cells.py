@@ -33,7 +33,7 @@ class CellJob:
     folder: str
     """The run's folder: a path that every node sees, or a URL as of fsspec."""
     episodes: int = 1
-    """Episodes that the trained model plays."""
+    """Episodes of each of its pieces that the trained model plays."""
     checkpoint_every: int = DEFAULT_EVERY
     """Environment steps between two checkpoints."""
     progress_bar: bool = False
@@ -97,6 +97,7 @@ class _Judged:
     interrupted: bool
     episodes: Sequence[Any]
     mean: Mapping[str, Any]
+    evaluations: Sequence[Any] = ()
 
 
 def finish_cells(
@@ -211,12 +212,13 @@ def metrics_of(place: Path, steps: int, episodes: int) -> dict[str, float]:
     Args:
         place: The run's folder.
         steps: Environment steps that the model was trained for.
-        episodes: How many have to be played at least.
+        episodes: How many of each piece have to be played at least.
     """
     found = read_json(place / _EVALUATION, _Judged, "expected what 'sb3-piano evaluate' writes.")
     if found is None or found.interrupted or found.num_timesteps != steps:
         return {}
-    return dict(found.mean) if len(found.episodes) >= episodes else {}
+    wanted = episodes * max(len(found.evaluations), 1)
+    return dict(found.mean) if len(found.episodes) >= wanted else {}
 
 
 def _lock(place: Path) -> Path:

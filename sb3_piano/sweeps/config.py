@@ -18,6 +18,7 @@ from sb3_piano.executors import Resources
 from sb3_piano.music import is_path, select_pieces
 from sb3_piano.settings import Count, Index, Listed, settings
 from sb3_piano.training import RunConfig, load_config
+from sb3_piano.training.configuration.values import coerce_mapping
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 
 _FILE = "config"
@@ -39,7 +40,9 @@ class SweepConfig:
     :func:`~sb3_piano.music.select_pieces`; each piece is a cell of its own."""
     envs: Annotated[tuple[str, ...], Listed] = ()
     """Ids of environments, which are cells beside the pieces."""
-    variants: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: {"": {}})
+    variants: Annotated[Mapping[str, Mapping[str, Any]], MinLen(1)] = field(
+        default_factory=lambda: {"": {}}
+    )
     """Settings by a name that is a part of the cell's; ``config`` among them names the file."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Settings of all runs, as in a YAML file for ``train``, such as ``n_timesteps``; those of a
@@ -75,11 +78,6 @@ class SweepConfig:
         for algo, (title, env_id, options), (variant, changed), seed in grid:
             name = "_".join(filter(None, map(_plain, (algo, title, variant))))
             given = {**self.settings, **changed}
-            given["env_kwargs"] = {
-                **self.settings.get("env_kwargs", {}),
-                **changed.get("env_kwargs", {}),
-                **options,
-            }
             file = given.pop(_FILE, None)
             if (name, seed) in found:
                 raise ConfigError(
@@ -87,7 +85,11 @@ class SweepConfig:
                     "algorithms, pieces, variants and seeds that differ."
                 )
             try:
-                found[name, seed] = load_config(algo, env_id, file, **{**given, "seed": seed})
+                env_kwargs: dict[str, Any] = {}
+                for own in (self.settings, changed):
+                    env_kwargs |= coerce_mapping(own.get("env_kwargs", {}), "env_kwargs")
+                given |= {"env_kwargs": env_kwargs | options, "seed": seed}
+                found[name, seed] = load_config(algo, env_id, file, **given)
             except ConfigError as error:
                 raise ConfigError(f"Cell {name!r} of the sweep: {error}") from error
         return found

@@ -15,6 +15,7 @@ from sb3_piano.callbacks import Checkpoint
 
 _POINTER = "current"
 """File that names the whole copy; it is written last."""
+_COPY = "copy-"
 
 
 def is_url(folder: str) -> bool:
@@ -49,20 +50,21 @@ class Mirror:
         fs.get(f"{root}/{name}/", f"{self.place}/", recursive=True)
 
     def store(self) -> None:
-        """Copy the folder; the copy before it is there until this one is whole, then deleted."""
+        """Copy the folder; other copies are there until this one is whole, then deleted."""
         if self.url is None:
             return
         fs, root = _filesystem(self.url)
-        former = f"{root}/copy-{self._number}"
         self._number += 1
-        name = f"copy-{self._number}"
+        name = f"{_COPY}{self._number}"
         if fs.exists(f"{root}/{name}"):  # of a process that died
             fs.rm(f"{root}/{name}", recursive=True)
         fs.makedirs(f"{root}/{name}", exist_ok=True)
         fs.put(f"{self.place}/", f"{root}/{name}/", recursive=True)
         fs.pipe_file(f"{root}/{_POINTER}", name.encode())
-        if fs.exists(former):
-            fs.rm(former, recursive=True)
+        fs.invalidate_cache()
+        for found in fs.ls(root, detail=False):  # also what a process that died did not delete
+            if name != Path(found).name and Path(found).name.startswith(_COPY):
+                fs.rm(found, recursive=True)
 
 
 @contextlib.contextmanager

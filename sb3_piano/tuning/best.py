@@ -31,7 +31,8 @@ _WHICH = {
 }
 
 # RL Zoo hands every key that it does not know to the algorithm, and these itself.
-_NOT_IN_ZOO = ("seed", "vec_env", "device", "verbose")
+_OPTIONS = ("vec_env", "num_threads", "matmul_precision")  # of our command
+_NOT_IN_ZOO = ("seed", "device", "verbose", "pieces", *_OPTIONS)
 _PLUGINS = ("env_wrapper", "vec_env_wrapper", "callback")
 # RL Zoo evaluates text in these, which is the only way to write a class there.
 _EVALUATED = ("policy_kwargs", "replay_buffer_class", "replay_buffer_kwargs")
@@ -90,9 +91,14 @@ def train_commands(config: StudyConfig, file: Path, entry: Mapping[str, Any]) ->
     written, left_out = zoo_entry(config.algo, config.env_id, entry)
     module, env_id = registered_id(config.env_id)
     same = ["--seed", "0"]
-    ours = ["sb3-piano", "train", "--algo", config.algo, "--env", config.env_id]
+    ours = ["sb3-piano", "train", "--algo", config.algo]
+    pieces = left_out.get("pieces")
+    several = [pieces] if isinstance(pieces, str) else map(str, pieces or ())
+    ours += ["--pieces", *several] if pieces else ["--env", config.env_id]
     ours += ["--config", str(file), *same]
-    ours += ["--vec-env", left_out["vec_env"]] if "vec_env" in left_out else []
+    for name in _OPTIONS:
+        if left_out.get(name) is not None:
+            ours += [f"--{name.replace('_', '-')}", str(left_out[name])]
     zoo = ["python", "-m", "rl_zoo3.train", "--algo", config.algo, "--env", env_id]
     zoo += ["--gym-packages", module or "sb3_piano", "--conf-file", str(file), *same]
     if written.get("env_kwargs"):  # which RL Zoo does not hand to its evaluations
@@ -149,7 +155,7 @@ def zoo_entry(
     for name in dict.fromkeys((*entry, "policy")):  # which has no default there
         value = values[name]
         if name in _NOT_IN_ZOO:
-            left_out[name] = value
+            left_out[name] = entry[name]  # as it is written: a collection may have many pieces
         elif value is not None or not name.startswith("noise_"):  # no noise is no key there
             written[name] = _as_zoo_writes(name, value)
     return written, left_out

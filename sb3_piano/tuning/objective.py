@@ -78,7 +78,7 @@ class Objective:
         """Train and judge one model."""
         judge = METRICS[self.config.metric](
             callback_after_eval=ConvertCallback(lambda *_: progress.evaluated(judge)),
-            eval_freq=max(1, config.n_timesteps // self.config.n_evaluations // config.n_envs),
+            eval_freq=max(1, config.n_timesteps // self.config.n_evaluations // config.n_agents),
             n_eval_episodes=self.config.eval_episodes,
             seed=self.config.eval_seed,
         )

@@ -220,6 +220,9 @@ def check_space(space: Space, algo: str, env_id: str, entry: Mapping[str, Any]) 
         reason = _objection(algo, env_id, entry, together)
         if reason is None:
             continue
+        by_itself = _objection(algo, env_id, entry, {})
+        if by_itself is not None:  # such as a piece that is not there
+            raise ConfigError(by_itself)
         for name, value in together.items():
             own_reason = _objection(algo, env_id, entry, {name: value})
             if own_reason is not None:

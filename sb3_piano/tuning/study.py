@@ -183,7 +183,9 @@ def make_pruner(search: Search, config: StudyConfig) -> BasePruner:
     Its steps are environment steps, counted on through the trainings of a trial. Music metrics are
     noisy while a model learns, so the pruners are patient: the first evaluation that may end a
     trial is the second one, as off-policy algorithms have played at random for a good part of the
-    first. If a training is evaluated only once it is over, that evaluation counts.
+    first. Hyperband alone shares the trials out among brackets that differ in this: the first of
+    them may end a trial at its first evaluation. If a training is evaluated only once it is over,
+    that evaluation counts.
     """
     steps = config.config.n_timesteps
     warmup = min(2 * config.interval, steps)

@@ -6,6 +6,7 @@ import contextlib
 import csv
 import dataclasses
 import json
+import re
 import shutil
 import threading
 import time
@@ -20,10 +21,13 @@ from stable_baselines3 import TD3
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.music import load_score, write_midi
 from sb3_piano.sweeps import SweepConfig, load_sweep, sweep, sweep_status
 from sb3_piano.sweeps.cells import finish_cell, status_of
+from sb3_piano.sweeps.storage import Mirror
 from sb3_piano.sweeps.sweep import jobs_of
 from sb3_piano.training import resume
+from sb3_piano.training.runs.builders import build_model, build_vec_env
 
 SHORT = {
     "algos": ("td3",),
@@ -72,6 +76,33 @@ def test_cells_are_all_combinations():
     assert runs["td3_scale-CMajor_plain", 0].n_timesteps == 9
 
 
+def test_options_of_environments_are_added_to_each_other():
+    config = SweepConfig(
+        pieces=("hanon-01",),
+        settings={"env_kwargs": "dict(observation='fingers', physics='reference', score='a')"},
+        variants={"fast": {"env_kwargs": {"physics": "fast"}}},
+    )
+    (run,) = config.runs().values()
+    assert run.env_kwargs == {"observation": "fingers", "physics": "fast", "score": "hanon-01"}
+
+
+@pytest.mark.slow
+def test_every_cell_of_the_page_can_be_trained(tmp_path, monkeypatch):
+    page = Path(__file__).parents[2].joinpath("docs", "sweeps.md").read_text("utf-8")
+    monkeypatch.chdir(tmp_path)
+    Path("sweep.yml").write_text(re.search(r"```yaml\n(.*?)```", page, re.S)[1], "utf-8")
+    write_midi(load_score("scale-CMajor"), "my.mid")
+    runs = load_sweep("sweep.yml").runs()
+    assert len(runs) == 2 * 4 * 2 * 3
+    for (_, seed), run in runs.items():
+        if seed == 0:  # from the others it is the same
+            small = {**run.algorithm_kwargs, "buffer_size": 10}
+            run = dataclasses.replace(run, algorithm_kwargs=small)
+            with contextlib.closing(build_vec_env(run)) as venv:
+                build_model(run, venv)
+                venv.reset()
+
+
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
@@ -80,6 +111,8 @@ def test_cells_are_all_combinations():
         ({"seed": (0,)}, "Unknown setting 'seed' of SweepConfig"),
         ({"resources": {"num_cpus": -1}}, "num_cpus is -1"),
         ({"seeds": (0, 0)}, "Two cells of the sweep"),
+        ({"variants": {}}, "variants"),
+        ({"settings": {"env_kwargs": 3}}, "Cell 'td3_RoboPianist-debug.*env_kwargs is 3"),
         ({"settings": {"gamma": 7.0, "n_timesteps": 0}}, "Cell 'td3_RoboPianist-debug"),
     ],
 )
@@ -183,6 +216,21 @@ def test_on_object_storage_a_cell_goes_on_from_the_last_whole_copy(tmp_path):
     assert (result.started_at, result.num_timesteps) == (120, 220)
     newest = kept / (kept / "current").read_text(encoding="utf-8")
     assert Checkpoint.read(newest / "checkpoint").num_timesteps == 220
+
+
+def test_copies_that_a_process_left_which_died_are_deleted(tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "file").write_text("new")
+    bucket = tmp_path / "bucket"
+    for name in ("copy-3", "copy-5", "copy-7"):
+        (bucket / name).mkdir(parents=True)
+    (bucket / "current").write_text("copy-5")
+    mirror = Mirror(tmp_path / "run", f"local://{bucket}")
+    mirror.fetch()
+    for number in (6, 7):
+        mirror.store()
+        assert {path.name for path in bucket.iterdir()} == {f"copy-{number}", "current"}
+        assert (bucket / (bucket / "current").read_text() / "file").read_text() == "new"
 
 
 @pytest.mark.slow

@@ -211,6 +211,14 @@ def test_an_evaluation_at_the_start_counts():
         Stage(piece="a", settings=settings, until=Condition(**until, patience=4)).run_config("sac")
 
 
+def test_where_hands_are_agents_a_call_is_a_step_of_each():
+    until = Condition(thresholds={"onset_f1": 0.8}, eval_freq=10000)
+    stage = {"piece": "hanon-01", "config": "fast", "until": until}  # of 16 hands
+    assert Stage(**stage, settings={"n_timesteps": 160_000}).run_config("sac").n_envs == 8
+    with pytest.raises(ConfigError, match="159999 of 16 environment.*hands as agents, come 0 eval"):
+        Stage(**stage, settings={"n_timesteps": 159_999}).run_config("sac")
+
+
 def test_the_curriculum_of_the_page_fits(tmp_path):
     (tmp_path / "practice.yml").write_text(re.search(r"```yaml\n(.*?)```", PAGE, re.S)[1])
     curriculum = load_curriculum(tmp_path / "practice.yml")

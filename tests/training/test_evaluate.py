@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import errno
 import json
 import os
 import signal
@@ -214,7 +215,18 @@ def test_a_place_that_cannot_be_written_is_named(pendulum_run):
     folder = pendulum_run()
     folder.evaluation_dir.write_text("in the way")
     with pytest.raises(RunError, match=r"evaluation' cannot be written: File exists"):
-        evaluate(folder.path)
+        evaluate(folder.path, on_episode=lambda: pytest.fail("it was played first"))
+
+
+def test_a_disk_that_is_full_afterwards_is_told_in_a_line(pendulum_run, monkeypatch, caplog):
+    def full(file, content):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    folder = pendulum_run()
+    monkeypatch.setattr("sb3_piano.training.evaluation.evaluate.write_json", full)
+    (failure,) = evaluate_runs([folder.path]).failures
+    assert "evaluation' cannot be written: No space left on device. Expected" in failure.reason
+    assert not caplog.records
 
 
 class Broken(gym.Wrapper):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import shutil
 from pathlib import Path
 
@@ -19,7 +21,15 @@ from sb3_piano.music import Note, Score, write_midi
 from sb3_piano.players import HandModel
 from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.policies import hand_weights
-from sb3_piano.training import evaluate, load_config, load_fine_tuning, train
+from sb3_piano.training import (
+    RunConfig,
+    RunFolder,
+    evaluate,
+    load_config,
+    load_fine_tuning,
+    train,
+)
+from sb3_piano.training.runs.builders import build_env
 
 EXCERPT = Path(__file__).parents[2] / "examples" / "fine_tuning" / "fur_elise.yml"
 ALGORITHMS = {"sac": SAC, "td3": TD3, "ppo": PPO}
@@ -124,3 +134,66 @@ def test_a_preset_for_training_from_nothing_is_refused_by_name(name, capsys):
     arguments = ["--from", "planned", "--midi", "hanon-01", "--config", name]
     assert main(["train", *arguments]) == 2
     assert "is for a training from nothing" in capsys.readouterr().err
+
+
+# What a run plays, whose model is corrected.
+
+
+@pytest.fixture
+def base():
+    """Return a function that makes the folder of a run; it is not trained."""
+
+    def make(**settings):
+        given = {"algo": "td3", "env_id": GENERAL_ID, "n_timesteps": 1, **settings}
+        return RunFolder.create(RunConfig(**given), "base")
+
+    return make
+
+
+def test_a_run_keeps_its_piece_unless_another_one_is_named(base):
+    Path("labels.csv").write_text("onset,pitch,finger\n0,72,1\n")
+    seen = {"observation": "fingers"}
+    base(env_kwargs={"score": "tune.mid", "fingering": "labels.csv", **seen})
+    own = load_fine_tuning("sac", player="base").env_kwargs
+    assert own == {
+        "score": "base/score.mid",
+        "fingering": "base/fingering.csv",
+        "physics": "reference",
+        **seen,
+    }
+    named = load_fine_tuning("sac", "RoboPianist-scale-CMajor-v0", player="base")
+    assert named.env_kwargs == {"physics": "reference", **seen}
+    with contextlib.closing(build_env(dataclasses.replace(named, env_wrapper=()))) as env:
+        assert env.unwrapped.default_score.title == "scale-CMajor"
+    for env_id in (None, GENERAL_ID):
+        other = load_fine_tuning("sac", env_id, player="base", env_kwargs={"score": "hanon-01"})
+        assert other.env_kwargs == {"score": "hanon-01", "physics": "reference", **seen}
+    several = load_fine_tuning("sac", player="base", pieces=["hanon-0[12]"])
+    assert several.pieces == ("hanon-01", "hanon-02")
+
+
+def test_a_run_keeps_its_pieces_and_a_way_of_fingering(base):
+    base(pieces=["hanon-0[12]"], env_kwargs={"fingering": "ergonomic"})
+    assert load_fine_tuning("sac", player="base").pieces == ("hanon-01", "hanon-02")
+    other = load_fine_tuning("sac", GENERAL_ID, player="base", env_kwargs={"score": "tune.mid"})
+    assert other.pieces == ()
+    assert other.env_kwargs["fingering"] == "ergonomic"
+
+
+@pytest.mark.parametrize(
+    ("wrapper", "rad"),
+    [
+        ({"sb3_piano.players.PlayerResidual": {"scale": 0.2}}, 0.24),
+        ({"sb3_piano.training.RunResidual": {"scale": 0.1}}, 0.1),
+        ("sb3_piano.players.PlayerResidual", None),
+    ],
+)
+def test_how_far_a_run_is_corrected_may_be_changed(base, wrapper, rad):
+    base()
+    around = "sb3_piano.wrappers.HandReward"
+    Path("own.yml").write_text(yaml.safe_dump({"default": {"env_wrapper": [wrapper, around]}}))
+    residual, outside = load_fine_tuning("sac", path="own.yml", player="base").env_wrapper
+    assert (residual.path, outside.path) == ("sb3_piano.training.RunResidual", around)
+    assert residual.kwargs.get("scale") == (None if rad is None else pytest.approx(rad))
+    default = load_fine_tuning("sac", player="base").env_wrapper[0]
+    assert default.kwargs["scale"] == pytest.approx(0.06)  # what RunResidual has by itself

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 
 import numpy as np
 import pytest
@@ -13,7 +14,18 @@ from sb3_piano.callbacks.replay_segments import restore_replay_buffer
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score, select_pieces, write_midi
-from sb3_piano.training import RunConfig, RunFolder, SavedPlayer, evaluate_runs, resume, train
+from sb3_piano.sweeps.cells import metrics_of
+from sb3_piano.training import (
+    RunConfig,
+    RunFolder,
+    SavedPlayer,
+    compare,
+    evaluate,
+    evaluate_runs,
+    export_run,
+    resume,
+    train,
+)
 from sb3_piano.training.runs.builders import build_env, build_model, build_vec_env
 
 PIANO = "RoboPianist-v0"
@@ -141,6 +153,50 @@ def test_a_resumed_training_goes_on_with_the_buffers_of_all_pieces(config, tmp_p
     goals = [buffer.observations[np.arange(40), np.full(40, env)][:, :88] for env in range(3)]
     keys = [set(np.flatnonzero(goal.any(axis=0))) for goal in goals]
     assert keys == [{60 - 21}, {62 - 21}, {64 - 21}]
+
+
+@pytest.fixture
+def run(config, tmp_path):
+    """The folder of a run of three pieces, after 4 steps."""
+    return train(config(n_timesteps=4), tmp_path / "run", progress_bar=False).folder
+
+
+def test_a_run_is_judged_by_the_mean_over_its_pieces(run, corpus):
+    found = evaluate(run.path, 2)
+    pieces = [corpus / f"{pitch}.mid" for pitch in (60, 62, 64)]
+    each = tuple(evaluate(run.path, 2, score=piece) for piece in pieces)
+    assert found.by_piece == evaluate_runs([run.path], 2).evaluations == each
+    assert found.piece == "3 pieces"
+    assert found.episode_seeds == (0,) * 6
+    assert found.episodes == sum((one.episodes for one in each), ())
+    assert len({one.baseline["f1"] for one in each}) > 1
+    for name, mean in found.mean.items():
+        assert mean == pytest.approx(np.mean([one.mean[name] for one in each])), name
+        baseline = np.mean([one.baseline[name] for one in each])
+        assert found.baseline[name] == pytest.approx(baseline), name
+    assert found.summary["f1"].n == 3
+    assert len(found.performances) == 6
+
+
+def test_what_is_written_of_several_pieces_is_compared_and_known_to_sweeps(run, tmp_path):
+    found = evaluate(run.path, 2)
+    pairs = compare(run.path, run.path).metrics[0].pairs
+    assert [pair.piece for pair in pairs] == ["60", "62", "64"]
+    assert [pair.a for pair in pairs] == [one.mean["f1"] for one in found.by_piece]
+    assert metrics_of(run.path, 4, 2) == found.mean
+    assert metrics_of(run.path, 4, 3) == {}  # of each piece
+    card = export_run(run.path, tmp_path / "shared", episodes=2, picture=None).card_file.read_text()
+    assert f"| F1 | {found.mean['f1']:.4f} |" in card
+    assert "Of 2 episodes, seeds 0 1 of each of 3 pieces" in card
+    assert "--seeds 0 1\n" in card
+
+
+def test_ctrl_c_among_several_pieces_keeps_what_was_played(run, ctrl_c):
+    left = iter(range(2, -1, -1))
+    found = evaluate(run.path, 2, on_episode=lambda: next(left) or os.kill(os.getpid(), 2))
+    assert found.interrupted
+    assert [len(one.episodes) for one in found.by_piece] == [2, 1]
+    assert len(found.episodes) == len(found.performances) == 3
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import load_score
 from sb3_piano.training import ALGORITHMS, Plugin, RunConfig
 from sb3_piano.training.configuration.names import algorithm_class
+from sb3_piano.training.runs.builders import build_vec_env
 
 WRAPPER = "gymnasium.wrappers.RescaleAction"
 
@@ -160,6 +162,11 @@ def test_unknown_and_missing_keys_of_a_mapping_are_named(small_config):
         RunConfig(**mapping)
 
 
+def test_a_correction_of_no_run_names_none(small_config):
+    config = small_config(env_wrapper="sb3_piano.training.RunResidual")
+    assert config.base is None
+
+
 def test_the_module_of_an_environment_is_imported_and_remembered(
     small_config, tmp_path, monkeypatch
 ):
@@ -172,6 +179,21 @@ def test_the_module_of_an_environment_is_imported_and_remembered(
     assert (config.env_module, config.env_id) == ("registering_module", "Elsewhere-v0")
     assert RunConfig(**config.to_mapping()) == config
     assert "registering_module" in sys.modules
+
+
+@pytest.mark.parametrize(
+    ("hands_in_scene", "agents", "count"), [("both", 1, 4), ("right", 1, 2), ("both", 0, 2)]
+)
+def test_the_agents_are_those_of_the_environments(small_config, hands_in_scene, agents, count):
+    config = small_config(
+        env_id="RoboPianist-scale-CMajor-v0",
+        env_kwargs={"observation": "hands", "hands_in_scene": hands_in_scene},
+        env_wrapper=["sb3_piano.wrappers.HandActions", "sb3_piano.wrappers.HandReward"],
+        vec_env_wrapper=["sb3_piano.vec_env.HandsAsAgents"] * agents,
+        n_envs=2,
+    )
+    with contextlib.closing(build_vec_env(config)) as venv:
+        assert venv.num_envs == config.n_agents == count
 
 
 @pytest.mark.parametrize("name", ALGORITHMS)

@@ -161,6 +161,17 @@ def test_a_folder_that_cannot_be_written_is_told(pendulum_run, tmp_path):
         write_player(pendulum_run().path, tmp_path / "file" / "shared")
 
 
+def test_an_interruption_leaves_no_folder(pendulum_run, tmp_path, monkeypatch):
+    def ctrl_c(*arguments):
+        raise KeyboardInterrupt
+
+    run = pendulum_run()
+    monkeypatch.setattr("sb3_piano.training.playing.player.pack_weights", ctrl_c)
+    with pytest.raises(KeyboardInterrupt):
+        write_player(run.path, tmp_path / "shared")
+    assert not (tmp_path / "shared").exists()
+
+
 def test_the_help_says_what_loading_a_run_may_do(capsys):
     for command in ("evaluate", "play", "report", "train", "record", "clone"):
         with pytest.raises(SystemExit):

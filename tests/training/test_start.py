@@ -10,7 +10,14 @@ from stable_baselines3.common.callbacks import BaseCallback
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.training import RunConfig, load_start, resume, train
+from sb3_piano.training import (
+    RunConfig,
+    RunFolder,
+    load_fine_tuning,
+    load_start,
+    resume,
+    train,
+)
 
 ALGORITHMS = ("sac", "td3", "tqc", "ppo")
 
@@ -171,6 +178,22 @@ def test_a_training_that_is_resumed_keeps_its_own_networks(config, source, tmp_p
     assert watched.updates[2] > watched.updates[0]  # it is not seeded again
 
 
+class StopsEarly(BaseCallback):
+    """End the training after its fifth step."""
+
+    def _on_step(self):
+        return self.num_timesteps < 5
+
+
+def test_updates_go_on_as_they_should_after_a_seeding_that_was_ended(config, source, tmp_path):
+    plugin = {"sb3_piano.training.StartFromRun": {"run": str(source().path), "seed_steps": 30}}
+    own = config(callback=plugin, n_timesteps=25)
+    train(own, tmp_path / "next", callbacks=[StopsEarly()], progress_bar=False)
+    watched = Watched()
+    resume(tmp_path / "next", callbacks=[watched], progress_bar=False)
+    assert np.diff(watched.updates).tolist() == [1] * 19
+
+
 def test_statistics_of_observations_come_along(config, source, tmp_path):
     run = source(normalize=True)
     plugin = {"sb3_piano.training.StartFromRun": {"run": str(run.path)}}
@@ -253,6 +276,44 @@ def test_another_piece_and_other_hyperparameters_take_the_place_of_the_runs(sour
     assert same.env_id == "RoboPianist-v0"
     assert same.env_kwargs == {"score": "FurElise", "physics": "faithful"}
     assert same.algorithm_kwargs["gamma"] == 0.5
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"env_id": "RoboPianist-scale-CMajor-v0"},
+        {"env_kwargs": {"score": "FurElise"}},
+        {"pieces": ["scale-CMajor"]},
+    ],
+)
+def test_labels_in_a_file_stay_with_their_piece(source, tmp_path, other):
+    run = source()
+    labels = tmp_path / "labels.csv"
+    labels.write_text("onset,pitch,finger\n0,60,1\n")
+    piece = RunConfig(**{**run.read_config().to_mapping(), "env_id": "RoboPianist-v0"})
+    run.write_config(piece.in_env(score="hanon-01", fingering=str(labels)))
+    assert load_start(run.path).env_kwargs["fingering"] == str(labels)
+    found = load_start(run.path, **other)
+    assert "fingering" not in found.env_kwargs
+    assert found.env_kwargs.get("score") == other.get("env_kwargs", {}).get("score")
+    assert found.pieces == tuple(other.get("pieces", ()))
+    run.write_config(piece.in_env(score="hanon-01", fingering="ergonomic"))
+    assert load_start(run.path, **other).env_kwargs["fingering"] == "ergonomic"
+
+
+def test_the_module_of_an_environment_comes_along(config, tmp_path, monkeypatch):
+    (tmp_path / "swings.py").write_text(
+        "import gymnasium\n"
+        "gymnasium.register('Swing-v0', 'gymnasium.envs.classic_control:PendulumEnv')\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    run = RunFolder.create(config(env_id="swings:Swing-v0"), tmp_path / "run")
+    (tmp_path / "own.yml").write_text("default: {n_timesteps: 9, policy: MlpPolicy}")
+    for path in (None, tmp_path / "own.yml"):
+        found = load_start(run.path, path=path)
+        assert (found.env_module, found.env_id) == ("swings", "Swing-v0")
+    corrected = load_fine_tuning("sac", player=run.path)
+    assert (corrected.env_module, corrected.env_id) == ("swings", "Swing-v0")
 
 
 @pytest.mark.slow

@@ -147,8 +147,13 @@ def test_after_a_crash_the_last_checkpoint_can_be_resumed(run, monkeypatch, tmp_
     monkeypatch.setattr(ActAt, "_on_step", lambda self: True)
     folder = RunFolder.open(tmp_path / "run")
     assert Checkpoint.read(folder.checkpoint_dir).num_timesteps == 30
+    (folder.path / "best_f1").mkdir()
+    left = [folder.path / "model.zip.1.partial", folder.path / "best_f1/best_model.zip.1.partial"]
+    for file in left:  # by a process that was killed meanwhile
+        file.touch()
     result = resume(folder.path, progress_bar=False)
     assert (result.started_at, result.num_timesteps) == (30, 100)
+    assert not any(file.exists() for file in left)
 
 
 def first_and_resumed(run, **changes):

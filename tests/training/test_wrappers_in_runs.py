@@ -16,6 +16,7 @@ from stable_baselines3.common.save_util import load_from_pkl
 
 from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.callbacks import Checkpoint
+from sb3_piano.callbacks.relabelling import Stage
 from sb3_piano.cli import main
 from sb3_piano.exceptions import RunError
 from sb3_piano.music import Note, Score, write_midi
@@ -308,3 +309,40 @@ def test_a_decay_goes_on_where_the_training_was_interrupted(piano_config, vec_en
     steps = np.arange(1, 12 // n_envs + 1)
     expected = np.clip(1 - (steps - 1) / 10, 0, 1)
     assert [[weight] * n_envs for weight in expected] == FingeringWeights.noted
+
+
+@pytest.mark.slow
+def test_where_hands_are_agents_schedules_go_by_their_control_steps(piano_config, tmp_path):
+    config = piano_config(
+        env_kwargs={"score": "hanon-01", "physics": "fast", "observation": "hands"},
+        env_wrapper=[
+            {f"{ROOM}.FingeringDecay": {"n_steps": 10, "start": 1}},
+            f"{ROOM}.HandActions",
+            f"{ROOM}.HandReward",
+        ],
+        vec_env_wrapper="sb3_piano.vec_env.HandsAsAgents",
+        callback=[f"{__name__}.FingeringWeights", act_at(6, "stop")],
+    )
+    FingeringWeights.noted.clear()
+    first = train(config, tmp_path / "run", progress_bar=False)
+    assert resume(first.folder.path, progress_bar=False).num_timesteps == 12
+    expected = np.clip(1 - np.arange(6) / 10, 0, 1)  # of three control steps, and three
+    assert [[weight] * 2 for weight in expected] == FingeringWeights.noted
+
+
+@pytest.mark.slow
+def test_relabelled_episodes_go_by_the_steps_of_a_resumed_training(
+    piano_config, tmp_path, monkeypatch
+):
+    begun, relabelled = [], Stage.relabelled
+
+    def spied(stage, episode):
+        begun.append(episode.steps_before)
+        return relabelled(stage, episode)
+
+    monkeypatch.setattr(Stage, "relabelled", spied)
+    callback = "sb3_piano.callbacks.HindsightCallback"
+    config = piano_config(env_wrapper=[], callback=callback, n_timesteps=2 * STEPS)
+    run = train(config, tmp_path / "run", progress_bar=False).folder
+    resume(run.path, 4 * STEPS, progress_bar=False)
+    assert begun == [0, STEPS, 2 * STEPS, 3 * STEPS]

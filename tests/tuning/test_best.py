@@ -187,6 +187,18 @@ def test_what_the_zoo_does_not_know_is_left_out_and_said(folder):
     assert "--vec-env threads" in commands_in(file)[0]
 
 
+def test_pieces_and_how_torch_computes_are_options_of_our_command(folder):
+    own = {"pieces": ["scale-*Major", "hanon-01"], "num_threads": 2, "matmul_precision": "high"}
+    config = study_config({**ENTRY, **own}, env_id="RoboPianist-v0")
+    study = new_study()
+    complete(study, config, 0.5)
+    file = write_best(study, config, folder)
+    assert set(yaml.safe_load(file.read_text())["RoboPianist-v0"]) == set(ENTRY)
+    words = shlex.split(commands_in(file)[0])
+    assert words[:7] == ["sb3-piano", "train", "--algo", "sac", "--pieces", *own["pieces"]]
+    assert words[-4:] == ["--num-threads", "2", "--matmul-precision", "high"]
+
+
 # Each key, in a form that the zoo takes.
 
 

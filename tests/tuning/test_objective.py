@@ -127,6 +127,16 @@ def test_with_several_environments_evaluations_are_as_many(tmp_path):
 
 
 @pytest.mark.slow
+def test_where_hands_are_agents_evaluations_are_as_many(tmp_path):
+    wrappers = ["sb3_piano.wrappers.HandActions", "sb3_piano.wrappers.HandReward"]
+    hands = {"env_kwargs": {"observation": "hands", "physics": "fast"}, "env_wrapper": wrappers}
+    hands["vec_env_wrapper"] = "sb3_piano.vec_env.HandsAsAgents"
+    config = small(entry={**hands, "n_envs": 2, "n_timesteps": 80}, n_evaluations=4)
+    (trial,) = run(config, tmp_path)
+    assert list(trial.intermediate_values) == [20, 40, 60, 80]
+
+
+@pytest.mark.slow
 def test_a_trial_ends_when_its_time_is_over(tmp_path):
     config = small(minutes=1e-4, seeds=(0, 1), entry={"n_timesteps": 100_000})
     (trial,) = run(config, tmp_path)

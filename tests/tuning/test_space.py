@@ -309,7 +309,7 @@ def test_one_environment_in_this_process_is_enough_and_its_own_words_are_passed_
     message = "^Search space: 'env_wrapper.Fussy.mood' = -1: RuntimeError: not today"
     with pytest.raises(ConfigError, match=message):  # not: a process ended
         check({"env_wrapper.Fussy.mood": Int(-1, 1)}, entry)
-    assert Fussy.made - before == 2  # with all settings together, and with this one alone
+    assert Fussy.made - before == 3  # with all settings, with none, and with this one alone
 
 
 @pytest.mark.filterwarnings("error")
@@ -320,3 +320,5 @@ def test_warnings_are_left_to_the_training():
 def test_an_entry_that_is_wrong_by_itself_is_not_blamed_on_the_space():
     with pytest.raises(ConfigError, match="^Unknown key 'gama' for TD3"):
         check({"gamma": Float(0, 1)}, {"gama": 0.9})
+    with pytest.raises(ConfigError, match=r"^There is no MIDI file 'none\.mid'"):
+        check({"gamma": Float(0.6, 0.9)}, {"env_kwargs": {"score": "none.mid"}})

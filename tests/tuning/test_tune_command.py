@@ -79,6 +79,12 @@ def error(capsys, *more):
     return line
 
 
+def shown_command(out):
+    """Return the command that is printed to train with the best settings."""
+    (line,) = [line for line in out.splitlines() if line.startswith("Train:")]
+    return line.partition(":")[2].strip()
+
+
 def test_a_study_tells_what_it_found_and_where_everything_is(finished, monkeypatch):
     files, out = finished
     monkeypatch.chdir(files)
@@ -89,6 +95,7 @@ def test_a_study_tells_what_it_found_and_where_everything_is(finished, monkeypat
         assert f"{folder}/{name}" in out
         assert (files / folder / name).is_file()
     assert f"sb3-piano train --algo td3 --env {GENERAL_ID} --config {folder}/best.yml" in out
+    assert shown_command(out) in (files / folder / "best.yml").read_text()
     best = load_config("td3", GENERAL_ID, files / folder / "best.yml")
     assert (best.n_timesteps, best.env_kwargs["score"]) == (40, str(MIDI_FILE))
     with (files / folder / "trials.csv").open() as file:
@@ -176,6 +183,8 @@ def test_an_impossible_range_is_refused_before_there_is_a_study(files, capsys):
         (["--midi", str(MIDI_FILE)], "--midi cannot be given with --env"),
         (["--storage", "sqlite:///x.db"], "SQLite"),
         (["--storage", "nowhere"], "is no URL of a database"),
+        (["--name", "../elsewhere"], "--name is '../elsewhere': expected the name of a folder in"),
+        (["--name", ".."], "--name is '..': expected the name of a folder in --studies-dir"),
     ],
 )
 def test_a_wrong_option_is_told_in_one_line(options, reason, files, capsys):

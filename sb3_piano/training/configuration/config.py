@@ -19,10 +19,11 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.utils import get_device
 from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 
-from sb3_piano.envs import GENERAL_ID
+from sb3_piano.envs import GENERAL_ID, PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.music import Score, select_pieces
 from sb3_piano.music.catalogue import ScoreSource
+from sb3_piano.music.fingering.apply import FINGERINGS
 from sb3_piano.players import PlayerResidual, player_class
 from sb3_piano.settings import Number, Whole, checked, settings
 from sb3_piano.threads import MatmulPrecision
@@ -40,6 +41,7 @@ from sb3_piano.training.configuration.values import (
     plain,
     zoo_number,
 )
+from sb3_piano.vec_env import HandsAsAgents
 
 _RANDOM_PIECE = "sb3_piano.wrappers.RandomPiece"
 _FORMS = "'package.module.Name', {package.module.Name: {argument: value}} or a list of these"
@@ -164,6 +166,11 @@ class PlayConfig:
         self._set(env_module=module, env_id=env_id)
 
     @property
+    def full_env_id(self) -> str:
+        """Id of the environment, as ``module:Id`` if a module registers it."""
+        return self.env_id if self.env_module is None else f"{self.env_module}:{self.env_id}"
+
+    @property
     def labels(self) -> dict[str, str]:
         """Identity of the run, by which its files are recognised."""
         return {"algo": self.algo, "env_id": self.env_id}
@@ -175,6 +182,12 @@ class PlayConfig:
     def in_env(self, **options: Any) -> Self:
         """Return the settings with other options of the environment."""
         return dataclasses.replace(self, env_kwargs={**self.env_kwargs, **options})
+
+    def options_for_others(self) -> dict[str, Any]:
+        """Return the options of the environment for other pieces: neither score nor its labels."""
+        fingering = self.env_kwargs.get("fingering", FINGERINGS[0])
+        own = {"score"} if fingering in FINGERINGS else {"score", "fingering"}
+        return {name: value for name, value in self.env_kwargs.items() if name not in own}
 
     @property
     def network(self) -> str | None:
@@ -215,7 +228,7 @@ class PlayConfig:
     @property
     def base(self) -> str | None:
         """The folder of the run whose model is corrected, if one is."""
-        runs = [p.kwargs["run"] for p in self.env_wrapper if _corrects_run(p)]
+        runs = [p.kwargs.get("run") for p in self.env_wrapper if _corrects_run(p)]
         return runs[0] if runs else None
 
     def with_base(self, folder: str) -> Self:
@@ -295,7 +308,8 @@ class RunConfig(PlayConfig):
     """
 
     n_timesteps: Annotated[_Whole, Ge(1), Le(10**15)]
-    """Environment steps to train for, over all environments together; at least 1."""
+    """Environment steps to train for, over all environments together; at least 1. Where hands are
+    agents, each hand's step is one."""
     policy: str = "MlpPolicy"
     """A policy of the algorithm by its short name, or the import path of one."""
     pieces: Annotated[tuple[str, ...], BeforeValidator(_read_pieces)] = ()
@@ -378,6 +392,19 @@ class RunConfig(PlayConfig):
     def algorithm(self) -> type[BaseAlgorithm]:
         """The class of the algorithm."""
         return algorithm_class(self.algo)
+
+    @property
+    def n_agents(self) -> int:
+        """How many environment steps a call of the environments together is.
+
+        As many as there are environments, or hands in them if each is an agent.
+        """
+        hands = 1
+        if any(issubclass(import_name(p.path), HandsAsAgents) for p in self.vec_env_wrapper):
+            options = {**gym.spec(self.env_id).kwargs, **self.env_kwargs}
+            scene = {n: value for n, value in options.items() if n == "hands_in_scene"}
+            hands = max(len(PianoEnvConfig.from_options(scene).sides), 1)
+        return hands * self.n_envs
 
     def alone(self) -> Self:
         """Return the settings for one environment without log files."""

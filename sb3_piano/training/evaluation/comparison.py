@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import shlex
 import statistics
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -322,7 +323,7 @@ def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
         if not file.is_file():
             raise RunError(
                 f"Run '{run.path}' has no evaluation: expected evaluation/metrics.json. To make "
-                f"it: sb3-piano evaluate {run.path}"
+                f"it: sb3-piano evaluate {shlex.quote(str(run.path))}"
             )
     return [saved for file in files for saved in _read_file(file)]
 

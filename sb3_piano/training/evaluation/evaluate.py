@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import logging
 import os
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,7 +44,7 @@ class Evaluation:
     algo: str
     """Name of the algorithm."""
     piece: str
-    """Title of the piece; the environment's id if it is no piano."""
+    """Title of the piece, or how many there are; the environment's id if it is no piano."""
     num_timesteps: int
     """Environment steps that the model was trained for."""
     training_seed: int | None
@@ -55,9 +56,11 @@ class Evaluation:
     episode_seeds: tuple[int, ...]
     """The seed from which each episode comes; those of one seed stand together, in order."""
     summary: Mapping[str, Summary]
-    """Mean, standard deviation and interval of each metric over all episodes."""
+    """Mean, standard deviation and interval of each metric over all episodes; of several pieces,
+    over their means."""
     baseline: Mapping[str, float] | None
-    """Metrics of an episode in which the hands rest; ``None`` if the environment is no piano."""
+    """Metrics of an episode in which the hands rest, of several pieces their means; ``None`` if the
+    environment is no piano."""
     performances: tuple[Path | None, ...] = ()
     """The MIDI file of each episode, ``None`` if no key was pressed in it; empty if none was
     written, as for any piece but the run's own."""
@@ -71,15 +74,17 @@ class Evaluation:
     """The file in the run's folder with all this; ``None`` if none was written."""
     interrupted: bool = False
     """Whether Ctrl-C ended it before all episodes were played."""
+    by_piece: tuple[Evaluation, ...] = ()
+    """The evaluation on each piece, of a run that has several; else empty."""
 
     @property
     def mean(self) -> dict[str, float]:
-        """Mean of each metric over the episodes."""
+        """Mean of each metric, as of :attr:`summary`."""
         return {name: summary.mean for name, summary in self.summary.items()}
 
     @property
     def std(self) -> dict[str, float]:
-        """Standard deviation of each metric over the episodes (of the population; 0 for one)."""
+        """Standard deviation of each metric, likewise (of the population; 0 for one)."""
         return {name: summary.std for name, summary in self.summary.items()}
 
     @property
@@ -101,13 +106,14 @@ class Evaluation:
         """Return all of it in JSON's types.
 
         ``mean``, ``std`` and ``interval`` have a value for each metric, the latter both ends or
-        ``None``; ``no_interval`` then has the reason.
+        ``None``; ``no_interval`` then has the reason. Of several pieces ``evaluations`` has each.
         """
 
         def own(*names: str) -> dict[str, Any]:
             return {name: getattr(self, name) for name in names}
 
         summaries = self.summary.items()
+        pieces = [evaluation.to_json() for evaluation in self.by_piece]
         return {
             "run": str(self.run),
             **own("algo", "piece", "num_timesteps", "training_seed"),
@@ -120,6 +126,7 @@ class Evaluation:
             "tree": None if self.tree is None else self.tree._asdict(),
             "performances": [None if path is None else path.name for path in self.performances],
             "motions": [path.name for path in self.motions],
+            **({"evaluations": pieces} if pieces else {}),
         }
 
 
@@ -193,16 +200,17 @@ def evaluate(
     """Let a run's saved model play, without exploring, and say how well it did.
 
     The environment has the run's wrappers and normalisation; returns and metrics are those of the
-    bare environment inside. Unless another piece or a tree is given, writes
-    ``evaluation/metrics.json`` and, from 1 on, ``evaluation/performance_<i>.mid`` into the run's
-    folder, in place of those that were there; ``motion`` adds a file beside each.
+    bare environment inside. A run of several ``pieces`` plays each of them. Unless another piece or
+    a tree is given, writes ``evaluation/metrics.json`` and, from 1 on,
+    ``evaluation/performance_<i>.mid`` into the run's folder, in place of those that were there;
+    ``motion`` adds a file beside each.
 
     Ctrl-C ends it with the episodes that are finished, see ``interrupted`` of the result; before
     the first one it is a ``KeyboardInterrupt`` as everywhere.
 
     Args:
         folder: The run's folder.
-        episodes: How many episodes to play from each seed, at least 1.
+        episodes: How many episodes of a piece to play from each seed, at least 1.
         seed: Seeds the environment, at least 0; of several, each is used once. The resting hands
             get the first one.
         physics: Name of the physics profile to play on; by default the run's own.
@@ -216,8 +224,8 @@ def evaluate(
     Raises:
         ConfigError: If ``episodes`` or ``seed`` is out of range, the run's config is damaged, or
             the motion is to be written for another piece or of no piano.
-        RunError: If there is no run, it has no model that can be loaded, or what it observes
-            cannot show the score.
+        RunError: If there is no run, it has no model that can be loaded, what it observes cannot
+            show the score, or its folder cannot be written.
         ScoreError: If the score cannot be read.
     """
     seeds = _checked(seed, episodes)
@@ -227,43 +235,28 @@ def evaluate(
             f"Of {'another piece' if tree is None else 'a tree search'} no motion is written: "
             "expected the run's own piece, without a tree."
         )
+    run = RunFolder.open(folder)
+    pieces = _pieces_of(run) if score is None else [score]
+    found: list[Evaluation] = []
     played: list[_Episode] = []
-    with SavedPlayer.open(
-        folder, seed=seeds[0], physics=physics, score=score, best=best, tree=tree
-    ) as player:
-        resting = player.rest()  # first, so that Ctrl-C cannot leave episodes without it
-        if motion and resting is None:
-            raise ConfigError(f"Run '{player.run.path}' is of no piano: expected no motion=True.")
+    options: dict[str, Any] = {"seed": seeds[0], "physics": physics, "best": best, "tree": tree}
+    for piece in pieces:
         try:
-            for one in seeds:
-                for recording in itertools.islice(player.episodes(seed=one), episodes):
-                    moved = _titled_motion(recording, player.piece) if motion else None
-                    performance = recording.performance
-                    score_played = None if performance is None else performance.to_score()
-                    lost = None if performance is None else performance.losses()
-                    played.append(_Episode(one, recording.metrics, score_played, moved, lost))
-                    on_episode()
+            with SavedPlayer.open(run.path, score=piece, **options) as player:
+                if alone:
+                    _try_out(run.evaluation_dir)  # before the work of playing
+                new, resting = _played(player, episodes, seeds, motion, on_episode)
+                whole = len(new) == episodes * len(seeds)
+                played += new
+                found.append(_evaluation(player, new, resting, tree, interrupted=not whole))
         except KeyboardInterrupt:
-            if not played:
+            if not found:
                 raise
-    metrics = [episode.metrics for episode in played]
-    losses = [episode.losses for episode in played if episode.losses is not None]
-    found = Evaluation(
-        run=player.run.path,
-        algo=player.config.algo if tree is None else f"{player.config.algo}, tree {tree}",
-        piece=player.piece,
-        num_timesteps=player.num_timesteps,
-        training_seed=player.run.read_config().seed,  # that of the player is its own
-        env_kwargs=player.config.env_kwargs,
-        episodes=tuple(metrics),
-        episode_seeds=tuple(episode.seed for episode in played),
-        summary={name: summarize([each[name] for each in metrics]) for name in metrics[0]},
-        baseline=None if resting is None else resting.metrics,
-        losses=Losses.sum_of(losses) if losses else None,
-        interrupted=len(played) < episodes * len(seeds),
-        tree=player.model.statistics if isinstance(player.model, TreeSearch) else None,
-    )
-    return _written(found, player.run, played) if alone else found
+            break
+        if found[-1].interrupted:
+            break
+    evaluation = found[0] if len(pieces) == 1 else _together(found, len(pieces))
+    return _written(evaluation, run, played) if alone else evaluation
 
 
 def evaluate_runs(
@@ -278,7 +271,7 @@ def evaluate_runs(
     motion: bool = False,
     on_episode: Callable[[], object] = lambda: None,
 ) -> Evaluations:
-    """Evaluate several runs, each on its own piece or pieces or on the given ones.
+    """Evaluate several runs, each on its own piece or pieces, or on the given ones.
 
     What cannot be evaluated does not stop the others. Ctrl-C does, and all that was played until
     then is returned. Arguments, files in the runs' folders and errors are those of
@@ -290,11 +283,11 @@ def evaluate_runs(
     for run in runs:
         if [other.resolve() for other in runs].count(run.resolve()) > 1:
             raise ConfigError(f"Run '{run}' is given twice: expected each run once.")
-    given = [load_score(score) for score in scores]
+    given: list[Score | None] = [load_score(score) for score in scores]
     found: list[Evaluation] = []
     failures: list[Failure] = []
     interrupted = False
-    for run, piece in [(one, piece) for one in runs for piece in given or _pieces_of(one)]:
+    for run, piece in itertools.product(runs, given or [None]):
         try:
             evaluation = evaluate(
                 run,
@@ -307,7 +300,7 @@ def evaluate_runs(
                 motion=motion,
                 on_episode=on_episode,
             )
-            found.append(evaluation)
+            found += evaluation.by_piece or [evaluation]
             interrupted = evaluation.interrupted
         except KeyboardInterrupt:
             interrupted = True
@@ -323,14 +316,11 @@ def evaluate_runs(
     return Evaluations(evaluations=tuple(found), failures=tuple(failures), interrupted=interrupted)
 
 
-def _pieces_of(run: Path) -> list[Score | None]:
+def _pieces_of(run: RunFolder) -> list[Score | None]:
     """Return the pieces of a run that has several; ``None`` stands for its only one."""
-    try:
-        config = RunFolder.open(run).read_config()
-        several = config.pieces if isinstance(config, RunConfig) else ()
-        return [load_score(piece) for piece in several] if len(several) > 1 else [None]
-    except SB3PianoError:
-        return [None]  # what is wrong is told when the run is to be evaluated
+    config = run.read_config()
+    several = config.pieces if isinstance(config, RunConfig) else ()
+    return [load_score(piece) for piece in several] if len(several) > 1 else [None]
 
 
 def _checked(seeds: Seeds, episodes: int) -> tuple[int, ...]:
@@ -359,6 +349,83 @@ class _Episode(NamedTuple):
     losses: Losses | None
 
 
+def _played(
+    player: SavedPlayer,
+    episodes: int,
+    seeds: Sequence[int],
+    motion: bool,
+    on_episode: Callable[[], object],
+) -> tuple[list[_Episode], Recording | None]:
+    """Return what a player plays until Ctrl-C, one episode at least, and one of resting hands."""
+    played: list[_Episode] = []
+    resting = player.rest()  # first, so that Ctrl-C cannot leave episodes without it
+    if motion and resting is None:
+        raise ConfigError(f"Run '{player.run.path}' is of no piano: expected no motion=True.")
+    try:
+        for one in seeds:
+            for recording in itertools.islice(player.episodes(seed=one), episodes):
+                moved = _titled_motion(recording, player.piece) if motion else None
+                performance = recording.performance
+                score_played = None if performance is None else performance.to_score()
+                lost = None if performance is None else performance.losses()
+                played.append(_Episode(one, recording.metrics, score_played, moved, lost))
+                on_episode()
+    except KeyboardInterrupt:
+        if not played:
+            raise
+    return played, resting
+
+
+def _evaluation(
+    player: SavedPlayer,
+    played: Sequence[_Episode],
+    resting: Recording | None,
+    tree: TreeSettings | None,
+    *,
+    interrupted: bool,
+) -> Evaluation:
+    """Return the evaluation of episodes of one piece."""
+    metrics = [episode.metrics for episode in played]
+    losses = [episode.losses for episode in played if episode.losses is not None]
+    return Evaluation(
+        run=player.run.path,
+        algo=player.config.algo if tree is None else f"{player.config.algo}, tree {tree}",
+        piece=player.piece,
+        num_timesteps=player.num_timesteps,
+        training_seed=player.run.read_config().seed,  # that of the player is its own
+        env_kwargs=player.config.env_kwargs,
+        episodes=tuple(metrics),
+        episode_seeds=tuple(episode.seed for episode in played),
+        summary=_summaries(metrics),
+        baseline=None if resting is None else resting.metrics,
+        losses=Losses.sum_of(losses) if losses else None,
+        interrupted=interrupted,
+        tree=player.model.statistics if isinstance(player.model, TreeSearch) else None,
+    )
+
+
+def _together(found: Sequence[Evaluation], n_pieces: int) -> Evaluation:
+    """Return the evaluation of a run on all its pieces, of those on each as far as they came."""
+    losses = [one.losses for one in found if one.losses is not None]
+    resting = [one.baseline for one in found if one.baseline is not None]
+    return dataclasses.replace(
+        found[0],
+        piece=f"{n_pieces} pieces",
+        episodes=tuple(episode for one in found for episode in one.episodes),
+        episode_seeds=tuple(seed for one in found for seed in one.episode_seeds),
+        summary=_summaries([one.mean for one in found]),
+        baseline={name: each.mean for name, each in _summaries(resting).items()},
+        losses=Losses.sum_of(losses),
+        tree=None,
+        interrupted=len(found) < n_pieces or found[-1].interrupted,
+        by_piece=tuple(found),
+    )
+
+
+def _summaries(metrics: Sequence[Mapping[str, float]]) -> dict[str, Summary]:
+    return {name: summarize([each[name] for each in metrics]) for name in metrics[0]}
+
+
 def _titled_motion(recording: Recording, piece: str) -> MotionRecording | None:
     """Return how everything moved, under the name of the piece that was played."""
     played, motion = recording.performance, recording.motion
@@ -369,27 +436,35 @@ def _titled_motion(recording: Recording, piece: str) -> MotionRecording | None:
     return MotionRecording(title=title, **vars(motion))
 
 
+def _try_out(folder: Path) -> None:
+    """Refuse a folder in which no files can be made."""
+    try:
+        folder.mkdir(exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise unwritable(folder, error) from error
+
+
 def _written(found: Evaluation, run: RunFolder, played: Sequence[_Episode]) -> Evaluation:
     """Write the files of an evaluation into the run's folder, in place of former ones."""
     folder = run.evaluation_dir
+    metrics_file = folder / "metrics.json"
+    scores, motions = [], []
     try:
-        folder.mkdir(exist_ok=True)
         for stale in (*folder.glob("performance_*.mid"), *folder.glob("performance_*.npz")):
             stale.unlink()
+        for number, episode in enumerate(played, start=1):
+            file = folder / f"performance_{number}.mid"
+            scores.append(None if episode.score is None else file)
+            if episode.score is not None:
+                write_midi(episode.score, file)
+            if episode.motion is not None:
+                motions.append(file.with_suffix(".npz"))
+                write_motion(episode.motion, motions[-1])
+        evaluation = dataclasses.replace(
+            found, performances=tuple(scores), motions=tuple(motions), metrics_file=metrics_file
+        )
+        write_json(metrics_file, evaluation.to_json())
     except OSError as error:
         raise unwritable(folder, error) from error
-    scores, motions = [], []
-    for number, episode in enumerate(played, start=1):
-        file = folder / f"performance_{number}.mid"
-        scores.append(None if episode.score is None else file)
-        if episode.score is not None:
-            write_midi(episode.score, file)
-        if episode.motion is not None:
-            motions.append(file.with_suffix(".npz"))
-            write_motion(episode.motion, motions[-1])
-    metrics_file = folder / "metrics.json"
-    evaluation = dataclasses.replace(
-        found, performances=tuple(scores), motions=tuple(motions), metrics_file=metrics_file
-    )
-    write_json(metrics_file, evaluation.to_json())
     return evaluation

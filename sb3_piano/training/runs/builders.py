@@ -27,6 +27,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv,
 
 from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.callbacks.own_env import EnvWrapper
+from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.players import player_class
@@ -49,6 +50,12 @@ class EpisodeLog(Monitor):
 
     A run's folder is only made once environment and model are known to work.
     """
+
+    def count_on(self, steps: int) -> None:
+        """Let the environment, and this, count control steps on from so many."""
+        self.total_steps = steps  # whoever asks a vector of environments is told this one
+        if isinstance(self.unwrapped, PianoEnv):
+            self.unwrapped.total_steps = steps
 
     def write_episodes_to(self, path: str, append: bool) -> None:
         """Write each episode that ends from now on, without or after those that are there."""

@@ -209,8 +209,10 @@ class _Work:
 
 
 def _begin(place: Path, curriculum: Curriculum) -> Curriculum:
-    """Write a curriculum that fits into its folder; return it with a seed."""
+    """Write a curriculum that fits into its folder; return it with a seed and absolute paths."""
     file, begun = place / CURRICULUM_FILE, 0
+    # Those that are read from the file begin at its folder.
+    curriculum = Curriculum.from_mapping(curriculum.to_mapping(), Path.cwd())
     if file.is_file():
         stored = load_curriculum(place)
         if curriculum.seed is None:

@@ -75,7 +75,7 @@ def check_fit(curriculum: Curriculum, place: Path, begun: int) -> None:
                 config = RunFolder.open(place / curriculum.run_names[index]).read_config()
                 assert isinstance(config, RunConfig), "a stage is trained"
             else:
-                config = curriculum.run_config(index)
+                config = curriculum.stages[index].run_config(curriculum.algo)
             interface = _Interface.of(config)
             if before is not None:
                 _check_step(before[1], interface)

@@ -81,7 +81,7 @@ class Condition:
     """The least value of each metric; all of them have to be reached."""
     eval_freq: _Calls | None = None
     """Calls between two evaluations, as of the callback, whose own it replaces: environment steps
-    over the number of environments."""
+    over the number of environments, or of hands where they are agents."""
     patience: _Calls = 1
     """In how many evaluations in a row they have to be reached."""
 
@@ -131,8 +131,8 @@ class Condition:
         if most < self.patience:
             raise ConfigError(
                 f"until {self.to_mapping()} can never be met: in n_timesteps {config.n_timesteps} "
-                f"of {config.n_envs} environment(s) come {most} evaluations. Expected more steps, "
-                "or a smaller eval_freq."
+                f"of {config.n_agents} environment(s), or hands as agents, come {most} "
+                "evaluations. Expected more steps, or a smaller eval_freq."
             )
         return dataclasses.replace(config, callback=tuple(plugins))
 
@@ -145,7 +145,7 @@ def _evaluations(plugin: Plugin, config: RunConfig) -> int:
     """Return how often a callback evaluates at most: every so many calls, and at the start."""
     default = inspect.signature(MetricEvalCallback).parameters["eval_freq"].default
     freq = checked("eval_freq", plugin.kwargs.get("eval_freq", default), Index)
-    several = config.n_timesteps // config.n_envs // freq if freq else 0
+    several = config.n_timesteps // config.n_agents // freq if freq else 0
     return int(several) + bool(plugin.kwargs.get("evaluate_start"))
 
 

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from sb3_piano.envs.actions import REACH
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import FINE_TUNING
 from sb3_piano.players import CORRECTED, HandModel, PlayerResidual
 from sb3_piano.players.hand_model import FILE_NAME, SHIPPED, SIGHT_READER
-from sb3_piano.settings import refuse_unknown
+from sb3_piano.settings import Positive, checked, refuse_unknown
 from sb3_piano.training.configuration.config import PlayConfig, Plugin, RunConfig
 from sb3_piano.training.configuration.names import import_name
 from sb3_piano.training.configuration.yaml_files import load_overlaid
 from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.wrappers.residual import Residual
 
 _RESIDUAL = "sb3_piano.training.RunResidual"
 
@@ -38,7 +41,7 @@ def load_fine_tuning(
         player: One of :data:`~sb3_piano.players.CORRECTED`, by default the sight-reader that comes
             with this package; the file of another network, or a folder with a
             ``hand.safetensors``; or the folder of a run, whose environment and wrappers are kept,
-            but for the preset's physics.
+            but for the preset's physics, and for its piece if another environment is named.
         **overrides: Keys to take instead of the entry's. ``env_kwargs`` are added to the entry's.
 
     Raises:
@@ -51,16 +54,17 @@ def load_fine_tuning(
     folder = Path(player)
     of_run = folder.is_dir() and not (folder / FILE_NAME).is_file()
     base = RunFolder.open(folder).read_config() if of_run else None
-    if env_id is None:
-        if base is None:
-            raise ConfigError(
-                f"Nothing to play with '{player}': expected the id of an environment (--env) or a "
-                "piece (--midi); only a run that is corrected brings its own."
-            )
-        env_id = base.env_id
-    config = load_overlaid(algo, env_id, FINE_TUNING[algo], path, **overrides)
+    if env_id is None and base is None:
+        raise ConfigError(
+            f"Nothing to play with '{player}': expected the id of an environment (--env) or a "
+            "piece (--midi); only a run that is corrected brings its own."
+        )
+    played = base.full_env_id if base is not None and env_id is None else str(env_id)
+    config = load_overlaid(algo, played, FINE_TUNING[algo], path, **overrides)
     if base is not None:
-        return _of_run(config, base, folder, overrides.get("env_kwargs", {}))
+        given = overrides.get("env_kwargs", {})
+        others = env_id is not None or "score" in given or bool(config.pieces)
+        return _of_run(config, base, folder, given, others)
     if player != SIGHT_READER and player in CORRECTED:
         return config.correcting(player=player)
     network = os.fspath(SHIPPED if player == SIGHT_READER else player)
@@ -69,16 +73,27 @@ def load_fine_tuning(
 
 
 def _of_run(
-    config: RunConfig, base: PlayConfig, folder: Path, env_kwargs: dict[str, Any]
+    config: RunConfig, base: PlayConfig, folder: Path, given: dict[str, Any], others: bool
 ) -> RunConfig:
-    """Return the settings with the environment of a run, and its model in the player's place."""
-    corrects = [import_name(plugin.path) is PlayerResidual for plugin in config.env_wrapper]
-    outside = config.env_wrapper[corrects.index(True) + 1 :] if any(corrects) else ()
-    residual = Plugin(path=_RESIDUAL, kwargs={"run": str(folder)})
+    """Return the settings with the environment of a run, and its model in the player's place.
+
+    ``given`` are options to take before the run's; ``others`` is whether it is to play something
+    else than it does.
+    """
+    kinds = [import_name(plugin.path) for plugin in config.env_wrapper]
+    at = next((n for n, kind in enumerate(kinds) if issubclass(kind, Residual)), len(kinds))
+    scale = {} if at == len(kinds) else _scale(kinds[at], config.env_wrapper[at].kwargs)
+    residual = Plugin(path=_RESIDUAL, kwargs={"run": str(folder), **scale})
+    outside = config.env_wrapper[at + 1 :]
     physics = {name: value for name, value in config.env_kwargs.items() if name == "physics"}
-    options = {**base.env_kwargs, **physics, **env_kwargs}
+    own = base.options_for_others() if others else base.env_kwargs
+    pieces = base.pieces if isinstance(base, RunConfig) and not others else config.pieces
+    options = {**own, **physics, **given}
     corrected = dataclasses.replace(
-        config, env_kwargs=options, env_wrapper=(*base.env_wrapper, residual, *outside)
+        config,
+        env_kwargs=options,
+        pieces=pieces,
+        env_wrapper=(*base.env_wrapper, residual, *outside),
     )
     if options.get("observation") == "hands":
         return corrected
@@ -87,3 +102,11 @@ def _of_run(
     policy = {**arguments.get("policy_kwargs", {}), "n_hands": 1}
     alone = {**arguments, "policy_kwargs": policy}
     return dataclasses.replace(corrected, vec_env_wrapper=(), algorithm_kwargs=alone)
+
+
+def _scale(corrects: type, arguments: Mapping[str, Any]) -> dict[str, float]:
+    """Return how far a wrapper lets an agent correct, as an argument of RunResidual."""
+    if "scale" not in arguments:
+        return {}
+    scale = checked("scale", arguments["scale"], Positive)
+    return {"scale": scale * REACH if corrects is PlayerResidual else scale}

@@ -147,6 +147,12 @@ class RunFolder:
             f"train --resume {shlex.quote(str(self.path))}",
         )
 
+    def forget_unfinished(self) -> None:
+        """Delete the models that a process that was killed was writing, but for checkpoints'."""
+        for pattern in (f"*{PARTIAL_SUFFIX}", f"best_*/*{PARTIAL_SUFFIX}"):
+            for file in self.path.glob(pattern):
+                file.unlink(missing_ok=True)
+
     @contextlib.contextmanager
     def whole_or_gone(self) -> Iterator[None]:
         """Delete the folder if the block, which is to complete it, fails."""
@@ -348,12 +354,24 @@ def _first_free(parent: Path, env_id: str) -> Path:
         number += 1
 
 
+def _go_on(run: RunFolder) -> str:
+    """Return a sentence with the command that goes on with a run; nothing if there is none."""
+    algo, path = None, shlex.quote(str(run.path))
+    with contextlib.suppress(ConfigError):
+        algo = read_yaml_mapping(run.config_file).get("algo")
+    if algo == "planned":
+        return f" To refine the plan of that run: sb3-piano plan {path} --refine MINUTES"
+    if algo in PLANNERS or run.weights_file.exists():
+        return ""
+    return f" To go on with that run: sb3-piano train --resume {path}"
+
+
 def _check_empty(path: Path) -> None:
     """Refuse a folder in which anything is but its lock, or what a killed process began of it."""
-    if (path / "config.yml").exists():
+    run = RunFolder(path)
+    if run.config_file.exists():
         raise RunError(
-            f"Folder '{path}' holds a run already: expected a new or empty folder. To go on with "
-            f"that run: sb3-piano train --resume {path}"
+            f"Folder '{path}' holds a run already: expected a new or empty folder.{_go_on(run)}"
         )
     found = {file.name for file in path.iterdir()} - {LOCK_SUFFIX}
     ours = {_PROVENANCE, HAND_FILE, f"{PLAN}.npz"}

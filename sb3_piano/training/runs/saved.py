@@ -10,6 +10,7 @@ import dataclasses
 import hashlib
 import json
 import pickle
+import shlex
 import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -77,7 +78,8 @@ def model_files(
         raise RunError(
             f"Run '{run.path}' has no model: expected {run.model_file.name}"
             f"{f' and {run.statistics_file.name}' if normalizes else ''}, written with the first "
-            f"checkpoint. To go on with it: sb3-piano train --resume {run.path}"
+            "checkpoint. To go on with it: sb3-piano train --resume "
+            f"{shlex.quote(str(run.path))}"
         )
     pickled = saved.vec_normalize
     place = run.checkpoint_dir

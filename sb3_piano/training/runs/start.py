@@ -99,6 +99,9 @@ class StartFromRun(BaseCallback):
             assert isinstance(self.model, OffPolicyAlgorithm), "only these are seeded"
             self.model.train_freq, self._train_freq = self._train_freq, None
 
+    def _on_training_end(self) -> None:
+        self._on_rollout_end()  # which SB3 leaves out where a callback ends the training
+
     def _on_step(self) -> bool:
         return True
 
@@ -183,7 +186,8 @@ def load_start(
             ``module:Id``.
         path: Hyperparameters in place of the run's, as of :func:`load_config`.
         with_buffer: Whether to begin with its replay buffer.
-        **overrides: Settings to take instead. ``env_kwargs`` are added to the run's.
+        **overrides: Settings to take instead. ``env_kwargs`` are added to the run's, of which a
+            score and a file of finger labels are left out if something else is played.
 
     Raises:
         ConfigError: As :func:`load_config`, or if the run is not trained.
@@ -199,20 +203,20 @@ def load_start(
     start = Plugin(path=_START, kwargs={"run": str(folder.path.absolute())})
     if with_buffer:
         start = dataclasses.replace(start, kwargs={**start.kwargs, "with_buffer": True})
+    given = overrides.pop("env_kwargs", {})
+    others = env_id is not None or "score" in given or bool(overrides.get("pieces"))
+    if not others:
+        overrides.setdefault("pieces", config.pieces)
+    env_id = config.full_env_id if env_id is None else env_id
     if path is not None:
-        if env_id is None:  # what the run plays is no hyperparameter
+        if not others:  # what the run plays is no hyperparameter
             own = {n: config.env_kwargs[n] for n in FILE_OPTIONS if n in config.env_kwargs}
-            overrides["env_kwargs"] = {**own, **overrides.get("env_kwargs", {})}
-            overrides.setdefault("pieces", config.pieces)
-        config = load_config(config.algo, env_id or config.env_id, path, **overrides)
+            given = {**own, **given}
+        config = load_config(config.algo, env_id, path, env_kwargs=given, **overrides)
         return dataclasses.replace(config, callback=(*config.callback, start))
     callbacks = tuple(plugin for plugin in config.callback if plugin.path != _START)
-    given = overrides.pop("env_kwargs", {})
-    env_kwargs = {**config.env_kwargs, **given}
-    changed: dict[str, Any] = {"callback": (*callbacks, start), "seed": None, **overrides}
-    if env_id is not None:
-        module, name = registered_id(env_id)
-        changed |= {"env_id": name, "env_module": module, "pieces": overrides.get("pieces", ())}
-        if "score" not in given:
-            env_kwargs.pop("score", None)
-    return dataclasses.replace(config, env_kwargs=env_kwargs, **changed)
+    module, name = registered_id(env_id)
+    options = config.options_for_others() if others else config.env_kwargs
+    changed = {"callback": (*callbacks, start), "pieces": (), "seed": None, **overrides}
+    changed |= {"env_id": name, "env_module": module, "env_kwargs": {**options, **given}}
+    return dataclasses.replace(config, **changed)

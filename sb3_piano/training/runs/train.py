@@ -30,7 +30,6 @@ from sb3_piano.callbacks import (
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
 from sb3_piano.callbacks.own_env import EnvWrapper, RunContext, hand_over
 from sb3_piano.callbacks.replay_segments import end_last_episode
-from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError
 from sb3_piano.files import disk_refusal
 from sb3_piano.interrupts import StopRequest, stop_on_signal
@@ -40,7 +39,7 @@ from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
 from sb3_piano.training.playing.player import keep_base
-from sb3_piano.training.runs.builders import Env, build_callbacks, build_model, build_vec_env
+from sb3_piano.training.runs.builders import build_callbacks, build_model, build_vec_env
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.saved import load_model, load_statistics
 
@@ -186,18 +185,14 @@ def resume(
             return TrainResult(
                 folder=run, started_at=done, num_timesteps=done, n_timesteps=config.n_timesteps
             )
-
-        def counting_on(env: Env) -> Env:
-            if isinstance(env.unwrapped, PianoEnv):
-                env.unwrapped.total_steps = done // config.n_envs
-            return env
-
         with (
             torch_computing(config.num_threads, config.matmul_precision),
-            _closing(build_vec_env(config, innermost=counting_on)) as venv,
+            _closing(build_vec_env(config)) as venv,
         ):
+            venv.unwrapped.env_method("count_on", done // venv.num_envs)
             model = _restored(run, config, saved, venv)
             every = [*build_callbacks(config), *callbacks]
+            run.forget_unfinished()
             run.write_config(config)
             return _learn(config, run, model, every, saved, checkpoint_every, progress_bar)
 

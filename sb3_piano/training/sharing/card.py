@@ -120,8 +120,14 @@ def _table(found: Evaluation, shown: Mapping[str, str]) -> str:
 
 
 def _spread(found: Evaluation) -> str:
-    count = len(found.episodes)
+    pieces = len(found.by_piece)
+    count = len(found.episodes) // max(pieces, 1)
     seeds = f"{count} episode{'s' * (count > 1)}, seed{'s' * (count > 1)} {_seeds(found)}"
+    if pieces:
+        return (
+            f"Of {seeds} of each of {pieces} pieces, without exploring; bootstrap intervals of the "
+            "mean over pieces."
+        )
     if found.is_repetition:
         return (
             f"Of {seeds}, without exploring. All are equal, as nothing is drawn at random, so that "
@@ -131,7 +137,7 @@ def _spread(found: Evaluation) -> str:
 
 
 def _seeds(found: Evaluation) -> str:
-    return " ".join(map(str, found.episode_seeds))
+    return " ".join(map(str, dict.fromkeys(found.episode_seeds)))
 
 
 def _training(run: RunFolder, config: PlayConfig) -> str:

@@ -73,7 +73,7 @@ def write_atomically(path: Path, write: Callable[[BufferedWriter], object]) -> N
     written to.
     """
     if _takes_bytes(path):
-        with path.open("wb") as stream:
+        with path.open("ab") as stream:
             write(stream)
         return
     path = Path(os.path.realpath(path))
@@ -100,6 +100,8 @@ def check_writable(path: Path) -> None:
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if _takes_bytes(path):
+        if not os.access(path, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
         return
     path = Path(os.path.realpath(path))
     with contextlib.suppress(FileNotFoundError):
@@ -110,8 +112,13 @@ def check_writable(path: Path) -> None:
 
 
 def _takes_bytes(path: Path) -> bool:
-    """Tell whether something is there that is neither a file nor a folder."""
-    return path.exists() and not (path.is_file() or path.is_dir())
+    """Tell whether something is there that is neither a file nor a folder, such as a device.
+
+    Nor is it what a process has open, a file though it may be: ``/dev/stdout >> log``.
+    """
+    place = os.path.realpath(path.parent)
+    is_open = place == "/dev" or place.startswith("/proc/")
+    return path.exists() and not path.is_dir() and (is_open or not path.is_file())
 
 
 def _sync_folder(folder: Path) -> None:
@@ -147,8 +154,8 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write UTF-8 text by :func:`write_atomically`."""
-    write_bytes(path, text.encode())
+    """Write UTF-8 text by :func:`write_atomically`; what that cannot hold is escaped."""
+    write_bytes(path, text.encode(errors="backslashreplace"))
 
 
 def write_yaml(path: Path, content: Mapping[str, Any]) -> None:

@@ -6,6 +6,7 @@ import errno
 import os
 import re
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -98,6 +99,15 @@ def test_a_pipe_is_written_to_and_not_replaced(tmp_path):
     reader.join(30)
     assert read == ["what is told"]
     assert pipe.is_fifo()
+
+
+def test_what_a_process_has_open_is_written_to_and_not_replaced(tmp_path):
+    log = tmp_path / "log"
+    log.write_text("before\n")
+    with log.open("a") as file:
+        write_text(Path(f"/dev/fd/{file.fileno()}"), "after\n")
+    assert log.read_text() == "before\nafter\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["log"]
 
 
 def test_a_file_that_cannot_be_written_is_found_without_writing_it(tmp_path):

@@ -198,7 +198,7 @@ def check_output_file(option: str, file: Path | None) -> None:
         check_writable(file)
     except OSError as error:
         raise ConfigError(
-            f"{option} is '{file}' ({error.strerror}): expected a file in a folder that exists."
+            f"{option} is '{file}' ({error.strerror}): expected a file that can be written."
         ) from error
 
 

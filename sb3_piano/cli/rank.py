@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
     from sb3_piano.music.difficulty import MotionFeatures
 
 _Row = dict[str, Any]
+
+_NO_COLLECTION = "none"
+"""What stands for the collection of a file."""
 
 # Key of a row, heading, form.
 _SCORE_COLUMNS = (
@@ -87,19 +91,18 @@ def in_collection(pieces: Mapping[str, Piece], collection: str | None) -> dict[s
 
 
 def piece_of(text: str) -> Piece:
-    """Return the piece of a name, or a file as one."""
+    """Return the piece of a name, or a file as one, which is read when its score is asked for."""
     from sb3_piano.music import Piece, find_piece, is_path, load_score
 
     if not is_path(text):
         return find_piece(text)
-    score = load_score(text)
     return Piece(
         name=text,
-        title=score.title,
-        collection="none",
+        title=Path(text).stem,
+        collection=_NO_COLLECTION,
         source=text,
         fingering="as in the file",
-        build=lambda: score,
+        build=functools.cache(lambda: load_score(text)),
     )
 
 
@@ -142,7 +145,10 @@ def _recorded(
     """Return what moved in the performances of each piece, as a mean over several."""
     from sb3_piano.music.difficulty import mean_motion, read_motion
 
-    by_title = {p.name.removeprefix(f"{p.collection}-"): name for name, p in pieces.items()}
+    by_title = {
+        p.title if p.collection == _NO_COLLECTION else p.name.removeprefix(f"{p.collection}-"): name
+        for name, p in pieces.items()
+    }
     found: dict[str, list[MotionFeatures]] = defaultdict(list)
     files = ((path, path) for path in _motion_files(paths))
     for recording in of_each(files, read_motion, failures).values():

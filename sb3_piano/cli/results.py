@@ -93,8 +93,7 @@ def _measure(arguments: argparse.Namespace) -> int:
         others = [piece for piece in given if piece not in made]
         pieces = made + tuple(map(str, select_pieces(others)) if others else ())
         seeds = tuple(arguments.seeds or [0])
-    if file.is_file():
-        Results.read(file)  # so that another kind of file is told now, too
+    Results.add_to(file, ())  # so that another kind of file, or a disk without locks, is told now
     jobs = [
         Measurement(piece, who, seeds, physics) for who in arguments.players for piece in pieces
     ]

@@ -76,7 +76,7 @@ def _tune(arguments: argparse.Namespace) -> int:
     optuna.logging.set_verbosity(optuna.logging.WARNING)  # the progress bar tells the rest
     config = _config(arguments)
     name = _default_name(arguments, config) if arguments.name is None else arguments.name
-    if name == ".." or Path(name).name != name:
+    if name in ("", "..") or Path(name).name != name:
         raise ConfigError(
             f"--name is {name!r}: expected the name of a folder in --studies-dir, not a path."
         )

@@ -29,6 +29,7 @@ from sb3_piano.executors import broken_told, process_pool
 from sb3_piano.files import write_json
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
+from sb3_piano.music import digest
 from sb3_piano.music.library import user_library
 from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
@@ -158,16 +159,21 @@ def _check_players(config: CorpusConfig) -> None:
 
 
 def _inputs(config: CorpusConfig) -> dict[str, str]:
-    """Return the checksums of the files that are played or that play, by their names."""
+    """Return the checksums of what is played or plays, by its name.
+
+    Of an imported piece it is that of its notes: each account keeps files of its own.
+    """
     library = user_library()
-    files = [library.path(name) if name in library else Path(name) for name in config.pieces]
+    imported = set(library.names())
+    notes = {name: digest(library.score(name)) for name in config.pieces if name in imported}
+    files = [Path(name) for name in config.pieces if name not in imported]
     for text in config.players:
         player = Player.of(text)
         if player.is_run:
             files += _files_of_a_run(RunFolder.open(player.name))
         elif "model" in player.arguments:
             files.append(_network_file(player.arguments["model"]))
-    return {str(file): file_digest(file) for file in files if file.is_file()}
+    return notes | {str(file): file_digest(file) for file in files if file.is_file()}
 
 
 def _files_of_a_run(run: RunFolder) -> list[Path]:

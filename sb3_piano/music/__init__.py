@@ -25,7 +25,7 @@ from sb3_piano.music.generation import generate_score
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.roll import PianoRoll
-from sb3_piano.music.score import Score
+from sb3_piano.music.score import Score, digest
 from sb3_piano.music.selection import select_pieces
 from sb3_piano.music.studies import STUDIES, major_scale
 from sb3_piano.music.synthesis import SAMPLE_RATE, synthesize, write_wav
@@ -47,6 +47,7 @@ __all__ = [
     "PianoRoll",
     "Piece",
     "Score",
+    "digest",
     "find_piece",
     "generate_score",
     "is_path",

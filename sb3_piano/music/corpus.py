@@ -113,7 +113,7 @@ class Corpus:
                     "Expected names from 'sb3-piano pieces list' or of files in the sources."
                 )
         for source, names in given.items():
-            if not self._kept(names):
+            if not self._kept(names, all_pieces):
                 raise ConfigError(
                     f"Source {source!r} has no piece to learn from: expected at least one that is "
                     f"not held out; {len(names)} are."
@@ -163,12 +163,15 @@ class Corpus:
     @functools.cached_property
     def names(self) -> Mapping[str, tuple[str, ...]]:
         """The names, or paths, of the pieces of each source, but for generated music."""
+        known = pieces()
         return {
-            source: self._kept(_names(source)) for source in self.sources if source != "generated"
+            source: self._kept(_names(source), known)
+            for source in self.sources
+            if source != "generated"
         }
 
-    def _kept(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        held_out, known = set(self.held_out), pieces()
+    def _kept(self, names: tuple[str, ...], known: Mapping[str, Piece]) -> tuple[str, ...]:
+        held_out = set(self.held_out)
         return tuple(name for name in names if not held_out & _aliases(name, known))
 
     def _excerpt(self, random: np.random.Generator, name: str) -> Score:
@@ -194,7 +197,7 @@ class Corpus:
     @functools.cached_property
     def _openings(self) -> frozenset[tuple[tuple[int, ...], ...]]:
         """How the held-out studies begin."""
-        held_out = set(STUDIES) - set(self._kept(tuple(STUDIES)))
+        held_out = set(STUDIES) - set(self._kept(tuple(STUDIES), STUDIES))
         return frozenset(_opening(STUDIES[name].score(), 0) for name in held_out)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -200,3 +202,22 @@ def _checked_bars(bars: Iterable[object], title: str) -> tuple[float, ...]:
             )
         lines.append(float(line))
     return tuple(lines)
+
+
+def digest(score: Score) -> str:
+    """Return the SHA-256 of what is to be played: notes and pedals, times to a microsecond.
+
+    Title and bar lines do not count. The text that is digested is JSON without spaces: a list of
+    [onset, offset, pitch, velocity, finger] for each note and one of [onset, offset] for each
+    pedal, times in whole microseconds.
+    """
+    notes = [
+        [_microseconds(n.onset), _microseconds(n.offset), n.pitch, n.velocity, n.finger]
+        for n in score.notes
+    ]
+    pedals = [[_microseconds(p.onset), _microseconds(p.offset)] for p in score.pedals]
+    return hashlib.sha256(json.dumps([notes, pedals], separators=(",", ":")).encode()).hexdigest()
+
+
+def _microseconds(seconds: float) -> int:
+    return round(seconds * 1e6)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import reprlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -25,9 +26,10 @@ def read_whole(text: str) -> int | None:
 def readable(name: str) -> str:
     """Return a name from the file system as text that can be written anywhere.
 
-    Names are bytes there: those of archives may be in another encoding than the system's.
+    Names are bytes there: those of archives may be in another encoding than the system's, for whose
+    bytes Python has lone surrogates.
     """
-    return os.fsencode(name).decode("utf-8", errors="replace")
+    return re.sub("[\ud800-\udfff]", "\ufffd", name)
 
 
 def read_text(path: Path, kind: str) -> str:

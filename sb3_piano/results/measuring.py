@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import datetime
 import hashlib
-import json
 import os
 import platform
 import re
@@ -20,7 +19,7 @@ from typing import NamedTuple
 
 import sb3_piano
 from sb3_piano.exceptions import ConfigError, PlanWarning
-from sb3_piano.music import Corpus, Score, load_score, write_midi
+from sb3_piano.music import Corpus, digest, load_score, write_midi
 from sb3_piano.planning import forget_plans
 from sb3_piano.players import TreeSettings
 from sb3_piano.results.records import Physics, Result
@@ -61,25 +60,6 @@ class Measurement(NamedTuple):
     player: str
     seeds: tuple[int, ...]
     physics: Physics = "reference"
-
-
-def digest(score: Score) -> str:
-    """Return the SHA-256 of what is to be played: notes and pedals, times to a microsecond.
-
-    Title and bar lines do not count. The text that is digested is JSON without spaces: a list of
-    [onset, offset, pitch, velocity, finger] for each note and one of [onset, offset] for each
-    pedal, times in whole microseconds.
-    """
-    notes = [
-        [_microseconds(n.onset), _microseconds(n.offset), n.pitch, n.velocity, n.finger]
-        for n in score.notes
-    ]
-    pedals = [[_microseconds(p.onset), _microseconds(p.offset)] for p in score.pedals]
-    return hashlib.sha256(json.dumps([notes, pedals], separators=(",", ":")).encode()).hexdigest()
-
-
-def _microseconds(seconds: float) -> int:
-    return round(seconds * 1e6)
 
 
 def is_generated(piece: str) -> bool:

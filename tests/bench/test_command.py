@@ -80,7 +80,7 @@ def test_ctrl_c_prints_and_writes_what_there_is(monkeypatch, tmp_path, capsys):
         ("--before x --only memory", "before is 'x', but the simulation is not measured"),
         ("--before nowhere", "The version in 'nowhere' has no sb3_piano/__init__.py. Expected a"),
         ("--json no/where.json", "--json is 'no/where.json' (No such file or directory): expected"),
-        ("--json .", "--json is '.' (Is a directory): expected a file in a folder that exists."),
+        ("--json .", "--json is '.' (Is a directory): expected a file that can be written."),
     ],
 )
 def test_an_error_is_one_line_on_stderr(arguments, message, capsys):

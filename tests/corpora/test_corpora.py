@@ -166,7 +166,7 @@ def test_another_piece_of_an_imported_name_is_refused(executor, tmp_path, monkey
     config = CorpusConfig(pieces="mine", players=("sight-reader",), episodes=1)
     record_corpus(config, tmp_path / "corpus", executor=executor)
     user_library().add(scale.transpose(1), "mine", source="here", fingering="none")
-    with pytest.raises(RunError, match="has files .*mine"):
+    with pytest.raises(RunError, match=r"has files\.mine \w{64}, not \w{64}: expected"):
         record_corpus(config, tmp_path / "corpus", executor=executor)
 
 
@@ -187,7 +187,7 @@ def test_another_network_of_a_run_that_plays_is_refused(executor, tmp_path):
     content = bytearray(run.hand_file.read_bytes())
     content[-1] ^= 1
     run.hand_file.write_bytes(content)
-    with pytest.raises(RunError, match="has files .*hand.safetensors"):
+    with pytest.raises(RunError, match=r"has files\..*hand.safetensors \w{64}, not"):
         record_corpus(config, tmp_path / "corpus", executor=executor)
 
 

@@ -132,6 +132,13 @@ class TestOneFile:
         report = import_path(save(music / f"{name}.mid"), library)
         assert report.imported == (f"music-{name}",)
 
+    def test_what_has_a_name_that_no_piece_can_have_any_more_gets_another(self, music, library):
+        path = save(music / "FurElise.mid")
+        import_path(path, library)
+        library.path("music-FurElise").rename(library.path("FurElise"))  # as it was once called
+        report = import_path(path, library, fingering="robot")
+        assert (report.imported, report.unusable) == (("music-FurElise",), ())
+
     def test_what_was_left_out_is_noted(self, music, library):
         (music / "odd.txt").write_text(PIG_LINES + "1\t1.0\t1.0\tC4\t80\t80\t0\t1\n")
         report = import_path(music / "odd.txt", library)

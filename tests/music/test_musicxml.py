@@ -154,8 +154,9 @@ class TestRepeats:
         assert score.bars == (0, 2, 4, 6)
 
     def test_are_played_as_often_as_they_say(self, read):
-        back = self.BACK.replace('"backward"', '"backward" times="4"')
-        assert pitches(read(note("C4", 16) + back, note("D4", 16))) == [0, 0, 0, 0, 2]
+        for times, n_played in (("4", 4), ("999999999", 20)):
+            back = self.BACK.replace('"backward"', f'"backward" times="{times}"')
+            assert pitches(read(note("C4", 16) + back, note("D4", 16))) == [*([0] * n_played), 2]
 
     def test_of_an_upbeat_no_bar_line_is_before_it(self, read):
         measures = part(note("G4", 4), note("C5", 16), note("D5", 12) + self.BACK)
@@ -323,6 +324,15 @@ class TestMeasures:
 
     def test_without_notes_and_rests_are_as_long_as_the_meter(self, read):
         assert played(read(note("C4", 16), "", note("D4", 16))) == [(60, 0, 2), (62, 4, 6)]
+        # A short measure stays short where another part leaves it empty.
+        parts = {"A": part(note("C5", 4), note("D5", 16)), "B": part("", note("D4", 16))}
+        assert [n.onset for n in read(parts=parts).notes] == [0, 0.5, 0.5]
+        meter = "<time><beats>3</beats><beat-type>8</beat-type>"
+        meter += "<beats>1</beats><beat-type> 4 </beat-type></time>"
+        music = part("", note("C4", 4)).replace(
+            "<time><beats>4</beats><beat-type>4</beat-type></time>", meter
+        )
+        assert played(read(parts={"A": music})) == [(60, 1.25, 1.75)]
 
 
 class TestPedal:

@@ -246,7 +246,7 @@ class TestExport:
     def test_a_mistake_is_told(self, run, tmp_path):
         for file, message in (
             (tmp_path / "x.wav", "Cannot tell the format"),
-            (tmp_path / "none" / "x.mid", "expected a file in a folder that exists"),
+            (tmp_path / "none" / "x.mid", "expected a file that can be written"),
         ):
             status, _, err = run("export", TWINKLE, file)
             assert (status, message in err) == (2, True)

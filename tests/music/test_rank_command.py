@@ -83,6 +83,17 @@ def test_files_are_ranked_beside_pieces(run, tmp_path):
     assert rows_of(out)[1][3:9] == ["16", "4.0", "4.00", "4", "4.00", "7"]
 
 
+def test_a_file_has_its_recorded_performances_and_a_bad_one_stops_no_other(run, tmp_path):
+    write_midi(find_piece(FAMILIAR[2]).score(), tmp_path / "chords.mid")
+    (tmp_path / "bad.mid").write_bytes(b"MThd")
+    write_motion(recording("chords", 1.0), tmp_path / "chords.npz")
+    code, out, err = run("rank", "bad.mid", "chords.mid")
+    assert (code, [row[1] for row in rows_of(out)]) == (2, ["chords.mid"])
+    assert "Piece 'bad.mid' was not ranked" in err
+    code, out, _ = run("rank", "chords.mid", "--motion", "chords.npz")
+    assert (code, [row[1] for row in rows_of(out)]) == (0, ["chords.mid"])
+
+
 @pytest.mark.slow
 def test_all_pieces_are_ranked_unless_some_are_named(run):
     code, out, err = run("rank")

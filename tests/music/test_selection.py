@@ -67,9 +67,12 @@ def test_a_file_whose_name_has_brackets_is_a_file(corpus):
 
 
 def test_a_list_has_an_entry_in_each_line_and_paths_from_its_folder(corpus):
-    lines = ["# all there is", "", "deep/*.mid  # one", "scale-CMajor", "./a.mid"]
+    (corpus / "b.mid").rename(corpus / "01 Bach - Prelude No. 1 in C.mid")
+    lines = ["01 Bach - Prelude No. 1 in C.mid", "deep/*.mid  # one", "scale-CMajor", "./a.mid"]
+    lines = ["# all there is", "", *lines]
     (corpus / "corpus.txt").write_text("\n".join(lines))
-    expected = [str(corpus / "deep/c.mid"), "scale-CMajor", str(corpus / "a.mid")]
+    expected = [str(corpus / lines[2]), str(corpus / "deep/c.mid"), "scale-CMajor"]
+    expected.append(str(corpus / "a.mid"))
     assert select_pieces(str(corpus / "corpus.txt")) == expected
     assert select_pieces([corpus / "corpus.txt", "scale-CMajor"]) == expected
 

@@ -49,15 +49,15 @@ def folder(tmp_path, monkeypatch):
         ("evaluate nix --metrics f1 onset_f", "Unknown metric 'onset_f'. Did you mean 'onset_f1'"),
         (
             "evaluate nix --csv no/all.csv",
-            "--csv is 'no/all.csv' (No such file or directory): expected a file in a folder",
+            "--csv is 'no/all.csv' (No such file or directory): expected a file that can",
         ),
         (
             "evaluate nix --json .",
-            "--json is '.' (Is a directory): expected a file in a folder that exists",
+            "--json is '.' (Is a directory): expected a file that can be written",
         ),
         (
             f"evaluate nix --csv {'x' * 252}.csv",
-            "(File name too long): expected a file in a folder",
+            "(File name too long): expected a file that can be written",
         ),
         ("results measure --out no/r.json", "--out is 'no/r.json' (No such file or directory)"),
         ("results measure --out full", "--out is 'full' (Is a directory): expected a file"),
@@ -69,7 +69,7 @@ def folder(tmp_path, monkeypatch):
         ("compare nix nix --csv .", "--csv is '.' (Is a directory): expected a file"),
         (
             "compare nix nix --plot no/x.png",
-            "--plot is 'no/x.png' (No such file or directory): expected a file in a folder",
+            "--plot is 'no/x.png' (No such file or directory): expected a file that can be written",
         ),
         (
             "compare nix nix --plot x.gif",
@@ -78,7 +78,7 @@ def folder(tmp_path, monkeypatch):
         ("report nowhere", "Unknown piece 'nowhere'"),
         (
             "report nowhere --out no/x.html",
-            "--out is 'no/x.html' (No such file or directory): expected a file in a folder",
+            "--out is 'no/x.html' (No such file or directory): expected a file that can be written",
         ),
         ("play runs/none", "there is no 'runs/none'. Expected the folder of a run, a file such as"),
         ("play CMajorScaleTwoHand", "Did you mean 'CMajorScaleTwoHands'"),

@@ -170,10 +170,11 @@ def test_the_piece_that_was_chosen_last_stays_however_late_another_comes(address
     page.route(f"**/{MELODY}.json", lambda route: held.append(route))
     page.locator("#piece").select_option(MELODY)
     page.locator("#piece").select_option(BROKEN_CHORD)
-    page.wait_for_timeout(500)  # in which the second might be put on before the first
-    held[0].continue_()
-    page.wait_for_function("titles.some(title => title.startsWith('Twinkle'))")
-    page.wait_for_function("document.title.startsWith('C major')")
+    page.wait_for_function("titles.some(title => title.startsWith('C major'))")  # no wait for it
+    with page.expect_response(f"**/{MELODY}.json"):
+        held[0].continue_()
+    page.wait_for_timeout(500)  # in which it might be put on
+    assert page.evaluate("document.title").startswith("C major")
     assert page.locator("#piece").input_value() == BROKEN_CHORD
 
 

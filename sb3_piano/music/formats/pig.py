@@ -26,6 +26,9 @@ from sb3_piano.music.text_file import read_field, read_text, readable
 
 _FIELDS = "id, onset, offset, pitch, onset velocity, offset velocity, channel, finger"
 _FINGER = re.compile(r"(-?)([0-5])(_(-?[0-5])?)*")
+_HEAD = re.compile(
+    rb"([ \t]*(//[^\r\n]*)?[\r\n])*[ \t]*\d+[ \t]+[\d.eE+-]+[ \t]+[\d.eE+-]+[ \t]+[A-Ga-g]"
+)
 _VERSION = "//Version: PianoFingering_v170101"
 _OFFSET_VELOCITY = 80
 """The one that the files of the data set have throughout."""
@@ -64,10 +67,8 @@ def read_pig(path: str | os.PathLike[str], *, shortest: float = 0.0) -> Score:
 
 
 def looks_like_pig(head: bytes) -> bool:
-    """Return whether a file that begins so has the lines of this format, as no other text has."""
-    lines = map(bytes.split, head.removeprefix(codecs.BOM_UTF8).splitlines())
-    first = next((line for line in lines if line and not line[0].startswith(b"//")), [])
-    return len(first) in (7, 8) and first[0].isdigit()
+    """Return whether a file that begins so has this format's lines: number, two times, pitch."""
+    return _HEAD.match(head.removeprefix(codecs.BOM_UTF8)) is not None
 
 
 def write_pig(score: Score, path: str | os.PathLike[str]) -> None:

@@ -28,6 +28,7 @@ from sb3_piano.music.library.store import (
     check_name,
     cut,
     is_built_in,
+    is_possible,
     slug,
     user_library,
 )
@@ -280,7 +281,12 @@ class _ImportPlan:
             self.present.append(known)
             return None
         before = (self._replaceable.get(key) for key in (content[0], str(path.absolute())))
-        replaced = (name for name in before if name is not None and name not in self._new)
+        replaced = (
+            name
+            for name in before
+            # Older versions gave names that no piece can have any more.
+            if name and name not in self._new and is_possible(name) and not is_built_in(name)
+        )
         name = next(replaced, None) or self._free_name(path)
         self._planned.add(content)
         self._new.add(name)

@@ -40,9 +40,8 @@ from sb3_piano.music.studies import STUDIES
 DATA_VARIABLE = "SB3_PIANO_DATA"
 """Environment variable with the folder for the user's data, in place of the system's usual one."""
 
-LONGEST_NAME = 100
-"""Longest name, in bytes of UTF-8: file systems take 255, with the suffix and what a file that is
-being written has besides."""
+LONGEST_NAME = 200
+"""Longest name, in bytes of UTF-8: file systems take 255, the suffix included."""
 
 _NAME = re.compile(r"\w[\w-]*")
 
@@ -80,6 +79,11 @@ def is_built_in(name: str) -> bool:
     return any(piece.name in (name, f"{piece.collection}-{name}") for piece in ours)
 
 
+def is_possible(name: str) -> bool:
+    """Return whether a piece can have a name, if no other has it."""
+    return _NAME.fullmatch(name) is not None and len(name.encode()) <= LONGEST_NAME
+
+
 def check_name(name: str) -> None:
     """Refuse a name that a piece in the library cannot have.
 
@@ -87,7 +91,7 @@ def check_name(name: str) -> None:
         ConfigError: If it has other characters than an id takes, is too long, or belongs to a
             piece that comes with the package.
     """
-    if not _NAME.fullmatch(name) or len(name.encode()) > LONGEST_NAME:
+    if not is_possible(name):
         raise ConfigError(
             f"A piece cannot be named {name!r}: expected letters, digits, hyphens and "
             f"underscores, at most {LONGEST_NAME} bytes, such as {slug(name)!r}."

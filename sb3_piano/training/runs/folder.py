@@ -276,11 +276,12 @@ def begin_or_go_on(
     """
     place = file.parent
     if theirs is not None:
-        for name, value in ours.items():
-            if theirs.get(name) != value:
+        for name in ours:
+            found = _difference(name, theirs.get(name), ours[name])
+            if found is not None:
                 raise RunError(
-                    f"The {what} in '{place}' has {name} {theirs.get(name)}, not {value}: expected "
-                    "the same settings, or another folder."
+                    f"The {what} in '{place}' has {found}: expected the same settings, or another "
+                    "folder."
                 )
         return
     if any(found.name != LOCK_SUFFIX for found in place.iterdir()):
@@ -290,6 +291,17 @@ def begin_or_go_on(
         write_yaml(file, ours)
     except OSError as error:
         raise unwritable(place, error) from error
+
+
+def _difference(name: str, theirs: Any, ours: Any) -> str | None:
+    """Return the first difference between two values, as ``"seed 0, not 1"``."""
+    if theirs == ours:
+        return None
+    if isinstance(theirs, Mapping) and isinstance(ours, Mapping):
+        keys = dict.fromkeys((*theirs, *ours))
+        several = (_difference(f"{name}.{key}", theirs.get(key), ours.get(key)) for key in keys)
+        return next(found for found in several if found is not None)
+    return f"{name} {theirs}, not {ours}"
 
 
 def unwritable(place: Path, error: OSError) -> RunError:

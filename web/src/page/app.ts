@@ -50,6 +50,9 @@ export class App {
   private drawUntil = 0;
   private changed = false;
   private loading: Promise<void> = Promise.resolve();
+  /** How many pieces were asked for, and the number of the one that is on. */
+  private asked = 0;
+  private shown = 0;
 
   constructor(private readonly parts: Parts) {
     this.scoreboard = new Scoreboard(parts.elements.players, (player) => void this.choosePlayer(player));
@@ -65,10 +68,11 @@ export class App {
     const link = readLink(hash);
     if (link.view !== undefined) this.look(link.view, false);
     if (link.tempo !== undefined) this.setTempo(link.tempo);
-    const id = link.piece ?? this.chosen?.piece.id ?? this.parts.library.catalogue.pieces[0].id;
-    const isOn = (): boolean => id === this.chosen?.piece.id;
-    if (isOn() && (link.player ?? this.player) === this.player) return;
-    await this.report(() => this.load(() => (isOn() ? this.chosen : this.parts.library.piece(id)), link.player));
+    const first = this.chosen === null ? this.parts.library.catalogue.pieces[0].id : null;
+    const id = link.piece ?? first; // null: what is on, or on its way
+    const stays = id === null || (this.shown === this.asked && id === this.chosen?.piece.id);
+    if (stays && (link.player ?? this.player) === this.player) return;
+    await this.report(() => this.load(stays ? null : () => this.parts.library.piece(id), link.player));
   }
 
   /** Choose a piece of the catalogue. */
@@ -89,25 +93,34 @@ export class App {
 
   /** Choose who plays the piece that is on. */
   async choosePlayer(player: PlayerId): Promise<void> {
-    await this.report(() => this.load(() => this.chosen, player));
+    await this.report(() => this.load(null, player));
   }
 
   /**
    * Find a piece and put it on, at the beginning; with the sight-reader, if this player cannot play it.
    *
-   * One load waits for the one before, so that what was chosen last stays on: a piece may be slow to come. And all
-   * sessions are played on one simulated piano.
+   * A piece that comes, or fails to, when another one was asked for meanwhile is passed over. One is put on after the
+   * other, as all sessions are played on one simulated piano.
    *
-   * @param find Null if there is no piece.
+   * @param find Null for the piece that is on.
    * @param player By default whoever is on by then.
    */
-  load(find: () => Chosen | null | Promise<Chosen>, player?: PlayerId): Promise<void> {
-    const next = this.loading.then(async () => {
-      const chosen = await find();
-      if (chosen !== null) await this.put(chosen, player ?? this.player);
-    });
-    this.loading = next.catch(() => undefined);
-    return next;
+  async load(find: (() => Chosen | Promise<Chosen>) | null, player?: PlayerId): Promise<void> {
+    const number = find === null ? this.asked : ++this.asked;
+    const isLate = (): boolean => number !== this.asked;
+    try {
+      const found = find === null ? null : await find();
+      const next = this.loading.then(async () => {
+        const chosen = found ?? this.chosen;
+        if (isLate() || chosen === null) return;
+        await this.put(chosen, player ?? this.player);
+        if (found !== null) this.shown = number;
+      });
+      this.loading = next.catch(() => undefined);
+      await next;
+    } catch (error) {
+      if (!isLate()) throw error;
+    }
   }
 
   /** Play, or pause. */

@@ -105,7 +105,9 @@ def parse_document(content: bytes) -> tuple[list[SourcePart], Marks]:
     for measures in itertools.zip_longest(*(one.findall("measure") for one in elements)):
         # A measure is as long as in its longest part: others may leave rests out.
         there = [pair for pair in zip(readers, measures, strict=True) if pair[1] is not None]
-        end = max([reader.read(measure, end) for reader, measure in there])
+        start, end = end, max([reader.read(measure, end) for reader, measure in there])
+        if end == start and not any(_is_upbeat(measure) for _, measure in there):
+            end += max(reader.meter for reader, _ in there)  # of a rest that nobody has written
         for reader, measure in there:
             reader.close(measure, end)
         marks.end_measure(end)
@@ -138,18 +140,15 @@ class _PartReader:
         self._marks = marks
         self._divisions = Fraction(1)
         self._transposition = 0
-        self._meter = Fraction(0)  # length of a measure, in quarter notes, once it is known
+        self.meter = Fraction(0)
+        """Length of a measure, in quarter notes, once it is known."""
         self._here = Fraction(0)
         self._struck = (Fraction(0), Fraction(0))
         self._pedal_down: Fraction | None = None
 
     def read(self, measure: Element, start: Fraction) -> Fraction:
-        """Read a measure, but for the bar line at its end, and return where its last voice ends.
-
-        One without a note or a rest is as long as the meter has it.
-        """
-        is_upbeat = measure.get("implicit") == "yes" or measure.get("number") == "0"
-        if not is_upbeat:
+        """Read a measure, but for the bar line at its end, and return where its last voice ends."""
+        if not _is_upbeat(measure):
             self.part.measures.append(start)
         self._here = end = start
         self._struck = (start, start)
@@ -169,7 +168,7 @@ class _PartReader:
             elif child.tag == "barline" and not _is_last(child):
                 self._read_barline(child, start if child.get("location") == "left" else self._here)
             end = max(end, self._here)
-        return end if end > start or is_upbeat else start + self._meter
+        return end
 
     def close(self, measure: Element, end: Fraction) -> None:
         """Read the bar line at the end of a measure that was read, now that all parts have been."""
@@ -202,9 +201,7 @@ class _PartReader:
         self.part.staves = max(self.part.staves, int(element.findtext("staves") or 1))
         meter = element.find("time")
         if meter is not None:
-            beats = sum(map(int, re.findall(r"\d+", meter.findtext("beats") or "")))
-            unit = read_whole(meter.findtext("beat-type") or "")
-            self._meter = Fraction(4 * beats, unit) if unit else Fraction(0)
+            self.meter = _length(meter)
         for clef in element.findall("clef"):
             if clef.get("number", "1") == "1":
                 self.part.clef = self.part.clef or clef.findtext("sign") or ""
@@ -243,6 +240,20 @@ class _PartReader:
             self._marks.begin_ending(at, numbers)
         elif ending is not None:
             self._marks.end_ending(at)
+
+
+def _is_upbeat(measure: Element) -> bool:
+    """Return whether a measure is not a whole one."""
+    return measure.get("implicit") == "yes" or measure.get("number") == "0"
+
+
+def _length(meter: Element) -> Fraction:
+    """Return the quarter notes of a meter, which may be a sum such as 3/8 + 2/4; 0 without one."""
+    length = Fraction(0)
+    for beats, unit in zip(meter.findall("beats"), meter.findall("beat-type"), strict=False):
+        count = sum(int(number) for number in re.findall(r"\d{1,3}", beats.text or ""))
+        length += Fraction(4 * count, read_whole((unit.text or "").strip()) or 4)
+    return length
 
 
 def _is_last(barline: Element) -> bool:

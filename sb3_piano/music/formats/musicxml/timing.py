@@ -14,6 +14,9 @@ from sb3_piano.music.text_file import read_whole
 _QUARTERS_PER_MINUTE = Fraction(120)
 """The tempo of a file until its first mark, as notation programs have it."""
 
+_MOST_TIMES = 20
+"""How often what is repeated is played at most: damaged numbers would fill the memory."""
+
 
 @dataclass
 class _Ending:
@@ -69,7 +72,7 @@ class Marks:
     def times(self, at: Fraction) -> int:
         """Return how often is played what a repeat at a place ends, unless endings say more."""
         given = (name for sign, name in self.signs.get(at, ()) if sign == "backward")
-        return max((read_whole(name) or 2 for name in given), default=2)
+        return max((min(read_whole(name) or 2, _MOST_TIMES) for name in given), default=2)
 
     def has(self, at: Fraction, kind: str) -> bool:
         """Return whether there is a sign of a kind."""
@@ -125,7 +128,7 @@ def timeline(marks: Marks) -> Timeline:
 def _played_order(marks: Marks) -> tuple[list[tuple[Fraction, Fraction]], list[int]]:
     """Return the stretches of the written music, and their indices in the order of playing.
 
-    A repeat is played twice, or as often as it says or has endings. After D.C. or D.S. repeats are
+    A repeat is played twice, or as often as it says (up to 20 times) or has endings. After D.C. or D.S. repeats are
     played no more, and of several endings the last.
     """
     stops = {ending.stop for ending in marks.endings.values() if ending.stop is not None}

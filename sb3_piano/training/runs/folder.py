@@ -298,9 +298,10 @@ def _difference(name: str, theirs: Any, ours: Any) -> str | None:
     if theirs == ours:
         return None
     if isinstance(theirs, Mapping) and isinstance(ours, Mapping):
-        keys = dict.fromkeys((*theirs, *ours))
-        several = (_difference(f"{name}.{key}", theirs.get(key), ours.get(key)) for key in keys)
-        return next(found for found in several if found is not None)
+        for key in dict.fromkeys((*theirs, *ours)):
+            found = _difference(f"{name}.{key}", theirs.get(key), ours.get(key))
+            if found is not None:
+                return found
     return f"{name} {theirs}, not {ours}"
 
 

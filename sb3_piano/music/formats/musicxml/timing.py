@@ -128,8 +128,8 @@ def timeline(marks: Marks) -> Timeline:
 def _played_order(marks: Marks) -> tuple[list[tuple[Fraction, Fraction]], list[int]]:
     """Return the stretches of the written music, and their indices in the order of playing.
 
-    A repeat is played twice, or as often as it says (up to 20 times) or has endings. After D.C. or D.S. repeats are
-    played no more, and of several endings the last.
+    A repeat is played twice, or as often as it says (up to 20 times) or has endings. After D.C. or
+    D.S. repeats are played no more, and of several endings the last.
     """
     stops = {ending.stop for ending in marks.endings.values() if ending.stop is not None}
     places = sorted({Fraction(0), marks.end, *marks.signs, *marks.endings, *stops})

@@ -194,6 +194,9 @@ def _expected(error: ErrorDetails, bare: Any, notes: tuple[Any, ...]) -> str:
         return f"one of {', '.join(map(repr, choices))}.{near_names(str(error['input']), choices)}"
     if bare in (int, float):
         return f"{_number_text(bare, notes)}."
+    if error["type"] == "too_short":
+        least = error["ctx"]["min_length"]
+        return f"at least {'one entry' if least == 1 else f'{least} entries'}."
     texts = {bool: "true or false", str: "text", Mapping: "a mapping", tuple: "a list"}
     text = texts.get(typing.get_origin(bare) or bare)
     return f"{text}." if text else f"{error['msg']}."

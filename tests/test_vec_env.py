@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
+import signal
 import subprocess
 import sys
 import textwrap
@@ -200,6 +201,13 @@ def test_rl_zoo_trains_in_threads_as_the_docstring_says(tmp_path):
     assert len(list(run.glob("*.monitor.csv"))) == 2
 
 
+class UnreadableError(Exception):
+    """Can be pickled, but not unpickled."""
+
+    def __init__(self, one, other):
+        super().__init__(f"{one} {other}")
+
+
 class Flat(gym.ObservationWrapper):
     """Shows a plain array."""
 
@@ -218,6 +226,18 @@ class Flat(gym.ObservationWrapper):
 
     def lock(self):
         return threading.Lock()
+
+    def raise_unreadable(self):
+        raise UnreadableError("these", "two")
+
+    def raise_local(self):
+        class LocalError(Exception):
+            pass
+
+        raise LocalError("of here")
+
+    def unreadable(self):
+        return UnreadableError("these", "two")
 
 
 @pytest.mark.slow
@@ -268,6 +288,32 @@ def test_processes_go_on_after_an_error_in_a_step(venvs):
     shared.reset()
     _, rewards, _, _ = shared.step(np.array([[0.25], [0.5]], dtype=np.float32))
     assert rewards.tolist() == [0.25, 0.5]
+
+
+@pytest.mark.slow
+def test_what_cannot_be_read_here_leaves_no_answer_for_the_next_call(venvs):
+    shared = venvs(ProcessVecEnv, [Flat] * 2, n_processes=2)
+    shared.reset()
+    for method, error, told in (
+        ("raise_unreadable", RunError, "^UnreadableError: these two$"),
+        ("raise_local", RunError, "^LocalError: of here$"),
+        ("unreadable", TypeError, "missing 1 required positional argument"),
+    ):
+        with pytest.raises(error, match=told):
+            shared.env_method(method)
+        assert shared.env_method("get_wrapper_attr", "played") == [0, 0]
+
+
+@pytest.mark.slow
+def test_a_process_that_was_killed_is_named_at_any_call(venvs):
+    shared = venvs(ProcessVecEnv, [Flat] * 2, n_processes=2)
+    shared.reset()
+    os.kill(shared._processes[1].pid, signal.SIGKILL)
+    shared._processes[1].join()
+    calls = (shared.reset, lambda: shared.get_attr("played"), lambda: shared.step(np.zeros((2, 1))))
+    for call in calls:
+        with pytest.raises(RunError, match="Process 1 of the environments has ended with exit"):
+            call()
 
 
 @pytest.mark.slow

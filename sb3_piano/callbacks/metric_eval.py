@@ -94,7 +94,8 @@ class MetricEvalCallback(EvalCallback):
             :class:`~sb3_piano.vec_env.HandsAsAgents`, it counts once.
         eval_freq: Calls between two evaluations; 0 for none at all.
         log_path: Folder of ``evaluations.npz``, which also gets each metric, (evaluations,
-            episodes). By default it is not written.
+            episodes); with agents that play an episode together SB3's ``results`` have a column for
+            each of them. By default it is not written.
         best_model_save_path: Folder of ``best_model.zip``, ``best_model.json`` with what it scored
             and, if the training normalises, ``vecnormalize.pkl``. A training that goes on
             (``num_timesteps`` above 0) replaces what is there only by something better. By default

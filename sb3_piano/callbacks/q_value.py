@@ -53,9 +53,8 @@ class QValueCallback(BaseCallback):
     @torch.no_grad()
     def _q_value(self, model: Any) -> float:
         with preserve_random_state(model, None):
-            buffer = model.replay_buffer
-            before = dict(vars(buffer))  # a CyclingReplayBuffer counts its samples
+            buffer = object.__new__(type(model.replay_buffer))
+            vars(buffer).update(vars(model.replay_buffer))  # a CyclingReplayBuffer counts samples
             batch = buffer.sample(model.batch_size, env=model._vec_normalize_env)
-            vars(buffer).update(before)
             values = critic_values(model.policy, batch.observations, batch.actions)
         return float(values.min(dim=1).values.mean())

@@ -23,6 +23,7 @@ from sb3_piano.cli.common import (
     whole_number,
 )
 from sb3_piano.cli.losses import HELP, print_losses
+from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.metrics import DEFINITIONS, FINGER_SHARES, Definition, has_value
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     tree = None if arguments.tree is None else TreeSettings.parse(arguments.tree)
     refuse_unknown(arguments.metrics or [], DEFINITIONS, "metric")
     seeds, scores = arguments.seeds or [arguments.seed], arguments.score or []
-    count = len(arguments.runs) * max(len(scores), 1)
+    count = sum(len(scores) or _n_pieces(run) for run in arguments.runs)
     arguments.no_progress |= count == 1
     with progress_bar(arguments, "episodes") as tell:
         tell(total=count * arguments.episodes * len(seeds))
@@ -134,6 +135,16 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     return tell_interrupted(found.interrupted, tell_errors(*found.failures))
 
 
+def _n_pieces(run: str) -> int:
+    from sb3_piano.training import RunFolder
+    from sb3_piano.training.evaluation.evaluate import pieces_of
+
+    try:
+        return len(pieces_of(RunFolder.open(run)))
+    except SB3PianoError:  # it is told when it is to be evaluated
+        return 1
+
+
 def _show(found: Evaluations, metrics: list[str] | None) -> None:
     first, *others = found.evaluations
     if not others and not found.failures:
@@ -156,6 +167,8 @@ def _show(found: Evaluations, metrics: list[str] | None) -> None:
     n_repeated = sum(evaluation.is_repetition for evaluation in found.evaluations)
     if n_repeated:
         print(f"In {n_repeated} of {len(found.evaluations)} rows {_REPETITION}")
+    if len({evaluation.run for evaluation in found.evaluations}) == 1:
+        _list_files(found.evaluations)
 
 
 def _show_one(evaluation: Evaluation, metrics: list[str] | None = None) -> None:
@@ -176,9 +189,7 @@ def _show_one(evaluation: Evaluation, metrics: list[str] | None = None) -> None:
             f"{evaluation.tree.deepest:.1f} control steps deep; "
             f"{evaluation.tree.visit_share:.0%} of the simulations went to the best action"
         )
-    if evaluation.metrics_file is not None:
-        _list_performances(evaluation)
-        print(f"Metrics:     {evaluation.metrics_file}")
+    _list_files([evaluation])
 
 
 def _show_losses(evaluations: Sequence[Evaluation]) -> None:
@@ -194,24 +205,28 @@ def _show_losses(evaluations: Sequence[Evaluation]) -> None:
             print("It plays no piano: there are none.")
 
 
-def _list_performances(evaluation: Evaluation) -> None:
-    if evaluation.baseline is None:
+def _list_files(evaluations: Sequence[Evaluation]) -> None:
+    """Print what was written of a run, all its pieces together."""
+    metrics_file = evaluations[0].metrics_file
+    if metrics_file is None:
         return
-    written = [path for path in evaluation.performances if path is not None]
+    played = [path for e in evaluations if e.baseline is not None for path in e.performances]
+    written = [path for path in played if path is not None]
     for path in written[:_MOST_FILES_LISTED]:
         print(f"Performance: {path}")
     if len(written) > _MOST_FILES_LISTED:
         print(f"             and {len(written) - _MOST_FILES_LISTED} more")
-    n_silent = len(evaluation.performances) - len(written)
+    n_silent = len(played) - len(written)
     if n_silent > 0:
         print(
-            f"Performance: no key was pressed in {n_silent} of {len(evaluation.performances)} "
-            "episodes, so there is no MIDI file"
+            f"Performance: no key was pressed in {n_silent} of {len(played)} episodes, so there is "
+            "no MIDI file"
         )
-    if evaluation.motions:
-        first, *others = evaluation.motions
-        more = f" and {len(others)} more" if others else ""
-        print(f"Motion:      {first}{more}")
+    motions = [path for evaluation in evaluations for path in evaluation.motions]
+    if motions:
+        more = f" and {len(motions) - 1} more" if len(motions) > 1 else ""
+        print(f"Motion:      {motions[0]}{more}")
+    print(f"Metrics:     {metrics_file}")
 
 
 def _one_run_table(evaluation: Evaluation, metrics: Sequence[str] | None) -> Table:

@@ -56,13 +56,14 @@ def _export(arguments: argparse.Namespace) -> int:
 
 
 def _export_run(arguments: argparse.Namespace) -> int:
-    from sb3_piano.training import export_run
+    from sb3_piano.training import RunFolder, export_run
+    from sb3_piano.training.evaluation.evaluate import pieces_of
     from sb3_piano.training.sharing.hub import push_to_hub
     from sb3_piano.viewing import DEFAULT_PICTURE
 
     count = arguments.episodes or 5
     with progress_bar(arguments, "Episodes") as tell:
-        tell(total=count)
+        tell(total=count * len(pieces_of(RunFolder.open(arguments.what))))
         exported = export_run(
             arguments.what,
             arguments.folder,

@@ -256,7 +256,8 @@ class DatasetWriter:
         if self._root is None:
             _make_namespace(self._id)
         self._place.parent.mkdir(parents=True, exist_ok=True)
-        with ctrl_c_deferred():  # which would delete both the old one and the new
+        # Ctrl-C between the two would leave neither: both are in the folder that __exit__ deletes.
+        with ctrl_c_deferred():
             if self._place.exists():
                 self._place.rename(self._made / "old")
             (self._made / "new").rename(self._place)

@@ -275,6 +275,8 @@ class DistillConfig:
     def corpus_of(self, number: int) -> Corpus:
         """Return the corpus of an improvement."""
         changes, key = self.improvements[number].corpus, f"improvements[{number}].corpus"
+        if not changes:
+            return self.corpus
         given = {**dataclasses.asdict(self.corpus), **changes}
         found: Corpus = _made(Corpus, given, key)
         return found
@@ -294,7 +296,11 @@ def _with_absolute_paths(corpus: Corpus) -> Corpus:
         source if source in SOURCES else _absolute(source): weight
         for source, weight in corpus.sources.items()
     }
-    held_out = tuple(_absolute(name) if os.sep in name else name for name in corpus.held_out)
+    held_out = tuple(
+        _absolute(name) if Path(name).name != name else name for name in corpus.held_out
+    )
+    if (sources, held_out) == (corpus.sources, corpus.held_out):
+        return corpus  # a new one would read all folders again
     return replace(corpus, sources=sources, held_out=held_out)
 
 

@@ -201,7 +201,12 @@ def _finished(job: CellJob, mirror: Mirror) -> dict[str, Any]:
         "n_timesteps": config.n_timesteps,
     }
     metrics = metrics_of(place, trained.num_timesteps, job.episodes)
-    metrics = metrics or evaluate(place, job.episodes).mean
+    if not metrics:
+        found = evaluate(place, job.episodes)
+        if found.interrupted:
+            mirror.store()
+            raise KeyboardInterrupt
+        metrics = found.mean
     mirror.store()
     return {**steps, "metrics": metrics}
 

@@ -50,7 +50,7 @@ class Mirror:
         fs.get(f"{root}/{name}/", f"{self.place}/", recursive=True)
 
     def store(self) -> None:
-        """Copy the folder; other copies are there until this one is whole, then deleted."""
+        """Copy the folder; former copies are there until this one is whole, then deleted."""
         if self.url is None:
             return
         fs, root = _filesystem(self.url)
@@ -63,7 +63,8 @@ class Mirror:
         fs.pipe_file(f"{root}/{_POINTER}", name.encode())
         fs.invalidate_cache()
         for found in fs.ls(root, detail=False):  # also what a process that died did not delete
-            if name != Path(found).name and Path(found).name.startswith(_COPY):
+            number = Path(found).name.removeprefix(_COPY)
+            if number.isdigit() and int(number) < self._number:
                 fs.rm(found, recursive=True)
 
 

@@ -8,7 +8,8 @@ from sb3_piano.training.configuration.yaml_files import (
     load_entry,
 )
 from sb3_piano.training.evaluation.comparison import MAIN_METRICS, Comparison, compare
-from sb3_piano.training.evaluation.evaluate import Evaluation, Evaluations, evaluate, evaluate_runs
+from sb3_piano.training.evaluation.evaluate import evaluate, evaluate_runs
+from sb3_piano.training.evaluation.evaluations import Evaluation, Evaluations
 from sb3_piano.training.evaluation.report import (
     training_curves,
     write_piece_report,

@@ -30,8 +30,9 @@ _WHICH = {
     "best": "the highest {} of a training's evaluations",
 }
 
+_OPTIONS = ("vec_env", "num_threads", "matmul_precision")
+"""Settings that are options of our command."""
 # RL Zoo hands every key that it does not know to the algorithm, and these itself.
-_OPTIONS = ("vec_env", "num_threads", "matmul_precision")  # of our command
 _NOT_IN_ZOO = ("seed", "device", "verbose", "pieces", *_OPTIONS)
 _PLUGINS = ("env_wrapper", "vec_env_wrapper", "callback")
 # RL Zoo evaluates text in these, which is the only way to write a class there.
@@ -71,6 +72,8 @@ def write_best(study: optuna.Study, config: StudyConfig, folder: StudyFolder) ->
         "",
         "n_timesteps is that of the trials; for longer trainings: --steps N, in RL Zoo -n N.",
     ]
+    if left_out.get("pieces"):
+        head.append("There is no command for RL Zoo, which cannot be told what pieces to play.")
     if left_out:
         pairs = ", ".join(f"{name}: {value}" for name, value in left_out.items())
         head.append(f"Left out, as RL Zoo has no such key: {pairs}.")
@@ -87,7 +90,10 @@ def best_entry(study: optuna.Study, config: StudyConfig) -> dict[str, Any] | Non
 
 
 def train_commands(config: StudyConfig, file: Path, entry: Mapping[str, Any]) -> dict[str, str]:
-    """Return the commands that train with an entry in a file, ours and that of stock RL Zoo."""
+    """Return the commands that train with an entry in a file, ours and that of stock RL Zoo.
+
+    There is none for RL Zoo if the entry has ``pieces``: it would play the environment's own.
+    """
     written, left_out = zoo_entry(config.algo, config.env_id, entry)
     module, env_id = registered_id(config.env_id)
     same = ["--seed", "0"]
@@ -99,6 +105,8 @@ def train_commands(config: StudyConfig, file: Path, entry: Mapping[str, Any]) ->
     for name in _OPTIONS:
         if left_out.get(name) is not None:
             ours += [f"--{name.replace('_', '-')}", str(left_out[name])]
+    if pieces:
+        return {"Train": shlex.join(ours)}
     zoo = ["python", "-m", "rl_zoo3.train", "--algo", config.algo, "--env", env_id]
     zoo += ["--gym-packages", module or "sb3_piano", "--conf-file", str(file), *same]
     if written.get("env_kwargs"):  # which RL Zoo does not hand to its evaluations

@@ -51,7 +51,7 @@ class Objective:
 
         Raises:
             optuna.TrialPruned: If the study's pruner ends it early.
-            KeyboardInterrupt: If Ctrl-C or SIGTERM ended a training.
+            KeyboardInterrupt: If Ctrl-C or SIGTERM ended a training, or Ctrl-C an evaluation.
             Exception: Whatever a training or an evaluation raises, with the reason noted.
         """
         started = time.monotonic()
@@ -96,6 +96,8 @@ class Objective:
         if progress.pruned:
             raise optuna.TrialPruned
         last = evaluate(path, self.config.eval_episodes, self.config.eval_seed)
+        if last.interrupted:
+            raise KeyboardInterrupt
         progress.trained(last.mean, judge)
 
 

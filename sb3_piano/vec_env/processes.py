@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import pickle
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import Connection
@@ -71,7 +72,7 @@ class ProcessVecEnv(VecEnv):
     def reset(self) -> VecEnvObs:
         """Begin an episode in every environment, with the seeds and options set for it."""
         for ours, share in self._pairs():
-            ours.send(("_reset", (self._seeds[share], self._options[share]), {}))
+            _ask(ours, "_reset", self._seeds[share], self._options[share])
         parts = self._answers()
         self._reset_seeds()
         self._reset_options()
@@ -81,7 +82,7 @@ class ProcessVecEnv(VecEnv):
     def step_async(self, actions: np.ndarray) -> None:
         """Begin a step in every environment."""
         for ours, share in self._pairs():
-            ours.send(("_step", (actions[share],), {}))
+            _ask(ours, "_step", actions[share])
 
     def step_wait(self) -> VecEnvStepReturn:
         """Return what the steps gave; an environment whose episode ended is reset."""
@@ -129,7 +130,7 @@ class ProcessVecEnv(VecEnv):
     def get_images(self) -> Sequence[np.ndarray | None]:
         """Return a picture of every environment."""
         for ours in self._ours:
-            ours.send(("get_images", (), {}))
+            _ask(ours, "get_images")
         return list(itertools.chain.from_iterable(self._answers()))
 
     def _pairs(self) -> Iterator[tuple[Connection, slice]]:
@@ -141,7 +142,7 @@ class ProcessVecEnv(VecEnv):
         shares = [range(self.num_envs)[share] for share in self._shares]
         for ours, own in zip(self._ours, shares, strict=True):
             inside = [index - own.start for index in asked if index in own]
-            ours.send((method, args, {**kwargs, "indices": inside}))
+            _ask(ours, method, *args, **{**kwargs, "indices": inside})
         found = {
             index: answer
             for own, part in zip(shares, self._answers(), strict=True)
@@ -158,11 +159,19 @@ class ProcessVecEnv(VecEnv):
             except (EOFError, OSError) as gone:
                 answer, error = None, _ended(number, self._processes[number])
                 error.__cause__ = gone
+            except Exception as unreadable:  # those of the other processes are still to be read
+                answer, error = None, unreadable
             answers.append(answer)
             errors += [] if error is None else [error]
         if errors:
             raise errors[0]
         return answers
+
+
+def _ask(ours: Connection, method: str, /, *args: Any, **kwargs: Any) -> None:
+    """Ask a process for a method of its environments; of one that has ended no answer tells."""
+    with contextlib.suppress(OSError):
+        ours.send((method, args, kwargs))
 
 
 def _joined(parts: Sequence[Any]) -> VecEnvObs:
@@ -212,11 +221,20 @@ def _serve(theirs: Connection, ours: Connection, env_fns: CloudpickleWrapper) ->
                 except BrokenPipeError:
                     raise
                 except Exception as error:
-                    theirs.send((None, error))
+                    theirs.send((None, _readable(error)))
         except (EOFError, BrokenPipeError):
             raise
         except Exception as error:
-            theirs.send((None, error))
+            theirs.send((None, _readable(error)))
         finally:
             if venv is not None:
                 venv.close()
+
+
+def _readable(error: Exception) -> Exception:
+    """Return an error, or one with its text if another process could not read it."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RunError(f"{type(error).__name__}: {error}")
+    return error

@@ -65,6 +65,23 @@ def test_updates_go_round_the_environments_as_without_it():
     torch.testing.assert_close(weights([callback]), weights(None), rtol=0, atol=0)
 
 
+def test_a_model_that_is_loaded_goes_on_as_without_it(tmp_path):
+    venv = make_vec_env("Pendulum-v1", n_envs=2, seed=0)
+    model = trained(SAC, None, 100, venv, replay_buffer_class=CyclingReplayBuffer)
+    model.save(tmp_path / "model")
+
+    def weights(callbacks):
+        loaded = SAC.load(tmp_path / "model", env=venv)
+        # As of a run that is resumed: no batch was drawn from this buffer yet.
+        rows = {name: value for name, value in vars(model.replay_buffer).items() if name != "_turn"}
+        vars(loaded.replay_buffer).update(rows)
+        loaded.set_random_seed(5)
+        loaded.learn(20, callback=callbacks, reset_num_timesteps=False)
+        return torch.cat([one.detach().flatten() for one in loaded.policy.parameters()])
+
+    torch.testing.assert_close(weights([QValueCallback(every=1)]), weights(None), rtol=0, atol=0)
+
+
 def test_the_value_is_that_of_the_smaller_critic_at_the_actions_taken():
     seen = LastLogged()
     model = trained(SAC, [QValueCallback(every=1), seen], steps=70)

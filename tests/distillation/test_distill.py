@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -159,6 +160,17 @@ def test_a_file_that_is_learnt_from_does_not_judge(tiny, songs, source, piece):
     DistillConfig.from_yaml(tiny, **{**changes, "evaluation.pieces": ["songs/b.mid"]})
 
 
+def test_paths_with_a_slash_are_made_absolute_on_windows_too(songs, monkeypatch):
+    shutil.copy("songs/a.mid", "songs/b.mid")
+    windows = SimpleNamespace(sep="\\", path=os.path)
+    monkeypatch.setattr("sb3_piano.distillation.config.os", windows)
+    corpus = Corpus(sources={"songs": 1}, held_out=("songs/a.mid", "hanon-05"))
+    found = DistillConfig(corpus=corpus).corpus
+    assert found.held_out == (str(songs / "a.mid"), "hanon-05")
+    assert found.names == {str(songs): (str(songs / "b.mid"),)}
+    assert DistillConfig(corpus=found).corpus is found  # a folder of many files is read once
+
+
 def test_settings_are_the_same_in_another_folder(tiny, songs, monkeypatch):
     for copy in ("judge.mid", "songs/b.mid"):
         shutil.copy("songs/a.mid", copy)
@@ -294,7 +306,7 @@ def test_what_cannot_be_played_is_skipped_and_told(tiny, executor, tmp_path):
         (
             {"network.net_arch": [3]},
             RunError,
-            r"has network {'net_arch': \[32\].*expected the same",
+            r"has network\.net_arch \[32\], not \[3\]: expected the same",
         ),
         ({"teacher.name": "plans"}, ConfigError, "teacher.name is 'plans': expected 'planned', or"),
         ({"evaluation.pieces": ["Furelise"]}, UnknownPieceError, "FurElise"),

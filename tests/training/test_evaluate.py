@@ -23,7 +23,7 @@ from sb3_piano.exceptions import ConfigError, RunError, UnknownPieceError
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music import read_midi
 from sb3_piano.training import compare, evaluate, evaluate_runs
-from sb3_piano.training.evaluation.evaluate import Evaluations, Failure
+from sb3_piano.training.evaluation.evaluations import Evaluations, Failure
 from sb3_piano.training.evaluation.statistics import summarize
 
 

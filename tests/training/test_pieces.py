@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import json
 import os
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import yaml
@@ -165,7 +168,9 @@ def test_a_run_is_judged_by_the_mean_over_its_pieces(run, corpus):
     found = evaluate(run.path, 2)
     pieces = [corpus / f"{pitch}.mid" for pitch in (60, 62, 64)]
     each = tuple(evaluate(run.path, 2, score=piece) for piece in pieces)
-    assert found.by_piece == evaluate_runs([run.path], 2).evaluations == each
+    assert found.by_piece == evaluate_runs([run.path], 2).evaluations
+    without = {"performances": (), "metrics_file": None}
+    assert tuple(dataclasses.replace(one, **without) for one in found.by_piece) == each
     assert found.piece == "3 pieces"
     assert found.episode_seeds == (0,) * 6
     assert found.episodes == sum((one.episodes for one in each), ())
@@ -176,6 +181,10 @@ def test_a_run_is_judged_by_the_mean_over_its_pieces(run, corpus):
         assert found.baseline[name] == pytest.approx(baseline), name
     assert found.summary["f1"].n == 3
     assert len(found.performances) == 6
+    assert sum((one.performances for one in found.by_piece), ()) == found.performances
+    written = json.loads(found.metrics_file.read_text())["evaluations"]
+    files = [name for one in written for name in one["performances"]]
+    assert files == [None if file is None else file.name for file in found.performances]
 
 
 def test_what_is_written_of_several_pieces_is_compared_and_known_to_sweeps(run, tmp_path):
@@ -197,6 +206,62 @@ def test_ctrl_c_among_several_pieces_keeps_what_was_played(run, ctrl_c):
     assert found.interrupted
     assert [len(one.episodes) for one in found.by_piece] == [2, 1]
     assert len(found.episodes) == len(found.performances) == 3
+
+
+class FailsOn62(gym.Wrapper):
+    """Fail where the piece 62 is played; named in a config by its import path."""
+
+    def step(self, action):
+        if self.unwrapped.score.title == "62":
+            raise ValueError("this one not")
+        return self.env.step(action)
+
+
+def test_a_piece_that_fails_is_named_and_the_others_are_evaluated(run, corpus):
+    before = evaluate(run.path).metrics_file.read_text()
+    own = run.read_config()
+    run.write_config(dataclasses.replace(own, env_wrapper=f"{__name__}.FailsOn62"))
+    found = evaluate_runs([run.path])
+    assert [evaluation.piece for evaluation in found.evaluations] == ["60", "64"]
+    assert [str(failure) for failure in found.failures] == [
+        f"Run '{run.path}' was not evaluated on '{corpus / '62.mid'}': ValueError('this one not')"
+    ]
+    assert not found.interrupted
+    with pytest.raises(ValueError, match="this one not"):
+        evaluate(run.path)
+    # nothing is written that lacks a piece
+    assert {evaluation.metrics_file for evaluation in found.evaluations} == {None}
+    assert (run.evaluation_dir / "metrics.json").read_text() == before
+    # what fails on every piece is told once
+    run.model_file.write_bytes(b"PK")
+    (failure,) = evaluate_runs([run.path]).failures
+    assert failure.piece is None
+
+
+def test_the_commands_tell_of_the_files_and_count_the_episodes_of_all_pieces(
+    run, tmp_path, monkeypatch, capsys
+):
+    told = []
+
+    @contextlib.contextmanager
+    def bar(arguments, what):
+        yield lambda total=0, advance=0: told.append((total, advance))
+
+    for command in ("evaluate", "export"):
+        monkeypatch.setattr(f"sb3_piano.cli.{command}.progress_bar", bar)
+    path = str(run.path)
+    for command in (
+        ["evaluate", path, "--episodes", "2"],
+        ["export", path, str(tmp_path / "shared"), "--no-video", "--episodes", "2"],
+    ):
+        told.clear()
+        assert main(command) == 0
+        assert told == [(6, 0), *[(0, 1)] * 6]
+    out = capsys.readouterr().out
+    assert f"Metrics:     {run.evaluation_dir / 'metrics.json'}\n" in out
+    assert "Performance: " in out
+    monkeypatch.undo()
+    assert main(["evaluate", path, str(tmp_path / "shared"), str(tmp_path / "nix")]) == 2
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.music import load_score, write_midi
 from sb3_piano.training import (
     RunConfig,
     RunFolder,
@@ -299,6 +300,27 @@ def test_labels_in_a_file_stay_with_their_piece(source, tmp_path, other):
     assert found.pieces == tuple(other.get("pieces", ()))
     run.write_config(piece.in_env(score="hanon-01", fingering="ergonomic"))
     assert load_start(run.path, **other).env_kwargs["fingering"] == "ergonomic"
+
+
+def test_the_runs_own_environment_may_be_named(config, tmp_path):
+    write_midi(load_score("hanon-01"), tmp_path / "own.mid")
+    score = {"env_id": "RoboPianist-v0", "env_kwargs": {"score": str(tmp_path / "own.mid")}}
+    pieces = {"env_id": "RoboPianist-v0", "env_kwargs": {}, "pieces": ["hanon-0[12]"]}
+    labels = {
+        "env_id": "RoboPianist-scale-CMajor-v0",
+        "env_kwargs": {"fingering": str(tmp_path / "labels.csv")},
+    }
+    (tmp_path / "labels.csv").write_text("onset,pitch,finger\n0,60,1\n")
+    for name, changes in (("score", score), ("pieces", pieces), ("labels", labels)):
+        run = RunFolder.create(config(**changes), tmp_path / name)
+        own = run.read_config()
+        for env_id in (None, own.env_id, f"sb3_piano:{own.env_id}"):
+            for found in (
+                load_start(run.path, env_id),
+                load_fine_tuning("sac", env_id, player=run.path),
+            ):
+                assert own.env_kwargs.items() <= found.env_kwargs.items()
+                assert found.pieces == own.pieces
 
 
 def test_the_module_of_an_environment_comes_along(config, tmp_path, monkeypatch):

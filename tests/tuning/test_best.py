@@ -197,6 +197,9 @@ def test_pieces_and_how_torch_computes_are_options_of_our_command(folder):
     words = shlex.split(commands_in(file)[0])
     assert words[:7] == ["sb3-piano", "train", "--algo", "sac", "--pieces", *own["pieces"]]
     assert words[-4:] == ["--num-threads", "2", "--matmul-precision", "high"]
+    # RL Zoo would train on the piece that the environment has by itself
+    assert len(commands_in(file)) == 1
+    assert "no command for RL Zoo, which cannot be told what pieces" in file.read_text()
 
 
 # Each key, in a form that the zoo takes.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import platform
 import re
@@ -11,7 +12,7 @@ import pytest
 import small_study
 from optuna.trial import TrialState
 
-from sb3_piano.training import RunFolder
+from sb3_piano.training import RunFolder, evaluate
 from sb3_piano.tuning import Choice, Float, Int, Objective, Space, StudyFolder
 from sb3_piano.tuning.objective import reason_of
 
@@ -185,6 +186,18 @@ def test_ctrl_c_ends_a_study_of_ones_own(tmp_path, ctrl_c):
     study = optuna.create_study(direction="maximize")
     with pytest.raises(KeyboardInterrupt):
         study.optimize(Objective(config, StudyFolder(tmp_path)), n_trials=1, catch=(Exception,))
+    assert study.trials[0].state is TrialState.FAIL
+
+
+@pytest.mark.slow
+def test_a_last_evaluation_that_is_interrupted_is_no_value(tmp_path, monkeypatch):
+    def interrupted(*arguments):
+        return dataclasses.replace(evaluate(*arguments), interrupted=True)
+
+    monkeypatch.setattr("sb3_piano.tuning.objective.evaluate", interrupted)
+    study = optuna.create_study(direction="maximize")
+    with pytest.raises(KeyboardInterrupt):
+        study.optimize(Objective(small(), StudyFolder(tmp_path)), n_trials=1, catch=(Exception,))
     assert study.trials[0].state is TrialState.FAIL
 
 

@@ -402,8 +402,8 @@ class RunConfig(PlayConfig):
         hands = 1
         if any(issubclass(import_name(p.path), HandsAsAgents) for p in self.vec_env_wrapper):
             options = {**gym.spec(self.env_id).kwargs, **self.env_kwargs}
-            scene = {n: value for n, value in options.items() if n == "hands_in_scene"}
-            hands = max(len(PianoEnvConfig.from_options(scene).sides), 1)
+            side = options.get("hands_in_scene", "both")
+            hands = max(len(PianoEnvConfig(hands_in_scene=side).sides), 1)
         return hands * self.n_envs
 
     def alone(self) -> Self:

@@ -15,7 +15,7 @@ from sb3_piano.players import CORRECTED, HandModel, PlayerResidual
 from sb3_piano.players.hand_model import FILE_NAME, SHIPPED, SIGHT_READER
 from sb3_piano.settings import Positive, checked, refuse_unknown
 from sb3_piano.training.configuration.config import PlayConfig, Plugin, RunConfig
-from sb3_piano.training.configuration.names import import_name
+from sb3_piano.training.configuration.names import import_name, registered_id
 from sb3_piano.training.configuration.yaml_files import load_overlaid
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.wrappers.residual import Residual
@@ -63,7 +63,8 @@ def load_fine_tuning(
     config = load_overlaid(algo, played, FINE_TUNING[algo], path, **overrides)
     if base is not None:
         given = overrides.get("env_kwargs", {})
-        others = env_id is not None or "score" in given or bool(config.pieces)
+        another = registered_id(played)[1] != base.env_id
+        others = another or "score" in given or bool(config.pieces)
         return _of_run(config, base, folder, given, others)
     if player != SIGHT_READER and player in CORRECTED:
         return config.correcting(player=player)

@@ -148,7 +148,10 @@ class RunFolder:
         )
 
     def forget_unfinished(self) -> None:
-        """Delete the models that a process that was killed was writing, but for checkpoints'."""
+        """Delete half-written models of a killed process.
+
+        Those in ``checkpoint/`` the checkpoint deletes itself.
+        """
         for pattern in (f"*{PARTIAL_SUFFIX}", f"best_*/*{PARTIAL_SUFFIX}"):
             for file in self.path.glob(pattern):
                 file.unlink(missing_ok=True)

@@ -204,7 +204,8 @@ def load_start(
     if with_buffer:
         start = dataclasses.replace(start, kwargs={**start.kwargs, "with_buffer": True})
     given = overrides.pop("env_kwargs", {})
-    others = env_id is not None or "score" in given or bool(overrides.get("pieces"))
+    another = env_id is not None and registered_id(env_id)[1] != config.env_id
+    others = another or "score" in given or bool(overrides.get("pieces"))
     if not others:
         overrides.setdefault("pieces", config.pieces)
     env_id = config.full_env_id if env_id is None else env_id

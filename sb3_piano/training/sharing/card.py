@@ -9,7 +9,7 @@ from typing import Any
 
 from sb3_piano.files import dump_yaml
 from sb3_piano.training.configuration.config import PlayConfig, RunConfig
-from sb3_piano.training.evaluation.evaluate import Evaluation
+from sb3_piano.training.evaluation.evaluations import Evaluation
 from sb3_piano.training.runs.folder import RunFolder
 
 _TASK = {"type": "reinforcement-learning", "name": "reinforcement-learning"}

@@ -112,7 +112,7 @@ def check_writable(path: Path) -> None:
 
 
 def _takes_bytes(path: Path) -> bool:
-    """Tell whether something is there that is neither a file nor a folder, such as a device.
+    """Return whether something is there that is neither a file nor a folder, such as a device.
 
     Nor is it what a process has open, a file though it may be: ``/dev/stdout >> log``.
     """

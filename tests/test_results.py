@@ -125,6 +125,15 @@ def test_a_file_that_is_no_json_is_told_in_a_line(tmp_path):
         Results.read(tmp_path / "x")
 
 
+def test_a_file_of_another_kind_is_told_before_anything_is_played(tmp_path, capsys):
+    for name in ("out.json", "bad.mid"):
+        (tmp_path / name).write_text("no results, and no music")
+    out, piece = str(tmp_path / "out.json"), str(tmp_path / "bad.mid")
+    arguments = ["--pieces", piece, "--players", "sight-reader", "--out", out]
+    assert main(["results", "measure", *arguments, "--no-progress"]) == 2
+    assert "out.json' does not fit the schema of results" in capsys.readouterr().err
+
+
 def test_processes_that_write_one_file_keep_each_others_results(tmp_path):
     file, fork = tmp_path / "results.json", multiprocessing.get_context("fork")
     names = [[f"{who}-{number}" for number in range(10)] for who in "abc"]

@@ -1,3 +1,4 @@
+import dataclasses
 import os
 import resource
 import signal
@@ -10,6 +11,7 @@ from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import Note, Score, read_midi, write_midi, write_musicxml
 from sb3_piano.music.fingering import finger_score
 from sb3_piano.music.library import Library, import_path, user_library
+from sb3_piano.music.library.piece_file import write_piece
 from sb3_piano.music.library.task import ImportTask, run_tasks
 
 PIG_LINES = "//Version: PianoFingering_v170101\n0\t0.0\t1.0\tC4\t80\t80\t0\t1\n"
@@ -135,7 +137,10 @@ class TestOneFile:
     def test_what_has_a_name_that_no_piece_can_have_any_more_gets_another(self, music, library):
         path = save(music / "FurElise.mid")
         import_path(path, library)
-        library.path("music-FurElise").rename(library.path("FurElise"))  # as it was once called
+        info, score = library.info("music-FurElise"), library.score("music-FurElise")
+        library.remove("music-FurElise")
+        former = dataclasses.replace(info, name="FurElise")  # as it was once called
+        write_piece(library.path("FurElise"), score, former)
         report = import_path(path, library, fingering="robot")
         assert (report.imported, report.unusable) == (("music-FurElise",), ())
 

@@ -328,11 +328,11 @@ class TestMeasures:
         parts = {"A": part(note("C5", 4), note("D5", 16)), "B": part("", note("D4", 16))}
         assert [n.onset for n in read(parts=parts).notes] == [0, 0.5, 0.5]
         meter = "<time><beats>3</beats><beat-type>8</beat-type>"
-        meter += "<beats>1</beats><beat-type> 4 </beat-type></time>"
+        meter += "<beats>1</beats><beat-type> 2 </beat-type></time>"
         music = part("", note("C4", 4)).replace(
             "<time><beats>4</beats><beat-type>4</beat-type></time>", meter
         )
-        assert played(read(parts={"A": music})) == [(60, 1.25, 1.75)]
+        assert played(read(parts={"A": music})) == [(60, 1.75, 2.25)]
 
 
 class TestPedal:

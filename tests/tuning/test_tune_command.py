@@ -185,6 +185,7 @@ def test_an_impossible_range_is_refused_before_there_is_a_study(files, capsys):
         (["--storage", "nowhere"], "is no URL of a database"),
         (["--name", "../elsewhere"], "--name is '../elsewhere': expected the name of a folder in"),
         (["--name", ".."], "--name is '..': expected the name of a folder in --studies-dir"),
+        (["--name", ""], "--name is '': expected the name of a folder in --studies-dir"),
     ],
 )
 def test_a_wrong_option_is_told_in_one_line(options, reason, files, capsys):

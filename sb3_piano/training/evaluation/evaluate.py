@@ -229,8 +229,10 @@ def _until_ctrl_c(results: Iterator[_Played | None]) -> tuple[list[_Played], boo
     played: list[_Played] = []
     try:
         for result in results:
-            played += [] if result is None else [result]
-            if result is not None and result[0].interrupted:
+            if result is None:
+                continue
+            played.append(result)
+            if result[0].interrupted:
                 return played, True
     except KeyboardInterrupt:
         if not played:

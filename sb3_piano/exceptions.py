@@ -34,6 +34,10 @@ class ConfigError(SB3PianoError, ValueError):
     """A setting (of an environment, a YAML file or the command line) is unknown or out of range."""
 
 
+class MissingPackageError(SB3PianoError, ImportError):
+    """An optional package is not installed; the message says what to install."""
+
+
 class InvalidActionError(SB3PianoError, ValueError):
     """An action has the wrong shape or holds NaN or infinity."""
 

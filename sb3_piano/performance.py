@@ -6,14 +6,10 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import BoolArray, FingerArray, FloatArray
 from sb3_piano.metrics import Losses, Onsets, Presses, episode_metrics, losses_of, presses_of
 from sb3_piano.music import MIN_PITCH, Note, Pedal, PianoRoll, Score
-
-BoolArray = npt.NDArray[np.bool_]
-FloatArray = npt.NDArray[np.float64]
-FingerArray = npt.NDArray[np.int8]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -75,18 +71,24 @@ class Performance:
             roll.active[:steps], self.key_active, roll.finger[:steps], self.press_finger
         )
 
-    def to_score(self) -> Score | None:
+    def to_score(self, *, by_steps: bool = False) -> Score | None:
         """Return what was played as a score, or ``None`` if no key was ever pressed.
 
         Times are those of the episode, the initial silence included; a note's finger is the one
         that was nearest when the key went down.
+
+        Args:
+            by_steps: Whether notes begin and end with control steps, so that the roll of the score
+                is what was played; otherwise when keys went down and up. The pedal always does.
         """
         presses, step = self.presses, self.roll.control_timestep
+        by_time = self.strike_time, self.release_time
+        onsets, offsets = (presses.first * step, presses.end * step) if by_steps else by_time
         fingers = self.press_finger[presses.first, presses.key].tolist()
         notes = [
             Note(onset=onset, offset=offset, pitch=MIN_PITCH + key, finger=finger)
             for key, onset, offset, finger in zip(
-                presses.key.tolist(), self.strike_time, self.release_time, fingers, strict=True
+                presses.key.tolist(), onsets, offsets, fingers, strict=True
             )
         ]
         if not notes:

@@ -10,13 +10,13 @@ from __future__ import annotations
 import contextlib
 import itertools
 import os
+import platform
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from typing import Annotated, Any, Literal
+from pathlib import Path
+from typing import Any, Literal
 
-from annotated_types import Ge
-
-from sb3_piano.settings import Whole, checked
+from sb3_piano.settings import Count, checked
 
 _VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -42,7 +42,7 @@ class ThreadTeam:
     """
 
     def __init__(self, n_slots: int, n_threads: int | None = None):
-        n_threads = checked("n_threads", n_threads, Annotated[Whole, Ge(1)] | None)
+        n_threads = checked("n_threads", n_threads, Count | None)
         self.n_threads = min(n_slots, n_threads or usable_cores())
         """Number of threads that do the work, the calling one included."""
         bounds = [n_slots * i // self.n_threads for i in range(self.n_threads + 1)]
@@ -88,6 +88,14 @@ def usable_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def processor_name() -> str:
+    """Return the name of the processor: Linux's, or else Python's."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, platform.processor() or platform.machine())
 
 
 def _do(job: Job, slots: range) -> None:

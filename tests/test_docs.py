@@ -14,10 +14,9 @@ from fresh_python import run_python
 from sb3_piano.cli import main
 from sb3_piano.cli.main import _parser
 from sb3_piano.envs import ENV_IDS, GENERAL_ID
-from sb3_piano.music import Note, Score, encore, load_score, repertoire, write_midi
-from sb3_piano.music.encore import ENCORE
-from sb3_piano.music.library import user_library
-from sb3_piano.music.repertoire import REPERTOIRE
+from sb3_piano.music import Note, Score, load_score, write_midi
+from sb3_piano.music.built_in import ENCORE, REPERTOIRE
+from sb3_piano.music.library import Library
 from sb3_piano.training import load_config
 from sb3_piano.training.runs.builders import build_callbacks
 
@@ -109,10 +108,10 @@ def test_every_link_leads_to_a_file_and_a_heading_that_exist():
                 assert anchor in slugs, f"{page.name}: {link}"
 
 
-@pytest.mark.parametrize(("collection", "pieces"), [(repertoire, REPERTOIRE), (encore, ENCORE)])
-def test_the_page_of_the_repertoire_tells_what_its_tables_say(collection, pieces):
-    table = Path(collection.__file__).with_name("pieces.yml").read_text("utf-8")
-    facts = yaml.safe_load(table)
+@pytest.mark.parametrize(("name", "pieces"), [("repertoire", REPERTOIRE), ("encore", ENCORE)])
+def test_the_page_of_the_repertoire_tells_what_its_tables_say(name, pieces):
+    table = ROOT / "sb3_piano" / "music" / name / "pieces.yml"
+    facts = yaml.safe_load(table.read_text("utf-8"))
     assert [name.partition("-")[2] for name in pieces] == list(facts)
     for name, piece in zip(pieces, facts.values(), strict=True):
         entry = f"**`{name}`**: {piece['composer']}, *{piece['title']}*. {piece['source']}"
@@ -136,7 +135,7 @@ def test_the_page_of_the_repertoire_has_commands_that_run(tmp_path, monkeypatch,
         assert main(arguments) == 0, arguments
     assert "Imported" in capsys.readouterr().out
     assert Path("fur_elise.mid").is_file()
-    assert user_library().names() == ("my_piece", "twinkle")
+    assert Library().names() == ("my_piece", "twinkle")
 
 
 @pytest.mark.slow

@@ -10,7 +10,6 @@ import math
 import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -33,7 +32,7 @@ from sb3_piano.bench.workloads import (
     update_measurements,
 )
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.threads import torch_computing, usable_cores
+from sb3_piano.threads import processor_name, torch_computing, usable_cores
 
 __all__ = [
     "ENV_ID",
@@ -140,19 +139,11 @@ def machine_info() -> dict[str, Any]:
             "python": platform.python_version(),
             **{package: importlib.metadata.version(package) for package in _PACKAGES},
         },
-        "cpu": _cpu_model(),
+        "cpu": processor_name(),
         "cores": usable_cores(),
         "torch_threads": torch.get_num_threads(),
         "device": torch.cuda.get_device_name(device) if device.type == "cuda" else device.type,
     }
-
-
-def _cpu_model() -> str:
-    """Name of the processor: Linux's, or else Python's."""
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
-    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(names, platform.processor() or platform.machine())
 
 
 def render(report: BenchReport) -> RenderableType:

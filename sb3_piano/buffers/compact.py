@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import torch
-from gymnasium import spaces
 from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
 
-from sb3_piano.buffers.ring_observations import ObservationPacking
-from sb3_piano.buffers.rings import NO_NUMBERS, Rings, refuse_optimization
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.buffers.rings import Rings
 
 
 class CompactReplayBuffer(Rings, ReplayBuffer):
@@ -36,38 +32,7 @@ class CompactReplayBuffer(Rings, ReplayBuffer):
             it back rounded.
     """
 
-    def __init__(
-        self,
-        buffer_size: int,
-        observation_space: spaces.Space,
-        action_space: spaces.Space,
-        device: torch.device | str = "auto",
-        n_envs: int = 1,
-        optimize_memory_usage: bool = False,
-        handle_timeout_termination: bool = True,
-    ):
-        refuse_optimization(optimize_memory_usage, type(self).__name__)
-        if isinstance(observation_space, spaces.Dict):
-            raise ConfigError(
-                f"A {type(self).__name__} cannot hold observations of {observation_space}: "
-                "expected a space of plain arrays, or a CompactDictReplayBuffer."
-            )
-        # Without numbers in the observations, the arrays made for them take no memory.
-        super().__init__(
-            buffer_size,
-            NO_NUMBERS,
-            action_space,
-            device,
-            n_envs,
-            handle_timeout_termination=handle_timeout_termination,
-        )
-        packing = ObservationPacking(observation_space)
-        self.observation_space = observation_space
-        self.obs_shape = packing.shape
-        self._make_rings({"": packing})
-        # They can do all that SB3 asks of these two arrays.
-        self.observations = self._rings[""]  # type: ignore[assignment]
-        self.next_observations = self._next_rings[""]  # type: ignore[assignment]
+    _expected = "a space of plain arrays, or a CompactDictReplayBuffer."
 
 
 class CompactNStepReplayBuffer(NStepReplayBuffer, CompactReplayBuffer):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy.typing as npt
 import torch
 from gymnasium import spaces
-from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.buffers import DictReplayBuffer, ReplayBuffer
 
 from sb3_piano.buffers.ring_observations import (
     ObservationPacking,
@@ -22,24 +22,67 @@ NO_NUMBERS = spaces.Box(0.0, 1.0, (0,))
 """Space with which SB3 makes arrays that take no memory."""
 
 
-def refuse_optimization(is_set: bool, name: str) -> None:
-    """Refuse ``optimize_memory_usage`` for a buffer of some name.
+class Rings(ReplayBuffer):
+    """A ``ReplayBuffer`` whose observations are in rings, by name; a single array's name is "".
+
+    Its arguments are those of ``ReplayBuffer``.
 
     Raises:
-        ConfigError: If it is set.
+        ConfigError: If the class is not for such an observation space, or
+            ``optimize_memory_usage`` is set.
     """
-    if is_set:
-        raise ConfigError(
-            f"optimize_memory_usage is true for a {name}: expected false. It stores each "
-            "observation once in any case, and handles time limits too."
+
+    _expected: ClassVar[str]
+    """Which observation spaces a class is for, and what is for others: the end of a message."""
+
+    def __init__(
+        self,
+        buffer_size: int,
+        observation_space: spaces.Space,
+        action_space: spaces.Space,
+        device: torch.device | str = "auto",
+        n_envs: int = 1,
+        optimize_memory_usage: bool = False,
+        handle_timeout_termination: bool = True,
+    ):
+        kind = type(self).__name__
+        if optimize_memory_usage:
+            raise ConfigError(
+                f"optimize_memory_usage is true for a {kind}: expected false. It stores each "
+                "observation once in any case, and handles time limits too."
+            )
+        is_dict, parts = False, {"": observation_space}
+        if isinstance(observation_space, spaces.Dict):
+            is_dict, parts = True, observation_space.spaces
+        if is_dict != isinstance(self, DictReplayBuffer) or any(
+            isinstance(part, spaces.Dict) for part in parts.values()
+        ):
+            raise ConfigError(
+                f"A {kind} cannot hold observations of {observation_space}: expected "
+                f"{self._expected}"
+            )
+        # Without numbers in the observations, the arrays made for them take no memory.
+        super().__init__(
+            buffer_size,
+            spaces.Dict(dict.fromkeys(parts, NO_NUMBERS)) if is_dict else NO_NUMBERS,
+            action_space,
+            device,
+            n_envs,
+            handle_timeout_termination=handle_timeout_termination,
         )
-
-
-class Rings(ReplayBuffer):
-    """A ``ReplayBuffer`` whose observations are in rings, by name; a single array's name is ""."""
-
-    _rings: dict[str, RingObservations]
-    _next_rings: dict[str, RingNextObservations]
+        packings = {name: ObservationPacking(part) for name, part in parts.items()}
+        self._rings = {
+            name: RingObservations(packing, self.buffer_size, self.n_envs)
+            for name, packing in packings.items()
+        }
+        self._next_rings = {n: RingNextObservations(ring) for n, ring in self._rings.items()}
+        shapes = {name: packing.shape for name, packing in packings.items()}
+        self.observation_space = observation_space
+        self.obs_shape = shapes if is_dict else shapes[""]  # type: ignore[assignment]
+        # They can do all that SB3 asks of these arrays, or dictionaries of arrays.
+        stored, following = self._rings, self._next_rings
+        self.observations = stored if is_dict else stored[""]  # type: ignore[assignment]
+        self.next_observations = following if is_dict else following[""]  # type: ignore[assignment]
 
     @property
     def nbytes(self) -> int:
@@ -79,13 +122,6 @@ class Rings(ReplayBuffer):
             ring.put_rows(rows, own)
             self._next_rings[name].put_rows(rows, own)
         ArrayRows(self).put_rows(rows, saved)
-
-    def _make_rings(self, packings: Mapping[str, ObservationPacking]) -> None:
-        self._rings = {
-            name: RingObservations(packing, self.buffer_size, self.n_envs)
-            for name, packing in packings.items()
-        }
-        self._next_rings = {n: RingNextObservations(ring) for n, ring in self._rings.items()}
 
 
 def _prefix(name: str) -> str:

@@ -35,7 +35,7 @@ class DemonstrationsCallback(BaseCallback):
     Raises:
         ConfigError: When training starts, if there is no such data set, or it does not fit the
             model (see :func:`~sb3_piano.demonstrations.fill_replay_buffer`).
-        ImportError: Then, if Minari is not installed.
+        MissingPackageError: Then, if Minari is not installed.
     """
 
     def __init__(self, dataset: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import pickle
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -13,7 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
-from sb3_piano.callbacks.own_env import nested
+from sb3_piano.callbacks.own_env import with_nested
 from sb3_piano.callbacks.replay_segments import SEGMENT_PATTERN, ReplayManifest, ReplaySegments
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import PARTIAL_SUFFIX, read_json, write_atomically, write_bytes, write_json
@@ -230,17 +230,11 @@ class ResumableCheckpoint(BaseCallback):
 def _with_state(callbacks: Iterable[BaseCallback]) -> dict[str, list[KeepsState]]:
     """Return the callbacks that keep a state by the import path of their class."""
     found: dict[str, list[KeepsState]] = defaultdict(list)
-    for callback in _all(callbacks):
+    for callback in with_nested(callbacks):
         if isinstance(callback, KeepsState):
             kind = type(callback)
             found[f"{kind.__module__}.{kind.__qualname__}"].append(callback)
     return found
-
-
-def _all(callbacks: Iterable[BaseCallback]) -> Iterator[BaseCallback]:
-    for callback in callbacks:
-        yield callback
-        yield from _all(nested(callback))
 
 
 def write_normalization(model: BaseAlgorithm, path: Path) -> bool:

@@ -53,13 +53,9 @@ class DifficultyCallback(BaseCallback):
         self._fraction: float = checked("fraction", fraction, Annotated[Number, Gt(0), Le(1)])
         self._cumulative: bool = checked("cumulative", cumulative, bool)
         self._choice: PieceChoice
-        self._bands: dict[str, int] = {}
-        self._present = 0
-
-    @property
-    def bands(self) -> dict[str, int]:
+        self.bands: dict[str, int] = {}
         """The band of each piece, from 1 on, the easiest piece first."""
-        return dict(self._bands)
+        self._present = 0
 
     def _init_callback(self) -> None:
         self._choice = PieceChoice(self.training_env, type(self).__name__)
@@ -71,7 +67,7 @@ class DifficultyCallback(BaseCallback):
             )
         groups = np.array_split(np.arange(len(in_order)), self._n_bands)
         numbers = enumerate(groups, start=1)
-        self._bands = {in_order[i]: number for number, group in numbers for i in group}
+        self.bands = {in_order[i]: number for number, group in numbers for i in group}
 
     def _on_training_start(self) -> None:
         self._present = 0  # the environments may be others than those of a training before
@@ -90,7 +86,7 @@ class DifficultyCallback(BaseCallback):
         """Return which of an environment's pieces may be chosen in the present band."""
         if self._present > self._n_bands:
             return pieces
-        ahead = {name: self._bands[name] - self._present for name in pieces}
+        ahead = {name: self.bands[name] - self._present for name in pieces}
         if self._cumulative:
             ahead = {name: max(bands, 0) for name, bands in ahead.items()}
         nearest = min(map(abs, ahead.values()))

@@ -75,7 +75,8 @@ class LevelReplayCallback(BaseCallback):
 
     def __init__(self, beta: float = 0.5, rho: float = 0.3, gae_lambda: float = 0.95) -> None:
         super().__init__()
-        self._sampler = LevelSampler((), beta, rho)
+        self.sampler = LevelSampler((), beta, rho)
+        """Scores and visits of the pieces so far."""
         self._gae_lambda: float = checked("gae_lambda", gae_lambda, Share)
         self._values: Values
         self._choice: PieceChoice
@@ -83,14 +84,9 @@ class LevelReplayCallback(BaseCallback):
         self._playing: dict[int, str | None] = {}
         self._rollouts: dict[int, Rollout] = {}
 
-    @property
-    def sampler(self) -> LevelSampler:
-        """Scores and visits of the pieces so far."""
-        return self._sampler
-
     def state_dict(self) -> dict[str, Any]:
         """Return scores and visits, in JSON's types."""
-        return self._sampler.state_dict()
+        return self.sampler.state_dict()
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on from scores and visits; those of pieces that are gone are left out.
@@ -98,7 +94,7 @@ class LevelReplayCallback(BaseCallback):
         Raises:
             ConfigError: If it is no such state.
         """
-        self._sampler.load_state_dict(state)
+        self.sampler.load_state_dict(state)
 
     def _init_callback(self) -> None:
         self._values = value_function(self.model)
@@ -109,7 +105,7 @@ class LevelReplayCallback(BaseCallback):
                 self._owners[name].append(env)
 
     def _on_training_start(self) -> None:
-        self._sampler.set_levels(self._choice.names)
+        self.sampler.set_levels(self._choice.names)
         self._playing, self._rollouts = {}, {}
         for env in self._choice.pieces:
             # A training that goes on may begin amid an episode, which was counted already.
@@ -139,7 +135,7 @@ class LevelReplayCallback(BaseCallback):
         self._playing[env] = name = self._choice.playing(env)
         self._rollouts |= {agent: Rollout() for agent in self._agents(env)}
         if name is not None and is_new:
-            self._sampler.visit(name)
+            self.sampler.visit(name)
 
     def _end(self, env: int, infos: Sequence[Mapping[str, Any]]) -> None:
         """Score the piece that an environment has played."""
@@ -148,7 +144,7 @@ class LevelReplayCallback(BaseCallback):
             return
         surprises = [self._surprise(self._rollouts[i], infos[i]) for i in self._agents(env)]
         score = float(np.mean(surprises))  # episodes of agents are equally long
-        self._sampler.rate(name, score)
+        self.sampler.rate(name, score)
         self.logger.record_mean("level_replay/score", score)
 
     def _surprise(self, rollout: Rollout, info: Mapping[str, Any]) -> float:
@@ -164,18 +160,18 @@ class LevelReplayCallback(BaseCallback):
         """Say to each environment how likely its pieces are, and log where that stands."""
         playing = {name for name in self._playing.values() if name is not None}
         dealt: dict[str, int] = {}  # to one environment each, so that no two of them draw it
-        for number, name in enumerate(self._sampler.unseen(playing)):
+        for number, name in enumerate(self.sampler.unseen(playing)):
             owners = self._owners[name]
             dealt[name] = owners[number % len(owners)]
         top = 0.0
         for env, own in self._choice.pieces.items():
             unseen = [name for name in own if dealt.get(name) == env]
             seen = [name for name in own if name not in dealt]
-            likely = self._sampler.probabilities(unseen or seen or own, playing)
+            likely = self.sampler.probabilities(unseen or seen or own, playing)
             self._choice.set_weights(env, likely)
             top = max(top, *likely.values())
-        self.logger.record("level_replay/gini", self._sampler.gini)
-        self.logger.record("level_replay/unseen", len(self._sampler.unseen()))
+        self.logger.record("level_replay/gini", self.sampler.gini)
+        self.logger.record("level_replay/unseen", len(self.sampler.unseen()))
         self.logger.record("level_replay/top_probability", top)
 
 

@@ -62,14 +62,19 @@ def hand_over(run: RunContext, callbacks: Iterable[BaseCallback]) -> None:
     Callbacks are looked for in ``CallbackList`` and in the events of ``EventCallback`` and
     ``EvalCallback``.
     """
-    for callback in callbacks:
+    for callback in with_nested(callbacks):
         if isinstance(callback, UsesRun):
             callback.use_run(run)
-        hand_over(run, nested(callback))
 
 
-def nested(callback: BaseCallback) -> list[BaseCallback]:
-    """Return the callbacks that a callback of SB3 holds."""
+def with_nested(callbacks: Iterable[BaseCallback]) -> Iterator[BaseCallback]:
+    """Yield callbacks, each before those that it holds."""
+    for callback in callbacks:
+        yield callback
+        yield from with_nested(_nested(callback))
+
+
+def _nested(callback: BaseCallback) -> list[BaseCallback]:
     children = list(getattr(callback, "callbacks", ()))
     children += [getattr(callback, name, None) for name in ("callback", "callback_on_new_best")]
     return [child for child in children if isinstance(child, BaseCallback)]

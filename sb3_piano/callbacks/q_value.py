@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Any
 
 import torch
-from annotated_types import Ge
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from sb3_piano.callbacks.own_env import preserve_random_state
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.policies.values import critic_values
-from sb3_piano.settings import Whole, checked
+from sb3_piano.settings import Count, checked
 
 
 class QValueCallback(BaseCallback):
@@ -34,7 +33,7 @@ class QValueCallback(BaseCallback):
 
     def __init__(self, every: int = 1000) -> None:
         super().__init__()
-        self._every = checked("every", every, Annotated[Whole, Ge(1)])
+        self._every = checked("every", every, Count)
 
     def _init_callback(self) -> None:
         if not isinstance(self.model, OffPolicyAlgorithm) or not hasattr(self.model, "critic"):

@@ -15,8 +15,8 @@ from sb3_piano.callbacks.own_env import env_name
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
 from sb3_piano.layers import layers
-from sb3_piano.metrics import frame_f1, presses_of
-from sb3_piano.music import MIN_PITCH, Note, Pedal, PianoRoll, Score
+from sb3_piano.metrics import frame_f1
+from sb3_piano.music import PianoRoll, Score
 from sb3_piano.performance import Performance
 from sb3_piano.wrappers import HindsightFlag
 from sb3_piano.wrappers.residual import Residual
@@ -99,9 +99,10 @@ class Stage:
         Raises:
             RunError: If the same actions play something else the second time.
         """
-        score = score_by_steps(self._heard(episode))
+        score = self._heard(episode).to_score(by_steps=True)
         if score is None:
             return None
+        score = dataclasses.replace(score, title="relabelled")
         try:
             observation, _ = self._env.reset(options={"transform": FixedScore(score=score)})
         except ScoreError:
@@ -142,30 +143,6 @@ class Stage:
                     "played again for HindsightCallback: expected one that ends with its piece. "
                     "Train without wrappers that end it by what is played, or without the callback."
                 )
-
-
-def score_by_steps(performance: Performance) -> Score | None:
-    """Return the score whose roll is what was played, or ``None`` if no key sounded.
-
-    Each unbroken run of control steps in which a key sounds is a note, with the finger that was
-    nearest in the first of them; likewise for the pedal. Notes begin and end with control steps,
-    other than in :meth:`~sb3_piano.performance.Performance.to_score`.
-    """
-    step = performance.roll.control_timestep
-    presses = performance.presses
-    fingers = performance.press_finger[presses.first, presses.key].tolist()
-    notes = [
-        Note(onset=first * step, offset=end * step, pitch=MIN_PITCH + key, finger=finger)
-        for key, first, end, finger in zip(
-            presses.key.tolist(), presses.first.tolist(), presses.end.tolist(), fingers, strict=True
-        )
-    ]
-    if not notes:
-        return None
-    down = presses_of(performance.sustain[:, None])
-    spans = zip(down.first.tolist(), down.end.tolist(), strict=True)
-    pedals = [Pedal(onset=first * step, offset=end * step) for first, end in spans]
-    return Score(notes=notes, pedals=pedals, title="relabelled")
 
 
 def _piano_for(env: gym.Env[Any, Any], venv: VecEnv, model: BaseAlgorithm) -> PianoEnv:

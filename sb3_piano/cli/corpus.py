@@ -18,7 +18,6 @@ from sb3_piano.cli.common import (
     tell_interrupted,
     whole_number,
 )
-from sb3_piano.cli.demonstrations import require_minari
 
 if TYPE_CHECKING:
     from sb3_piano.demonstrations.corpus import RecordedCorpus
@@ -57,7 +56,6 @@ def add_parser(commands: Any) -> None:
 
 
 def _corpus(arguments: argparse.Namespace) -> int:
-    require_minari()
     from sb3_piano.corpora import DEFAULT_NOISE, CorpusConfig, record_corpus
     from sb3_piano.executors import open_executor
 

@@ -24,7 +24,6 @@ from sb3_piano.cli.common import (
 )
 from sb3_piano.cli.evaluate import evaluate_run
 from sb3_piano.cli.play import PLAYERS, WEIGHTS_HELP
-from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
     import gymnasium as gym
@@ -98,8 +97,9 @@ def add_parser(commands: Any) -> None:
 
 
 def _record(arguments: argparse.Namespace) -> int:
-    require_minari()
-    from sb3_piano.demonstrations import record
+    from sb3_piano.demonstrations import record, require_minari
+
+    require_minari()  # before anything is planned
 
     with (
         _player(arguments) as (policy, env, default_id),
@@ -119,16 +119,6 @@ def _record(arguments: argparse.Namespace) -> int:
         )
     _show(recorded)
     return tell_interrupted(recorded.interrupted)
-
-
-def require_minari() -> None:
-    """Refuse to go on without the packages that read and write data sets."""
-    from sb3_piano.demonstrations import dataset
-
-    try:
-        dataset.require_minari()
-    except ImportError as error:
-        raise ConfigError(str(error)) from error
 
 
 @contextlib.contextmanager
@@ -203,7 +193,6 @@ def _show(recorded: Recorded) -> None:
 
 
 def _clone(arguments: argparse.Namespace) -> int:
-    require_minari()
     from rich.progress import TextColumn
 
     from sb3_piano.demonstrations.streaming import DEFAULT_BUFFER

@@ -17,7 +17,6 @@ from sb3_piano.cli.common import (
     tell_interrupted,
     whole_number,
 )
-from sb3_piano.cli.demonstrations import require_minari
 from sb3_piano.exceptions import ConfigError
 
 if TYPE_CHECKING:
@@ -43,7 +42,6 @@ def add_parser(commands: Any) -> None:
 
 
 def _distill(arguments: argparse.Namespace) -> int:
-    require_minari()
     from sb3_piano.distillation import DEFAULT_FILE, DistillConfig, distill
 
     folder, resumed = arguments.out, arguments.resume

@@ -167,9 +167,9 @@ def _tell(piece: Piece) -> None:
     import gymnasium
 
     from sb3_piano.envs.registration import GENERAL_ID
-    from sb3_piano.music.library import user_library
+    from sb3_piano.music.library import Library
 
-    env_id, library = f"RoboPianist-{piece.name}-v0", user_library()
+    env_id, library = f"RoboPianist-{piece.name}-v0", Library()
     general = f'{GENERAL_ID} with score="{piece.name}"'
     facts = {
         "Name": piece.name,
@@ -220,7 +220,7 @@ def _spelled(note: Note) -> str:
 
 
 def _import(arguments: argparse.Namespace) -> int:
-    from sb3_piano.music.library import import_path, user_library
+    from sb3_piano.music.library import Library, import_path
 
     with progress_bar(arguments, "pieces") as tell:
         report = import_path(
@@ -231,7 +231,7 @@ def _import(arguments: argparse.Namespace) -> int:
             progress=lambda done, total: tell(completed=done, total=total),
         )
     _tell_imported(report)
-    print(f"Library: {user_library().folder}")
+    print(f"Library: {Library().folder}")
     status = EXIT_OK if report.imported or report.present else EXIT_ERROR
     hint = "; the same command goes on with the rest."
     return tell_interrupted(report.interrupted, status, hint)
@@ -265,9 +265,9 @@ def _names(names: Sequence[str]) -> str:
 def _remove(arguments: argparse.Namespace) -> int:
     from sb3_piano.exceptions import near_names
     from sb3_piano.music import BUILT_IN
-    from sb3_piano.music.library import user_library
+    from sb3_piano.music.library import Library
 
-    library = user_library()
+    library = Library()
     for name in arguments.names:  # all of them before the first is gone
         if name in BUILT_IN:
             raise ConfigError(

@@ -30,7 +30,7 @@ from sb3_piano.files import write_json
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import digest
-from sb3_piano.music.library import user_library
+from sb3_piano.music.library import Library
 from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 from sb3_piano.training.runs.folder import BASE, RunFolder, begin_or_go_on, named_files
@@ -90,7 +90,7 @@ def record_corpus(
     Raises:
         ConfigError: If a setting is not valid, or a player cannot play.
         RunError: If the folder cannot be used, or has other settings.
-        ImportError: If Minari is not installed.
+        MissingPackageError: If Minari is not installed.
     """
     require_minari()
     place = Path(folder).absolute()
@@ -163,7 +163,7 @@ def _inputs(config: CorpusConfig) -> dict[str, str]:
 
     Of an imported piece it is that of its notes: each account keeps files of its own.
     """
-    library = user_library()
+    library = Library()
     imported = set(library.names())
     notes = {name: digest(library.score(name)) for name in config.pieces if name in imported}
     files = [Path(name) for name in config.pieces if name not in imported]

@@ -1,7 +1,7 @@
 """Demonstrations: performances as Minari data sets, for replay buffers and for cloning."""
 
 from sb3_piano.demonstrations.cloning import Cloning, clone_behaviour, fill_replay_buffer
-from sb3_piano.demonstrations.dataset import EXPERT_ACTION, open_dataset
+from sb3_piano.demonstrations.dataset import EXPERT_ACTION, open_dataset, require_minari
 from sb3_piano.demonstrations.disturbances import (
     ActuatorNoise,
     CorrelatedNoise,
@@ -20,4 +20,5 @@ __all__ = [
     "fill_replay_buffer",
     "open_dataset",
     "record",
+    "require_minari",
 ]

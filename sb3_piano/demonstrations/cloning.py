@@ -14,6 +14,7 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
+from stable_baselines3.common.running_mean_std import RunningMeanStd
 
 from sb3_piano.demonstrations.corpus import RecordedCorpus, open_recorded
 from sb3_piano.demonstrations.dataset import Transitions, open_dataset
@@ -53,7 +54,7 @@ def fill_replay_buffer(target: BaseAlgorithm | ReplayBuffer, dataset: MinariData
     Raises:
         ConfigError: If there is no such data set, the target has no replay buffer of plain arrays,
             its spaces are others, or it is too small.
-        ImportError: If Minari is not installed.
+        MissingPackageError: If Minari is not installed.
     """
     buffer = getattr(target, "replay_buffer", target)
     if not isinstance(buffer, ReplayBuffer):
@@ -176,7 +177,7 @@ def clone_behaviour(
     Raises:
         ConfigError: If a number is out of range, the model has no actor, or the data set does not
             fit it.
-        ImportError: If Minari is not installed.
+        MissingPackageError: If Minari is not installed.
     """
     checked("epochs", epochs, Count)
     checked("batch_size", batch_size, Count)
@@ -267,28 +268,18 @@ def _epochs(
 
 
 def _set_statistics(model: BaseAlgorithm, parts: Iterable[npt.NDArray[Any]]) -> None:
-    """Set the statistics by which observations are normalised, if they are, to those of parts.
-
-    Source: Chan et al. (1979), "Updating formulae and a pairwise algorithm for computing sample
-    variances", equation 2.1.
-    """
+    """Set the statistics by which observations are normalised, if they are, to those of parts."""
     normalizer = model.get_vec_normalize_env()
     if normalizer is None or not normalizer.norm_obs:
         return
-    statistics = normalizer.obs_rms
-    assert not isinstance(statistics, dict), "observations are plain arrays"
-    count, mean, variance = 0, np.float64(0), np.float64(0)
+    assert not isinstance(normalizer.obs_rms, dict), "observations are plain arrays"
+    statistics = RunningMeanStd(epsilon=0.0, shape=normalizer.obs_rms.mean.shape)
     for part in parts:
-        share = len(part) / (count + len(part))
-        count += len(part)
-        change = part.mean(axis=0, dtype=np.float64) - mean
-        own = part.var(axis=0, dtype=np.float64)
-        variance = (1 - share) * variance + share * own + share * (1 - share) * change**2
-        mean = mean + share * change
-    statistics.mean = np.asarray(mean)
+        mean, variance = part.mean(axis=0, dtype=np.float64), part.var(axis=0, dtype=np.float64)
+        statistics.update_from_moments(mean, variance, len(part))
     # What never changed in the data set must not count a thousandfold when it does.
-    statistics.var = np.where(variance < _CONSTANT, 1.0, variance)
-    statistics.count = float(count)
+    statistics.var = np.where(statistics.var < _CONSTANT, 1.0, statistics.var)
+    normalizer.obs_rms = statistics
 
 
 def _fix_exploration(actor: torch.nn.Module, log_std: float) -> None:

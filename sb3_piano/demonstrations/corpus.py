@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sb3_piano.demonstrations.dataset import Transitions, open_dataset
+from sb3_piano.demonstrations.dataset import open_dataset
 from sb3_piano.demonstrations.shards import Shard
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.files import read_json
@@ -98,21 +98,13 @@ class RecordedCorpus:
             )
         return shard.open(self.root)
 
-    def transitions(self) -> Iterator[Transitions]:
-        """Yield the transitions shard by shard; no more than one is in memory.
-
-        Raises:
-            ConfigError: If a shard is damaged.
-        """
-        return (Transitions.of(self.dataset(shard)) for shard in self.shards)
-
 
 def open_recorded(source: MinariDataset | RecordedCorpus | str) -> MinariDataset | RecordedCorpus:
     """Return a data set or a corpus, given, by its name or by its folder.
 
     Raises:
         ConfigError: If there is none, or it cannot be read.
-        ImportError: If Minari is not installed.
+        MissingPackageError: If Minari is not installed.
     """
     if isinstance(source, str) and (Path(source) / INDEX).is_file():
         return RecordedCorpus.open(source)

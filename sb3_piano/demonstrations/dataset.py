@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 
-from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
+from sb3_piano.exceptions import ConfigError, MissingPackageError, SB3PianoError, one_line
 from sb3_piano.interrupts import ctrl_c_deferred
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def open_dataset(dataset: MinariDataset | str, root: Path | None = None) -> Mina
 
     Raises:
         ConfigError: If there is none of that name, or it cannot be read.
-        ImportError: If Minari is not installed.
+        MissingPackageError: If Minari is not installed.
     """
     if not isinstance(dataset, str):
         return dataset
@@ -167,13 +167,13 @@ def require_minari() -> None:
     """Raise an error that says what to install unless Minari is.
 
     Raises:
-        ImportError: If Minari, or the library for its files, cannot be imported.
+        MissingPackageError: If Minari, or the library for its files, cannot be imported.
     """
     try:
         import h5py  # noqa: F401
         import minari  # noqa: F401
     except ImportError as error:
-        raise ImportError(
+        raise MissingPackageError(
             "Data sets need the packages minari and h5py, which are not both installed: "
             "pip install 'sb3-piano[demonstrations]'"
         ) from error
@@ -200,7 +200,7 @@ class DatasetWriter:
 
     Raises:
         ConfigError: If it is no valid name, or there is such a data set.
-        ImportError: If Minari is not installed.
+        MissingPackageError: If Minari is not installed.
     """
 
     def __init__(

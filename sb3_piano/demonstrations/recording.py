@@ -100,7 +100,7 @@ def record(
     Raises:
         ConfigError: If a number is out of range, the name is not valid or taken, or there is no
             noise for such an environment.
-        ImportError: If Minari is not installed.
+        MissingPackageError: If Minari is not installed.
     """
     checked("episodes", episodes, Count)
     checked("seed", seed, Index)

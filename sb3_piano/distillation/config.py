@@ -20,6 +20,7 @@ from sb3_piano.planning import PlanSettings
 from sb3_piano.settings import (
     Count,
     Index,
+    NotNegative,
     Number,
     Positive,
     Share,
@@ -69,7 +70,7 @@ class PlayingSettings:
 
     physics: str = "fast"
     """Name of the physics profile."""
-    noise_scales: Annotated[tuple[Annotated[Number, Ge(0)], ...], MinLen(1)] = (
+    noise_scales: Annotated[tuple[NotNegative, ...], MinLen(1)] = (
         0.0,
         0.5,
         1.0,

@@ -102,7 +102,7 @@ def distill(
         ConfigError: If a setting is not valid, or the teacher does not fit.
         RunError: If the folder cannot be used, or has other settings.
         UnknownPieceError: If there is no piece to judge by of a given name.
-        ImportError: If Minari is not installed.
+        MissingPackageError: If Minari is not installed.
     """
     require_minari()
     place = Path(folder)

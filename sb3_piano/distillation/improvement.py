@@ -22,7 +22,7 @@ from sb3_piano.hyperparams import SIGHT_READER
 from sb3_piano.players import HandModel
 from sb3_piano.simulation import SIDES
 from sb3_piano.training import Plugin, RunConfig, load_config, resume, train
-from sb3_piano.training.configuration.names import import_name
+from sb3_piano.training.configuration.config import with_arguments
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.wrappers import CorpusExcerpt
 
@@ -117,17 +117,13 @@ def _given(
     file: Path, plugins: tuple[Plugin, ...], kind: type, kwargs: dict[str, Any]
 ) -> tuple[Plugin, ...]:
     """Return plugins with other arguments for the one of a class, which has to be there."""
-    found = [import_name(plugin.path) is kind for plugin in plugins]
-    if not any(found):
+    if not any(plugin.is_a(kind) for plugin in plugins):
         raise ConfigError(
             f"An improvement's config is '{file}', which has no {kind.__name__}: expected it "
             "among the entries of env_wrapper or callback, such as in the file that comes with the "
             "package."
         )
-    return tuple(
-        Plugin(path=plugin.path, kwargs={**plugin.kwargs, **kwargs}) if this else plugin
-        for plugin, this in zip(plugins, found, strict=True)
-    )
+    return with_arguments(plugins, kind, **kwargs)
 
 
 class _Told(BaseCallback):

@@ -11,10 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import numpy.typing as npt
-
 import sb3_piano
+from sb3_piano.arrays import Float32Array
 from sb3_piano.demonstrations.dataset import Transitions
 from sb3_piano.demonstrations.shards import Notes, Play, ShardJob, file_digest
 from sb3_piano.distillation.config import DistillConfig
@@ -30,7 +28,6 @@ if TYPE_CHECKING:
     from minari import MinariDataset
     from minari.data_collector.episode_buffer import EpisodeBuffer
 
-Float32Array = npt.NDArray[np.float32]
 
 _PLAYED_BY = ("corpus", "playing", "teacher", "shard", "seed")
 """Settings that decide how excerpts are played, beside those of the rounds."""

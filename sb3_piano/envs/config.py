@@ -150,7 +150,7 @@ class PianoEnvConfig:
     @property
     def n_substeps(self) -> int:
         """Physics steps in a control step."""
-        timestep = physics_profile(self.physics).solver.timestep
+        timestep = physics_profile(self.physics).timestep
         count = round(self.control_timestep / timestep)
         if count < 1 or not math.isclose(count * timestep, self.control_timestep, rel_tol=1e-9):
             raise ConfigError(

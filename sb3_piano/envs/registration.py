@@ -9,8 +9,8 @@ from typing import Any
 import gymnasium as gym
 
 from sb3_piano.music import BUILT_IN
-from sb3_piano.music.encore import ENCORE
-from sb3_piano.music.library import PIG_PIECES, user_library
+from sb3_piano.music.built_in import ENCORE
+from sb3_piano.music.library import PIG_PIECES, Library
 from sb3_piano.music.studies import DEBUG
 
 ENTRY_POINT = "sb3_piano.envs.piano_env:PianoEnv"
@@ -66,7 +66,7 @@ def register_envs() -> None:
 def imported_ids() -> dict[str, str]:
     """Return the ids of imported pieces that RoboPianist has ids for, with the pieces' names."""
     try:
-        names = user_library().names()  # without reading their files
+        names = Library().names()  # without reading their files
     except OSError:
         return {}  # a folder that cannot be read: finding a piece in it says so
     return {f"RoboPianist-{name}-v0": name for name in names if name.startswith(_BENCHMARKS)}

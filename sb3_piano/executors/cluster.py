@@ -14,7 +14,7 @@ from dataclasses import field
 from types import ModuleType
 from typing import Any, ParamSpec, TypeVar
 
-from sb3_piano.exceptions import ConfigError, one_line
+from sb3_piano.exceptions import ConfigError, MissingPackageError, one_line
 from sb3_piano.settings import Index, NotNegative, settings
 
 P = ParamSpec("P")
@@ -65,13 +65,13 @@ def connected_to_ray(address: str) -> Iterator[ModuleType]:
 
     Raises:
         ConfigError: If no cluster answers there.
-        ImportError: If Ray is not installed.
+        MissingPackageError: If Ray is not installed.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing is sent to anybody
     try:
         import ray
     except ImportError as error:
-        raise ImportError(
+        raise MissingPackageError(
             "Ray is not installed, which a cluster needs: pip install 'sb3-piano[ray]'"
         ) from error
     if ray.is_initialized():
@@ -108,7 +108,7 @@ def ray_executor(
 
     Raises:
         ConfigError: If no cluster answers there.
-        ImportError: If Ray is not installed.
+        MissingPackageError: If Ray is not installed.
     """
     with connected_to_ray(address) as ray:
         executor = _RayExecutor(ray, resources)

@@ -26,7 +26,7 @@ def open_executor(
     Raises:
         ConfigError: If ``workers`` is out of range or given with a cluster, or that cannot be
             reached.
-        ImportError: If Ray is not installed.
+        MissingPackageError: If Ray is not installed.
     """
     if ray is None:
         return process_pool(workers)

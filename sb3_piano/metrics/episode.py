@@ -10,7 +10,7 @@ from types import MappingProxyType
 from sb3_piano.arrays import BoolArray, FingerArray
 from sb3_piano.files import read_table
 from sb3_piano.metrics.fingers import effective_fingers, finger_shares, fingering_agreement
-from sb3_piano.metrics.frames import count_frames, frame_scores
+from sb3_piano.metrics.frames import frame_scores, non_silent_f1, noop_scores
 from sb3_piano.metrics.onsets import (
     Onsets,
     OnsetScores,
@@ -136,16 +136,15 @@ def episode_metrics(
     Raises:
         ValueError: If shapes do not go together.
     """
-    frames = count_frames(target_keys, played_keys)
     pedal = frame_scores(target_pedal[:, None], played_pedal[:, None])
     pairs = match_onsets(target_onsets, played_onsets)
     onsets = OnsetScores.of_counts(len(pairs), len(played_onsets.key), len(target_onsets.key))
     shares = finger_shares(press_finger)
     values = (
-        *frames.scores(),
+        *frame_scores(target_keys, played_keys),
         *pedal,
         *onsets,
-        frames.non_silent_f1(),
+        non_silent_f1(target_keys, played_keys),
         *timing_error_of(target_onsets, played_onsets, pairs),
         wrong_presses_per_second(target_keys, played_keys, control_timestep),
         effective_fingers(shares),
@@ -153,6 +152,6 @@ def episode_metrics(
         effective_fingers(shares[FINGERS_PER_HAND:]),
         fingering_agreement(press_finger, target_finger),
         *shares.tolist(),
-        frames.noop_f1(),
+        noop_scores(target_keys).f1,
     )
     return dict(zip(EPISODE_METRICS[:-1], values, strict=True))

@@ -18,35 +18,6 @@ class FrameScores(NamedTuple):
     f1: float
 
 
-class FrameCounts(NamedTuple):
-    """Numbers of keys in each of T control steps."""
-
-    hit: IntArray
-    """(T,) that sound and should."""
-    played: IntArray
-    """(T,) that sound."""
-    due: IntArray
-    """(T,) that should sound."""
-
-    def scores(self) -> FrameScores:
-        """Return what :func:`frame_scores` returns."""
-        return FrameScores(
-            precision=_mean_ratio(self.hit, self.played),
-            recall=_mean_ratio(self.hit, self.due),
-            f1=_mean_ratio(2 * self.hit, self.played + self.due),
-        )
-
-    def non_silent_f1(self) -> float:
-        """Return what :func:`non_silent_f1` returns."""
-        sounds = self.due > 0
-        hit, played, due = self.hit[sounds], self.played[sounds], self.due[sounds]
-        return _mean_ratio(2 * hit, played + due)
-
-    def noop_f1(self) -> float:
-        """Return the F1 of playing nothing: the share of the steps in which nothing is due."""
-        return float((self.due == 0).mean()) if len(self.due) else 1.0
-
-
 def frame_scores(target: npt.ArrayLike, played: npt.ArrayLike) -> FrameScores:
     """Compare, control step by control step, what sounds with what should sound.
 
@@ -71,7 +42,13 @@ def frame_scores(target: npt.ArrayLike, played: npt.ArrayLike) -> FrameScores:
     Raises:
         ValueError: If the shapes differ or are not two-dimensional.
     """
-    return count_frames(target, played).scores()
+    target, played = same_frames(target, played)
+    hit, sounding, due = (keys.sum(axis=1) for keys in (target & played, played, target))
+    return FrameScores(
+        precision=_mean_ratio(hit, sounding),
+        recall=_mean_ratio(hit, due),
+        f1=_mean_ratio(2 * hit, sounding + due),
+    )
 
 
 def frame_f1(target: npt.ArrayLike, played: npt.ArrayLike) -> float:
@@ -96,7 +73,9 @@ def non_silent_f1(target: npt.ArrayLike, played: npt.ArrayLike) -> float:
     Raises:
         ValueError: If the shapes differ or are not two-dimensional.
     """
-    return count_frames(target, played).non_silent_f1()
+    target, played = same_frames(target, played)
+    due = target.any(axis=1)
+    return frame_f1(target[due], played[due])
 
 
 def noop_scores(target: npt.ArrayLike) -> FrameScores:
@@ -114,14 +93,6 @@ def noop_scores(target: npt.ArrayLike) -> FrameScores:
     """
     target = np.asarray(target, dtype=bool)
     return frame_scores(target, np.zeros_like(target))
-
-
-def count_frames(target: npt.ArrayLike, played: npt.ArrayLike) -> FrameCounts:
-    """Count the keys of :func:`frame_scores` in each control step."""
-    target, played = same_frames(target, played)
-    return FrameCounts(
-        hit=(target & played).sum(axis=1), played=played.sum(axis=1), due=target.sum(axis=1)
-    )
 
 
 def same_frames(target: npt.ArrayLike, played: npt.ArrayLike) -> tuple[BoolArray, BoolArray]:

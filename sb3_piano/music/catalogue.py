@@ -5,22 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 
 from sb3_piano.exceptions import ConfigError, UnknownPieceError, near_names
-from sb3_piano.music.encore import ENCORE
+from sb3_piano.music.built_in import BUILT_IN
 from sb3_piano.music.formats import ACCEPTED_FILES, READERS, read_score
 from sb3_piano.music.library import PIECE_SUFFIX, PIG_PIECES, imported_pieces, read_piece
 from sb3_piano.music.piece import Piece
-from sb3_piano.music.repertoire import REPERTOIRE
 from sb3_piano.music.score import Score
-from sb3_piano.music.studies import STUDIES
 
 ScoreSource = Score | str | os.PathLike[str]
 """Whatever :func:`load_score` makes a score of."""
-
-BUILT_IN: Mapping[str, Piece] = MappingProxyType({**STUDIES, **REPERTOIRE, **ENCORE})
-"""The pieces that come with the package, by name."""
 
 
 def pieces() -> Mapping[str, Piece]:

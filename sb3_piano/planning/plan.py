@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sb3_piano.arrays import Float32Array, FloatArray
+from sb3_piano.arrays import FloatArray
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.constants import UNKNOWN_FINGER
@@ -65,11 +65,6 @@ class Plan:
         """(T + 1, 5 h, 3) where the fingertips of h hands are: centres of their round ends, m."""
         tips = [hand.task.hand.kinematics.fingertips(hand.positions) for hand in self.hands]
         return np.concatenate(tips, axis=1)
-
-    @property
-    def gains(self) -> tuple[Float32Array, ...]:
-        """The feedback of each hand, :attr:`HandPlan.gains`."""
-        return tuple(hand.gains for hand in self.hands)
 
 
 def plan(

@@ -124,22 +124,30 @@ class PianoPolicy(ABC):
         return steps
 
 
+def singles_of(env: gym.Env[Any, Any] | VecEnv) -> list[gym.Env[Any, Any]]:
+    """Return the environments in a vector, with their wrappers, or the only one.
+
+    Raises:
+        ConfigError: If they are out of reach in another process.
+    """
+    if not isinstance(env, VecEnv):
+        return [env]
+    inner = env.unwrapped
+    if not isinstance(inner, DummyVecEnv):
+        raise ConfigError(
+            f"The environments of a {type(inner).__name__} are in other processes: expected "
+            "DummyVecEnv or sb3_piano.vec_env.ThreadVecEnv."
+        )
+    return inner.envs
+
+
 def pianos_of(env: gym.Env[Any, Any] | VecEnv) -> list[PianoEnv]:
     """Return the piano environments inside all wrappers.
 
     Raises:
         ConfigError: If they are no pianos, or out of reach in another process.
     """
-    if isinstance(env, VecEnv):
-        inner = env.unwrapped
-        if not isinstance(inner, DummyVecEnv):
-            raise ConfigError(
-                f"The environments of a {type(inner).__name__} are in other processes: expected "
-                "DummyVecEnv or sb3_piano.vec_env.ThreadVecEnv."
-            )
-        inside: list[Any] = [single.unwrapped for single in inner.envs]
-    else:
-        inside = [env.unwrapped]
+    inside: list[Any] = [single.unwrapped for single in singles_of(env)]
     for piano in inside:
         if not isinstance(piano, PianoEnv):
             raise ConfigError(f"A {type(piano).__name__} cannot be played: expected a piano.")

@@ -16,6 +16,7 @@ import safetensors
 import safetensors.numpy
 from stable_baselines3.common.policies import BasePolicy
 
+from sb3_piano.arrays import Float32Array
 from sb3_piano.envs import ObservationLayout, PianoEnv
 from sb3_piano.envs.hand_encoding import HandEncoding
 from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
@@ -25,7 +26,6 @@ from sb3_piano.settings import Count, Index, Positive, settings
 from sb3_piano.wrappers.hand_actions import hand_actions_of
 from sb3_piano.wrappers.piano import piano_of
 
-Float32Array = npt.NDArray[np.float32]
 Tensors = Mapping[str, Float32Array]
 
 SIGHT_READER = "sight-reader"

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
+from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.envs import ObservationLayout
 from sb3_piano.envs.actions import HandActionMap
@@ -20,7 +19,7 @@ from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.layers import layers
 from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import UNKNOWN_FINGER
-from sb3_piano.planning.policy import PianoPolicy, roll_with_fingers
+from sb3_piano.planning.policy import PianoPolicy, roll_with_fingers, singles_of
 from sb3_piano.planning.problems import summary, unheld
 from sb3_piano.players.hand_model import SHIPPED, HandModel
 from sb3_piano.simulation import PianoScene
@@ -64,7 +63,7 @@ class SightReader(PianoPolicy):
         self.num_timesteps = model.facts.num_timesteps
         for piano in self._pianos:
             model.check(piano, name)
-        self._wrappers = [_hand_actions(single, env) for single in _single_environments(env)]
+        self._wrappers = [_hand_actions(single, env) for single in singles_of(env)]
         self._maps = [HandActionMap(piano.scene, model.facts.reach) for piano in self._pianos]
         self._read: list[_Read | None] = [None] * len(self._pianos)
 
@@ -118,16 +117,6 @@ class _Read:
 
 def _places(layout: ObservationLayout) -> dict[str, slice]:
     return {name: block.slice for name, block in layout.items()}
-
-
-def _single_environments(env: gym.Env[Any, Any] | VecEnv) -> Iterator[gym.Env[Any, Any]]:
-    """Yield the environments in a vector, or the only one; :func:`pianos_of` has checked them."""
-    if isinstance(env, VecEnv):
-        inner = env.unwrapped
-        assert isinstance(inner, DummyVecEnv), "pianos are found in no other"
-        yield from inner.envs
-    else:
-        yield env
 
 
 def _hand_actions(single: gym.Env[Any, Any], env: gym.Env[Any, Any] | VecEnv) -> HandActions | None:

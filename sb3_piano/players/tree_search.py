@@ -13,7 +13,7 @@ import numpy.typing as npt
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import VecEnv, VecMonitor, VecNormalize
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvWrapper
 
 from sb3_piano.arrays import Float32Array, FloatArray
@@ -21,6 +21,7 @@ from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
 from sb3_piano.planning import PianoPolicy
+from sb3_piano.planning.policy import singles_of
 from sb3_piano.players.guides import PlayerGuide
 from sb3_piano.players.tree import Step, Tree, TreeSettings
 from sb3_piano.policies.values import PolicyValues
@@ -257,9 +258,7 @@ def single_envs(env: gym.Env[Any, Any] | VecEnv) -> Sequence[gym.Env[Any, Any]]:
     Raises:
         ConfigError: If there is anything else around them.
     """
-    if not isinstance(env, VecEnv):
-        return [env]
-    wrapper: VecEnv = env
+    wrapper: Any = env
     while isinstance(wrapper, VecEnvWrapper):
         if not isinstance(wrapper, VecNormalize | VecMonitor):
             raise ConfigError(
@@ -267,8 +266,7 @@ def single_envs(env: gym.Env[Any, Any] | VecEnv) -> Sequence[gym.Env[Any, Any]]:
                 "expected none, or VecNormalize."
             )
         wrapper = wrapper.venv
-    assert isinstance(wrapper, DummyVecEnv), "PianoPolicy refuses others"
-    return wrapper.envs
+    return singles_of(env)
 
 
 def check_goes_back(env: gym.Env[Any, Any]) -> None:

@@ -17,7 +17,7 @@ from stable_baselines3.td3.policies import TD3Policy
 from torch import nn
 
 from sb3_piano.policies.networks import OwnCritics
-from sb3_piano.settings import Number, checked
+from sb3_piano.settings import NotNegative, Number, checked
 
 Layer = type[nn.Module]
 
@@ -103,7 +103,7 @@ class RegularizedCritics(OwnCritics):
         self._regularization: dict[str, Any] = {
             "dropout": checked("dropout", dropout, Annotated[Number, Ge(0), Lt(1)]),
             "layer_norm": checked("layer_norm", layer_norm, bool),
-            "action_cost": checked("action_cost", action_cost, Annotated[Number, Ge(0)]),
+            "action_cost": checked("action_cost", action_cost, NotNegative),
             "target_dropout": checked("target_dropout", target_dropout, bool),
             "mean_q": checked("mean_q", mean_q, bool),
         }

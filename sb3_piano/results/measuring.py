@@ -12,7 +12,7 @@ import shlex
 import tempfile
 import time
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from importlib import metadata, resources
 from pathlib import Path
 from typing import NamedTuple
@@ -23,6 +23,7 @@ from sb3_piano.music import Corpus, digest, load_score, write_midi
 from sb3_piano.planning import forget_plans
 from sb3_piano.players import TreeSettings
 from sb3_piano.results.records import Physics, Result
+from sb3_piano.threads import processor_name
 from sb3_piano.training.playing.player import SavedPlayer, env_to_record
 from sb3_piano.training.playing.takes import planner_config, take_of_planner
 from sb3_piano.training.runs.folder import RunFolder
@@ -186,8 +187,4 @@ def versions() -> dict[str, str]:
 
 def hardware() -> str:
     """Return the processor in words."""
-    names: Sequence[str] = ()
-    with contextlib.suppress(OSError):  # Linux has this file
-        lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
-        names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return f"{names[0] if names else platform.machine()}, {os.cpu_count()} cores"
+    return f"{processor_name()}, {os.cpu_count()} cores"

@@ -9,7 +9,7 @@ from sb3_piano.simulation.compiling import (
 )
 from sb3_piano.simulation.gl import find_gl_backend
 from sb3_piano.simulation.keyboard import KEY_COLORS, pedal_threshold
-from sb3_piano.simulation.physics import PHYSICS_PROFILES, PhysicsProfile, Solver, physics_profile
+from sb3_piano.simulation.physics import PHYSICS_PROFILES, PhysicsProfile, physics_profile
 from sb3_piano.simulation.scene import SIDES, TIP_TRAVEL, PianoScene
 from sb3_piano.simulation.simulation import Simulation
 
@@ -22,7 +22,6 @@ __all__ = [
     "PhysicsProfile",
     "PianoScene",
     "Simulation",
-    "Solver",
     "assemble_scene",
     "attach_parts",
     "compile_scene",

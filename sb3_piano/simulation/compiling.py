@@ -100,7 +100,8 @@ def scene_parts(
     profile = physics_profile(physics)
     world = mujoco.MjSpec()
     world.modelname = "scene"
-    profile.solver.apply(world.option)
+    world.option.timestep, world.option.integrator = profile.timestep, profile.integrator
+    world.option.impratio = 10  # as RoboPianist's
     # Where all weights are balanced anyway, leaving gravity out changes nothing and is cheaper.
     weightless = gravity_compensation and profile.balanced_keys
     if weightless:

@@ -11,38 +11,13 @@ from sb3_piano.exceptions import ConfigError, near_names
 
 
 @dataclass(frozen=True, kw_only=True)
-class Solver:
-    """Options handed to MuJoCo; the names are those of MJCF's ``option`` element."""
-
-    timestep: float
-    """Length of a physics step in seconds."""
-    integrator: str
-    """MuJoCo's integrator. Runge-Kutta is unsupported: the env splits a step in two stages."""
-    solver: str = "Newton"
-    """Constraint solver."""
-    cone: str = "pyramidal"
-    """Friction cone."""
-    iterations: int = 100
-    """Most iterations of the solver."""
-    impratio: float = 10.0
-    """Ratio of frictional to normal constraint impedance."""
-
-    def apply(self, option: mujoco.MjOption) -> None:
-        """Set these options in a model, or in the specification of one."""
-        option.timestep = self.timestep
-        option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{self.integrator.upper()}")
-        option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{self.solver.upper()}")
-        option.cone = getattr(mujoco.mjtCone, f"mjCONE_{self.cone.upper()}")
-        option.iterations = self.iterations
-        option.impratio = self.impratio
-
-
-@dataclass(frozen=True, kw_only=True)
 class PhysicsProfile:
     """Simplifications of the simulation, and its steps."""
 
-    solver: Solver
-    """Options handed to MuJoCo."""
+    timestep: float
+    """Length of a physics step in seconds."""
+    integrator: mujoco.mjtIntegrator
+    """MuJoCo's integrator. Runge-Kutta is unsupported: the env splits a step in two stages."""
     balanced_keys: bool = False
     """Let a key's spring hold it at angle 0 in balance with its weight, instead of pressing it
     against a joint limit: 88 constraints fewer in every physics step. The spring is a little
@@ -60,10 +35,11 @@ class PhysicsProfile:
     keyboard, and between the two hands. The fingers of one hand then pass through each other."""
 
 
-_REFERENCE = PhysicsProfile(solver=Solver(timestep=0.005, integrator="Euler"))
+_REFERENCE = PhysicsProfile(timestep=0.005, integrator=mujoco.mjtIntegrator.mjINT_EULER)
 
 _FAST = PhysicsProfile(
-    solver=Solver(timestep=0.01, integrator="implicitfast"),
+    timestep=0.01,
+    integrator=mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
     balanced_keys=True,
     coupled_friction_only=True,
     playing_contacts_only=True,

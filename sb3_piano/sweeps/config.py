@@ -18,8 +18,7 @@ from sb3_piano.executors import Resources
 from sb3_piano.music import is_path, select_pieces
 from sb3_piano.settings import Count, Index, Listed, settings
 from sb3_piano.training import RunConfig, load_config
-from sb3_piano.training.configuration.values import coerce_mapping
-from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
+from sb3_piano.training.configuration.yaml_files import merged, read_yaml_mapping
 
 _FILE = "config"
 """Setting of a sweep or a variant: the YAML file, or the name of presets, of its runs."""
@@ -77,18 +76,15 @@ class SweepConfig:
         grid = itertools.product(self.algos, played, self.variants.items(), self.seeds)
         for algo, (title, env_id, options), (variant, changed), seed in grid:
             name = "_".join(filter(None, map(_plain, (algo, title, variant))))
-            given = {**self.settings, **changed}
-            file = given.pop(_FILE, None)
             if (name, seed) in found:
                 raise ConfigError(
                     f"Two cells of the sweep are called {name!r} with seed {seed}: expected "
                     "algorithms, pieces, variants and seeds that differ."
                 )
             try:
-                env_kwargs: dict[str, Any] = {}
-                for own in (self.settings, changed):
-                    env_kwargs |= coerce_mapping(own.get("env_kwargs", {}), "env_kwargs")
-                given |= {"env_kwargs": env_kwargs | options, "seed": seed}
+                given = merged(self.settings, changed)
+                given = merged(given, {"env_kwargs": options, "seed": seed})
+                file = given.pop(_FILE, None)
                 found[name, seed] = load_config(algo, env_id, file, **given)
             except ConfigError as error:
                 raise ConfigError(f"Cell {name!r} of the sweep: {error}") from error

@@ -12,6 +12,7 @@ from typing import Any
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.callbacks import Checkpoint
+from sb3_piano.exceptions import MissingPackageError
 
 _POINTER = "current"
 """File that names the whole copy; it is written last."""
@@ -73,7 +74,7 @@ def mirrored(folder: str) -> Iterator[Mirror]:
     """Give the folder of this machine that stands for a folder, which may be a URL.
 
     Raises:
-        ImportError: If the package for that kind of URL is not installed.
+        MissingPackageError: If the package for that kind of URL is not installed.
     """
     if not is_url(folder):
         place = Path(folder)
@@ -91,7 +92,7 @@ def glance(folder: str, files: Sequence[str]) -> Iterator[Path]:
     """Give a folder with some files of a folder, which may be a URL, as far as they are there.
 
     Raises:
-        ImportError: If the package for that kind of URL is not installed.
+        MissingPackageError: If the package for that kind of URL is not installed.
     """
     if not is_url(folder):
         yield Path(folder)
@@ -110,7 +111,10 @@ def glance(folder: str, files: Sequence[str]) -> Iterator[Path]:
 def _filesystem(url: str) -> tuple[Any, str]:
     import fsspec
 
-    fs, root = fsspec.core.url_to_fs(url)
+    try:
+        fs, root = fsspec.core.url_to_fs(url)
+    except ImportError as error:
+        raise MissingPackageError(f"'{url}' needs another package: {error}") from error
     return fs, root
 
 

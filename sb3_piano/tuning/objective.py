@@ -18,8 +18,7 @@ from stable_baselines3.common.callbacks import BaseCallback, ConvertCallback
 
 from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.exceptions import RunError
-from sb3_piano.training import Plugin, RunConfig, RunFolder, entry_config, evaluate, train
-from sb3_piano.training.configuration.names import import_name
+from sb3_piano.training import RunConfig, RunFolder, entry_config, evaluate, train
 from sb3_piano.tuning import trials
 from sb3_piano.tuning.space import with_settings
 from sb3_piano.tuning.study import METRICS, OBJECTIVES, StudyConfig, StudyFolder
@@ -60,7 +59,9 @@ class Objective:
         try:
             entry = with_settings(self.config.entry, self.config.space.suggest(trial))
             config = entry_config(self.config.algo, self.config.env_id, entry)
-            callbacks = tuple(plugin for plugin in config.callback if not _evaluates(plugin))
+            callbacks = tuple(
+                plugin for plugin in config.callback if not plugin.is_a(MetricEvalCallback)
+            )
             for seed in self.config.seeds:
                 run = dataclasses.replace(config, seed=seed, callback=callbacks)
                 self._train(run, self.folder.trial_dir(trial.number) / f"seed_{seed}", progress)
@@ -196,11 +197,6 @@ def results_of(last: Mapping[str, float], judge: MetricEvalCallback) -> dict[str
         results[f"final_{metric}"] = values[-1]
         results[f"best_{metric}"] = max(values)
     return results
-
-
-def _evaluates(plugin: Plugin) -> bool:
-    found = import_name(plugin.path)
-    return isinstance(found, type) and issubclass(found, MetricEvalCallback)
 
 
 def reason_of(error: BaseException) -> str:

@@ -23,7 +23,7 @@ import sb3_piano.wrappers
 from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, PianoEnvConfig
 from sb3_piano.envs.registration import ENTRY_POINT
 from sb3_piano.exceptions import ConfigError, SB3PianoError, near_names
-from sb3_piano.settings import Number, Positive, Share, Unit, checked
+from sb3_piano.settings import NotNegative, Number, Positive, Share, Unit, checked
 from sb3_piano.training import Plugin, RunConfig, entry_config
 from sb3_piano.training.configuration.config import parse_plugins
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
@@ -196,9 +196,7 @@ _NEEDS: Mapping[str, Any] = {
         Annotated[Number, Ge(1)],
     ),
     "gradient_steps": Annotated[Number, Ge(1), Unit(", or -1 for as many as steps")],
-    **dict.fromkeys(
-        ("learning_starts", "target_policy_noise", "target_noise_clip"), Annotated[Number, Ge(0)]
-    ),
+    **dict.fromkeys(("learning_starts", "target_policy_noise", "target_noise_clip"), NotNegative),
 }
 
 # For models that are built only to see whether they can be.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import os
 import platform
 import zlib
@@ -35,7 +36,7 @@ from sb3_piano.tuning.trials import (
     preset_trial,
     summary,
 )
-from sb3_piano.tuning.workers import MakeWorker, ProcessWorker, RayWorkers
+from sb3_piano.tuning.workers import ActorWorker, MakeWorker, ProcessWorker
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,7 +157,7 @@ def _workers_of(ray: str | None) -> Iterator[MakeWorker]:
         yield ProcessWorker
         return
     with connected_to_ray(ray) as package:
-        yield RayWorkers(package)
+        yield functools.partial(ActorWorker, package)
 
 
 @contextlib.contextmanager

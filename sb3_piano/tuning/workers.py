@@ -13,7 +13,6 @@ import sys
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from types import ModuleType
 from typing import Any
@@ -81,31 +80,28 @@ class ProcessWorker(Worker):
         return f"signal {signal.Signals(-code).name}" if code < 0 else f"status {code}"
 
 
-@dataclass
-class RayWorkers:
-    """Makes workers that are actors on a cluster of Ray, whose nodes all see the study's folder."""
+class ActorWorker(Worker):
+    """An actor on a cluster of Ray, whose nodes all see the study's folder.
 
-    ray: ModuleType
-    """The package, connected to the cluster."""
+    The first argument is the package, connected to the cluster; with it bound by
+    ``functools.partial`` the class makes workers as :class:`ProcessWorker` does.
+    """
 
-    def __call__(self, config: StudyConfig, folder: StudyFolder) -> Worker:
-        """Begin an actor."""
+    def __init__(self, ray: ModuleType, config: StudyConfig, folder: StudyFolder):
         # One thread for what is sent, and one in which what is said is waited for.
-        actor = self.ray.remote(_Actor).options(max_concurrency=2, num_cpus=1)
-        return _ActorWorker(self.ray, actor.remote(config, StudyFolder(folder.path.absolute())))
-
-
-class _ActorWorker(Worker):
-    def __init__(self, ray: ModuleType, actor: Any):
-        self._ray, self._actor = ray, actor
+        actor = ray.remote(_Actor).options(max_concurrency=2, num_cpus=1)
+        self._ray = ray
+        self._actor = actor.remote(config, StudyFolder(folder.path.absolute()))
         self._end = "its actor"
         self.connection, said = multiprocessing.Pipe(duplex=False)
         threading.Thread(target=self._pass_on, args=(said,), daemon=True).start()
 
     def send(self, message: Any) -> None:
+        """Send by a call."""
         self._actor.send.remote(message)
 
     def kill(self) -> str:
+        """End the actor."""
         self._ray.kill(self._actor)
         return self._end
 

@@ -8,11 +8,10 @@ import pickle
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import Connection
-from typing import Annotated, Any
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from annotated_types import Ge
 from stable_baselines3.common.vec_env import CloudpickleWrapper, DummyVecEnv, VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import (
     VecEnvIndices,
@@ -22,7 +21,7 @@ from stable_baselines3.common.vec_env.base_vec_env import (
 
 from sb3_piano.exceptions import RunError
 from sb3_piano.processes import process_context
-from sb3_piano.settings import Whole, checked
+from sb3_piano.settings import Count, checked
 from sb3_piano.threads import torch_computing, usable_cores
 
 EnvMaker = Callable[[], gym.Env[Any, Any]]
@@ -50,7 +49,7 @@ class ProcessVecEnv(VecEnv):
     """
 
     def __init__(self, env_fns: list[EnvMaker], n_processes: int | None = None) -> None:
-        number = checked("n_processes", n_processes, Annotated[Whole, Ge(1)] | None)
+        number = checked("n_processes", n_processes, Count | None)
         self.n_processes = min(len(env_fns), number or usable_cores())
         """Number of processes."""
         bounds = [len(env_fns) * i // self.n_processes for i in range(self.n_processes + 1)]

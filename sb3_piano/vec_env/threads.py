@@ -55,11 +55,6 @@ class ThreadVecEnv(DummyVecEnv):
         super().__init__(env_fns)
         self._team = ThreadTeam(self.num_envs, n_threads)
 
-    @property
-    def n_threads(self) -> int:
-        """Number of threads that step the environments, the calling one included."""
-        return self._team.n_threads
-
     def step_wait(self) -> VecEnvStepReturn:
         """Play one step in every environment; one whose episode ended is reset."""
         self._team.run(self._step_env)

@@ -14,7 +14,7 @@ from sb3_piano.viewing.frame_renderer import FrameRenderer
 from sb3_piano.viewing.moment import Moment, geom_colors
 from sb3_piano.viewing.note_bars import NoteBars
 from sb3_piano.viewing.stage import staged
-from sb3_piano.viewing.views import View, follows_music, place_camera, shows_bars
+from sb3_piano.viewing.views import SHOTS, View, place_camera
 
 
 class PerformanceRenderer:
@@ -44,13 +44,13 @@ class PerformanceRenderer:
         if self._bars is None or self._bars.roll is not roll:
             self._bars = NoteBars.over(self._stage, roll)
         notes = self._bars
-        stretch = notes.followed(moment.step) if follows_music(self._view) else notes.whole
+        stretch = notes.followed(moment.step) if SHOTS[self._view].follows else notes.whole
         place_camera(self._renderer.camera, self._view, stretch, self._aspect)
         pose(self._stage, self._data, moment.qpos)
         colors = geom_colors(
             self._stage, due=moment.due, fingers=moment.fingers, sounding=moment.sounding
         )
-        bars = notes.at(moment.step, moment.sounding) if shows_bars(self._view) else ()
+        bars = notes.at(moment.step, moment.sounding) if SHOTS[self._view].bars else ()
         drawn = self._renderer.render(self._data, colors, bars)
         write_caption(drawn, shown_title(title), moment.f1)
         return drawn

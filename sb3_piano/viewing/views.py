@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -40,7 +41,7 @@ DEFAULT_PICTURE = Picture()
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Shot:
+class Shot:
     """A camera that has a part of the keyboard in sight."""
 
     azimuth: float
@@ -60,9 +61,9 @@ class _Shot:
     """Whether it shows falling notes."""
 
 
-_SHOTS: dict[View, _Shot] = {
-    "stage": _Shot(azimuth=180, elevation=-36, x=0.0, z=0.165, margin=0.3, height=0.42),
-    "close": _Shot(
+SHOTS: Mapping[View, Shot] = {
+    "stage": Shot(azimuth=180, elevation=-36, x=0.0, z=0.165, margin=0.3, height=0.42),
+    "close": Shot(
         azimuth=140,
         elevation=-30,
         x=0.04,
@@ -72,19 +73,10 @@ _SHOTS: dict[View, _Shot] = {
         follows=True,
         bars=False,
     ),
-    "top": _Shot(azimuth=180, elevation=-90, x=0.05, z=0.0, margin=0.25, height=0.3, bars=False),
-    "roll": _Shot(azimuth=180, elevation=-20, x=0.0, z=0.25, margin=0.36, height=0.52),
+    "top": Shot(azimuth=180, elevation=-90, x=0.05, z=0.0, margin=0.25, height=0.3, bars=False),
+    "roll": Shot(azimuth=180, elevation=-20, x=0.0, z=0.25, margin=0.36, height=0.52),
 }
-
-
-def follows_music(view: View) -> bool:
-    """Return whether a view goes along with the music."""
-    return _SHOTS[view].follows
-
-
-def shows_bars(view: View) -> bool:
-    """Return whether a view shows falling notes."""
-    return _SHOTS[view].bars
+"""The cameras, by view."""
 
 
 def place_camera(camera: mujoco.MjvCamera, view: View, stretch: Stretch, aspect: float) -> None:
@@ -96,7 +88,7 @@ def place_camera(camera: mujoco.MjvCamera, view: View, stretch: Stretch, aspect:
         stretch: Keys that have to be in sight.
         aspect: Width of the picture by its height.
     """
-    shot = _SHOTS[view]
+    shot = SHOTS[view]
     height = max((stretch.width + shot.margin) / aspect, shot.height)
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
     camera.azimuth, camera.elevation = shot.azimuth, shot.elevation

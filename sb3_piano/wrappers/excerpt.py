@@ -54,6 +54,8 @@ class Excerpt(ScoreChange, gym.utils.RecordConstructorArgs):
             the environment's own pieces, at ``reset`` for others.
     """
 
+    cuts = True
+
     def __init__(
         self,
         env: gym.Env[Any, Any],
@@ -72,17 +74,8 @@ class Excerpt(ScoreChange, gym.utils.RecordConstructorArgs):
         kind = Annotated[number, Ge(0), Unit(unit)]
         self._start = None if start == "random" else checked("start", start, kind)
         self._part: _Seconds | _Bars = _Seconds(size) if unit == "seconds" else _Bars(int(size))
+        self.draws_times = self._start is None
         possible_scores(self)  # raises if a piece has no such part
-
-    @property
-    def cuts(self) -> bool:
-        """True: the rest of the piece is left out."""
-        return True
-
-    @property
-    def draws_times(self) -> bool:
-        """Whether the beginning is drawn."""
-        return self._start is None
 
     def draw(self, score: Score, random: np.random.Generator) -> Span:
         """Return the beginning and the end of the part of this episode, s."""

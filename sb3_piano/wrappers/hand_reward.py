@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
 from typing import Any, SupportsFloat
 
 import gymnasium as gym
@@ -113,23 +112,24 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         before, self._sounding = self._sounding, sounding[-1]
         substeps, due = sounding.sum(axis=0), piano.asked_roll.active[step]
         keys = np.flatnonzero(due | (substeps > 0)).tolist()
-        counts, earned = (_Count(), _Count()), [0.0, 0.0]
+        # Of each hand: how many keys are asked for, heard, and both.
+        counts, earned = ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]), [0.0, 0.0]
         for key in keys:
             hand, asked = self._hand(step, key), bool(due[key])
             share = self._within * substeps.item(key) / len(sounding)
-            counts[hand].add(asked, share + (1 - self._within) * bool(sounding[-1, key]))
+            heard = share + (1 - self._within) * bool(sounding[-1, key])
+            for n, count in enumerate((asked, heard, asked * heard)):
+                counts[hand][n] += count
             if self._strikes > 0 and substeps[key] > 0:
                 column = [bool(before[key]), *sounding[:, key].tolist()]
                 for substep, (was, now) in enumerate(itertools.pairwise(column), start=1):
                     if now and not was:
                         hit = self._open.hit(key, (step + substep / len(sounding)) * length)
                         earned[hand] += self._strikes if hit else -self._strikes
-        both = _Count()
-        for one in counts:
-            both.merge(one)
-        own, all_keys = self._own, (1 - self._own) * both.f1 - 1.0
+        both = map(sum, zip(*counts, strict=True))
+        own, all_keys = self._own, (1 - self._own) * _f1(*both) - 1.0
         pairs = zip(counts, earned, strict=True)
-        rewards = np.array([own * one.f1 + all_keys + strikes for one, strikes in pairs])
+        rewards = np.array([own * _f1(*one) + all_keys + strikes for one, strikes in pairs])
         rewards = rewards[self._hands]
         return rewards + self._guidance * self._closeness(step) if self._guidance else rewards
 
@@ -159,28 +159,7 @@ class HandReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArg
         return hand
 
 
-@dataclass
-class _Count:
-    """Keys of a control step; each is heard by a share from 0 to 1."""
-
-    asked: float = 0.0
-    heard: float = 0.0
-    hit: float = 0.0
-
-    def add(self, asked: bool, heard: float) -> None:
-        """Count a key."""
-        self.asked += asked
-        self.heard += heard
-        self.hit += asked * heard
-
-    def merge(self, other: _Count) -> None:
-        """Count the keys of another one, too."""
-        self.asked += other.asked
-        self.heard += other.heard
-        self.hit += other.hit
-
-    @property
-    def f1(self) -> float:
-        """F1, in [0, 1]; 1 if there was nothing to play and nothing is heard."""
-        total = self.asked + self.heard
-        return 2 * self.hit / total if total > 0 else 1.0
+def _f1(asked: float, heard: float, hit: float) -> float:
+    """Return the F1 of keys, each heard by a share; 1 if none is asked for and none is heard."""
+    total = asked + heard
+    return 2 * hit / total if total > 0 else 1.0

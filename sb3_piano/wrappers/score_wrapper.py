@@ -65,19 +65,14 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any]):
     ``reset(options={"score": ...})`` is changed like the environment's own.
     """
 
+    cuts: bool = False
+    """Whether this wrapper leaves out notes by their times."""
+    draws_times: bool = False
+    """Whether the times of the changed score differ between episodes, or may."""
+
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)
         piano_of(env, type(self).__name__)
-
-    @property
-    def cuts(self) -> bool:
-        """Whether this wrapper leaves out notes by their times."""
-        return False
-
-    @property
-    def draws_times(self) -> bool:
-        """Whether the times of the changed score differ between episodes, or may."""
-        return False
 
     @property
     def sources(self) -> Sequence[Score] | None:

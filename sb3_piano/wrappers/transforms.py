@@ -161,12 +161,8 @@ class TemporalStretch(ScoreChange, gym.utils.RecordConstructorArgs):
         super().__init__(env, probability)
         self._is_linear = checked("scale", scale, Scale) == "linear"
         self._least, self._greatest, self._is_drawn = _ends("factor", factor, Positive)
+        self.draws_times = self._is_drawn or 0 < self._probability < 1
         possible_scores(self)  # raises if a piece cannot be stretched
-
-    @property
-    def draws_times(self) -> bool:
-        """Whether the factor is drawn, or whether there is one."""
-        return self._is_drawn or 0 < self._probability < 1
 
     def draw(self, score: Score, random: np.random.Generator) -> float:
         """Return the factor of this episode."""

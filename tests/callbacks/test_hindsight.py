@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from sb3_piano.buffers import CompactReplayBuffer
 from sb3_piano.callbacks import HindsightCallback
 from sb3_piano.callbacks.own_env import RunContext
-from sb3_piano.callbacks.relabelling import Stage, score_by_steps
+from sb3_piano.callbacks.relabelling import Stage
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.music import Note, PianoRoll, Score
@@ -171,7 +171,7 @@ class TestScoreBySteps:
         fingers = np.where(keys, 2, -1).astype(np.int8)
         fingers[1, 39] = 7  # another finger came nearer
         pedal = np.array([False, True, True, False, True, True])
-        score = score_by_steps(self.performance(keys, pedal, fingers))
+        score = self.performance(keys, pedal, fingers).to_score(by_steps=True)
         assert [(n.pitch, n.finger) for n in score.notes] == [(60, 2)] * 3
         times = [(note.onset, note.offset) for note in (*score.notes, *score.pedals)]
         np.testing.assert_allclose(
@@ -185,7 +185,7 @@ class TestScoreBySteps:
             keys = random.random((steps, 88)) < share
             pedal = random.random(steps) < 0.5
             fingers = np.where(keys, random.integers(0, 10, keys.shape), -1).astype(np.int8)
-            score = score_by_steps(self.performance(keys, pedal, fingers))
+            score = self.performance(keys, pedal, fingers).to_score(by_steps=True)
             if score is None:
                 assert not keys.any()
                 continue
@@ -229,7 +229,7 @@ def test_the_transitions_follow_those_of_the_episode_and_are_the_replay_s(goal_t
         assert all_rows["dones"][start + steps - 1] == 1
         actions = all_rows["actions"][start : start + steps]
         other = flagged(trim_silence=False)
-        score = score_by_steps(played)
+        score = dataclasses.replace(played, title="relabelled").to_score(by_steps=True)
         observation, _ = other.reset(options={"score": score})
         other.relabelled = True
         observation[-1] = 1.0
@@ -279,7 +279,7 @@ def test_of_two_environments_rows_are_added_when_both_have_some(vector, train_fr
         played = [p for s, p in performances.found if s == slot]
         expected, start = [], 0
         for one in played:
-            score = score_by_steps(one)
+            score = one.to_score(by_steps=True)
             count = 0 if score is None else min(len(one), len(PianoRoll.from_score(score, 0.05)))
             expected.append(all_rows["actions"][real, slot][start : start + count])
             start += len(one)

@@ -24,7 +24,7 @@ from sb3_piano.distillation import DistillConfig, distill
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.executors import ray_executor
 from sb3_piano.music import load_score, write_midi
-from sb3_piano.music.library import user_library
+from sb3_piano.music.library import Library
 from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.training import PlannedConfig, RunFolder, clone
 
@@ -148,7 +148,7 @@ def test_a_truncated_shard_is_found_and_made_again_and_nothing_else(executor, tm
     kept = corpus.root / "shard000000-v0.json"
     time = kept.stat().st_mtime_ns
     with pytest.raises(ConfigError, match="Shard shard000001-v0 .* is damaged: give the command"):
-        list(corpus.transitions())
+        corpus.dataset(corpus.shards[1])
     told = []
     again = record_corpus(
         config, corpus.folder, executor=executor, on_progress=lambda *done: told.append(done)
@@ -162,10 +162,10 @@ def test_a_truncated_shard_is_found_and_made_again_and_nothing_else(executor, tm
 def test_another_piece_of_an_imported_name_is_refused(executor, tmp_path, monkeypatch):
     monkeypatch.setenv("SB3_PIANO_DATA", str(tmp_path / "data"))
     scale = load_score("scale-CMajor").excerpt(0, 0.5)
-    user_library().add(scale, "mine", source="here", fingering="none")
+    Library().add(scale, "mine", source="here", fingering="none")
     config = CorpusConfig(pieces="mine", players=("sight-reader",), episodes=1)
     record_corpus(config, tmp_path / "corpus", executor=executor)
-    user_library().add(scale.transpose(1), "mine", source="here", fingering="none")
+    Library().add(scale.transpose(1), "mine", source="here", fingering="none")
     with pytest.raises(RunError, match=r"has files\.mine \w{64}, not \w{64}: expected"):
         record_corpus(config, tmp_path / "corpus", executor=executor)
 
@@ -280,20 +280,13 @@ def test_the_command_records_tells_and_goes_on(tmp_path, capsys):
     assert "has seed 0, not 1" in capsys.readouterr().err
 
 
-def test_the_transitions_of_a_corpus_are_those_of_its_data_sets(corpus):
-    parts = list(corpus.transitions())
-    assert [len(part) for part in parts] == [shard.steps for shard in corpus.shards]
-    assert sum(map(len, parts)) == corpus.steps
-    one = Transitions.of(corpus.dataset(corpus.shards[1]))
-    assert np.array_equal(parts[1].observations, one.observations)
-
-
 def test_the_statistics_of_a_clone_are_those_of_all_parts(corpus):
     with open_player(CorpusConfig(**SETTINGS), "sight-reader") as (_, env):
         venv = VecNormalize(DummyVecEnv([lambda: env]), norm_reward=False)
         model = TD3("MlpPolicy", venv, policy_kwargs={"net_arch": [8]}, buffer_size=10, seed=0)
         clone_behaviour(model, corpus, epochs=1, buffer=50)
-    whole = np.concatenate([part.observations for part in corpus.transitions()])
+    parts = [Transitions.of(corpus.dataset(shard)) for shard in corpus.shards]
+    whole = np.concatenate([part.observations for part in parts])
     assert np.allclose(venv.obs_rms.mean, whole.mean(axis=0, dtype=np.float64))
     variance = whole.var(axis=0, dtype=np.float64)
     assert np.allclose(venv.obs_rms.var, np.where(variance < 1e-8, 1, variance))

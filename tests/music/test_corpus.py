@@ -9,7 +9,7 @@ from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Corpus, load_score, write_midi
 from sb3_piano.music.corpus import HELD_OUT
 from sb3_piano.music.hands import HANDS
-from sb3_piano.music.library import user_library
+from sb3_piano.music.library import Library
 from sb3_piano.music.studies import STUDIES
 
 ALL = {"generated": 1.0, "studies": 1.0, "repertoire": 1.0}
@@ -119,7 +119,7 @@ def test_files_folders_and_the_library_are_sources(tmp_path):
     }
     single = Corpus(sources={str(tmp_path / "one.mid"): 1.0}, n=5)
     assert {source(score) for score in single} == {"one"}
-    user_library().add(scale, "mine", source="a test", fingering="keep")
+    Library().add(scale, "mine", source="a test", fingering="keep")
     assert source(Corpus(sources={"library": 1.0}, n=1)[0]) == "mine"
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score, major_scale
+from sb3_piano.music.built_in import REPERTOIRE
 from sb3_piano.music.difficulty import (
     Features,
     MotionFeatures,
@@ -19,7 +20,6 @@ from sb3_piano.music.difficulty import (
     read_motion,
     write_motion,
 )
-from sb3_piano.music.repertoire import REPERTOIRE
 
 
 def note(onset, offset, pitch, hand="right"):

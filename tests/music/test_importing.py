@@ -10,7 +10,7 @@ from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import Note, Score, read_midi, write_midi, write_musicxml
 from sb3_piano.music.fingering import finger_score
-from sb3_piano.music.library import Library, import_path, user_library
+from sb3_piano.music.library import Library, import_path
 from sb3_piano.music.library.piece_file import write_piece
 from sb3_piano.music.library.task import ImportTask, run_tasks
 
@@ -254,7 +254,7 @@ class TestFolder:
         os.rename(music / "a.mid", os.fsencode(music) + b"/F\xfcr Elise.mid")
         report = import_path(music, jobs=1)
         (name,) = report.imported
-        assert user_library().info(name).title == "F\ufffdr Elise"
+        assert Library().info(name).title == "F\ufffdr Elise"
         assert main(["pieces", "list", "--csv", str(tmp_path / "all.csv")]) == 0
         assert "F\ufffdr Elise" in (tmp_path / "all.csv").read_text(encoding="utf-8")
         assert main(["pieces", "show", name]) == 0

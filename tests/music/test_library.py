@@ -16,11 +16,9 @@ from sb3_piano.music.difficulty import features
 from sb3_piano.music.library import (
     DATA_VARIABLE,
     Library,
-    data_folder,
     imported_pieces,
     piece_features,
     pieces_folder,
-    user_library,
 )
 from sb3_piano.music.library.store import check_name, is_built_in, slug
 
@@ -39,7 +37,7 @@ FROM_NOWHERE = {"source": "nowhere", "fingering": "none"}
 
 @pytest.fixture
 def library():
-    return user_library()
+    return Library()
 
 
 def with_title(score, title):
@@ -88,13 +86,13 @@ def test_what_is_known_about_a_piece_comes_back(library):
     assert (info.n_notes, info.duration) == (2, 1.0)
 
 
-def test_the_data_folder_is_the_variables_and_without_it_that_of_the_system(monkeypatch, data):
-    assert (data_folder(), pieces_folder()) == (data, data / "pieces")
+def test_the_folder_is_the_variables_and_without_it_that_of_the_system(monkeypatch, data):
+    assert pieces_folder() == data / "pieces"
     monkeypatch.delenv(DATA_VARIABLE)
     monkeypatch.setenv("XDG_DATA_HOME", "/home/somebody/share")
-    assert data_folder() == Path("/home/somebody/share/sb3-piano")
+    assert pieces_folder() == Path("/home/somebody/share/sb3-piano/pieces")
     monkeypatch.setenv(DATA_VARIABLE, "")
-    assert data_folder() == Path("/home/somebody/share/sb3-piano")
+    assert pieces_folder() == Path("/home/somebody/share/sb3-piano/pieces")
 
 
 def test_nothing_imported_means_no_pieces_and_makes_no_folder(data):
@@ -145,7 +143,7 @@ def test_a_removed_piece_is_gone_and_an_unknown_one_is_answered_with_near_names(
     with pytest.raises(UnknownPieceError, match=r"no piece 'etudes'\. Did you mean 'etude'\?"):
         library.remove("etudes")
     library.remove("etude")
-    assert ("etude" in library, len(library), list(imported_pieces())) == (False, 0, [])
+    assert ("etude" in library, library.names(), list(imported_pieces())) == (False, (), [])
     with pytest.raises(UnknownPieceError, match="no piece 'etude'"):
         library.score("etude")
 

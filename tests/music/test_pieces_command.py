@@ -10,7 +10,7 @@ import pytest
 
 from sb3_piano.music import BUILT_IN, Note, Score, load_score, read_midi, read_pig, write_midi
 from sb3_piano.music.difficulty import features
-from sb3_piano.music.library import user_library
+from sb3_piano.music.library import Library
 
 TWINKLE = "debug-TwinkleTwinkleLittleStar"
 
@@ -59,7 +59,7 @@ class TestImport:
     def test_its_options_arrive(self, run, music):
         run("import", music / "a.mid", "--name", "mine", "--fingering", "keep")
         assert not load_score("mine").has_fingering
-        assert user_library().info("mine").setting == "keep"
+        assert Library().info("mine").setting == "keep"
 
     def test_the_status_is_2_if_nothing_could_be_imported(self, run, music):
         status, out, err = run("import", music / "bad.mid")
@@ -108,10 +108,10 @@ class TestImport:
         assert process.returncode == 130
         assert "interrupted" in err
         assert "Traceback" not in err
-        assert len(user_library()) < 8
-        assert len(user_library()) > 0 or moment == "it has begun"
+        assert len(Library().names()) < 8
+        assert len(Library().names()) > 0 or moment == "it has begun"
         run("import", tmp_path / "many", "--jobs", "1")
-        assert len(user_library()) == 8
+        assert len(Library().names()) == 8
         assert not list((data / "pieces").glob("*.partial"))
 
 
@@ -177,7 +177,7 @@ class TestShow:
         assert 'Id:         RoboPianist-v0 with score="a"\n' in out
         assert f"Kept in:    {data / 'pieces' / 'a.npz'}" in out
         assert f"From:       {music / 'a.mid'}" in out
-        assert f"SHA-256:    {user_library().info('a').sha256}" in out
+        assert f"SHA-256:    {Library().info('a').sha256}" in out
 
     def test_hands_have_a_column_each_and_unknown_ones_too(self, run):
         notes = [
@@ -186,7 +186,7 @@ class TestShow:
             Note(onset=0, offset=1, pitch=40, finger=5),
             Note(onset=1, offset=2, pitch=90),
         ]
-        user_library().add(Score(notes=notes), "x", source="nowhere", fingering="none")
+        Library().add(Score(notes=notes), "x", source="nowhere", fingering="none")
         rows = rows_of(run("show", "x")[1])
         assert ["-", "0.00", "C4/2 E4", "E2/1", ""] in rows
         assert rows[-1][0:2] == ["-", "1.00"]
@@ -212,7 +212,7 @@ class TestRemove:
         run("import", music, "--jobs", "1")
         status, out, _ = run("remove", "a", "b", "a")
         assert (status, out) == (0, "Removed: a\nRemoved: b\n")
-        assert len(user_library()) == 0
+        assert len(Library().names()) == 0
 
     @pytest.mark.parametrize(
         ("name", "message"),
@@ -226,7 +226,7 @@ class TestRemove:
         run("import", music, "--jobs", "1")
         status, out, err = run("remove", "a", name)
         assert (status, out, message in err) == (2, "", True)
-        assert "a" in user_library()
+        assert "a" in Library()
 
 
 class TestExport:

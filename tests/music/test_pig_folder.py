@@ -10,7 +10,7 @@ import pytest
 from sb3_piano.exceptions import ScoreError, UnknownPieceError
 from sb3_piano.music import Note, PianoRoll, Score, load_score, read_midi, write_midi
 from sb3_piano.music.formats import write_pig
-from sb3_piano.music.library import PIG_PIECES, import_path, user_library
+from sb3_piano.music.library import PIG_PIECES, Library, import_path
 from sb3_piano.music.library.datasets import robopianist_name
 
 VERSION = "//Version: PianoFingering_v170101"
@@ -60,7 +60,7 @@ def test_pieces_get_robopianists_names_and_the_etudes_two_of_them(pig):
         "repertoire-150-FrenchSuiteNo1Allemande",
         "repertoire-150-GolliwoggsCakewalk",
     )
-    piece = user_library().pieces()["etude-12-GolliwoggsCakewalk"]
+    piece = Library().pieces()["etude-12-GolliwoggsCakewalk"]
     assert piece.collection == "etude-12"
     assert piece.title == "Somebody: Golliwogg's Cakewalk"
     assert (piece.source, piece.fingering) == ("the PIG data set, 002-1_fingering.txt", "PIG")
@@ -91,7 +91,7 @@ def test_it_is_imported_once(pig):
     import_path(pig, jobs=1)
     report = import_path(pig, jobs=1)
     assert (report.imported, len(report.present)) == ((), 5)
-    user_library().remove("etude-12-GolliwoggsCakewalk")
+    Library().remove("etude-12-GolliwoggsCakewalk")
     assert import_path(pig, jobs=1).imported == ("etude-12-GolliwoggsCakewalk",)
 
 
@@ -215,7 +215,7 @@ class TestSnippets:
         assert report.imported == (self.NOCTURNE, self.TWINKLE)
         assert self.fingers(self.TWINKLE) == {72: 4, 60: 6, 65: 3}
         assert self.fingers(self.NOCTURNE) == {60: 7, 72: 8, 65: 9}
-        piece = user_library().pieces()[self.NOCTURNE]
+        piece = Library().pieces()[self.NOCTURNE]
         assert (piece.collection, piece.fingering) == ("debug", "RoboPianist")
         assert piece.source == "RoboPianist, nocturne-trimmed.mid in checkout"
 
@@ -231,7 +231,7 @@ class TestSnippets:
         (package / "music" / "library.py").write_text("def nocturne_rousseau(:\n")
         import_path(package, jobs=1)
         assert -1 not in self.fingers(self.NOCTURNE).values()
-        assert user_library().info(self.NOCTURNE).fingering == "ergonomic"
+        assert Library().info(self.NOCTURNE).fingering == "ergonomic"
 
     def test_a_list_of_another_length_is_refused(self, package):
         (package / "music" / "library.py").write_text(

@@ -12,9 +12,8 @@ from music21 import corpus
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import MAX_PITCH, MIN_PITCH, Corpus, PianoRoll, load_score
-from sb3_piano.music.encore import ENCORE
+from sb3_piano.music.built_in import ENCORE, REPERTOIRE
 from sb3_piano.music.hands import finger_number
-from sb3_piano.music.repertoire import REPERTOIRE
 
 PIECES = {**REPERTOIRE, **ENCORE}
 BLACK = {1, 3, 6, 8, 10}

@@ -47,10 +47,10 @@ def test_a_plan_has_a_row_for_each_state_and_starts_with_all_joints_at_0(options
     assert len(made) == steps
     assert made.positions.shape == (steps + 1, nu)
     assert made.commands.shape == (steps, nu)
-    assert [gain.shape for gain in made.gains] == [(steps, nu // 2, nu // 2)] * 2
+    assert [hand.gains.shape for hand in made.hands] == [(steps, nu // 2, nu // 2)] * 2
     assert made.fingertips.shape == (steps + 1, 10, 3)
     assert not made.positions[0].any()
-    for array in (made.positions, made.commands, *made.gains):
+    for array in (made.positions, made.commands, *(hand.gains for hand in made.hands)):
         assert np.isfinite(array).all()
 
 
@@ -100,8 +100,8 @@ def test_the_same_piece_gives_the_same_plan():
     first, again = planned(PIECE, full=False), plan(roll_of(PIECE), scene_of(full=False), QUICK)
     np.testing.assert_array_equal(first.positions, again.positions)
     np.testing.assert_array_equal(first.commands, again.commands)
-    for one, other in zip(first.gains, again.gains, strict=True):
-        np.testing.assert_array_equal(one, other)
+    for one, other in zip(first.hands, again.hands, strict=True):
+        np.testing.assert_array_equal(one.gains, other.gains)
 
 
 @pytest.mark.slow

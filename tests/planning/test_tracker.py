@@ -37,7 +37,7 @@ def test_a_hand_that_is_ahead_is_told_to_go_less_far_by_the_share_of_the_gains(m
         )
         for hand in (0, 1):
             part = slice(hand * HALF, (hand + 1) * HALF)
-            expected = -made.gains[hand][step] @ ahead[part]
+            expected = -made.hands[hand].gains[step] @ ahead[part]
             np.testing.assert_allclose(
                 change[part][inside[part]], expected[inside[part]], atol=1e-10
             )

@@ -277,8 +277,17 @@ def test_a_data_set_that_does_not_tell_its_environment_is_refused(midi_file):
         clone("still-v0")
 
 
-@pytest.mark.parametrize("command", [["record", "CMajorScaleOneHand"], ["clone", "a-v0"]])
-def test_what_is_to_be_installed_is_told(command, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["record", "CMajorScaleOneHand"],
+        ["clone", "a-v0"],
+        ["corpus", "CMajorScaleOneHand", "--out", "folder"],
+        ["distill", "--out", "folder"],
+    ],
+)
+def test_what_is_to_be_installed_is_told(command, monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "minari", None)
     assert main(command) == 2
     assert "pip install 'sb3-piano[demonstrations]'" in capsys.readouterr().err

@@ -262,7 +262,9 @@ def test_another_callback_may_end_a_stage(write, run):
 @pytest.mark.slow
 def test_the_first_stage_may_start_from_a_run(write, run, tmp_path):
     alone = load_curriculum(write(PENDULUM))
-    source = train(alone.run_config(0), tmp_path / "source", progress_bar=False).folder
+    source = train(
+        alone.stages[0].run_config(alone.algo), tmp_path / "source", progress_bar=False
+    ).folder
     file = write({**PENDULUM, "callback": SAVES_BEGINNING}, init_from="source", with_buffer=True)
     (begun,) = run(file).runs
     assert_equal_models(begun.path / "beginning.zip", source.model_file)
@@ -297,7 +299,8 @@ def test_ctrl_c_stops_and_the_same_call_goes_on(write, run):
 
 def test_paths_that_begin_at_the_working_folder_are_no_obstacle(write, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    source = train(load_curriculum(write(PENDULUM)).run_config(0), "source", progress_bar=False)
+    alone = load_curriculum(write(PENDULUM))
+    source = train(alone.stages[0].run_config(alone.algo), "source", progress_bar=False)
     entry = {**SMALL, "policy": "MlpPolicy"}
     Path("own.yml").write_text(
         yaml.safe_dump({"default": {n: entry[n] for n in entry.keys() - {"algo"}}})

@@ -41,6 +41,8 @@ class Hub(http.server.BaseHTTPRequestHandler):
         folder = self.server.kept
         body = self.rfile.read(int(self.headers["Content-Length"]))
         if self.path.endswith("/api/repos/create"):
+            asked = json.loads(body)
+            self.server.asked.append(f"{asked['organization']}/{asked['name']}")
             self.send({"url": f"http://{self.headers['Host']}/a/b"})
         elif "/preupload/" in self.path:
             paths = [file["path"] for file in json.loads(body)["files"]]
@@ -103,16 +105,18 @@ def test_a_name_that_is_no_repository_is_refused():
 
 @pytest.mark.slow
 def test_a_run_is_published_and_fetched_without_its_pickles(pendulum_run, tmp_path):
-    pytest.importorskip("huggingface_sb3")
+    pytest.importorskip("huggingface_hub")
     kept = tmp_path / "kept"
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Hub)
-    server.kept = kept
+    server.kept, server.asked = kept, []
     threading.Thread(target=server.serve_forever, daemon=True).start()
     export = ["export", str(pendulum_run().path), str(tmp_path / "exported"), "--episodes", "1"]
     code = (
         "from sb3_piano.cli import main\n"
-        "from sb3_piano.training import load_player\n"
+        "from sb3_piano.training import RunFolder, load_player\n"
+        "from sb3_piano.training.sharing.hub import push_to_hub\n"
         f"status = main({[*export, '--no-video', '--push-to-hub', 'a/b']})\n"
+        f"push_to_hub(RunFolder.open({str(tmp_path / 'exported')!r}), 'a')\n"
         f"open({str(kept / 'model.zip')!r}, 'w').write('a pickle')\n"
         "with load_player('hf://a/b') as player:\n"
         "    there = (player.run.path / 'model.zip').exists()\n"
@@ -132,6 +136,7 @@ def test_a_run_is_published_and_fetched_without_its_pickles(pendulum_run, tmp_pa
     server.shutdown()
     assert done.returncode == 0, done.stderr
     assert f"Hub:      http://127.0.0.1:{server.server_port}/a/b" in done.stdout
+    assert server.asked == ["a/b", "a/td3-Pendulum-v1"]
     with load_player(tmp_path / "exported") as player:
         wanted = player.play()[0].metrics["return"]
     assert done.stdout.split()[-3:] == ["0", str(wanted), "False"]
@@ -159,6 +164,6 @@ def test_the_plan_of_a_refined_run_is_fetched(tmp_path, monkeypatch):
             return "fetched"
 
     Path("fetched").mkdir()
-    monkeypatch.setattr(hub, "_packages", lambda: (Packages(), None))
+    monkeypatch.setattr(hub, "_huggingface_hub", Packages)
     with load_player("hf:a/b") as player:
         assert player.play()[0].metrics["f1"] == pytest.approx(refined.f1)

@@ -350,7 +350,7 @@ def test_a_refined_run_keeps_its_plan_plays_it_and_goes_on(capsys):
     assert f1 >= before
     shutil.move("run", "moved")
     config = RunFolder.open("moved").read_config()
-    assert config.plan == str(Path("moved", "plan.npz"))
+    assert config.algorithm_kwargs["plan"] == str(Path("moved", "plan.npz"))
     with SavedPlayer.open("moved") as player:
         (recording,) = player.play()
     assert recording.metrics["f1"] == pytest.approx(f1, abs=5e-4)

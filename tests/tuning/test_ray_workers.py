@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 
@@ -14,7 +15,7 @@ from sb3_piano.tuning import StudyFolder
 from sb3_piano.tuning.storage import open_storage, open_study
 from sb3_piano.tuning.team import Team
 from sb3_piano.tuning.trials import repeated
-from sb3_piano.tuning.workers import ProcessWorker, RayWorkers
+from sb3_piano.tuning.workers import ActorWorker, ProcessWorker
 
 pytestmark = pytest.mark.slow
 
@@ -52,7 +53,7 @@ def test_actors_do_what_processes_do_and_the_trial_of_a_dead_one_is_run_again(
             os.kill(killed[0], signal.SIGKILL)
 
     with connected_to_ray(ray_cluster.address) as ray:
-        found, study = run(folder, RayWorkers(ray), kill_once)
+        found, study = run(folder, functools.partial(ActorWorker, ray), kill_once)
     assert killed
     assert repeated(study.trials) == {0}
     assert [trial.state for trial in study.trials].count(TrialState.FAIL) == 1

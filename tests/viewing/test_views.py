@@ -24,7 +24,7 @@ from sb3_piano.viewing import (
 )
 from sb3_piano.viewing.note_bars import Stretch
 from sb3_piano.viewing.stage import FIELD_OF_VIEW
-from sb3_piano.viewing.views import follows_music, place_camera, shows_bars
+from sb3_piano.viewing.views import SHOTS, place_camera
 
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 
@@ -46,8 +46,8 @@ def test_the_keys_are_in_the_middle_and_within_the_width_of_the_picture(view, as
 
 
 def test_close_goes_along_and_the_two_that_face_the_panel_show_notes():
-    assert [view for view in VIEWS if follows_music(view)] == ["close"]
-    assert [view for view in VIEWS if shows_bars(view)] == ["stage", "roll"]
+    assert [view for view in VIEWS if SHOTS[view].follows] == ["close"]
+    assert [view for view in VIEWS if SHOTS[view].bars] == ["stage", "roll"]
 
 
 def test_a_key_that_sounds_is_green_or_red_where_right_and_wrong_are_told_apart():

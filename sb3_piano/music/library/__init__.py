@@ -6,11 +6,9 @@ from sb3_piano.music.library.piece_file import PIECE_SUFFIX, PieceInfo, read_pie
 from sb3_piano.music.library.store import (
     DATA_VARIABLE,
     Library,
-    data_folder,
     imported_pieces,
     piece_features,
     pieces_folder,
-    user_library,
 )
 from sb3_piano.music.library.task import Unusable
 
@@ -22,11 +20,9 @@ __all__ = [
     "Library",
     "PieceInfo",
     "Unusable",
-    "data_folder",
     "import_path",
     "imported_pieces",
     "piece_features",
     "pieces_folder",
     "read_piece",
-    "user_library",
 ]

@@ -36,7 +36,7 @@ from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.fingering import pig_files
 from sb3_piano.music.formats import read_midi, read_pig
 from sb3_piano.music.formats.common import read_member
-from sb3_piano.music.library.store import user_library
+from sb3_piano.music.library.store import Library
 from sb3_piano.music.library.task import ImportTask
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
@@ -54,7 +54,7 @@ _SHORTEST = 1e-6
 
 
 def _load(name: str) -> Score:
-    library = user_library()
+    library = Library()
     if name in library:
         return library.score(name)
     raise UnknownPieceError(

@@ -30,7 +30,6 @@ from sb3_piano.music.library.store import (
     is_built_in,
     is_possible,
     slug,
-    user_library,
 )
 from sb3_piano.music.library.task import ImportTask, Outcome, Unusable, run_tasks
 from sb3_piano.settings import Count, checked
@@ -94,7 +93,7 @@ def import_path(
             listed in the report instead, and so is a single one.
         ConfigError: If a setting is not valid, or another import is under way.
     """
-    library = user_library() if library is None else library
+    library = Library() if library is None else library
     jobs = usable_cores() if jobs is None else checked("jobs", jobs, Count)
     imported: list[str] = []
     notes: list[Unusable] = []

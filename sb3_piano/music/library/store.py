@@ -23,8 +23,8 @@ from sb3_piano.exceptions import (
 )
 from sb3_piano.files import PARTIAL_SUFFIX
 from sb3_piano.locks import LOCK_SUFFIX, hold
+from sb3_piano.music.built_in import BUILT_IN
 from sb3_piano.music.difficulty import Features, features
-from sb3_piano.music.encore import ENCORE
 from sb3_piano.music.library.piece_file import (
     PIECE_SUFFIX,
     PieceInfo,
@@ -33,9 +33,7 @@ from sb3_piano.music.library.piece_file import (
     write_piece,
 )
 from sb3_piano.music.piece import Piece
-from sb3_piano.music.repertoire import REPERTOIRE
 from sb3_piano.music.score import Score
-from sb3_piano.music.studies import STUDIES
 
 DATA_VARIABLE = "SB3_PIANO_DATA"
 """Environment variable with the folder for the user's data, in place of the system's usual one."""
@@ -46,15 +44,11 @@ LONGEST_NAME = 200
 _NAME = re.compile(r"\w[\w-]*")
 
 
-def data_folder() -> Path:
-    """Return the folder for the user's data; it need not exist yet."""
-    chosen = os.environ.get(DATA_VARIABLE)
-    return Path(chosen).absolute() if chosen else platformdirs.user_data_path("sb3-piano")
-
-
 def pieces_folder() -> Path:
     """Return the folder in which imported pieces are kept; it need not exist yet."""
-    return data_folder() / "pieces"
+    chosen = os.environ.get(DATA_VARIABLE)
+    data = Path(chosen).absolute() if chosen else platformdirs.user_data_path("sb3-piano")
+    return data / "pieces"
 
 
 def slug(text: str) -> str:
@@ -75,8 +69,7 @@ def cut(text: str, size: int) -> str:
 
 def is_built_in(name: str) -> bool:
     """Return whether a piece that comes with the package is called so, in full or in short."""
-    ours = (*STUDIES.values(), *REPERTOIRE.values(), *ENCORE.values())
-    return any(piece.name in (name, f"{piece.collection}-{name}") for piece in ours)
+    return any(piece.name in (name, f"{piece.collection}-{name}") for piece in BUILT_IN.values())
 
 
 def is_possible(name: str) -> bool:
@@ -116,9 +109,6 @@ class Library:
 
     def __contains__(self, name: object) -> bool:
         return name in self.names()
-
-    def __len__(self) -> int:
-        return len(self.names())
 
     def names(self) -> tuple[str, ...]:
         """Return the names of all pieces, damaged or not, in alphabetical order.
@@ -276,14 +266,9 @@ def _read_info(path: Path, version: object) -> PieceInfo:
     return read_info(path)
 
 
-def user_library() -> Library:
-    """Return the user's library."""
-    return Library()
-
-
 def imported_pieces() -> dict[str, Piece]:
     """Return the imported pieces by name; none if their folder cannot be read."""
-    return user_library().pieces()
+    return Library().pieces()
 
 
 def piece_features(piece: Piece) -> Features:
@@ -292,7 +277,7 @@ def piece_features(piece: Piece) -> Features:
     Raises:
         ScoreError: If its score cannot be made.
     """
-    library = user_library()
+    library = Library()
     noted = library.info(piece.name).features if piece.name in library else None
     # Another version may have named others.
     if noted is None or set(noted) != {field.name for field in fields(Features)}:

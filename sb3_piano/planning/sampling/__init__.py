@@ -2,12 +2,11 @@
 
 from sb3_piano.planning.sampling.cost import COST_FROM_ZERO, SamplingCost
 from sb3_piano.planning.sampling.noise import NOISE_FROM_ZERO, SamplingNoise
-from sb3_piano.planning.sampling.predictive_sampling import NOMINALS, PredictiveSampling
+from sb3_piano.planning.sampling.predictive_sampling import PredictiveSampling
 
 __all__ = [
     "COST_FROM_ZERO",
     "NOISE_FROM_ZERO",
-    "NOMINALS",
     "PredictiveSampling",
     "SamplingCost",
     "SamplingNoise",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.exceptions import ConfigError, EnvStateError, near_names
+from sb3_piano.exceptions import ConfigError, EnvStateError
 from sb3_piano.music import PianoRoll
 from sb3_piano.planning.pianist import Trackers
 from sb3_piano.planning.policy import PianoPolicy
@@ -19,9 +19,6 @@ from sb3_piano.planning.sampling.noise import NOISE_FROM_ZERO, Candidates, Sampl
 from sb3_piano.planning.sampling.search import CandidateSearch, Simulations
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.settings import Count, Index, checked
-
-NOMINALS = ("plan", "none")
-"""Nominal commands that candidates may change."""
 
 
 class PredictiveSampling(PianoPolicy):
@@ -93,12 +90,7 @@ class PredictiveSampling(PianoPolicy):
                 or the environment is out of reach.
         """
         super().__init__(env)
-        if nominal not in NOMINALS:
-            raise ConfigError(
-                f"nominal is {nominal!r}: expected one of {', '.join(map(repr, NOMINALS))}."
-                f"{near_names(str(nominal), NOMINALS)}"
-            )
-        self._planned = nominal == "plan"
+        self._planned = checked("nominal", nominal, Literal["plan", "none"]) == "plan"
         if plan is not None and not self._planned:
             raise ConfigError(
                 f"plan is {plan!r} and nominal {nominal!r}: expected nominal 'plan', or no plan."
@@ -132,9 +124,10 @@ class PredictiveSampling(PianoPolicy):
             known.append(episode.candidates.none())
         known = known[: self._samples]
         drawn = episode.candidates.draw(self._samples - len(known), self._random[slot])
-        best = episode.search.best(piano, np.stack(known), known[0] + drawn)
-        episode.knots, episode.next_step = best.knots, step + 1
-        return piano.action_map.action(best.controls, pedal_down=bool(piano.roll.sustain[step]))
+        new = known[0] + drawn
+        episode.knots, controls = episode.search.best(piano, np.stack(known), new)
+        episode.next_step = step + 1
+        return piano.action_map.action(controls, pedal_down=bool(piano.roll.sustain[step]))
 
     def _episode(self, slot: int, step: int) -> _Episode:
         """Return what is known of an episode, or begin one."""

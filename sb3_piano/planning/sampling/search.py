@@ -14,10 +14,8 @@ from sb3_piano.music import PianoRoll
 from sb3_piano.planning.sampling.cost import SamplingCost, wrong_keys
 from sb3_piano.planning.sampling.noise import Candidates
 from sb3_piano.planning.tracker import Tracker
-from sb3_piano.simulation import PianoScene, Simulation, compile_scene
+from sb3_piano.simulation import Simulation, compile_scene
 from sb3_piano.threads import ThreadTeam
-
-_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 class Ratings(NamedTuple):
@@ -30,17 +28,6 @@ class Ratings(NamedTuple):
     """(n, nu) what the actuators are told in the first control step, rad or m."""
     mistakes: IntArray
     """(n,) how many keys sound that should not, or do not that should, over all control steps."""
-
-
-class BestCandidate(NamedTuple):
-    """The best candidate."""
-
-    knots: FloatArray
-    """(k, nu) its change of the nominal controls, as knots."""
-    controls: FloatArray
-    """(nu,) what the actuators are told in the first control step, rad or m."""
-    cost: float
-    """Its cost."""
 
 
 class CandidateSearch:
@@ -64,7 +51,9 @@ class CandidateSearch:
         self._at_rest = np.clip(np.zeros(scene.model.nu), scene.ctrl_low, scene.ctrl_high)
         self._any_finger = not np.count_nonzero(roll.finger >= 0)
 
-    def best(self, piano: PianoEnv, known: FloatArray, new: FloatArray) -> BestCandidate:
+    def best(
+        self, piano: PianoEnv, known: FloatArray, new: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the candidate that costs least; of equals, the first.
 
         The known ones go first. What the best of them costs is the most that a new one may cost
@@ -76,20 +65,20 @@ class CandidateSearch:
             piano: The environment, from whose present state on they are simulated.
             known: (m, k, nu) candidates that are likely to be good, at least one.
             new: (n, k, nu) the others.
+
+        Returns:
+            (k, nu) its change of the nominal controls, as knots, and (nu,) what the actuators are
+            told in the first control step, rad or m.
         """
         first = self.rate(piano, known)
         leader = int(np.argmin(first.cost))
         faultless = np.isfinite(first.cost[leader]) and first.mistakes[leader] == 0
         if self._tracker is not None and faultless:
-            return BestCandidate(known[leader], first.controls[leader], float(first.cost[leader]))
+            return known[leader], first.controls[leader]
         second = self.rate(piano, new, bound=float(first.cost.min()))
-        cost = np.concatenate([first.cost, second.cost])
-        winner = int(np.argmin(cost))
-        return BestCandidate(
-            knots=np.concatenate([known, new])[winner],
-            controls=np.concatenate([first.controls, second.controls])[winner],
-            cost=float(cost[winner]),
-        )
+        winner = int(np.argmin(np.concatenate([first.cost, second.cost])))
+        controls = np.concatenate([first.controls, second.controls])
+        return np.concatenate([known, new])[winner], controls[winner]
 
     def rate(self, piano: PianoEnv, knots: FloatArray, *, bound: float = np.inf) -> Ratings:
         """Simulate candidates from the present state on, up to the horizon or the piece's end.
@@ -176,10 +165,10 @@ class Simulations:
         """
         self.source = piano.scene
         """The scene of the environment for which these were built."""
-        config = (
-            piano.config if physics is None else dataclasses.replace(piano.config, physics=physics)
-        )
-        self.scene = piano.scene if physics is None else _same_scene(piano, config.physics)
+        config, self.scene = piano.config, piano.scene
+        if physics is not None:
+            config = dataclasses.replace(config, physics=physics)
+            self.scene = compile_scene(**{**piano.scene.options, "physics": physics})
         self._simulations = [Simulation(self.scene, config.n_substeps) for _ in range(n)]
         self._datas = [simulation.data for simulation in self._simulations]
         team = ThreadTeam(n, n_threads)
@@ -192,11 +181,7 @@ class Simulations:
         if model is piano.model:
             mujoco.mj_copyData(first, model, piano.data)
         else:
-            state = np.empty(mujoco.mj_stateSize(piano.model, _STATE))
-            mujoco.mj_getState(piano.model, piano.data, state, _STATE)
-            mujoco.mj_resetData(model, first)
-            mujoco.mj_setState(model, first, state, _STATE)
-            mujoco.mj_step1(model, first)
+            self._simulations[0].set_state(piano.simulation.get_state())
         for data in self._datas[1:n]:
             mujoco.mj_copyData(data, model, first)
 
@@ -235,14 +220,3 @@ class Simulations:
     def press_points(self, which: IntArray, keys: IntArray) -> FloatArray:
         """Return where k keys should be pressed, (m, k, 3) m."""
         return np.stack([self.scene.press_point(self._datas[n], keys) for n in which])
-
-
-def _same_scene(piano: PianoEnv, physics: str) -> PianoScene:
-    moving, config = piano.scene.moving_keys, piano.config
-    return compile_scene(
-        reduced_action_space=config.reduced_action_space,
-        gravity_compensation=config.gravity_compensation,
-        physics=physics,
-        moving_keys=(moving.start, moving.stop - 1),
-        sides=config.sides,
-    )

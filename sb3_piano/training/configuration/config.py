@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, Self
 
@@ -58,6 +58,10 @@ class Plugin:
         object.__setattr__(self, "path", full_name(self.path))
         object.__setattr__(self, "kwargs", plain(self.kwargs, self.path))
 
+    def is_a(self, kind: type) -> bool:
+        """Return whether its class is one, or below it."""
+        return issubclass(import_name(self.path), kind)
+
     def __call__(self, *args: Any) -> Any:
         """Make one of the class.
 
@@ -71,8 +75,6 @@ class Plugin:
             raise ConfigError(
                 f"{self.path} cannot be called with {dict(self.kwargs)}: {error}."
             ) from error
-        except ValueError:
-            pass  # a builtin that does not tell its parameters
         return function(*args, **self.kwargs)
 
 
@@ -88,9 +90,12 @@ def parse_plugins(value: Any, key: str, base: type) -> tuple[Plugin, ...]:
     return plugins
 
 
-def plugins_to_plain(plugins: tuple[Plugin, ...]) -> list[dict[str, Any]]:
-    """Return plugins in the form that :func:`parse_plugins` reads."""
-    return [{plugin.path: dict(plugin.kwargs)} for plugin in plugins]
+def with_arguments(plugins: Iterable[Plugin], kind: type, **arguments: Any) -> tuple[Plugin, ...]:
+    """Return plugins, those of a class with other arguments."""
+    return tuple(
+        dataclasses.replace(p, kwargs={**p.kwargs, **arguments}) if p.is_a(kind) else p
+        for p in plugins
+    )
 
 
 def _plugin(entry: Any, key: str) -> Plugin:
@@ -192,16 +197,8 @@ class PlayConfig:
     @property
     def network(self) -> str | None:
         """The file of the sight-reader's network that is corrected, if any is named."""
-        files = [p.kwargs.get("model") for p in self.env_wrapper if _corrects(p)]
+        files = [p.kwargs.get("model") for p in self.env_wrapper if p.is_a(PlayerResidual)]
         return files[0] if files else None
-
-    def with_network(self, file: str) -> Self:
-        """Return the settings with another file of that network.
-
-        Raises:
-            ConfigError: If none is corrected.
-        """
-        return self.correcting(model=file)
 
     def correcting(self, **arguments: Any) -> Self:
         """Return the settings with other arguments of the wrapper that corrects a player.
@@ -209,34 +206,23 @@ class PlayConfig:
         Raises:
             ConfigError: If there is none.
         """
-        if not any(map(_corrects, self.env_wrapper)):
+        if not any(plugin.is_a(PlayerResidual) for plugin in self.env_wrapper):
             raise ConfigError(
                 "env_wrapper has no sb3_piano.players.PlayerResidual, which corrects a player: "
                 "expected it after sb3_piano.wrappers.HandActions."
             )
-        wrappers = tuple(
-            dataclasses.replace(p, kwargs={**p.kwargs, **arguments}) if _corrects(p) else p
-            for p in self.env_wrapper
-        )
+        wrappers = with_arguments(self.env_wrapper, PlayerResidual, **arguments)
         return dataclasses.replace(self, env_wrapper=wrappers)
-
-    @property
-    def plan(self) -> str | None:
-        """The file of the plan that is followed, if any is named."""
-        return None
 
     @property
     def base(self) -> str | None:
         """The folder of the run whose model is corrected, if one is."""
-        runs = [p.kwargs.get("run") for p in self.env_wrapper if _corrects_run(p)]
+        runs = [p.kwargs.get("run") for p in self.env_wrapper if p.is_a(CorrectsRun)]
         return runs[0] if runs else None
 
     def with_base(self, folder: str) -> Self:
         """Return the settings with another folder of that run."""
-        wrappers = tuple(
-            dataclasses.replace(p, kwargs={**p.kwargs, "run": folder}) if _corrects_run(p) else p
-            for p in self.env_wrapper
-        )
+        wrappers = with_arguments(self.env_wrapper, CorrectsRun, run=folder)
         return dataclasses.replace(self, env_wrapper=wrappers)
 
     def to_mapping(self) -> dict[str, Any]:
@@ -244,8 +230,10 @@ class PlayConfig:
         mapping = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         for name, value in mapping.items():
             if isinstance(value, tuple):
-                plugins = all(isinstance(entry, Plugin) for entry in value)
-                mapping[name] = plugins_to_plain(value) if plugins else list(value)
+                mapping[name] = [
+                    {each.path: dict(each.kwargs)} if isinstance(each, Plugin) else each
+                    for each in value
+                ]
         return {name: plain(value, name) for name, value in mapping.items()}
 
     def _check_algorithm_kwargs(self, made: type) -> dict[str, Any]:
@@ -281,15 +269,6 @@ class PlannedConfig(PlayConfig):
     def network(self) -> str | None:
         """The file of the network that plays, if any is named."""
         return self.algorithm_kwargs.get("model")
-
-    @property
-    def plan(self) -> str | None:
-        """The file of the plan that is followed, if any is named."""
-        return self.algorithm_kwargs.get("plan")
-
-    def with_network(self, file: str) -> Self:
-        """Return the settings with another file of that network."""
-        return self.playing(model=file)
 
     def playing(self, **arguments: Any) -> Self:
         """Return the settings with other arguments of what plays."""
@@ -400,7 +379,7 @@ class RunConfig(PlayConfig):
         As many as there are environments, or hands in them if each is an agent.
         """
         hands = 1
-        if any(issubclass(import_name(p.path), HandsAsAgents) for p in self.vec_env_wrapper):
+        if any(plugin.is_a(HandsAsAgents) for plugin in self.vec_env_wrapper):
             options = {**gym.spec(self.env_id).kwargs, **self.env_kwargs}
             side = options.get("hands_in_scene", "both")
             hands = max(len(PianoEnvConfig(hands_in_scene=side).sides), 1)
@@ -423,14 +402,6 @@ class RunConfig(PlayConfig):
 
 class CorrectsRun:
     """Marks wrappers that correct the model of a run, whose folder is their argument ``run``."""
-
-
-def _corrects(wrapper: Plugin) -> bool:
-    return import_name(wrapper.path) is PlayerResidual
-
-
-def _corrects_run(wrapper: Plugin) -> bool:
-    return issubclass(import_name(wrapper.path), CorrectsRun)
 
 
 def _policy_class(policy: str, algorithm: type[BaseAlgorithm]) -> type[BasePolicy]:

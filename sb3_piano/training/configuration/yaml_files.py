@@ -74,7 +74,7 @@ def load_overlaid(
         file, (_, name) = Path(path), registered_id(env_id)
         entry_name, entry = _entry_of(file, name)
         try:
-            overrides = _merged(entry, overrides)
+            overrides = merged(entry, overrides)
         except ConfigError as error:
             raise ConfigError(f"'{file}', entry {entry_name!r}: {error}") from error
     return _loaded(algo, env_id, preset, overrides)[1]
@@ -106,7 +106,7 @@ def _loaded(
     file = _preset(algo, path) if path is None or path in NAMED else _own_file(path)
     entry_name, found = _entry_of(file, name)
     try:
-        entry = _merged(found, overrides)
+        entry = merged(found, overrides)
         return entry, entry_config(algo, env_id, entry)
     except ConfigError as error:
         given = f" with {', '.join(overrides)} replaced" if overrides else ""
@@ -148,14 +148,19 @@ def _entry_of(file: Path, name: str) -> tuple[str, Any]:
     return entry_name, entries[entry_name]
 
 
-def _merged(entry: Any, overrides: Mapping[str, Any]) -> dict[str, Any]:
+def merged(entry: Any, overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an entry with overrides in place of its keys, ``env_kwargs`` option by option.
+
+    Raises:
+        ConfigError: If it is no mapping, or its ``env_kwargs`` are not.
+    """
     if not isinstance(entry, Mapping):
         raise ConfigError(f"It holds {entry!r}: expected a mapping of hyperparameters.")
-    merged = {**entry, **overrides}
+    both = {**entry, **overrides}
     if "env_kwargs" in entry and "env_kwargs" in overrides:
-        both = [coerce_mapping(e["env_kwargs"], "env_kwargs") for e in (entry, overrides)]
-        merged["env_kwargs"] = both[0] | both[1]
-    return merged
+        options = [coerce_mapping(e["env_kwargs"], "env_kwargs") for e in (entry, overrides)]
+        both["env_kwargs"] = options[0] | options[1]
+    return both
 
 
 def read_yaml_mapping(path: Path) -> dict[Any, Any]:

@@ -17,9 +17,9 @@ from pydantic import BeforeValidator
 
 from sb3_piano.envs import PianoEnvConfig
 from sb3_piano.exceptions import RunError
-from sb3_piano.files import read_json, write_csv
+from sb3_piano.files import read_json, write_atomically, write_csv
 from sb3_piano.settings import checked, refuse_unknown
-from sb3_piano.training.evaluation.difference_plot import write_difference_plot
+from sb3_piano.training.evaluation.difference_plot import difference_plot, picture_format
 from sb3_piano.training.evaluation.statistics import (
     SignedRankTest,
     Summary,
@@ -148,12 +148,15 @@ class Comparison:
         write_csv(path, ("metric", "piece", "seed", "a", "b", "difference"), rows)
 
     def plot(self, path: str | os.PathLike[str]) -> None:
-        """Write a picture of each metric's differences, sorted, with their mean and its interval.
+        """Write :func:`difference_plot`, whole or not at all, in the format that the suffix tells.
 
         Raises:
             ConfigError: If ``path`` does not end in .png, .svg or .pdf.
         """
-        write_difference_plot(self, path)
+        path = Path(path)
+        kind = picture_format(path)
+        figure = difference_plot(self)
+        write_atomically(path, lambda file: figure.savefig(file, format=kind, dpi=120))
 
 
 def compare(

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.files import write_atomically
 from sb3_piano.metrics import DEFINITIONS
 from sb3_piano.training.evaluation.statistics import CONFIDENCE
 
@@ -64,18 +62,6 @@ def picture_format(path: Path) -> str:
             f"{', '.join(PICTURE_SUFFIXES[:-1])} or {PICTURE_SUFFIXES[-1]}."
         )
     return suffix.removeprefix(".")
-
-
-def write_difference_plot(comparison: Comparison, path: str | os.PathLike[str]) -> None:
-    """Write :func:`difference_plot`, whole or not at all, in the format that the suffix tells.
-
-    Raises:
-        ConfigError: If the suffix is none of :data:`PICTURE_SUFFIXES`.
-    """
-    path = Path(path)
-    kind = picture_format(path)
-    figure = difference_plot(comparison)
-    write_atomically(path, lambda file: figure.savefig(file, format=kind, dpi=120))
 
 
 def difference_plot(comparison: Comparison) -> Figure:

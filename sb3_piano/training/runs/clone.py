@@ -91,7 +91,7 @@ def clone(
         ConfigError: If there is no such data set, it does not tell its environment, or a setting is
             not valid.
         RunError: If the folder cannot be used.
-        ImportError: If Minari is not installed.
+        MissingPackageError: If Minari is not installed.
     """
     if algo not in CLONABLE:
         raise ConfigError(

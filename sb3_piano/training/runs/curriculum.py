@@ -21,7 +21,7 @@ from sb3_piano.files import Place, write_yaml
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.settings import Count, checked
-from sb3_piano.training.configuration.config import Plugin, RunConfig
+from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.runs.curriculum_checks import check_fit, check_unchanged
 from sb3_piano.training.runs.curriculum_config import (
     CURRICULUM_FILE,
@@ -35,7 +35,7 @@ from sb3_piano.training.runs.curriculum_progress import (
     StageWatch,
 )
 from sb3_piano.training.runs.folder import RunFolder, unwritable
-from sb3_piano.training.runs.start import StartFromRun
+from sb3_piano.training.runs.start import start_plugin
 from sb3_piano.training.runs.train import TrainResult, resume, train
 
 
@@ -169,7 +169,7 @@ class _Work:
 
     def _config(self, index: int) -> RunConfig:
         """Return the settings of a stage's new run, with its seed and its start."""
-        config = self.curriculum.run_config(index)
+        config = self.curriculum.stages[index].run_config(self.curriculum.algo)
         config = dataclasses.replace(config, seed=self.curriculum.seed)
         start: str | os.PathLike[str] | None = self.curriculum.init_from
         if index > 0:
@@ -180,10 +180,7 @@ class _Work:
             start = before.path
         if start is None:
             return config
-        kwargs: dict[str, Any] = {"run": os.path.abspath(start)}
-        if self.curriculum.stages[index].with_buffer:
-            kwargs["with_buffer"] = True
-        plugin = Plugin(path=f"sb3_piano.training.{StartFromRun.__name__}", kwargs=kwargs)
+        plugin = start_plugin(start, self.curriculum.stages[index].with_buffer)
         return dataclasses.replace(config, callback=(*config.callback, plugin))
 
     def _watch(self, index: int) -> StageWatch:

@@ -31,15 +31,15 @@ from sb3_piano.settings import (
     refuse_unknown,
     settings,
 )
-from sb3_piano.training.configuration.config import Plugin, RunConfig
-from sb3_piano.training.configuration.names import algorithm_class, import_name
+from sb3_piano.training.configuration.config import Plugin, RunConfig, with_arguments
+from sb3_piano.training.configuration.names import algorithm_class
 from sb3_piano.training.configuration.values import (
     coerce_mapping,
     parameters_of,
     plain,
     zoo_number,
 )
-from sb3_piano.training.configuration.yaml_files import load_config, read_yaml_mapping
+from sb3_piano.training.configuration.yaml_files import load_config, merged, read_yaml_mapping
 from sb3_piano.training.runs.folder import FILE_OPTIONS
 
 CURRICULUM_FILE = "curriculum.yml"
@@ -117,28 +117,21 @@ class Condition:
         Raises:
             ConfigError: If so few are made that it can never be met.
         """
-        plugins = list(config.callback)
-        judges = [i for i, plugin in enumerate(plugins) if _evaluates(plugin)]
-        if not judges:
+        plugins = config.callback
+        if not any(plugin.is_a(MetricEvalCallback) for plugin in plugins):
             kind = OnsetF1Callback if OnsetF1Callback.metric in self.thresholds else F1Callback
-            plugins.append(Plugin(path=f"sb3_piano.callbacks.{kind.__name__}"))
-            judges = [len(plugins) - 1]
+            plugins = (*plugins, Plugin(path=f"sb3_piano.callbacks.{kind.__name__}"))
         if self.eval_freq is not None:
-            for index in judges:
-                kwargs = {**plugins[index].kwargs, "eval_freq": self.eval_freq}
-                plugins[index] = dataclasses.replace(plugins[index], kwargs=kwargs)
-        most = sum(_evaluations(plugins[index], config) for index in judges)
+            plugins = with_arguments(plugins, MetricEvalCallback, eval_freq=self.eval_freq)
+        judges = [plugin for plugin in plugins if plugin.is_a(MetricEvalCallback)]
+        most = sum(_evaluations(plugin, config) for plugin in judges)
         if most < self.patience:
             raise ConfigError(
                 f"until {self.to_mapping()} can never be met: in n_timesteps {config.n_timesteps} "
                 f"of {config.n_agents} environment(s), or hands as agents, come {most} "
                 "evaluations. Expected more steps, or a smaller eval_freq."
             )
-        return dataclasses.replace(config, callback=tuple(plugins))
-
-
-def _evaluates(plugin: Plugin) -> bool:
-    return issubclass(import_name(plugin.path), MetricEvalCallback)
+        return dataclasses.replace(config, callback=plugins)
 
 
 def _evaluations(plugin: Plugin, config: RunConfig) -> int:
@@ -204,10 +197,8 @@ class Stage:
         Raises:
             ConfigError: If one is not valid.
         """
-        overrides = dict(self.settings)
-        if self.piece is not None:
-            options = coerce_mapping(overrides.get("env_kwargs", {}), "env_kwargs")
-            overrides["env_kwargs"] = {**options, "score": self.piece}
+        own = {} if self.piece is None else {"env_kwargs": {"score": self.piece}}
+        overrides = merged(self.settings, own)
         if self.pieces:
             overrides["pieces"] = self.pieces
         config = load_config(algo, self.env or GENERAL_ID, self.config, **overrides)
@@ -254,17 +245,6 @@ class Curriculum:
     def run_names(self) -> tuple[str, ...]:
         """Names of the stages' folders, such as ``1_hanon-01``."""
         return tuple(f"{n}_{stage.label}" for n, stage in enumerate(self.stages, start=1))
-
-    def run_config(self, index: int) -> RunConfig:
-        """Return the settings of a stage's run, without seed and start.
-
-        Raises:
-            ConfigError: If one is not valid.
-        """
-        try:
-            return self.stages[index].run_config(self.algo)
-        except ConfigError as error:
-            raise ConfigError(f"Stage {index + 1}: {error}") from error
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[Any, Any], folder: Path | None = None) -> Self:
@@ -344,11 +324,7 @@ def _merged(common: Mapping[str, Any], stage: Mapping[str, Any]) -> dict[str, An
     """Return a stage's keys with those that hold for all stages."""
     if any(name in stage for name in _PLAYED):
         common = {name: value for name, value in common.items() if name not in _PLAYED}
-    merged = {**common, **stage}
-    if "env_kwargs" in common and "env_kwargs" in stage:
-        both = [coerce_mapping(each["env_kwargs"], "env_kwargs") for each in (common, stage)]
-        merged["env_kwargs"] = both[0] | both[1]
-    return merged
+    return merged(common, stage)
 
 
 def _stage(keys: dict[str, Any], folder: Path | None) -> Stage:

@@ -70,7 +70,7 @@ def load_fine_tuning(
         return config.correcting(player=player)
     network = os.fspath(SHIPPED if player == SIGHT_READER else player)
     HandModel.load(network)  # what is wrong with it is told before processes are started
-    return config.with_network(network)
+    return config.correcting(model=network)
 
 
 def _of_run(

@@ -22,7 +22,7 @@ import sb3_piano
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import PARTIAL_SUFFIX, Place, write_yaml
 from sb3_piano.locks import LOCK_SUFFIX, hold
-from sb3_piano.music.library import user_library
+from sb3_piano.music.library import Library
 from sb3_piano.players.hand_model import FILE_NAME as HAND_FILE
 from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
 from sb3_piano.training.configuration.names import (
@@ -244,7 +244,7 @@ class RunFolder:
         write_yaml(self.provenance_file, dict(notes))
 
     def _write(self, config: PlayConfig) -> None:
-        notes, library = provenance(config.seed), user_library()
+        notes, library = provenance(config.seed), Library()
         self.write_provenance(notes)  # by which a folder that was never finished is known
         for option, text in named_files(config).items():
             file = Path(text)
@@ -344,7 +344,7 @@ def _texts(value: Any) -> Iterator[str]:
 def named_files(config: PlayConfig) -> dict[str, str]:
     """Return what may name files: options of the environment, a network, a base run, a plan."""
     options = {name: config.env_kwargs.get(name) for name in FILE_OPTIONS}
-    options |= {MODEL: config.network, BASE: config.base, PLAN: config.plan}
+    options |= {MODEL: config.network, BASE: config.base, PLAN: config.algorithm_kwargs.get(PLAN)}
     return {name: text for name, text in options.items() if isinstance(text, str)}
 
 
@@ -352,10 +352,10 @@ def _with_files(config: PlayConfig, files: Mapping[str, str]) -> PlayConfig:
     """Return the settings with other files in place of those of :func:`named_files`."""
     options = {name: file for name, file in files.items() if name in FILE_OPTIONS}
     config = config.in_env(**options)
-    if PLAN in files and isinstance(config, PlannedConfig):
-        config = config.playing(plan=files[PLAN])
     config = config.with_base(files[BASE]) if BASE in files else config
-    return config.with_network(files[MODEL]) if MODEL in files else config
+    if isinstance(config, PlannedConfig):
+        return config.playing(**{n: file for n, file in files.items() if n in (PLAN, MODEL)})
+    return config.correcting(model=files[MODEL]) if MODEL in files else config
 
 
 def _first_free(parent: Path, env_id: str) -> Path:

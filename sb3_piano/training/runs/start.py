@@ -170,6 +170,12 @@ class StartFromRun(BaseCallback):
         end_last_episode(buffer)  # a new one begins
 
 
+def start_plugin(run: str | os.PathLike[str], with_buffer: bool = False) -> Plugin:
+    """Return the callback with which a training starts from what the run in a folder has learnt."""
+    kwargs: dict[str, Any] = {"run": os.path.abspath(run)}
+    return Plugin(path=_START, kwargs=kwargs | ({"with_buffer": True} if with_buffer else {}))
+
+
 def load_start(
     run: str | os.PathLike[str],
     env_id: str | None = None,
@@ -200,9 +206,7 @@ def load_start(
             f"Run '{folder.path}' plays by {config.algo!r} without any training: expected one that "
             "'sb3-piano train' made."
         )
-    start = Plugin(path=_START, kwargs={"run": str(folder.path.absolute())})
-    if with_buffer:
-        start = dataclasses.replace(start, kwargs={**start.kwargs, "with_buffer": True})
+    start = start_plugin(folder.path, with_buffer)
     given = overrides.pop("env_kwargs", {})
     another = env_id is not None and registered_id(env_id)[1] != config.env_id
     others = another or "score" in given or bool(overrides.get("pieces"))

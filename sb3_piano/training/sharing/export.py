@@ -62,7 +62,7 @@ def export_run(
             model cannot be written as ONNX.
         RunError: If there is no run, it has no model that can be loaded, or the folder cannot be
             used.
-        ImportError: If ``onnx`` is asked for and not installed.
+        MissingPackageError: If ``onnx`` is asked for and not installed.
     """
     exported = ExportedFolder(write_player(run, folder, best=best).path)
     with exported.whole_or_gone():

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from sb3_piano.exceptions import ConfigError, RunError, one_line
+from sb3_piano.exceptions import ConfigError, MissingPackageError, RunError, one_line
 from sb3_piano.training.playing.player import SavedPlayer
 from sb3_piano.training.runs.folder import RunFolder
 
@@ -32,7 +32,7 @@ def load_player(folder: str | os.PathLike[str], **options: Any) -> SavedPlayer:
     Raises:
         ConfigError: If its settings are damaged or name anything else.
         RunError: If it is no exported run, its weights are damaged, or it cannot be fetched.
-        ImportError: If it is on the Hub and ``sb3-piano[hub]`` is not installed.
+        MissingPackageError: If it is on the Hub and ``sb3-piano[hub]`` is not installed.
     """
     return SavedPlayer.open(exported_folder(folder), **options)
 
@@ -58,13 +58,12 @@ def push_to_hub(run: RunFolder, repo: str) -> str:
     Raises:
         ConfigError: If the settings of the run may not be exported.
         RunError: If the Hub refuses it.
-        ImportError: If ``sb3-piano[hub]`` is not installed.
+        MissingPackageError: If ``sb3-piano[hub]`` is not installed.
     """
     config = run.read_config(exported=True)
-    hub, names = _packages()
+    hub = _huggingface_hub()
     if "/" not in repo:
-        model = names.ModelName(config.algo, names.EnvironmentName(config.env_id))
-        repo = str(names.ModelRepoId(repo, model))
+        repo = f"{repo}/{config.algo}-{config.env_id.replace('/', '-')}"
     try:
         api = hub.HfApi()
         created = api.create_repo(repo_id=repo, exist_ok=True)
@@ -86,7 +85,7 @@ def _fetched(name: str) -> Path:
     match = _HUB.fullmatch(name)
     if match is None:
         raise ConfigError(f"{name!r} is no repository: expected hf://OWNER/NAME[@REVISION].")
-    hub, _ = _packages()
+    hub = _huggingface_hub()
     patterns = [*_FILES, *(f"base/{pattern}" for pattern in _FILES)]
     try:
         fetched = hub.snapshot_download(
@@ -100,12 +99,11 @@ def _fetched(name: str) -> Path:
     return Path(fetched)
 
 
-def _packages() -> tuple[Any, Any]:
+def _huggingface_hub() -> Any:
     try:
         import huggingface_hub
-        import huggingface_sb3
     except ImportError as error:
-        raise ImportError(
-            "The Hugging Face Hub needs other packages: pip install 'sb3-piano[hub]'."
+        raise MissingPackageError(
+            "The Hugging Face Hub needs another package: pip install 'sb3-piano[hub]'."
         ) from error
-    return huggingface_hub, huggingface_sb3
+    return huggingface_hub

@@ -14,7 +14,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, MissingPackageError
 from sb3_piano.files import write_bytes
 from sb3_piano.training.playing.player import SavedPlayer
 
@@ -31,12 +31,12 @@ def write_onnx(player: SavedPlayer, file: Path) -> None:
 
     Raises:
         ConfigError: If the model is no network from vectors to vectors.
-        ImportError: If onnx is not installed.
+        MissingPackageError: If onnx is not installed.
     """
     try:
         import onnx  # noqa: F401  # torch needs it
     except ImportError as error:
-        raise ImportError(
+        raise MissingPackageError(
             "ONNX files need another package: pip install 'sb3-piano[onnx]'."
         ) from error
     model = player.model

@@ -6,13 +6,10 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-import numpy.typing as npt
 
+from sb3_piano.arrays import FloatArray, IntArray
 from sb3_piano.metrics import Onsets, Presses, match_onsets, presses_of
 from sb3_piano.performance import Performance
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 
 
 class Fate(IntEnum):

@@ -1,4 +1,4 @@
-"""Collections of built-in pieces whose notes are MIDI files in a folder, with a table of facts."""
+"""The built-in pieces: studies, and collections of MIDI files with a table of facts."""
 
 from __future__ import annotations
 
@@ -13,13 +13,15 @@ from sb3_piano.files import read_table
 from sb3_piano.music.formats.midi_reading import read_midi
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
+from sb3_piano.music.studies import STUDIES
 
 
-def midi_pieces(folder: Path) -> Mapping[str, Piece]:
-    """Return the pieces of a collection, called as its folder, by name.
+def _collection(name: str) -> Mapping[str, Piece]:
+    """Return the pieces of the folder of that name beside this file, by name.
 
     There is one for each entry of ``pieces.yml``, with a MIDI file of that name beside it.
     """
+    folder = Path(__file__).with_name(name)
     pieces = (
         _piece(folder, stem, facts) for stem, facts in read_table(folder / "pieces.yml").items()
     )
@@ -43,3 +45,13 @@ def _read(path: Path, name: str, has_upbeat: bool) -> Score:
     score = read_midi(path)
     # MIDI begins a bar at 0 s even where the music begins in the middle of one.
     return replace(score, title=name, bars=score.bars[1:] if has_upbeat else score.bars)
+
+
+REPERTOIRE = _collection("repertoire")
+"""Public-domain music with finger labels, by name."""
+
+ENCORE = _collection("encore")
+"""Further public-domain pieces, which had no say in how anything was tuned, by name."""
+
+BUILT_IN: Mapping[str, Piece] = MappingProxyType({**STUDIES, **REPERTOIRE, **ENCORE})
+"""The pieces that come with the package, by name."""

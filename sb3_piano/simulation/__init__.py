@@ -7,6 +7,7 @@ from sb3_piano.simulation.compiling import (
     compile_scene,
     scene_parts,
 )
+from sb3_piano.simulation.exact_xml import exact_xml
 from sb3_piano.simulation.gl import find_gl_backend
 from sb3_piano.simulation.keyboard import KEY_COLORS, pedal_threshold
 from sb3_piano.simulation.physics import PHYSICS_PROFILES, PhysicsProfile, physics_profile
@@ -25,6 +26,7 @@ __all__ = [
     "assemble_scene",
     "attach_parts",
     "compile_scene",
+    "exact_xml",
     "find_gl_backend",
     "pedal_threshold",
     "physics_profile",

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
 from sb3_piano.envs.actions import hand_action_unit
-from sb3_piano.simulation import PianoScene, attach_parts, scene_parts
+from sb3_piano.simulation import PianoScene, attach_parts, exact_xml, scene_parts
 
 
 def scene_xml(scene: PianoScene) -> str:
@@ -21,46 +20,7 @@ def scene_xml(scene: PianoScene) -> str:
     for texture in list(spec.textures):
         spec.delete(texture)
     spec.compile()
-    root = ElementTree.fromstring(spec.to_xml().replace(' input="pos"', ""))
-    parts = {
-        "body": spec.bodies[1:],  # without the world
-        "joint": spec.joints,
-        "geom": spec.geoms,
-        "mesh": spec.meshes,
-        "general": spec.actuators,
-    }
-    for kind, elements in parts.items():
-        for written, exact in zip(_of_kind(root, kind), elements, strict=True):
-            _put_back_digits(written, exact)
-            for inertial in written.findall("inertial"):
-                _put_back_digits(inertial, exact)
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _of_kind(root: ElementTree.Element, kind: str) -> list[ElementTree.Element]:
-    """Return the elements of a kind, without references to them, such as a tendon's to joints."""
-    return [element for element in root.iter(kind) if "name" in element.attrib]
-
-
-def _put_back_digits(written: ElementTree.Element, exact: Any) -> None:
-    """Undo that MuJoCo writes numbers with six digits.
-
-    The difference is a millionth, and a performance with many contacts another one after seconds.
-    """
-    names = _INERTIAL if written.tag == "inertial" else _MESH
-    for name, text in written.attrib.items():
-        try:
-            rounded = [float(number) for number in text.split()]
-        except ValueError:  # a name
-            continue
-        digits = np.ravel(getattr(exact, names.get(name, name)))[: len(rounded)]
-        if not np.array_equal(digits, rounded):
-            written.set(name, " ".join(repr(float(number)) for number in digits))
-
-
-# What MJCF calls otherwise than MuJoCo's specification does.
-_INERTIAL = {"pos": "ipos", "quat": "iquat", "diaginertia": "inertia"}
-_MESH = {"vertex": "uservert"}
+    return exact_xml(spec).replace(' input="pos"', "")
 
 
 def scene_facts(scene: PianoScene, n_substeps: int) -> dict[str, Any]:

@@ -230,7 +230,8 @@ def test_scores_without_pieces_or_seeds_are_refused(scores):
 
 def test_held_out_studies_are_in_no_corpus_and_generated_pieces_are_always_the_same():
     found = held_out()
-    assert {*found.studies} < {*HELD_OUT}
+    studies = {name for name in found.pieces if not name.startswith("generated-")}
+    assert set() < studies < {*HELD_OUT}
     assert len({*found.pieces}) == len(found.pieces) == 25
     piece = found.pieces[-1]
     assert score_digest(piece) == score_digest(piece) != score_digest(found.pieces[-2])

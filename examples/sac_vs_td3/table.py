@@ -65,14 +65,17 @@ def main() -> None:
 
 
 def measured(cell: Cell, runs: Path, kept: Path) -> dict[str, float]:
-    """Return the columns that the runs of a cell give, means over their seeds; empty if none."""
+    """Return the columns that the runs of a cell give; empty if there are none.
+
+    They are means over the seeds that have the column: the earliest runs have no Q.
+    """
     found = [result.columns for result in results_of(cell, runs, kept).values()]
     if not found:
         return {}
     means = {
-        name: statistics.fmean(values[name] for values in found)
+        name: statistics.fmean(values[name] for values in found if name in values)
         for name in COLUMNS
-        if all(name in values for values in found)
+        if any(name in values for values in found)
     }
     return {**means, "seeds": len(found)}
 

@@ -155,7 +155,9 @@ def test_a_run_plays_another_piece_in_a_folder_of_its_own(piano_run, tmp_path):
     run = piano_run(LOUD).path
     played = play_run(run, score=PIECE, picture=None)
     assert played.folder == run / "play" / "three_notes"
+    assert take_of_run(run).performance.title == "duet"  # of the file, before it was copied
     take = take_of_run(run, score=PIECE)
+    assert take.performance.title == "three notes"
     assert take.performance.roll.onset.sum() == 3
     assert len(take.qpos) == len(take.performance.roll) + 1
 

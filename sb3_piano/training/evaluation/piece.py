@@ -66,7 +66,7 @@ def _played(
     try:
         for one in seeds:
             for recording in itertools.islice(player.episodes(seed=one), episodes):
-                moved = _titled_motion(recording, player.piece) if motion else None
+                moved = _motion(recording) if motion else None
                 performance = recording.performance
                 score_played = None if performance is None else performance.to_score()
                 lost = None if performance is None else performance.losses()
@@ -106,11 +106,9 @@ def _evaluation(
     )
 
 
-def _titled_motion(recording: Recording, piece: str) -> MotionRecording | None:
-    """Return how everything moved, under the name of the piece that was played."""
+def _motion(recording: Recording) -> MotionRecording | None:
+    """Return how everything moved, under the title of what was played."""
     played, motion = recording.performance, recording.motion
     if played is None or motion is None:
         return None
-    # A score file that was copied into the run's folder has lost its title.
-    title = played.title if played.title in piece.split(" or ") else piece
-    return MotionRecording(title=title, **vars(motion))
+    return MotionRecording(title=played.title, **vars(motion))

@@ -56,8 +56,6 @@ def write_report(
         played, baseline = player.play()[0], player.rest()
         performance = played.performance
         assert performance is not None, "a piano's episode is recorded"
-        if performance.title == env.default_score.title:  # no wrapper chose another piece
-            performance = dataclasses.replace(performance, title=player.piece)
         facts, commands = _origin(
             player, env.config.physics, seed, {"--physics": physics, "--best": best}, replay
         )

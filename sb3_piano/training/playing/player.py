@@ -7,7 +7,7 @@ import dataclasses
 import itertools
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -71,6 +71,8 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
     no piano."""
     model: BaseAlgorithm | PianoPolicy
     """The saved model, or what plays without training."""
+    _titles: Mapping[str, str]
+    """Titles of scores whose files were copied, by the titles of the copies."""
     _venv: VecEnv
     _recorder: EpisodeRecorder
 
@@ -119,11 +121,13 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
             model = load_to_play(config, model_file, venv)
             if tree is not None:
                 model = TreeSearch(model, venv, tree, seed=seed)
+            titles = {} if chosen is not None else _titles_of_copies(run, env)
             return cls(
                 run=run,
                 config=config,
-                piece=_own_piece(run, config, env) if chosen is None else chosen.title,
+                piece=_own_piece(config, env, titles) if chosen is None else chosen.title,
                 model=model,
+                _titles=titles,
                 _venv=venv,
                 _recorder=[e for e in layers(env) if isinstance(e, EpisodeRecorder)][-1],
             )
@@ -205,7 +209,14 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
                     action, state = self.model.predict(observation, state, starts, True)
             observation, _, starts, _ = self._venv.step(action)
             if self._recorder.finished:
-                yield self._recorder.finished.pop()
+                yield self._titled(self._recorder.finished.pop())
+
+    def _titled(self, recording: Recording) -> Recording:
+        performance = recording.performance
+        if performance is None or performance.title not in self._titles:
+            return recording
+        named = dataclasses.replace(performance, title=self._titles[performance.title])
+        return dataclasses.replace(recording, performance=named)
 
 
 class _FixedPiece(gym.Wrapper[Any, Any, Any, Any]):
@@ -240,20 +251,22 @@ def _check_playable(
         ) from error
 
 
-def _own_piece(run: RunFolder, config: PlayConfig, env: Env) -> str:
-    """Return what a run's own piece is called, by its file's name before it was copied.
+def _titles_of_copies(run: RunFolder, env: Env) -> dict[str, str]:
+    """Return the name of the file that was copied into a run's folder, by the copy's title."""
+    file, piano = run.read_provenance().get("score_file"), env.unwrapped
+    if isinstance(file, str) and isinstance(piano, PianoEnv):
+        return {piano.default_score.title: Path(file).stem}
+    return {}
 
-    Where wrappers choose the piece, all that they may choose are named.
-    """
+
+def _own_piece(config: PlayConfig, env: Env, titles: Mapping[str, str]) -> str:
+    """Return what a run's own piece is called; all that wrappers may choose are named."""
     if not isinstance(env.unwrapped, PianoEnv):
         return config.env_id
     if isinstance(config, RunConfig) and len(config.pieces) > 1:
         return f"{len(config.pieces)} pieces"
-    titles = list(dict.fromkeys(score.title for score in possible_scores(env)))
-    if titles != [env.unwrapped.default_score.title]:
-        return " or ".join(titles)
-    file = run.read_provenance().get("score_file")
-    return Path(file).stem if isinstance(file, str) else titles[0] or config.env_id
+    played = dict.fromkeys(titles.get(s.title, s.title) for s in possible_scores(env))
+    return " or ".join(played) or config.env_id
 
 
 @contextlib.contextmanager

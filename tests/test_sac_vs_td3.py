@@ -206,6 +206,29 @@ def test_what_is_kept_of_a_run_outlives_its_folder(tmp_path, monkeypatch, capsys
     assert f"| {(0.5 + after[3].columns['F1']) / 2:.3f} |" in row
 
 
+def test_the_page_has_the_tables_that_the_kept_results_give(tmp_path, monkeypatch, capsys):
+    run_script("table.py", ["--runs", str(tmp_path)], monkeypatch)
+    printed = rows_of(capsys.readouterr().out)
+    page = Path(__file__).parents[1] / "docs" / "reproductions" / "sac_vs_td3.md"
+    shown = rows_of(page.read_text(encoding="utf-8"))
+    assert len(shown) == len(printed) == 41
+    for row, measured in zip(shown, printed, strict=True):
+        assert row == {name: measured[name] for name in row}
+        assert row["seeds"] == "2"
+        assert row["Q"] != "-"
+
+
+def rows_of(text):
+    """Return the rows of the tables of cells, each by the names of its columns."""
+    rows, names = [], []
+    for line in text.splitlines():
+        values = [value.strip() for value in line.strip("|").split("|")]
+        names = values if values[0] == "cell" else names
+        if re.fullmatch(r"(sac|td3)/\w+", values[0]):
+            rows.append(dict(zip(names, values, strict=True)))
+    return rows
+
+
 def test_an_unknown_cell_is_one_clear_error(tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit) as exit_status:
         run_script("run.py", ["td3/d_majr", "--runs", str(tmp_path / "runs")], monkeypatch)

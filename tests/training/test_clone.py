@@ -278,16 +278,18 @@ def test_a_data_set_that_does_not_tell_its_environment_is_refused(midi_file):
 
 
 @pytest.mark.parametrize(
-    "command",
+    ("package", "extra", "command"),
     [
-        ["record", "CMajorScaleOneHand"],
-        ["clone", "a-v0"],
-        ["corpus", "CMajorScaleOneHand", "--out", "folder"],
-        ["distill", "--out", "folder"],
+        ("minari", "demonstrations", ["record", "CMajorScaleOneHand"]),
+        ("minari", "demonstrations", ["clone", "a-v0"]),
+        ("minari", "demonstrations", ["corpus", "CMajorScaleOneHand", "--out", "folder"]),
+        ("minari", "demonstrations", ["distill", "--out", "folder"]),
+        ("ray", "ray", ["corpus", "CMajorScaleOneHand", "--out", "folder", "--ray", "local"]),
+        ("huggingface_hub", "hub", ["play", "hf:a/b"]),
     ],
 )
-def test_what_is_to_be_installed_is_told(command, monkeypatch, capsys, tmp_path):
+def test_what_is_to_be_installed_is_told(package, extra, command, monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(sys.modules, "minari", None)
+    monkeypatch.setitem(sys.modules, package, None)
     assert main(command) == 2
-    assert "pip install 'sb3-piano[demonstrations]'" in capsys.readouterr().err
+    assert f"pip install 'sb3-piano[{extra}]'" in capsys.readouterr().err

@@ -51,13 +51,13 @@ lint: $(INSTALLED)
 	if [ -d web/node_modules ]; then cd web && npm run --silent check; fi
 
 # The tests write thousands of small files, for each of which a disk is waited for, and start hundreds
-# of processes: their files are kept in memory where there are 4 GB for them, and Python's bytecode
-# also where the environment would not have it.
+# of processes, for which they wait, too: there are three at once, for two cores, their files are kept in
+# memory where there are 4 GB for them, and Python's bytecode also where the environment would not have it.
 MEMORY := $(shell df --output=avail,target /dev/shm 2>/dev/null | awk 'NR > 1 && $$1 > 4e6 {print $$2}')
 PYTEST := $(if $(MEMORY),PYTEST_DEBUG_TEMPROOT=$(MEMORY)) PYTHONDONTWRITEBYTECODE= \
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/python -m pytest -n 3 --dist worksteal
 
-# What to run while working: all but the slow tests, in two processes.
+# What to run while working: all but the slow tests.
 check: lint
 	$(PYTEST) -m "not slow"
 

@@ -13,6 +13,7 @@ import pytest
 import yaml
 from fresh_python import run_python
 
+from sb3_piano.exceptions import RunError
 from sb3_piano.music import load_score, select_pieces
 from sb3_piano.music.corpus import HELD_OUT
 from sb3_piano.training import RunFolder, load_config
@@ -111,6 +112,15 @@ def test_a_run_that_went_on_is_judged_again(tmp_path, monkeypatch):
     assert judged == [100, 200]
 
 
+def test_nothing_starts_from_a_training_that_is_not_at_its_end(tmp_path, monkeypatch):
+    cells = script("cells", monkeypatch)
+    training = cells.Training(cells.Cell("table_1/from_one_scale"), STUDY["pieces"][0], 0)
+    start = training.start
+    RunFolder.create(start.config(tmp_path), tmp_path / start.folder)
+    with pytest.raises(RunError, match="which has 0 of its 60000 steps: .* pretraining/one_scale"):
+        training.config(tmp_path)
+
+
 def test_figures_of_fewer_steps_than_a_cell_has_are_not_kept(tmp_path, monkeypatch):
     cells, table = script("cells", monkeypatch), script("table", monkeypatch)
     training = cells.Training(cells.Cell("table_1/from_nothing"), STUDY["pieces"][0], 0)
@@ -131,7 +141,8 @@ def test_the_driver_trains_starts_resumes_and_prints(tmp_path):
     driver, runs = tmp_path / "driver", tmp_path / "runs"
     shutil.copytree(FOLDER, driver)
     pieces = STUDY["pieces"][:2]
-    (driver / "study.yml").write_text(yaml.safe_dump({**STUDY, "pieces": pieces}))
+    fewer = {"pieces": pieces, "unseen": STUDY["unseen"][:1]}
+    (driver / "study.yml").write_text(yaml.safe_dump({**STUDY, **fewer}))
     cell = driver / "table_1" / "from_one_scale.yml"
     cell.write_text(cell.read_text().replace("n_timesteps: 60000", "n_timesteps: 300"))
 

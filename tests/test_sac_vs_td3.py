@@ -171,6 +171,12 @@ def test_the_driver_goes_on_where_it_was_interrupted_and_the_table_shows_it(
     assert f"{mean['f1']:.3f} |" in measured
     assert missing.startswith("- | - | 248.3 | - |")
 
+    whole = metrics.read_text()
+    metrics.write_text(json.dumps({**json.loads(whole), "num_timesteps": STEPS - 1}))
+    run_script("table.py", none, monkeypatch)  # what was judged in the middle is no result
+    assert re.search(rf"^\| {CELL} \| - \|", capsys.readouterr().out, re.MULTILINE)
+    metrics.write_text(whole)
+
     run_script("figures.py", [*none, "--out", str(tmp_path / "out")], monkeypatch)
     printed = capsys.readouterr().out
     drawn = sorted(path.stem for path in (tmp_path / "out").iterdir())

@@ -13,9 +13,10 @@ from typing import Any
 
 import yaml
 
+from sb3_piano.callbacks import Checkpoint
 from sb3_piano.envs import GENERAL_ID
-from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.training import RunConfig, load_config, load_start
+from sb3_piano.exceptions import ConfigError, RunError, near_names
+from sb3_piano.training import RunConfig, RunFolder, load_config, load_start
 
 HERE = Path(__file__).parent
 RUNS = Path("runs/robovirtuoso")
@@ -90,11 +91,24 @@ class Training:
         return None if cell is None else next(iter(cell.trainings([self.seed])))
 
     def config(self, runs: Path, **changed: Any) -> RunConfig:
-        """Return its settings, ``changed`` where they are not the cell's."""
+        """Return its settings, ``changed`` where they are not the cell's.
+
+        Raises:
+            RunError: If what it starts from is not trained to its end.
+        """
         given = {"seed": self.seed, "pieces": self.pieces, **changed}
         if self.start is None:
             return load_config("sac", GENERAL_ID, self.cell.file, **given)
-        return load_start(runs / self.start.folder, GENERAL_ID, self.cell.file, **given)
+        start = RunFolder.open(runs / self.start.folder)
+        saved, steps = Checkpoint.read(start.checkpoint_dir), start.read_config().n_timesteps
+        done = 0 if saved is None else saved.num_timesteps
+        if done < steps:
+            raise RunError(
+                f"{self.folder} starts from '{start.path}', which has {done} of its {steps} steps: "
+                f"expected it to be trained before, as by run.py {self.start.cell.name} "
+                f"--seeds {self.seed}."
+            )
+        return load_start(start.path, GENERAL_ID, self.cell.file, **given)
 
 
 def find_cells(patterns: Sequence[str] = ("*",)) -> list[Cell]:

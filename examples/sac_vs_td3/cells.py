@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,13 +51,21 @@ class Cell:
         return runs / self.algo / f"{self.path.stem}_seed_{seed}"
 
     def evaluated_runs(self, runs: Path) -> list[RunFolder]:
-        """Return the runs, from all seeds, that have come to their end."""
+        """Return the runs, from all seeds, that were evaluated at the end of their training."""
         found = (RunFolder(path) for path in (runs / self.algo).glob(f"{self.path.stem}_seed_*"))
-        return [run for run in found if (run.evaluation_dir / "metrics.json").is_file()]
+        return [run for run in found if _is_whole(run)]
 
     def _content(self) -> dict[str, Any]:
         content: dict[str, Any] = yaml.safe_load(self.path.read_text(encoding="utf-8"))
         return content
+
+
+def _is_whole(run: RunFolder) -> bool:
+    file = run.evaluation_dir / "metrics.json"
+    if not file.is_file():
+        return False
+    judged = json.loads(file.read_text(encoding="utf-8"))["num_timesteps"]
+    return bool(judged >= run.read_config().n_timesteps)
 
 
 def find_cells(patterns: Sequence[str] = ("*",)) -> list[Cell]:

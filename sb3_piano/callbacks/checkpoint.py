@@ -111,11 +111,15 @@ class Checkpoint:
                     ) from error
 
     def copy_model(self, folder: Path, copy: Path) -> None:
-        """Copy the model to a path; statistics of ``VecNormalize`` go beside it."""
-        write_bytes(copy, (folder / self.model).read_bytes())
-        if self.vec_normalize is not None:
-            beside = copy.with_name("vecnormalize.pkl")
-            write_bytes(beside, (folder / self.vec_normalize).read_bytes())
+        """Copy the model to a path; statistics of ``VecNormalize`` go beside it.
+
+        What is the same already is left as it is.
+        """
+        copies = {self.model: copy, self.vec_normalize: copy.with_name("vecnormalize.pkl")}
+        for name, path in copies.items():
+            content = None if name is None else (folder / name).read_bytes()
+            if content is not None and not (path.is_file() and path.read_bytes() == content):
+                write_bytes(path, content)
 
     @classmethod
     def read(cls, folder: Path) -> Checkpoint | None:

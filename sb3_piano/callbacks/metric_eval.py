@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import sys
 import warnings
+import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,8 +26,13 @@ from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.files import read_json, write_atomically, write_json
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.settings import Count, checked
+from sb3_piano.wrappers import RandomPiece
+
+_log = logging.getLogger(__name__)
 
 _NOTE = "best_model.json"
+_MOST_PIECES = 12
+"""So many of a run's pieces an evaluation plays, unless it is told otherwise."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,13 +96,15 @@ class MetricEvalCallback(EvalCallback):
             first training environment, which must then be in this process (``DummyVecEnv``,
             ``ThreadVecEnv``). It has the wrappers and the normalisation of the training.
         callback_on_new_best: As of ``EvalCallback``, like all that are not told here.
-        n_eval_episodes: Episodes of an evaluation, at least 1. One is enough for a piece that
-            always starts alike. Where several agents play an episode together, as in
-            :class:`~sb3_piano.vec_env.HandsAsAgents`, it counts once.
+        n_eval_episodes: Episodes of an evaluation, at least 1. By default one, which is enough for
+            a piece that always starts alike; of several pieces (``pieces``, or a
+            :class:`~sb3_piano.wrappers.RandomPiece`) one of each, of the first 12 at most. Pieces
+            are played in turn, unless ``eval_env`` is given. Where several agents play an episode
+            together, as in :class:`~sb3_piano.vec_env.HandsAsAgents`, it counts once.
         eval_freq: Calls between two evaluations; 0 for none at all.
-        log_path: Folder of ``evaluations.npz``, which also gets each metric, (evaluations,
-            episodes); with agents that play an episode together SB3's ``results`` have a column for
-            each of them. By default it is not written.
+        log_path: Folder of ``evaluations.npz``, with which a training that is resumed goes on. It
+            also gets each metric, (evaluations, episodes); with agents that play an episode
+            together SB3's ``results`` have a column for each of them. By default it is not written.
         best_model_save_path: Folder of ``best_model.zip``, ``best_model.json`` with what it scored
             and, if the training normalises, ``vecnormalize.pkl``. A training that goes on
             (``num_timesteps`` above 0) replaces what is there only by something better. By default
@@ -109,7 +118,8 @@ class MetricEvalCallback(EvalCallback):
 
     Raises:
         ConfigError: If a number is out of range; when training starts, if the training's
-            environment cannot be copied; at an evaluation, if ``info`` lacks the metric.
+            environment cannot be copied; at an evaluation, if ``info`` lacks the metric, or a
+            wrapper around the ``Monitor`` ends an episode.
         RunError: When a training goes on, if ``best_model.json`` is damaged.
     """
 
@@ -121,7 +131,7 @@ class MetricEvalCallback(EvalCallback):
         eval_env: gym.Env[Any, Any] | VecEnv | None = None,
         callback_on_new_best: BaseCallback | None = None,
         callback_after_eval: BaseCallback | None = None,
-        n_eval_episodes: int = 1,
+        n_eval_episodes: int | None = None,
         eval_freq: int = 10_000,
         log_path: str | None = None,
         best_model_save_path: str | None = None,
@@ -140,12 +150,12 @@ class MetricEvalCallback(EvalCallback):
                 f"{type(self).__name__} has no metric: expected F1Callback, OnsetF1Callback or a "
                 "subclass with metric = '...'."
             )
-        n_eval_episodes = checked("n_eval_episodes", n_eval_episodes, Count)
+        self._n_episodes = checked("n_eval_episodes", n_eval_episodes, Count | None)
         super().__init__(
             _UnbuiltEnv() if eval_env is None else eval_env,
             callback_on_new_best,
             callback_after_eval,
-            n_eval_episodes,
+            self._n_episodes or 1,
             eval_freq,
             log_path,
             best_model_save_path,
@@ -160,7 +170,6 @@ class MetricEvalCallback(EvalCallback):
         self.evaluate_start = evaluate_start
         self.evaluations_metrics: list[list[Mapping[str, float]]] = []
         """The metrics of each episode of each evaluation."""
-        self._n_episodes = n_eval_episodes
         self._makes_env = eval_env is None
         self._run: RunContext | None = None
         self._held = 0
@@ -180,11 +189,22 @@ class MetricEvalCallback(EvalCallback):
                 warnings.filterwarnings("ignore", "Training and eval env are not of the same type")
             super()._init_callback()
         # SB3 counts the episodes of each agent.
-        self.n_eval_episodes = self._n_episodes * self._agents
+        n_pieces = self._play_in_turn() if self._makes_env else 1
+        self.n_eval_episodes = (self._n_episodes or min(n_pieces, _MOST_PIECES)) * self._agents
+        if self.model.num_timesteps > 0:
+            self._read_evaluations_file()
         if self.best_model_save_path is not None and self.model.num_timesteps > 0:
             saved = BestModel.read(Path(self.best_model_save_path))
             if saved is not None and saved.metric == self.metric:
                 self.best_mean_reward = max(self.best_mean_reward, saved.value)
+
+    def _play_in_turn(self) -> int:
+        """Let the own environment play its pieces in turn; return how many it has."""
+        venv = self.eval_env.unwrapped
+        if not venv.env_is_wrapped(RandomPiece)[0]:
+            return 1
+        venv.env_method("play_in_turn")
+        return len(venv.get_attr("piece_names")[0])
 
     @property
     def _agents(self) -> int:
@@ -228,9 +248,16 @@ class MetricEvalCallback(EvalCallback):
     def _log_success_callback(self, locals_: dict[str, Any], globals_: dict[str, Any]) -> None:
         super()._log_success_callback(locals_, globals_)
         info = locals_["info"]
-        # Under a Monitor, evaluate_policy counts only the ends that Monitor saw.
-        over = locals_["done"] and ("episode" in info or not locals_["is_monitor_wrapped"])
-        if over and locals_["i"] % self._agents == 0:
+        if not locals_["done"]:
+            return
+        # Under a Monitor evaluate_policy counts only the ends that Monitor saw.
+        if locals_["is_monitor_wrapped"] and "episode" not in info:
+            raise ConfigError(
+                f"An episode of {env_name(self.eval_env)} was ended by a wrapper around its "
+                f"Monitor, where {type(self).__name__} has no metrics and SB3 would not count it: "
+                "expected the environment to end it, as with sb3_piano.wrappers.Excerpt."
+            )
+        if locals_["i"] % self._agents == 0:
             self._add_episode(info)
 
     def _add_episode(self, info: Mapping[str, Any]) -> None:
@@ -250,6 +277,29 @@ class MetricEvalCallback(EvalCallback):
     def _mean(self, name: str) -> float:
         """Return a metric's mean in the last evaluation; NaN if any episode is without it."""
         return float(np.mean([found.get(name, np.nan) for found in self.evaluations_metrics[-1]]))
+
+    def _read_evaluations_file(self) -> None:
+        """Go on with the file of a training that had stopped, which SB3 would begin anew."""
+        if self.log_path is None or not Path(f"{self.log_path}.npz").is_file():
+            return
+        try:
+            with np.load(f"{self.log_path}.npz") as content:
+                done = content["timesteps"] <= self.model.num_timesteps
+                rows = {name: content[name][done].tolist() for name in content.files}
+        except (OSError, ValueError, KeyError, IndexError, zipfile.BadZipFile) as error:
+            _log.warning("'%s.npz' cannot be read, and begins anew: %s", self.log_path, error)
+            return
+        if any(len(lengths) != self.n_eval_episodes for lengths in rows["ep_lengths"]):
+            return  # they do not fit into one array
+        self.evaluations_timesteps = rows.pop("timesteps")
+        self.evaluations_results = rows.pop("results")
+        self.evaluations_length = rows.pop("ep_lengths")
+        self.evaluations_successes = rows.pop("successes", [])
+        episodes = range(self.n_eval_episodes // self._agents)
+        self.evaluations_metrics = [
+            [{name: values[row][episode] for name, values in rows.items()} for episode in episodes]
+            for row in range(len(self.evaluations_timesteps))
+        ]
 
     def _complete_evaluations_file(self) -> None:
         if self.log_path is None:

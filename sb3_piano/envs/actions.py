@@ -69,14 +69,23 @@ class ActionMap:
             raise InvalidActionError(f"The action is not an array of numbers: {error}.") from error
         if array.shape != self._shape:
             raise InvalidActionError(f"The action has shape {array.shape}: expected {self._shape}.")
-        if not math.isfinite(array.dot(array)):  # one look at all; huge numbers are not finite here
-            finite = np.isfinite(array)
-            if not finite.all():
-                bad = int(np.argmin(finite))
-                raise InvalidActionError(
-                    f"Element {bad} of the action is {array[bad]}: expected numbers in [-1, 1]."
-                )
+        check_finite(array)
         return array
+
+
+def check_finite(action: FloatArray) -> None:
+    """Refuse an action of which a number is not finite.
+
+    Raises:
+        InvalidActionError: If one is.
+    """
+    if not math.isfinite(action.dot(action)):  # one look at all; huge numbers are not finite here
+        finite = np.isfinite(action)
+        if not finite.all():
+            bad = int(np.argmin(finite))
+            raise InvalidActionError(
+                f"Element {bad} of the action is {action[bad]}: expected numbers in [-1, 1]."
+            )
 
 
 class HandActionMap:

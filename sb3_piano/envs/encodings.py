@@ -317,5 +317,6 @@ def check_labels(roll: PianoRoll, observation: str) -> None:
         raise ScoreError(
             f"The note of pitch {key + MIN_PITCH} at control step {step} has no finger label: "
             f"the observation {observation!r} expects one for every note. Let fingers be found "
-            "with fingering='ergonomic' or 'robot', or choose the observation 'roll' or 'window'."
+            "with fingering='ergonomic' or 'robot'; or, where they are and a hand has more keys to "
+            "strike at once than fingers, choose the observation 'roll' or 'window'."
         )

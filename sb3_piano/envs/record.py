@@ -42,7 +42,7 @@ class EnvState:
     physics: FloatArray
     """MuJoCo's integration state."""
     score: Score
-    """Score that is played."""
+    """Score of the episode, as it was before the environment found fingers for it."""
     finished: bool
     """Whether the episode has ended."""
     pedal: float
@@ -178,7 +178,7 @@ class EpisodeRecord:
         key_active, sustain, fingertips = self._arrays()
         return EnvState(
             physics=physics,
-            score=self._goal.score,
+            score=self._goal.source,
             finished=finished,
             pedal=pedal,
             key_active=key_active,

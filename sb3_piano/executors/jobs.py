@@ -8,6 +8,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from typing import TypeVar
 
+from sb3_piano.executors.processes import ENDING
 from sb3_piano.interrupts import StopRequest, ctrl_c_ignored
 
 Job = TypeVar("Job")
@@ -37,7 +38,7 @@ def map_jobs(
         KeyboardInterrupt: If the request is made.
     """
     with ctrl_c_ignored(), _one_thread_each():  # by processes, which start now, from the beginning
-        waiting: set[Future[Result]] = {executor.submit(function, job) for job in jobs}
+        waiting: set[Future[Result]] = {executor.submit(_begin, function, job) for job in jobs}
     try:
         while waiting:
             done, waiting = wait(waiting, _LOOK_EVERY, FIRST_COMPLETED)
@@ -48,6 +49,13 @@ def map_jobs(
     finally:
         for future in waiting:
             future.cancel()
+
+
+def _begin(function: Callable[[Job], Result], job: Job) -> Result:
+    """Do a job where it is done, unless the process there is to end."""
+    if ENDING.is_set():
+        raise KeyboardInterrupt
+    return function(job)
 
 
 @contextlib.contextmanager

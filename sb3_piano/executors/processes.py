@@ -18,6 +18,9 @@ from sb3_piano.threads import usable_cores
 
 _GRACE = 60.0  # s, that a training has to save what it has
 
+ENDING = threading.Event()
+"""Set in a process of a pool that ends: it may still be given jobs, which it is not to begin."""
+
 
 @contextlib.contextmanager
 def process_pool(workers: int | None = None) -> Iterator[Executor]:
@@ -73,6 +76,7 @@ def _end_with(lifeline: Connection) -> None:
     """
     with contextlib.suppress(EOFError, OSError):
         lifeline.recv()
+    ENDING.set()
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(_GRACE)
     os._exit(1)

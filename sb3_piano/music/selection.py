@@ -66,7 +66,7 @@ def _selected(entry: Any, folder: Path, known: Mapping[str, Piece]) -> Iterator[
         )
     text = os.fspath(entry)
     if text.endswith(_LIST) and not _WILD & set(text):
-        yield from _listed((folder / text).absolute(), known)
+        yield from _listed((folder / Path(text).expanduser()).absolute(), known)
     elif not isinstance(entry, str) or is_path(text):
         yield from _files(text, folder)
     elif _WILD & set(text):

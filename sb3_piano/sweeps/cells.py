@@ -95,6 +95,7 @@ class _Judged:
 
     num_timesteps: int
     interrupted: bool
+    env_kwargs: Mapping[str, Any]
     episodes: Sequence[Any]
     mean: Mapping[str, Any]
     evaluations: Sequence[Any] = ()
@@ -158,7 +159,7 @@ def status_of(job: CellJob) -> CellResult:
     with glance(job.folder, (_SAVED, _EVALUATION)) as place:
         saved = read_json(place / _SAVED, _Saved, "expected a checkpoint.")
         steps = 0 if saved is None else saved.num_timesteps
-        metrics = metrics_of(place, steps, job.episodes) if steps >= total else {}
+        metrics = metrics_of(place, job.config, steps, job.episodes) if steps >= total else {}
     return CellResult(
         **known, started_at=steps, num_timesteps=steps, n_timesteps=total, metrics=metrics
     )
@@ -200,7 +201,7 @@ def _finished(job: CellJob, mirror: Mirror) -> dict[str, Any]:
         "num_timesteps": trained.num_timesteps,
         "n_timesteps": config.n_timesteps,
     }
-    metrics = metrics_of(place, trained.num_timesteps, job.episodes)
+    metrics = metrics_of(place, config, trained.num_timesteps, job.episodes)
     if not metrics:
         found = evaluate(place, job.episodes)
         if found.interrupted:
@@ -211,16 +212,19 @@ def _finished(job: CellJob, mirror: Mirror) -> dict[str, Any]:
     return {**steps, "metrics": metrics}
 
 
-def metrics_of(place: Path, steps: int, episodes: int) -> dict[str, float]:
+def metrics_of(place: Path, config: RunConfig, steps: int, episodes: int) -> dict[str, float]:
     """Return the means of a run's evaluation; nothing if it has none after so many steps.
 
     Args:
         place: The run's folder.
+        config: Its settings: an evaluation in other physics than its own is none of it.
         steps: Environment steps that the model was trained for.
         episodes: How many of each piece have to be played at least.
     """
     found = read_json(place / _EVALUATION, _Judged, "expected what 'sb3-piano evaluate' writes.")
     if found is None or found.interrupted or found.num_timesteps != steps:
+        return {}
+    if found.env_kwargs.get("physics") != config.env_kwargs.get("physics"):
         return {}
     wanted = episodes * max(len(found.evaluations), 1)
     return dict(found.mean) if len(found.episodes) >= wanted else {}

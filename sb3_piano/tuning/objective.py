@@ -80,7 +80,7 @@ class Objective:
         judge = METRICS[self.config.metric](
             callback_after_eval=ConvertCallback(lambda *_: progress.evaluated(judge)),
             eval_freq=max(1, config.n_timesteps // self.config.n_evaluations // config.n_agents),
-            n_eval_episodes=self.config.eval_episodes,
+            n_eval_episodes=None if self.config.eval_episodes == 1 else self.config.eval_episodes,
             seed=self.config.eval_seed,
         )
         callbacks: list[BaseCallback] = [judge]

@@ -48,6 +48,8 @@ class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
             corpus = Corpus(**checked("corpus", corpus, Mapping))
         self._corpus = corpus
 
+    draws_times = True  # the times of its stand-in mean nothing
+
     @property
     def sources(self) -> list[Score]:
         """A score from the lowest to the highest key: excerpts may be anywhere."""

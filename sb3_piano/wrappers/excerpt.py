@@ -46,7 +46,7 @@ class Excerpt(ScoreChange, gym.utils.RecordConstructorArgs):
             "random".
         length: How long it is, in the unit, above 0.
         unit: "seconds"; or "bars", of which both numbers are whole ones, for pieces that know
-            theirs: those of MIDI files and the studies.
+            theirs: those of MIDI and MusicXML files and the studies.
 
     Raises:
         ConfigError: If an argument is not valid, or ``env`` is no piano.
@@ -141,8 +141,8 @@ def _bar_lines(score: Score) -> list[float]:
     """Return the beginning of each bar, s, up to the bar in which the last note is struck."""
     if not score.bars:
         raise ScoreError(
-            f"The bars of {score.title!r} are not known: expected a piece from a MIDI file, or an "
-            "excerpt in seconds."
+            f"The bars of {score.title!r} are not known: expected a piece from a MIDI or "
+            "MusicXML file, or an excerpt in seconds."
         )
     upbeat = [0.0] if score.notes[0].onset < score.bars[0] else []
     return upbeat + [line for line in score.bars if line <= score.notes[-1].onset]

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.arrays import Float32Array, FloatArray
-from sb3_piano.envs.actions import REACH, HandActionMap, hand_action_unit
+from sb3_piano.envs.actions import REACH, HandActionMap, check_finite, hand_action_unit
 from sb3_piano.exceptions import ConfigError, InvalidActionError
 from sb3_piano.layers import layers
 from sb3_piano.wrappers.piano import piano_of
@@ -75,6 +75,7 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
                 f"The action has shape {offsets.shape}: expected {self.reach.shape}, one number "
                 "for each actuator and none for the pedal."
             )
+        check_finite(offsets)
         piano, roll = self._piano, self._piano.roll
         controls = self.map.controls(offsets, self._positions())
         down = bool(roll.sustain[min(piano.steps_played, len(roll) - 1)])

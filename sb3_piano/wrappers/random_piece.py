@@ -39,7 +39,8 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
     A curriculum asks which pieces there are and which one is played, and says how likely each is
     from the next episode on: :attr:`piece_names`, :attr:`piece_index`, :meth:`set_piece_weights`.
     A vector of environments reaches them by ``get_attr`` and ``env_method``. A piece of weight 0
-    never takes part: wrappers further out do not count with it.
+    never takes part: wrappers further out do not count with it. Who evaluates may have each piece
+    played once, by :meth:`play_in_turn`.
 
     Args:
         env: A piano environment, wrapped or not.
@@ -68,6 +69,7 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
         self._probabilities = _probabilities(weights, len(self._pieces))
         self._possible = np.flatnonzero(self._probabilities)
         self._played: int | None = None
+        self._turn: int | None = None
         self._scores: dict[int, Score] = {}
         if len(self._pieces) <= _FEW:
             for index in range(len(self._pieces)):
@@ -103,6 +105,10 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
         """
         self._probabilities[self._possible] = _probabilities(weights, len(self._possible))
 
+    def play_in_turn(self) -> None:
+        """Play :attr:`piece_names` one after the other, the first whenever a seed is given."""
+        self._turn = 0
+
     def piece_features(self, index: int) -> Features:
         """Return what makes one of :attr:`piece_names` hard, of the notes that are played here.
 
@@ -118,7 +124,11 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
 
     def choose(self, random: np.random.Generator) -> Score:
         """Return the piece of an episode."""
-        chosen = int(random.choice(len(self._pieces), p=self._probabilities))
+        if self._turn is None:
+            chosen = int(random.choice(len(self._pieces), p=self._probabilities))
+        else:
+            chosen = int(self._possible[self._turn % len(self._possible)])
+            self._turn += 1
         self._played = int(np.searchsorted(self._possible, chosen))
         return self._score(chosen)
 
@@ -130,6 +140,14 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
                 del self._scores[next(iter(self._scores))]
             self._scores[index] = score
         return self._scores[index]
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode of a chosen piece."""
+        if self._turn is not None and seed is not None:
+            self._turn = 0
+        return super().reset(seed=seed, options=options)
 
     def extend(self, plan: ScorePlan, options: Mapping[str, Any]) -> ScorePlan:
         """Return the plan with this choice, unless the piece is settled further out."""

@@ -124,9 +124,12 @@ def possible_scores(env: gym.Env[Any, Any]) -> list[Score]:
         ScoreError: If a wrapper cannot change what it gets.
     """
     wrappers = [layer for layer in layers(env) if isinstance(layer, ScoreWrapper)]
-    chosen = (sources for wrapper in wrappers if (sources := wrapper.sources) is not None)
-    scores = list(next(chosen, [piano_of(env, "possible_scores").default_score]))
-    times_known = True
+    scores, times_known = [piano_of(env, "possible_scores").default_score], True
+    for wrapper in wrappers:
+        sources = wrapper.sources
+        if sources is not None:
+            scores, times_known = list(sources), not wrapper.draws_times
+            break
     for wrapper in wrappers:  # the outermost acts first
         if times_known or not wrapper.cuts:
             scores = [extreme for score in scores for extreme in wrapper.extremes(score)]

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from gymnasium.wrappers import TimeLimit
 from scripted import (
     NoisyEnv,
     ScriptedEnv,
@@ -124,6 +125,28 @@ def test_the_evaluations_file_gains_the_metrics(model, tmp_path):
         assert found["f1"].tolist() == [[0.1, 0.2], [0.3, 0.4]]
         assert found["recall"].tolist()[0][0] == 0.5
         assert np.isnan(found["recall"]).tolist() == [[False, True], [True, True]]
+
+
+def test_a_training_that_goes_on_goes_on_with_its_evaluations_file(model, tmp_path, caplog):
+    def callback(*values):
+        infos = [{"f1": value} if value < 0.5 else {"f1": value, "recall": 0.5} for value in values]
+        env = Monitor(ScriptedEnv(infos))
+        return F1Callback(env, n_eval_episodes=2, eval_freq=5, log_path=str(tmp_path))
+
+    def written():
+        with np.load(tmp_path / "evaluations.npz") as found:
+            return {name: found[name].tolist() for name in found.files}
+
+    model.learn(10, callback(0.1, 0.2, 0.3, 0.4))
+    model.num_timesteps = 7  # the last checkpoint was before the second evaluation
+    model.learn(5, callback(0.6, 0.7), reset_num_timesteps=False)
+    assert written()["timesteps"] == [5, 12]
+    assert written()["f1"] == [[0.1, 0.2], [0.6, 0.7]]
+    assert written()["recall"][1] == [0.5, 0.5]
+    (tmp_path / "evaluations.npz").write_bytes(b"damaged")
+    model.learn(5, callback(0.8), reset_num_timesteps=False)
+    assert written()["timesteps"] == [17]
+    assert "evaluations.npz' cannot be read, and begins anew" in caplog.text
 
 
 def test_lines_on_the_terminal_come_only_when_asked_for(model, capsys):
@@ -299,6 +322,12 @@ def test_an_environment_without_the_metric_is_named(model):
         tiny_td3("Pendulum-v1").learn(300, F1Callback(eval_freq=5))
     env = Monitor(ScriptedEnv([{"f2": 0.1}]))
     with pytest.raises(ConfigError, match="info of 'ScriptedEnv' lacks.*mean 'f2'.*Expected a pi"):
+        model.learn(5, F1Callback(env, eval_freq=5))
+
+
+def test_an_episode_that_a_wrapper_around_the_monitor_ends_is_refused(model):
+    env = TimeLimit(Monitor(with_f1(0.1)), 3)
+    with pytest.raises(ConfigError, match="'ScriptedEnv' was ended by a wrapper around"):
         model.learn(5, F1Callback(env, eval_freq=5))
 
 

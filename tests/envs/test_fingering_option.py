@@ -8,7 +8,7 @@ import pytest
 
 from sb3_piano.envs import PianoEnv, PianoVectorEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import BUILT_IN, Note, Score, load_score, write_midi
+from sb3_piano.music import BUILT_IN, Note, Score, generate_score, load_score, write_midi
 from sb3_piano.music.fingering import apply_fingering, finger_score
 from sb3_piano.planning import PlanSettings, plan
 
@@ -123,18 +123,24 @@ def test_labels_of_a_file_are_put_on_the_environments_own_score(tmp_path):
     assert env.score == load_score("CMajorScaleOneHand")
 
 
-def test_a_state_is_put_back_with_its_fingers():
-    env = PianoEnv(PLAIN, fingering="ergonomic")
+@pytest.mark.parametrize(
+    ("score", "fingering"),
+    # Of the second one other fingers are found if they are looked for a second time.
+    [(PLAIN, "ergonomic"), (generate_score(np.random.default_rng(27), 20.0), "robot")],
+)
+def test_a_state_is_put_back_with_its_fingers(score, fingering):
+    env = PianoEnv(score, fingering=fingering, physics="fast")
     env.reset(seed=0)
     for _ in range(3):
         env.step(np.zeros(env.action_space.shape))
-    state = env.get_state()
+    state, roll = env.get_state(), env.roll
     expected = env.step(np.zeros(env.action_space.shape))
     env.reset(options={"score": "CMajorScaleOneHand"})
     env.set_state(state)
     again = env.step(np.zeros(env.action_space.shape))
     np.testing.assert_array_equal(again[0], expected[0])
     assert again[1:] == expected[1:]
+    assert env.roll.equals(roll)
 
 
 @pytest.mark.parametrize("fingering", ["ergonomics", "labels.mid", 3])

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 
 import pytest
 
-from sb3_piano.executors import process_pool
+from sb3_piano.executors import map_jobs, process_pool
+from sb3_piano.interrupts import StopRequest, stop_on_signal
 
 
 @pytest.mark.slow
@@ -17,3 +19,29 @@ def test_processes_end_with_their_pool_whatever_they_are_at():
         pool.submit(time.sleep, 600)
     with pytest.raises(ProcessLookupError):
         os.kill(process, 0)
+
+
+def begin_and_wait(file):
+    with stop_on_signal() as request:
+        file.touch()
+        while not request.made:
+            time.sleep(0.01)
+    raise KeyboardInterrupt
+
+
+@pytest.mark.slow
+def test_a_pool_that_ends_begins_none_of_the_jobs_that_it_was_given(tmp_path):
+    files = [tmp_path / str(number) for number in range(3)]
+    request = StopRequest()
+
+    def stop():
+        while not files[0].exists():
+            time.sleep(0.01)
+        request.made = True
+
+    thread = threading.Thread(target=stop)
+    thread.start()
+    with pytest.raises(KeyboardInterrupt), process_pool(1) as pool:
+        next(map_jobs(pool, begin_and_wait, files, request))
+    thread.join()
+    assert [file.exists() for file in files] == [True, False, False]

@@ -245,6 +245,17 @@ class TestGraceNotes:
         graces = [event[1:] for event in played(read(music)) if event[0] in (62, 74)]
         assert graces == [(0.4, 0.5)] * 2
 
+    def test_at_the_end_of_a_repeated_measure_are_played_each_time(self, read):
+        back = TestRepeats.BACK
+        music = note("C4", 16) + self.grace("D4") + back
+        assert pitches(read(music, note("E4", 16))) == [0, 2, 0, 2, 4]
+        first = '<barline location="left"><ending number="1" type="start"/></barline>'
+        stop = back.replace("<repeat", '<ending number="1" type="stop"/><repeat')
+        ending = first + note("D4", 16) + self.grace("F4") + stop
+        score = read(note("C4", 16), ending, note("E4", 16))
+        assert pitches(score) == [0, 2, 5, 0, 4]
+        assert [note.onset for note in score.notes if note.pitch == 65] == [pytest.approx(3.9)]
+
 
 class TestFingering:
     @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ def test_a_file_whose_name_has_brackets_is_a_file(corpus):
     assert select_pieces([str(corpus / "a[1].mid")]) == [str(corpus / "a[1].mid")]
 
 
-def test_a_list_has_an_entry_in_each_line_and_paths_from_its_folder(corpus):
+def test_a_list_has_an_entry_in_each_line_and_paths_from_its_folder(corpus, monkeypatch):
     (corpus / "b.mid").rename(corpus / "01 Bach - Prelude No. 1 in C.mid")
     lines = ["01 Bach - Prelude No. 1 in C.mid", "deep/*.mid  # one", "scale-CMajor", "./a.mid"]
     lines = ["# all there is", "", *lines]
@@ -75,6 +75,8 @@ def test_a_list_has_an_entry_in_each_line_and_paths_from_its_folder(corpus):
     expected.append(str(corpus / "a.mid"))
     assert select_pieces(str(corpus / "corpus.txt")) == expected
     assert select_pieces([corpus / "corpus.txt", "scale-CMajor"]) == expected
+    monkeypatch.setenv("HOME", str(corpus))
+    assert select_pieces("~/corpus.txt") == expected
 
 
 def test_a_list_may_begin_with_a_byte_order_mark_and_name_files_with_sharps(corpus):

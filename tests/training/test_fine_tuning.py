@@ -180,6 +180,15 @@ def test_a_run_keeps_its_pieces_and_a_way_of_fingering(base):
     assert other.env_kwargs["fingering"] == "ergonomic"
 
 
+def test_a_choice_among_the_runs_pieces_is_left_out_for_others(base):
+    choice = {"sb3_piano.wrappers.RandomPiece": {"pieces": ["hanon-01", "hanon-02"]}}
+    base(env_kwargs={"score": "scale-CMajor"}, env_wrapper=[choice])
+    kept = [plugin.path for plugin in load_fine_tuning("sac", player="base").env_wrapper]
+    assert kept[0] == "sb3_piano.wrappers.RandomPiece"
+    other = load_fine_tuning("sac", player="base", env_kwargs={"score": "hanon-03"})
+    assert [plugin.path for plugin in other.env_wrapper] == kept[1:]
+
+
 @pytest.mark.parametrize(
     ("wrapper", "rad"),
     [

@@ -6,13 +6,14 @@ import contextlib
 import dataclasses
 import json
 import os
+from typing import ClassVar
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import yaml
 
-from sb3_piano.callbacks import Checkpoint
+from sb3_piano.callbacks import Checkpoint, F1Callback
 from sb3_piano.callbacks.replay_segments import restore_replay_buffer
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError
@@ -108,6 +109,39 @@ def test_an_environment_of_its_own_draws_from_all_pieces(config):
         assert titles == {"60", "62", "64"}
 
 
+class Played(F1Callback):
+    """Notes down what is played in evaluations."""
+
+    titles: ClassVar[list[list[str]]] = []
+
+    def _on_step(self):
+        self.titles.append([])
+        return super()._on_step()
+
+    def _log_success_callback(self, locals_, globals_):
+        if locals_["current_lengths"][0] == 1:
+            self.titles[-1] += [score.title for score in self.eval_env.get_attr("score")]
+        super()._log_success_callback(locals_, globals_)
+
+
+@pytest.mark.parametrize("n_envs", [1, 3])
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_an_evaluation_plays_each_piece_once(config, corpus, tmp_path, n_envs, wrapped):
+    Played.titles.clear()
+    pieces = str(corpus / "*.mid")
+    choice = {"sb3_piano.wrappers.RandomPiece": {"pieces": pieces}}
+    others = {"pieces": (), "env_wrapper": [choice]} if wrapped else {"pieces": pieces}
+    if wrapped:
+        others["env_kwargs"] = {**config().env_kwargs, "score": str(corpus / "60.mid")}
+    train(
+        config(n_envs=n_envs, n_timesteps=6, **others),
+        tmp_path / "run",
+        callbacks=[Played(eval_freq=1)],
+        progress_bar=False,
+    )
+    assert Played.titles == [["60", "62", "64"]] * (6 // n_envs)
+
+
 def test_a_run_keeps_its_pieces_by_name_and_file(config, corpus):
     mapping = config(pieces=["scale-*Major", corpus / "60.mid"]).to_mapping()
     expected = [*select_pieces("scale-*Major"), str(corpus / "60.mid")]
@@ -192,8 +226,10 @@ def test_what_is_written_of_several_pieces_is_compared_and_known_to_sweeps(run, 
     pairs = compare(run.path, run.path).metrics[0].pairs
     assert [pair.piece for pair in pairs] == ["60", "62", "64"]
     assert [pair.a for pair in pairs] == [one.mean["f1"] for one in found.by_piece]
-    assert metrics_of(run.path, 4, 2) == found.mean
-    assert metrics_of(run.path, 4, 3) == {}  # of each piece
+    own = run.read_config()
+    assert metrics_of(run.path, own, 4, 2) == found.mean
+    assert metrics_of(run.path, own, 4, 3) == {}  # of each piece
+    assert metrics_of(run.path, own.in_env(physics="faithful"), 4, 2) == {}
     card = export_run(run.path, tmp_path / "shared", episodes=2, picture=None).card_file.read_text()
     assert f"| F1 | {found.mean['f1']:.4f} |" in card
     assert "Of 2 episodes, seeds 0 1 of each of 3 pieces" in card

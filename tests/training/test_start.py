@@ -279,14 +279,26 @@ def test_another_piece_and_other_hyperparameters_take_the_place_of_the_runs(sour
     assert same.algorithm_kwargs["gamma"] == 0.5
 
 
-@pytest.mark.parametrize(
-    "other",
-    [
-        {"env_id": "RoboPianist-scale-CMajor-v0"},
-        {"env_kwargs": {"score": "FurElise"}},
-        {"pieces": ["scale-CMajor"]},
-    ],
+OTHERS = (
+    {"env_id": "RoboPianist-scale-CMajor-v0"},
+    {"env_kwargs": {"score": "FurElise"}},
+    {"pieces": ["scale-CMajor"]},
 )
+
+
+@pytest.mark.parametrize("other", OTHERS)
+def test_a_choice_among_the_runs_pieces_is_left_out_for_others(source, other):
+    run = source()
+    choice = {"sb3_piano.wrappers.RandomPiece": {"pieces": ["hanon-01", "hanon-02"]}}
+    wrappers = [choice, "sb3_piano.wrappers.KeyRewardTiering"]
+    mapping = {**run.read_config().to_mapping(), "env_id": "RoboPianist-v0"}
+    run.write_config(RunConfig(**{**mapping, "env_wrapper": wrappers}))
+    assert len(load_start(run.path).env_wrapper) == 2
+    (kept,) = load_start(run.path, **other).env_wrapper
+    assert kept.path == "sb3_piano.wrappers.KeyRewardTiering"
+
+
+@pytest.mark.parametrize("other", OTHERS)
 def test_labels_in_a_file_stay_with_their_piece(source, tmp_path, other):
     run = source()
     labels = tmp_path / "labels.csv"

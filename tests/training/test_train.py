@@ -13,6 +13,7 @@ import pytest
 import torch
 from acting import ActAt, act_at, parameters, scalars
 from stable_baselines3 import PPO, TD3
+from stable_baselines3.common.monitor import load_results
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import ConfigError, RunError
@@ -105,6 +106,16 @@ def test_an_interrupted_on_policy_training_ends_within_its_rollout(ppo_config, t
     result = train(config, tmp_path / "run", progress_bar=False)
     assert (result.interrupted, result.num_timesteps) == (True, 50)
     assert PPO.load(result.folder.model_file).num_timesteps == 50
+
+
+def test_an_on_policy_training_whose_steps_are_all_done_learns_from_its_last_rollout(
+    ppo_config, tmp_path
+):
+    config = dataclasses.replace(ppo_config, n_timesteps=50, callback=act_at(55, "SIGINT"))
+    result = train(config, tmp_path / "run", progress_bar=False)
+    assert (result.interrupted, result.num_timesteps) == (False, 60)
+    whole = train(dataclasses.replace(config, callback=()), tmp_path / "whole", progress_bar=False)
+    assert torch.equal(parameters(result.folder, PPO), parameters(whole.folder, PPO))
 
 
 @pytest.mark.parametrize(("step", "action"), [(50, "stop"), (100, "SIGINT")])
@@ -203,7 +214,10 @@ def test_resuming_is_deterministic_and_starts_other_episodes_than_the_first_sitt
 @pytest.mark.slow
 def test_resuming_appends_to_monitor_and_log(run, episodes_of):
     _, second = first_and_resumed(run)
-    assert len(episodes_of(second.folder.monitor_dir)) == 5
+    episodes = episodes_of(second.folder.monitor_dir)
+    assert len(episodes) == 5
+    sorted_by_time = load_results(str(second.folder.monitor_dir))
+    assert sorted_by_time["r"].tolist() == [episode["r"] for episode in episodes]
     assert set(scalars(second.folder, "rollout/ep_rew_mean")) >= {60, 100}
     assert len(list(second.folder.tensorboard_dir.iterdir())) == 1
 
@@ -251,6 +265,17 @@ def test_a_finished_run_is_left_alone(run):
         assert (result.had_finished, result.num_timesteps) == (True, 100)
     assert {path: path.stat().st_mtime_ns for path in folder.path.rglob("*")} == before
     assert folder.read_config().n_timesteps == 100
+
+
+@pytest.mark.slow
+def test_a_run_that_was_killed_before_its_last_model_was_copied_has_it_afterwards(run):
+    folder = run(normalize=True).folder
+    copies = [folder.model_file, folder.model_file.with_name("vecnormalize.pkl")]
+    expected = [file.read_bytes() for file in copies]
+    for file in copies:
+        file.write_bytes(b"of the checkpoint before")
+    assert resume(folder.path).had_finished
+    assert [file.read_bytes() for file in copies] == expected
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 from playing_scores import piano, titles
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.wrappers import CorpusExcerpt
+from sb3_piano.wrappers import CorpusExcerpt, Excerpt, KeyRange
 
 CORPUS = {"n": 50, "duration": 1.0}
 
@@ -26,6 +26,15 @@ def test_a_seed_begins_anew_in_the_middle_of_them():
     first = titles(env, 4, seed=5)
     titles(env, 1, seed=6)  # two of the three are left
     assert titles(env, 4, seed=5) == first
+
+
+def test_a_fixed_part_of_excerpts_is_played_whichever_wrapper_is_outside():
+    part, longer = {"start": 0.9, "length": 1.5}, {**CORPUS, "duration": 4.0}
+    inside = CorpusExcerpt(Excerpt(piano(), **part), longer)
+    outside = Excerpt(CorpusExcerpt(piano(), longer), **part)
+    for env in (inside, outside, KeyRange(inside, 88)):
+        env.reset(seed=5)
+        assert 0 < env.unwrapped.score.duration <= 1.5
 
 
 def test_what_is_no_count_is_refused():

@@ -156,7 +156,7 @@ class TestBars:
 
     def test_a_piece_without_bars_is_an_error_that_knows_a_way_out(self):
         plain = melody(60, 62, bars=(), title="plain")
-        message = r"bars of 'plain' are not known: .* MIDI file, or an excerpt in seconds"
+        message = r"bars of 'plain' are not known: .* MusicXML file, or an excerpt in seconds"
         for start in (0, "random"):
             with pytest.raises(ScoreError, match=message):
                 Excerpt(piano(plain), start=start, unit="bars")

@@ -104,6 +104,8 @@ def test_what_cannot_be_is_refused():
         env.step(np.zeros(45))
     with pytest.raises(InvalidActionError, match="Element 0 of the action is nan"):
         env.step(np.full(44, np.nan))
+    with pytest.raises(InvalidActionError, match="Element 43 of the action is -inf"):
+        env.step(np.append(np.zeros(43), -np.inf))
 
 
 def played(env, player_of=None):

@@ -42,6 +42,7 @@ from sb3_piano.training.configuration.values import (
     zoo_number,
 )
 from sb3_piano.vec_env import HandsAsAgents
+from sb3_piano.wrappers import RandomPiece
 
 _RANDOM_PIECE = "sb3_piano.wrappers.RandomPiece"
 _FORMS = "'package.module.Name', {package.module.Name: {argument: value}} or a list of these"
@@ -188,11 +189,15 @@ class PlayConfig:
         """Return the settings with other options of the environment."""
         return dataclasses.replace(self, env_kwargs={**self.env_kwargs, **options})
 
-    def options_for_others(self) -> dict[str, Any]:
-        """Return the options of the environment for other pieces: neither score nor its labels."""
+    def for_others(self) -> Self:
+        """Return the settings for other pieces: without score, its labels, or choice of a piece."""
         fingering = self.env_kwargs.get("fingering", FINGERINGS[0])
         own = {"score"} if fingering in FINGERINGS else {"score", "fingering"}
-        return {name: value for name, value in self.env_kwargs.items() if name not in own}
+        return dataclasses.replace(
+            self,
+            env_kwargs={name: value for name, value in self.env_kwargs.items() if name not in own},
+            env_wrapper=tuple(one for one in self.env_wrapper if not one.is_a(RandomPiece)),
+        )
 
     @property
     def network(self) -> str | None:

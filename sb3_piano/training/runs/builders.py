@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import signal
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -58,13 +58,21 @@ class EpisodeLog(Monitor):
             self.unwrapped.total_steps = steps
 
     def write_episodes_to(self, path: str, append: bool) -> None:
-        """Write each episode that ends from now on, without or after those that are there."""
+        """Write each episode that ends from now on, without or after those that are there.
+
+        Of the latter the file says since when times are counted, by which SB3 sorts the episodes.
+        """
+        file = Path(f"{path}.{Monitor.EXT}")
+        append = append and file.exists()
+        if append:
+            with contextlib.suppress(ValueError, KeyError, OSError), file.open() as lines:
+                self.t_start = float(json.loads(lines.readline()[1:])["t_start"])
         env_id = None if self.env.spec is None else self.env.spec.id
         self.results_writer = _EpisodeFile(
             path,
-            header={"t_start": time.time(), "env_id": str(env_id)},
+            header={"t_start": self.t_start, "env_id": str(env_id)},
             extra_keys=self.info_keywords,
-            override_existing=not (append and Path(f"{path}.{Monitor.EXT}").exists()),
+            override_existing=not append,
         )
 
 

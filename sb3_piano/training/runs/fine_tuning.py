@@ -86,15 +86,15 @@ def _of_run(
     scale = {} if at == len(kinds) else _scale(kinds[at], config.env_wrapper[at].kwargs)
     residual = Plugin(path=_RESIDUAL, kwargs={"run": str(folder), **scale})
     outside = config.env_wrapper[at + 1 :]
+    own = base.for_others() if others else base
     physics = {name: value for name, value in config.env_kwargs.items() if name == "physics"}
-    own = base.options_for_others() if others else base.env_kwargs
     pieces = base.pieces if isinstance(base, RunConfig) and not others else config.pieces
-    options = {**own, **physics, **given}
+    options = {**own.env_kwargs, **physics, **given}
     corrected = dataclasses.replace(
         config,
         env_kwargs=options,
         pieces=pieces,
-        env_wrapper=(*base.env_wrapper, residual, *outside),
+        env_wrapper=(*own.env_wrapper, residual, *outside),
     )
     if options.get("observation") == "hands":
         return corrected

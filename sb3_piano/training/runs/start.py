@@ -193,7 +193,8 @@ def load_start(
         path: Hyperparameters in place of the run's, as of :func:`load_config`.
         with_buffer: Whether to begin with its replay buffer.
         **overrides: Settings to take instead. ``env_kwargs`` are added to the run's, of which a
-            score and a file of finger labels are left out if something else is played.
+            score and a file of finger labels are left out if something else is played, as is a
+            :class:`~sb3_piano.wrappers.RandomPiece` among its wrappers.
 
     Raises:
         ConfigError: As :func:`load_config`, or if the run is not trained.
@@ -221,7 +222,7 @@ def load_start(
         return dataclasses.replace(config, callback=(*config.callback, start))
     callbacks = tuple(plugin for plugin in config.callback if plugin.path != _START)
     module, name = registered_id(env_id)
-    options = config.options_for_others() if others else config.env_kwargs
+    config = config.for_others() if others else config
     changed = {"callback": (*callbacks, start), "pieces": (), "seed": None, **overrides}
-    changed |= {"env_id": name, "env_module": module, "env_kwargs": {**options, **given}}
+    changed |= {"env_id": name, "env_module": module, "env_kwargs": {**config.env_kwargs, **given}}
     return dataclasses.replace(config, **changed)

@@ -181,7 +181,9 @@ def resume(
                     "of one run."
                 )
         done = 0 if saved is None else saved.num_timesteps
-        if done >= config.n_timesteps:
+        if saved is not None and done >= config.n_timesteps:
+            # A process that was killed in between had saved it, and not copied.
+            saved.copy_model(run.checkpoint_dir, run.model_file)
             return TrainResult(
                 folder=run, started_at=done, num_timesteps=done, n_timesteps=config.n_timesteps
             )
@@ -310,7 +312,8 @@ class _StopOnRequest(BaseCallback):
     """End the training soon after a request, by raising ``KeyboardInterrupt`` between two rollouts.
 
     In the middle of a rollout the last step of off-policy algorithms is counted but not yet in the
-    replay buffer. On-policy algorithms throw an unfinished rollout away, so they end at once.
+    replay buffer. On-policy algorithms throw an unfinished rollout away, so they end at once, but
+    for the last rollout of a training: all steps are done then, and it is to be learnt from.
     """
 
     def __init__(self, request: StopRequest) -> None:
@@ -322,7 +325,9 @@ class _StopOnRequest(BaseCallback):
             raise KeyboardInterrupt
 
     def _on_step(self) -> bool:
-        return not (self._request.made and isinstance(self.model, OnPolicyAlgorithm))
+        if not self._request.made or not isinstance(self.model, OnPolicyAlgorithm):
+            return True
+        return self.model.num_timesteps >= self.model._total_timesteps
 
 
 @contextlib.contextmanager

@@ -153,7 +153,7 @@ def _tied_notes(notes: Sequence[SourceNote], line: Timeline) -> list[SourceNote]
     played = [
         replace(note, start=start, end=end)
         for note in notes
-        for start, end in line.played(note.start, note.end)
+        for start, end in line.played(note.start, note.end, closes=note.closes)
     ]
     joined: list[SourceNote] = []
     open_ties: dict[tuple[int, Fraction], list[SourceNote]] = {}

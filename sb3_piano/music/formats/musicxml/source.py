@@ -6,6 +6,7 @@ import io
 import itertools
 import re
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from xml.etree import ElementTree
@@ -49,6 +50,7 @@ class SourceNote:
         in_chord: Whether it is struck with the note before it in the file.
         grace: If it is a grace note: how many are still to come before the beat, from 1; else 0.
         grace_run: Of how many grace notes (or chords) the run consists that it is one of.
+        closes: Whether it is a grace note after the last note of its voice in a measure.
         is_staccato: Whether it has a dot or a wedge.
     """
 
@@ -64,6 +66,7 @@ class SourceNote:
     in_chord: bool
     grace: int
     grace_run: int = 0
+    closes: bool = False
     is_staccato: bool
 
 
@@ -152,6 +155,7 @@ class _PartReader:
             self.part.measures.append(start)
         self._here = end = start
         self._struck = (start, start)
+        known = len(self.part.notes)
         for child in measure:
             if child.tag == "note":
                 self._read_note(child)
@@ -168,6 +172,7 @@ class _PartReader:
             elif child.tag == "barline" and not _is_last(child):
                 self._read_barline(child, start if child.get("location") == "left" else self._here)
             end = max(end, self._here)
+        _mark_closing(self.part.notes[known:], start)
         return end
 
     def close(self, measure: Element, end: Fraction) -> None:
@@ -312,6 +317,15 @@ def _fingers(note: Element) -> tuple[int, ...]:
         if fingering.get("substitution") != "yes" and fingering.get("alternate") != "yes"
     ]
     return tuple(int(match[1]) for match in map(_FINGERS.fullmatch, texts) if match)
+
+
+def _mark_closing(measure: Sequence[SourceNote], start: Fraction) -> None:
+    """Mark the grace notes after the last note of each voice in a measure, by when it begins."""
+    ended = set()
+    for note in reversed(measure):
+        if not note.grace or note.start == start:
+            ended.add(note.voice)
+        note.closes = note.voice not in ended
 
 
 def _count_grace_notes(notes: list[SourceNote]) -> None:

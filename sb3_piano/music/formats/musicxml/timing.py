@@ -93,10 +93,16 @@ class Timeline:
     starts: list[Fraction]
     later: list[list[Fraction]]
 
-    def played(self, start: Fraction, end: Fraction) -> Iterator[tuple[Fraction, Fraction]]:
-        """Yield when an event is played, in s, by its start and end in quarter notes."""
+    def played(
+        self, start: Fraction, end: Fraction, *, closes: bool = False
+    ) -> Iterator[tuple[Fraction, Fraction]]:
+        """Yield when an event is played, in s, by its start and end in quarter notes.
+
+        What ``closes`` a measure, where the next one begins, is played with the former.
+        """
         first, last = self.seconds(start), self.seconds(end)
-        for shift in self.later[bisect.bisect_right(self.starts, first) - 1]:
+        find = bisect.bisect_left if closes else bisect.bisect_right
+        for shift in self.later[max(find(self.starts, first) - 1, 0)]:
             yield first + shift, last + shift
 
 

@@ -36,7 +36,7 @@ def add_parser(commands: Any) -> None:
     add("what", "PIECE|ENV_ID|RUN", what)
     add("--refine", "MINUTES", _REFINE_HELP, _minutes)
     add_player_arguments(add)
-    add("--seed", "N", "what sampling and refinement draw from; default: 0", int)
+    add("--seed", "N", "what --player sampling and --refine draw from; default: 0", int)
     add("--set", "NAME=VALUE", _SET_HELP, action="append")
     add("--runs-dir")
     add("--out", "DIR", "the run's folder, in place of one in --runs-dir")

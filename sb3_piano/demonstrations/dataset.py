@@ -17,6 +17,7 @@ from gymnasium.envs.registration import EnvSpec
 
 from sb3_piano.exceptions import ConfigError, MissingPackageError, SB3PianoError, one_line
 from sb3_piano.interrupts import ctrl_c_deferred
+from sb3_piano.locks import LOCK_SUFFIX, hold
 
 if TYPE_CHECKING:
     from minari import EpisodeData, MinariDataset
@@ -158,7 +159,8 @@ def dataset_folder(dataset_id: str, root: Path | None = None) -> Path:
     if match is None or match["version"] is None:
         raise ConfigError(
             f"Data set name {dataset_id!r} is not valid: expected letters, digits, - and _ in "
-            "parts divided by /, and a version at the end, such as robopianist/twinkle/planned-v0."
+            "parts divided by /, two or more before the last one, and a version at the end, such "
+            "as robopianist/twinkle/planned-v0."
         )
     return (root or dataset_root()) / dataset_id
 
@@ -201,6 +203,7 @@ class DatasetWriter:
     Raises:
         ConfigError: If it is no valid name, or there is such a data set.
         MissingPackageError: If Minari is not installed.
+        RunError: If another process records it, or the folder cannot be written.
     """
 
     def __init__(
@@ -217,21 +220,28 @@ class DatasetWriter:
 
         self._id, self._root = dataset_id, root
         self._place = dataset_folder(dataset_id, root)
-        if self._place.exists() and not overwrite:
-            raise ConfigError(
-                f"There is a data set {dataset_id!r} already, in '{self._place}': expected a new "
-                "name, or leave to overwrite it."
+        place = root or dataset_root()
+        with contextlib.ExitStack() as held:
+            if not overwrite:
+                lock = place / f".{dataset_id.replace('/', '-')}{LOCK_SUFFIX}"
+                busy = f"A data set {dataset_id!r} is being recorded"
+                held.enter_context(hold(lock, busy, "a new name, or to wait for it."))
+            if self._place.exists() and not overwrite:
+                raise ConfigError(
+                    f"There is a data set {dataset_id!r} already, in '{self._place}': expected a "
+                    "new name, or leave to overwrite it."
+                )
+            self._made = Path(tempfile.mkdtemp(prefix=".recording-", dir=place))
+            new = self._made / "new"
+            new.mkdir()
+            self._storage = MinariStorage.new(
+                new / "data",
+                observation_space=env.observation_space,
+                action_space=env.action_space,
+                env_spec=env_spec,
+                jpeg_encoding=False,
             )
-        self._made = Path(tempfile.mkdtemp(prefix=".recording-", dir=root or dataset_root()))
-        new = self._made / "new"
-        new.mkdir()
-        self._storage = MinariStorage.new(
-            new / "data",
-            observation_space=env.observation_space,
-            action_space=env.action_space,
-            env_spec=env_spec,
-            jpeg_encoding=False,
-        )
+            self._held = held.pop_all()
         self._count = 0
 
     def __enter__(self) -> DatasetWriter:
@@ -239,6 +249,7 @@ class DatasetWriter:
 
     def __exit__(self, *error: object) -> None:
         shutil.rmtree(self._made, ignore_errors=True)
+        self._held.close()
 
     def add(self, episode: EpisodeBuffer, notes: Mapping[str, float]) -> None:
         """Write an episode, and notes on it, such as ``f1``."""

@@ -21,6 +21,7 @@ from sb3_piano.demonstrations.disturbances import DEFAULT_MEMORY, ActuatorNoise,
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.interrupts import ctrl_c_deferred
 from sb3_piano.metrics import EPISODE_METRICS
+from sb3_piano.planning import PianoPolicy
 from sb3_piano.settings import Count, Index, checked
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ def record(
         noise: Standard deviations of the noise, rad (see
             :class:`~sb3_piano.demonstrations.ActuatorNoise`); the episodes take turns.
         noise_memory: How long the noise remembers, s.
-        seed: All seeds and the noise come from it; at least 0.
+        seed: All seeds, the noise and what a planner draws come from it; at least 0.
         overwrite: Whether a data set of this name is replaced.
         policy_name: What the policy is called in the data set; by default its class.
         on_episode: Is called with what is noted about each episode when it is over.
@@ -114,6 +115,8 @@ def record(
         try:
             for number, episode_seed in enumerate(seeds):
                 turn = number % len(noise)
+                if isinstance(policy, PianoPolicy):
+                    policy.set_random_seed(episode_seed)
                 episode, found = play_episode(policy, env, episode_seed, noises[turn])
                 found = {"noise": float(noise[turn]), **found}
                 with ctrl_c_deferred():  # which would leave an episode without its notes

@@ -98,9 +98,9 @@ def ray_executor(
     """Give an executor whose jobs are tasks on a cluster of Ray.
 
     A task whose process, or whose node, died or was taken away is begun again on any node: a job
-    must be fit for that. Tasks that have not ended with the block are cancelled; those that run
-    get Ctrl-C, and are ended if that has not ended them within a minute. Every node needs this
-    package, of the same version.
+    must be fit for that. Tasks work in the present folder, where a node has one of its path. Those
+    that have not ended with the block are cancelled; those that run get Ctrl-C, and are ended if
+    that has not ended them within a minute. Every node needs this package, of the same version.
 
     Args:
         address: See :func:`connected_to_ray`.
@@ -133,7 +133,7 @@ class _RayExecutor(Executor):
         What the job raised is raised as it was; the end of its process, again and again, is a
         :class:`~concurrent.futures.process.BrokenProcessPool` as of a pool of processes.
         """
-        reference = self._task.remote(fn, args, kwargs)
+        reference = self._task.remote(os.getcwd(), fn, args, kwargs)
         future: Future[T] = Future()
         with self._lock:
             self._references[future] = reference
@@ -177,7 +177,17 @@ class _RayExecutor(Executor):
             future.set_exception(BrokenProcessPool(text))
 
 
-def _call(fn: Callable[..., T], args: tuple[Any, ...], kwargs: dict[str, Any]) -> T:
+def work_in(folder: str) -> None:
+    """Let relative paths mean what they do in a folder of the process that asks for work.
+
+    A node that has no such folder stays where it is: there only absolute paths can be meant.
+    """
+    if os.path.isdir(folder):
+        os.chdir(folder)
+
+
+def _call(folder: str, fn: Callable[..., T], args: tuple[Any, ...], kwargs: dict[str, Any]) -> T:
+    work_in(folder)
     # Nodes that were started in the background of a shell, or by nohup, have it ignored.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)

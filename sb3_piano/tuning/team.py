@@ -20,7 +20,7 @@ from sb3_piano.exceptions import RunError
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.tuning.objective import note_place
 from sb3_piano.tuning.study import StudyConfig, StudyFolder
-from sb3_piano.tuning.trials import FOLDER, HOST, INTERRUPTED, counting, requeue_lost
+from sb3_piano.tuning.trials import INTERRUPTED, OWNER, counting, requeue_lost
 from sb3_piano.tuning.workers import MakeWorker, ProcessWorker, Worker
 
 _POLL_SECONDS = 1.0
@@ -118,9 +118,11 @@ class Team:
 
     def _is_ours(self, trial: FrozenTrial) -> bool:
         """Return whether the owner of this folder runs, or ran, a trial."""
-        noted = (trial.user_attrs.get(HOST), trial.user_attrs.get(FOLDER))
-        here = (platform.node(), str(self.folder.trial_dir(trial.number)))
-        return self.heart is None or noted == here
+        return self.heart is None or trial.user_attrs.get(OWNER) == self._owner
+
+    @property
+    def _owner(self) -> list[str]:
+        return [platform.node(), str(self.folder.path.resolve())]
 
     def _fail(self, trial: optuna.Trial | int) -> None:
         self.study.tell(trial, state=TrialState.FAIL, skip_if_finished=True)
@@ -160,6 +162,7 @@ class Team:
             warnings.filterwarnings("ignore", "Heartbeat of storage is supposed", UserWarning)
             trial = self.study.ask()
         note_place(trial, self.folder)
+        trial.set_user_attr(OWNER, self._owner)
         self.config.space.suggest(trial)
         idle = next((worker for worker in self._workers if worker.trial is None), None)
         if idle is None:

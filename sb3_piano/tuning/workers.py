@@ -21,6 +21,7 @@ import optuna
 from optuna.trial import FixedTrial
 
 from sb3_piano.exceptions import one_line
+from sb3_piano.executors.cluster import work_in
 from sb3_piano.interrupts import ctrl_c_ignored
 from sb3_piano.processes import process_context
 from sb3_piano.tuning.objective import Objective
@@ -91,7 +92,7 @@ class ActorWorker(Worker):
         # One thread for what is sent, and one in which what is said is waited for.
         actor = ray.remote(_Actor).options(max_concurrency=2, num_cpus=1)
         self._ray = ray
-        self._actor = actor.remote(config, StudyFolder(folder.path.absolute()))
+        self._actor = actor.remote(config, StudyFolder(folder.path.absolute()), os.getcwd())
         self._end = "its actor"
         self.connection, said = multiprocessing.Pipe(duplex=False)
         threading.Thread(target=self._pass_on, args=(said,), daemon=True).start()
@@ -119,8 +120,9 @@ class ActorWorker(Worker):
 class _Actor:
     """Runs trials in a thread, so that it can be spoken to meanwhile."""
 
-    def __init__(self, config: StudyConfig, folder: StudyFolder):
+    def __init__(self, config: StudyConfig, folder: StudyFolder, started_in: str):
         _print_into_log(folder)
+        work_in(started_in)
         self._connection, end = multiprocessing.Pipe()
         run = functools.partial(_run_trials, end, Objective(config, folder))
         threading.Thread(target=run, daemon=True).start()

@@ -14,9 +14,10 @@ from minari.namespace import list_local_namespaces
 
 from sb3_piano.demonstrations import EXPERT_ACTION, PerturbedStart, open_dataset, record
 from sb3_piano.envs import PianoEnv
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music import load_score
+from sb3_piano.planning.sampling import PredictiveSampling
 
 NAME = "robopianist/two-notes/linear-v0"
 
@@ -145,6 +146,29 @@ def test_a_name_that_is_taken_is_refused_unless_it_may_be_overwritten(datasets):
     record(Linear(env), env, NAME, episodes=3, overwrite=True)
     assert len(minari.load_dataset(NAME)) == 3
     assert [path.name for path in datasets.iterdir()] == ["robopianist"]
+
+
+def test_a_name_that_is_being_recorded_is_refused(datasets):
+    env = pendulum()
+
+    def record_again(notes):
+        record(Linear(env), env, NAME)
+
+    with pytest.raises(RunError, match=f"'{NAME}' is being recorded by .*: expected a new name"):
+        record(Linear(env), env, NAME, on_episode=record_again)
+    assert list(datasets.iterdir()) == []
+    record(Linear(env), env, NAME)
+
+
+def test_what_a_player_draws_comes_from_the_seed(piano):
+    env = piano()
+    player = PredictiveSampling(env, nominal="none", samples=2, n_threads=1)
+    first, same, other = (
+        all_arrays(record(player, env, f"t-v{i}", seed=seed).dataset)
+        for i, seed in enumerate((4, 4, 5))
+    )
+    np.testing.assert_array_equal(first[1], same[1])
+    assert not np.array_equal(first[1], other[1])
 
 
 class Breaking(Linear):

@@ -56,6 +56,12 @@ def test_results_are_those_of_the_function(address):
         assert sorted(map_jobs(executor, _square, range(5))) == [0, 1, 4, 9, 16]
 
 
+def test_jobs_work_in_the_present_folder(address, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where the nodes were not started
+    with ray_executor(address) as executor:
+        assert executor.submit(os.getcwd).result() == str(tmp_path)
+
+
 def test_an_error_is_what_the_job_raised(address):
     with ray_executor(address) as executor:
         error = executor.submit(_refuse, 3).exception()
@@ -92,6 +98,7 @@ def test_resources_are_checked():
 def test_a_job_can_get_ctrl_c_where_its_node_has_it_ignored():
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        assert cluster._call(signal.getsignal, (signal.SIGINT,), {}) is signal.default_int_handler
+        found = cluster._call(os.getcwd(), signal.getsignal, (signal.SIGINT,), {})
+        assert found is signal.default_int_handler
     finally:
         signal.signal(signal.SIGINT, before)

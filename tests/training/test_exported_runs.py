@@ -13,7 +13,7 @@ import yaml
 
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.training import evaluate, export_run, load_player
+from sb3_piano.training import PlannedConfig, RunFolder, evaluate, export_run, load_player
 from sb3_piano.training.configuration.names import import_name, known_packages_only
 
 FRESH = """
@@ -141,6 +141,28 @@ def test_names_of_other_packages_are_let_through_afterwards():
     with known_packages_only(), pytest.raises(ConfigError, match="refused"):
         import_name("json.dumps")
     assert import_name("json.dumps")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "gymnasium.wrappers.RecordVideo",
+        "stable_baselines3.common.monitor.Monitor",
+        "stable_baselines3.common.vec_env.VecMonitor",
+        "sb3_piano.training.runs.builders.EpisodeLog",  # one by another name
+    ],
+)
+def test_no_wrapper_that_writes_files_may_be_named(name):
+    with known_packages_only(), pytest.raises(ConfigError, match="write no files"):
+        import_name(name)
+
+
+def test_the_card_of_a_plan_tells_of_no_training(tmp_path):
+    config = PlannedConfig(algo="planned", env_id="RoboPianist-debug-CMajorScaleOneHand-v0", seed=0)
+    run = RunFolder.create(config.in_env(physics="fast"), tmp_path / "run")
+    card = export_run(run.path, tmp_path / "shared", picture=None).card_file.read_text()
+    assert "It was trained" not in card
+    assert "## Training\n\nNone.\n" in card
 
 
 def test_options_of_the_web_page_are_refused_with_a_run(capsys):

@@ -17,7 +17,7 @@ from optuna.trial import TrialState
 from sb3_piano.tuning import StudyFolder, storage
 from sb3_piano.tuning.storage import open_storage, open_study
 from sb3_piano.tuning.team import Heart, Team
-from sb3_piano.tuning.trials import FOLDER, HOST, repeated
+from sb3_piano.tuning.trials import FOLDER, HOST, OWNER, repeated
 
 pytestmark = [
     pytest.mark.slow,
@@ -68,9 +68,9 @@ def run(study, folder, heart, n_trials=1, on_progress=lambda trials: None, confi
 
 def begin(study, host=None, folder=None) -> optuna.Trial:
     trial = study.ask()
-    for name, value in ((HOST, host), (FOLDER, folder and str(folder.trial_dir(trial.number)))):
-        if value is not None:
-            trial.set_user_attr(name, value)
+    if host is not None:
+        trial.set_user_attr(OWNER, [host, str(folder.path.resolve())])
+    trial.set_user_attr(FOLDER, "/where/an/actor/runs/it")
     CONFIG.space.suggest(trial)
     return trial
 

@@ -12,7 +12,10 @@ from types import ModuleType
 from typing import Any
 
 import gymnasium as gym
+from gymnasium.wrappers import RecordVideo
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import VecMonitor, VecVideoRecorder
 
 from sb3_piano.exceptions import ConfigError, near_names
 from sb3_piano.players import PLAYERS
@@ -38,7 +41,7 @@ PLANNERS = tuple(PLAYERS)
 KNOWN_PACKAGES = ("sb3_piano", "stable_baselines3", "sb3_contrib", "gymnasium", "torch")
 """Packages whose classes the settings of an exported run may name."""
 
-_WRITERS = ("Monitor", "RecordVideo", "VecMonitor", "VecVideoRecorder")
+_WRITERS = (Monitor, RecordVideo, VecMonitor, VecVideoRecorder)
 """Wrappers of these packages that write files wherever their arguments say."""
 
 _known_only: ContextVar[bool] = ContextVar("_known_only", default=False)
@@ -92,7 +95,7 @@ def refuse_unknown_package(name: str) -> None:
     """Refuse the import path of a thing that the settings of an exported run may not name.
 
     Raises:
-        ConfigError: If it is of another package, private, or a wrapper that writes files.
+        ConfigError: If it is of another package, or private.
     """
     package, *parts = full_name(name).split(".")
     if package not in KNOWN_PACKAGES or any(part.startswith("_") for part in parts):
@@ -100,15 +103,20 @@ def refuse_unknown_package(name: str) -> None:
             f"{name!r} is refused, as settings of an exported run import no code of others: "
             f"expected a public name of {', '.join(KNOWN_PACKAGES)}."
         )
-    if parts and parts[-1] in _WRITERS:
-        raise ConfigError(
-            f"{name!r} is refused, as settings of an exported run write no files: expected no "
-            f"wrapper of {', '.join(_WRITERS)}."
-        )
 
 
 def import_name(name: str) -> Any:
     """Return what an import path names, such as ``package.module.Class``."""
+    found = _imported(name)
+    if _known_only.get() and isinstance(found, type) and issubclass(found, _WRITERS):
+        raise ConfigError(
+            f"{name!r} is refused, as settings of an exported run write no files: expected no "
+            f"wrapper below {', '.join(writer.__name__ for writer in _WRITERS)}."
+        )
+    return found
+
+
+def _imported(name: str) -> Any:
     path = full_name(name)
     if not is_dotted(path):
         raise ConfigError(f"{name!r} is no import path: expected 'package.module.Name'.")

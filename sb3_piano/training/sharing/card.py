@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sb3_piano.files import dump_yaml
+from sb3_piano.players.hand_model import SIGHT_READER
 from sb3_piano.training.configuration.config import PlayConfig, RunConfig
 from sb3_piano.training.evaluation.evaluations import Evaluation
 from sb3_piano.training.runs.folder import RunFolder
@@ -37,7 +38,7 @@ def card_of(run: RunFolder, config: PlayConfig, found: Evaluation) -> str:
 # {config.algo} plays {found.piece}
 
 A model of {config.algo} (Stable-Baselines3 and sb3-piano) that plays *{found.piece}* in
-`{config.env_id}`{says}. It was trained for {found.num_timesteps} environment steps.
+`{config.env_id}`{says}.{_steps(found)}
 
 ## How well
 
@@ -140,9 +141,16 @@ def _seeds(found: Evaluation) -> str:
     return " ".join(map(str, dict.fromkeys(found.episode_seeds)))
 
 
+def _steps(found: Evaluation) -> str:
+    """Return how long the model was trained, as a sentence, if it was."""
+    steps = found.num_timesteps
+    return f" It was trained for {steps} environment steps." if steps else ""
+
+
 def _training(run: RunFolder, config: PlayConfig) -> str:
     if not isinstance(config, RunConfig):
-        return "None: it plans what it plays."
+        read = " on this piece: its network, which was trained before, reads it"
+        return f"None{read if config.algo == SIGHT_READER else ''}."
     notes = run.read_provenance()
     command = notes.get("command")
     told = "" if not isinstance(command, str) else f"Trained by\n\n```\n{_short(command)}\n```\n\n"

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 import sb3_piano  # noqa: F401  registers the environments
 from sb3_piano.viewing import FrameRenderer
+from sb3_piano.viewing.moment import geom_colors
 from sb3_piano.wrappers import Pixels
 
 ENV_ID = "RoboPianist-debug-CMajorScaleTwoHands-v0"
@@ -45,9 +46,8 @@ class Film(gym.ObservationWrapper):
         """Return a picture."""
         piano = self.unwrapped
         nothing = np.array([], dtype=np.intp)
-        return self.renderer.render(
-            piano.data, due=nothing, fingers=nothing, sounding=piano.key_active
-        )
+        colors = geom_colors(piano.scene, due=nothing, fingers=nothing, sounding=piano.key_active)
+        return self.renderer.render(piano.data, colors)
 
 
 def main() -> None:

@@ -144,7 +144,7 @@ def test_the_driver_trains_starts_resumes_and_prints(tmp_path):
     fewer = {"pieces": pieces, "unseen": STUDY["unseen"][:1]}
     (driver / "study.yml").write_text(yaml.safe_dump({**STUDY, **fewer}))
     cell = driver / "table_1" / "from_one_scale.yml"
-    cell.write_text(cell.read_text().replace("n_timesteps: 60000", "n_timesteps: 300"))
+    cell.write_text(cell.read_text().replace("n_timesteps: 30000", "n_timesteps: 300"))
 
     def call(script, *arguments):
         return run_python([str(driver / script), "--runs", str(runs), *arguments], tmp_path)

@@ -291,6 +291,18 @@ def test_processes_go_on_after_an_error_in_a_step(venvs):
 
 
 @pytest.mark.slow
+def test_processes_go_on_after_ctrl_c_before_their_answers_were_read(venvs):
+    shared = venvs(ProcessVecEnv, [Flat] * 2, n_processes=2)
+    shared.reset()
+    actions = np.array([[0.25], [0.5]], dtype=np.float32)
+    shared.step_async(actions)  # whose answers nobody reads
+    _, rewards, _, _ = shared.step(2 * actions)
+    assert rewards.tolist() == [0.5, 1.0]
+    shared.step_async(actions)
+    assert shared.reset().shape == (2, *shared.observation_space.shape)
+
+
+@pytest.mark.slow
 def test_what_cannot_be_read_here_leaves_no_answer_for_the_next_call(venvs):
     shared = venvs(ProcessVecEnv, [Flat] * 2, n_processes=2)
     shared.reset()

@@ -127,7 +127,8 @@ def _player(
 ) -> Iterator[tuple[Predictor, gym.Env[Any, Any], str]]:
     """Give who plays, where, and what the data set is called by default."""
     from sb3_piano.players import make_player
-    from sb3_piano.training.playing.player import run_to_record
+    from sb3_piano.training import RunFolder
+    from sb3_piano.training.playing.player import run_to_record, titles_of_copies
 
     what = arguments.what
     if Path(what).is_dir():
@@ -135,7 +136,9 @@ def _player(
         refuse_options(arguments, ("set", "policy", "weights", "fingering"), reason)
         with run_to_record(what, best=arguments.best, start=arguments.start) as found:
             policy, env, config = found
-            yield policy, env, _default_id(env, config.algo)
+            piece = _piece_of(env)
+            piece = titles_of_copies(RunFolder(Path(what)), env).get(piece, piece)
+            yield policy, env, _default_id(piece, config.algo)
         return
     instead = "Expected a run's folder, or no --best."
     refuse_options(arguments, ["best"], f"with {what!r}: only a run has models.", instead)
@@ -145,7 +148,7 @@ def _player(
         refuse_options(arguments, ["weights"], f"to the player {name!r}:", instead)
     model = {} if arguments.weights is None else {"model": arguments.weights}
     with contextlib.closing(_new_env(arguments, name)) as env:
-        yield make_player(name, env, **model), env, _default_id(env, name)
+        yield make_player(name, env, **model), env, _default_id(_piece_of(env), name)
 
 
 def _new_env(arguments: argparse.Namespace, player: str) -> gym.Env[Any, Any]:
@@ -167,14 +170,17 @@ def _new_env(arguments: argparse.Namespace, player: str) -> gym.Env[Any, Any]:
     return env_to_record(config, arguments.start)
 
 
-def _default_id(env: gym.Env[Any, Any], policy: str) -> str:
-    from sb3_piano.envs import PianoEnv
-
-    piece = "" if env.spec is None else env.spec.id
-    if isinstance(env.unwrapped, PianoEnv):
-        piece = env.unwrapped.default_score.title
+def _default_id(piece: str, policy: str) -> str:
     part = re.sub(r"[^\w-]+", "-", piece, flags=re.ASCII).strip("-") or "piece"
     return f"robopianist/{part}/{policy}-v0"
+
+
+def _piece_of(env: gym.Env[Any, Any]) -> str:
+    from sb3_piano.envs import PianoEnv
+
+    if isinstance(env.unwrapped, PianoEnv):
+        return env.unwrapped.default_score.title
+    return "" if env.spec is None else env.spec.id
 
 
 def _show(recorded: Recorded) -> None:

@@ -114,11 +114,17 @@ def play_run(run: str, arguments: argparse.Namespace) -> int:
 
 
 def _play(arguments: argparse.Namespace) -> int:
+    from sb3_piano.training.runs.folder import unwritable
     from sb3_piano.viewing import check_screen, show_take
 
     picture = None if arguments.no_video else _picture(arguments)
     if arguments.human:
         check_screen()  # before anything is played, which may take long
+    if arguments.out is not None:
+        try:
+            Path(arguments.out).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise unwritable(Path(arguments.out), error) from error
     take, folder = _take(arguments)
     if arguments.losses:
         print_losses(take.performance.losses())

@@ -6,7 +6,7 @@ import hashlib
 import operator
 import warnings
 from collections import OrderedDict
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import mujoco
@@ -59,7 +59,7 @@ class PlannedPianist(PianoPolicy):
         """
         super().__init__(env)
         self.settings = settings or PlanSettings()
-        self._trackers = Trackers(self.settings, plan)
+        self._trackers = Trackers(self.settings, plan, len(self._pianos))
 
     def plan(self, slot: int = 0) -> Plan:
         """Return the plan of what one of the environments plays in this episode."""
@@ -80,6 +80,15 @@ class PlannedPianist(PianoPolicy):
         return np.concatenate([observation[layout[name].slice] for name in names])
 
 
+class _Kept(NamedTuple):
+    """What was planned for, and the plan's tracker."""
+
+    roll: PianoRoll
+    scene: PianoScene
+    model: str
+    tracker: Tracker
+
+
 class Trackers:
     """Plans of the pieces that were played last, made when they are first played.
 
@@ -87,11 +96,17 @@ class Trackers:
     several environments play one piece.
     """
 
-    def __init__(self, settings: PlanSettings | None = None, file: str | None = None):
-        """Take the settings of plans, and a file of a plan that is followed in place of them."""
+    def __init__(
+        self, settings: PlanSettings | None = None, file: str | None = None, n_envs: int = 1
+    ):
+        """Take the settings of plans, and a file of a plan that is followed in place of them.
+
+        What ``n_envs`` environments play at the same time is kept.
+        """
         self.settings = settings or PlanSettings()
         self._file = file
-        self._kept: list[tuple[PianoRoll, PianoScene, Tracker]] = []
+        self._most = max(_PLANS_KEPT, n_envs)
+        self._kept: list[_Kept] = []
 
     def of(self, piano: PianoEnv) -> Tracker:
         """Return the tracker of what an environment plays in this episode.
@@ -102,13 +117,14 @@ class Trackers:
             ConfigError: If a file was given that is damaged, or of another piece.
         """
         roll, scene = piano.roll, piano.scene
+        model = None if piano.steps_played else _digest_of(scene)
         # A glance tells within an episode, not in the next one.
         for is_same in (operator.is_, PianoRoll.equals):
-            for index, (known, place, tracker) in enumerate(self._kept):
-                if place is scene and is_same(known, roll):
+            for index, kept in enumerate(self._kept):
+                if kept.scene is scene and is_same(kept.roll, roll) and model in (None, kept.model):
                     del self._kept[index]
-                    self._kept.insert(0, (roll, scene, tracker))
-                    return tracker
+                    self._kept.insert(0, kept._replace(roll=roll))
+                    return kept.tracker
         fingered = roll_with_fingers(piano)
         if self._file is None:
             made = _planned_once(fingered, scene, self.settings)
@@ -117,21 +133,27 @@ class Trackers:
         if made.problems:
             warnings.warn(summary(made.problems), PlanWarning, stacklevel=2)
         tracker = Tracker(made, scene, self.settings.feedback, self.settings.lift)
-        self._kept = [(roll, scene, tracker), *self._kept[: _PLANS_KEPT - 1]]
+        newest = _Kept(roll, scene, model or _digest_of(scene), tracker)
+        self._kept = [newest, *self._kept[: self._most - 1]]
         return tracker
 
 
 def _planned_once(roll: PianoRoll, scene: PianoScene, settings: PlanSettings) -> Plan:
     """Return the plan of a piece, or the one that was made before of all the same."""
-    model = np.empty(mujoco.mj_sizeModel(scene.model), dtype=np.uint8)
-    mujoco.mj_saveModel(scene.model, None, model)  # which may have been changed
-    key = (hashlib.sha256(model.tobytes()).hexdigest(), roll_digest(roll), settings)
+    key = (_digest_of(scene), roll_digest(roll), settings)
     if key not in _PLANS:
         made = plan_piece(roll, scene, settings)
         while len(_PLANS) >= _PLANS_KEPT:
             _PLANS.popitem(last=False)
         _PLANS[key] = made
     return _PLANS[key]
+
+
+def _digest_of(scene: PianoScene) -> str:
+    """Return the SHA-256 of a scene's model, which may have been changed since it was compiled."""
+    model = np.empty(mujoco.mj_sizeModel(scene.model), dtype=np.uint8)
+    mujoco.mj_saveModel(scene.model, None, model)
+    return hashlib.sha256(model.tobytes()).hexdigest()
 
 
 def forget_plans() -> None:

@@ -9,11 +9,17 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 import torch
+from gymnasium import spaces
 from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
+from stable_baselines3.common.vec_env import (
+    DummyVecEnv,
+    VecEnv,
+    VecNormalize,
+    unwrap_vec_normalize,
+)
 
 from sb3_piano.arrays import BoolArray, Float32Array, IntArray
-from sb3_piano.envs import ObservationLayout, ObservationSpace, PianoEnv
+from sb3_piano.envs import ObservationSpace, PianoEnv
 from sb3_piano.envs.goal import roll_of
 from sb3_piano.envs.score_choice import fingered
 from sb3_piano.exceptions import ConfigError
@@ -45,9 +51,10 @@ class PianoPolicy(ABC):
         self._pianos = pianos_of(env)
         self.logger = Logger(folder=None, output_formats=[])
         """Logger of the callbacks."""
-        self._normalizer = env if isinstance(env, VecNormalize) else None
+        self._normalizer = _normalizer_of(env)
         self._space = env.observation_space
-        self._layout = _layout_of(env)
+        seen = self._space if self._normalizer is None else self._normalizer.venv.observation_space
+        self._layout = seen.layout if isinstance(seen, ObservationSpace) else None
 
     def predict(
         self,
@@ -72,20 +79,30 @@ class PianoPolicy(ABC):
             ConfigError: If there are not as many observations as environments.
         """
         del deterministic
-        single = np.ndim(observation) == len(self._space.shape or ())
-        rows = np.asarray(observation)[None] if single else np.asarray(observation)
+        rows, single = self._rows(observation)
         if len(rows) != len(self._pianos):
             raise ConfigError(
                 f"There are {len(rows)} observations: expected {len(self._pianos)}, one for each "
                 "environment that this player was made for."
             )
-        if self._normalizer is not None:
+        if self._normalizer is not None and isinstance(rows, np.ndarray):
             rows = np.asarray(self._normalizer.unnormalize_obs(rows))
         steps = self._steps(state, episode_start)
         actions = np.stack(
             [self._act(slot, int(steps[slot]), row) for slot, row in enumerate(rows)]
         ).astype(np.float32)
         return (actions[0] if single else actions), steps + 1
+
+    def _rows(self, observation: Any) -> tuple[Any, bool]:
+        """Return what each environment observes, and whether it was a single one without a row."""
+        if not isinstance(self._space, spaces.Dict):
+            single = np.ndim(observation) == len(self._space.shape or ())
+            return (np.asarray(observation)[None] if single else np.asarray(observation)), single
+        name, space = next(iter(self._space.items()))
+        if np.ndim(observation[name]) == len(space.shape or ()):
+            return [observation], True
+        count = len(observation[name])
+        return [{key: of[row] for key, of in observation.items()} for row in range(count)], False
 
     def get_env(self) -> VecEnv:
         """Return the environments that it was made for, a single one as a vector of one."""
@@ -165,9 +182,9 @@ def roll_with_fingers(piano: PianoEnv) -> PianoRoll:
     return roll_of(fingered(piano.score, config, fingering), config)
 
 
-def _layout_of(env: gym.Env[Any, Any] | VecEnv) -> ObservationLayout | None:
-    """Return which numbers of an observation stand where; None if a wrapper hides that."""
-    space = env.observation_space
-    if isinstance(env, VecNormalize):
-        space = env.venv.observation_space
-    return space.layout if isinstance(space, ObservationSpace) else None
+def _normalizer_of(env: gym.Env[Any, Any] | VecEnv) -> VecNormalize | None:
+    """Return what normalises observations, unless a wrapper around it changes them again."""
+    normalizer = unwrap_vec_normalize(env) if isinstance(env, VecEnv) else None
+    if normalizer is None or normalizer.observation_space != env.observation_space:
+        return None
+    return normalizer

@@ -6,7 +6,7 @@ import contextlib
 import itertools
 import pickle
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -65,13 +65,15 @@ class ProcessVecEnv(VecEnv):
             theirs.close()
             self._ours.append(ours)
             self._processes.append(process)
+        # Answers that are still to be read: after Ctrl-C in between, those of before.
+        self._unread = [1] * self.n_processes
         spaces = self._answers()[0]
         super().__init__(len(env_fns), *spaces)
 
     def reset(self) -> VecEnvObs:
         """Begin an episode in every environment, with the seeds and options set for it."""
-        for ours, share in self._pairs():
-            _ask(ours, "_reset", self._seeds[share], self._options[share])
+        for number, share in enumerate(self._shares):
+            self._ask(number, "_reset", self._seeds[share], self._options[share])
         parts = self._answers()
         self._reset_seeds()
         self._reset_options()
@@ -80,8 +82,8 @@ class ProcessVecEnv(VecEnv):
 
     def step_async(self, actions: np.ndarray) -> None:
         """Begin a step in every environment."""
-        for ours, share in self._pairs():
-            _ask(ours, "_step", actions[share])
+        for number, share in enumerate(self._shares):
+            self._ask(number, "_step", actions[share])
 
     def step_wait(self) -> VecEnvStepReturn:
         """Return what the steps gave; an environment whose episode ended is reset."""
@@ -128,26 +130,34 @@ class ProcessVecEnv(VecEnv):
 
     def get_images(self) -> Sequence[np.ndarray | None]:
         """Return a picture of every environment."""
-        for ours in self._ours:
-            _ask(ours, "get_images")
+        for number in range(len(self._ours)):
+            self._ask(number, "get_images")
         return list(itertools.chain.from_iterable(self._answers()))
-
-    def _pairs(self) -> Iterator[tuple[Connection, slice]]:
-        return zip(self._ours, self._shares, strict=True)
 
     def _of_each(self, method: str, indices: VecEnvIndices, *args: Any, **kwargs: Any) -> list[Any]:
         """Call a method of the vectors inside for some environments; return the answers."""
         asked = list(self._get_indices(indices))
         shares = [range(self.num_envs)[share] for share in self._shares]
-        for ours, own in zip(self._ours, shares, strict=True):
+        for number, own in enumerate(shares):
             inside = [index - own.start for index in asked if index in own]
-            _ask(ours, method, *args, **{**kwargs, "indices": inside})
+            self._ask(number, method, *args, **{**kwargs, "indices": inside})
         found = {
             index: answer
             for own, part in zip(shares, self._answers(), strict=True)
             for index, answer in zip((i for i in asked if i in own), part, strict=True)
         }
         return [found[index] for index in asked]
+
+    def _ask(self, number: int, method: str, /, *args: Any, **kwargs: Any) -> None:
+        """Ask a process for a method of its environments; of one that has ended no answer tells."""
+        ours = self._ours[number]
+        with contextlib.suppress(OSError, EOFError):
+            while self._unread[number]:
+                ours.recv()
+                self._unread[number] -= 1
+        self._unread[number] = 1
+        with contextlib.suppress(OSError):
+            ours.send((method, args, kwargs))
 
     def _answers(self) -> list[Any]:
         """Return what the processes answer, or raise what one of them raised, once all have."""
@@ -160,17 +170,12 @@ class ProcessVecEnv(VecEnv):
                 error.__cause__ = gone
             except Exception as unreadable:  # those of the other processes are still to be read
                 answer, error = None, unreadable
+            self._unread[number] = 0
             answers.append(answer)
             errors += [] if error is None else [error]
         if errors:
             raise errors[0]
         return answers
-
-
-def _ask(ours: Connection, method: str, /, *args: Any, **kwargs: Any) -> None:
-    """Ask a process for a method of its environments; of one that has ended no answer tells."""
-    with contextlib.suppress(OSError):
-        ours.send((method, args, kwargs))
 
 
 def _joined(parts: Sequence[Any]) -> VecEnvObs:

@@ -72,23 +72,26 @@ def write_video(
 
 
 def _encoding(path: Path, rate: Fraction, size: tuple[int, int]) -> list[str]:
-    """Return the arguments that make a video of the pictures that come in through a pipe."""
+    """Return the arguments that make a video of the pictures that come in through a pipe.
+
+    Paths are absolute: of a relative one ffmpeg takes what is before a colon for a protocol.
+    """
     pictures = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}"]
     source = [*pictures, "-r", str(rate), "-i", "pipe:0"]
     h264 = ["-c:v", "libx264", "-crf", _QUALITY, "-pix_fmt", "yuv420p"]
-    return [*source, *h264, "-f", "mp4", os.fspath(path)]
+    return [*source, *h264, "-f", "mp4", os.path.abspath(path)]
 
 
 def _muxing(
     silent: Path, audio: str | os.PathLike[str] | None, duration: Fraction, path: Path
 ) -> list[str]:
     """Return the arguments that put sound of a duration in s, if any, beside the pictures."""
-    sources = ["-i", os.fspath(silent)]
+    sources = ["-i", os.path.abspath(silent)]
     sound = []
     if audio is not None:
-        sources += ["-i", os.fspath(audio), "-map", "0:v:0", "-map", "1:a:0"]
+        sources += ["-i", os.path.abspath(audio), "-map", "0:v:0", "-map", "1:a:0"]
         sound = ["-af", f"apad,atrim=end={float(duration):.6f}", "-c:a", "aac", "-b:a", "160k"]
-    file = ["-movflags", "+faststart", "-f", "mp4", os.fspath(path)]
+    file = ["-movflags", "+faststart", "-f", "mp4", os.path.abspath(path)]
     return [*sources, "-c:v", "copy", *sound, *file]
 
 

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from short_pieces import QUICK, both_hands, five_fingers, piano, without_fingers
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMonitor, VecNormalize
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Pedal, Score
@@ -21,6 +21,17 @@ PIECE = five_fingers()
 OTHER = five_fingers(order=(4, 2, 0), length=0.3)
 # Where it does not matter how well a piece is planned.
 CARELESS = dataclasses.replace(QUICK, rounds=1, iterations=1, dynamic_iterations=1)
+
+
+class DictObservation(gym.ObservationWrapper):
+    """Shows what is observed under a name."""
+
+    def __init__(self, env):
+        super().__init__(env)
+        self.observation_space = gym.spaces.Dict({"seen": env.observation_space})
+
+    def observation(self, observation):
+        return {"seen": observation}
 
 
 class Resting:
@@ -180,9 +191,20 @@ def test_each_of_several_environments_is_played_as_alone(solo, kind):
 def test_normalised_observations_give_the_same_music(solo):
     _, _, _, _, alone = solo
     venv = VecNormalize(DummyVecEnv([lambda: piano(PIECE)]), norm_reward=False)
+    venv = VecMonitor(venv)  # which changes no observation
     (keys,) = play_all(venv, PlannedPianist(venv, QUICK))
     assert (keys != alone[:-1]).mean() < 1e-3  # but for rounding
     assert keys.any()
+
+
+def test_observations_may_be_a_dictionary(solo):
+    env, player, _, actions, _ = solo
+    for shown, several in ((DictObservation(env), False), (DictObservation(piano(PIECE)), True)):
+        player = PlannedPianist(
+            DummyVecEnv([lambda shown=shown: shown]) if several else shown, QUICK
+        )
+        found = player.predict(player.get_env().reset() if several else shown.reset()[0])[0]
+        np.testing.assert_allclose(found[0] if several else found, actions[0], atol=1e-6)
 
 
 def test_environments_in_other_processes_are_out_of_reach():

@@ -263,6 +263,8 @@ def test_what_cannot_be_cloned_is_told(recorded_pendulum, small_yaml, capsys):
 
 def test_a_clone_that_is_broken_off_leaves_no_run(recorded_pendulum, small_yaml, tmp_path):
     def stop(loss):
+        with pytest.raises(RunError, match="is no run, it has no config.yml"):
+            RunFolder.open("here")  # what a killed process would leave
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

@@ -73,6 +73,19 @@ def test_pairs_are_the_means_over_all_episodes_of_a_piece(written):
     assert found.test.p == 1.0  # of ranks 1 and 2, the signs - and + are in the middle
 
 
+def test_timing_counts_where_a_note_was_hit(written):
+    def timed(*times):
+        hit = [(0, {"f1": 0.5, "onset_recall": 0.5, "onset_error_mean_ms": time}) for time in times]
+        return [*hit, (1, {"f1": 0.0, "onset_recall": 0.0, "onset_error_mean_ms": 0.0})]
+
+    a = written("a.json", {"Scale": timed(40.0), "Waltz": timed()})
+    b = written("b.json", {"Scale": timed(10.0, 30.0), "Waltz": timed(5.0)})
+    (found,) = compare(a, b, metrics=["onset_error_mean_ms"]).metrics
+    assert [(pair.piece, pair.a, pair.b) for pair in found.pairs] == [("Scale", 40.0, 20.0)]
+    with pytest.raises(RunError, match="onset_error_mean_ms has no value in any pair"):
+        compare(written("c.json", {"Waltz": timed()}), b, metrics=["onset_error_mean_ms"])
+
+
 def test_pairs_may_be_the_seeds_of_a_piece(written):
     a = written("a.json", {"Scale": [*episodes(0.1, 0.3, seed=1), *episodes(0.5, seed=2)]})
     b = written("b.json", {"Scale": [*episodes(0.6, seed=2), *episodes(0.4, seed=3)]})

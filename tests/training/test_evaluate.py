@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from sb3_piano.envs import RETURN_KEYS
 from sb3_piano.exceptions import ConfigError, RunError, UnknownPieceError
 from sb3_piano.metrics import EPISODE_METRICS
-from sb3_piano.music import read_midi
+from sb3_piano.music import Note, Score, read_midi, write_midi
 from sb3_piano.training import compare, evaluate, evaluate_runs
 from sb3_piano.training.evaluation.evaluations import Evaluations, Failure
 from sb3_piano.training.evaluation.statistics import summarize
@@ -275,6 +275,18 @@ def test_each_run_plays_each_given_piece_beside_its_baseline(piano_run):
     lengths = {e.piece: e.baseline["length"] for e in found.evaluations}
     assert len(set(lengths.values())) == 2
     assert not any((run / "evaluation").exists() for run in runs)
+
+
+def test_files_of_one_name_are_told_apart(piano_run, tmp_path):
+    files = [tmp_path / composer / "midi_score.mid" for composer in ("Bach", "Liszt")]
+    for index, file in enumerate(files):
+        file.parent.mkdir()
+        notes = [Note(onset=0.0, offset=0.2 * (index + 1), pitch=60)]
+        write_midi(Score(notes=notes), file)
+    found = evaluate_runs([piano_run(STILL).path], scores=[*files, "CMajorScaleOneHand"])
+    assert [one.piece for one in found.evaluations] == [*map(str, files), "CMajorScaleOneHand"]
+    (alone,) = evaluate_runs([piano_run(STILL).path], scores=files[:1]).evaluations
+    assert alone.piece == "midi_score"
 
 
 @pytest.mark.slow

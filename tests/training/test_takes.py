@@ -180,10 +180,12 @@ def test_a_run_that_is_no_pianos_is_refused(run):
     assert not (folder / "play").exists()
 
 
-def test_a_folder_that_cannot_be_made_is_an_error(tmp_path):
+def test_a_folder_that_cannot_be_made_is_an_error(tmp_path, capsys):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(RunError, match="'.*file' cannot be written: .* Expected a folder"):
         play_score(PIECE, tmp_path / "file", picture=None)
+    assert main(["play", "CMajorScaleOneHand", "--out", str(tmp_path / "file")]) == 2
+    assert "file' cannot be written: File exists" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -52,6 +52,13 @@ def wav(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_relative_path_may_look_like_an_address(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("10:30").mkdir()
+    write_video(Path("10:30/v.mp4"), [grey(100)], 20.0, None, SIZE)
+    assert len(pictures_of(tmp_path / "10:30" / "v.mp4")) == 1
+
+
 def test_pictures_come_back_in_their_order_size_and_rate(tmp_path):
     levels = [20, 220, 90, 160, 40, 250, 130]
     write_video(tmp_path / "v.mp4", (grey(level) for level in levels), 20.0, None, SIZE)

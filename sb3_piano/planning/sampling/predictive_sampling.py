@@ -101,7 +101,7 @@ class PredictiveSampling(PianoPolicy):
         self._n_threads = n_threads
         self._noise = noise or (SamplingNoise() if self._planned else NOISE_FROM_ZERO)
         self._cost = cost or (SamplingCost() if self._planned else COST_FROM_ZERO)
-        self._trackers = Trackers(plan_settings, plan)
+        self._trackers = Trackers(plan_settings, plan, len(self._pianos))
         self.set_random_seed(seed)
         self._episodes: list[_Episode | None] = [None] * len(self._pianos)
         # Made here, so that what does not fit is told at once.

@@ -18,6 +18,7 @@ from pydantic import BeforeValidator
 from sb3_piano.envs import PianoEnvConfig
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import read_json, write_atomically, write_csv
+from sb3_piano.metrics import has_value
 from sb3_piano.settings import checked, refuse_unknown
 from sb3_piano.training.evaluation.difference_plot import difference_plot, picture_format
 from sb3_piano.training.evaluation.statistics import (
@@ -220,8 +221,10 @@ class _Played:
     episodes: list[Mapping[str, float]] = field(default_factory=list)
     physics: set[str] = field(default_factory=set)
 
-    def mean(self, metric: str) -> float:
-        return float(np.mean([metrics[metric] for metrics in self.episodes]))
+    def mean(self, metric: str) -> float | None:
+        """Return the mean over episodes; ``None`` if none says anything: timing needs a hit."""
+        values = [metrics[metric] for metrics in self.episodes if has_value(metric, metrics)]
+        return float(np.mean(values)) if values else None
 
 
 _Paired = Sequence[tuple[_Task, _Played, _Played]]
@@ -254,10 +257,16 @@ def _chosen(metrics: Sequence[str] | None, paired: _Paired) -> list[str]:
 
 
 def _compared(metric: str, paired: _Paired) -> MetricComparison:
+    means = [(task, a.mean(metric), b.mean(metric)) for task, a, b in paired]
     pairs = tuple(
-        Pair(piece=piece, seed=seed, a=a.mean(metric), b=b.mean(metric))
-        for (piece, seed), a, b in paired
+        Pair(piece=piece, seed=seed, a=a, b=b)
+        for (piece, seed), a, b in means
+        if a is not None and b is not None
     )
+    if not pairs:
+        raise RunError(
+            f"{metric} has no value in any pair: expected at least one note that both hit."
+        )
     differences = [pair.difference for pair in pairs]
     return MetricComparison(
         metric=metric,

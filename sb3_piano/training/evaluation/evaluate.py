@@ -112,11 +112,11 @@ def evaluate_runs(
     for run in runs:
         if [other.resolve() for other in runs].count(run.resolve()) > 1:
             raise ConfigError(f"Run '{run}' is given twice: expected each run once.")
-    given: list[Score | None] = [load_score(score) for score in scores]
+    given: Sequence[Score | None] = _distinct(scores) or [None]
     found: list[Evaluation] = []
     failures: list[Failure] = []
     interrupted = False
-    for run, piece in itertools.product(runs, given or [None]):
+    for run, piece in itertools.product(runs, given):
         errors: list[_Error] = []
         try:
             evaluation, errors = _evaluated(
@@ -141,6 +141,18 @@ def evaluate_runs(
         if interrupted:
             break
     return Evaluations(evaluations=tuple(found), failures=tuple(failures), interrupted=interrupted)
+
+
+def _distinct(scores: Sequence[Score | str | os.PathLike[str]]) -> list[Score]:
+    """Return scores; of those from several files of one name each has its file's as its title."""
+    found = [load_score(score) for score in scores]
+    titles = [score.title for score in found]
+    return [
+        score
+        if isinstance(source, Score) or titles.count(score.title) == scores.count(source)
+        else dataclasses.replace(score, title=os.fspath(source))
+        for source, score in zip(scores, found, strict=True)
+    ]
 
 
 def pieces_of(run: RunFolder) -> Sequence[str | None]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from sb3_piano.envs import Recording
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.metrics import Losses
+from sb3_piano.metrics import Losses, has_value
 from sb3_piano.music import Score
 from sb3_piano.music.difficulty import MotionRecording
 from sb3_piano.players import TreeSearch, TreeSettings
@@ -47,8 +47,14 @@ def play_piece(
 
 
 def summaries(metrics: Sequence[Mapping[str, float]]) -> dict[str, Summary]:
-    """Return the statistics of each metric."""
-    return {name: summarize([each[name] for each in metrics]) for name in metrics[0]}
+    """Return the statistics of each metric, over those that say anything: timing needs a hit."""
+    return {
+        name: summarize(
+            [each[name] for each in metrics if has_value(name, each)]
+            or [each[name] for each in metrics]
+        )
+        for name in metrics[0]
+    }
 
 
 def _played(

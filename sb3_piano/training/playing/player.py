@@ -121,7 +121,7 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
             model = load_to_play(config, model_file, venv)
             if tree is not None:
                 model = TreeSearch(model, venv, tree, seed=seed)
-            titles = {} if chosen is not None else _titles_of_copies(run, env)
+            titles = {} if chosen is not None else titles_of_copies(run, env)
             return cls(
                 run=run,
                 config=config,
@@ -251,7 +251,7 @@ def _check_playable(
         ) from error
 
 
-def _titles_of_copies(run: RunFolder, env: Env) -> dict[str, str]:
+def titles_of_copies(run: RunFolder, env: Env) -> dict[str, str]:
     """Return the name of the file that was copied into a run's folder, by the copy's title."""
     file, piano = run.read_provenance().get("score_file"), env.unwrapped
     if isinstance(file, str) and isinstance(piano, PianoEnv):

@@ -132,6 +132,9 @@ def clone(
         model = build_model(settings, venv)
         run = RunFolder.create(settings, folder, runs_dir)
         with run.owned(), run.whole_or_gone():
+            # What a killed process leaves is no run that could be gone on with.
+            written = run.read_config()
+            run.config_file.unlink()
             cloning = clone_behaviour(
                 model,
                 found,
@@ -148,6 +151,7 @@ def clone(
             facts = {"dataset": name, "epochs": epochs, "batch_size": batch_size}
             facts |= {"learning_rate": learning_rate, "loss": cloning.losses[-1]}
             run.write_provenance({**run.read_provenance(), "cloned": facts})
+            run.write_config(written)
     return CloneResult(folder=run, cloning=cloning)
 
 

@@ -254,12 +254,20 @@ class RunFolder:
                 if option != "score" or text not in library:
                     continue
                 file = library.path(text)
-            notes[f"{option}_file"] = str(file)
+            notes[f"{option}_file"] = _origin(option, file)
             copy = self.hand_file if option == MODEL else self.path / f"{option}{file.suffix}"
             shutil.copyfile(file, copy)
             config = _with_files(config, {option: str(copy)})
         self.write_provenance(notes)
         self.write_config(config)
+
+
+def _origin(option: str, file: Path) -> str:
+    """Return where a file comes from, through the folders of runs that copied it."""
+    run = RunFolder(file.parent)
+    if run.config_file.is_file() and file.stem == option:
+        return str(run.read_provenance().get(f"{option}_file", file))
+    return str(file)
 
 
 def begin_or_go_on(

@@ -12,6 +12,7 @@ from sb3_piano.players.hand_model import SIGHT_READER
 from sb3_piano.training.configuration.config import PlayConfig, RunConfig
 from sb3_piano.training.evaluation.evaluations import Evaluation
 from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.runs.start import StartFromRun
 
 _TASK = {"type": "reinforcement-learning", "name": "reinforcement-learning"}
 
@@ -157,6 +158,11 @@ def _training(run: RunFolder, config: PlayConfig) -> str:
     versions = notes.get("versions")
     known = versions.items() if isinstance(versions, Mapping) else ()
     with_what = ", ".join(f"{name} {version}" for name, version in known) or "unknown versions"
+    if any(plugin.is_a(StartFromRun) for plugin in config.callback):
+        return (
+            f"{told}with {with_what}. All settings are in `config.yml`, seed {config.seed}.\n"
+            "It began with what another run had learnt, which is not in this folder."
+        )
     return (
         f"{told}with {with_what}. All settings are in `config.yml`, seed {config.seed}; from them\n"
         "it is trained again by\n\n```python\n"

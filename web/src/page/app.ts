@@ -40,6 +40,8 @@ export class App {
   viewName: View = "stage";
   player: PlayerId = "sight-reader";
   visitor: Visitor | null = null;
+  /** Is called when there is something to show, once. */
+  onFirstSession: ((session: Session) => void) | null = null;
   /** Is called before each control step. */
   beforeStep: () => void = () => undefined;
   /** Pictures drawn so far. */
@@ -72,7 +74,15 @@ export class App {
     const id = link.piece ?? first; // null: what is on, or on its way
     const stays = id === null || (this.shown === this.asked && id === this.chosen?.piece.id);
     if (stays && (link.player ?? this.player) === this.player) return;
-    await this.report(() => this.load(stays ? null : () => this.parts.library.piece(id), link.player));
+    await this.report(async () => {
+      try {
+        await this.load(stays ? null : () => this.parts.library.piece(id), link.player);
+      } catch (error) {
+        // A link to what is not here any more: the message stays, beside the piece that would be on without it.
+        if (this.chosen === null && first !== null) await this.load(() => this.parts.library.piece(first), link.player);
+        throw error;
+      }
+    });
   }
 
   /** Choose a piece of the catalogue. */
@@ -157,9 +167,8 @@ export class App {
   /** Play control steps without regard to real time. */
   advance(steps: number): void {
     if (this.playback === null) return;
-    this.playback.playing = false;
+    this.pause();
     this.playback.advance(steps);
-    this.showPlaying();
     this.showFigures();
     this.say(`${describe(this.playback.session)} ${figures(this.playback.session.metrics())}.`);
   }
@@ -279,6 +288,9 @@ export class App {
 
   private setSession(session: Session): void {
     const { elements, sound } = this.parts;
+    this.onFirstSession?.(session);
+    this.onFirstSession = null;
+    sound.setPedal(false); // a visitor without a MIDI keyboard could not lift it
     this.playback = new Playback(session, {
       before: () => this.beforeStep(),
       after: (events, delay) => {

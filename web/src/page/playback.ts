@@ -1,4 +1,4 @@
-import { CONTROL_TIMESTEP, NUM_KEYS, type KeyEvent, type Session } from "../types";
+import { NUM_KEYS, type KeyEvent, type Session } from "../types";
 import { Pose } from "../view/pose";
 import type { Moment } from "../view/scene";
 
@@ -28,18 +28,21 @@ export class Playback {
   private readonly to: Pose;
   private readonly sounding = new Uint8Array(NUM_KEYS);
   private pending: KeyEvent[] = [];
+  /** Time of a control step, s: a report may be of another one than the page's. */
+  private readonly timestep: number;
 
   constructor(
     readonly session: Session,
     private readonly hooks: StepHooks,
   ) {
+    this.timestep = session.piece.roll.controlTimestep;
     this.from = new Pose(session.state);
     this.to = new Pose(session.state);
   }
 
   /** Simulated time, s. */
   get simulated(): number {
-    return this.session.stepsPlayed * CONTROL_TIMESTEP;
+    return this.session.stepsPlayed * this.timestep;
   }
 
   /** Go on by some real time, s, if it plays; stop at the end. */
@@ -57,7 +60,7 @@ export class Playback {
   /** Play so many control steps at once, or fewer if the piece ends, and show their end. */
   advance(steps: number): void {
     for (let i = 0; i < steps && !this.session.finished; i++) {
-      this.shown = this.simulated + CONTROL_TIMESTEP;
+      this.shown = this.simulated + this.timestep;
       this.step();
     }
     this.shown = this.simulated;
@@ -76,7 +79,7 @@ export class Playback {
 
   /** What is on show. */
   moment(): Moment {
-    const share = 1 - (this.simulated - this.shown) / CONTROL_TIMESTEP;
+    const share = 1 - (this.simulated - this.shown) / this.timestep;
     return { time: this.shown, from: this.from, to: this.to, share, sounding: this.sounding };
   }
 

@@ -19,6 +19,8 @@ interface Pull {
 export class Pointer {
   private pull: Pull | null = null;
   private key: number | null = null;
+  /** The pointer that has taken one of them: of several fingers the first. */
+  private taken: number | null = null;
 
   /**
    * @param session The session that is on.
@@ -34,7 +36,7 @@ export class Pointer {
     canvas.addEventListener("pointerdown", (event) => this.take(event), { capture: true });
     canvas.addEventListener("pointermove", (event) => this.move(event));
     for (const name of ["pointerup", "pointercancel", "lostpointercapture"] as const) {
-      canvas.addEventListener(name, () => this.letGo());
+      canvas.addEventListener(name, (event) => this.letGo(event));
     }
   }
 
@@ -48,11 +50,13 @@ export class Pointer {
   }
 
   private take(event: PointerEvent): void {
+    if (this.taken !== null) return;
     const session = this.session();
     const touch = session === null ? null : this.view.touch(event.clientX, event.clientY);
     this.view.orbiting = touch === null;
     if (session === null || touch === null) return;
     this.canvas.setPointerCapture(event.pointerId);
+    this.taken = event.pointerId;
     if ("key" in touch.hit) {
       this.key = touch.hit.key;
       session.pushKey(this.key, true);
@@ -64,6 +68,7 @@ export class Pointer {
   }
 
   private move(event: PointerEvent): void {
+    if (this.taken !== null && event.pointerId !== this.taken) return;
     if (this.pull !== null) {
       this.pull.target = this.view.pointAt(event.clientX, event.clientY, this.pull.target);
     } else if (event.buttons === 0) {
@@ -72,12 +77,14 @@ export class Pointer {
     }
   }
 
-  private letGo(): void {
+  private letGo(event: PointerEvent): void {
+    if (this.taken !== null && event.pointerId !== this.taken) return;
     const session = this.session();
     if (this.key !== null) session?.pushKey(this.key, false);
     if (this.pull !== null) session?.pull(null);
     this.key = null;
     this.pull = null;
+    this.taken = null;
     this.view.orbiting = true;
   }
 }

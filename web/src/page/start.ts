@@ -50,12 +50,19 @@ export async function start(assets: Assets, open: (assets: Assets) => Promise<Ma
   sound.volume = Number(elements.volume.value);
   const [library, makeSession, stage] = await Promise.all([Library.open(assets), open(assets), loadStage(assets)]);
   const app = new App({ elements, library, sound, roll: new RollView(elements.roll), makeSession });
-  const visitor = new Visitor(() => (app.player === "you" ? app.session : null), sound);
+  const visitor = new Visitor(
+    () => (app.player === "you" ? app.session : null),
+    sound,
+    () => app.playback?.playing === true,
+  );
   app.visitor = visitor;
   connectControls(app, elements, sound, visitor);
+  const fitAll = fit(app, elements);
+  app.onFirstSession = (session) => {
+    showScene(app, elements, stage, session);
+    fitAll();
+  };
   await app.follow(location.hash);
-  if (app.session !== null) showScene(app, elements, stage, app.session);
-  fit(app, elements);
   run(app);
   return pageOf(app, library, sound, visitor);
 }
@@ -79,8 +86,8 @@ function showScene(app: App, elements: Elements, stage: Awaited<ReturnType<typeo
   });
 }
 
-/** Keep picture and piano roll as large as their places on the page. */
-function fit(app: App, elements: Elements): void {
+/** Keep picture and piano roll as large as their places on the page; return what makes them so now. */
+function fit(app: App, elements: Elements): () => void {
   const fitAll = (): void => {
     const { clientWidth: width, clientHeight: height } = elements.stage;
     if (width > 0 && height > 0) app.view?.resize(width, height, devicePixelRatio);
@@ -92,6 +99,7 @@ function fit(app: App, elements: Elements): void {
   observer.observe(elements.stage);
   observer.observe(elements.roll);
   fitAll();
+  return fitAll;
 }
 
 function run(app: App): void {

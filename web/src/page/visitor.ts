@@ -5,17 +5,22 @@ import type { VisitorListener } from "./visitor_keys";
 /**
  * What a visitor plays on a keyboard: it pushes the simulated keys and sounds at once.
  *
- * Keys are pushed for whole control steps, so one that is tapped between two of them is held for the next.
+ * Keys are pushed for whole control steps, so one that is tapped between two of them is held for the next; while nothing
+ * is played, it is let go at once.
  */
 export class Visitor implements VisitorListener {
   /** Keys that are down, and the control step at which they went down. */
   private readonly down = new Map<number, number>();
   private readonly released = new Set<number>();
 
-  /** @param session The session that is on, if the visitor is its player. */
+  /**
+   * @param session The session that is on, if the visitor is its player.
+   * @param playing Whether it is being played.
+   */
   constructor(
     private readonly session: () => Session | null,
     private readonly sound: PianoSound,
+    private readonly playing: () => boolean,
   ) {}
 
   key(key: number, velocity: number): void {
@@ -27,7 +32,7 @@ export class Visitor implements VisitorListener {
       this.down.set(key, session.stepsPlayed);
       this.released.delete(key);
       session.pushKey(key, true);
-    } else if (this.down.get(key) === session.stepsPlayed) {
+    } else if (this.playing() && this.down.get(key) === session.stepsPlayed) {
       this.released.add(key);
     } else {
       this.letGo(session, key);

@@ -53,6 +53,8 @@ const TRAVEL_TIME = 0.7;
 /** Mean time between pictures from which on fewer pixels are drawn, s, and the share of the last in that mean. */
 const SLOWEST = 0.06;
 const INTERVAL_SHARE = 0.1;
+/** A longer one is a pause of the browser, or of whoever looks elsewhere, and no slow picture, s. */
+const LONGEST_INTERVAL = 0.1;
 /** Fewest pixels in a CSS pixel's width. */
 const COARSEST = 0.6;
 
@@ -185,7 +187,7 @@ export class SceneView {
 
   /** Draw fewer pixels if pictures come too slowly: that is less of a loss than motion that stutters. */
   private saveTime(elapsed: number): void {
-    this.interval += (Math.min(elapsed, 1) - this.interval) * INTERVAL_SHARE;
+    this.interval += (Math.min(elapsed, LONGEST_INTERVAL) - this.interval) * INTERVAL_SHARE;
     const ratio = this.renderer.getPixelRatio();
     if (this.interval < SLOWEST || ratio <= COARSEST) return;
     this.pixelRatio = Math.max(COARSEST, ratio * 0.8);

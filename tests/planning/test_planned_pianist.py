@@ -258,6 +258,27 @@ def test_the_plans_of_the_last_pieces_are_kept_and_no_more(monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore:.*cannot be played")
+def test_as_many_are_kept_as_environments_play_at_once(monkeypatch):
+    monkeypatch.setattr(pianist, "_PLANS_KEPT", 1)
+    envs = [piano(five_fingers(length=length)) for length in (0.3, 0.35)]
+    trackers = Trackers(CARELESS, n_envs=2)
+    first = [trackers.of(env) for env in envs]
+    assert [trackers.of(env) for env in envs] == first
+
+
+@pytest.mark.filterwarnings("ignore:.*cannot be played")
+def test_a_model_that_is_changed_between_episodes_has_another_plan():
+    env, trackers = piano(five_fingers(length=0.35)), Trackers(CARELESS)
+    env.reset()
+    before = trackers.of(env)
+    env.step(env.rest_action)
+    env.model.actuator_gainprm[0, 0] *= 1.1
+    assert trackers.of(env) is before  # to the end of the episode
+    env.reset()
+    assert trackers.of(env) is not before
+
+
+@pytest.mark.filterwarnings("ignore:.*cannot be played")
 def test_a_piece_is_planned_once_for_equal_scenes_and_anew_for_others(monkeypatch):
     made, plan = [], pianist.plan_piece
     monkeypatch.setattr(pianist, "plan_piece", lambda *given: made.append(given) or plan(*given))

@@ -248,6 +248,10 @@ def test_a_visitor_plays_on_the_computers_keys_and_is_scored(tab):
     tab.page.keyboard.press("]")
     assert tab.text("#octave") == "C5"
     tab.page.keyboard.press("[")
+    for key in "qwe":  # tried while nothing plays, they do not wait for the next step
+        tab.page.keyboard.press(key)
+    tab.advance(2)
+    assert tab.sounding() == []
 
 
 def test_a_visitor_plays_on_a_midi_keyboard(tab):
@@ -325,6 +329,14 @@ def test_a_permalink_is_followed_and_kept_up_to_date(tab):
     tab.page.get_by_role("alert").wait_for()
     assert "no piece 'nothing'" in tab.page.get_by_role("alert").inner_text()
     assert state() == (BROKEN_CHORD, "1", "score", "stage")
+
+
+def test_a_link_to_a_piece_that_is_not_here_leads_to_the_first_one(address, opened):
+    tab = opened(f"{address}#piece=gone")
+    assert "no piece 'gone'" in tab.page.get_by_role("alert").inner_text()
+    assert tab.page.locator("#piece").input_value() == BROKEN_CHORD
+    tab.advance(1)
+    assert tab.page.evaluate(FIND, "any key")  # there is a picture
 
 
 def test_on_a_phone_nothing_is_wider_than_the_screen(address, opened):

@@ -260,7 +260,7 @@ def test_the_plans_of_the_last_pieces_are_kept_and_no_more(monkeypatch):
 @pytest.mark.filterwarnings("ignore:.*cannot be played")
 def test_as_many_are_kept_as_environments_play_at_once(monkeypatch):
     monkeypatch.setattr(pianist, "_PLANS_KEPT", 1)
-    envs = [piano(five_fingers(length=length)) for length in (0.3, 0.35)]
+    envs = [piano(five_fingers(length=length)) for length in (0.41, 0.43)]
     trackers = Trackers(CARELESS, n_envs=2)
     first = [trackers.of(env) for env in envs]
     assert [trackers.of(env) for env in envs] == first
@@ -268,7 +268,7 @@ def test_as_many_are_kept_as_environments_play_at_once(monkeypatch):
 
 @pytest.mark.filterwarnings("ignore:.*cannot be played")
 def test_a_model_that_is_changed_between_episodes_has_another_plan():
-    env, trackers = piano(five_fingers(length=0.35)), Trackers(CARELESS)
+    env, trackers = piano(five_fingers(length=0.42)), Trackers(CARELESS)
     env.reset()
     before = trackers.of(env)
     env.step(env.rest_action)

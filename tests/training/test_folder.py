@@ -72,7 +72,9 @@ def test_score_and_finger_labels_are_copied_and_found_after_the_folder_was_moved
 
 def test_a_copy_of_a_copy_is_known_by_the_first_file(small_config, tmp_path, midi_file):
     given = {"score": str(midi_file)}
-    first = RunFolder.create(small_config(env_id="RoboPianist-v0", env_kwargs=given), "first")
+    first = RunFolder.create(
+        small_config(env_id="RoboPianist-v0", env_kwargs=given), tmp_path / "first"
+    )
     second = RunFolder.create(first.read_config(), tmp_path / "second")
     assert second.read_provenance()["score_file"] == str(midi_file)
     assert second.read_config().env_kwargs["score"] == str(second.path / "score.mid")

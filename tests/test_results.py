@@ -194,6 +194,9 @@ def test_aggregates_are_of_the_pieces_that_all_have_played():
         "| sight-reader | 1 | 2 | F1 | 0.800 | - | - |",
         "| sight-reader | 1 | 2 | onset F1 | 0.375 | 0.250 to 0.500 | - |",
     ]
+    fewer = result(piece="repertoire-OdeToJoy", f1=[1], onset_f1=[1], seeds=(0,))
+    last = aggregate_table([result(), fewer]).splitlines()[-1]
+    assert last == "No means of planned: not as many seeds of each piece."
 
 
 def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import os
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -161,9 +161,11 @@ def _show(found: Evaluations, metrics: list[str] | None) -> None:
         shown = names[start : start + _METRICS_IN_TABLE]
         print_table(_several_runs_table(found.evaluations, shown, parent))
     varying = [len(found.episodes) for found in found.evaluations if found.has_interval]
-    if varying:
+    per_run = Counter(evaluation.run for evaluation in found.evaluations)
+    over_pieces = [count for count in per_run.values() if count > 1]
+    if varying or over_pieces:
         print("Means over all episodes of all seeds; below, where they vary, 95 % intervals.")
-        print_narrowness(min(varying))
+        print_narrowness(min(varying + over_pieces))
     n_repeated = sum(evaluation.is_repetition for evaluation in found.evaluations)
     if n_repeated:
         print(f"In {n_repeated} of {len(found.evaluations)} rows {_REPETITION}")

@@ -62,7 +62,7 @@ def origin_table(results: Sequence[Result]) -> str:
 def aggregate_table(results: Sequence[Result]) -> str:
     """Return interquartile means with 95 % intervals of each player, as Markdown.
 
-    Players are compared over the pieces that all of them have played.
+    Players are compared over the pieces that all of them have played; one without a row is named.
     """
     players = list(dict.fromkeys(result.player for result in results))
     played = [{r.piece for r in results if r.player == player} for player in players]
@@ -71,15 +71,18 @@ def aggregate_table(results: Sequence[Result]) -> str:
         "| player | pieces | seeds | metric | IQM | 95 %, other seeds | 95 %, other pieces |",
         "|---|---:|---:|---|---:|---:|---:|",
     ]
+    missing: list[str] = []
     for player in players:
         of_player = [r for r in results if r.player == player and r.piece in common]
         if len({len(result.seeds) for result in of_player}) != 1:
-            continue  # none in common, or not as many seeds of each
+            why = "not as many seeds of each piece" if of_player else "no piece that all played"
+            missing.append(f"No means of {player}: {why}.")
+            continue
         for name in ("f1", "onset_f1"):
             found = aggregate([getattr(result, name) for result in of_player])
             label = "F1" if name == "f1" else "onset F1"
             lines.append(_aggregate_row(player, of_player, label, found))
-    return "\n".join(lines)
+    return "\n".join([*lines, *([""] if missing else []), *missing])
 
 
 def _aggregate_row(player: str, results: Sequence[Result], label: str, found: Aggregate) -> str:

@@ -322,6 +322,7 @@ def test_a_run_on_several_pieces_has_its_means(piano_run, call, tmp_path):
     low, high = (float(end) for end in rows[at + 2][1].split(".."))
     assert 0 <= low <= means[0] <= high
     assert len(rows) == at + 3
+    assert "An interval from so few values (3) is too narrow" in out
     assert "mean over pieces" not in call(f"{command} --score FurElise")[1]
 
 

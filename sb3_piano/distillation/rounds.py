@@ -243,7 +243,13 @@ def held_out_pieces(config: DistillConfig) -> list[Score]:
     count, end = settings.excerpts, settings.duration or math.inf
     fresh = replace(config.corpus, seed=config.corpus.seed + 1, n=max(count, 1))
     pieces = [replace(load_score(name).excerpt(0.0, end), title=name) for name in settings.pieces]
-    return [*(fresh[index] for index in range(count)), *pieces]
+    found: dict[str, Score] = {}  # other music may have the same title
+    for score in (*(fresh[index] for index in range(count)), *pieces):
+        title, number = score.title, 2
+        while title in found:
+            title, number = f"{score.title} ({number})", number + 1
+        found[title] = replace(score, title=title)
+    return list(found.values())
 
 
 def recorded_of(config: DistillConfig) -> RecordedCorpus | None:

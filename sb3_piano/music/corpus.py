@@ -143,8 +143,9 @@ class Corpus:
             raise IndexError(f"Excerpt {index} is not in the corpus: it has {self.n}.")
         index = int(index) % self.n
         random = np.random.default_rng((self.seed, index))
-        weights = np.array(list(self.sources.values()))
-        source = list(self.sources)[int(random.choice(len(weights), p=weights / weights.sum()))]
+        sources = sorted(self.sources)  # equal corpora are the same music
+        weights = np.array([self.sources[source] for source in sources])
+        source = sources[int(random.choice(len(weights), p=weights / weights.sum()))]
         if source == "generated":
             # Drawn only where it matters, so that a share of 0 gives the corpus without it.
             near = self.near > 0 and bool(random.random() < self.near)

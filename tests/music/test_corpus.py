@@ -36,6 +36,12 @@ def test_an_excerpt_is_a_function_of_seed_and_index():
         corpus[40]
 
 
+def test_equal_corpora_are_the_same_music_whatever_the_order_of_their_sources():
+    one, other = Corpus(sources=ALL, n=20), Corpus(sources=dict(reversed(ALL.items())), n=20)
+    assert one == other
+    assert list(one) == list(other)
+
+
 def test_its_share_of_the_excerpts_keeps_the_hands_for_which_they_are_written():
     written, changed, both = (Corpus(own_hands=share, n=30) for share in (1.0, 0.0, 0.5))
     kept = different = 0

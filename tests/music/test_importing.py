@@ -301,6 +301,32 @@ class TestAgain:
         assert report.imported == ("a", "b")
         assert [library.score(name).notes[0].pitch for name in "ab"] == [70, 60]
 
+    def test_a_file_that_is_two_pieces_replaces_the_one_of_its_fingering(self, music, library):
+        path = save(music / "piece.mid")
+        import_path(path, library)
+        import_path(path, library, fingering="optimal-transport", name="piece_without_labels")
+        save(path, 70)
+        assert import_path(path, library).imported == ("piece",)
+        firsts = {name: library.score(name).notes[0].pitch for name in library.names()}
+        assert firsts == {"piece": 70, "piece_without_labels": 60}
+        assert import_path(path, library, fingering="robot").imported == ("piece",)
+
+    def test_what_is_said_to_be_there_is_not_replaced_by_another_file(self, music, library):
+        save(music / "song.mid", 60)
+        import_path(music, library)
+        (music / "song.mid").rename(music / "song-old.mid")  # which comes first
+        save(music / "song.mid", 70)
+        report = import_path(music, library, jobs=1)
+        assert (report.imported, report.present) == (("music-song",), ("song",))
+        assert library.score("song").notes[0].pitch == 60
+
+    def test_a_name_of_another_piece_is_refused(self, music, library):
+        import_path(save(music / "a.mid", 60), library, name="mine")
+        with pytest.raises(ConfigError, match="There is another piece 'mine', of '.*a.mid': exp"):
+            import_path(save(music / "b.mid", 70), library, name="mine")
+        import_path(save(music / "a.mid", 72), library, name="mine")  # the same file, changed
+        assert library.score("mine").notes[0].pitch == 72
+
     def test_a_damaged_piece_is_not_written_over(self, music, library):
         library.folder.mkdir()
         library.path("a").write_bytes(b"damaged")

@@ -9,6 +9,7 @@ import io
 import itertools
 import os
 import tempfile
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from sb3_piano.music.library.datasets import (
     find_dataset,
     unpack_wheel,
 )
+from sb3_piano.music.library.piece_file import PieceInfo
 from sb3_piano.music.library.store import (
     LONGEST_NAME,
     Library,
@@ -239,8 +241,12 @@ class _ImportPlan:
         self._taken = set(library.names())
         self._by_content = {(i.sha256, i.setting): i.name for i in self._infos.values()}
         # What may be replaced, by the content of its file and by the file.
-        own = [info for info in self._infos.values() if info.collection == "imported"]
-        self._replaceable = {key: i.name for i in own for key in (i.path, i.sha256) if key}
+        self._replaceable: dict[str, list[PieceInfo]] = defaultdict(list)
+        for info in self._infos.values():
+            if info.collection == "imported":
+                for key in filter(None, (info.path, info.sha256)):
+                    self._replaceable[key].append(info)
+        self._kept: set[str] = set()
         self._planned: set[tuple[str, str]] = set()
         self._new: set[str] = set()
 
@@ -255,6 +261,9 @@ class _ImportPlan:
         content = (sha256, setting)
         if task.names:
             infos = [self._infos.get(name) for name, _ in task.names]
+            for info in filter(None, infos):
+                if info.collection == "imported" and str(task.path.absolute()) != info.path:
+                    self._check_same(info, sha256)
             there = [i.name for i in infos if i and (i.sha256, i.setting) == content]
             self.present += there
             names = tuple(pair for pair in task.names if pair[0] not in there)
@@ -265,6 +274,13 @@ class _ImportPlan:
             fingering = task.fingering if self._fingering is None else self._fingering
             self.tasks.append(
                 replace(task, names=names, fingering=fingering, setting=setting, sha256=sha256)
+            )
+
+    def _check_same(self, info: PieceInfo, sha256: str) -> None:
+        if info.sha256 != sha256:
+            raise ConfigError(
+                f"There is another piece {info.name!r}, of '{info.path}': expected a name that is "
+                f"free, or to take that one away before: sb3-piano pieces remove {info.name}"
             )
 
     def _chosen_name(self, path: Path, content: tuple[str, str]) -> str | None:
@@ -278,18 +294,31 @@ class _ImportPlan:
         known = self._by_content.get(content)
         if known is not None and known not in self._new:
             self.present.append(known)
+            self._kept.add(known)
             return None
-        before = (self._replaceable.get(key) for key in (content[0], str(path.absolute())))
-        replaced = (
-            name
-            for name in before
-            # Older versions gave names that no piece can have any more.
-            if name and name not in self._new and is_possible(name) and not is_built_in(name)
-        )
-        name = next(replaced, None) or self._free_name(path)
+        keys = (content[0], str(path.absolute()))
+        replaced = (self._replaced(key, path, content[1]) for key in keys)
+        name = next(filter(None, replaced), None) or self._free_name(path)
         self._planned.add(content)
         self._new.add(name)
         return name
+
+    def _replaced(self, key: str, path: Path, setting: str) -> str | None:
+        """Return what a piece replaces of those with its content, or of its file, if anything.
+
+        Of several it is the one with the same fingering, or the one that is called like the file.
+        """
+        found = [
+            info
+            for info in self._replaceable.get(key, ())
+            # Older versions gave names that no piece can have any more.
+            if is_possible(info.name) and not is_built_in(info.name)
+            if info.name not in self._new | self._kept
+        ]
+        alike = [info for info in found if info.setting == setting]
+        named = [info for info in found if info.name == slug(path.stem)]
+        several = alike or named or (found if len(found) == 1 else [])
+        return several[0].name if several else None
 
     def _free_name(self, path: Path) -> str:
         """Return a free name for the piece in a file, near to the file's own.

@@ -295,7 +295,8 @@ def begin_or_go_on(
                     "folder."
                 )
         return
-    if any(found.name != LOCK_SUFFIX for found in place.iterdir()):
+    names = {found.name for found in place.iterdir()} - {LOCK_SUFFIX, _PROVENANCE}
+    if any(not name.endswith(PARTIAL_SUFFIX) for name in names):  # else it was begun, no further
         raise RunError(f"Folder '{place}' is not empty: expected a new or empty one.")
     try:
         write_yaml(place / _PROVENANCE, provenance(seed))

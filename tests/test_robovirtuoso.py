@@ -136,6 +136,22 @@ def test_figures_of_fewer_steps_than_a_cell_has_are_not_kept(tmp_path, monkeypat
         assert len(table.read_runs(tmp_path)) == 1
 
 
+def test_the_page_has_the_figures_that_were_kept():
+    kept = json.loads((FOLDER / "results.json").read_text())
+    page = (FOLDER.parents[1] / "docs/reproductions/robovirtuoso.md").read_text(encoding="utf-8")
+    rows = {
+        cells[0]: cells[1:5]
+        for line in page.partition("### Table 1")[2].partition("##")[0].splitlines()
+        if (cells := [cell.strip() for cell in line.strip("|").split("|")])
+    }
+    for column, piece in enumerate(STUDY["pieces"]):
+        for name in ("from nothing", "from one scale", "from twelve scales"):
+            run = f"table_1/{name.replace(' ', '_')}/{piece}_seed_0"
+            f1, _, resting = kept[run][piece]
+            assert float(rows[name][column]) == pytest.approx(f1, abs=6e-4)
+            assert float(rows["resting hands"][column]) == pytest.approx(resting, abs=6e-4)
+
+
 @pytest.mark.slow
 def test_the_driver_trains_starts_resumes_and_prints(tmp_path):
     driver, runs = tmp_path / "driver", tmp_path / "runs"

@@ -35,6 +35,7 @@ from sb3_piano.executors import Job, Result, map_jobs
 from sb3_piano.files import read_json, write_json
 from sb3_piano.interrupts import StopRequest
 from sb3_piano.music import Score, load_score
+from sb3_piano.music.selection import told_apart
 from sb3_piano.players import HandModel
 from sb3_piano.policies import HandsTD3Policy, hand_weights, load_hand_weights
 
@@ -243,13 +244,9 @@ def held_out_pieces(config: DistillConfig) -> list[Score]:
     count, end = settings.excerpts, settings.duration or math.inf
     fresh = replace(config.corpus, seed=config.corpus.seed + 1, n=max(count, 1))
     pieces = [replace(load_score(name).excerpt(0.0, end), title=name) for name in settings.pieces]
-    found: dict[str, Score] = {}  # other music may have the same title
-    for score in (*(fresh[index] for index in range(count)), *pieces):
-        title, number = score.title, 2
-        while title in found:
-            title, number = f"{score.title} ({number})", number + 1
-        found[title] = replace(score, title=title)
-    return list(found.values())
+    found = [*(fresh[index] for index in range(count)), *pieces]
+    titles = told_apart(score.title for score in found)  # other music may have the same one
+    return [replace(score, title=title) for score, title in zip(found, titles, strict=True)]
 
 
 def recorded_of(config: DistillConfig) -> RecordedCorpus | None:

@@ -6,7 +6,7 @@ import fnmatch
 import glob
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -135,3 +135,14 @@ def _listed(path: Path, known: Mapping[str, Piece]) -> Iterator[ScoreSource]:
             )
         if entry:
             yield from _selected(entry, path.parent, known)
+
+
+def told_apart(titles: Iterable[str]) -> list[str]:
+    """Return titles of which no two are the same: the second "a" is "a (2)"."""
+    found: dict[str, None] = {}
+    for title in titles:
+        name, number = title, 2
+        while name in found:
+            name, number = f"{title} ({number})", number + 1
+        found[name] = None
+    return list(found)

@@ -65,8 +65,8 @@ class ProcessVecEnv(VecEnv):
             theirs.close()
             self._ours.append(ours)
             self._processes.append(process)
-        # Answers that are still to be read: after Ctrl-C in between, those of before.
-        self._unread = [1] * self.n_processes
+        # Which processes have an answer that is still to be read, as after Ctrl-C in between.
+        self._unread = [True] * self.n_processes
         spaces = self._answers()[0]
         super().__init__(len(env_fns), *spaces)
 
@@ -151,11 +151,10 @@ class ProcessVecEnv(VecEnv):
     def _ask(self, number: int, method: str, /, *args: Any, **kwargs: Any) -> None:
         """Ask a process for a method of its environments; of one that has ended no answer tells."""
         ours = self._ours[number]
-        with contextlib.suppress(OSError, EOFError):
-            while self._unread[number]:
+        if self._unread[number]:
+            with contextlib.suppress(Exception):  # not Ctrl-C, after which it is still to be read
                 ours.recv()
-                self._unread[number] -= 1
-        self._unread[number] = 1
+        self._unread[number] = True
         with contextlib.suppress(OSError):
             ours.send((method, args, kwargs))
 
@@ -170,7 +169,7 @@ class ProcessVecEnv(VecEnv):
                 error.__cause__ = gone
             except Exception as unreadable:  # those of the other processes are still to be read
                 answer, error = None, unreadable
-            self._unread[number] = 0
+            self._unread[number] = False
             answers.append(answer)
             errors += [] if error is None else [error]
         if errors:

@@ -35,6 +35,8 @@ class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
         ConfigError: If a setting is wrong, or ``env`` is no piano.
     """
 
+    draws_times = True  # those of the score that stands for all excerpts mean nothing
+
     def __init__(
         self, env: gym.Env[Any, Any], corpus: Corpus | Mapping[str, Any], episodes: int = 1
     ) -> None:
@@ -47,8 +49,6 @@ class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
         if not isinstance(corpus, Corpus):
             corpus = Corpus(**checked("corpus", corpus, Mapping))
         self._corpus = corpus
-
-    draws_times = True  # the times of its stand-in mean nothing
 
     @property
     def sources(self) -> list[Score]:

@@ -16,6 +16,7 @@ from sb3_piano.music import Score, find_piece, is_path, load_score, select_piece
 from sb3_piano.music.catalogue import ScoreSource
 from sb3_piano.music.difficulty import Features, features
 from sb3_piano.music.library import piece_features
+from sb3_piano.music.selection import told_apart
 from sb3_piano.settings import Number, checked
 from sb3_piano.wrappers.piano import piano_of
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper, possible_scores
@@ -87,7 +88,10 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
 
         Each is another text: of several scores of one title the second is "title (2)".
         """
-        return _names([self._pieces[index] for index in self._possible])
+        possible = (self._pieces[index] for index in self._possible)
+        return told_apart(
+            piece.title if isinstance(piece, Score) else os.fspath(piece) for piece in possible
+        )
 
     @property
     def piece_index(self) -> int | None:
@@ -155,17 +159,6 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
         if "score" in options or plan.choose is not None:
             return plan
         return replace(plan, choose=self.choose)
-
-
-def _names(pieces: Sequence[ScoreSource]) -> list[str]:
-    found: dict[str, None] = {}
-    for piece in pieces:
-        title = piece.title if isinstance(piece, Score) else os.fspath(piece)
-        name, number = title, 2
-        while name in found:
-            name, number = f"{title} ({number})", number + 1
-        found[name] = None
-    return list(found)
 
 
 def _probabilities(weights: Any, count: int) -> npt.NDArray[np.float64]:

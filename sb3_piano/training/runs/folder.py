@@ -28,9 +28,9 @@ from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, R
 from sb3_piano.training.configuration.names import (
     PLANNERS,
     full_name,
+    import_name,
     is_dotted,
     known_packages_only,
-    refuse_unknown_package,
 )
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 
@@ -192,7 +192,8 @@ class RunFolder:
             for text in _texts(config.algorithm_kwargs):
                 if is_dotted(full_name(text)):  # it would be imported when the model is made
                     try:
-                        refuse_unknown_package(text)
+                        with known_packages_only():
+                            import_name(text)
                     except ConfigError as error:
                         raise ConfigError(f"'{self.config_file}': {error}") from error
             if not self.weights_file.is_file():

@@ -5,9 +5,10 @@ Source: RoboVirtuoso (2023), section 7.2 and table 4, whose numbers of parameter
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import torch
+from annotated_types import MultipleOf
 from gymnasium import spaces
 from stable_baselines3.common.torch_layers import create_mlp, get_actor_critic_arch
 from stable_baselines3.common.type_aliases import Schedule
@@ -22,15 +23,14 @@ from sb3_piano.policies.regularized import (
     DroQTQCPolicy,
     RegularizedCritics,
 )
-from sb3_piano.settings import Share, checked
+from sb3_piano.settings import Count, Share, Unit, checked
 
 POOLED_STEPS = 10
 """Control steps that a convolution makes one of: its "kernel size = stride = 10"."""
 
-WIDTH = 128
-"""Numbers of a token of the transformer."""
+_MAX_TOKENS = 512  # BERT's
 
-_LAYERS, _HIDDEN, _MAX_TOKENS = 3, 4 * WIDTH, 512  # the last two are BERT's
+_Even = Annotated[Count, MultipleOf(2), Unit(", even, as the actor has two heads")]
 
 EncoderName = Literal["mlp", "conv", "transformer"]
 
@@ -112,6 +112,17 @@ class ConvEncoder(FlatEncoder):
         return [convolution(rolls[index][:, 1:].mT).mT for convolution, index in pairs]
 
 
+class _FirstToken(nn.TransformerEncoderLayer):
+    """A layer that computes its first token alone: all that is read of a transformer's last."""
+
+    def forward(self, src: Tensor, *args: Any, **kwargs: Any) -> Tensor:
+        """Return the first token, (batch, 1, width), of tokens (batch, tokens, width)."""
+        first = src[:, :1]
+        seen = self.self_attn(first, src, src, need_weights=False)[0]
+        first = self.norm1(first + self.dropout1(seen))
+        return self.norm2(first + self._ff_block(first))
+
+
 class TransformerEncoder(ConvEncoder):
     """A transformer's output at the first of its tokens.
 
@@ -122,6 +133,8 @@ class TransformerEncoder(ConvEncoder):
         layout: As of :class:`ConvEncoder`.
         n_actions: As there.
         heads: Heads of attention.
+        width: Numbers of a token; a layer's hidden ones are four times as many, as BERT's.
+        n_layers: Layers, 1 or more.
         dropout: Probability with which an activation is dropped while training.
         attention_dropout: The same for weights of attention.
         state_first: Whether the state is the first token, as in the paper's figure 2, or the last,
@@ -133,24 +146,24 @@ class TransformerEncoder(ConvEncoder):
         layout: ObservationLayout,
         n_actions: int,
         heads: int,
+        width: int = 128,
+        n_layers: int = 3,
         dropout: float = 0.0,
         attention_dropout: float = 0.0,
         state_first: bool = False,
     ) -> None:
-        super().__init__(layout, n_actions, WIDTH)
+        super().__init__(layout, n_actions, width)
         self._state_first = state_first
-        self.now = nn.ModuleList(nn.Linear(n, WIDTH) for *_, n in self._rolls)
-        self.state = nn.Linear(self._n_state, WIDTH)
-        self.positions = nn.Parameter(0.02 * torch.randn(_MAX_TOKENS, WIDTH))  # as BERT's
-        self.norm, self.dropout = nn.LayerNorm(WIDTH), nn.Dropout(dropout)
+        self.now = nn.ModuleList(nn.Linear(n, width) for *_, n in self._rolls)
+        self.state = nn.Linear(self._n_state, width)
+        self.positions = nn.Parameter(0.02 * torch.randn(_MAX_TOKENS, width))  # as BERT's
+        self.norm, self.dropout = nn.LayerNorm(width), nn.Dropout(dropout)
         self.layers = nn.Sequential()
-        for _ in range(_LAYERS):
-            layer = nn.TransformerEncoderLayer(
-                WIDTH, heads, _HIDDEN, dropout, activation="gelu", batch_first=True
-            )
+        for kind in [nn.TransformerEncoderLayer] * (n_layers - 1) + [_FirstToken]:
+            layer = kind(width, heads, 4 * width, dropout, activation="gelu", batch_first=True)
             layer.self_attn.dropout = attention_dropout
             self.layers.append(layer)
-        self.outputs = WIDTH
+        self.outputs = width
 
     def forward(self, inputs: Tensor) -> Tensor:
         """Return features, (batch, outputs)."""
@@ -179,11 +192,15 @@ class _Encoders(OwnActor, RegularizedCritics):
         net_arch: list[int] | dict[str, list[int]] | None = None,
         activation_fn: type[nn.Module] = nn.GELU,
         encoder: EncoderName = "mlp",
+        width: int = 128,
+        n_layers: int = 3,
         attention_dropout: float = 0.1,
         state_first: bool = False,
         **kwargs: Any,
     ) -> None:
         self.encoder: EncoderName = checked("encoder", encoder, EncoderName)
+        self.width: int = checked("width", width, _Even)
+        self.n_layers: int = checked("n_layers", n_layers, Count)
         self.attention_dropout: float = checked("attention_dropout", attention_dropout, Share)
         self.state_first: bool = checked("state_first", state_first, bool)
         self._layout = _layout_of(observation_space)
@@ -218,12 +235,12 @@ class _Encoders(OwnActor, RegularizedCritics):
             return FlatEncoder(self._layout, n_actions)
         if self.encoder == "conv":
             return ConvEncoder(self._layout, n_actions)
-        return TransformerEncoder(self._layout, n_actions, state_first=self.state_first, **settings)
+        own = {name: getattr(self, name) for name in ("width", "n_layers", "state_first")}
+        return TransformerEncoder(self._layout, n_actions, **own, **settings)
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
-        own = {
-            name: getattr(self, name) for name in ("encoder", "attention_dropout", "state_first")
-        }
+        names = ("encoder", "width", "n_layers", "attention_dropout", "state_first")
+        own = {name: getattr(self, name) for name in names}
         return {**super()._get_constructor_parameters(), **own}
 
 
@@ -243,6 +260,8 @@ class EncoderSACPolicy(_Encoders, DroQSACPolicy):
         activation_fn: Activation of those, by default GELU, as in the paper.
         encoder: ``"mlp"``, which does not encode; ``"conv"``, which convolves what is due later;
             or ``"transformer"``.
+        width: Numbers of a transformer's token, even.
+        n_layers: Layers of a transformer.
         attention_dropout: Probability with which a transformer critic drops weights of attention
             while training; by default BERT's.
         state_first: Whether a transformer takes its output where the state is, as in the paper's

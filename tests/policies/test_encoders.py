@@ -70,6 +70,24 @@ def test_a_transformer_critic_has_one_head_and_an_actor_two():
         assert [layer.self_attn.num_heads for layer in network[0].layers] == [heads] * 3
 
 
+def test_width_and_layers_of_a_transformer_are_as_asked():
+    policy = make(ObservationSpace(layout()), encoder="transformer", width=64, n_layers=2)
+    for network in (policy.actor.latent_pi, policy.critic.q_networks[0]):
+        assert network[0].positions.shape[1] == 64
+        assert [layer.linear1.out_features for layer in network[0].layers] == [256, 256]
+    again = EncoderSACPolicy(**policy._get_constructor_parameters())
+    again.load_state_dict(policy.state_dict())
+
+
+def test_the_last_layer_says_of_the_first_token_what_torchs_does():
+    encoder = TransformerEncoder(layout(20, keys=2, state=3, fingers=()), 0, heads=2)
+    tokens = torch.rand(4, 3, 128)
+    last = encoder.layers[-1]
+    with torch.no_grad():
+        whole = torch.nn.TransformerEncoderLayer.forward(last, tokens)
+        torch.testing.assert_close(last(tokens), whole[:, :1])
+
+
 def test_labels_that_are_there_twice_are_seen_once():
     encoder = FlatEncoder(layout(10, keys=3, state=4), n_actions=2)
     inputs = torch.arange(1.0, 1 + 33 + 10 + 4 + 110 + 2)[None]
@@ -147,6 +165,8 @@ def test_transformer_critics_and_targets_drop_out_while_training_and_actors_neve
         (ObservationSpace(layout(7)), {"encoder": "conv"}, "looks 7 control steps ahead: expected"),
         (ObservationSpace(layout(0)), {"encoder": "transformer"}, "looks 0 control steps ahead"),
         (ObservationSpace(layout()), {"encoder": "lstm"}, "encoder is 'lstm': expected"),
+        (ObservationSpace(layout()), {"width": 63}, "width is 63: expected a whole number, 1 or m"),
+        (ObservationSpace(layout()), {"n_layers": 0}, "n_layers is 0: expected a whole number"),
         (ObservationSpace(layout()), {"attention_dropout": 2}, "attention_dropout is 2: expected"),
     ],
 )

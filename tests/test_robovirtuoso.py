@@ -73,8 +73,9 @@ def test_all_pieces_can_be_shown():
     entries = [cell["together"] for cell in STUDY["cells"].values() if "together" in cell]
     for piece in select_pieces([*entries, *STUDY["pieces"]]):
         assert all(note.finger >= 0 for note in load_score(piece).notes)
-        for name in ("table_1/from_nothing", "table_4/conv_100"):
-            build_vec_env(config_of(name, pieces=piece)).close()
+        build_vec_env(config_of("table_1/from_nothing", pieces=piece)).close()
+    for name in [name for name in NAMES if name.startswith("table_4/")]:
+        build_vec_env(config_of(name, pieces=STUDY["one"])).close()
     assert set(STUDY["one"]) <= set(STUDY["pieces"])
     assert not set(STUDY["unseen"]) & set(select_pieces(entries))
     assert len(select_pieces(STUDY["unseen"])) == 4

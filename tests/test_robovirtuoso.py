@@ -74,8 +74,7 @@ def test_all_pieces_can_be_shown():
     for piece in select_pieces([*entries, *STUDY["pieces"]]):
         assert all(note.finger >= 0 for note in load_score(piece).notes)
         build_vec_env(config_of("table_1/from_nothing", pieces=piece)).close()
-    for name in [name for name in NAMES if name.startswith("table_4/")]:
-        build_vec_env(config_of(name, pieces=STUDY["one"])).close()
+    build_vec_env(config_of("table_4/conv_100", pieces=STUDY["one"])).close()
     assert set(STUDY["one"]) <= set(STUDY["pieces"])
     assert not set(STUDY["unseen"]) & set(select_pieces(entries))
     assert len(select_pieces(STUDY["unseen"])) == 4

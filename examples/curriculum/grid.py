@@ -4,11 +4,11 @@
     python examples/curriculum/grid.py --fingering 0 --seeds 0
 
 The grid of section 4 of "Curriculum Strategies for Bimanual Dexterous Piano Playing in
-RoboPianist", at a size for one core: 100,000 steps of each cell, five minutes, on the right hand's
-42 notes of the Pathétique's rondo as they are written. What starts from Hanon had up to 120,000
-steps of practice.yml before, with the labels shown and paid for. Practice is trained in this
-process, cells at once with --workers, or on a cluster of Ray with --ray, which has to see the
-runs. What is finished is kept: the same command goes on after Ctrl-C or a crash.
+RoboPianist", at a size for one core: 15,000 steps of each cell, four minutes, on the right hand's
+30 notes of the Ode to Joy's first 16 s. What starts from Hanon had up to 45,000 steps of
+practice.yml before, with the labels shown and paid for. Practice is trained in this process, cells
+at once with --workers, or on a cluster of Ray with --ray, which has to see the runs. What is
+finished is kept: the same command goes on after Ctrl-C or a crash.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from sb3_piano.training import (
 )
 
 HERE = Path(__file__).parent
-PIECE = "RoboPianist-repertoire-PathetiqueRondo-v0"
+PIECE = "RoboPianist-repertoire-OdeToJoy-v0"
 BEFORE = ("nothing", "Hanon")
 METRICS = ("onset_f1", "f1", "effective_fingers")
 
@@ -111,19 +111,18 @@ def cell(labels: str, weight: float, start: Path | None, seed: int, steps: int |
     """Return the settings of a cell."""
     options = {} if steps is None else {"n_timesteps": steps}
     config = load_config("sac", PIECE, HERE / "grid.yml", seed=seed, **options)
-    wrappers = [
-        dataclasses.replace(plugin, kwargs={**plugin.kwargs, "fingering": weight})
-        if plugin.path.endswith("HandReward")
-        else plugin
-        for plugin in config.env_wrapper
-    ]
+    wrappers = list(config.env_wrapper)
     if labels == "hidden":
         wrappers.append(Plugin(path="sb3_piano.wrappers.HideFingering"))
     callbacks = list(config.callback)
     if start is not None:
         path = "sb3_piano.training.StartFromRun"
         callbacks.append(Plugin(path=path, kwargs={"run": str(start.absolute())}))
-    changed: dict[str, Any] = {"env_wrapper": tuple(wrappers), "callback": tuple(callbacks)}
+    changed: dict[str, Any] = {
+        "env_kwargs": {**config.env_kwargs, "reward_weights": {"fingering": weight}},
+        "env_wrapper": tuple(wrappers),
+        "callback": tuple(callbacks),
+    }
     return dataclasses.replace(config, **changed)
 
 

@@ -23,7 +23,7 @@ PPO = 52 * 60 * 2
 """Core seconds of 2.8 million control steps of PPO, on two cores (docs/sight_reader.md)."""
 SAC_STEPS_PER_S = 240_000 / (21 * 60)
 """Control steps that `--config fast` learns from on one core, 1/s (docs/learning.md)."""
-DEFAULT_SAC_STEPS_PER_S = 23.0
+DEFAULT_SAC_STEPS_PER_S = 38.0
 """The same of the default preset of SAC (docs/performance.md)."""
 
 _HOUR, _DAY = 3600.0, 86400.0

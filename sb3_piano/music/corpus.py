@@ -21,6 +21,7 @@ from sb3_piano.music.library import imported_pieces
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
 from sb3_piano.music.studies import STUDIES
+from sb3_piano.music.text_file import is_hidden
 from sb3_piano.settings import Count, Index, Listed, Positive, Share, settings
 
 SOURCES = ("generated", "studies", "repertoire", "library")
@@ -248,7 +249,8 @@ def _names(source: str) -> tuple[str, ...]:
     path = Path(source)
     if path.is_dir():
         files = (file for file in path.rglob("*") if file.suffix.lower() in _MIDI)
-        return tuple(sorted(str(file) for file in files if file.is_file()))
+        seen = (f for f in files if not any(map(is_hidden, f.relative_to(path).parts)))
+        return tuple(sorted(str(file) for file in seen if file.is_file()))
     if path.is_file() and path.suffix.lower() in READERS:
         # With a separator it is taken for a path wherever a piece may be given.
         return (str(path.absolute()),)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import importlib.resources
 import io
-import math
 import os
 from pathlib import Path
 from typing import Annotated
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.formats.common import write_score_file
 from sb3_piano.music.formats.midi_reading import SUSTAIN_CONTROLLER
-from sb3_piano.music.formats.midi_writing import control_changes
+from sb3_piano.music.formats.midi_writing import control_changes, in_ticks, pedals_in_ticks
 from sb3_piano.music.score import Score
 from sb3_piano.settings import Number, Unit, checked
 
@@ -112,16 +111,18 @@ def _midi_bytes(score: Score, end: float) -> bytes:
     piano = pretty_midi.Instrument(program=0)
     # The synthesiser writes 16 bits: what is played softly throughout would be lost in them.
     gain = 127 / max(note.velocity for note in score.notes)
-    struck_again: dict[int, float] = {}
+    struck_again: dict[int, int] = {}
+    tick = 1 / _TICKS_PER_SECOND
     for note in reversed(score.notes):
-        offset = min(note.offset, struck_again.get(note.pitch, math.inf))
-        if offset > note.onset:  # of two strikes at one time the longer one is heard
+        onset, offset = in_ticks(note, tick)
+        offset = min(offset, struck_again.get(note.pitch, offset))
+        if offset > onset:  # of two strikes at one time the longer one is heard
             velocity = round(gain * note.velocity)
-            piano.notes.append(pretty_midi.Note(velocity, note.pitch, note.onset, offset))
-        struck_again[note.pitch] = note.onset
+            piano.notes.append(pretty_midi.Note(velocity, note.pitch, onset * tick, offset * tick))
+        struck_again[note.pitch] = onset
     # The synthesiser stops at the last event.
     stop = pretty_midi.ControlChange(SUSTAIN_CONTROLLER, 0, end)
-    piano.control_changes = [*control_changes(score.pedals), stop]
+    piano.control_changes = [*control_changes(pedals_in_ticks(score, tick)), stop]
     midi = pretty_midi.PrettyMIDI(resolution=_TICKS_PER_SECOND // 2, initial_tempo=120.0)
     midi.instruments.append(piano)
     file = io.BytesIO()

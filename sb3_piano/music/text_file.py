@@ -32,6 +32,11 @@ def readable(name: str) -> str:
     return re.sub("[\ud800-\udfff]", "\ufffd", name)
 
 
+def is_hidden(name: str) -> bool:
+    """Return whether files of that name are none of the user's: macOS packs "._" copies of all."""
+    return name.startswith((".", "__MACOSX"))
+
+
 def read_text(path: Path, kind: str) -> str:
     """Return the text of a file in UTF-8, without a byte order mark; messages tell its kind.
 

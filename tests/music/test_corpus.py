@@ -118,6 +118,9 @@ def test_files_folders_and_the_library_are_sources(tmp_path):
     write_midi(scale, tmp_path / "one.mid")
     write_midi(scale.transpose(1), tmp_path / "inside" / "two.midi")
     (tmp_path / "readme.txt").write_text("no music")
+    (tmp_path / "__MACOSX").mkdir()
+    for copy in ("._one.mid", "__MACOSX/one.mid"):
+        (tmp_path / copy).write_bytes(b"of macOS")
     folder = Corpus(sources={str(tmp_path): 1.0}, n=20)
     assert {source(score) for score in folder} == {"one", "two"}
     assert {source(s) for s in Corpus(sources={str(tmp_path): 1.0}, held_out=("two",), n=9)} == {

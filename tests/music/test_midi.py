@@ -297,6 +297,32 @@ class TestLeftOut:
             read_midi(path)
 
 
+class TestMetaMessages:
+    """What mido 1.3 alone does not read as the standard has it."""
+
+    def read(self, folder, *messages, kind=0):
+        track = b"".join([*messages, b"\0\xff\x2f\0"])
+        path = folder / "a.mid"
+        head = b"MThd\0\0\0\x06" + bytes([0, kind, 0, 1 + kind // 2, 1, 0xF4])  # 500 ticks a beat
+        path.write_bytes(head + (b"MTrk" + len(track).to_bytes(4, "big") + track) * (1 + kind // 2))
+        return read_midi(path)
+
+    NOTE = b"\0\x90\x3c\x40\x64\x80\x3c\0"  # 0.1 s
+
+    @pytest.mark.parametrize("kind", [0x08, 0x0A, 0x4B])
+    def test_time_before_those_of_other_kinds_passes(self, kind, tmp_path):
+        score = self.read(tmp_path, self.NOTE, bytes([0x64, 0xFF, kind, 2]) + b"ab", self.NOTE)
+        assert times(score.notes) == [(0.0, 0.1), (0.2, pytest.approx(0.3))]
+
+    def test_a_key_signature_of_no_mode_is_no_reason_to_refuse_a_file(self, tmp_path):
+        score = self.read(tmp_path, b"\0\xff\x59\x02\xfe\xff", self.NOTE)
+        assert times(score.notes) == [(0.0, 0.1)]
+
+    def test_several_pieces_in_one_file_are_refused(self, tmp_path):
+        with pytest.raises(ScoreError, match="it holds 2 pieces, one a track .format 2.*expected"):
+            self.read(tmp_path, self.NOTE, kind=2)
+
+
 class TestErrors:
     def test_times_in_film_frames_are_refused(self, tmp_path):
         path = save(tmp_path / "a.mid", [on(60), off(60, 500)])

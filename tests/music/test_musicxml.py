@@ -122,6 +122,13 @@ class TestTime:
         mark = metronome("quarter", 60).replace("</direction>", tempo(90) + "</direction>")
         assert read(mark + note("C4", 4)).duration == pytest.approx(60 / 90)
 
+    def test_of_two_tempi_at_one_place_the_last_counts(self, read):
+        words = direction("<words>March</words>", tempo(120))
+        assert read(words + metronome("quarter", 90) + tempo(60) + note("C4", 4)).duration == 1.0
+        assert read(words + metronome("quarter", 60) + note("C4", 4)).duration == 0.5
+        score = read(note("C4", 16) + tempo(60), tempo(120) + note("D4", 4))
+        assert played(score) == [(60, 0, 2), (62, 2, 2.5)]
+
     def test_a_tempo_of_the_second_part_counts_for_both(self, read):
         parts = {"A": part(note("C5", 8)), "B": part(note("C3", 4) + tempo(60) + note("C3", 4))}
         assert played(read(parts=parts))[1] == (72, 0, 1.5)
@@ -134,8 +141,10 @@ class TestTime:
         music = note("C4", 4, '<tie type="start"/>') + note("D4", 4, '<tie type="stop"/>')
         assert played(read(music)) == [(60, 0, 0.5), (62, 0.5, 1)]
 
-    def test_a_staccato_dot_halves_a_note(self, read):
+    def test_a_staccato_dot_halves_a_note_and_its_chord(self, read):
         dot = "<notations><articulations><staccato/></articulations></notations>"
+        chord = note("C4", 4, dot) + note("E4", 4, chord=True) + note("D4", 4)
+        assert played(read(chord)) == [(60, 0, 0.25), (64, 0, 0.25), (62, 0.5, 1)]
         assert played(read(note("C4", 4, dot) + note("D4", 4))) == [(60, 0, 0.25), (62, 0.5, 1)]
 
 
@@ -219,6 +228,14 @@ class TestGraceNotes:
             (62, pytest.approx(0.3), pytest.approx(0.4)),
             (64, pytest.approx(0.4), 0.5),
             (65, 0.5, 1.0),
+        ]
+
+    def test_one_before_a_rest_is_played_before_it(self, read):
+        rest = "<note><rest/><duration>4</duration><voice>1</voice></note>"
+        music = note("C4", 4) + self.grace("D4") + rest + self.grace("E4") + note("F4", 4)
+        assert played(read(music))[1:3] == [
+            (62, pytest.approx(0.4), 0.5),
+            (64, pytest.approx(0.9), 1.0),
         ]
 
     def test_take_at_most_half_of_the_time_since_the_last_note(self, read):
@@ -350,6 +367,11 @@ class TestPedal:
     def test_stays_down_until_the_end_if_nothing_lifts_it(self, read):
         music = pedal("start") + note("C4", 8)
         assert read(music, note("D4", 16)).pedals == (Pedal(onset=0, offset=3),)
+
+    def test_held_over_a_repeat_sign_it_is_changed_where_it_is_pressed_again(self, read):
+        back = '<barline><repeat direction="backward"/></barline>'
+        music = pedal("start") + note("C4", 16) + back, note("D4", 16) + pedal("stop")
+        assert read(*music).pedals == (Pedal(onset=0, offset=2), Pedal(onset=2.1, offset=6))
 
     @pytest.mark.parametrize("change", [pedal("change"), pedal("stop") + pedal("start")])
     def test_is_up_for_a_moment_where_it_is_changed(self, change, read):

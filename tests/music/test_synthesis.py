@@ -56,6 +56,14 @@ def test_a_key_let_go_falls_silent_and_one_held_sounds_on():
     assert loudness(short, RATE, 1.0, 1.1) < 0.03 * loudness(held, RATE, 1.0, 1.1)  # the room
 
 
+@pytest.mark.parametrize("length", [1e-6, 1e-4])
+def test_notes_and_presses_shorter_than_a_tick_end(length):
+    held = synthesize(score(note(0.0, 2.0)))
+    for brief in (score(note(0.0, length)), score(note(0.0, 0.05), pedals=[(0.01, 0.01 + length)])):
+        sound = synthesize(brief)
+        assert loudness(sound, RATE, 0.8, 0.9) < 0.03 * loudness(held, RATE, 0.8, 0.9)
+
+
 @pytest.mark.parametrize(
     ("pedals", "damped_at"),
     [

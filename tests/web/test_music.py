@@ -150,6 +150,10 @@ class TestMidi:
             (b"", "“x.mid” cannot be read as a MIDI file .it does not begin with MThd.: expected"),
             (b"RIFF....", "does not begin with MThd"),
             (b"MThd\0\0\0\6\0\1\0\0\xe8\x28", "its times are not in ticks per beat"),
+            (
+                b"MThd\0\0\0\6\0\2\0\2\1\0" + b"MTrk\0\0\0\4\0\xff\x2f\0" * 2,
+                "it holds 2 pieces, one a track",
+            ),
             (b"MThd\0\0\0\6\0\1\0\0\1\0", "“x.mid” has no notes .drums do not count.\\."),
         ],
     )
@@ -457,6 +461,7 @@ def unusual_file():
         b"\x00\xb1\x40\x50\x00\x99\x24\x7f\x20\x89\x24\x00",  # another channel's, and a drum
         b"\x00\x91\x6f\x40\x20\x6f\x00",  # Eb8, above the keyboard
         b"\x00\x92\x45\x40\x40\x45\x30\x00\x45\x00\x30\x45\x00",  # let go after a new strike
+        b"\x30\xff\x08\x01x\x20\xff\x0a\x00",  # messages that nobody reads, after some time
         b"\x10\x92\x47\x44\x00\x47\x44\x00\xff\x2f\x00",  # never let go, no length at the end
     ]
     header = b"MThd" + (6).to_bytes(4, "big") + b"\x00\x01\x00\x02" + (480).to_bytes(2, "big")

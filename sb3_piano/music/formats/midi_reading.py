@@ -18,6 +18,7 @@ import mido  # type: ignore[import-untyped]
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.formats.common import LeftOut
+from sb3_piano.music.formats.meta_messages import read_all_meta_messages
 from sb3_piano.music.formats.midi_hands import MidiNote, MidiTrack, hands_of_tracks
 from sb3_piano.music.hands import HANDS, Hand, finger_of
 from sb3_piano.music.note import Note, Pedal
@@ -40,6 +41,9 @@ _SHORTEST_BEAT = 64
 
 _MOST_BARS = 100_000
 """More are taken for damage: at one every half second they last for 14 hours."""
+
+_SEQUENCES = 2
+"""Format of files whose tracks are pieces of their own (MIDI 1.0)."""
 
 _Timed = tuple[int, mido.Message]
 """A message, after the tick at which it stands."""
@@ -76,10 +80,13 @@ def read_midi(path: str | os.PathLike[str]) -> Score:
     """
     path = Path(path)
     reader = _Reader()
+    read_all_meta_messages()
     with reading(path, "MIDI file", "a complete standard one"):
         file = mido.MidiFile(filename=str(path))
         if file.ticks_per_beat <= 0:
             raise ValueError("its times are not in ticks per beat")
+        if file.type == _SEQUENCES and len(file.tracks) > 1:
+            raise ValueError(f"it holds {len(file.tracks)} pieces, one a track (format 2)")
         tracks = [_in_ticks(track) for track in file.tracks]
         messages = list(itertools.chain.from_iterable(tracks))
         seconds = _seconds(messages, file.ticks_per_beat)

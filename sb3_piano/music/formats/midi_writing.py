@@ -58,8 +58,7 @@ def write_midi(score: Score, path: str | os.PathLike[str]) -> None:
     tick = 60.0 / _BEATS_PER_MINUTE / resolution
     midi.time_signature_changes = list(_time_signatures(score, tick, resolution))
     midi.instruments = _label_tracks(score, tick)
-    spans = [_in_ticks(pedal, tick) for pedal in score.pedals]
-    pedals = merge_pedals(Pedal(onset=down * tick, offset=up * tick) for down, up in spans)
+    pedals = pedals_in_ticks(score, tick)
     for track in midi.instruments:  # each has a channel of its own, on which alone a pedal acts
         track.control_changes = control_changes(pedals)
     contents = io.BytesIO()
@@ -88,7 +87,7 @@ def _time_signatures(
     """
     if not score.bars:
         return
-    end = max(_in_ticks(note, tick)[1] for note in score.notes)
+    end = max(in_ticks(note, tick)[1] for note in score.notes)
     lines = {0, end, *(round(line / tick) for line in score.bars)}
     running, running_ticks = None, 0.0
     for start, stop in itertools.pairwise(sorted(line for line in lines if line <= end)):
@@ -106,7 +105,7 @@ def _label_tracks(score: Score, tick: float) -> list[pretty_midi.Instrument]:
     tracks: dict[tuple[str, int], pretty_midi.Instrument] = {}
     free_from: dict[tuple[str, int, int], int] = {}
     for note in score.notes:
-        start, end = _in_ticks(note, tick)
+        start, end = in_ticks(note, tick)
         name, copy = TRACK_NAMES[note.finger, note.hand], 1
         while free_from.get((name, copy, note.pitch), 0) > start:
             copy += 1
@@ -129,7 +128,14 @@ def control_changes(pedals: Iterable[Pedal]) -> list[pretty_midi.ControlChange]:
     ]
 
 
-def _in_ticks(event: Note | Pedal, tick: float) -> tuple[int, int]:
+def pedals_in_ticks(score: Score, tick: float) -> tuple[Pedal, ...]:
+    """Return the presses of the pedal, each of a tick of ``tick`` seconds or more."""
+    spans = [in_ticks(pedal, tick) for pedal in score.pedals]
+    return merge_pedals(Pedal(onset=down * tick, offset=up * tick) for down, up in spans)
+
+
+def in_ticks(event: Note | Pedal, tick: float) -> tuple[int, int]:
+    """Return at which ticks of ``tick`` seconds an event begins and, one or more later, ends."""
     start, end = round(event.onset / tick), round(event.offset / tick)
     return start, max(end, start + 1)
 

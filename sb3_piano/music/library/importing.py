@@ -34,6 +34,7 @@ from sb3_piano.music.library.store import (
     slug,
 )
 from sb3_piano.music.library.task import ImportTask, Outcome, Unusable, run_tasks
+from sb3_piano.music.text_file import is_hidden
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import usable_cores
 
@@ -179,11 +180,11 @@ def _search_folder(folder: Path) -> tuple[list[ImportTask], list[Unusable]]:
 
 def _music_files(folder: Path) -> Iterator[Path]:
     for place, folders, files in os.walk(folder):
-        # In place, so that walk() does not enter the others. macOS packs "._" copies of all files.
-        folders[:] = sorted(name for name in folders if not name.startswith((".", "__MACOSX")))
+        # In place, so that walk() does not enter the others.
+        folders[:] = sorted(name for name in folders if not is_hidden(name))
         for name in sorted(files):
             path = Path(place, name)
-            if not name.startswith(".") and path.suffix.lower() in READERS and _may_be(path):
+            if not is_hidden(name) and path.suffix.lower() in READERS and _may_be(path):
                 yield path
 
 

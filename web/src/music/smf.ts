@@ -2,7 +2,7 @@
  * Standard MIDI files, as far as a score needs them: what the library `midi-file` reads, checked.
  *
  * It reads damaged files without a word, with numbers that are not there; here they are refused, or read as Python reads
- * them. One thing differs: mido 1.3 loses the time before a meta message of unknown kind.
+ * them.
  */
 
 import { parseMidi as parseFile, type MidiData as ParsedFile, type MidiEvent as ParsedEvent } from "midi-file";
@@ -38,8 +38,9 @@ export interface MidiData {
 export function parseMidi(bytes: Uint8Array, name: string): MidiData {
   try {
     const { header, tracks } = parsed(bytes);
-    const { ticksPerBeat } = header;
+    const { ticksPerBeat, format } = header;
     if (!ticksPerBeat) throw new Damage("its times are not in ticks per beat");
+    if (format === SEQUENCES && tracks.length > 1) throw new Damage(`it holds ${tracks.length} pieces, one a track`);
     checkComplete(bytes, header.numTracks);
     return { ticksPerBeat, tracks: tracks.map(trackOf) };
   } catch (error) {
@@ -49,6 +50,9 @@ export function parseMidi(bytes: Uint8Array, name: string): MidiData {
     );
   }
 }
+
+/** Format of files whose tracks are pieces of their own. */
+const SEQUENCES = 2;
 
 class Damage extends Error {}
 

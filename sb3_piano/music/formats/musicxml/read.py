@@ -6,6 +6,7 @@ Both the plain (``.musicxml``, ``.xml``) and the compressed form (``.mxl``) are 
 from __future__ import annotations
 
 import bisect
+import itertools
 import os
 import re
 import statistics
@@ -193,7 +194,9 @@ def _presses(
     """Yield the presses of one part, with the pedal up for a moment between two of them."""
     played = sorted(press for down, up in pedals for press in line.played(down, up))
     last_up = None
-    for down, up in played:
+    for (down, up), after in itertools.zip_longest(played, played[1:]):
+        if after is not None:  # as at a repeat sign, over which it is held
+            up = min(up, after[0])
         start = down if last_up is None or down > last_up else last_up + _LIFT
         onset, offset = float(start + wait), float(up + wait)
         if offset > onset:

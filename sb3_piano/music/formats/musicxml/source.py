@@ -117,7 +117,7 @@ def parse_document(content: bytes) -> tuple[list[SourcePart], Marks]:
     for reader in readers:
         reader.release_pedal(end)
         _count_grace_notes(reader.part.notes)
-        _share_out_fingers(reader.part.notes)
+        _share_out(reader.part.notes)
     return [reader.part for reader in readers], marks
 
 
@@ -221,7 +221,7 @@ class _PartReader:
             self._read_sound(sound)
         tempo = _metronome_tempo(element)
         if tempo is not None:
-            self._marks.add_tempo(self._here, tempo)
+            self._marks.add_tempo(self._here, tempo, printed=True)
         for pedal in element.findall("direction-type/pedal"):
             kind = pedal.get("type")
             if kind in ("start", "change", "stop"):
@@ -332,7 +332,8 @@ def _count_grace_notes(notes: list[SourceNote]) -> None:
     """Number the grace notes of each run backwards from the beat."""
     run: list[SourceNote] = []
     for note in [*notes, None]:
-        if note is not None and note.grace and (not run or run[-1].voice == note.voice):
+        place = None if note is None else (note.voice, note.start)
+        if note is not None and note.grace and (not run or place == (run[-1].voice, run[-1].start)):
             run.append(note)
             continue
         left = total = sum(not one.in_chord for one in run) or 1
@@ -342,18 +343,21 @@ def _count_grace_notes(notes: list[SourceNote]) -> None:
         run = [note] if note is not None and note.grace else []
 
 
-def _share_out_fingers(notes: list[SourceNote]) -> None:
-    """Give the fingers of a chord that stand at one of its notes to all of them.
+def _share_out(notes: list[SourceNote]) -> None:
+    """Give the fingers and the dot of a chord that stand at one of its notes to all of them.
 
     Fingers and keys go the same way: in the right hand the higher finger has the higher key, in
     the left hand the lower key; the left hand is on the second staff.
     """
     chords: list[list[SourceNote]] = []
     for note in notes:
-        if not note.in_chord or not chords:
+        if not note.in_chord or not chords or note.start != chords[-1][0].start:
             chords.append([])
         chords[-1].append(note)
     for chord in chords:
+        dotted = any(note.is_staccato for note in chord)
+        for note in chord:
+            note.is_staccato = dotted
         numbers = sorted(finger for note in chord for finger in note.fingers)
         if len(numbers) == len(chord) and any(len(note.fingers) > 1 for note in chord):
             sign = -1 if chord[0].staff == 2 else 1

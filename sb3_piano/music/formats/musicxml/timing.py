@@ -43,11 +43,14 @@ class Marks:
     endings: dict[Fraction, _Ending] = field(default_factory=dict)
     end: Fraction = Fraction(0)
     _open: _Ending | None = None
+    _sounding: set[Fraction] = field(default_factory=set)
 
-    def add_tempo(self, at: Fraction, tempo: float) -> None:
-        """Note a tempo; of two at one place the first counts."""
-        if tempo > 0:
-            self.tempos.setdefault(at, Fraction(str(tempo)))
+    def add_tempo(self, at: Fraction, tempo: float, *, printed: bool = False) -> None:
+        """Note a tempo; of several at one place the last that sounds counts, else the last."""
+        if tempo > 0 and not (printed and at in self._sounding):
+            self.tempos[at] = Fraction(str(tempo))
+            if not printed:
+                self._sounding.add(at)
 
     def add(self, at: Fraction, kind: str, name: str = "") -> None:
         """Note a sign."""

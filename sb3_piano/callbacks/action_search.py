@@ -106,6 +106,8 @@ class ActionSearchCallback(BaseCallback):
             self._worlds = [None] * len(self._envs)
             self._values = PolicyValues(self.model, self.model.get_vec_normalize_env())
         # SB3 draws the actions of a roll-out by this method of the policy, an update by the actor.
+        # A training that was interrupted has left ours there.
+        policy.__dict__.pop("_predict", None)
         self._own_predict = policy._predict
         policy._predict = self._predict
 

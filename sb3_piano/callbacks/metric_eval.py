@@ -173,6 +173,7 @@ class MetricEvalCallback(EvalCallback):
         self._makes_env = eval_env is None
         self._run: RunContext | None = None
         self._held = 0
+        self._goes_on = True
 
     def use_run(self, run: RunContext) -> None:
         """Take the environment, and the place for the best model, from a run."""
@@ -213,8 +214,9 @@ class MetricEvalCallback(EvalCallback):
 
     def _on_training_start(self) -> None:
         super()._on_training_start()
+        self._goes_on = True
         if self.evaluate_start and self.num_timesteps == 0:
-            self._on_step()
+            self._goes_on = self._on_step()  # which SB3 asks for only after a step
 
     def _on_training_end(self) -> None:
         if self._makes_env:
@@ -225,6 +227,8 @@ class MetricEvalCallback(EvalCallback):
         self.eval_env = DummyVecEnv([_UnbuiltEnv])
 
     def _on_step(self) -> bool:
+        if not self._goes_on:
+            return False
         if self.eval_freq <= 0 or self.n_calls % self.eval_freq != 0:
             return True
         self.evaluations_metrics.append([])

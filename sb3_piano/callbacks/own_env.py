@@ -23,6 +23,7 @@ from stable_baselines3.common.vec_env import (
     VecEnv,
     VecMonitor,
     VecNormalize,
+    VecTransposeImage,
     sync_envs_normalization,
     unwrap_vec_normalize,
 )
@@ -165,6 +166,8 @@ def _rewrapped(wrapper: VecEnvWrapper, venv: VecEnv) -> VecEnv:
         normalization = deepcopy(wrapper)  # leaves out its vector
         normalization.set_venv(venv)
         return normalization
+    if isinstance(wrapper, VecTransposeImage):
+        return VecTransposeImage(venv)
     if wrapper.num_envs == 1:
         return _with_vector(wrapper, venv)
     raise ConfigError(

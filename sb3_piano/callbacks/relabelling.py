@@ -16,7 +16,7 @@ from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
 from sb3_piano.layers import layers
 from sb3_piano.metrics import frame_f1
-from sb3_piano.music import PianoRoll, Score
+from sb3_piano.music import UNKNOWN_FINGER, PianoRoll, Score
 from sb3_piano.performance import Performance
 from sb3_piano.wrappers import HindsightFlag
 from sb3_piano.wrappers.residual import Residual
@@ -74,6 +74,10 @@ class Stage:
         for layer in layers(self._env):
             if isinstance(layer, HindsightFlag):
                 layer.relabelled = True
+        self._env.reset()  # while fingers are found as in the training
+        notes = self._piano.score.notes
+        # A note that can be shown, whichever observation and wrappers there are.
+        self._note = next((note for note in notes if note.finger != UNKNOWN_FINGER), notes[0])
         keeps_labels = config.fingering != "optimal-transport"
         # Nothing may change the score of what was played, or end the episode before it does.
         self._piano.config = dataclasses.replace(
@@ -85,9 +89,6 @@ class Stage:
             goal_time="beginning",  # what was played is asked for in the step in which it was
             wrong_press_termination=False,
         )
-        self._env.reset()
-        # A note that can be shown, whichever observation and wrappers there are.
-        self._note = self._piano.score.notes[0]
 
     def close(self) -> None:
         """Close the environment."""

@@ -128,8 +128,12 @@ class PianoEnv(gym.Env[Any, Any]):
                 f"render_mode is {render_mode!r}: expected None or one of "
                 f"{self.metadata['render_modes']}."
             )
-        own, options = own_score(score, options)
-        self.config = PianoEnvConfig.from_options(options)
+        own, left = own_score(score, options)
+        self.piece_options: dict[str, Any] = {
+            name: value for name, value in options.items() if name not in left or name == "hands"
+        }
+        """What was chosen of a generated study, by name, such as its tempo."""
+        self.config = PianoEnvConfig.from_options(left)
         # Here with labels from a file, too, which only this score is known to belong to; other
         # scores get their fingers as goals, and so do all those of the robot, which fit the tempo
         # at which a piece is played.

@@ -98,7 +98,7 @@ class SightReader(PianoPolicy):
             warnings.warn(summary(problems), PlanWarning, stacklevel=4)
         layout = self._layout if self._normalizer is None else None  # which cuts what is far off
         shown = layout is not None and _places(layout) == _places(encoding.layout)
-        shown = shown and roll.equals(piano.roll)
+        shown = shown and roll.equals(piano.asked_roll)  # which ``goal_time`` may shift
         self._read[slot] = made = _Read(piano.roll, piano.scene, encoding, shown)
         return made
 

@@ -11,8 +11,9 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.envs.score_choice import own_score
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Score, find_piece, is_path, load_score, select_pieces
+from sb3_piano.music import Score, find_piece, is_path, select_pieces
 from sb3_piano.music.catalogue import ScoreSource
 from sb3_piano.music.difficulty import Features, features
 from sb3_piano.music.library import piece_features
@@ -31,8 +32,9 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
     It takes the place of the environment's own piece before any other wrapper changes it, wherever
     they stand: ``PitchShift(RandomPiece(env, pieces), 3)`` and
     ``RandomPiece(PitchShift(env, 3), pieces)`` both shift the chosen piece. Of several
-    ``RandomPiece`` the outermost chooses. A score given in ``reset(options={"score": ...})`` is
-    played in place of a chosen one.
+    ``RandomPiece`` the outermost chooses. What the environment was told of a generated study, such
+    as its ``tempo``, is true of all generated studies. A score given in
+    ``reset(options={"score": ...})`` is played in place of a chosen one.
 
     Up to 100 pieces are read at once, so that what is wrong with one is told at once. Of more, each
     is read when it is first chosen.
@@ -121,7 +123,9 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
         """
         own = int(self._possible[index])
         source, config = self._pieces[own], self._piano.config
-        is_whole = config.hands == "both" and len(config.sides) != 1
+        is_whole = (
+            config.hands == "both" and len(config.sides) != 1 and not self._piano.piece_options
+        )
         if is_whole and isinstance(source, str) and not is_path(source):
             return piece_features(find_piece(source))  # which were noted when it was imported
         return features(self._score(own))
@@ -139,7 +143,8 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
     def _score(self, index: int) -> Score:
         """Return a piece; the same object for as long as it is among the last that were read."""
         if index not in self._scores:
-            score = self._piano.own_part(load_score(self._pieces[index]))
+            piece, _ = own_score(self._pieces[index], self._piano.piece_options)
+            score = self._piano.own_part(piece)
             while len(self._scores) >= _FEW:
                 del self._scores[next(iter(self._scores))]
             self._scores[index] = score

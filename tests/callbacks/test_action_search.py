@@ -71,6 +71,20 @@ def looked_at(callback, look, **arguments):
     learner(**arguments).learn(20, callback=[callback, Look(look)])
 
 
+def test_after_an_interrupted_training_another_one_searches_anew():
+    model = learner()
+
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    callback = ActionSearchCallback(candidates=3)
+    with pytest.raises(KeyboardInterrupt):
+        model.learn(20, callback=[callback, Look(interrupt)])
+    model.learn(20, callback=callback)
+    assert model.num_timesteps == 20
+    assert "_predict" not in vars(model.policy)
+
+
 def explored(model, count=1):
     """Return actions that a model takes when it explores, with what it observes."""
     return np.concatenate([model.policy.predict(model._last_obs)[0] for _ in range(count)])

@@ -327,6 +327,10 @@ CLUSTER = Score(
     + [Note(onset=0.0, offset=1.0, pitch=108, finger=0)]
 )
 LEFT = Note(onset=0.0, offset=0.3, pitch=48, finger=5)
+UNLABELLED = [
+    Score(notes=[dataclasses.replace(note, finger=-1) for note in piece(steps).notes])
+    for steps in range(12, 20)
+]
 STACKS = {
     "shifted": ({}, lambda env: PitchShift(env, 3)),
     "stretched": ({}, lambda env: TemporalStretch(env, [0.4, 2])),
@@ -342,6 +346,10 @@ STACKS = {
     "a wrong press": ({"score": CLUSTER, "wrong_press_termination": True}, None),
     "fingers": ({"observation": "fingers"}, None),
     "hands": ({"observation": "hands", "reduced_action_space": False}, HandActions),
+    "fingers that are found": (
+        {"observation": "fingers", "fingering": "ergonomic"},
+        lambda env: RandomPiece(env, UNLABELLED),
+    ),
     "few keys": ({}, lambda env: KeyRange(env, 24, outside="hide")),
     "more": ({}, lambda env: PreviousActionReward(Lookahead(env, 20, stride=5, fingers=True))),
 }

@@ -219,6 +219,16 @@ def test_what_a_model_played_before_it_learnt_may_be_the_best(model, tmp_path):
     assert [found["f1"] for (found,) in callback.evaluations_metrics] == [0.6, 0.5]
 
 
+def test_what_the_first_evaluation_decides_holds(model):
+    callback = evaluating(0.6, evaluate_start=True, stop_threshold=0.5)
+    model.learn(20, callback=callback)
+    assert model.num_timesteps == 1
+    assert len(callback.evaluations_metrics) == 1
+    callback = evaluating(0.4, 0.4, 0.4, evaluate_start=True, stop_threshold=0.5)
+    model.learn(10, callback=callback)
+    assert model.num_timesteps == 10
+
+
 def test_a_training_that_goes_on_keeps_the_best_model_of_before(model, tmp_path):
     path = str(tmp_path)
     model.learn(10, evaluating(0.2, 0.6, best_model_save_path=path))

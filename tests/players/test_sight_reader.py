@@ -107,6 +107,14 @@ def test_it_acts_as_the_policy_in_torch_that_it_was_made_of(kind, activation, tm
     assert 0.1 < np.abs(expected).mean() < 0.9, "neither nothing nor the ends"
 
 
+def test_it_plays_the_same_whenever_keys_are_asked_for(model):
+    motions = [
+        play(env, SightReader(env, model))[2]
+        for env in (hands(goal_time=when) for when in ("beginning", "end"))
+    ]
+    np.testing.assert_array_equal(*motions)
+
+
 def test_it_plays_the_same_whatever_is_observed_and_whatever_the_actions_are(model):
     env = hands()
     info, actions, motion = play(env, SightReader(env, model))

@@ -17,7 +17,7 @@ from sb3_piano.callbacks import Checkpoint, F1Callback
 from sb3_piano.callbacks.replay_segments import restore_replay_buffer
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Note, Score, select_pieces, write_midi
+from sb3_piano.music import Note, Score, find_piece, select_pieces, write_midi
 from sb3_piano.sweeps.cells import metrics_of
 from sb3_piano.training import (
     RunConfig,
@@ -99,6 +99,23 @@ def test_with_more_environments_pieces_are_played_by_several(config):
     assert played(config(n_envs=5), 1) == [{"60"}, {"62"}, {"64"}, {"60"}, {"62"}]
 
 
+def test_what_was_chosen_of_studies_is_true_of_all_of_them(config):
+    names = ["hanon-01", "hanon-02", "scale-CMajor"]
+    options = {"tempo": 90, "octaves": 1, "hands": "right", "hands_in_scene": "right"}
+    settings = config(pieces=names, env_kwargs={"physics": "fast", **options}, n_envs=3)
+    lengths = {}
+    for own in (settings, dataclasses.replace(settings, n_envs=1), settings.alone()):
+        with contextlib.closing(build_vec_env(own)) as venv:
+            for _ in range(12):
+                venv.reset()
+                for score in venv.get_attr("score"):
+                    lengths.setdefault(score.title, set()).add((score.duration, len(score.notes)))
+    assert sorted(lengths) == names
+    assert all(len(found) == 1 for found in lengths.values())
+    plain = find_piece("hanon-01").score(hands="right", octaves=1, tempo=90)
+    assert lengths["hanon-01"] == {(plain.duration, len(plain.notes))}
+
+
 def test_an_environment_of_its_own_draws_from_all_pieces(config):
     for own in (config(n_envs=3), config(n_envs=3).alone()):
         with contextlib.closing(build_env(own)) as env:
@@ -168,8 +185,18 @@ def test_pieces_that_cannot_be_played_are_refused(config, changes, message):
 
 
 def test_observations_that_differ_by_piece_are_refused(config):
-    with pytest.raises(ConfigError, match=r"With the piece '.*62.mid' the observation is"):
-        build_vec_env(config(n_envs=2, env_wrapper={KEY_RANGE: {"keys": "piece"}}))
+    for vec_env in ("dummy", "processes"):
+        with pytest.raises(ConfigError, match=r"With the piece '.*62.mid' the observation is"):
+            build_vec_env(
+                config(n_envs=2, vec_env=vec_env, env_wrapper={KEY_RANGE: {"keys": "piece"}})
+            )
+
+
+def test_observations_of_other_keys_are_refused_though_they_are_as_wide(config):
+    pieces = ["debug-CMajorScaleOneHand", "debug-DMajorScaleOneHand"]
+    own = config(pieces=pieces, n_envs=2, env_wrapper={KEY_RANGE: {"keys": "piece"}})
+    with pytest.raises(ConfigError, match="'debug-DMajorScaleOneHand' the observation shows other"):
+        build_vec_env(own)
 
 
 @pytest.mark.slow

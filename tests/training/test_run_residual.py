@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import dataclasses
 import shutil
 from pathlib import Path
@@ -104,6 +105,17 @@ def test_an_action_of_0_plays_as_the_run_and_others_change_all_but_the_pedal(bas
         np.testing.assert_allclose(moved[within], expected[within], atol=1e-6)
 
 
+def test_it_can_be_copied_and_shares_the_model(base):
+    with contextlib.closing(build_env(base.read_config())) as env:
+        residual = RunResidual(env, "base")
+        residual.reset(seed=0)
+        twin = copy.deepcopy(residual)
+        action = np.full(38, 0.3)
+        np.testing.assert_array_equal(residual.step(action)[0], twin.step(action)[0])
+        assert twin.unwrapped is not residual.unwrapped
+        assert twin._model is residual._model
+
+
 def test_observations_are_standardised_as_the_runs_model_takes_them(base, tmp_path):
     def standardization(folder, config):
         env = build_env(config)
@@ -183,7 +195,9 @@ def test_of_a_run_that_sees_hands_each_hand_is_corrected_by_one_network(base, ag
 
     policy = SAC.load(second.model_file).policy
     with contextlib.closing(build_env(first.read_config())) as env:
-        mean, std = RunResidual(env, "hands").standardization
+        residual = RunResidual(env, "hands")
+        mean, std = residual.standardization
+        assert copy.deepcopy(residual)._venv is residual._venv
     seen = hand_weights(policy)
     if agents:
         np.testing.assert_allclose(seen["standardize.mean"], mean, rtol=1e-5)

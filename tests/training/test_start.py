@@ -286,10 +286,16 @@ OTHERS = (
 )
 
 
+CHOICES = (
+    {"sb3_piano.wrappers.RandomPiece": {"pieces": ["hanon-01", "hanon-02"]}},
+    {"sb3_piano.wrappers.CorpusExcerpt": {"corpus": {"sources": {"studies": 1.0}}}},
+)
+
+
+@pytest.mark.parametrize("choice", CHOICES)
 @pytest.mark.parametrize("other", OTHERS)
-def test_a_choice_among_the_runs_pieces_is_left_out_for_others(source, other):
+def test_a_choice_among_the_runs_pieces_is_left_out_for_others(source, other, choice):
     run = source()
-    choice = {"sb3_piano.wrappers.RandomPiece": {"pieces": ["hanon-01", "hanon-02"]}}
     wrappers = [choice, "sb3_piano.wrappers.KeyRewardTiering"]
     mapping = {**run.read_config().to_mapping(), "env_id": "RoboPianist-v0"}
     run.write_config(RunConfig(**{**mapping, "env_wrapper": wrappers}))

@@ -13,13 +13,16 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.buffers import DictReplayBuffer
 from stable_baselines3.common.env_checker import check_env as sb3_check
 from stable_baselines3.common.utils import set_random_seed
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.buffers import CompactDictReplayBuffer, CompactReplayBuffer
 from sb3_piano.buffers.rows import buffer_rows
+from sb3_piano.callbacks import F1Callback
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score
+from sb3_piano.training import RunConfig, evaluate, train
 from sb3_piano.viewing import FINGER_COLORS, PRESSED_COLOR, FrameRenderer
-from sb3_piano.wrappers import KeyRange, Pixels
+from sb3_piano.wrappers import Excerpt, KeyRange, Pixels
 
 # Keys far from the hands, and one right under the thumb at rest.
 PIECE = Score(
@@ -181,6 +184,41 @@ class TestBuffer:
     def test_a_single_array_buffer_names_the_one_for_dictionaries(self, env):
         with pytest.raises(ConfigError, match="or a CompactDictReplayBuffer"):
             CompactReplayBuffer(10, env.observation_space, env.action_space, device="cpu")
+
+
+TINY = {
+    "learning_starts": 50,
+    "buffer_size": 50,
+    "policy_kwargs": {"net_arch": [4]},
+    "device": "cpu",
+}
+
+
+def test_of_several_environments_one_is_copied_to_be_judged():
+    callback = F1Callback(eval_freq=2)
+    venv = DummyVecEnv([lambda: Pixels(Excerpt(piano(), length=0.2), 40, 40)] * 2)
+    SAC("MultiInputPolicy", venv, **TINY).learn(4, callback=callback)
+    assert len(callback.evaluations_metrics) == 1
+
+
+def test_a_run_may_normalise_what_stands_beside_the_picture(tmp_path):
+    config = RunConfig(
+        algo="sac",
+        env_id="RoboPianist-debug-CMajorScaleOneHand-v0",
+        n_timesteps=12,
+        policy="MultiInputPolicy",
+        env_kwargs={"physics": "fast"},
+        env_wrapper=[
+            {"sb3_piano.wrappers.Excerpt": {"length": 0.5}},
+            {"sb3_piano.wrappers.Pixels": {"width": 40, "height": 40}},
+        ],
+        normalize={"norm_obs_keys": ["observation"]},
+        callback=[{"sb3_piano.callbacks.F1Callback": {"eval_freq": 6}}],
+        algorithm_kwargs={**TINY, "replay_buffer_class": CompactDictReplayBuffer},
+        seed=0,
+    )
+    assert train(config, tmp_path / "run", progress_bar=False).num_timesteps == 12
+    assert evaluate(tmp_path / "run").num_timesteps == 12
 
 
 @pytest.mark.slow

@@ -55,6 +55,13 @@ class TestChoice:
         env = RandomPiece(piano(), ["TwinkleTwinkleLittleStar"])
         assert played(env) is played(env)
 
+    def test_studies_are_as_the_environment_was_told(self):
+        env = PianoEnv("hanon-01", physics="fast", tempo=120, octaves=1)
+        wrapped = RandomPiece(env, ["hanon-02"])
+        expected = find_piece("hanon-02").score(tempo=120, octaves=1)
+        assert played(wrapped).duration == expected.duration
+        assert wrapped.piece_features(0) == features(expected)
+
     def test_entries_may_be_patterns(self):
         seen = titles(RandomPiece(piano(), "scale-[CD]Major"), 12)
         assert {*seen} == {"scale-CMajor", "scale-DMajor"}

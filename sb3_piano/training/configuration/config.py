@@ -42,7 +42,7 @@ from sb3_piano.training.configuration.values import (
     zoo_number,
 )
 from sb3_piano.vec_env import HandsAsAgents
-from sb3_piano.wrappers import RandomPiece
+from sb3_piano.wrappers import CorpusExcerpt, RandomPiece
 
 _RANDOM_PIECE = "sb3_piano.wrappers.RandomPiece"
 _FORMS = "'package.module.Name', {package.module.Name: {argument: value}} or a list of these"
@@ -196,7 +196,11 @@ class PlayConfig:
         return dataclasses.replace(
             self,
             env_kwargs={name: value for name, value in self.env_kwargs.items() if name not in own},
-            env_wrapper=tuple(one for one in self.env_wrapper if not one.is_a(RandomPiece)),
+            env_wrapper=tuple(
+                one
+                for one in self.env_wrapper
+                if not one.is_a(RandomPiece) and not one.is_a(CorpusExcerpt)
+            ),
         )
 
     @property

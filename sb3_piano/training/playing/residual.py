@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import os
-from typing import Any
+from typing import Any, Self
 
 import gymnasium as gym
 import numpy as np
@@ -49,6 +50,14 @@ class RunResidual(Residual, gym.utils.RecordConstructorArgs, CorrectsRun):
         rad = checked("scale", scale, Positive)
         super().__init__(env, change_of_actions(env, rad, "RunResidual"))
         self._model, self._venv = _model_of(run, env)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """Return a copy around a copy of the environment, of the same model, which is only read."""
+        memo |= {id(shared): shared for shared in (self._model, self._venv)}
+        copied = object.__new__(type(self))
+        memo[id(self)] = copied
+        copied.__dict__.update(copy.deepcopy(self.__dict__, memo))
+        return copied
 
     @property
     def standardization(self) -> tuple[FloatArray, FloatArray]:

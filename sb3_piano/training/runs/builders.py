@@ -22,8 +22,18 @@ from stable_baselines3.common.noise import (
     OrnsteinUhlenbeckActionNoise,
 )
 from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.preprocessing import (
+    is_image_space,
+    is_image_space_channels_first,
+)
 from stable_baselines3.common.utils import LinearSchedule
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecNormalize
+from stable_baselines3.common.vec_env import (
+    DummyVecEnv,
+    SubprocVecEnv,
+    VecEnv,
+    VecNormalize,
+    VecTransposeImage,
+)
 
 from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.callbacks.own_env import EnvWrapper
@@ -147,6 +157,7 @@ def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> Ve
         kinds: dict[str, Callable[[list[Callable[[], Env]]], VecEnv]]
         kinds = {"dummy": DummyVecEnv, "threads": ThreadVecEnv, "processes": ProcessVecEnv}
         venv = kinds[config.vec_env](makers)
+    if config.pieces:
         _check_same_observations(config, venv)
     venv.seed(config.seed)
     for plugin in config.vec_env_wrapper:
@@ -155,14 +166,28 @@ def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> Ve
 
 
 def _check_same_observations(config: RunConfig, venv: VecEnv) -> None:
-    """Refuse environments that cannot be seen by one network, whose process this is."""
-    for index, env in enumerate(getattr(venv, "envs", ()) if config.pieces else ()):
-        if env.observation_space != venv.observation_space:
-            raise ConfigError(
-                f"With the piece {config.pieces[index % len(config.pieces)]!r} the observation is "
-                f"{env.observation_space}, with {config.pieces[0]!r} {venv.observation_space}: "
-                "expected wrappers that do not go by the piece."
-            )
+    """Refuse environments that cannot be seen by one network; they are closed then.
+
+    Keys that an environment leaves out change no bound of its space where as many are left.
+    """
+    first, *others = venv.get_attr("observation_space")
+    for index, space in enumerate(others, start=1):
+        piece, its = config.pieces[index % len(config.pieces)], repr(config.pieces[0])
+        if space != first:
+            found = f"the observation is {space}, with {its} {first}"
+        elif _columns(space) != _columns(first):
+            found = f"the observation shows other keys than with {its}"
+        else:
+            continue
+        venv.close()
+        raise ConfigError(
+            f"With the piece {piece!r} {found}: expected wrappers that do not go by the piece."
+        )
+
+
+def _columns(space: Any) -> list[list[int]]:
+    """Return the columns that each block of an observation shows, if it has any."""
+    return [block.all_columns.tolist() for block in getattr(space, "layout", {}).values()]
 
 
 def refuse_other_vectors(config: RunConfig, what: str) -> None:
@@ -250,4 +275,8 @@ def normalized(config: RunConfig, venv: VecEnv) -> VecEnv:
     gamma = config.algorithm_kwargs.get("gamma")
     if gamma is not None:
         arguments.setdefault("gamma", gamma)
+    shown = getattr(venv.observation_space, "spaces", {}).values()
+    if any(is_image_space(one) and not is_image_space_channels_first(one) for one in shown):
+        # SB3 puts it outside, where the original observations of VecNormalize do not fit it.
+        venv = VecTransposeImage(venv)
     return VecNormalize(venv, **arguments)

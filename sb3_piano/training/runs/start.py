@@ -193,8 +193,9 @@ def load_start(
         path: Hyperparameters in place of the run's, as of :func:`load_config`.
         with_buffer: Whether to begin with its replay buffer.
         **overrides: Settings to take instead. ``env_kwargs`` are added to the run's, of which a
-            score and a file of finger labels are left out if something else is played, as is a
-            :class:`~sb3_piano.wrappers.RandomPiece` among its wrappers.
+            score and a file of finger labels are left out if something else is played, as are
+            :class:`~sb3_piano.wrappers.RandomPiece` and
+            :class:`~sb3_piano.wrappers.CorpusExcerpt` among its wrappers.
 
     Raises:
         ConfigError: As :func:`load_config`, or if the run is not trained.

@@ -5,9 +5,9 @@
 
 The runs are those of ``run.py`` and, where a folder is gone, those that results.json has kept. F1
 is that of the last model without exploring: each piece's mean over seeds, of which the mean over
-pieces is shown, with a 95 % interval over pieces where there are several. Tables 3 and 4 are of the
-study's ``one`` piece; the last tables are of whole pieces that a policy has not seen. A dash is
-what was not run.
+pieces is shown, with a 95 % interval over pieces where there are several, otherwise with the least
+and the greatest of the seeds. Tables 3 and 4 are of the study's ``one`` piece; the last tables are
+of whole pieces that a policy has not seen. A dash is what was not run.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from sb3_piano.training import RunConfig, RunFolder
 from sb3_piano.training.evaluation.statistics import summarize
 
 KEPT = HERE / "results.json"
-COLUMNS = ("cell", "F1", "95 % interval", "onset F1", "resting hands", "report's F1", "runs")
+COLUMNS = ("cell", "F1", "interval", "onset F1", "resting hands", "report's F1", "runs")
 OF_ONE_PIECE = ("Table 3", "Table 4")
 
 Results = dict[str, dict[str, list[float]]]
@@ -107,7 +107,9 @@ def measured(cell: str, pieces: Sequence[str], results: Results) -> list[str]:
         return ["-", "-", "-", "-", "0"]
     by_piece = [[sum(values) / len(of) for values in zip(*of, strict=True)] for of in found]
     f1, onset_f1, resting = (summarize(values) for values in zip(*by_piece, strict=True))
-    interval = "-" if f1.interval is None else f"{f1.interval[0]:.3f} to {f1.interval[1]:.3f}"
+    seeds = [of[0] for of in found[0]]
+    low, high = f1.interval or (min(seeds), max(seeds))
+    interval = "-" if low == high else f"{low:.3f} to {high:.3f}"
     means = (f"{each.mean:.3f}" for each in (onset_f1, resting))
     return [f"{f1.mean:.3f}", interval, *means, str(sum(map(len, found)))]
 

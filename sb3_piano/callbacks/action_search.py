@@ -78,6 +78,8 @@ class ActionSearchCallback(BaseCallback):
         self._spread: float = checked("spread", spread, NotNegative)
         self._envs: Sequence[Any] = ()
         self._worlds: list[PianoWorld | None] = []
+        self._searched_for: Any = None
+        self._in_rollout = False
 
     def _init_callback(self) -> None:
         policy: Any = self.model.policy
@@ -105,6 +107,7 @@ class ActionSearchCallback(BaseCallback):
                 check_goes_back(env)
             self._worlds = [None] * len(self._envs)
             self._values = PolicyValues(self.model, self.model.get_vec_normalize_env())
+        self._searched_for, self._in_rollout = None, False
         # SB3 draws the actions of a roll-out by this method of the policy, an update by the actor.
         # A training that was interrupted has left ours there.
         policy.__dict__.pop("_predict", None)
@@ -116,13 +119,34 @@ class ActionSearchCallback(BaseCallback):
         policy.__dict__.pop("_predict", None)
         self._worlds = [None] * len(self._envs)
 
+    def _on_rollout_start(self) -> None:
+        self._in_rollout = True
+
+    def _on_rollout_end(self) -> None:
+        self._in_rollout = False
+
     def _on_step(self) -> bool:
+        self._searched_for = self.model._last_obs
+        return True
+
+    def _is_rollout(self, observation: torch.Tensor) -> bool:
+        """Return whether an action of the training is asked for, and not of an evaluation in it.
+
+        It is the first one for what the training's environments show.
+        """
+        seen: Any = self.model._last_obs
+        if not self._in_rollout or seen is self._searched_for:
+            return False
+        expected: Any = self.model.policy.obs_to_tensor(seen)[0]
+        if not torch.equal(expected, observation):
+            return False
+        self._searched_for = seen
         return True
 
     def _predict(self, observation: Any, deterministic: bool = False) -> torch.Tensor:
         """Return what a policy would, where it explores the best of several actions."""
         played: torch.Tensor = self._own_predict(observation, deterministic)
-        if deterministic:
+        if deterministic or not self._is_rollout(observation):
             return played
         rows = [self._searched(slot, row[None]) for slot, row in enumerate(observation)]
         return torch.cat(rows)

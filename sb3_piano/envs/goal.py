@@ -143,4 +143,5 @@ def _fingering(simulation: Simulation, kind: str, now: StepGoal) -> float:
     if kind == "off":
         return 0.0
     points = [simulation.press_point(key) for key in now.keys]
+    tips = tips[simulation.scene.fingers]  # of the hands that are there
     return rewards.optimal_transport_fingering(tips, np.array(points).reshape(-1, 3))

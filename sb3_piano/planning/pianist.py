@@ -75,7 +75,8 @@ class PlannedPianist(PianoPolicy):
         """Return where the hands' joints are, (m,) rad or m, as they are observed."""
         piano, layout = self._pianos[slot], self._layout
         names = [f"{side}_joints" for side in piano.scene.sides]
-        if layout is None or names[0] not in layout:  # something else is shown
+        if self._normalizer is not None or layout is None or names[0] not in layout:
+            # Something else is shown, or what VecNormalize has cut.
             return np.asarray(piano.data.qpos[piano.scene.hand_qpos])
         return np.concatenate([observation[layout[name].slice] for name in names])
 

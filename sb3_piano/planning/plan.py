@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -97,6 +97,7 @@ def plan(
     if isinstance(piece, Score):
         score = apply_fingering(piece, "robot", control_timestep)
         piece = PianoRoll.from_score(score, control_timestep)
+    piece = _of_hands(piece, scene)
     _check_fingers(piece)
     tasks = HandTasks.of(piece, scene, settings)
     hands, line = plan_hands(
@@ -150,6 +151,16 @@ class HandTasks(NamedTuple):
         """Return the plan in which hands move along a line between the arms, (T + 1,) m."""
         problems = problems_of(self.roll, hands, scene)
         return Plan(roll=self.roll, hands=hands, arm_line=line, problems=problems, passes=passes)
+
+
+def _of_hands(roll: PianoRoll, scene: PianoScene) -> PianoRoll:
+    """Return a roll without the fingers of hands that are not there."""
+    there = np.isin(roll.finger, scene.fingers)
+    return (
+        roll
+        if there[roll.active].all()
+        else replace(roll, finger=np.where(there, roll.finger, UNKNOWN_FINGER))
+    )
 
 
 def _check_fingers(roll: PianoRoll) -> None:

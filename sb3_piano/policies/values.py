@@ -47,13 +47,18 @@ class PolicyValues:
         self._policy.set_training_mode(False)
         self._normalizer = normalizer
         self._noise = noise
-        self._random_state = torch.get_rng_state()
+        self._devices = [model.device] if model.device.type == "cuda" else []
+        self._random_states = self._generators()
 
     def set_random_seed(self, seed: int) -> None:
         """Begin anew with the actions that are drawn."""
-        with torch.random.fork_rng(devices=[]):
+        with torch.random.fork_rng(self._devices):
             torch.manual_seed(seed)
-            self._random_state = torch.get_rng_state()
+            self._random_states = self._generators()
+
+    def _generators(self) -> list[torch.Tensor]:
+        """Return where the processor's generator stands, and that of the policy's device."""
+        return [torch.get_rng_state(), *map(torch.cuda.get_rng_state, self._devices)]
 
     def copied(self, memo: dict[int, Any]) -> PolicyValues:
         """Return this: it knows nothing of the environment."""
@@ -79,13 +84,16 @@ class PolicyValues:
         """Return actions that the policy might draw, given the one that it would play."""
         seen = self._seen(observation)
         rows = seen.expand(_PROPOSALS, *seen.shape[1:])
-        with torch.random.fork_rng(devices=[]):
-            torch.set_rng_state(self._random_state)
+        with torch.random.fork_rng(self._devices):
+            processor, *others = self._random_states
+            torch.set_rng_state(processor)
+            for state, device in zip(others, self._devices, strict=True):
+                torch.cuda.set_rng_state(state, device)
             played = self.played(self._policy._predict(rows, deterministic=False))
             if np.array_equal(played[0], played[1]):  # it has no distribution
                 noise = self._noise * torch.randn(played.shape).numpy()
                 played = np.clip(mode + noise, -1.0, 1.0).astype(np.float32)
-            self._random_state = torch.get_rng_state()
+            self._random_states = self._generators()
         return list(played)
 
     def _seen(self, observation: Any) -> torch.Tensor:

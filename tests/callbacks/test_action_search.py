@@ -13,7 +13,7 @@ from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
-from sb3_piano.callbacks import ActionSearchCallback
+from sb3_piano.callbacks import ActionSearchCallback, F1Callback
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score
@@ -83,6 +83,22 @@ def test_after_an_interrupted_training_another_one_searches_anew():
     model.learn(20, callback=callback)
     assert model.num_timesteps == 20
     assert "_predict" not in vars(model.policy)
+
+
+def test_evaluations_in_the_training_are_not_searched():
+    judge = F1Callback(piano(), deterministic=False, eval_freq=4, evaluate_start=True)
+    callback = ActionSearchCallback(candidates=3, score="simulation")
+    searched, own = [], callback._tried
+
+    def spied(slot, actions):
+        searched.append((callback.num_timesteps, judge.eval_env.get_attr("steps_played")))
+        return own(slot, actions)
+
+    callback._tried = spied
+    for callbacks in ([callback, judge], [judge, callback]):
+        searched.clear()
+        learner().learn(16, callback=callbacks)
+        assert [step for step, _ in searched] == [10, 11, 12, 13, 14, 15]  # each once, by itself
 
 
 def explored(model, count=1):

@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env as gymnasium_check
 from stable_baselines3.common.env_checker import check_env as sb3_check
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from sb3_piano.envs import PianoEnv
+from sb3_piano.envs import PianoEnv, rewards
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.music import Corpus, Note, Score, load_score, write_midi
 from sb3_piano.planning import PlannedPianist
@@ -143,6 +143,15 @@ class TestNotes:
         env = PianoEnv(UNLABELLED, hands_in_scene=side)
         assert [note.pitch for note in env.score.notes] == [40, 52, 64, 76]
         assert {note.hand for note in env.score.notes} == {side}
+
+    def test_fingers_of_the_other_hand_do_not_count_where_keys_are_more(self, side):
+        notes = [Note(onset=0, offset=1, pitch=pitch) for pitch in (60, 64, 67, 72, 76, 79)]
+        env = PianoEnv(Score(notes=notes, title="six"), hands_in_scene=side, physics="fast")
+        env.reset(seed=0)
+        term = env.step(env.rest_action)[-1]["reward_terms"]["fingering"]
+        tips = env.simulation.fingertips[env.scene.fingers]
+        points = env.scene.press_point(env.data, np.array([note.pitch - 21 for note in notes]))
+        assert term == pytest.approx(rewards.optimal_transport_fingering(tips, points), abs=1e-9)
 
     @pytest.mark.parametrize("fingering", ["ergonomic", "robot"])
     def test_fingers_that_are_found_are_its_own(self, side, fingering):

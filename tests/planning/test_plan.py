@@ -137,6 +137,22 @@ def test_another_control_step_may_be_chosen():
     assert len(made.positions) == 10
 
 
+def test_in_a_scene_with_one_hand_the_others_notes_are_left_to_nobody():
+    crossing = {48: 0, 52: 2, 84: 5, 80: 7}  # the left hand's are the higher ones
+    notes = [
+        Note(onset=0.5, offset=1.0, pitch=pitch, finger=finger)
+        for pitch, finger in crossing.items()
+    ]
+    scene = scene_of(sides=("right",), physics="fast")
+    both, alone = (
+        plan(PianoRoll.from_score(Score(notes=of, title="t"), TIMESTEP), scene, QUICK)
+        for of in (notes, notes[:2])
+    )
+    np.testing.assert_array_equal(both.hands[0].positions, alone.hands[0].positions)
+    assert not alone.problems
+    assert sorted(problem.pitch for problem in both.problems) == [80, 84]
+
+
 def test_a_roll_with_notes_without_fingers_is_refused_by_name():
     score = without_fingers(five_fingers(order=(0, 1)))
     with pytest.raises(ScoreError, match=r"No note of the roll has a finger.*apply_fingering"):

@@ -188,9 +188,11 @@ def test_each_of_several_environments_is_played_as_alone(solo, kind):
     np.testing.assert_array_equal(second, other.performance.key_active[:-1])
 
 
-def test_normalised_observations_give_the_same_music(solo):
+@pytest.mark.parametrize("clip_obs", [10.0, 0.1])
+def test_normalised_observations_give_the_same_music(solo, clip_obs):
     _, _, _, _, alone = solo
-    venv = VecNormalize(DummyVecEnv([lambda: piano(PIECE)]), norm_reward=False)
+    venv = DummyVecEnv([lambda: piano(PIECE)])
+    venv = VecNormalize(venv, norm_reward=False, clip_obs=clip_obs)
     venv = VecMonitor(venv)  # which changes no observation
     (keys,) = play_all(venv, PlannedPianist(venv, QUICK))
     assert (keys != alone[:-1]).mean() < 1e-3  # but for rounding

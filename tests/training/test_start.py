@@ -105,6 +105,26 @@ def started(config, run, folder, steps=40, **start):
     return watched
 
 
+def test_the_options_of_optimizers_are_those_of_the_new_training(config, source, tmp_path):
+    run = source("sac")
+    plugin = {"sb3_piano.training.StartFromRun": {"run": str(run.path)}}
+    options = {"net_arch": [8], "optimizer_kwargs": {"weight_decay": 0.25}}
+    found = {}
+
+    class Look(BaseCallback):
+        def _on_training_start(self):
+            (group,) = self.model.actor.optimizer.param_groups
+            found.update(decay=group["weight_decay"], state=flat(self.model))
+
+        def _on_step(self):
+            return False
+
+    settings = config("sac", callback=plugin, algorithm_kwargs={"policy_kwargs": options})
+    train(settings, tmp_path / "run", callbacks=[Look()], progress_bar=False)
+    assert found["decay"] == 0.25
+    assert any("exp_avg" in name for name in found["state"])
+
+
 @pytest.mark.parametrize("algo", ALGORITHMS)
 def test_networks_optimizers_and_entropy_are_equal_to_the_bit(config, source, tmp_path, algo):
     run = source(algo)

@@ -6,14 +6,17 @@ import dataclasses
 import logging
 import math
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.save_util import recursive_getattr
 from stable_baselines3.common.type_aliases import TrainFreq, TrainFrequencyUnit
 from stable_baselines3.common.vec_env import VecNormalize, unwrap_vec_normalize
+from torch.optim import Optimizer
 
 from sb3_piano.callbacks import Checkpoint, restore_replay_buffer
 from sb3_piano.callbacks.replay_segments import end_last_episode
@@ -33,10 +36,11 @@ _START = "sb3_piano.training.StartFromRun"
 class StartFromRun(BaseCallback):
     """Give a model what the model of another run has learnt, before the training.
 
-    That is its networks, their optimizers, the entropy coefficient and the statistics of
-    ``VecNormalize``. Nothing acts at random then, whatever ``learning_starts`` says: the policy
-    fills the replay buffer itself, for ``seed_steps`` without an update, unless it is given a
-    buffer that is filled. A training that is resumed keeps its own networks.
+    That is its networks, the moments of their optimizers, the entropy coefficient and the
+    statistics of ``VecNormalize``; options of optimizers, such as ``critic_first``, are the
+    training's own. Nothing acts at random then, whatever ``learning_starts`` says: the policy fills
+    the replay buffer itself, for ``seed_steps`` without an update, unless it is given a buffer that
+    is filled. A training that is resumed keeps its own networks.
 
     ``sb3-piano train --init-from RUN`` adds this callback to a run.
 
@@ -123,6 +127,7 @@ class StartFromRun(BaseCallback):
                 f"{config.algorithm.__name__} saved."
             ) from error
         self._check_spaces(run, source)
+        options = [dict(group, params=None) for group in self._groups()]
         try:
             self.model.set_parameters(source.get_parameters())  # type: ignore[arg-type]
         except (RuntimeError, ValueError, KeyError, AttributeError) as error:
@@ -131,11 +136,20 @@ class StartFromRun(BaseCallback):
                 f"policy {config.policy!r} with policy_kwargs "
                 f"{config.algorithm_kwargs.get('policy_kwargs', {})}, and its ent_coef."
             ) from error
+        for group, own in zip(self._groups(), options, strict=True):
+            group.update(own, params=group["params"])
         for name in source._get_torch_save_params()[1]:
             learnt = getattr(source, name)
             if learnt.requires_grad:  # a coefficient that is fixed is the config's
                 getattr(self.model, name).data.copy_(learnt.data)
         self._take_statistics(run, config, statistics)
+
+    def _groups(self) -> Iterator[dict[str, Any]]:
+        """Yield the groups of parameters of all optimizers, with their options."""
+        for name in self.model._get_torch_save_params()[0]:
+            part = recursive_getattr(self.model, name)
+            if isinstance(part, Optimizer):
+                yield from part.param_groups
 
     def _check_spaces(self, run: RunFolder, source: BaseAlgorithm) -> None:
         for name in ("observation_space", "action_space"):

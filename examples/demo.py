@@ -56,6 +56,9 @@ def main() -> int:
             arguments.piece, arguments.seconds, arguments.out, arguments.seed, arguments.steps
         ):
             print(row, flush=True)
+    except KeyboardInterrupt:
+        print(f"Interrupted: what was finished is in {arguments.out}.")
+        return 130
     except SB3PianoError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
     return 0
@@ -96,7 +99,10 @@ def demo(piece: str, seconds: float, out: Path, seed: int, steps: int) -> Iterat
         return
 
     settings = load_fine_tuning("sac", player=cloned.folder.path, seed=seed, n_timesteps=steps)
-    trained = train(settings, out / "trained").folder.path
+    result = train(settings, out / "trained")
+    if result.interrupted:
+        raise KeyboardInterrupt
+    trained = result.folder.path
     yield row("trained", evaluate(trained).mean)
 
     with bar("pictures") as tell:

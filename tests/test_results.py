@@ -125,6 +125,20 @@ def test_a_file_that_is_no_json_is_told_in_a_line(tmp_path):
         Results.read(tmp_path / "x")
 
 
+def test_seeds_given_twice_are_refused(tmp_path, capsys):
+    arguments = [
+        "--pieces",
+        "scale-AMajor",
+        "--seeds",
+        "0",
+        "0",
+        "--out",
+        str(tmp_path / "out.json"),
+    ]
+    assert main(["results", "measure", *arguments]) == 2
+    assert "Seed 0 is given 2 times: expected each seed once" in capsys.readouterr().err
+
+
 def test_a_file_of_another_kind_is_told_before_anything_is_played(tmp_path, capsys):
     for name in ("out.json", "bad.mid"):
         (tmp_path / name).write_text("no results, and no music")

@@ -49,7 +49,11 @@ def main() -> int:
             **changed,
         )
         tell("before", before(config))
-        folder = train(config, runs_dir=arguments.runs).folder.path
+        result = train(config, runs_dir=arguments.runs)
+        folder = result.folder.path
+        if result.interrupted:
+            print(f"Interrupted. To go on: sb3-piano train --resume {folder}")
+            return 130
         tell("last", evaluate(folder).mean)
         tell("best", evaluate(folder, best="f1").mean)
     except SB3PianoError as error:

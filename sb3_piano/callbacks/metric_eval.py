@@ -31,7 +31,7 @@ from sb3_piano.wrappers import RandomPiece
 _log = logging.getLogger(__name__)
 
 _NOTE = "best_model.json"
-_MOST_PIECES = 12
+MOST_PIECES = 12
 """So many of a run's pieces an evaluation plays, unless it is told otherwise."""
 
 
@@ -191,7 +191,7 @@ class MetricEvalCallback(EvalCallback):
             super()._init_callback()
         # SB3 counts the episodes of each agent.
         n_pieces = self._play_in_turn() if self._makes_env else 1
-        self.n_eval_episodes = (self._n_episodes or min(n_pieces, _MOST_PIECES)) * self._agents
+        self.n_eval_episodes = (self._n_episodes or min(n_pieces, MOST_PIECES)) * self._agents
         if self.model.num_timesteps > 0:
             self._read_evaluations_file()
         if self.best_model_save_path is not None and self.model.num_timesteps > 0:

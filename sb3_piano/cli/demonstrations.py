@@ -153,6 +153,7 @@ def _player(
 
 def _new_env(arguments: argparse.Namespace, player: str) -> gym.Env[Any, Any]:
     from sb3_piano.music import is_path
+    from sb3_piano.music.fingering.apply import FINGERINGS
     from sb3_piano.training import PlannedConfig
     from sb3_piano.training.playing.player import env_to_record
     from sb3_piano.training.playing.takes import where_played
@@ -166,6 +167,8 @@ def _new_env(arguments: argparse.Namespace, player: str) -> gym.Env[Any, Any]:
     options |= env_options(arguments.set or ())
     if arguments.fingering is not None:
         options["fingering"] = arguments.fingering
+        if arguments.fingering not in FINGERINGS:
+            options["fingering"] = str(Path(arguments.fingering).resolve())
     config = PlannedConfig(algo=player, env_id=env_id, env_kwargs=options)
     return env_to_record(config, arguments.start)
 

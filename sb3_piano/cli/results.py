@@ -81,6 +81,12 @@ def _measure(arguments: argparse.Namespace) -> int:
             "--held-out cannot be given with --pieces or --seeds: it has pieces and seeds of its "
             "own. Expected one of them."
         )
+    for seed in arguments.seeds or ():
+        if arguments.seeds.count(seed) > 1:
+            raise ConfigError(
+                f"Seed {seed} is given {arguments.seeds.count(seed)} times: expected each seed "
+                "once, as its episode would only be counted again."
+            )
     physics, file = physics_named(arguments.physics), arguments.out or Path("results.json")
     check_output_file("--out", file)
     for player in arguments.players:

@@ -117,18 +117,24 @@ def _config(arguments: argparse.Namespace) -> RunConfig:
         arguments.env = GENERAL_ID
     if arguments.init_from is not None:
         refuse_options(arguments, ("algo", "from"), "with --init-from: a run keeps its algorithm.")
-        named = arguments.env or arguments.midi or arguments.fingering
-        env_id, options = what_is_played(arguments) if named else (None, {})
+        env_id, options = _played(arguments)
         given |= {"with_buffer": arguments.with_buffer, **options}
         return load_start(arguments.init_from, env_id, arguments.config, **given)
     if start is None:
         others = ", --midi FILE, --pieces PIECE... or --resume RUN"
         env_id, options = what_is_played(arguments, others)
         return load_config(arguments.algo or "td3", env_id, arguments.config, **options, **given)
-    named = arguments.env or arguments.midi or arguments.fingering  # a run knows what it plays
-    played = what_is_played(arguments, " or --midi FILE") if named else (None, {})
+    played = _played(arguments)
     algo, file = arguments.algo or "sac", arguments.config
     return load_fine_tuning(algo, played[0], file, player=start, **played[1], **given)
+
+
+def _played(arguments: argparse.Namespace) -> tuple[str | None, dict[str, Any]]:
+    """Return what is to be played if it is not what a run plays, and options of the environment."""
+    if arguments.env or arguments.midi:
+        return what_is_played(arguments, " or --midi FILE")
+    fingering = arguments.fingering
+    return None, {} if fingering is None else {"env_kwargs": {"fingering": fingering}}
 
 
 def _report_training(result: TrainResult) -> None:

@@ -6,20 +6,22 @@ import contextlib
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.executors import Resources, broken_told, map_jobs, open_executor
-from sb3_piano.files import read_json
+from sb3_piano.files import read_json, write_json
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.sweeps.storage import Mirror, glance, mirrored
 from sb3_piano.training import RunConfig, RunFolder, evaluate, resume, train
 
 _SAVED, _EVALUATION = "checkpoint/checkpoint.json", "evaluation/metrics.json"
+_ENDED = "ended.json"
+"""Where a run notes that a callback has ended its training before all steps were done."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,6 +92,14 @@ class _Saved:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Ended:
+    """The end of a training before all its steps were done."""
+
+    num_timesteps: int
+    n_timesteps: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Judged:
     """What is of interest in an evaluation."""
 
@@ -156,13 +166,24 @@ def status_of(job: CellJob) -> CellResult:
     assert job.config.seed is not None, "cells have seeds"
     total = job.config.n_timesteps
     known: dict[str, Any] = {"name": job.name, "seed": job.config.seed, "folder": job.folder}
-    with glance(job.folder, (_SAVED, _EVALUATION)) as place:
-        saved = read_json(place / _SAVED, _Saved, "expected a checkpoint.")
-        steps = 0 if saved is None else saved.num_timesteps
-        metrics = metrics_of(place, job.config, steps, job.episodes) if steps >= total else {}
+    with glance(job.folder, (_SAVED, _EVALUATION, _ENDED)) as place:
+        steps = _steps(place)
+        over = _is_over(place, steps, total)
+        metrics = metrics_of(place, job.config, steps, job.episodes) if over else {}
     return CellResult(
         **known, started_at=steps, num_timesteps=steps, n_timesteps=total, metrics=metrics
     )
+
+
+def _steps(place: Path) -> int:
+    saved = read_json(place / _SAVED, _Saved, "expected a checkpoint.")
+    return 0 if saved is None else saved.num_timesteps
+
+
+def _is_over(place: Path, steps: int, total: int) -> bool:
+    """Return whether a training of so many steps is at its end after the first of them."""
+    ended = read_json(place / _ENDED, _Ended, "expected what a sweep writes.")
+    return steps >= total or ended == _Ended(num_timesteps=steps, n_timesteps=total)
 
 
 def finish_cell(job: CellJob) -> CellResult:
@@ -189,19 +210,21 @@ def _finished(job: CellJob, mirror: Mirror) -> dict[str, Any]:
         "checkpoint_every": job.checkpoint_every,
         "callbacks": mirror.callbacks,
     }
-    if RunFolder(place).config_file.is_file():
-        trained = resume(place, config.n_timesteps, **options)
-    else:
-        trained = train(config, place, **options)
-    if trained.interrupted:
-        mirror.store()
-        raise KeyboardInterrupt
-    steps = {
-        "started_at": trained.started_at,
-        "num_timesteps": trained.num_timesteps,
-        "n_timesteps": config.n_timesteps,
-    }
-    metrics = metrics_of(place, config, trained.num_timesteps, job.episodes)
+    started_at, total = _steps(place), config.n_timesteps
+    done = started_at
+    if not _is_over(place, started_at, total):
+        if RunFolder(place).config_file.is_file():
+            trained = resume(place, total, **options)
+        else:
+            trained = train(config, place, **options)
+        if trained.interrupted:
+            mirror.store()
+            raise KeyboardInterrupt
+        started_at, done = trained.started_at, trained.num_timesteps
+        if done < total:
+            write_json(place / _ENDED, asdict(_Ended(num_timesteps=done, n_timesteps=total)))
+    steps = {"started_at": started_at, "num_timesteps": done, "n_timesteps": total}
+    metrics = metrics_of(place, config, done, job.episodes)
     if not metrics:
         found = evaluate(place, job.episodes)
         if found.interrupted:

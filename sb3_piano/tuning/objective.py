@@ -17,6 +17,7 @@ from optuna.trial import BaseTrial
 from stable_baselines3.common.callbacks import BaseCallback, ConvertCallback
 
 from sb3_piano.callbacks import MetricEvalCallback
+from sb3_piano.callbacks.metric_eval import MOST_PIECES
 from sb3_piano.exceptions import RunError
 from sb3_piano.training import RunConfig, RunFolder, entry_config, evaluate, train
 from sb3_piano.tuning import trials
@@ -77,10 +78,11 @@ class Objective:
 
     def _train(self, config: RunConfig, path: Path, progress: _Progress) -> None:
         """Train and judge one model."""
+        episodes, n_pieces = self.config.eval_episodes, max(len(config.pieces), 1)
         judge = METRICS[self.config.metric](
             callback_after_eval=ConvertCallback(lambda *_: progress.evaluated(judge)),
             eval_freq=max(1, config.n_timesteps // self.config.n_evaluations // config.n_agents),
-            n_eval_episodes=None if self.config.eval_episodes == 1 else self.config.eval_episodes,
+            n_eval_episodes=None if episodes == 1 else episodes * min(n_pieces, MOST_PIECES),
             seed=self.config.eval_seed,
         )
         callbacks: list[BaseCallback] = [judge]

@@ -124,6 +124,28 @@ def test_what_is_wrong_with_a_grid_is_told(changed, told):
         SweepConfig(**{**SHORT, **changed}).runs()
 
 
+def test_a_cell_that_a_callback_ended_is_finished(tmp_path):
+    judge = {"sb3_piano.callbacks.F1Callback": {"eval_freq": 10, "stop_threshold": 0.0}}
+    settings = {**SHORT["settings"], "callback": [judge]}
+    found = []
+    config = SweepConfig(**{**SHORT, "settings": settings})
+    for _ in range(2):
+        with here() as executor:
+            result = sweep(
+                config,
+                tmp_path / "sweep",
+                executor=executor,
+                on_result=lambda cell, *_: found.append(cell),
+            )
+        assert [cell.num_timesteps for cell in result.cells] == [10]
+    assert len(found) == 1  # the second call has nothing to do
+    (state,) = sweep_status(config, tmp_path / "sweep")
+    assert state.metrics == found[0].metrics
+    longer = SweepConfig(**{**SHORT, "settings": {**settings, "n_timesteps": 230}})
+    (job,) = jobs_of(longer, tmp_path / "sweep")
+    assert not status_of(job).finished
+
+
 def test_the_file_is_named_when_a_setting_is_wrong(tmp_path):
     file = tmp_path / "grid.yml"
     file.write_text(yaml.safe_dump({"algos": ["td3"], "envs": ["x"], "seeds": ["one"]}))

@@ -83,6 +83,18 @@ def test_fingers_are_found_for_a_file_without_labels(tmp_path, capsys):
     assert "--fingering cannot be given with --resume" in capsys.readouterr().err
 
 
+def test_a_run_may_be_trained_on_with_other_fingers(tmp_path):
+    notes = [Note(onset=0.5 * i, offset=0.5 * i + 0.4, pitch=60 + 2 * i) for i in range(3)]
+    write_midi(Score(notes=notes), tmp_path / "plain.mid")
+    common = ["--config", "small.yml", "--steps", "3", "--no-progress"]
+    assert main(["train", "--midi", "plain.mid", *common, "--run", "run"]) == 0
+    start = ["train", "--init-from", "run", "--fingering", "robot"]
+    assert main([*start, "--steps", "3", "--no-progress", "--run", "other"]) == 0
+    config = yaml.safe_load((tmp_path / "other" / "config.yml").read_text())
+    assert config["env_kwargs"]["fingering"] == "robot"
+    assert config["env_kwargs"]["score"] == "score.mid"
+
+
 def test_imported_benchmark_pieces_are_listed_among_the_environments(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("SB3_PIANO_DATA", str(tmp_path / "data"))
     score = load_score("CMajorScaleOneHand")

@@ -152,13 +152,20 @@ def test_a_planned_pianist_is_recorded_playing_a_file(midi_file, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("how", "by_thumb"), [([], True), (["--fingering", "robot"], False)])
-def test_a_planned_pianist_is_recorded_with_the_fingers_that_are_observed(tmp_path, how, by_thumb):
+@pytest.mark.parametrize(
+    ("how", "by_thumb"),
+    [([], True), (["--fingering", "robot"], False), (["--fingering", "index.mid"], False)],
+)
+def test_a_planned_pianist_is_recorded_with_the_fingers_that_are_observed(
+    tmp_path, how, by_thumb, monkeypatch
+):
     """On a black key the robot's own choice is no thumb."""
-    thumb = Score(notes=[Note(onset=0.0, offset=0.3, pitch=78, finger=0)])
-    write_midi(thumb, tmp_path / "thumb.mid")
+    for name, finger in (("thumb", 0), ("index", 1)):
+        labelled = Score(notes=[Note(onset=0.0, offset=0.3, pitch=78, finger=finger)])
+        write_midi(labelled, tmp_path / f"{name}.mid")
     command = ["record", "thumb.mid", "--episodes", "1", "--noise", "0", "--no-progress", *how]
     assert main(command) == 0
+    monkeypatch.chdir("/")  # a data set is used from anywhere
     dataset = minari.load_dataset("robopianist/thumb/planned-v0")
     (recorded,) = dataset
     env = dataset.recover_environment()

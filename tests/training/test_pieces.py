@@ -17,7 +17,7 @@ from sb3_piano.callbacks import Checkpoint, F1Callback
 from sb3_piano.callbacks.replay_segments import restore_replay_buffer
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Note, Score, find_piece, select_pieces, write_midi
+from sb3_piano.music import Note, Score, find_piece, load_score, select_pieces, write_midi
 from sb3_piano.sweeps.cells import metrics_of
 from sb3_piano.training import (
     RunConfig,
@@ -223,6 +223,41 @@ def test_a_resumed_training_goes_on_with_the_buffers_of_all_pieces(config, tmp_p
 def run(config, tmp_path):
     """The folder of a run of three pieces, after 4 steps."""
     return train(config(n_timesteps=4), tmp_path / "run", progress_bar=False).folder
+
+
+def test_studies_of_a_run_are_judged_as_they_were_trained(config, tmp_path):
+    names = ["scale-CMajor", "scale-DMajor"]
+    options = {"physics": "fast", "tempo": 240, "octaves": 1}
+    settings = config(pieces=names, env_kwargs=options, n_timesteps=4)
+    found = evaluate(train(settings, tmp_path / "run", progress_bar=False).folder.path)
+    for one, name in zip(found.by_piece, names, strict=True):
+        length = find_piece(name).score(tempo=240, octaves=1).duration
+        assert one.episodes[0]["length"] == pytest.approx(length / 0.05, abs=2)
+
+
+def test_files_of_one_name_are_pieces_of_their_own(config, corpus, tmp_path):
+    (tmp_path / "more").mkdir()
+    write_midi(load_score(corpus / "64.mid"), tmp_path / "more" / "60.mid")
+    pieces = [str(corpus / "60.mid"), str(tmp_path / "more" / "60.mid")]
+    run = train(config(pieces=pieces, n_timesteps=4), tmp_path / "run", progress_bar=False).folder
+    assert [one.piece for one in evaluate(run.path).by_piece] == pieces
+
+
+@pytest.mark.parametrize("n_envs", [1, 2, 3])
+def test_options_of_studies_are_told_to_studies(config, corpus, n_envs):
+    pieces = [str(corpus / "60.mid"), "scale-CMajor", str(corpus / "62.mid")]
+    options = {"physics": "fast", "tempo": 240}
+    lengths = {}
+    with contextlib.closing(
+        build_vec_env(config(pieces=pieces, n_envs=n_envs, env_kwargs=options))
+    ) as venv:
+        for _ in range(12):
+            venv.reset()
+            lengths |= {score.title: score.duration for score in venv.get_attr("score")}
+    assert lengths["scale-CMajor"] == find_piece("scale-CMajor").score(tempo=240).duration
+    assert set(lengths) == {"60", "62", "scale-CMajor"}
+    with pytest.raises(ConfigError, match="Unknown option 'temp'"):
+        build_vec_env(config(pieces=pieces, env_kwargs={"temp": 240}))
 
 
 def test_a_run_is_judged_by_the_mean_over_its_pieces(run, corpus):

@@ -112,6 +112,10 @@ def test_a_config_does_not_share_what_it_was_given(small_config):
             {"env_kwargs": {"score": load_score("CMajorScaleOneHand")}},
             "env_kwargs.score is a Score, wh",
         ),
+        (
+            {"n_envs": 2, "algorithm_kwargs": {"train_freq": [1, "episode"]}},
+            r"train_freq is \[1, 'episode'\] with 2 agents in 2 environment",
+        ),
         ({"env_kwargs": {1: 2}}, "env_kwargs is .*: expected a mapping from names"),
         ({"env_kwargs": {"a": [{1: 2}]}}, r"env_kwargs.a\[0\] has the key 1: expected text"),
     ],

@@ -324,6 +324,18 @@ def test_a_choice_among_the_runs_pieces_is_left_out_for_others(source, other, ch
     assert kept.path == "sb3_piano.wrappers.KeyRewardTiering"
 
 
+def test_options_of_a_study_stay_with_it(source):
+    run = source()
+    mapping = {**run.read_config().to_mapping(), "env_id": "RoboPianist-v0"}
+    study = RunConfig(**mapping).in_env(score="scale-CMajor", tempo=240, physics="fast")
+    run.write_config(study)
+    assert load_start(run.path).env_kwargs == study.env_kwargs
+    own = {"score": "scale-CMajor", "tempo": 240}
+    assert own.items() <= load_start(run.path, path="fast").env_kwargs.items()
+    for other in OTHERS:
+        assert "tempo" not in load_start(run.path, **other).env_kwargs
+
+
 @pytest.mark.parametrize("other", OTHERS)
 def test_labels_in_a_file_stay_with_their_piece(source, tmp_path, other):
     run = source()

@@ -29,10 +29,8 @@ ENTRY = {
 def small_study(space=None, entry=None, **settings) -> StudyConfig:
     """Return a study of TD3 with 40 steps a training, two evaluations of each."""
     space = Space({"gamma": Float(0.7, 0.9)}) if space is None else space
-    arguments = {"n_evaluations": 2, **settings}
-    return StudyConfig(
-        algo="td3", env_id=ENV_ID, entry={**ENTRY, **(entry or {})}, space=space, **arguments
-    )
+    arguments = {"env_id": ENV_ID, "n_evaluations": 2, **settings}
+    return StudyConfig(algo="td3", entry={**ENTRY, **(entry or {})}, space=space, **arguments)
 
 
 def wrapped(wrapper: type[gym.Wrapper], **arguments) -> dict:

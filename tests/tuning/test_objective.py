@@ -12,9 +12,11 @@ import pytest
 import small_study
 from optuna.trial import TrialState
 
+from sb3_piano.callbacks import F1Callback
 from sb3_piano.training import RunFolder, evaluate
 from sb3_piano.tuning import Choice, Float, Int, Objective, Space, StudyFolder
 from sb3_piano.tuning.objective import reason_of
+from sb3_piano.tuning.study import METRICS
 
 small = small_study.small_study
 
@@ -78,6 +80,23 @@ def test_its_value_is_what_evaluation_of_the_model_at_the_end_found(tmp_path):
     assert trial.value == saved["mean"]["onset_f1"] == trial.user_attrs["final_onset_f1"]
     assert trial.user_attrs["final_f1"] == saved["mean"]["f1"]
     assert trial.user_attrs["best_f1"] >= saved["mean"]["f1"]
+
+
+def test_each_of_several_pieces_is_judged_as_often_as_at_the_end(tmp_path):
+    pieces = ["debug-CMajorScaleOneHand", "debug-DMajorScaleOneHand"]
+    entry = {"pieces": pieces, "env_wrapper": {"sb3_piano.wrappers.Excerpt": {"length": 0.2}}}
+    config = small(entry=entry, eval_episodes=2, env_id="RoboPianist-v0")
+    judged = []
+
+    class Judge(F1Callback):
+        def _log_success_callback(self, locals_, globals_):
+            super()._log_success_callback(locals_, globals_)
+            judged.append(locals_["done"])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(METRICS, "f1", Judge)
+        run(config, tmp_path)
+    assert sum(judged) == 2 * 2 * 2  # evaluations, pieces, episodes
 
 
 @pytest.mark.slow

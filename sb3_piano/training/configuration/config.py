@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, Self
 
@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 
 from sb3_piano.envs import GENERAL_ID, PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, near_names
-from sb3_piano.music import Score, select_pieces
+from sb3_piano.music import Score, find_piece, is_path, select_pieces
 from sb3_piano.music.catalogue import ScoreSource
 from sb3_piano.music.fingering.apply import FINGERINGS
 from sb3_piano.players import PlayerResidual, player_class
@@ -189,10 +189,22 @@ class PlayConfig:
         """Return the settings with other options of the environment."""
         return dataclasses.replace(self, env_kwargs={**self.env_kwargs, **options})
 
+    @property
+    def own_pieces(self) -> Sequence[Any]:
+        """What is played, as far as it has names: pieces, or the one of the environment's id."""
+        options = {**gym.spec(self.env_id).kwargs, **self.env_kwargs}
+        return [options.get("score")]
+
+    @property
+    def piece_options(self) -> set[str]:
+        """Names of the options of the environment that belong to the pieces, generated studies."""
+        return set(self.env_kwargs) & set().union(*map(_options_of, self.own_pieces))
+
     def for_others(self) -> Self:
         """Return the settings for other pieces: without score, its labels, or choice of a piece."""
         fingering = self.env_kwargs.get("fingering", FINGERINGS[0])
         own = {"score"} if fingering in FINGERINGS else {"score", "fingering"}
+        own |= self.piece_options
         return dataclasses.replace(
             self,
             env_kwargs={name: value for name, value in self.env_kwargs.items() if name not in own},
@@ -347,6 +359,7 @@ class RunConfig(PlayConfig):
                 "noise: expected an off-policy algorithm, or no noise_type."
             )
         self._check_pieces()
+        self._check_episodes()
         arguments = self._check_algorithm_kwargs(algorithm)
         device = arguments.get("device", "auto")
         try:
@@ -360,6 +373,16 @@ class RunConfig(PlayConfig):
             spaces = ("observation_space", "action_space", "lr_schedule")
             fitting = check_arguments(arguments["policy_kwargs"], policy, reserved=spaces)
             arguments["policy_kwargs"] = fitting
+
+    def _check_episodes(self) -> None:
+        """Refuse what SB3 would refuse when the training begins."""
+        every = self.algorithm_kwargs.get("train_freq")
+        pair = list(every) if isinstance(every, list | tuple) else []
+        if pair[1:] == ["episode"] and self.n_agents > 1:
+            raise ConfigError(
+                f"train_freq is {pair!r} with {self.n_agents} agents in {self.n_envs} "
+                "environment(s): expected [N, step], or one agent in one environment."
+            )
 
     def _check_pieces(self) -> None:
         if not self.pieces:
@@ -394,6 +417,11 @@ class RunConfig(PlayConfig):
             hands = max(len(PianoEnvConfig(hands_in_scene=side).sides), 1)
         return hands * self.n_envs
 
+    @property
+    def own_pieces(self) -> Sequence[Any]:
+        """What is played, as far as it has names: pieces, or the one of the environment's id."""
+        return self.pieces or super().own_pieces
+
     def alone(self) -> Self:
         """Return the settings for one environment without log files."""
         return dataclasses.replace(self, n_envs=1, vec_env="dummy", monitor_kwargs={})
@@ -403,10 +431,25 @@ class RunConfig(PlayConfig):
         if not self.pieces:
             return self
         own = self.pieces[index :: self.n_envs] or (self.pieces[index % len(self.pieces)],)
+        # Options of studies are told to the first piece that has them, and so hold for all.
+        options = self.piece_options
+        first = next((piece for piece in own if options <= _options_of(piece)), own[0])
+        ours = {
+            name: value
+            for name, value in self.env_kwargs.items()
+            if name not in options or name in _options_of(first)
+        }
         chooser = Plugin(path=_RANDOM_PIECE, kwargs={"pieces": list(own)})
         wrappers = self.env_wrapper if len(own) == 1 else (chooser, *self.env_wrapper)
-        changed = dataclasses.replace(self, pieces=(), env_wrapper=wrappers)
-        return changed.in_env(score=own[0])
+        changed = dataclasses.replace(self, pieces=(), env_wrapper=wrappers, env_kwargs=ours)
+        return changed.in_env(score=first)
+
+
+def _options_of(piece: Any) -> set[str]:
+    """Return what may be chosen of a piece; ``hands`` belong to the environment, too."""
+    if not isinstance(piece, str) or is_path(piece):
+        return set()
+    return set(find_piece(piece).options) - {"hands"}
 
 
 class CorrectsRun:

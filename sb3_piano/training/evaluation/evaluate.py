@@ -9,13 +9,15 @@ import logging
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from sb3_piano.envs.score_choice import own_score
 from sb3_piano.exceptions import ConfigError, SB3PianoError
 from sb3_piano.files import write_json
 from sb3_piano.metrics import Losses
-from sb3_piano.music import Score, load_score, write_midi
+from sb3_piano.music import Score, is_path, load_score, write_midi
 from sb3_piano.music.difficulty import write_motion
 from sb3_piano.players import TreeSettings
 from sb3_piano.settings import Count, Index, checked
@@ -166,10 +168,27 @@ def pieces_of(run: RunFolder) -> Sequence[str | None]:
     return several if len(several) > 1 else [None]
 
 
+def _as_trained(run: RunFolder, piece: str | None, pieces: Sequence[str | None]) -> Score | None:
+    """Return one of a run's pieces as its environment has it; ``None`` stands for its only one.
+
+    Of several files of one name each has its path as its title.
+    """
+    if piece is None:
+        return None
+    score, _ = own_score(piece, run.read_config().env_kwargs)
+    stems = [Path(other).stem for other in pieces if other is not None and is_path(other)]
+    if is_path(piece) and stems.count(Path(piece).stem) > 1:
+        score = dataclasses.replace(score, title=piece)
+    return score
+
+
 _Error = tuple[str | None, Exception]
 """What a run failed to play, ``None`` for its only piece, and why."""
 
 _Played = tuple[Evaluation, list[Episode]]
+
+_Task = tuple[str | None, Callable[[], Score | str | os.PathLike[str] | None]]
+"""The name of a piece, if it has one, and what gives what is to be played in its place."""
 
 
 def _failure(run: Path, piece: str | None, error: Exception) -> Failure:
@@ -204,30 +223,34 @@ def _evaluated(
             "expected the run's own piece, without a tree."
         )
     run = RunFolder.open(folder)
-    pieces = pieces_of(run) if score is None else [score]
+    own = pieces_of(run) if score is None else ()
+    tasks: list[_Task] = [(piece, partial(_as_trained, run, piece, own)) for piece in own]
+    if score is not None:
+        tasks = [(score if isinstance(score, str) else None, lambda: score)]
     options: dict[str, Any] = {"seed": seeds[0], "physics": physics, "best": best, "tree": tree}
     errors: list[_Error] = []
 
-    def play(piece: Score | str | os.PathLike[str] | None) -> _Played | None:
+    def play(task: _Task) -> _Played | None:
+        name, source = task
         try:
-            with SavedPlayer.open(run.path, score=piece, **options) as player:
+            with SavedPlayer.open(run.path, score=source(), **options) as player:
                 if alone:
                     _try_out(run.evaluation_dir)  # before the work of playing
                 return play_piece(player, episodes, seeds, tree, motion, on_episode)
         except Exception as error:
             if not go_on:
                 raise
-            errors.append((piece if isinstance(piece, str) else None, error))
+            errors.append((name, error))
             return None
 
-    played, interrupted = _until_ctrl_c(map(play, pieces))
+    played, interrupted = _until_ctrl_c(map(play, tasks))
     if not played:
         raise errors[0][1]
     if not alone or errors:
-        return _whole([found for found, _ in played], len(pieces), interrupted), errors
+        return _whole([found for found, _ in played], len(tasks), interrupted), errors
     with _told_if_unwritable(run.evaluation_dir):
         file = run.evaluation_dir / "metrics.json"
-        whole = _whole(_with_files(played, file), len(pieces), interrupted)
+        whole = _whole(_with_files(played, file), len(tasks), interrupted)
         write_json(file, whole.to_json())
     return whole, errors
 

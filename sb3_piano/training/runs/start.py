@@ -231,7 +231,8 @@ def load_start(
     env_id = config.full_env_id if env_id is None else env_id
     if path is not None:
         if not others:  # what the run plays is no hyperparameter
-            own = {n: config.env_kwargs[n] for n in FILE_OPTIONS if n in config.env_kwargs}
+            kept = {*FILE_OPTIONS, *config.piece_options}
+            own = {name: value for name, value in config.env_kwargs.items() if name in kept}
             given = {**own, **given}
         config = load_config(config.algo, env_id, path, env_kwargs=given, **overrides)
         return dataclasses.replace(config, callback=(*config.callback, start))

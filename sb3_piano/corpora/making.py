@@ -170,18 +170,18 @@ def _inputs(config: CorpusConfig) -> dict[str, str]:
     for text in config.players:
         player = Player.of(text)
         if player.is_run:
-            files += _files_of_a_run(RunFolder.open(player.name))
+            files += files_of_a_run(RunFolder.open(player.name))
         elif "model" in player.arguments:
             files.append(_network_file(player.arguments["model"]))
     return notes | {str(file): file_digest(file) for file in files if file.is_file()}
 
 
-def _files_of_a_run(run: RunFolder) -> list[Path]:
+def files_of_a_run(run: RunFolder) -> list[Path]:
     """Return the files that decide how a run plays, those of what it corrects included."""
     config = run.read_config()
     files = [run.config_file, *filter(None, model_files(run, config))]
     for option, text in named_files(config).items():
-        files += _files_of_a_run(RunFolder.open(text)) if option == BASE else [_network_file(text)]
+        files += files_of_a_run(RunFolder.open(text)) if option == BASE else [_network_file(text)]
     return files
 
 

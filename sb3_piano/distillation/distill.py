@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from sb3_piano.corpora.making import files_of_a_run
 from sb3_piano.demonstrations.dataset import require_minari
-from sb3_piano.demonstrations.shards import forget_unfinished
-from sb3_piano.distillation.config import DistillConfig
+from sb3_piano.demonstrations.shards import file_digest, forget_unfinished
+from sb3_piano.distillation.config import PLANNED, DistillConfig
 from sb3_piano.distillation.improvement import improve, improvement_run
 from sb3_piano.distillation.rollout import hands_env
 from sb3_piano.distillation.rounds import (
@@ -30,15 +31,18 @@ from sb3_piano.distillation.shards import JUDGED_BY
 from sb3_piano.distillation.teachers import new_teacher
 from sb3_piano.exceptions import RunError
 from sb3_piano.executors import broken_told, process_pool
-from sb3_piano.files import write_bytes, write_csv
+from sb3_piano.files import write_bytes, write_csv, write_yaml
 from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.locks import LOCK_SUFFIX, hold
+from sb3_piano.music import is_path
+from sb3_piano.music.library import Library
 from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.threads import torch_computing
+from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 from sb3_piano.training.runs.builders import build_env
-from sb3_piano.training.runs.folder import begin_or_go_on
+from sb3_piano.training.runs.folder import RunFolder, begin_or_go_on
 
-_CONFIG, _TABLE = "config.yml", "rounds.csv"
+_CONFIG, _FILES, _TABLE = "config.yml", "files.yml", "rounds.csv"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,6 +134,7 @@ def distill(
     with owned, torch_computing(num_threads), stop_on_signal() as request:
         theirs = _settings_of(place).to_mapping() if (place / _CONFIG).is_file() else None
         begin_or_go_on(place / _CONFIG, "distillation", config.to_mapping(), theirs, config.seed)
+        _check_files(place, config)
         (place / DATA).mkdir(exist_ok=True)
         forget_unfinished(place / DATA)
         pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
@@ -159,6 +164,33 @@ def _settings_of(place: Path) -> DistillConfig:
             "'sb3-piano distill' made."
         )
     return DistillConfig.from_yaml(file)
+
+
+def _check_files(place: Path, config: DistillConfig) -> None:
+    """Note the checksums of files that decide what is played, or hold them against what is noted.
+
+    Raises:
+        RunError: If one was another when the distillation was begun.
+    """
+    library = Library()
+    names = sorted({name for names in config.corpus.names.values() for name in names})
+    files = [
+        Path(n) if is_path(n) else library.path(n) for n in names if is_path(n) or n in library
+    ]
+    if config.teacher.name != PLANNED:
+        files += files_of_a_run(RunFolder.open(config.teacher.name))
+    found = {str(file): file_digest(file) for file in files}
+    note = place / _FILES
+    if not note.is_file():
+        write_yaml(note, found)
+        return
+    noted = read_yaml_mapping(note)
+    for name in sorted({*noted, *found}):
+        if noted.get(name) != found.get(name):
+            raise RunError(
+                f"'{name}' is not what it was when the distillation in '{place}' was begun: "
+                "expected the same files, or a new folder."
+            )
 
 
 def _write_results(place: Path, rounds: Sequence[RoundResult], names: Sequence[str]) -> None:

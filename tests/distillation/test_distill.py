@@ -29,6 +29,7 @@ from sb3_piano.distillation import (
     TeacherSettings,
     distill,
 )
+from sb3_piano.distillation.distill import _check_files
 from sb3_piano.distillation.rollout import hands_env, play_excerpt
 from sb3_piano.distillation.rounds import held_out_pieces
 from sb3_piano.distillation.shards import read_rows, shard_jobs
@@ -191,6 +192,16 @@ def test_settings_are_the_same_in_another_folder(tiny, songs, monkeypatch):
     assert again.corpus_of(0).names == {str(songs): (str(songs / "b.mid"),)}
     assert again.teacher.name == str(songs.parent / "teacher")
     assert len(held_out_pieces(again)) == 3
+
+
+def test_files_that_have_changed_are_told(tiny, songs, tmp_path):
+    config = DistillConfig.from_yaml(tiny, **{"corpus.sources": {"songs": 1}})
+    (tmp_path / "out").mkdir()
+    for _ in range(2):
+        _check_files(tmp_path / "out", config)
+    write_midi(load_score(songs / "a.mid").transpose(2), songs / "a.mid")
+    with pytest.raises(RunError, match="a.mid' is not what it was when the distillation in"):
+        _check_files(tmp_path / "out", config)
 
 
 def test_what_comes_after_a_shard_does_not_change_it(tiny):

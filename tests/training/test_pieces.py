@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import json
 import os
+import shutil
 from typing import ClassVar
 
 import gymnasium as gym
@@ -241,6 +242,22 @@ def test_files_of_one_name_are_pieces_of_their_own(config, corpus, tmp_path):
     pieces = [str(corpus / "60.mid"), str(tmp_path / "more" / "60.mid")]
     run = train(config(pieces=pieces, n_timesteps=4), tmp_path / "run", progress_bar=False).folder
     assert [one.piece for one in evaluate(run.path).by_piece] == pieces
+
+
+def test_an_exported_run_has_copies_of_its_pieces(config, corpus, tmp_path):
+    write_midi(load_score(corpus / "62.mid"), tmp_path / "mine.mid")
+    assert main(["pieces", "import", str(tmp_path / "mine.mid")]) == 0
+    pieces = [str(corpus / "60.mid"), "scale-CMajor", "mine"]
+    run = train(config(pieces=pieces, n_timesteps=4), tmp_path / "run", progress_bar=False).folder
+    expected = evaluate(run.path)
+    export_run(run.path, tmp_path / "made", episodes=1, picture=None)
+    shutil.move(tmp_path / "made", tmp_path / "exported")
+    for file in corpus.iterdir():
+        file.unlink()
+    assert main(["pieces", "remove", "mine"]) == 0
+    found = evaluate(tmp_path / "exported")
+    assert [one.piece for one in found.by_piece] == ["60", "scale-CMajor", "mine"]
+    assert [one.mean for one in found.by_piece] == [one.mean for one in expected.by_piece]
 
 
 @pytest.mark.parametrize("n_envs", [1, 2, 3])

@@ -360,6 +360,7 @@ def write_player(
         try:
             with written.whole_or_gone():
                 keep_base(written, config)
+                written.keep_pieces()
                 if player.run.provenance_file.is_file():
                     shutil.copyfile(player.run.provenance_file, written.provenance_file)
                 if isinstance(config, RunConfig):

@@ -12,7 +12,7 @@ import shutil
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ import sb3_piano
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import PARTIAL_SUFFIX, Place, write_yaml
 from sb3_piano.locks import LOCK_SUFFIX, hold
+from sb3_piano.music import is_path
 from sb3_piano.music.library import Library
 from sb3_piano.players.hand_model import FILE_NAME as HAND_FILE
 from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
@@ -68,6 +69,8 @@ class RunFolder:
                              run was given one, or was exported and its policy has one
     ``plan.npz``             the plan that is followed, if it was refined
     ``base/``                what is corrected, if it is the model of another run: that, exported
+    ``pieces/``              copies of the pieces that are files or imported, if an exported run has
+                             several
     ``checkpoint/``          what resuming needs, see :class:`~sb3_piano.callbacks.Checkpoint`
     ``monitor/``             one ``<n>.monitor.csv`` per environment. After a crash it also has the
                              episodes since the last checkpoint, which are then played again
@@ -93,6 +96,7 @@ class RunFolder:
     tensorboard_dir = Place("tensorboard")
     evaluation_dir = Place("evaluation")
     base_dir = Place(BASE)
+    pieces_dir = Place("pieces")
     plan_file = Place("plan.npz")
 
     @classmethod
@@ -213,6 +217,8 @@ class RunFolder:
 
     def _read_config(self) -> PlayConfig:
         content = read_yaml_mapping(self.config_file)
+        if isinstance(content.get("pieces"), list):
+            content["pieces"] = [self._found(piece) for piece in content["pieces"]]
         kind: type[PlayConfig] = RunConfig
         if content.get("algo") in PLANNERS:
             kind = PlannedConfig
@@ -231,7 +237,36 @@ class RunFolder:
         files = named_files(config).items()
         ours = {n: Path(f).name for n, f in files if Path(f).parent == self.path}
         mapping = _with_files(config, ours).to_mapping()
+        if "pieces" in mapping:
+            mapping["pieces"] = [self._relative(piece) for piece in mapping["pieces"]]
         write_yaml(self.config_file, mapping)
+
+    def keep_pieces(self) -> None:
+        """Copy pieces that are files or imported, so that the folder needs no other place."""
+        config, library = self.read_config(), Library()
+        if not isinstance(config, RunConfig):
+            return
+        kept = list(config.pieces)
+        for number, piece in enumerate(kept):
+            if not is_path(piece) and piece not in library:
+                continue
+            file = Path(piece) if is_path(piece) else library.path(piece)
+            copy = self.pieces_dir.absolute() / str(number) / file.name  # its name is its title
+            copy.parent.mkdir(parents=True)
+            shutil.copyfile(file, copy)
+            kept[number] = str(copy)
+        self.write_config(replace(config, pieces=tuple(kept)))
+
+    def _found(self, piece: Any) -> Any:
+        """Return the path of a piece that is in the folder, all else as it is."""
+        inside = self.path.absolute() / str(piece)
+        return str(inside) if inside.is_file() else piece
+
+    def _relative(self, piece: str) -> str:
+        """Return a path relative to the folder if it is in it, all else as it is."""
+        place = self.path.absolute()
+        inside = is_path(piece) and Path(piece).is_relative_to(place)
+        return Path(piece).relative_to(place).as_posix() if inside else piece
 
     def read_provenance(self) -> Mapping[str, Any]:
         """Return what is noted of the run's origin; nothing if that is gone or damaged."""

@@ -13,7 +13,7 @@ from sb3_piano.training.runs.folder import RunFolder
 
 _HUB = re.compile(r"hf:(//)?(?P<repo>[\w.-]+/[\w.-]+)(@(?P<revision>[\w./-]+))?")
 
-_FILES = ("*.yml", "*.safetensors", "plan.npz", "score.*", "fingering.*", "README.md")
+_FILES = ("*.yml", "*.safetensors", "plan.npz", "score.*", "fingering.*", "pieces/*", "README.md")
 """Files of a repository that are fetched, also those in ``base/``: nothing that is unpickled."""
 
 

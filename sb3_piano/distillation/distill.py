@@ -174,9 +174,8 @@ def _check_files(place: Path, config: DistillConfig) -> None:
     """
     library = Library()
     names = sorted({name for names in config.corpus.names.values() for name in names})
-    files = [
-        Path(n) if is_path(n) else library.path(n) for n in names if is_path(n) or n in library
-    ]
+    files = [Path(name) for name in names if is_path(name)]
+    files += [library.path(name) for name in names if name in library]
     if config.teacher.name != PLANNED:
         files += files_of_a_run(RunFolder.open(config.teacher.name))
     found = {str(file): file_digest(file) for file in files}

@@ -156,11 +156,9 @@ class HandTasks(NamedTuple):
 def _of_hands(roll: PianoRoll, scene: PianoScene) -> PianoRoll:
     """Return a roll without the fingers of hands that are not there."""
     there = np.isin(roll.finger, scene.fingers)
-    return (
-        roll
-        if there[roll.active].all()
-        else replace(roll, finger=np.where(there, roll.finger, UNKNOWN_FINGER))
-    )
+    if there[roll.active].all():
+        return roll
+    return replace(roll, finger=np.where(there, roll.finger, UNKNOWN_FINGER))
 
 
 def _check_fingers(roll: PianoRoll) -> None:

@@ -195,7 +195,7 @@ def test_the_driver_trains_starts_resumes_and_prints(tmp_path):
     model.write_bytes(content)
     assert call("run.py", *cells, "--no-progress").returncode == 0
     assert json.loads(judged.read_text()) == json.loads(expected)
-    table = call("table.py").stdout
+    table = call("table.py", "--kept", str(tmp_path / "none.json")).stdout
     row = next(line for line in table.splitlines() if "table_1/from_one_scale" in line)
     assert row.endswith(f"| 0.469 | {n_pieces} |")
     assert "| table_2/hindsight | - | - | - | - | 0.073 | 0 |" in table

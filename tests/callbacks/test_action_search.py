@@ -103,7 +103,11 @@ def test_evaluations_in_the_training_are_not_searched():
 
 def explored(model, count=1):
     """Return actions that a model takes when it explores, with what it observes."""
-    return np.concatenate([model.policy.predict(model._last_obs)[0] for _ in range(count)])
+    found = []
+    for _ in range(count):
+        model._last_obs = model._last_obs.copy()  # shown anew, as after a step
+        found.append(model.policy.predict(model._last_obs)[0])
+    return np.concatenate(found)
 
 
 def test_greedy_choice_by_critics_takes_the_action_that_they_value_most():

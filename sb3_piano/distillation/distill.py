@@ -167,7 +167,7 @@ def _settings_of(place: Path) -> DistillConfig:
 
 
 def _check_files(place: Path, config: DistillConfig) -> None:
-    """Note the checksums of files that decide what is played, or hold them against what is noted.
+    """Note the checksums of files that decide what rounds play, or compare them with the noted.
 
     Raises:
         RunError: If one was another when the distillation was begun.

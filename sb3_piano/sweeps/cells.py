@@ -181,7 +181,7 @@ def _steps(place: Path) -> int:
 
 
 def _is_over(place: Path, steps: int, total: int) -> bool:
-    """Return whether a training of so many steps is at its end after the first of them."""
+    """Return whether a training that was to have ``total`` steps is over after ``steps``."""
     ended = read_json(place / _ENDED, _Ended, "expected what a sweep writes.")
     return steps >= total or ended == _Ended(num_timesteps=steps, n_timesteps=total)
 

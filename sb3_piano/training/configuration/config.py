@@ -446,7 +446,7 @@ class RunConfig(PlayConfig):
 
 
 def _options_of(piece: Any) -> set[str]:
-    """Return what may be chosen of a piece; ``hands`` belong to the environment, too."""
+    """Return names of the options of a piece, but for ``hands``, which the environment has, too."""
     if not isinstance(piece, str) or is_path(piece):
         return set()
     return set(find_piece(piece).options) - {"hands"}

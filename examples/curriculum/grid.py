@@ -17,10 +17,10 @@ import argparse
 import dataclasses
 import itertools
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from statistics import fmean
 from typing import Any
+
+from seeds import over_seeds
 
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.sweeps import CellJob, CellResult, finish_cells
@@ -124,16 +124,6 @@ def cell(labels: str, weight: float, start: Path | None, seed: int, steps: int |
         "callback": tuple(callbacks),
     }
     return dataclasses.replace(config, **changed)
-
-
-def over_seeds(values: Sequence[float]) -> str:
-    """Return the mean over the seeds, and the least and the greatest of them."""
-    if not values:
-        return "-"
-    digits = 1 if max(values) > 2 else 3
-    if len(values) == 1:
-        return f"{values[0]:.{digits}f}"
-    return f"{fmean(values):.{digits}f} [{min(values):.{digits}f}, {max(values):.{digits}f}]"
 
 
 if __name__ == "__main__":

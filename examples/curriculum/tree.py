@@ -15,8 +15,9 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from statistics import fmean
 from typing import Any
+
+from seeds import over_seeds
 
 from sb3_piano.exceptions import SB3PianoError
 from sb3_piano.files import write_json
@@ -52,7 +53,9 @@ def main() -> int:
                     print("Interrupted: the same command goes on from here.")
                     return 130
                 found.append(played(folder, piece, tree, run.num_timesteps))
-            rows.append((policy, piece, tree or "-", *map(cell, zip(*found, strict=True))))
+            columns = zip(*found, strict=True)
+            measured = [[value for value in column if value is not None] for column in columns]
+            rows.append((policy, piece, tree or "-", *map(over_seeds, measured)))
     except SB3PianoError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
     for row in rows:
@@ -69,8 +72,11 @@ def trained(folder: Path, piece: str, seed: int, steps: int | None) -> TrainResu
     return train(config, folder)
 
 
-def played(folder: Path, piece: str, tree: str | None, steps: int) -> list[float]:
-    """Return what a policy of so many steps reaches with a tree or without, one for each column."""
+def played(folder: Path, piece: str, tree: str | None, steps: int) -> list[float | None]:
+    """Return what a policy of so many steps reaches with a tree or without, one for each column.
+
+    Without a tree the last two are ``None``.
+    """
     file = folder / "trees" / f"{piece}_{tree}.json"
     found: dict[str, Any] = json.loads(file.read_text("utf-8")) if file.is_file() else {}
     if found.get("num_timesteps") != steps:  # the training may have gone on since
@@ -78,19 +84,9 @@ def played(folder: Path, piece: str, tree: str | None, steps: int) -> list[float
         file.parent.mkdir(exist_ok=True)
         found = evaluate(folder, score=piece, tree=shape).to_json()
         write_json(file, found)
-    mean, seen = found["mean"], found["tree"] or {"deepest": 0, "visit_share": 0}
+    mean, seen = found["mean"], found["tree"] or dict.fromkeys(("deepest", "visit_share"))
     names = ("onset_f1", "f1", "effective_fingers", "return")
     return [*(mean[name] for name in names), seen["deepest"], seen["visit_share"]]
-
-
-def cell(values: tuple[float, ...]) -> str:
-    """Return the mean over the seeds, and the least and the greatest of them."""
-    digits = 0 if max(values) > 100 else 1 if max(values) > 2 else 3
-    if max(values) == 0:
-        return "-"
-    if len(values) == 1:
-        return f"{values[0]:.{digits}f}"
-    return f"{fmean(values):.{digits}f} [{min(values):.{digits}f}, {max(values):.{digits}f}]"
 
 
 if __name__ == "__main__":

@@ -1,0 +1,126 @@
+"""Easier pieces before a hard one, or the hard one alone for as many steps.
+
+    python examples/curriculum/transfer.py                   # seeds 0 to 2
+    python examples/curriculum/transfer.py --seeds 0 --workers 1
+
+Section 5 of "Curriculum Strategies for Bimanual Dexterous Piano Playing in RoboPianist", at a size
+for one core: the four stages of repertoire.yml, three minutes each, and beside them Clair de lune
+and the Maple Leaf Rag alone. These are trained in equal stages, too, each from the one before, so
+that their first is the paper's comparison (as many steps of the piece) and their last one that at
+an equal total. What is finished is kept: the same command goes on after Ctrl-C or a crash.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from seeds import over_seeds
+
+from sb3_piano.exceptions import SB3PianoError
+from sb3_piano.executors import broken_told, map_jobs, open_executor
+from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.training import evaluate, load_curriculum, run_curriculum
+
+FILE = Path(__file__).parent / "repertoire.yml"
+PIECES = tuple(str(stage.piece) for stage in load_curriculum(FILE).stages)
+TARGETS = PIECES[2:]
+COLUMNS = {"f1": "F1", "non_silent_f1": "non-silent F1", "onset_f1": "onset F1", "return": "return"}
+
+Metrics = dict[tuple[str, int], dict[str, float]]
+"""By piece and number of the stage."""
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Stages of equal length, one from the other, from a seed."""
+
+    name: str
+    pieces: tuple[str, ...]
+    seed: int
+    runs: Path
+    steps: int | None
+
+
+def trained(chain: Chain) -> tuple[str, Metrics]:
+    """Train what is missing of a chain; return its name and what each stage's last model reaches.
+
+    Raises:
+        KeyboardInterrupt: If it was interrupted; the next call goes on.
+    """
+    curriculum = load_curriculum(FILE)
+    first = curriculum.stages[0]
+    changed = {} if chain.steps is None else {"n_timesteps": chain.steps}
+    settings = {**first.settings, **changed}
+    stages = [dataclasses.replace(first, piece=one, settings=settings) for one in chain.pieces]
+    curriculum = dataclasses.replace(curriculum, stages=tuple(stages))
+    folder = chain.runs / f"{chain.name}_seed_{chain.seed}"
+    result = run_curriculum(curriculum, folder, seed=chain.seed, progress_bar=False)
+    if result.interrupted:
+        raise KeyboardInterrupt
+    found: Metrics = {}
+    for number, (piece, run) in enumerate(zip(chain.pieces, result.runs, strict=True), start=1):
+        judged = evaluate(run.path)
+        if judged.interrupted:
+            raise KeyboardInterrupt
+        found[piece, number] = dict(judged.mean)
+    return chain.name, found
+
+
+def main() -> int:
+    """Train what is missing, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    add = parser.add_argument
+    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="default: 0 1 2")
+    add("--steps", type=int, metavar="N", help="of each stage; default: those of repertoire.yml")
+    add("--runs", type=Path, default=Path("runs/curriculum/transfer"), metavar="DIR")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--workers", type=int, metavar="N", help="trainings at once; default: one a core"
+    )
+    where.add_argument("--ray", metavar="ADDRESS", help="train on a cluster that sees the runs")
+    arguments = parser.parse_args()
+    runs = arguments.runs.absolute()
+    ways = {"stages": PIECES} | {piece: (piece,) * (PIECES.index(piece) + 1) for piece in TARGETS}
+    chains = [
+        Chain(name, pieces, seed, runs, arguments.steps)
+        for name, pieces in ways.items()
+        for seed in arguments.seeds
+    ]
+    found: dict[str, list[Metrics]] = {name: [] for name in ways}
+    try:
+        with (
+            stop_on_signal() as request,
+            open_executor(arguments.workers, arguments.ray) as executor,
+            broken_told("give the same command again."),
+        ):
+            for name, metrics in map_jobs(executor, trained, chains, request):
+                found[name].append(metrics)
+                done = sum(map(len, found.values()))
+                print(f"[{done}/{len(chains)}] {name}: finished", file=sys.stderr, flush=True)
+    except KeyboardInterrupt:
+        print("Interrupted: the same command goes on from here.")
+        return 130
+    except SB3PianoError as error:
+        parser.exit(2, f"{parser.prog}: error: {error}\n")
+    print(f"| piece | trained | {' | '.join(COLUMNS.values())} |")
+    print("|" + " --- |" * (2 + len(COLUMNS)))
+    for piece in TARGETS:
+        number = PIECES.index(piece) + 1
+        rows = {
+            "after easier ones": ("stages", number),
+            "alone, as many steps of it": (piece, 1),
+            "alone, as many steps in all": (piece, number),
+        }
+        for text, (name, stage) in rows.items():
+            of_seeds = [metrics[piece, stage] for metrics in found[name]]
+            columns = [over_seeds([mean[metric] for mean in of_seeds]) for metric in COLUMNS]
+            print(f"| {piece} | {text} | {' | '.join(columns)} |")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,95 @@
+"""The drivers that compare curricula: what they train, and that finished work is kept."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+import types
+from pathlib import Path
+
+import pytest
+
+from sb3_piano.callbacks import Checkpoint
+
+FOLDER = Path(__file__).parents[1] / "examples" / "curriculum"
+
+
+@pytest.fixture
+def driver(monkeypatch):
+    """Return a function that imports a driver as the command line does."""
+    monkeypatch.syspath_prepend(str(FOLDER))
+    names = ("grid", "transfer", "tree", "seeds")
+    yield importlib.import_module
+    for name in names:
+        sys.modules.pop(name, None)
+
+
+def test_a_chain_trains_each_stage_from_the_one_before_and_is_kept(driver, tmp_path):
+    transfer = driver("transfer")
+    assert transfer.PIECES == ("TwinkleTwinkle", "Reverie", "ClairDeLune", "MapleLeafRag")
+    chain = transfer.Chain("alone", ("TwinkleTwinkle",) * 2, seed=3, runs=tmp_path, steps=32)
+    name, found = transfer.trained(chain)
+    assert name == "alone"
+    assert list(found) == [("TwinkleTwinkle", 1), ("TwinkleTwinkle", 2)]
+    assert all({*transfer.COLUMNS} <= {*metrics} for metrics in found.values())
+    runs = [tmp_path / "alone_seed_3" / f"{number}_TwinkleTwinkle" for number in (1, 2)]
+    first, second = (Checkpoint.read(run / "checkpoint").num_timesteps for run in runs)
+    assert first == 32
+    assert second == 256  # what starts from a run fills a batch with it before it learns
+    assert "StartFromRun" in (runs[1] / "config.yml").read_text(encoding="utf-8")
+    written = [(run / "model.zip").stat().st_mtime_ns for run in runs]
+    assert transfer.trained(chain) == (name, found)
+    assert [(run / "model.zip").stat().st_mtime_ns for run in runs] == written
+
+
+@pytest.mark.parametrize("labels", ["shown", "hidden"])
+@pytest.mark.parametrize("start", [None, "practice/3"])
+def test_a_cell_of_the_grid_has_its_labels_weight_and_start(driver, labels, start):
+    grid = driver("grid")
+    config = grid.cell(labels, 0.25, None if start is None else Path(start), 2, 100)
+    assert (config.seed, config.n_timesteps) == (2, 100)
+    assert config.env_kwargs["reward_weights"] == {"fingering": 0.25}
+    wrappers = [plugin.path.rpartition(".")[2] for plugin in config.env_wrapper]
+    assert ("HideFingering" in wrappers) == (labels == "hidden")
+    starts = [plugin.kwargs for plugin in config.callback if plugin.path.endswith("StartFromRun")]
+    assert starts == ([] if start is None else [{"run": str(Path(start).absolute())}])
+
+
+@pytest.mark.slow
+def test_practice_is_what_a_cell_starts_from(driver, tmp_path):
+    grid = driver("grid")
+    arguments = argparse.Namespace(steps=200, runs=tmp_path)
+    last = grid.practised(1, arguments)
+    assert last == tmp_path / "practice_seed_1" / "3_tempo_40"
+    config = grid.cell("hidden", 1.0, last, 1, 100)
+    job = grid.CellJob(name="Hanon_hidden_1", config=config, folder=str(tmp_path / "cell"))
+    (result,) = grid.finish_cells([job], workers=1)
+    assert result.error is None
+    assert {*grid.METRICS} <= {*result.metrics}
+
+
+def test_a_policy_that_was_trained_further_is_measured_again(driver, tmp_path, monkeypatch):
+    example = driver("tree")
+    steps, measured = 100, []
+
+    def evaluate(folder, score, tree):
+        measured.append(steps)
+        mean = dict.fromkeys(("onset_f1", "f1", "effective_fingers", "return"), float(steps))
+        found = {"num_timesteps": steps, "mean": mean, "tree": None}
+        return types.SimpleNamespace(to_json=lambda: found)
+
+    monkeypatch.setattr(example, "evaluate", evaluate)
+    for steps in (100, 100, 200, 200):
+        found = example.played(tmp_path, "a", None, steps)
+        assert found == [steps] * 4 + [None, None]
+    assert measured == [100, 200]
+
+
+def test_figures_over_seeds_are_the_mean_the_least_and_the_greatest(driver):
+    over_seeds = driver("seeds").over_seeds
+    assert over_seeds([0.25]) == "0.250"
+    assert over_seeds([0.0, 0.5]) == "0.250 [0.000, 0.500]"
+    assert over_seeds([2.0, 4.0]) == "3.0 [2.0, 4.0]"
+    assert over_seeds([90.0, 110.4]) == "100 [90, 110]"
+    assert over_seeds([]) == "-"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import sys
 import types
@@ -59,8 +58,8 @@ def test_a_cell_of_the_grid_has_its_labels_weight_and_start(driver, labels, star
 @pytest.mark.slow
 def test_practice_is_what_a_cell_starts_from(driver, tmp_path):
     grid = driver("grid")
-    arguments = argparse.Namespace(steps=200, runs=tmp_path)
-    last = grid.practised(1, arguments)
+    seed, last = grid.practised(grid.Practice(tmp_path, seed=1, steps=200))
+    assert seed == 1
     assert last == tmp_path / "practice_seed_1" / "3_tempo_40"
     config = grid.cell("hidden", 1.0, last, 1, 100)
     job = grid.CellJob(name="Hanon_hidden_1", config=config, folder=str(tmp_path / "cell"))

@@ -1,14 +1,13 @@
 """Hanon or nothing before a piece, with the finger labels shown or hidden, paid for or not.
 
     python examples/curriculum/grid.py                      # all cells, seeds 0 to 2
-    python examples/curriculum/grid.py --fingering 0 --seeds 0
+    python examples/curriculum/grid.py --before nothing --labels shown --fingering 0 0.1 0.3 1
 
 The grid of section 4 of "Curriculum Strategies for Bimanual Dexterous Piano Playing in
 RoboPianist", at a size for one core: 15,000 steps of each cell, four minutes, on the right hand's
 30 notes of the Ode to Joy's first 16 s. What starts from Hanon had up to 45,000 steps of
-practice.yml before, with the labels shown and paid for. Practice is trained in this process, cells
-at once with --workers, or on a cluster of Ray with --ray, which has to see the runs. What is
-finished is kept: the same command goes on after Ctrl-C or a crash.
+practice.yml before, with the labels shown and paid for. What is finished is kept: the same command
+goes on after Ctrl-C or a crash.
 """
 
 from __future__ import annotations
@@ -17,12 +16,15 @@ import argparse
 import dataclasses
 import itertools
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from seeds import over_seeds
 
 from sb3_piano.exceptions import SB3PianoError
+from sb3_piano.executors import broken_told, map_jobs, open_executor
+from sb3_piano.interrupts import stop_on_signal
 from sb3_piano.sweeps import CellJob, CellResult, finish_cells
 from sb3_piano.training import (
     Plugin,
@@ -35,6 +37,7 @@ from sb3_piano.training import (
 HERE = Path(__file__).parent
 PIECE = "RoboPianist-repertoire-OdeToJoy-v0"
 BEFORE = ("nothing", "Hanon")
+LABELS = ("shown", "hidden")
 METRICS = ("onset_f1", "f1", "effective_fingers")
 
 
@@ -43,32 +46,40 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     add = parser.add_argument
     add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="default: 0 1 2")
+    add("--before", nargs="+", default=BEFORE, choices=BEFORE, help="default: both")
+    add("--labels", nargs="+", default=LABELS, choices=LABELS, help="default: both")
     add("--fingering", nargs="+", type=float, default=[0.0, 1.0], metavar="WEIGHT")
     add("--steps", type=int, metavar="N", help="of each stage and cell; default: theirs")
     add("--runs", type=Path, default=Path("runs/curriculum/grid"), metavar="DIR")
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
-        "--workers", type=int, metavar="N", help="cells at once; default: one a core"
+        "--workers", type=int, metavar="N", help="trainings at once; default: one a core"
     )
     where.add_argument("--ray", metavar="ADDRESS", help="train on a cluster that sees the runs")
     arguments = parser.parse_args()
-    cells = list(itertools.product(BEFORE, ("shown", "hidden"), arguments.fingering))
+    runs, steps = arguments.runs.absolute(), arguments.steps
+    cells = list(itertools.product(arguments.before, arguments.labels, arguments.fingering))
     try:
-        practice = {
-            ("Hanon", seed): practised(seed, arguments).absolute() for seed in arguments.seeds
-        }
-        jobs = [
-            CellJob(
-                name=f"{before}_{labels}_{weight:g}",
-                config=cell(labels, weight, practice.get((before, seed)), seed, arguments.steps),
-                folder=str(
-                    (arguments.runs / f"{before}_{labels}_{weight:g}_seed_{seed}").absolute()
-                ),
-            )
-            for before, labels, weight in cells
-            for seed in arguments.seeds
-        ]
-        results = finish_cells(jobs, workers=arguments.workers, ray=arguments.ray, on_result=tell)
+        with (
+            stop_on_signal() as request,
+            open_executor(arguments.workers, arguments.ray) as executor,
+            broken_told("give the same command again."),
+        ):
+            seeds = arguments.seeds if "Hanon" in arguments.before else ()
+            practice = [Practice(runs, seed, steps) for seed in seeds]
+            starts = dict(map_jobs(executor, practised, practice, request))
+            jobs = [
+                CellJob(
+                    name=f"{before}_{labels}_{weight:g}",
+                    config=cell(
+                        labels, weight, starts[seed] if before == "Hanon" else None, seed, steps
+                    ),
+                    folder=str(runs / f"{before}_{labels}_{weight:g}_seed_{seed}"),
+                )
+                for before, labels, weight in cells
+                for seed in arguments.seeds
+            ]
+            results = finish_cells(jobs, executor=executor, on_result=tell)
     except KeyboardInterrupt:
         print("Interrupted: the same command goes on from here.")
         return 130
@@ -90,21 +101,34 @@ def tell(result: CellResult, done: int, total: int) -> None:
     print(f"[{done}/{total}] {result.name}, seed {result.seed}: {found}", file=sys.stderr)
 
 
-def practised(seed: int, arguments: argparse.Namespace) -> Path:
-    """Return the folder of the last stage of practice, after training what is missing of it."""
+@dataclass(frozen=True)
+class Practice:
+    """Hanon's exercises from a seed."""
+
+    runs: Path
+    seed: int
+    steps: int | None
+
+
+def practised(practice: Practice) -> tuple[int, Path]:
+    """Train what is missing of practice; return its seed and the run of its last stage.
+
+    Raises:
+        KeyboardInterrupt: If it was interrupted; the next call goes on.
+    """
     curriculum = load_curriculum(HERE / "practice.yml")
-    if arguments.steps is not None:
+    if practice.steps is not None:
+        changed = {"n_timesteps": practice.steps}
         stages = [
-            dataclasses.replace(
-                stage, until=None, settings={**stage.settings, "n_timesteps": arguments.steps}
-            )
+            dataclasses.replace(stage, until=None, settings={**stage.settings, **changed})
             for stage in curriculum.stages
         ]
         curriculum = dataclasses.replace(curriculum, stages=tuple(stages))
-    result = run_curriculum(curriculum, arguments.runs / f"practice_seed_{seed}", seed=seed)
+    folder = practice.runs / f"practice_seed_{practice.seed}"
+    result = run_curriculum(curriculum, folder, seed=practice.seed, progress_bar=False)
     if result.interrupted:
         raise KeyboardInterrupt
-    return result.runs[-1].path
+    return practice.seed, result.runs[-1].path
 
 
 def cell(labels: str, weight: float, start: Path | None, seed: int, steps: int | None) -> RunConfig:

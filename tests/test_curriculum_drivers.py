@@ -58,10 +58,10 @@ def test_a_cell_of_the_grid_has_its_labels_weight_and_start(driver, labels, star
 @pytest.mark.slow
 def test_practice_is_what_a_cell_starts_from(driver, tmp_path):
     grid = driver("grid")
-    seed, last = grid.practised(grid.Practice(tmp_path, seed=1, steps=200))
+    seed, last = grid.practised(grid.Practice(tmp_path, seed=1, steps=40))
     assert seed == 1
     assert last == tmp_path / "practice_seed_1" / "3_tempo_40"
-    config = grid.cell("hidden", 1.0, last, 1, 100)
+    config = grid.cell("hidden", 1.0, last, 1, 40)
     job = grid.CellJob(name="Hanon_hidden_1", config=config, folder=str(tmp_path / "cell"))
     (result,) = grid.finish_cells([job], workers=1)
     assert result.error is None

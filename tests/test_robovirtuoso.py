@@ -84,9 +84,9 @@ def test_all_pieces_can_be_shown():
     assert studies <= set(HELD_OUT)
 
 
-def script(name, monkeypatch):
+def script(name, monkeypatch, folder=FOLDER):
     """Return a script as a module that others import by its bare name."""
-    spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
+    spec = importlib.util.spec_from_file_location(name, folder / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     monkeypatch.setitem(sys.modules, name, module)
     spec.loader.exec_module(module)
@@ -156,48 +156,56 @@ def test_the_page_has_the_tables_of_what_was_kept(tmp_path, monkeypatch, capsys)
 
 
 @pytest.mark.slow
-def test_the_driver_trains_starts_resumes_and_prints(tmp_path):
+def test_the_driver_trains_starts_resumes_and_prints(tmp_path, monkeypatch, capfd):
     driver, runs = tmp_path / "driver", tmp_path / "runs"
     shutil.copytree(FOLDER, driver)
-    pieces = STUDY["pieces"][:2]
-    fewer = {"pieces": pieces, "unseen": STUDY["unseen"][:1]}
+    piece = STUDY["pieces"][0]
+    fewer = {"pieces": [piece], "unseen": STUDY["unseen"][:1]}
     (driver / "study.yml").write_text(yaml.safe_dump({**STUDY, **fewer}))
     cell = driver / "table_1" / "from_one_scale.yml"
     cell.write_text(cell.read_text().replace("n_timesteps: 30000", "n_timesteps: 300"))
+    script("cells", monkeypatch, driver)
+    modules = {name: script(name, monkeypatch, driver) for name in ("run", "table")}
 
-    def call(script, *arguments):
-        return run_python([str(driver / script), "--runs", str(runs), *arguments], tmp_path)
+    def call(name, *arguments):
+        """Return the exit status of a script, what it printed, and its messages."""
+        monkeypatch.setattr(sys, "argv", [f"{name}.py", "--runs", str(runs), *arguments])
+        capfd.readouterr()
+        try:
+            status = modules[name].main()
+        except SystemExit as error:
+            status = error.code
+        return (status, *capfd.readouterr())
 
-    early = call("run.py", "table_1/from_one_scale", "--steps", "50", "--no-progress")
+    command = [str(driver / "run.py"), "--runs", str(runs), "table_1/from_one_scale"]
+    early = run_python(command, tmp_path)
     assert early.returncode == 2
     assert "pretraining/one_scale/seed_0" in early.stderr
-    cells = ["pretraining/one_scale", "table_1/from_one_scale", "--steps", "300"]
-    done = call("run.py", *cells, "--no-progress")
-    assert done.returncode == 0, done.stderr
-    n_pieces = len(pieces)
-    assert done.stdout.count(": F1 ") == 2 + n_pieces  # with the sight-reader's
-    first = runs / "table_1/from_one_scale" / f"{pieces[0]}_seed_0"
+    cells = ["pretraining/one_scale", "table_1/from_one_scale", "--steps", "300", "--no-progress"]
+    status, printed, said = call("run", *cells)
+    assert status == 0, said
+    assert printed.count(": F1 ") == 3  # with the sight-reader's
+    first = runs / "table_1/from_one_scale" / f"{piece}_seed_0"
     config = RunFolder.open(first).read_config()
     assert config.callback[-1].kwargs["run"] == str(runs / "pretraining/one_scale/seed_0")
     (found,) = json.loads((first / "pieces.json").read_text())["evaluations"]
-    assert found["piece"] == pieces[0]
-    again = call("run.py", *cells, "--no-progress")
-    assert again.stdout == f"{1 + n_pieces} of {1 + n_pieces} trainings are finished.\n"
+    assert found["piece"] == piece
+    assert call("run", *cells)[1] == "2 of 2 trainings are finished.\n"
     # What cannot be judged is told, and judged again when it can be.
     model, judged = first / "model.zip", first / "pieces.json"
     content, expected = model.read_bytes(), judged.read_text()
     judged.unlink()
     model.write_bytes(b"damaged")
-    failed = call("run.py", *cells, "--no-progress")
-    assert failed.returncode == 2
-    assert "Nothing was kept: the same command judges it again." in failed.stderr
+    status, _, said = call("run", *cells)
+    assert status == 2
+    assert "Nothing was kept: the same command judges it again." in said
     assert not judged.exists()
     model.write_bytes(content)
-    assert call("run.py", *cells, "--no-progress").returncode == 0
+    assert call("run", *cells)[0] == 0
     assert json.loads(judged.read_text()) == json.loads(expected)
-    table = call("table.py", "--kept", str(tmp_path / "none.json")).stdout
+    table = call("table", "--kept", str(tmp_path / "none.json"))[1]
     row = next(line for line in table.splitlines() if "table_1/from_one_scale" in line)
-    assert row.endswith(f"| 0.469 | {n_pieces} |")
+    assert row.endswith("| 0.469 | 1 |")
     assert "| table_2/hindsight | - | - | - | - | 0.073 | 0 |" in table
     unseen = table.partition("Not seen in training: scale-EHarmonicMinor")[2]
     scale = next(line for line in unseen.splitlines() if "pretraining/one_scale" in line)
@@ -206,9 +214,8 @@ def test_the_driver_trains_starts_resumes_and_prints(tmp_path):
     assert float(reader.split("|")[2]) > 0.9
     # What is shorter than its cell says is shown, not kept; what is kept needs no folder any more.
     kept = tmp_path / "kept.json"
-    said = call("table.py", "--keep", "--kept", str(kept)).stdout
-    assert said.startswith(f"{n_pieces + 1} runs are kept in")
+    assert call("table", "--keep", "--kept", str(kept))[1].startswith("2 runs are kept in")
     shutil.rmtree(runs)
-    table = call("table.py", "--kept", str(kept)).stdout
+    table = call("table", "--kept", str(kept))[1]
     assert {row, reader} <= set(table.splitlines())
     assert "| pretraining/one_scale | - | - | - | - | - | 0 |" in table

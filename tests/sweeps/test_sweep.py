@@ -299,7 +299,7 @@ def test_a_node_that_dies_loses_no_cell(ray_cluster, tmp_path):
     Each cell finishes once, that of the dead node from its checkpoint, and those that were not
     interrupted have the weights of local ones.
     """
-    longer = {**SHORT, "settings": {**SHORT["settings"], "n_timesteps": 500}}
+    longer = {**SHORT, "settings": {**SHORT["settings"], "n_timesteps": 320}}
     config = SweepConfig(**{**longer, "seeds": tuple(range(4))})
     place, found = tmp_path / "cluster", []
 
@@ -310,7 +310,7 @@ def test_a_node_that_dies_loses_no_cell(ray_cluster, tmp_path):
 
     def kill():
         deadline = time.monotonic() + 200
-        while sum(done < 400 for done in steps()) < 2 and time.monotonic() < deadline:
+        while sum(done < 220 for done in steps()) < 2 and time.monotonic() < deadline:
             time.sleep(0.02)
         ray_cluster.remove_node(next(iter(ray_cluster.worker_nodes)), allow_graceful=False)
 

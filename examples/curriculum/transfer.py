@@ -4,7 +4,7 @@
     python examples/curriculum/transfer.py --seeds 0 --workers 1
 
 Section 5 of "Curriculum Strategies for Bimanual Dexterous Piano Playing in RoboPianist", at a size
-for one core: the four stages of repertoire.yml, three minutes each, and beside them Clair de lune
+for one core: the four stages of repertoire.yml, five minutes each, and beside them Clair de lune
 and the Maple Leaf Rag alone. These are trained in equal stages, too, each from the one before, so
 that their first is the paper's comparison (as many steps of the piece) and their last one that at
 an equal total. What is finished is kept: the same command goes on after Ctrl-C or a crash.
@@ -36,7 +36,7 @@ Metrics = dict[tuple[str, int], dict[str, float]]
 
 @dataclass(frozen=True)
 class Chain:
-    """Stages of equal length, one from the other, from a seed."""
+    """Curriculum of stages that differ in their pieces alone, from a seed."""
 
     name: str
     pieces: tuple[str, ...]

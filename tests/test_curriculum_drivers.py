@@ -42,6 +42,32 @@ def test_a_chain_trains_each_stage_from_the_one_before_and_is_kept(driver, tmp_p
     assert [(run / "model.zip").stat().st_mtime_ns for run in runs] == written
 
 
+def test_the_table_of_transfer_has_the_stage_of_equal_steps_and_of_an_equal_total(driver):
+    transfer = driver("transfer")
+
+    def reached(name, piece, stage):
+        return dict.fromkeys(transfer.COLUMNS, [*names].index(name) / 2 + stage / 8)
+
+    names = {
+        "stages": transfer.PIECES,
+        "ClairDeLune": ("ClairDeLune",) * 3,
+        "MapleLeafRag": ("MapleLeafRag",) * 4,
+    }
+    found = {
+        name: [{(piece, n): reached(name, piece, n) for n, piece in enumerate(pieces, start=1)}]
+        for name, pieces in names.items()
+    }
+    cells = [line.strip("| ").split(" | ") for line in transfer.table(found)[2:]]
+    assert [(row[0], row[1], row[2]) for row in cells] == [
+        ("ClairDeLune", "after easier ones", "0.375"),
+        ("ClairDeLune", "alone, as many steps of it", "0.625"),
+        ("ClairDeLune", "alone, as many steps in all", "0.875"),
+        ("MapleLeafRag", "after easier ones", "0.500"),
+        ("MapleLeafRag", "alone, as many steps of it", "1.125"),
+        ("MapleLeafRag", "alone, as many steps in all", "1.500"),
+    ]
+
+
 @pytest.mark.parametrize("labels", ["shown", "hidden"])
 @pytest.mark.parametrize("start", [None, "practice/3"])
 def test_a_cell_of_the_grid_has_its_labels_weight_and_start(driver, labels, start):

@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,6 +71,24 @@ def trained(chain: Chain) -> tuple[str, Metrics]:
     return chain.name, found
 
 
+def table(found: Mapping[str, Sequence[Metrics]]) -> list[str]:
+    """Return the table's lines, of what the chains of each name reached, one entry a seed."""
+    lines = [f"| piece | trained | {' | '.join(COLUMNS.values())} |"]
+    lines.append("|" + " --- |" * (2 + len(COLUMNS)))
+    for piece in TARGETS:
+        number = PIECES.index(piece) + 1
+        rows = {
+            "after easier ones": ("stages", number),
+            "alone, as many steps of it": (piece, 1),
+            "alone, as many steps in all": (piece, number),
+        }
+        for text, (name, stage) in rows.items():
+            of_seeds = [metrics[piece, stage] for metrics in found[name]]
+            columns = [over_seeds([mean[metric] for mean in of_seeds]) for metric in COLUMNS]
+            lines.append(f"| {piece} | {text} | {' | '.join(columns)} |")
+    return lines
+
+
 def main() -> int:
     """Train what is missing, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -106,19 +125,7 @@ def main() -> int:
         return 130
     except SB3PianoError as error:
         parser.exit(2, f"{parser.prog}: error: {error}\n")
-    print(f"| piece | trained | {' | '.join(COLUMNS.values())} |")
-    print("|" + " --- |" * (2 + len(COLUMNS)))
-    for piece in TARGETS:
-        number = PIECES.index(piece) + 1
-        rows = {
-            "after easier ones": ("stages", number),
-            "alone, as many steps of it": (piece, 1),
-            "alone, as many steps in all": (piece, number),
-        }
-        for text, (name, stage) in rows.items():
-            of_seeds = [metrics[piece, stage] for metrics in found[name]]
-            columns = [over_seeds([mean[metric] for mean in of_seeds]) for metric in COLUMNS]
-            print(f"| {piece} | {text} | {' | '.join(columns)} |")
+    print("\n".join(table(found)))
     return 0
 
 

@@ -67,6 +67,16 @@ def test_pieces_get_robopianists_names_and_the_etudes_two_of_them(pig):
     assert load_score("etude-12-GolliwoggsCakewalk").title == "etude-12-GolliwoggsCakewalk"
 
 
+def test_music_beside_the_data_set_is_imported_too(pig):
+    write_midi(tune(70), pig.parent / "own.mid")
+    write_midi(tune(71), pig / "not_of_the_list.mid")
+    report = import_path(pig.parent, jobs=1)
+    assert (report.unusable, report.notes) == ((), ())
+    assert len(report.imported) == 6
+    assert "own" in report.imported
+    assert {note.finger for note in load_score("repertoire-150-ForElise").notes} == {9}
+
+
 def test_the_first_annotation_is_taken_and_kept_as_it_is(pig):
     import_path(pig, jobs=1)
     for name in ("repertoire-150-GolliwoggsCakewalk", "etude-12-GolliwoggsCakewalk"):

@@ -87,8 +87,10 @@ PIG_PIECES: Mapping[str, Piece] = MappingProxyType(
 """The pieces of the PIG data set by name; making one that is not imported says how to get it."""
 
 
-def find_dataset(path: Path) -> list[ImportTask] | None:
+def find_dataset(path: Path) -> tuple[list[ImportTask], Path] | None:
     """Return the pieces of the data set that a folder is, has in it or is in, if there is one.
+
+    Beside them it returns the folder in which all files are the data set's.
 
     Raises:
         ScoreError: If it is not whole.
@@ -96,8 +98,9 @@ def find_dataset(path: Path) -> list[ImportTask] | None:
     inside = sorted(child for child in path.iterdir() if child.is_dir())
     for folder in (path, path.parent, *inside) if path.name == _FILES else (path, *inside):
         if (folder / _FILES).is_dir():
-            return _pig_pieces(folder)
-    return _snippets(path, origin=path)
+            return _pig_pieces(folder), folder
+    snippets = _snippets(path, origin=path)
+    return None if snippets is None else (snippets, path)
 
 
 def _pig_pieces(folder: Path) -> list[ImportTask]:

@@ -160,8 +160,8 @@ def _search(path: Path) -> Iterator[tuple[list[ImportTask], list[Unusable]]]:
 
 
 def _search_folder(folder: Path) -> tuple[list[ImportTask], list[Unusable]]:
-    known = find_dataset(folder)
-    if known is not None:
+    known, home = find_dataset(folder) or ([], None)
+    if home is not None and home.parent != folder:
         return known, []
     unusable = []
     titles: dict[Path, str] = {}
@@ -172,7 +172,9 @@ def _search_folder(folder: Path) -> tuple[list[ImportTask], list[Unusable]]:
     found = [
         ImportTask(path=path, title=titles.get(path), source=str(path.relative_to(folder)))
         for path in _music_files(folder)
+        if home is None or not path.is_relative_to(home)
     ]
+    found = [*known, *found]
     if not found:
         raise ScoreError(f"'{folder}' has no music in it: expected {ACCEPTED_FILES}.")
     return found, unusable

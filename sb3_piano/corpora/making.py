@@ -33,7 +33,8 @@ from sb3_piano.music import digest
 from sb3_piano.music.library import Library
 from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
-from sb3_piano.training.runs.folder import BASE, RunFolder, begin_or_go_on, named_files
+from sb3_piano.training.runs.folder import BASE, RunFolder, named_files
+from sb3_piano.training.runs.provenance import begin_or_go_on
 from sb3_piano.training.runs.saved import model_files
 
 _CONFIG = "corpus.yml"

@@ -24,7 +24,8 @@ from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.layers import layers
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.threads import torch_computing
-from sb3_piano.training.configuration.config import PlannedConfig, Plugin
+from sb3_piano.training.configuration.config import PlannedConfig
+from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.playing.player import env_to_record, run_to_record
 from sb3_piano.training.playing.takes import PLANNED_IN
 from sb3_piano.training.runs.builders import build_planner

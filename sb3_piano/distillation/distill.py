@@ -40,7 +40,8 @@ from sb3_piano.players.hand_model import FILE_NAME
 from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 from sb3_piano.training.runs.builders import build_env
-from sb3_piano.training.runs.folder import RunFolder, begin_or_go_on
+from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.runs.provenance import begin_or_go_on
 
 _CONFIG, _FILES, _TABLE = "config.yml", "files.yml", "rounds.csv"
 

@@ -22,7 +22,7 @@ from sb3_piano.hyperparams import SIGHT_READER
 from sb3_piano.players import HandModel
 from sb3_piano.simulation import SIDES
 from sb3_piano.training import Plugin, RunConfig, load_config, resume, train
-from sb3_piano.training.configuration.config import with_arguments
+from sb3_piano.training.configuration.plugins import with_arguments
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.wrappers import CorpusExcerpt
 

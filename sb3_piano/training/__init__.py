@@ -1,7 +1,8 @@
 """Training runs: YAML to environments, model and files; resuming and evaluating them."""
 
-from sb3_piano.training.configuration.config import PlannedConfig, Plugin, RunConfig
+from sb3_piano.training.configuration.config import PlannedConfig, RunConfig
 from sb3_piano.training.configuration.names import ALGORITHMS, KNOWN_PACKAGES, PLANNERS
+from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.configuration.yaml_files import (
     entry_config,
     load_config,

@@ -25,8 +25,8 @@ from sb3_piano.envs.registration import ENTRY_POINT
 from sb3_piano.exceptions import ConfigError, SB3PianoError, near_names
 from sb3_piano.settings import NotNegative, Number, Positive, Share, Unit, checked
 from sb3_piano.training import Plugin, RunConfig, entry_config
-from sb3_piano.training.configuration.config import parse_plugins
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
+from sb3_piano.training.configuration.plugins import parse_plugins
 from sb3_piano.training.configuration.values import (
     coerce_mapping,
     linear_start,

@@ -32,7 +32,7 @@ from sb3_piano.training import (
     load_fine_tuning,
     train,
 )
-from sb3_piano.training.configuration.config import Plugin
+from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.playing.player import run_to_record, write_player
 from sb3_piano.training.runs.builders import build_env
 from sb3_piano.wrappers import PitchShift

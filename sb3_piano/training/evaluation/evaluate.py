@@ -25,7 +25,8 @@ from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.evaluation.evaluations import Evaluation, Evaluations, Failure
 from sb3_piano.training.evaluation.piece import Episode, play_piece, summaries
 from sb3_piano.training.playing.player import SavedPlayer
-from sb3_piano.training.runs.folder import RunFolder, unwritable
+from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.runs.provenance import unwritable
 
 _log = logging.getLogger(__name__)
 

@@ -21,7 +21,8 @@ from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.performance import Performance
 from sb3_piano.training.playing.player import SavedPlayer
 from sb3_piano.training.playing.takes import default_folder
-from sb3_piano.training.runs.folder import RunFolder, provenance
+from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.runs.provenance import provenance
 from sb3_piano.viewing.report import Curve, Report, report_html, score_html
 from sb3_piano.viewing.report.replay import Replay, player_script, replay_of
 

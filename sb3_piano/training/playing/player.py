@@ -37,7 +37,8 @@ from sb3_piano.training.runs.builders import (
     build_vec_env,
     refuse_other_vectors,
 )
-from sb3_piano.training.runs.folder import RunFolder, unwritable
+from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.runs.provenance import unwritable
 from sb3_piano.training.runs.saved import (
     act,
     load_statistics,

@@ -22,7 +22,8 @@ from sb3_piano.demonstrations.streaming import DEFAULT_BUFFER
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.threads import torch_computing
-from sb3_piano.training.configuration.config import Plugin, RunConfig
+from sb3_piano.training.configuration.config import RunConfig
+from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.configuration.yaml_files import load_config
 from sb3_piano.training.runs.builders import build_model, build_vec_env
 from sb3_piano.training.runs.folder import RunFolder

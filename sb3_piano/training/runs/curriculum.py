@@ -34,7 +34,8 @@ from sb3_piano.training.runs.curriculum_progress import (
     StageProgress,
     StageWatch,
 )
-from sb3_piano.training.runs.folder import RunFolder, unwritable
+from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.runs.provenance import unwritable
 from sb3_piano.training.runs.start import start_plugin
 from sb3_piano.training.runs.train import TrainResult, resume, train
 

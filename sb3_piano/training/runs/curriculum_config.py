@@ -31,8 +31,9 @@ from sb3_piano.settings import (
     refuse_unknown,
     settings,
 )
-from sb3_piano.training.configuration.config import Plugin, RunConfig, with_arguments
+from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import algorithm_class
+from sb3_piano.training.configuration.plugins import Plugin, with_arguments
 from sb3_piano.training.configuration.values import (
     coerce_mapping,
     parameters_of,

@@ -14,8 +14,9 @@ from sb3_piano.hyperparams import FINE_TUNING
 from sb3_piano.players import CORRECTED, HandModel, PlayerResidual
 from sb3_piano.players.hand_model import FILE_NAME, SHIPPED, SIGHT_READER
 from sb3_piano.settings import Positive, checked, refuse_unknown
-from sb3_piano.training.configuration.config import PlayConfig, Plugin, RunConfig
+from sb3_piano.training.configuration.config import PlayConfig, RunConfig
 from sb3_piano.training.configuration.names import import_name, registered_id
+from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.configuration.yaml_files import load_overlaid
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.wrappers.residual import Residual

@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-import datetime
-import importlib.metadata
 import os
-import platform
 import shlex
 import shutil
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-import torch
-
-import sb3_piano
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import PARTIAL_SUFFIX, Place, write_yaml
 from sb3_piano.locks import LOCK_SUFFIX, hold
@@ -34,6 +27,7 @@ from sb3_piano.training.configuration.names import (
     known_packages_only,
 )
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
+from sb3_piano.training.runs.provenance import PROVENANCE, provenance, unwritable
 
 FILE_OPTIONS = ("score", "fingering")
 """The options of the environment that may name a file."""
@@ -47,9 +41,7 @@ BASE = "base"
 PLAN = "plan"
 """What stands for a file of a plan, which is followed."""
 
-_PROVENANCE = "run.yml"
 _EXPECTED = "expected a folder that 'sb3-piano train' made"
-_PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch")
 
 
 @dataclass(frozen=True)
@@ -86,7 +78,7 @@ class RunFolder:
     path: Path
 
     config_file = Place("config.yml")
-    provenance_file = Place(_PROVENANCE)
+    provenance_file = Place(PROVENANCE)
     model_file = Place("model.zip")
     statistics_file = Place("vecnormalize.pkl")
     weights_file = Place("policy.safetensors")
@@ -306,77 +298,6 @@ def _origin(option: str, file: Path) -> str:
     return str(file)
 
 
-def begin_or_go_on(
-    file: Path, what: str, ours: Mapping[str, Any], theirs: Mapping[str, Any] | None, seed: int
-) -> None:
-    """Write settings into a new folder, or check them against those that a file there has.
-
-    Args:
-        file: The file of the settings.
-        what: Is done there.
-        ours: The settings.
-        theirs: What the file has; ``None`` if there is none.
-        seed: What is noted as the seed.
-
-    Raises:
-        RunError: If the settings differ, a folder without them is not empty, or cannot be written.
-    """
-    place = file.parent
-    if theirs is not None:
-        for name in ours:
-            found = _difference(name, theirs.get(name), ours[name])
-            if found is not None:
-                raise RunError(
-                    f"The {what} in '{place}' has {found}: expected the same settings, or another "
-                    "folder."
-                )
-        return
-    names = {found.name for found in place.iterdir()} - {LOCK_SUFFIX, _PROVENANCE}
-    if any(not name.endswith(PARTIAL_SUFFIX) for name in names):  # else it was begun, no further
-        raise RunError(f"Folder '{place}' is not empty: expected a new or empty one.")
-    try:
-        write_yaml(place / _PROVENANCE, provenance(seed))
-        write_yaml(file, ours)
-    except OSError as error:
-        raise unwritable(place, error) from error
-
-
-def _difference(name: str, theirs: Any, ours: Any) -> str | None:
-    """Return the first difference between two values, as ``"seed 0, not 1"``."""
-    if theirs == ours:
-        return None
-    if isinstance(theirs, Mapping) and isinstance(ours, Mapping):
-        for key in dict.fromkeys((*theirs, *ours)):
-            found = _difference(f"{name}.{key}", theirs.get(key), ours.get(key))
-            if found is not None:
-                return found
-    return f"{name} {theirs}, not {ours}"
-
-
-def unwritable(place: Path, error: OSError) -> RunError:
-    """Return the error of a folder that refuses a file."""
-    return RunError(
-        f"Folder '{place}' cannot be written: {error.strerror or error}. Expected a place in which "
-        "files can be made."
-    )
-
-
-def provenance(seed: int | None) -> dict[str, Any]:
-    """Return what the folder of a run with this seed notes beside the config, in YAML's types."""
-    return {
-        "command": shlex.join(sys.orig_argv),
-        "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "seed": seed,
-        "torch_threads": torch.get_num_threads(),
-        "matmul_precision": torch.get_float32_matmul_precision(),
-        "versions": {
-            "sb3_piano": sb3_piano.__version__,
-            **{package: importlib.metadata.version(package) for package in _PACKAGES},
-            "python": platform.python_version(),
-        },
-    }
-
-
 def _texts(value: Any) -> Iterator[str]:
     """Yield every text in a plain value."""
     if isinstance(value, str):
@@ -435,8 +356,8 @@ def _check_empty(path: Path) -> None:
             f"Folder '{path}' holds a run already: expected a new or empty folder.{_go_on(run)}"
         )
     found = {file.name for file in path.iterdir()} - {LOCK_SUFFIX}
-    ours = {_PROVENANCE, HAND_FILE, f"{PLAN}.npz"}
+    ours = {PROVENANCE, HAND_FILE, f"{PLAN}.npz"}
     ours |= {name for name in found if Path(name).stem in FILE_OPTIONS}
     ours |= {name for name in found if name.endswith(PARTIAL_SUFFIX)}
-    if found and not (_PROVENANCE in found and found <= ours):
+    if found and not (PROVENANCE in found and found <= ours):
         raise RunError(f"Folder '{path}' is not empty: expected a new or empty one.")

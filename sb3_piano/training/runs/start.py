@@ -22,8 +22,9 @@ from sb3_piano.callbacks import Checkpoint, restore_replay_buffer
 from sb3_piano.callbacks.replay_segments import end_last_episode
 from sb3_piano.exceptions import ConfigError, RunError, one_line
 from sb3_piano.settings import Index, checked
-from sb3_piano.training.configuration.config import Plugin, RunConfig
+from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import registered_id
+from sb3_piano.training.configuration.plugins import Plugin
 from sb3_piano.training.configuration.yaml_files import load_config
 from sb3_piano.training.runs.folder import FILE_OPTIONS, RunFolder
 from sb3_piano.training.runs.saved import load_statistics, model_files

@@ -1,7 +1,10 @@
 """Replay buffers for Stable-Baselines3 that know what a piano observation is made of."""
 
-from sb3_piano.buffers.compact import CompactNStepReplayBuffer, CompactReplayBuffer
-from sb3_piano.buffers.compact_dict import CompactDictReplayBuffer
+from sb3_piano.buffers.compact import (
+    CompactDictReplayBuffer,
+    CompactNStepReplayBuffer,
+    CompactReplayBuffer,
+)
 from sb3_piano.buffers.cycling import CyclingReplayBuffer
 
 __all__ = [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from stable_baselines3.common.buffers import NStepReplayBuffer, ReplayBuffer
+from stable_baselines3.common.buffers import DictReplayBuffer, NStepReplayBuffer, ReplayBuffer
 
 from sb3_piano.buffers.rings import Rings
 
@@ -42,3 +42,18 @@ class CompactNStepReplayBuffer(NStepReplayBuffer, CompactReplayBuffer):
     ``replay_buffer_kwargs={"n_steps": 3, "gamma": 0.99}``; the algorithm's own ``n_steps`` is not
     used by Stable-Baselines3 with any ``replay_buffer_class``.
     """
+
+
+class CompactDictReplayBuffer(Rings, DictReplayBuffer):
+    """A ``DictReplayBuffer`` that holds each observation once and gives the same samples.
+
+    What :class:`~sb3_piano.buffers.CompactReplayBuffer` does for one array it does for each of a
+    ``Dict``: pictures take half the memory, the piano's vectors a tenth. Its arguments are those of
+    ``DictReplayBuffer``.
+
+    Raises:
+        ConfigError: If the observation space is no ``Dict`` of plain arrays, or
+            ``optimize_memory_usage`` is set.
+    """
+
+    _expected = "a Dict of plain arrays. CompactReplayBuffer holds a single array."

@@ -100,7 +100,7 @@ class TestMidi:
 
     def test_unusual_messages_mean_the_same(self, music, tmp_path):
         path = tmp_path / "a file.2.midi"
-        path.write_bytes(unusual_file())
+        path.write_bytes(midi_file(*unusual_tracks()))
         with pytest.warns(ScoreWarning, match="3 notes without length .* and 2 notes") as warned:
             expected = score_table(read_midi(path))
         told = str(warned[0].message).removeprefix(f"Reading {str(path)!r} left out ")
@@ -108,6 +108,23 @@ class TestMidi:
         assert found.pop("warnings") == [f"The file also has {told[:-1]}: left out."]
         assert found == expected
         assert len(expected["pedals"]) > 0
+
+    @pytest.mark.parametrize("left_out", [b"\x00\xff\x2f\x00", b"\x00\x47\x44\x00\xff\x2f\x00"])
+    def test_tracks_may_lack_the_message_at_their_end(self, music, tmp_path, left_out):
+        path = tmp_path / "piece.mid"
+        path.write_bytes(midi_file(*(one.removesuffix(left_out) for one in unusual_tracks()), b""))
+        expected = read_or_none(path)
+        assert expected is not None
+        assert page_reads_or_none(music, path) == expected
+
+    @pytest.mark.parametrize(
+        "tail", [b"\x00\x90\x3c", b"\x00\xff\x51\x03\x09", b"\x00\xff\x03\x09piece"]
+    )
+    def test_a_track_that_ends_within_a_message_is_refused(self, music, tmp_path, tail):
+        path = tmp_path / "piece.mid"
+        path.write_bytes(midi_file(*unusual_tracks(), tail))
+        assert read_or_none(path) is None
+        assert page_reads_or_none(music, path) is None
 
     @pytest.mark.parametrize("right", [60, 66, 67, 72])
     @pytest.mark.parametrize("program", [0, 7, 8])
@@ -442,8 +459,8 @@ def struck(pitch):
     ]
 
 
-def unusual_file():
-    """Return a file in which notes and pedals overlap, tempo and programs change, and more."""
+def unusual_tracks():
+    """Return tracks in which notes and pedals overlap, tempo and programs change, and more."""
     tempo = [
         b"\x00\xff\x51\x03\x09\x27\xc0",  # 0.6 s a beat from the start
         b"\x83\x60\xff\x51\x03\x04\x93\xe0",  # after 480 ticks 0.3 s
@@ -464,6 +481,12 @@ def unusual_file():
         b"\x30\xff\x08\x01x\x20\xff\x0a\x00",  # messages that nobody reads, after some time
         b"\x10\x92\x47\x44\x00\x47\x44\x00\xff\x2f\x00",  # never let go, no length at the end
     ]
-    header = b"MThd" + (6).to_bytes(4, "big") + b"\x00\x01\x00\x02" + (480).to_bytes(2, "big")
-    tracks = [b"".join(parts) for parts in (tempo, notes)]
+    return b"".join(tempo), b"".join(notes)
+
+
+def midi_file(*tracks):
+    """Return the bytes of a file with 480 ticks a beat."""
+    header = b"MThd" + b"".join(
+        n.to_bytes(size, "big") for n, size in ((6, 4), (1, 2), (len(tracks), 2), (480, 2))
+    )
     return header + b"".join(b"MTrk" + len(one).to_bytes(4, "big") + one for one in tracks)

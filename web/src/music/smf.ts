@@ -54,6 +54,18 @@ export function parseMidi(bytes: Uint8Array, name: string): MidiData {
 /** Format of files whose tracks are pieces of their own. */
 const SEQUENCES = 2;
 
+/** Messages that may be the last ones of a track. */
+const LAST: ReadonlySet<string> = new Set([
+  "endOfTrack",
+  "setTempo",
+  "noteOn",
+  "noteOff",
+  "controller",
+  "programChange",
+  "noteAftertouch",
+  "channelAftertouch",
+]);
+
 class Damage extends Error {}
 
 function parsed(bytes: Uint8Array): ParsedFile {
@@ -78,8 +90,10 @@ function checkComplete(bytes: Uint8Array, tracks: number): void {
 }
 
 function trackOf(messages: readonly ParsedEvent[]): MidiTrackData {
-  // A wrong length within it makes the library read on beyond the track, up to nothing.
-  if (messages.at(-1)?.type !== "endOfTrack") throw new Damage("a track does not end where it should");
+  // A wrong length within it makes the library read on beyond the track, up to nothing. Some files lack the message
+  // at the end of a track; then it has to be one whose last byte is looked at.
+  const last = messages.at(-1)?.type;
+  if (last !== undefined && !LAST.has(last)) throw new Damage("a track does not end where it should");
   const events: MidiEvent[] = [];
   let tick = 0;
   for (const message of messages) {

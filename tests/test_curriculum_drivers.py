@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import sys
 import types
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from sb3_piano.callbacks import Checkpoint
+from sb3_piano.training import RunFolder, StartFromRun
 
 FOLDER = Path(__file__).parents[1] / "examples" / "curriculum"
 
@@ -40,6 +42,14 @@ def test_a_chain_trains_each_stage_from_the_one_before_and_is_kept(driver, tmp_p
     written = [(run / "model.zip").stat().st_mtime_ns for run in runs]
     assert transfer.trained(chain) == (name, found)
     assert [(run / "model.zip").stat().st_mtime_ns for run in runs] == written
+    anew = dataclasses.replace(chain, name="anew", pieces=("Reverie",), start=runs[1])
+    assert list(transfer.trained(anew)[1]) == [("Reverie", 1)]
+    (start,) = (
+        plugin.kwargs
+        for plugin in RunFolder(tmp_path / "anew_seed_3" / "1_Reverie").read_config().callback
+        if plugin.is_a(StartFromRun)
+    )
+    assert start == {"run": str(runs[1]), "with_entropy": False}
 
 
 def test_the_table_of_transfer_has_the_stage_of_equal_steps_and_of_an_equal_total(driver):
@@ -52,6 +62,8 @@ def test_the_table_of_transfer_has_the_stage_of_equal_steps_and_of_an_equal_tota
         "stages": transfer.PIECES,
         "ClairDeLune": ("ClairDeLune",) * 3,
         "MapleLeafRag": ("MapleLeafRag",) * 4,
+        "ClairDeLune_anew": ("ClairDeLune",),
+        "MapleLeafRag_anew": ("MapleLeafRag",),
     }
     found = {
         name: [{(piece, n): reached(name, piece, n) for n, piece in enumerate(pieces, start=1)}]
@@ -60,9 +72,11 @@ def test_the_table_of_transfer_has_the_stage_of_equal_steps_and_of_an_equal_tota
     cells = [line.strip("| ").split(" | ") for line in transfer.table(found)[2:]]
     assert [(row[0], row[1], row[2]) for row in cells] == [
         ("ClairDeLune", "after easier ones", "0.375"),
+        ("ClairDeLune", "after them, exploring anew", "1.625"),
         ("ClairDeLune", "alone, as many steps of it", "0.625"),
         ("ClairDeLune", "alone, as many steps in all", "0.875"),
         ("MapleLeafRag", "after easier ones", "0.500"),
+        ("MapleLeafRag", "after them, exploring anew", "2.1"),
         ("MapleLeafRag", "alone, as many steps of it", "1.125"),
         ("MapleLeafRag", "alone, as many steps in all", "1.500"),
     ]

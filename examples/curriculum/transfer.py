@@ -7,7 +7,8 @@ Section 5 of "Curriculum Strategies for Bimanual Dexterous Piano Playing in Robo
 for one core: the four stages of repertoire.yml, five minutes each, and beside them Clair de lune
 and the Maple Leaf Rag alone. These are trained in equal stages, too, each from the one before, so
 that their first is the paper's comparison (as many steps of the piece) and their last one that at
-an equal total. What is finished is kept: the same command goes on after Ctrl-C or a crash.
+an equal total. The stages of both targets are also trained with an entropy coefficient that begins
+anew. What is finished is kept: the same command goes on after Ctrl-C or a crash.
 """
 
 from __future__ import annotations
@@ -44,6 +45,13 @@ class Chain:
     seed: int
     runs: Path
     steps: int | None
+    start: Path | None = None
+    """Run that the first stage starts from, but for its entropy coefficient."""
+
+    @property
+    def folder(self) -> Path:
+        """Folder of all files."""
+        return self.runs / f"{self.name}_seed_{self.seed}"
 
 
 def trained(chain: Chain) -> tuple[str, Metrics]:
@@ -56,10 +64,13 @@ def trained(chain: Chain) -> tuple[str, Metrics]:
     first = curriculum.stages[0]
     changed = {} if chain.steps is None else {"n_timesteps": chain.steps}
     settings = {**first.settings, **changed}
-    stages = [dataclasses.replace(first, piece=one, settings=settings) for one in chain.pieces]
-    curriculum = dataclasses.replace(curriculum, stages=tuple(stages))
-    folder = chain.runs / f"{chain.name}_seed_{chain.seed}"
-    result = run_curriculum(curriculum, folder, seed=chain.seed, progress_bar=False)
+    first = dataclasses.replace(first, settings=settings, with_entropy=chain.start is None)
+    curriculum = dataclasses.replace(
+        curriculum,
+        stages=tuple(dataclasses.replace(first, piece=piece) for piece in chain.pieces),
+        init_from=None if chain.start is None else str(chain.start),
+    )
+    result = run_curriculum(curriculum, chain.folder, seed=chain.seed, progress_bar=False)
     if result.interrupted:
         raise KeyboardInterrupt
     found: Metrics = {}
@@ -79,6 +90,7 @@ def table(found: Mapping[str, Sequence[Metrics]]) -> list[str]:
         number = PIECES.index(piece) + 1
         rows = {
             "after easier ones": ("stages", number),
+            "after them, exploring anew": (f"{piece}_anew", 1),
             "alone, as many steps of it": (piece, 1),
             "alone, as many steps in all": (piece, number),
         }
@@ -109,17 +121,29 @@ def main() -> int:
         for name, pieces in ways.items()
         for seed in arguments.seeds
     ]
-    found: dict[str, list[Metrics]] = {name: [] for name in ways}
+    anew = [
+        dataclasses.replace(
+            chain,
+            name=f"{chain.pieces[number]}_anew",
+            pieces=(chain.pieces[number],),
+            start=chain.folder / f"{number}_{chain.pieces[number - 1]}",
+        )
+        for chain in chains
+        if chain.name == "stages"
+        for number in map(PIECES.index, TARGETS)
+    ]
+    found: dict[str, list[Metrics]] = {chain.name: [] for chain in (*chains, *anew)}
     try:
         with (
             stop_on_signal() as request,
             open_executor(arguments.workers, arguments.ray) as executor,
             broken_told("give the same command again."),
         ):
-            for name, metrics in map_jobs(executor, trained, chains, request):
-                found[name].append(metrics)
-                done = sum(map(len, found.values()))
-                print(f"[{done}/{len(chains)}] {name}: finished", file=sys.stderr, flush=True)
+            for jobs in (chains, anew):  # which start from what the chains have learnt
+                for name, metrics in map_jobs(executor, trained, jobs, request):
+                    found[name].append(metrics)
+                    done, of = sum(map(len, found.values())), len(chains) + len(anew)
+                    print(f"[{done}/{of}] {name}: finished", file=sys.stderr, flush=True)
     except KeyboardInterrupt:
         print("Interrupted: the same command goes on from here.")
         return 130

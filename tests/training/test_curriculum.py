@@ -142,6 +142,7 @@ def content(folder):
         ({"piece": "hanon-99", "env": None}, "Unknown piece 'hanon-99'"),
         ({"env_kwargs": {"gravity": 9}}, "cannot be made with env_kwargs"),
         ({"with_buffer": True, "buffer_size": 90}, "n_envs and buffer_size are 1 and 90, of the"),
+        ({"with_entropy": False, "ent_coef": 0.1}, "this SAC learns no entropy coefficient"),
         ({"until": {"f1": 1, "eval_freq": 61}}, "in n_timesteps 60 of 1 environment"),
         ({"until": {"f1": 1, "eval_freq": 60}, "n_envs": 2}, "60 of 2 environment"),
         ({"until": {"f1": 1, "eval_freq": 30, "patience": 3}}, "come 2 evaluations"),

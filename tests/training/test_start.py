@@ -140,6 +140,38 @@ def test_networks_optimizers_and_entropy_are_equal_to_the_bit(config, source, tm
         assert saved.log_ent_coef.item() != 0.0
 
 
+@pytest.mark.parametrize("before", ["auto", 0.3])
+def test_the_entropy_coefficient_may_begin_anew(config, source, tmp_path, before):
+    run = source(algorithm_kwargs={"ent_coef": before})
+    plugin = {"sb3_piano.training.StartFromRun": {"run": str(run.path), "with_entropy": False}}
+    watched = Watched()
+    own = config(callback=plugin, n_timesteps=20, algorithm_kwargs={"ent_coef": "auto_0.25"})
+    folder = train(own, tmp_path / "next", callbacks=[watched], progress_bar=False).folder
+    assert watched.coefficient.exp().item() == pytest.approx(0.25)
+    saved = flat(own.algorithm.load(run.model_file))
+    entropy = {name for name in saved if name.startswith("ent_coef_optimizer")}
+    assert watched.parameters.keys() == saved.keys() - entropy
+    assert all(torch.equal(watched.parameters[name], saved[name]) for name in watched.parameters)
+    learnt = own.algorithm.load(folder.model_file).log_ent_coef.exp().item()
+    assert learnt != pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    ("algo", "options"), [("sac", {"ent_coef": 0.1}), ("td3", {}), ("ppo", {})]
+)
+def test_without_one_that_is_learnt_there_is_none_to_begin_anew(
+    config, source, tmp_path, algo, options
+):
+    start = {"run": str(source(algo).path), "with_entropy": False}
+    own = config(
+        algo, callback={"sb3_piano.training.StartFromRun": start}, algorithm_kwargs=options
+    )
+    assert not own.learns_entropy
+    message = f"with_entropy is false, but this {algo.upper()} learns no entropy coefficient"
+    with pytest.raises(ConfigError, match=message):
+        train(own, tmp_path / "next", progress_bar=False)
+
+
 @pytest.mark.parametrize(("seed_steps", "first"), [(None, 8), (12, 12), (0, 1)])
 def test_the_loaded_policy_fills_the_buffer_without_an_update(
     config, source, tmp_path, seed_steps, first

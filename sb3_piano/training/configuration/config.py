@@ -340,6 +340,13 @@ class RunConfig(PlayConfig):
         return algorithm_class(self.algo)
 
     @property
+    def learns_entropy(self) -> bool:
+        """Whether the algorithm learns its entropy coefficient."""
+        known = inspect.signature(self.algorithm).parameters.get("ent_coef")
+        default = None if known is None else known.default
+        return str(self.algorithm_kwargs.get("ent_coef", default)).startswith("auto")
+
+    @property
     def n_agents(self) -> int:
         """How many environment steps a call of the environments together is.
 

@@ -170,7 +170,8 @@ class _Work:
 
     def _config(self, index: int) -> RunConfig:
         """Return the settings of a stage's new run, with its seed and its start."""
-        config = self.curriculum.stages[index].run_config(self.curriculum.algo)
+        stage = self.curriculum.stages[index]
+        config = stage.run_config(self.curriculum.algo)
         config = dataclasses.replace(config, seed=self.curriculum.seed)
         start: str | os.PathLike[str] | None = self.curriculum.init_from
         if index > 0:
@@ -181,7 +182,7 @@ class _Work:
             start = before.path
         if start is None:
             return config
-        plugin = start_plugin(start, self.curriculum.stages[index].with_buffer)
+        plugin = start_plugin(start, stage.with_buffer, stage.with_entropy)
         return dataclasses.replace(config, callback=(*config.callback, plugin))
 
     def _watch(self, index: int) -> StageWatch:

@@ -42,6 +42,7 @@ from sb3_piano.training.configuration.values import (
 )
 from sb3_piano.training.configuration.yaml_files import load_config, merged, read_yaml_mapping
 from sb3_piano.training.runs.folder import FILE_OPTIONS
+from sb3_piano.training.runs.start import without_learnt_entropy
 
 CURRICULUM_FILE = "curriculum.yml"
 """Name of the settings in a curriculum's folder."""
@@ -165,6 +166,8 @@ class Stage:
     """Condition that ends the stage before its ``n_timesteps``."""
     with_buffer: bool = False
     """Whether to begin with the replay buffer of what it starts from."""
+    with_entropy: bool = True
+    """Whether to begin with its entropy coefficient; without, one that is learnt begins anew."""
     settings: Annotated[Mapping[str, Any], _Plain] = field(default_factory=dict)
     """Settings of its run in place of those of the hyperparameters, by their names in YAML;
     ``env_kwargs`` are added to them."""
@@ -186,11 +189,13 @@ class Stage:
 
     def to_mapping(self) -> dict[str, Any]:
         """Return the stage as YAML has it."""
-        own = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        until, rest = own.pop("until"), own.pop("settings")
-        own["pieces"] = list(self.pieces)
-        mapping = {name: value for name, value in own.items() if value}
-        return {**mapping, **rest, **({} if until is None else {"until": until.to_mapping()})}
+        fields = [f for f in dataclasses.fields(self) if f.name not in ("until", "settings")]
+        own = {f.name: getattr(self, f.name) for f in fields}
+        mapping = {f.name: own[f.name] for f in fields if own[f.name] != f.default}
+        if self.pieces:
+            mapping["pieces"] = list(self.pieces)
+        until = {} if self.until is None else {"until": self.until.to_mapping()}
+        return {**mapping, **self.settings, **until}
 
     def run_config(self, algo: str) -> RunConfig:
         """Return the settings of its run, without seed and start.
@@ -203,6 +208,8 @@ class Stage:
         if self.pieces:
             overrides["pieces"] = self.pieces
         config = load_config(algo, self.env or GENERAL_ID, self.config, **overrides)
+        if not (self.with_entropy or config.learns_entropy):
+            raise without_learnt_entropy(config.algorithm)
         return config if self.until is None else self.until.with_evaluation(config)
 
 

@@ -33,15 +33,19 @@ _log = logging.getLogger(__name__)
 
 _START = "sb3_piano.training.StartFromRun"
 
+# SB3's names of what SAC, TQC and CrossQ learn beside their networks.
+_ENTROPY, _ENTROPY_OPTIMIZER = "log_ent_coef", "ent_coef_optimizer"
+
 
 class StartFromRun(BaseCallback):
     """Give a model what the model of another run has learnt, before the training.
 
-    That is its networks, the moments of their optimizers, the entropy coefficient and the
-    statistics of ``VecNormalize``; options of optimizers, such as ``critic_first``, are the
-    training's own. Nothing acts at random then, whatever ``learning_starts`` says: the policy fills
-    the replay buffer itself, for ``seed_steps`` without an update, unless it is given a buffer that
-    is filled. A training that is resumed keeps its own networks.
+    That is its networks, the moments of their optimizers, the entropy coefficient (unless
+    ``with_entropy`` is false) and the statistics of ``VecNormalize``; options of optimizers, such
+    as ``critic_first``, are the training's own. Nothing acts at random then, whatever
+    ``learning_starts`` says: the policy fills the replay buffer itself, for ``seed_steps`` without
+    an update, unless it is given a buffer that is filled. A training that is resumed keeps its own
+    networks.
 
     ``sb3-piano train --init-from RUN`` adds this callback to a run.
 
@@ -52,9 +56,12 @@ class StartFromRun(BaseCallback):
         run: Folder of the run, of the same algorithm, policy and spaces.
         with_buffer: Whether to begin with its replay buffer.
         seed_steps: Environment steps before the first update; by default as many as a batch has.
+        with_entropy: Whether to begin with its entropy coefficient. Without, one that is learnt
+            begins anew: the policy explores as it would from nothing.
 
     Raises:
-        ConfigError: When training starts, if the model does not fit, or has no replay buffer.
+        ConfigError: When training starts, if the model does not fit, has no replay buffer, or
+            learns no entropy coefficient that could begin anew.
         RunError: If the folder is no run, or was saved without what is needed.
     """
 
@@ -63,11 +70,13 @@ class StartFromRun(BaseCallback):
         run: str | os.PathLike[str],
         with_buffer: bool = False,
         seed_steps: int | None = None,
+        with_entropy: bool = True,
     ) -> None:
         super().__init__()
         self._run = os.fspath(run)
         self._with_buffer: bool = checked("with_buffer", with_buffer, bool)
         self._seed_steps: int | None = checked("seed_steps", seed_steps, Index | None)
+        self._with_entropy: bool = checked("with_entropy", with_entropy, bool)
         self._train_freq: Any = None
 
     def _init_callback(self) -> None:
@@ -75,6 +84,8 @@ class StartFromRun(BaseCallback):
         if self.model.num_timesteps == 0:
             run = RunFolder.open(self._run)
             config = run.read_config()
+            if not self._with_entropy and getattr(self.model, _ENTROPY, None) is None:
+                raise without_learnt_entropy(type(self.model))
             if not isinstance(config, RunConfig) or config.algorithm is not type(self.model):
                 raise ConfigError(
                     f"Run '{run.path}' is of {config.algo!r}, this training of "
@@ -129,8 +140,12 @@ class StartFromRun(BaseCallback):
             ) from error
         self._check_spaces(run, source)
         options = [dict(group, params=None) for group in self._groups()]
+        parameters = source.get_parameters()
+        if not self._with_entropy:
+            own_entropy = self.model.get_parameters()[_ENTROPY_OPTIMIZER]
+            parameters[_ENTROPY_OPTIMIZER] = own_entropy
         try:
-            self.model.set_parameters(source.get_parameters())  # type: ignore[arg-type]
+            self.model.set_parameters(parameters)  # type: ignore[arg-type]
         except (RuntimeError, ValueError, KeyError, AttributeError) as error:
             raise ConfigError(
                 f"The networks of run '{run.path}' do not fit ({one_line(error)}): expected its "
@@ -141,7 +156,8 @@ class StartFromRun(BaseCallback):
             group.update(own, params=group["params"])
         for name in source._get_torch_save_params()[1]:
             learnt = getattr(source, name)
-            if learnt.requires_grad:  # a coefficient that is fixed is the config's
+            # A coefficient that is fixed is the config's.
+            if learnt.requires_grad and (self._with_entropy or name != _ENTROPY):
                 getattr(self.model, name).data.copy_(learnt.data)
         self._take_statistics(run, config, statistics)
 
@@ -185,10 +201,22 @@ class StartFromRun(BaseCallback):
         end_last_episode(buffer)  # a new one begins
 
 
-def start_plugin(run: str | os.PathLike[str], with_buffer: bool = False) -> Plugin:
+def without_learnt_entropy(algorithm: type[BaseAlgorithm]) -> ConfigError:
+    """Return the error of a training without an entropy coefficient that could begin anew."""
+    return ConfigError(
+        f"with_entropy is false, but this {algorithm.__name__} learns no entropy coefficient: "
+        "expected SAC, TQC or CrossQ with an ent_coef such as auto, or no with_entropy."
+    )
+
+
+def start_plugin(
+    run: str | os.PathLike[str], with_buffer: bool = False, with_entropy: bool = True
+) -> Plugin:
     """Return the callback with which a training starts from what the run in a folder has learnt."""
     kwargs: dict[str, Any] = {"run": os.path.abspath(run)}
-    return Plugin(path=_START, kwargs=kwargs | ({"with_buffer": True} if with_buffer else {}))
+    kwargs |= {"with_buffer": True} if with_buffer else {}
+    kwargs |= {} if with_entropy else {"with_entropy": False}
+    return Plugin(path=_START, kwargs=kwargs)
 
 
 def load_start(

@@ -139,7 +139,7 @@ def main() -> int:
             open_executor(arguments.workers, arguments.ray) as executor,
             broken_told("give the same command again."),
         ):
-            for jobs in (chains, anew):  # which start from what the chains have learnt
+            for jobs in (chains, anew):  # the latter start from what the former have learnt
                 for name, metrics in map_jobs(executor, trained, jobs, request):
                     found[name].append(metrics)
                     done, of = sum(map(len, found.values())), len(chains) + len(anew)

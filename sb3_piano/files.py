@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import bz2
 import contextlib
+import copy
 import csv
 import errno
 import io
 import json
+import lzma
 import os
 import secrets
+import zipfile
+import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from io import BufferedWriter
 from pathlib import Path
@@ -23,6 +28,10 @@ T = TypeVar("T")
 
 PARTIAL_SUFFIX = ".partial"
 """Suffix of a file that is being written; one that is left over may be deleted."""
+
+
+_LZMA_MEMORY = 2**28
+"""Most memory for the dictionary of an archive that is compressed by LZMA, bytes."""
 
 
 class Place:
@@ -200,3 +209,44 @@ def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, An
     writer.writeheader()
     writer.writerows(rows)
     write_text(path, text.getvalue())
+
+
+def read_member(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
+    """Return a file of a zip archive, of which no more than ``limit`` bytes are unpacked.
+
+    Raises:
+        ValueError: If the file is larger, by what the archive says or in fact.
+        KeyError: If there is none of that name.
+        zipfile.BadZipFile: If it is damaged.
+        Exception: Whatever the decompressors raise at a damaged one.
+    """
+    member = archive.getinfo(name)
+    # Stored bytes come in parts; those of bzip2 and lzma zipfile unpacks without a limit.
+    packed = copy.copy(member)
+    packed.compress_type, packed.file_size = zipfile.ZIP_STORED, member.compress_size
+    del packed.CRC
+    if member.file_size <= limit:
+        with archive.open(packed) as file:
+            # What has no pattern is packed into a little more than itself.
+            content = _unpack(file.read(limit + limit // 8 + 999), member.compress_type, limit + 1)
+    if member.file_size > limit or len(content) > limit:
+        raise ValueError(f"its {name} holds more than {limit} bytes")
+    if len(content) != member.file_size or zlib.crc32(content) != member.CRC:
+        raise zipfile.BadZipFile(f"its {name} is damaged: length or checksum differ")
+    return content
+
+
+def _unpack(packed: bytes, method: int, most: int) -> bytes:
+    """Return at most ``most`` bytes of what a zip archive has packed by a method."""
+    if method == zipfile.ZIP_STORED:
+        return packed
+    if method == zipfile.ZIP_DEFLATED:
+        return zlib.decompressobj(-zlib.MAX_WBITS).decompress(packed, most)
+    if method == zipfile.ZIP_BZIP2:
+        return bz2.BZ2Decompressor().decompress(packed, most)
+    if method == zipfile.ZIP_LZMA:
+        # The header of an .lzma file of unknown length in place of that of a member.
+        packed = packed[4:9] + b"\xff" * 8 + packed[9:]
+        unpacker = lzma.LZMADecompressor(lzma.FORMAT_ALONE, memlimit=_LZMA_MEMORY)
+        return unpacker.decompress(packed, most)
+    raise ValueError(f"it is compressed by method {method}: expected Deflate")

@@ -6,12 +6,14 @@ import errno
 import os
 import re
 import threading
+import tracemalloc
+import zipfile
 from pathlib import Path
 
 import pytest
 
 from sb3_piano.exceptions import RunError
-from sb3_piano.files import check_writable, disk_refusal, write_atomically, write_text
+from sb3_piano.files import check_writable, disk_refusal, read_member, write_atomically, write_text
 
 
 @pytest.fixture
@@ -130,3 +132,26 @@ def test_the_refusal_of_a_disk_is_found_behind_the_error_of_a_library():
     told.__cause__ = refused
     for other in (told, FileNotFoundError(errno.ENOENT, "x"), BrokenPipeError(errno.EPIPE, "x")):
         assert disk_refusal(other) is None
+
+
+@pytest.mark.parametrize(
+    "method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA]
+)
+def test_a_member_of_an_archive_is_unpacked_to_its_limit(method, tmp_path):
+    content, bomb = os.urandom(50_000), bytes(3 * 10**7)
+    with zipfile.ZipFile(tmp_path / "a.zip", "w", method) as archive:
+        archive.writestr("whole", content)
+        archive.writestr("bomb", bomb)
+    with zipfile.ZipFile(tmp_path / "a.zip") as archive:
+        assert read_member(archive, "whole", 50_000) == content
+        for declared in (len(bomb), 10):
+            archive.getinfo("bomb").file_size = declared
+            tracemalloc.start()
+            with pytest.raises(ValueError, match="its bomb holds more than 1000 bytes"):
+                read_member(archive, "bomb", 1000)
+            peak = tracemalloc.get_traced_memory()[1]
+            tracemalloc.stop()
+            assert peak < 10**7  # of LZMA the dictionary
+        archive.getinfo("whole").CRC += 1
+        with pytest.raises(zipfile.BadZipFile, match="its whole is damaged"):
+            read_member(archive, "whole", 50_000)

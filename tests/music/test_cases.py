@@ -37,7 +37,9 @@ def test_a_file_is_read_as_its_writer_meant_it(name: str) -> None:
         assert one[1:] == pytest.approx(other[1:], abs=1.5e-3)
     pedals = [[pedal.onset, pedal.offset] for pedal in score.pedals]
     assert pedals == [pytest.approx(pedal, abs=1.5e-3) for pedal in case.get("pedals", [])]
-    told = [str(warning.message) for warning in caught if issubclass(warning.category, ScoreWarning)]
+    told = [
+        str(warning.message) for warning in caught if issubclass(warning.category, ScoreWarning)
+    ]
     if "warns" in case:
         assert any(case["warns"] in text for text in told), told
     else:

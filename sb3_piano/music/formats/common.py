@@ -1,9 +1,8 @@
-"""Parts of several formats: notes that are left out, packed files, writing."""
+"""Parts of several formats: notes that are left out, writing."""
 
 from __future__ import annotations
 
 import warnings
-import zipfile
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
@@ -73,17 +72,3 @@ def write_score_file(path: Path, content: bytes) -> None:
         raise ScoreError(
             f"Cannot write {str(path)!r}: {error.strerror}; expected a file in a writable folder."
         ) from error
-
-
-def read_member(archive: zipfile.ZipFile, name: str, most: int) -> bytes:
-    """Return a file of an archive, of which no more than ``most`` bytes are unpacked.
-
-    Raises:
-        ValueError: If the file is larger.
-        Exception: Whatever zipfile raises at a damaged or missing one.
-    """
-    with archive.open(name) as file:
-        content = file.read(most + 1)
-    if len(content) > most:
-        raise ValueError(f"its {name} holds more than {most} bytes")
-    return content

@@ -31,11 +31,10 @@ from types import MappingProxyType
 import pretty_midi
 
 from sb3_piano.exceptions import ScoreError, UnknownPieceError, one_line
-from sb3_piano.files import read_table
+from sb3_piano.files import read_member, read_table
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.fingering import pig_files
 from sb3_piano.music.formats import read_midi, read_pig
-from sb3_piano.music.formats.common import read_member
 from sb3_piano.music.library.store import Library
 from sb3_piano.music.library.task import ImportTask
 from sb3_piano.music.piece import Piece

@@ -12,8 +12,8 @@ from fractions import Fraction
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
+from sb3_piano.files import read_member
 from sb3_piano.music.constants import DEFAULT_VELOCITY
-from sb3_piano.music.formats.common import read_member
 from sb3_piano.music.formats.musicxml.timing import Marks
 from sb3_piano.music.pitch import SEMITONES
 from sb3_piano.music.text_file import read_whole

@@ -21,6 +21,7 @@ from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.formats.common import LeftOut
 from sb3_piano.music.formats.midi_hands import hand_of_name
+from sb3_piano.music.formats.musicxml.document import MOST_BYTES
 from sb3_piano.music.formats.musicxml.source import SourceNote, SourcePart, parse_document
 from sb3_piano.music.formats.musicxml.timing import Timeline, timeline
 from sb3_piano.music.hands import HANDS, Hand, finger_of
@@ -63,8 +64,9 @@ def read_musicxml(path: str | os.PathLike[str]) -> Score:
     """
     path = Path(path)
     left_out = LeftOut()
-    with reading(path, "MusicXML file", "a complete partwise one"):
-        parts, marks = parse_document(path.read_bytes())
+    with reading(path, "MusicXML file", "a complete one"):
+        with path.open("rb") as file:
+            parts, marks = parse_document(file.read(MOST_BYTES + 1))
         played = _played_parts(parts, path)
         score = _score(played, timeline(marks), path, left_out)
     left_out.warn(path)

@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-import io
 import itertools
 import re
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from sb3_piano.files import read_member
 from sb3_piano.music.constants import DEFAULT_VELOCITY
+from sb3_piano.music.formats.musicxml.document import read_document
 from sb3_piano.music.formats.musicxml.timing import Marks
 from sb3_piano.music.pitch import SEMITONES
 from sb3_piano.music.text_file import read_whole
 
 FORTE = 90
 """The velocity of which MusicXML gives dynamics in per cent."""
-
-MOST_BYTES = 64 * 2**20
-"""A larger document is taken for damage; the longest piano works take a fifth of it."""
-
-CONTAINER_NAME = "META-INF/container.xml"
 
 _FINGERS = re.compile(r"\s*([1-5])(\s*[-_\u2013/]\s*[1-5])*\s*")
 _DOTS = ("staccato", "staccatissimo", "spiccato")
@@ -95,12 +87,10 @@ def parse_document(content: bytes) -> tuple[list[SourcePart], Marks]:
     """Return the parts in the bytes of a file, and the marks that all of them go by.
 
     Raises:
-        ValueError: If it is too large, no partwise MusicXML, or a number in it is none.
+        ValueError: If it is too large, no MusicXML, or a number in it is none.
         Exception: Whatever zipfile and ElementTree raise at a damaged file.
     """
-    root = ElementTree.fromstring(_unpacked(content))
-    if root.tag != "score-partwise":
-        raise ValueError(f"its root is <{root.tag}>, not <score-partwise>")
+    root = read_document(content)
     names = {part.get("id"): part.findtext("part-name") for part in root.iter("score-part")}
     marks, elements = Marks(), root.findall("part")
     readers = [_PartReader(SourcePart(names.get(one.get("id")) or ""), marks) for one in elements]
@@ -119,20 +109,6 @@ def parse_document(content: bytes) -> tuple[list[SourcePart], Marks]:
         _count_grace_notes(reader.part.notes)
         _share_out(reader.part.notes)
     return [reader.part for reader in readers], marks
-
-
-def _unpacked(content: bytes) -> bytes:
-    """Return the document in the bytes of a file, which may be compressed."""
-    if content[:4] == b"PK\x03\x04":
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            container = ElementTree.fromstring(read_member(archive, CONTAINER_NAME, MOST_BYTES))
-            file = container.find(".//{*}rootfile")
-            if file is None:
-                raise ValueError(f"its {CONTAINER_NAME} names no file")
-            content = read_member(archive, file.get("full-path", ""), MOST_BYTES)
-    if len(content) > MOST_BYTES:
-        raise ValueError(f"it holds more than {MOST_BYTES} bytes")
-    return content
 
 
 class _PartReader:

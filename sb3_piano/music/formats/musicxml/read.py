@@ -22,7 +22,8 @@ from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.formats.common import LeftOut
 from sb3_piano.music.formats.midi_hands import hand_of_name
 from sb3_piano.music.formats.musicxml.document import MOST_BYTES
-from sb3_piano.music.formats.musicxml.source import SourceNote, SourcePart, parse_document
+from sb3_piano.music.formats.musicxml.notes import SourceNote
+from sb3_piano.music.formats.musicxml.source import SourcePart, parse_document
 from sb3_piano.music.formats.musicxml.timing import Timeline, timeline
 from sb3_piano.music.hands import HANDS, Hand, finger_of
 from sb3_piano.music.note import Note, Pedal

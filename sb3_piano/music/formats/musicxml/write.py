@@ -23,7 +23,7 @@ from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import DEFAULT_VELOCITY, UNKNOWN_FINGER
 from sb3_piano.music.formats.common import write_score_file
 from sb3_piano.music.formats.musicxml.document import CONTAINER_NAME
-from sb3_piano.music.formats.musicxml.source import FORTE
+from sb3_piano.music.formats.musicxml.notes import FORTE
 from sb3_piano.music.formats.musicxml.tempo import DEFAULT_TEMPO, likely_tempo
 from sb3_piano.music.hands import HANDS, finger_number, likely_hand
 from sb3_piano.music.note import Note, Pedal

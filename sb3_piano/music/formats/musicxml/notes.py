@@ -1,0 +1,143 @@
+"""The notes of a MusicXML document as they are written, and what its groups of notes share."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from xml.etree.ElementTree import Element
+
+from sb3_piano.music.constants import DEFAULT_VELOCITY
+from sb3_piano.music.pitch import SEMITONES
+
+FORTE = 90
+"""The velocity of which MusicXML gives dynamics in per cent."""
+
+_FINGERS = re.compile(r"\s*([1-5])(\s*[-_\u2013/]\s*[1-5])*\s*")
+_DOTS = ("staccato", "staccatissimo", "spiccato")
+
+
+@dataclass(kw_only=True, eq=False)
+class SourceNote:
+    """A note as it is written, and after repeats are unfolded as it is played.
+
+    Attributes:
+        start: When it begins, in quarter notes; later in s.
+        end: When it ends, likewise; a grace note ends where it starts.
+        pitch: MIDI pitch as it sounds, that is after transposition; microtones are rounded.
+        voice: The voice, as the file names it.
+        staff: The staff, from 1.
+        fingers: Pianists' numbers, 1 to 5. More than one if the file gives those of a whole chord
+            at one of its notes.
+        velocity: 1-127.
+        tied_back: Whether a tie ends here.
+        tied_on: Whether a tie begins here.
+        in_chord: Whether it is struck with the note before it in the file.
+        grace: If it is a grace note: how many are still to come before the beat, from 1; else 0.
+        grace_run: Of how many grace notes (or chords) the run consists that it is one of.
+        closes: Whether it is a grace note after the last note of its voice in a measure.
+        is_staccato: Whether it has a dot or a wedge.
+    """
+
+    start: Fraction
+    end: Fraction
+    pitch: int
+    voice: str
+    staff: int
+    fingers: tuple[int, ...]
+    velocity: int
+    tied_back: bool
+    tied_on: bool
+    in_chord: bool
+    grace: int
+    grace_run: int = 0
+    closes: bool = False
+    is_staccato: bool
+
+
+def read_number(text: str) -> Fraction:
+    # By way of a float, which has an end: Fraction("1e999999999") would fill the memory.
+    return Fraction(str(float(text)))
+
+
+def read_note(element: Element, span: tuple[Fraction, Fraction], transposition: int) -> SourceNote:
+    """Read a note that has a pitch."""
+    step = (element.findtext("pitch/step") or "").strip()
+    if step not in SEMITONES:
+        raise ValueError(f"a pitch has the step {step!r}")
+    height = SEMITONES[step] + float(element.findtext("pitch/alter") or 0)
+    octave = int(element.findtext("pitch/octave") or "none")
+    ties = {tie.get("type") for tie in (*element.findall("tie"), *element.findall(".//tied"))}
+    dynamics = float(element.get("dynamics") or 100 * DEFAULT_VELOCITY / FORTE)
+    return SourceNote(
+        start=span[0],
+        end=span[1],
+        pitch=round(12 * (octave + 1) + height) + transposition,
+        voice=element.findtext("voice") or "1",
+        staff=int(element.findtext("staff") or 1),
+        fingers=_fingers(element),
+        velocity=min(max(round(dynamics * FORTE / 100), 1), 127),
+        tied_back="stop" in ties,
+        tied_on="start" in ties,
+        in_chord=element.find("chord") is not None,
+        grace=int(element.find("grace") is not None),
+        is_staccato=any(element.find(f"notations/articulations/{d}") is not None for d in _DOTS),
+    )
+
+
+def _fingers(note: Element) -> tuple[int, ...]:
+    """Return the fingers that play the onset: no substitutes, no alternatives."""
+    texts = [
+        fingering.text or ""
+        for fingering in note.findall("notations/technical/fingering")
+        if fingering.get("substitution") != "yes" and fingering.get("alternate") != "yes"
+    ]
+    return tuple(int(match[1]) for match in map(_FINGERS.fullmatch, texts) if match)
+
+
+def mark_closing(measure: Sequence[SourceNote], start: Fraction) -> None:
+    """Mark the grace notes after the last note of each voice in a measure, by when it begins."""
+    ended = set()
+    for note in reversed(measure):
+        if not note.grace or note.start == start:
+            ended.add(note.voice)
+        note.closes = note.voice not in ended
+
+
+def count_grace_notes(notes: list[SourceNote]) -> None:
+    """Number the grace notes of each run backwards from the beat."""
+    run: list[SourceNote] = []
+    for note in [*notes, None]:
+        place = None if note is None else (note.voice, note.start)
+        if note is not None and note.grace and (not run or place == (run[-1].voice, run[-1].start)):
+            run.append(note)
+            continue
+        left = total = sum(not one.in_chord for one in run) or 1
+        for position, one in enumerate(run):
+            left -= int(position > 0 and not one.in_chord)
+            one.grace, one.grace_run = max(left, 1), total
+        run = [note] if note is not None and note.grace else []
+
+
+def share_out(notes: list[SourceNote]) -> None:
+    """Give the fingers and the dot of a chord that stand at one of its notes to all of them.
+
+    Fingers and keys go the same way: in the right hand the higher finger has the higher key, in
+    the left hand the lower key; the left hand is on the second staff.
+    """
+    chords: list[list[SourceNote]] = []
+    for note in notes:
+        if not note.in_chord or not chords or note.start != chords[-1][0].start:
+            chords.append([])
+        chords[-1].append(note)
+    for chord in chords:
+        dotted = any(note.is_staccato for note in chord)
+        for note in chord:
+            note.is_staccato = dotted
+        numbers = sorted(finger for note in chord for finger in note.fingers)
+        if len(numbers) == len(chord) and any(len(note.fingers) > 1 for note in chord):
+            sign = -1 if chord[0].staff == 2 else 1
+            chord.sort(key=lambda note: sign * note.pitch)
+            for note, number in zip(chord, numbers, strict=True):
+                note.fingers = (number,)

@@ -1,17 +1,23 @@
-"""Ctrl-C and SIGTERM, answered at a moment when nothing is half done.
+"""Ctrl-C, SIGTERM and a closed terminal, answered at a moment when nothing is half done.
 
-Python lets only the main thread handle signals; elsewhere these contexts change nothing.
+Python lets only the main thread handle signals; elsewhere these contexts change nothing. Who has
+SIGHUP ignored, as ``nohup`` does, goes on without a terminal.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 _Handler = Callable[[int, Any], Any] | int
+
+_HANGUP = getattr(signal, "SIGHUP", None)  # Windows has none
+_OF_TERMINAL = tuple(s for s in (signal.SIGINT, _HANGUP) if s is not None)
+_ENDING = (*_OF_TERMINAL, signal.SIGTERM)
 
 
 class StopRequest:
@@ -27,7 +33,9 @@ _answering: list[StopRequest] = []
 
 @contextlib.contextmanager
 def stop_on_signal() -> Iterator[StopRequest]:
-    """Turn the first Ctrl-C or SIGTERM into a request to stop; the second one raises at once.
+    """Turn the first Ctrl-C, SIGTERM or SIGHUP into a request to stop; the second raises at once.
+
+    Not the second SIGHUP: a terminal that is closed and its shell both send one.
 
     A block within another one has the request of that, so that none is lost when the inner one
     ends just then.
@@ -41,12 +49,14 @@ def stop_on_signal() -> Iterator[StopRequest]:
     request = StopRequest()
 
     def handle(number: int, frame: object) -> None:
-        del number, frame  # either signal means the same
-        if request.made:
+        del frame
+        if number == _HANGUP:
+            _leave_terminal()
+        elif request.made:
             raise KeyboardInterrupt
         request.made = True
 
-    with _handlers({signal.SIGINT: handle, signal.SIGTERM: handle}) as installed:
+    with _handlers(dict.fromkeys(_ENDING, handle)) as installed:
         if not installed:
             yield request
             return
@@ -63,20 +73,57 @@ def stop_requested() -> bool:
 
 
 @contextlib.contextmanager
+def ended_as_by_ctrl_c() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP raise ``KeyboardInterrupt``, too, where nothing else answers them."""
+
+    def handle(number: int, frame: object) -> None:
+        del frame
+        if number == _HANGUP:
+            _leave_terminal()
+            signal.signal(number, signal.SIG_IGN)  # the shell's own may follow
+        raise KeyboardInterrupt
+
+    with _handlers({number: handle for number in _ENDING if number != signal.SIGINT}):
+        yield
+
+
+@contextlib.contextmanager
 def ctrl_c_deferred() -> Iterator[None]:
-    """Put Ctrl-C off until the end of the block."""
+    """Put Ctrl-C, SIGTERM and SIGHUP off until the end of the block."""
     came: list[int] = []
-    with _handlers({signal.SIGINT: lambda number, frame: came.append(number)}):
+    with _handlers(dict.fromkeys(_ENDING, lambda number, frame: came.append(number))):
         yield
     if came:
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(came[0])
 
 
 @contextlib.contextmanager
 def ctrl_c_ignored() -> Iterator[None]:
-    """Ignore Ctrl-C, also in processes that are started now, until they have their own handler."""
-    with _handlers({signal.SIGINT: signal.SIG_IGN}):
+    """Ignore Ctrl-C and a closed terminal, also in processes that are started now.
+
+    These do until they have their own handlers.
+    """
+    with _handlers(dict.fromkeys(_OF_TERMINAL, signal.SIG_IGN)):
         yield
+
+
+def leave_to_parent() -> None:
+    """Ignore Ctrl-C and a closed terminal in this process: the one that started it answers them.
+
+    They reach all processes of a terminal.
+    """
+    for number in _OF_TERMINAL:
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _leave_terminal() -> None:
+    """Print to nowhere if the terminal is gone, as every print would then be an error."""
+    for stream in (1, 2):
+        try:
+            os.write(stream, b"")
+        except OSError:
+            with contextlib.suppress(OSError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream)
 
 
 def in_main_thread() -> bool:
@@ -90,7 +137,11 @@ def _handlers(wanted: Mapping[signal.Signals, _Handler]) -> Iterator[bool]:
     if not in_main_thread():
         yield False
         return
-    former = {number: signal.signal(number, handler) for number, handler in wanted.items()}
+    former = {
+        number: signal.signal(number, handler)
+        for number, handler in wanted.items()
+        if number != _HANGUP or signal.getsignal(number) != signal.SIG_IGN
+    }
     try:
         yield True
     finally:

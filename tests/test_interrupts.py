@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM are answered when nothing is half done."""
+"""Ctrl-C, SIGTERM and SIGHUP are answered when nothing is half done."""
 
 from __future__ import annotations
 
@@ -7,7 +7,12 @@ import threading
 
 import pytest
 
-from sb3_piano.interrupts import ctrl_c_deferred, ctrl_c_ignored, stop_on_signal
+from sb3_piano.interrupts import (
+    ctrl_c_deferred,
+    ctrl_c_ignored,
+    ended_as_by_ctrl_c,
+    stop_on_signal,
+)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -20,6 +25,22 @@ def test_the_first_signal_is_a_request_and_the_second_raises(ctrl_c, number):
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(number)
     assert signal.getsignal(number) is former
+
+
+def test_a_closed_terminal_is_a_request_however_often_it_tells_and_ignored_by_nohup():
+    with stop_on_signal() as request:
+        signal.raise_signal(signal.SIGHUP)
+        signal.raise_signal(signal.SIGHUP)
+        assert request.made
+    with pytest.raises(KeyboardInterrupt), ended_as_by_ctrl_c():
+        signal.raise_signal(signal.SIGHUP)
+    former = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+    try:
+        with ended_as_by_ctrl_c(), stop_on_signal() as request:
+            signal.raise_signal(signal.SIGHUP)
+        assert not request.made
+    finally:
+        signal.signal(signal.SIGHUP, former)
 
 
 def test_ctrl_c_is_put_off_to_the_end_of_a_block_or_ignored(ctrl_c):

@@ -39,6 +39,7 @@ from sb3_piano.cli.common import (
 )
 from sb3_piano.exceptions import PlanWarning, SB3PianoError, ScoreWarning
 from sb3_piano.files import disk_refusal
+from sb3_piano.interrupts import ended_as_by_ctrl_c
 
 # torch and the simulator are imported by the commands that need them, so that --help is instant.
 _ADDED = (
@@ -78,7 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         for option in ("csv", "json"):
             check_output_file(f"--{option}", getattr(arguments, option, None))
-        with _warnings_told():
+        with _warnings_told(), ended_as_by_ctrl_c():
             status = int(arguments.command(arguments))
         sys.stdout.flush()  # so that what goes wrong with it is told below
         return status

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import signal
 from collections.abc import Callable, Generator, Sequence
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
+from sb3_piano.interrupts import leave_to_parent
 from sb3_piano.processes import process_context
 
 M = TypeVar("M")
@@ -57,7 +57,7 @@ def in_two_processes(start: Callable[[P], Talk[M, R]], one: P, other: P) -> list
 
 def _do_other(connection: Connection, start: Callable[[P], Talk[Any, Any]], part: P) -> None:
     """Do the second part in its process, until the first one's is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the first one's to answer
+    leave_to_parent()
     with contextlib.suppress(EOFError, OSError):
         connection.send(_beside(start(part), connection, is_first=False))
 

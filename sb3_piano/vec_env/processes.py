@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 import pickle
-import signal
 from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from typing import Any
@@ -20,6 +19,7 @@ from stable_baselines3.common.vec_env.base_vec_env import (
 )
 
 from sb3_piano.exceptions import RunError
+from sb3_piano.interrupts import leave_to_parent
 from sb3_piano.processes import process_context
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import torch_computing, usable_cores
@@ -210,8 +210,7 @@ class _Share(DummyVecEnv):
 def _serve(theirs: Connection, ours: Connection, env_fns: CloudpickleWrapper) -> None:
     """Make environments in a process, and do what is asked until nothing more is."""
     ours.close()  # else the end of the other process would go unnoticed
-    # Ctrl-C reaches the whole process group; it is for the training alone to answer it.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    leave_to_parent()
     venv: _Share | None = None
     with contextlib.suppress(EOFError, BrokenPipeError), torch_computing(1):
         try:

@@ -89,7 +89,7 @@ def test_an_info_keyword_that_the_environment_does_not_tell_is_named(run):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("action", ["SIGINT", "SIGTERM", "keyboard"])
+@pytest.mark.parametrize("action", ["SIGINT", "SIGTERM", "SIGHUP", "keyboard"])
 def test_an_interruption_saves_and_says_so(run, action):
     former = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
     result = run(every=1000, callback=act_at(50, action))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import signal
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -39,6 +38,7 @@ from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.interrupts import leave_to_parent
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.players import player_class
 from sb3_piano.processes import START_METHOD, process_context
@@ -141,8 +141,7 @@ def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> Ve
 
     def make(rank: int) -> Env:
         if os.getpid() != training_process:
-            # Ctrl-C reaches the whole process group; it is for the training alone to answer it.
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            leave_to_parent()
         env = build_env(configs[rank], innermost, log)
         if config.seed is not None:
             env.unwrapped.action_space.seed(config.seed + rank)

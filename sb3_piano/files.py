@@ -11,10 +11,12 @@ import io
 import json
 import lzma
 import os
+import re
 import secrets
+import shutil
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from io import BufferedWriter
 from pathlib import Path
 from typing import Any, TypeVar
@@ -24,10 +26,19 @@ from pydantic import TypeAdapter, ValidationError
 
 from sb3_piano.exceptions import RunError, SB3PianoError
 
+try:
+    import fcntl
+except ImportError:  # Windows, where nobody knows whether what is unfinished has an owner
+    fcntl = None  # type: ignore[assignment]
+
 T = TypeVar("T")
 
 PARTIAL_SUFFIX = ".partial"
 """Suffix of a file that is being written; one that is left over may be deleted."""
+
+_PARTIAL = re.compile(rf".+\.[0-9a-f]{{16}}{re.escape(PARTIAL_SUFFIX)}")
+_cleaned: set[Path] = set()
+"""Folders in which this process has deleted what killed ones had left."""
 
 
 _LZMA_MEMORY = 2**28
@@ -65,10 +76,52 @@ def disk_refusal(error: BaseException | None) -> str | None:
     return None
 
 
-def partial_file(path: Path) -> Path:
-    """Return a file beside another, to be written in its place, whose name nobody else uses."""
-    # No longer than the longest name that a file may have, which is 255 bytes.
-    return path.with_name(f"{path.name[:50]}.{secrets.token_hex(8)}{PARTIAL_SUFFIX}")
+def own(descriptor: int) -> None:
+    """Own a file or folder that is not finished as long as it is open, and this process lives."""
+    if fcntl is not None:
+        with contextlib.suppress(OSError):  # a disk that has no locks
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+
+
+def delete_unowned(paths: Iterable[Path]) -> None:
+    """Delete files and folders that processes which were killed have left unfinished."""
+    for path in paths if fcntl is not None else ():
+        with contextlib.suppress(OSError):  # it has an owner, or has just gone
+            descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if path.is_dir():
+                    shutil.rmtree(path)
+                else:
+                    path.unlink()
+            finally:
+                os.close(descriptor)
+
+
+@contextlib.contextmanager
+def partial_file(path: Path) -> Iterator[BufferedWriter]:
+    """Give a file beside another, to be written and put in its place; it is deleted otherwise.
+
+    What killed processes have left in the folder is deleted as well, once in a process.
+    """
+    folder = Path(os.path.realpath(path.parent))
+    if folder not in _cleaned:
+        delete_unowned(each for each in folder.glob("*") if _PARTIAL.fullmatch(each.name))
+        _cleaned.add(folder)
+    while True:
+        # No longer than the longest name that a file may have, which is 255 bytes.
+        name = f"{path.name[:50]}.{secrets.token_hex(8)}{PARTIAL_SUFFIX}"
+        file = path.with_name(name).open("xb")
+        own(file.fileno())
+        if os.fstat(file.fileno()).st_nlink:  # else it was deleted before it had an owner
+            break
+        file.close()
+    try:
+        yield file
+    finally:
+        for end in (file.close, path.with_name(name).unlink):
+            with contextlib.suppress(OSError):  # the disk is full, or it has taken its place
+                end()
 
 
 def write_atomically(path: Path, write: Callable[[BufferedWriter], object]) -> None:
@@ -76,7 +129,7 @@ def write_atomically(path: Path, write: Callable[[BufferedWriter], object]) -> N
 
     ``write`` is called with a neighbouring file, whose bytes reach the disk before it takes the
     final name in one step, which reaches the disk before this returns. If that fails the
-    neighbouring file is deleted; only a killed process leaves it behind.
+    neighbouring file is deleted; that of a killed process is by the next one that writes there.
 
     A link goes on leading to the file, which is replaced. A device or a pipe cannot be, and is
     written to.
@@ -86,18 +139,14 @@ def write_atomically(path: Path, write: Callable[[BufferedWriter], object]) -> N
             write(stream)
         return
     path = Path(os.path.realpath(path))
-    partial = partial_file(path)
-    try:
-        with partial.open("xb") as file:
-            write(file)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            partial.unlink()
-        raise
-    _sync_folder(path.parent)
+    with partial_file(path) as file:
+        write(file)
+        file.flush()
+        os.fsync(file.fileno())
+        if fcntl is None:
+            file.close()  # Windows renames no open files
+        os.replace(file.name, path)
+    sync_folder(path.parent)
 
 
 def check_writable(path: Path) -> None:
@@ -115,9 +164,8 @@ def check_writable(path: Path) -> None:
     path = Path(os.path.realpath(path))
     with contextlib.suppress(FileNotFoundError):
         path.stat()  # refuses a name that is too long
-    partial = partial_file(path)
-    partial.touch()
-    partial.unlink()
+    with partial_file(path):
+        pass
 
 
 def _takes_bytes(path: Path) -> bool:
@@ -130,7 +178,7 @@ def _takes_bytes(path: Path) -> bool:
     return path.exists() and not path.is_dir() and (is_open or not path.is_file())
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
     """Let the names of a folder's files reach the disk, where a system can do that."""
     with contextlib.suppress(OSError):  # Windows opens no folders
         descriptor = os.open(folder, os.O_RDONLY)

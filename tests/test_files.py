@@ -13,7 +13,14 @@ from pathlib import Path
 import pytest
 
 from sb3_piano.exceptions import RunError
-from sb3_piano.files import check_writable, disk_refusal, read_member, write_atomically, write_text
+from sb3_piano.files import (
+    check_writable,
+    disk_refusal,
+    own,
+    read_member,
+    write_atomically,
+    write_text,
+)
 
 
 @pytest.fixture
@@ -71,6 +78,22 @@ def test_of_two_that_write_a_file_at_once_each_writes_a_whole_one(tmp_path):
     write_atomically(file, slow)
     assert file.read_text() == "slow and whole"
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_what_killed_processes_left_goes_with_the_next_write_and_what_has_an_owner_stays(tmp_path):
+    dead, owned = (tmp_path / f"file.{digit * 16}.partial" for digit in "ab")
+    others = [tmp_path / name for name in ("film.mp4.partial", "linked.cccccccccccccccc.partial")]
+    for file in (dead, owned, others[0]):
+        file.write_bytes(b"half")
+    others[1].symlink_to(others[0])
+    with owned.open("ab") as file:
+        own(file.fileno())
+        write_text(tmp_path / "new", "whole")
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "new",
+        owned.name,
+        *(path.name for path in others),
+    }
 
 
 @pytest.mark.parametrize("name", ["x" * 255, "\U0001d11e" * 63 + "abc"], ids=["ascii", "not ascii"])

@@ -50,9 +50,13 @@ def write_video(
     """
     path = Path(path)
     _check(fps, audio, size)
-    silent, whole = partial_file(path), partial_file(path)
     rate = Fraction(fps).limit_denominator(100000)
-    try:
+    with contextlib.ExitStack() as partial:
+        try:
+            files = [partial.enter_context(partial_file(path)) for _ in range(2)]
+        except OSError as error:
+            raise RenderingError(f"Cannot write the video '{path}': {error.strerror}.") from error
+        silent, whole = (Path(file.name) for file in files)
         with _ffmpeg_running(path, _encoding(silent, rate, size)) as pipe:
             count = 0
             for count, frame in enumerate(frames, start=1):
@@ -66,9 +70,6 @@ def write_video(
         with _ffmpeg_running(path, _muxing(silent, audio, count / rate, whole)):
             pass
         os.replace(whole, path)
-    finally:
-        silent.unlink(missing_ok=True)
-        whole.unlink(missing_ok=True)
 
 
 def _encoding(path: Path, rate: Fraction, size: tuple[int, int]) -> list[str]:

@@ -54,6 +54,15 @@ def metronome(unit, value, dots=0):
     )
 
 
+def metronome_relation(former, new):
+    notes = [
+        f"<metronome-note><metronome-type>{kind}</metronome-type></metronome-note>"
+        for kind in (former, new)
+    ]
+    relation = "<metronome-relation>equals</metronome-relation>".join(notes)
+    return direction(f"<metronome>{relation}</metronome>")
+
+
 def part(*measures, staves=1, clef="G", transpose="", first=1):
     attributes = (
         f"<attributes><divisions>{DIVISIONS}</divisions><time><beats>4</beats>"
@@ -112,6 +121,17 @@ class TestTime:
             (metronome("quarter", 40, dots=1), 1.0),
             (metronome("eighth", "c. 120"), 1.0),
             (metronome("quarter", "lively"), 0.5),
+            (metronome("quarter", "80-88"), 0.75),
+            (
+                metronome("quarter", 40).replace(
+                    "<per-", "<beat-unit-tied><beat-unit>eighth</beat-unit></beat-unit-tied><per-"
+                ),
+                1.0,
+            ),
+            (metronome_relation("quarter", "half"), 0.25),
+            (metronome_relation("eighth", "16th") * 2, 1.0),
+            (tempo("60,0"), 1.0),
+            (tempo(""), 0.5),
             (direction("<words>Adagio</words>"), 0.5),
         ],
     )
@@ -140,6 +160,62 @@ class TestTime:
     def test_a_tie_that_ends_nowhere_ends_its_note(self, read):
         music = note("C4", 4, '<tie type="start"/>') + note("D4", 4, '<tie type="stop"/>')
         assert played(read(music)) == [(60, 0, 0.5), (62, 0.5, 1)]
+
+    def test_a_modulation_goes_by_the_tempo_before_also_of_another_part(self, read):
+        chain = [metronome_relation("quarter", "half") + note("C5", 16) for _ in range(3)]
+        parts = {"A": part(*chain), "B": part(tempo(60) + note("C3", 16))}
+        assert [event[1] for event in played(read(parts=parts))] == [0, 0, 4, 6]
+
+    def test_what_is_heard_elsewhere_than_it_stands_is_read_where_it_is_heard(self, read):
+        late = '<direction-type><words>x</words></direction-type><offset sound="{}">4</offset>'
+        for heard, end in (("yes", 1.5), ("no", 2)):
+            music = f"<direction>{late.format(heard)}{tempo(60)}</direction>" + note("C4", 8)
+            assert read(music).duration == end
+        early = '<sound tempo="60"><offset>-99</offset></sound>'
+        assert read(note("C4", 4) + early + note("D4", 4)).duration == 2
+
+    def test_a_tie_goes_on_with_its_last_note_unless_the_key_was_struck_again(self, read):
+        start, stop = '<tie type="start"/>', '<tie type="stop"/>'
+        music = note("C4", 2, start) + note("D4", 2) + note("C4", 4, stop, staff=2, voice=2)
+        assert played(read(music)) == [(60, 0, 1), (62, 0.25, 0.5)]
+        music = note("C4", 4, start) + note("D4", 4) + note("C4", 4) + note("C4", 4, stop)
+        assert len(played(read(music))) == 4
+        music = note("C4", 9, start) + backup(1) + note("C4", 8, stop)
+        assert played(read(music)) == [(60, 0, 2)]
+
+    def test_a_tie_from_grace_notes_to_a_chord_holds_them(self, read):
+        start, stop = '<tie type="start"/>', '<tied type="stop"/>'
+        graces = [note(name, 0, start, kind="<grace/>") for name in ("C4", "E4")]
+        chord = note("C4", 4, stop) + note("E4", 4, stop, chord=True)
+        assert played(read(note("G4", 4) + "".join(graces) + chord))[1:] == [
+            (60, pytest.approx(0.3), 1),
+            (64, pytest.approx(0.4), 1),
+        ]
+
+    @pytest.mark.parametrize(
+        ("swing", "onsets"),
+        [
+            ("<swing><first>3</first><second>1</second></swing>", [0, 3, 4, 5.5, 7, 8, 28 / 3]),
+            (
+                "<swing><first>2</first><second>1</second><swing-type>16th</swing-type></swing>",
+                [0, 2, 4, 16 / 3, 6, 8, 28 / 3],
+            ),
+            ("<swing><straight/></swing>", [0, 2, 4, 5, 6, 8, 28 / 3]),
+        ],
+    )
+    def test_notes_of_one_kind_are_swung(self, swing, onsets, read):
+        lengths = [2, 2, 1, 1, 2, "1.3333333333333333", "2.6666666666666667"]
+        music = "".join(note("C4", length) for length in lengths)
+        score = read(tempo(60).replace("/>", f">{swing}</sound>") + music)
+        assert [4 * note.onset for note in score.notes] == pytest.approx(onsets)
+
+    def test_a_rest_or_note_without_duration_is_as_long_as_its_type(self, read):
+        triplet = "<actual-notes>3</actual-notes><normal-notes>2</normal-notes>"
+        triplet = f"<time-modification>{triplet}</time-modification>"
+        music = note("C4", 0, f"<type>quarter</type><dot/>{triplet}") + note("D4", 4)
+        assert played(read(music)) == [(60, 0, 0.5), (62, 0.5, 1)]
+        rest = '<note><rest measure="yes"/></note>'
+        assert played(read(rest + note("D4", 4))) == [(62, 2, 2.5)]
 
     def test_a_staccato_dot_halves_a_note_and_its_chord(self, read):
         dot = "<notations><articulations><staccato/></articulations></notations>"
@@ -377,6 +453,23 @@ class TestPedal:
     def test_is_up_for_a_moment_where_it_is_changed(self, change, read):
         music = pedal("start") + note("C4", 8) + change + note("D4", 8) + pedal("stop")
         assert read(music).pedals == (Pedal(onset=0, offset=1), Pedal(onset=1.1, offset=2))
+
+    def test_a_press_may_be_written_before_the_end_of_the_former(self, read):
+        early = pedal("stop").replace("</direction>", '<offset sound="yes">-4</offset></direction>')
+        music = pedal("start") + note("C4", 8) + pedal("start") + note("D4", 12) + early
+        music = music + early.replace("-4", "-12") + pedal("stop")
+        assert read(music).pedals == (Pedal(onset=0, offset=1), Pedal(onset=1.1, offset=2))
+
+    def test_of_what_sounds_and_what_is_printed_what_sounds_counts(self, read):
+        def damper(kind, value, offset=0):
+            sound = f'<sound damper-pedal="{value}"><offset>{offset}</offset></sound>'
+            return direction(f'<pedal type="{kind}"/>', sound)
+
+        music = damper("start", 90, 4) + note("C4", 8) + damper("change", "yes") + note("D4", 8)
+        assert read(music + damper("stop", 10)).pedals == (
+            Pedal(onset=0.5, offset=1),
+            Pedal(onset=1.1, offset=2),
+        )
 
 
 class TestPitchAndVelocity:

@@ -10,11 +10,19 @@ from xml.etree.ElementTree import Element
 
 from sb3_piano.music.constants import DEFAULT_VELOCITY
 from sb3_piano.music.pitch import SEMITONES
+from sb3_piano.music.text_file import read_whole
 
 FORTE = 90
 """The velocity of which MusicXML gives dynamics in per cent."""
 
 _FINGERS = re.compile(r"\s*([1-5])(\s*[-_\u2013/]\s*[1-5])*\s*")
+_KINDS = (
+    *("maxima", "long", "breve", "whole", "half", "quarter", "eighth"),
+    *("16th", "32nd", "64th", "128th", "256th", "512th", "1024th"),
+)
+_VALUES = {kind: Fraction(32, 2**halvings) for halvings, kind in enumerate(_KINDS)}
+_TUPLET = ("actual", "normal")
+_MOST_DOTS = 4
 _DOTS = ("staccato", "staccatissimo", "spiccato")
 
 
@@ -38,6 +46,7 @@ class SourceNote:
         grace_run: Of how many grace notes (or chords) the run consists that it is one of.
         closes: Whether it is a grace note after the last note of its voice in a measure.
         is_staccato: Whether it has a dot or a wedge.
+        doubling: How many semitones from it another note sounds with it; 0 if none does.
     """
 
     start: Fraction
@@ -54,30 +63,45 @@ class SourceNote:
     grace_run: int = 0
     closes: bool = False
     is_staccato: bool
+    doubling: int = 0
 
 
-def read_number(text: str) -> Fraction:
+def read_number(text: str | None) -> Fraction:
+    """Return the number that a text stands for, which may have a decimal comma; 0 without one."""
     # By way of a float, which has an end: Fraction("1e999999999") would fill the memory.
-    return Fraction(str(float(text)))
+    return Fraction(str(float((text or "").strip().replace(",", ".") or 0)))
 
 
-def read_note(element: Element, span: tuple[Fraction, Fraction], transposition: int) -> SourceNote:
+def note_value(kind: str | None, dots: int = 0, tuplet: Element | None = None) -> Fraction:
+    """Return the quarter notes that a kind of note lasts, 0 of an unknown one."""
+    value = _VALUES.get((kind or "").strip().lower(), Fraction(0))
+    value *= 2 - Fraction(1, 2 ** min(dots, _MOST_DOTS))
+    if tuplet is not None:
+        actual, normal = (read_whole(tuplet.findtext(f"{one}-notes") or "") or 1 for one in _TUPLET)
+        value *= Fraction(normal, actual)
+    return value
+
+
+def read_note(element: Element, span: tuple[Fraction, Fraction]) -> SourceNote:
     """Read a note that has a pitch."""
     step = (element.findtext("pitch/step") or "").strip()
     if step not in SEMITONES:
         raise ValueError(f"a pitch has the step {step!r}")
-    height = SEMITONES[step] + float(element.findtext("pitch/alter") or 0)
+    height = SEMITONES[step] + read_number(element.findtext("pitch/alter"))
     octave = int(element.findtext("pitch/octave") or "none")
     ties = {tie.get("type") for tie in (*element.findall("tie"), *element.findall(".//tied"))}
-    dynamics = float(element.get("dynamics") or 100 * DEFAULT_VELOCITY / FORTE)
+    if "continue" in ties:
+        ties |= {"start", "stop"}
+    dynamics = element.get("dynamics")
+    velocity = read_number(dynamics) * FORTE / 100 if dynamics else DEFAULT_VELOCITY
     return SourceNote(
         start=span[0],
         end=span[1],
-        pitch=round(12 * (octave + 1) + height) + transposition,
+        pitch=round(12 * (octave + 1) + height),
         voice=element.findtext("voice") or "1",
         staff=int(element.findtext("staff") or 1),
         fingers=_fingers(element),
-        velocity=min(max(round(dynamics * FORTE / 100), 1), 127),
+        velocity=min(max(round(velocity), 1), 127),
         tied_back="stop" in ties,
         tied_on="start" in ties,
         in_chord=element.find("chord") is not None,

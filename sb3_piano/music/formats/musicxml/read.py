@@ -11,6 +11,7 @@ import os
 import re
 import statistics
 import warnings
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
@@ -37,6 +38,9 @@ _KEYBOARDS = re.compile(
 _GRACE = Fraction(1, 10)
 """Longest duration of a grace note, s."""
 
+_MOST_TIES = 16
+"""How many voices may hold a key."""
+
 _LIFT = Fraction(1, 10)
 """Time for which the pedal is up where it is changed, s."""
 
@@ -44,15 +48,16 @@ _LIFT = Fraction(1, 10)
 def read_musicxml(path: str | os.PathLike[str]) -> Score:
     """Read a MusicXML file; its name without the suffix becomes the title.
 
-    - *Time*: by the tempo marks, 120 quarter notes a minute until the first; fermatas and words
-      change nothing. Repeats, endings, D.C. and D.S. are played. A grace note is played before
-      the beat, for 0.1 s, or less where that would take more than half of the time since the last
-      note. A note with a staccato dot is held for half of its time. Trills and arpeggios are
-      played as the plain notes that are written.
+    - *Time*: by the tempo marks, 120 quarter notes a minute until the first, and the signs of
+      swing; fermatas and words change nothing. Repeats, endings, D.C. and D.S. are played. A grace
+      note is played before the beat, for 0.1 s, or less where that would take more than half of
+      the time since the last note. A note with a staccato dot is held for half of its time. Trills
+      and arpeggios are played as the plain notes that are written.
     - *Hands*: of a part with two staves, the upper is the right hand's; of two parts with one
       staff, likewise. A lone staff is a hand's if its name says so, or if it has fingerings; then
       the clef decides. Of a substitution (``4-1``) the first finger is taken.
-    - *Pedal*: by its marks. Where it is changed it is up for 0.1 s.
+    - *Pedal*: by its marks, or the sound that stands with them. Where it is changed it is up for
+      0.1 s.
     - *Velocity*: by the ``dynamics`` of each note, which programs write from playback, 80 without;
       the signs (``mf``) are not played.
     - *Parts*: one or two. Of more, and of a singer or player with a piano, only the parts of
@@ -160,34 +165,48 @@ def _tied_notes(notes: Sequence[SourceNote], line: Timeline) -> list[SourceNote]
         for start, end in line.played(note.start, note.end, closes=note.closes)
     ]
     joined: list[SourceNote] = []
-    open_ties: dict[tuple[int, Fraction], list[SourceNote]] = {}
+    open_ties: dict[int, list[SourceNote]] = defaultdict(list)
     for note in sorted(played, key=attrgetter("start")):
         if note.is_staccato and not (note.tied_on or note.tied_back):
             note.end = (note.start + note.end) / 2
-        candidates = open_ties.get((note.pitch, note.start), []) if note.tied_back else []
-        if candidates:
-            same_voice = [other for other in candidates if other.voice == note.voice]
-            whole = (same_voice or candidates)[0]
-            candidates.remove(whole)
-            whole.end = note.end
-        else:
+        ties = open_ties[note.pitch]
+        whole = _tied_to(note, ties) if note.tied_back else None
+        if whole is None:
+            # Who strikes a key holds it no more, but for other voices.
+            ties[:] = [tie for tie in ties[-_MOST_TIES:] if tie.end > note.start]
             whole = note
             joined.append(note)
+        else:
+            ties.remove(whole)
+            whole.end = max(whole.end, note.end)
         if note.tied_on:
-            open_ties.setdefault((note.pitch, note.end), []).append(whole)
+            ties.append(whole)
     return joined
+
+
+def _tied_to(note: SourceNote, ties: Sequence[SourceNote]) -> SourceNote | None:
+    """Return which note of its pitch, of those with an open tie, another one goes on with.
+
+    It is the one that ends where the other begins, of the same voice if there are more; else the
+    last one, over a gap.
+    """
+    meeting = [tie for tie in ties if tie.end == note.start]
+    same_voice = [tie for tie in meeting if tie.voice == note.voice]
+    earlier = [tie for tie in ties if tie.start < note.start and tie.end <= note.end]
+    return next(iter([*same_voice, *meeting, *reversed(earlier)]), None)
 
 
 def _with_grace_times(notes: list[SourceNote]) -> list[SourceNote]:
     """Play the grace notes, which have no time of their own, before the beat."""
     onsets = sorted({note.start for note in notes if not note.grace})
     for note in notes:
-        if note.grace and note.start == note.end:
+        if note.grace:
             before = bisect.bisect_left(onsets, note.start) - 1
             room = (note.start - onsets[before]) / 2 if before >= 0 else note.grace_run * _GRACE
             length = min(_GRACE, room / note.grace_run)
+            is_tied = note.end > note.start  # to its main note
             note.start -= note.grace * length
-            note.end = note.start + length
+            note.end = note.end if is_tied else note.start + length
     return notes
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import re
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from xml.etree.ElementTree import Element
 
@@ -13,14 +14,20 @@ from sb3_piano.music.formats.musicxml.notes import (
     SourceNote,
     count_grace_notes,
     mark_closing,
+    note_value,
     read_note,
     read_number,
     share_out,
 )
+from sb3_piano.music.formats.musicxml.tempo_marks import metronome_tempo
 from sb3_piano.music.formats.musicxml.timing import Marks
 from sb3_piano.music.text_file import read_whole
 
-_QUARTERS = {"whole": 4.0, "half": 2.0, "quarter": 1.0, "eighth": 0.5, "16th": 0.25, "32nd": 0.125}
+_DIVISIONS = "measure/attributes/divisions"
+_DAMPER = "damper-pedal"
+_HALF_DOWN = 50
+"""Per cent from which on a damper pedal is down."""
+
 _LEAPS = ("dacapo", "dalsegno", "segno", "tocoda", "coda", "fine")
 
 
@@ -55,37 +62,51 @@ def parse_document(content: bytes) -> tuple[list[SourcePart], Marks]:
     root = read_document(content)
     names = {part.get("id"): part.findtext("part-name") for part in root.iter("score-part")}
     marks, elements = Marks(), root.findall("part")
-    readers = [_PartReader(SourcePart(names.get(one.get("id")) or ""), marks) for one in elements]
+    readers = [
+        _PartReader(SourcePart(names.get(one.get("id")) or ""), marks, divisions)
+        for one, divisions in zip(elements, _first_divisions(elements), strict=True)
+    ]
     end = Fraction(0)
     for measures in itertools.zip_longest(*(one.findall("measure") for one in elements)):
         # A measure is as long as in its longest part: others may leave rests out.
         there = [pair for pair in zip(readers, measures, strict=True) if pair[1] is not None]
         start, end = end, max([reader.read(measure, end) for reader, measure in there])
-        if end == start and not any(_is_upbeat(measure) for _, measure in there):
+        upbeat = any(_is_upbeat(measure) for _, measure in there)
+        if end == start and not upbeat:
             end += max(reader.meter for reader, _ in there)  # of a rest that nobody has written
         for reader, measure in there:
             reader.close(measure, end)
         marks.end_measure(end)
+        marks.swings.bars.append((start, end if upbeat else start))
     for reader in readers:
-        reader.release_pedal(end)
-        count_grace_notes(reader.part.notes)
-        share_out(reader.part.notes)
+        reader.finish(end)
     return [reader.part for reader in readers], marks
 
 
-class _PartReader:
-    """Walk through the measures of a part."""
+def _first_divisions(parts: Sequence[Element]) -> list[Fraction]:
+    """Return the first divisions of each part, wherever they stand in it, else those of another."""
+    own = [
+        next(filter(None, (read_number(e.text) for e in part.iterfind(_DIVISIONS))), None)
+        for part in parts
+    ]
+    others = next(filter(None, own), Fraction(1))
+    return [divisions or others for divisions in own]
 
-    def __init__(self, part: SourcePart, marks: Marks) -> None:
+
+class _PartReader:
+    """Walk through the measures of a part, whose ``divisions`` of a quarter note are the first."""
+
+    def __init__(self, part: SourcePart, marks: Marks, divisions: Fraction) -> None:
         self.part = part
         self._marks = marks
-        self._divisions = Fraction(1)
-        self._transposition = 0
+        self._divisions = divisions
+        self._transpositions: dict[int, tuple[int, int]] = {}
+        """Semitones, and those of a second note, by staff; 0 is every other one."""
         self.meter = Fraction(0)
         """Length of a measure, in quarter notes, once it is known."""
         self._here = Fraction(0)
         self._struck = (Fraction(0), Fraction(0))
-        self._pedal_down: Fraction | None = None
+        self._pedal_signs: list[tuple[Fraction, str]] = []
 
     def read(self, measure: Element, start: Fraction) -> Fraction:
         """Read a measure, but for the bar line at its end, and return where its last voice ends."""
@@ -118,29 +139,61 @@ class _PartReader:
         for barline in filter(_is_last, measure.findall("barline")):
             self._read_barline(barline, end)
 
-    def release_pedal(self, at: Fraction) -> None:
-        """Note that the pedal is up, if it is down."""
-        if self._pedal_down is not None:
-            self.part.pedals.append((self._pedal_down, at))
-        self._pedal_down = None
+    def finish(self, end: Fraction) -> None:
+        """Read what concerns all measures, now that the last one ends."""
+        notes = self.part.notes
+        count_grace_notes(notes)
+        share_out(notes)
+        notes += [
+            replace(note, pitch=note.pitch + note.doubling, fingers=())
+            for note in notes
+            if note.doubling
+        ]
+        self._marks.swings.apply(notes)
+        down: Fraction | None = None
+        # Where a press follows another, the end of the former may be written after its start.
+        for at, kind in sorted(self._pedal_signs, key=lambda sign: (sign[0], sign[1] != "stop")):
+            if down is not None and kind != "hold":
+                self.part.pedals.append((down, at))
+                down = None
+            if down is None and kind != "stop":
+                down = at
+        if down is not None:
+            self.part.pedals.append((down, end))
 
     def _duration(self, element: Element) -> Fraction:
-        duration = read_number(element.findtext("duration") or "0") / self._divisions
+        duration = read_number(element.findtext("duration")) / self._divisions
         if duration < 0:
             raise ValueError(f"a duration is {element.findtext('duration')}, less than 0")
         return duration
 
+    def _note_duration(self, note: Element) -> Fraction:
+        """Return how long a note or rest lasts, by its type where no duration says it."""
+        duration, rest = self._duration(note), note.find("rest")
+        if duration or note.find("grace") is not None:
+            return duration
+        if rest is not None and rest.get("measure") == "yes":
+            return self.meter
+        dots = len(note.findall("dot"))
+        return note_value(note.findtext("type"), dots, note.find("time-modification"))
+
     def _read_note(self, element: Element) -> None:
+        duration, span = self._note_duration(element), self._struck
         if element.find("chord") is None:
-            end = self._here + self._duration(element)
-            self._struck, self._here = (self._here, end), end
+            span = self._struck = (self._here, self._here + duration)
+            self._here += duration
+        elif duration:
+            span = (span[0], span[0] + duration)
         if element.find("pitch") is not None and element.find("cue") is None:
-            note = read_note(element, self._struck, self._transposition)
+            note = read_note(element, span)
+            every = self._transpositions.get(0, (0, 0))
+            semitones, note.doubling = self._transpositions.get(note.staff, every)
+            note.pitch += semitones
             self.part.notes.append(note)
             self.part.staves = max(self.part.staves, note.staff)
 
     def _read_attributes(self, element: Element) -> None:
-        self._divisions = read_number(element.findtext("divisions") or "0") or self._divisions
+        self._divisions = read_number(element.findtext("divisions")) or self._divisions
         self.part.staves = max(self.part.staves, int(element.findtext("staves") or 1))
         meter = element.find("time")
         if meter is not None:
@@ -148,27 +201,51 @@ class _PartReader:
         for clef in element.findall("clef"):
             if clef.get("number", "1") == "1":
                 self.part.clef = self.part.clef or clef.findtext("sign") or ""
-        transpose = element.find("transpose")
-        if transpose is not None:
-            chromatic = round(float(transpose.findtext("chromatic") or 0))
-            octaves = int(transpose.findtext("octave-change") or 0)
-            self._transposition = chromatic + 12 * octaves
+        for transpose in element.findall("transpose"):
+            self._read_transpose(transpose)
+
+    def _read_transpose(self, element: Element) -> None:
+        octaves = read_number(element.findtext("octave-change"))
+        semitones = round(read_number(element.findtext("chromatic")) + 12 * octaves)
+        double, staff = element.find("double"), read_whole(element.get("number", "")) or 0
+        above = double is not None and double.get("above") == "yes"
+        doubling = 0 if double is None else 12 if above else -12
+        others = self._transpositions if staff else {}
+        self._transpositions = {**others, staff: (semitones, doubling)}
 
     def _read_direction(self, element: Element) -> None:
-        for sound in element.findall("sound"):
-            self._read_sound(sound)
-        tempo = _metronome_tempo(element)
-        if tempo is not None:
-            self._marks.add_tempo(self._here, tempo, printed=True)
+        offset = element.find("offset")
+        is_heard = offset is not None and offset.get("sound") == "yes"
+        at = self._moved(offset if is_heard else None)
+        sounds = element.findall("sound")
+        for sound in sounds:
+            self._read_sound(sound, at)
+        for mark in element.findall("direction-type/metronome"):
+            tempo = metronome_tempo(mark)
+            if tempo is not None and not any(sound.get("tempo") for sound in sounds):
+                self._marks.add_tempo(at, tempo[0], printed=True, relative=tempo[1])
         for pedal in element.findall("direction-type/pedal"):
-            kind = pedal.get("type")
-            if kind in ("start", "change", "stop"):
-                self.release_pedal(self._here)
-                self._pedal_down = None if kind == "stop" else self._here
+            kind = pedal.get("type", "")
+            is_said = kind != "change" and any(sound.get(_DAMPER) for sound in sounds)
+            if kind in ("start", "change", "stop") and not is_said:
+                self._pedal_signs.append((at, kind))
 
-    def _read_sound(self, element: Element) -> None:
-        if element.get("tempo") is not None:
-            self._marks.add_tempo(self._here, float(element.get("tempo", "")))
+    def _moved(self, offset: Element | None, at: Fraction | None = None) -> Fraction:
+        """Return where is heard what stands here, by its offset if it has one."""
+        if offset is None:
+            return self._here if at is None else at
+        return max(self._here + read_number(offset.text) / self._divisions, Fraction(0))
+
+    def _read_sound(self, element: Element, at: Fraction | None = None) -> None:
+        at = self._moved(element.find("offset"), at)
+        if element.get("tempo"):
+            self._marks.add_tempo(at, read_number(element.get("tempo")))
+        damper, swing = element.get(_DAMPER), element.find("swing")
+        if damper:
+            is_down = damper == "yes" or (damper != "no" and read_number(damper) >= _HALF_DOWN)
+            self._pedal_signs.append((at, "hold" if is_down else "stop"))
+        if swing is not None:
+            self._marks.swings.add(at, swing)
         for kind in _LEAPS:
             name = element.get(kind)
             if name is not None and name != "no":
@@ -202,16 +279,3 @@ def _length(meter: Element) -> Fraction:
 def _is_last(barline: Element) -> bool:
     """Return whether a bar line is the one at the end of its measure."""
     return barline.get("location", "right") not in ("left", "middle")
-
-
-def _metronome_tempo(direction: Element) -> float | None:
-    """Return the quarter notes per minute of a metronome mark."""
-    mark = direction.find("direction-type/metronome")
-    if mark is None:
-        return None
-    number = re.search(r"\d+(\.\d+)?", mark.findtext("per-minute") or "")
-    unit = _QUARTERS.get((mark.findtext("beat-unit") or "").strip())
-    if number is None or unit is None:
-        return None
-    dots = len(mark.findall("beat-unit-dot"))
-    return float(number[0]) * unit * (2 - 0.5**dots)

@@ -9,10 +9,17 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 
+from sb3_piano.music.formats.musicxml.tempo_marks import Swings
 from sb3_piano.music.text_file import read_whole
 
 _QUARTERS_PER_MINUTE = Fraction(120)
 """The tempo of a file until its first mark, as notation programs have it."""
+
+_SLOWEST, _FASTEST = Fraction(1), Fraction(9999)
+"""Bounds of a tempo that is a multiple of that before."""
+
+_FINEST = 2**64
+"""Largest denominator of times that others are reckoned from."""
 
 _MOST_TIMES = 20
 """How often what is repeated is played at most: damaged numbers would fill the memory."""
@@ -31,24 +38,28 @@ class Marks:
     """Marks of tempo and order in a file, in any part, by the quarter note at which they stand.
 
     Attributes:
-        tempos: Quarter notes a minute from there on.
+        tempos: Quarter notes a minute from there on; with ``True`` as a multiple of those before.
         signs: Kinds, each with its name: forward and backward (repeats; how often they are played),
             dacapo, dalsegno, segno, tocoda, coda, fine.
         endings: The endings that start there.
+        swings: Where notes are swung.
         end: Where the longest part ends.
     """
 
-    tempos: dict[Fraction, Fraction] = field(default_factory=dict)
+    tempos: dict[Fraction, tuple[Fraction, bool]] = field(default_factory=dict)
     signs: dict[Fraction, set[tuple[str, str]]] = field(default_factory=lambda: defaultdict(set))
     endings: dict[Fraction, _Ending] = field(default_factory=dict)
+    swings: Swings = field(default_factory=Swings)
     end: Fraction = Fraction(0)
     _open: _Ending | None = None
     _sounding: set[Fraction] = field(default_factory=set)
 
-    def add_tempo(self, at: Fraction, tempo: float, *, printed: bool = False) -> None:
+    def add_tempo(
+        self, at: Fraction, tempo: Fraction, *, printed: bool = False, relative: bool = False
+    ) -> None:
         """Note a tempo; of several at one place the last that sounds counts, else the last."""
         if tempo > 0 and not (printed and at in self._sounding):
-            self.tempos[at] = Fraction(str(tempo))
+            self.tempos[at] = tempo, relative
             if not printed:
                 self._sounding.add(at)
 
@@ -114,24 +125,34 @@ def timeline(marks: Marks) -> Timeline:
 
     On jumps back the tempo is that of the place, as players have it.
     """
-    tempos = {Fraction(0): _QUARTERS_PER_MINUTE, **marks.tempos}
-    corners = sorted(tempos)
-    times = [Fraction(0)]
-    for start, stop in itertools.pairwise(corners):
-        times.append(times[-1] + (stop - start) * 60 / tempos[start])
+    corners = sorted({Fraction(0), *marks.tempos})
+    tempos, times = [_QUARTERS_PER_MINUTE], [Fraction(0)]
+    for start, stop in itertools.pairwise([*corners, marks.end]):
+        tempo, relative = marks.tempos.get(start, (tempos[-1], False))
+        if relative:
+            tempo = min(max(_short(tempo * tempos[-1]), _SLOWEST), _FASTEST)
+        tempos.append(tempo)
+        times.append(_short(times[-1] + (stop - start) * 60 / tempos[-1]))
 
     def seconds(at: Fraction) -> Fraction:
         piece = bisect.bisect_right(corners, at) - 1
-        return times[piece] + (at - corners[piece]) * 60 / tempos[corners[piece]]
+        return times[piece] + (at - corners[piece]) * 60 / tempos[piece + 1]
 
     spans, order = _played_order(marks)
     starts = [seconds(start) for start, _ in spans]
     later: list[list[Fraction]] = [[] for _ in spans]
-    now = Fraction(0)
-    for index in order:
-        later[index].append(now - starts[index])
-        now += seconds(spans[index][1]) - starts[index]
+    now = shift = Fraction(0)
+    for former, index in itertools.pairwise([-1, *order]):
+        if index != former + 1:
+            shift = _short(now - starts[index])
+        later[index].append(shift)
+        now = seconds(spans[index][1]) + shift
     return Timeline(seconds=seconds, starts=starts, later=later)
+
+
+def _short(number: Fraction) -> Fraction:
+    """Return a number, rounded where sums of many tempos have made it one of a hundred digits."""
+    return number if number.denominator < _FINEST else Fraction(round(number * _FINEST), _FINEST)
 
 
 def _played_order(marks: Marks) -> tuple[list[tuple[Fraction, Fraction]], list[int]]:

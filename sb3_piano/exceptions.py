@@ -63,6 +63,12 @@ def one_line(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
+def install_command(extra: str = "") -> str:
+    """Return what installs this package, which is on no index, from a clone, with an extra."""
+    what = f"'.[{extra}]'" if extra else "."
+    return f"pip install {what}  # in a clone of sb3-piano"
+
+
 def near_names(name: str, known: Iterable[str]) -> str:
     """Return ``" Did you mean 'a' or 'b'?"``, or an empty string if nothing is similar."""
     by_lower = {candidate.lower(): candidate for candidate in known}

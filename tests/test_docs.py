@@ -108,6 +108,15 @@ def test_every_link_leads_to_a_file_and_a_heading_that_exist():
                 assert anchor in slugs, f"{page.name}: {link}"
 
 
+def test_nothing_says_to_install_the_package_from_an_index_where_it_is_not():
+    """Whoever registered its name there could have any program run."""
+    folders = (ROOT / name for name in ("sb3_piano", "docs", "examples", "web/src", "benchmarks"))
+    files = [ROOT / "README.md", *(file for folder in folders for file in folder.rglob("*"))]
+    texts = [file for file in files if file.suffix in {".md", ".py", ".yml", ".ipynb", ".ts"}]
+    offer = re.compile(r"install\s+(-\S+\s+)*['\"]?sb3[-_]piano\b")
+    assert [file.name for file in texts if offer.search(file.read_text("utf-8"))] == []
+
+
 @pytest.mark.parametrize(("name", "pieces"), [("repertoire", REPERTOIRE), ("encore", ENCORE)])
 def test_the_page_of_the_repertoire_tells_what_its_tables_say(name, pieces):
     table = ROOT / "sb3_piano" / "music" / name / "pieces.yml"

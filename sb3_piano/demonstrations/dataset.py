@@ -15,7 +15,13 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 
-from sb3_piano.exceptions import ConfigError, MissingPackageError, SB3PianoError, one_line
+from sb3_piano.exceptions import (
+    ConfigError,
+    MissingPackageError,
+    SB3PianoError,
+    install_command,
+    one_line,
+)
 from sb3_piano.interrupts import ctrl_c_deferred
 from sb3_piano.locks import LOCK_SUFFIX, hold
 
@@ -177,7 +183,7 @@ def require_minari() -> None:
     except ImportError as error:
         raise MissingPackageError(
             "Data sets need the packages minari and h5py, which are not both installed: "
-            "pip install 'sb3-piano[demonstrations]'"
+            f"{install_command('demonstrations')}"
         ) from error
 
 

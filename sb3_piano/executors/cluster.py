@@ -14,7 +14,7 @@ from dataclasses import field
 from types import ModuleType
 from typing import Any, ParamSpec, TypeVar
 
-from sb3_piano.exceptions import ConfigError, MissingPackageError, one_line
+from sb3_piano.exceptions import ConfigError, MissingPackageError, install_command, one_line
 from sb3_piano.settings import Index, NotNegative, settings
 
 P = ParamSpec("P")
@@ -72,7 +72,7 @@ def connected_to_ray(address: str) -> Iterator[ModuleType]:
         import ray
     except ImportError as error:
         raise MissingPackageError(
-            "Ray is not installed, which a cluster needs: pip install 'sb3-piano[ray]'"
+            f"Ray is not installed, which a cluster needs: {install_command('ray')}"
         ) from error
     if ray.is_initialized():
         yield ray

@@ -26,7 +26,7 @@ from sqlalchemy.exc import (
     SQLAlchemyError,
 )
 
-from sb3_piano.exceptions import ConfigError, RunError, near_names
+from sb3_piano.exceptions import ConfigError, RunError, install_command, near_names
 from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder, make_pruner
 from sb3_piano.tuning.trials import ORIGIN, PRESET, PRESET_IN_PART, retry_callback
 
@@ -125,7 +125,8 @@ def _refusal(error: Exception, url: sqlalchemy.URL) -> ConfigError | RunError:
             driver = getattr(error.__cause__, "name", None) or name
             install = f"pip install {driver}"
             if url.get_backend_name() == "postgresql":
-                install = "pip install 'sb3-piano[postgresql]' and the URL postgresql+psycopg://..."
+                url_of_it = "the URL postgresql+psycopg://..."
+                install = f"{url_of_it} and {install_command('postgresql')}"
             return ConfigError(
                 f"storage: '{shown}' needs the Python package {driver!r}, which is not installed. "
                 f"Expected: {install}"

@@ -301,4 +301,4 @@ def test_what_is_to_be_installed_is_told(package, extra, command, monkeypatch, c
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, package, None)
     assert main(command) == 2
-    assert f"pip install 'sb3-piano[{extra}]'" in capsys.readouterr().err
+    assert f"pip install '.[{extra}]'  # in a clone" in capsys.readouterr().err

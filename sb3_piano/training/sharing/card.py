@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from sb3_piano.exceptions import install_command
 from sb3_piano.files import dump_yaml
 from sb3_piano.players.hand_model import SIGHT_READER
 from sb3_piano.training.configuration.config import PlayConfig, RunConfig
@@ -50,7 +51,7 @@ A model of {config.algo} (Stable-Baselines3 and sb3-piano) that plays *{found.pi
 ## Use
 
 ```bash
-pip install sb3-piano
+{install_command()}
 sb3-piano evaluate FOLDER --episodes 1 --seeds {_seeds(found)}
 sb3-piano play FOLDER
 ```

@@ -7,7 +7,13 @@ import re
 from pathlib import Path
 from typing import Any
 
-from sb3_piano.exceptions import ConfigError, MissingPackageError, RunError, one_line
+from sb3_piano.exceptions import (
+    ConfigError,
+    MissingPackageError,
+    RunError,
+    install_command,
+    one_line,
+)
 from sb3_piano.training.playing.player import SavedPlayer
 from sb3_piano.training.runs.folder import RunFolder
 
@@ -58,7 +64,7 @@ def push_to_hub(run: RunFolder, repo: str) -> str:
     Raises:
         ConfigError: If the settings of the run may not be exported.
         RunError: If the Hub refuses it.
-        MissingPackageError: If ``sb3-piano[hub]`` is not installed.
+        MissingPackageError: If huggingface_hub is not installed.
     """
     config = run.read_config(exported=True)
     hub = _huggingface_hub()
@@ -104,6 +110,6 @@ def _huggingface_hub() -> Any:
         import huggingface_hub
     except ImportError as error:
         raise MissingPackageError(
-            "The Hugging Face Hub needs another package: pip install 'sb3-piano[hub]'."
+            f"The Hugging Face Hub needs another package: {install_command('hub')}"
         ) from error
     return huggingface_hub

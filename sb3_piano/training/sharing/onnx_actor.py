@@ -14,7 +14,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from sb3_piano.exceptions import ConfigError, MissingPackageError
+from sb3_piano.exceptions import ConfigError, MissingPackageError, install_command
 from sb3_piano.files import write_bytes
 from sb3_piano.training.playing.player import SavedPlayer
 
@@ -37,7 +37,7 @@ def write_onnx(player: SavedPlayer, file: Path) -> None:
         import onnx  # noqa: F401  # torch needs it
     except ImportError as error:
         raise MissingPackageError(
-            "ONNX files need another package: pip install 'sb3-piano[onnx]'."
+            f"ONNX files need another package: {install_command('onnx')}"
         ) from error
     model = player.model
     if not isinstance(model, BaseAlgorithm):

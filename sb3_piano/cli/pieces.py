@@ -33,6 +33,13 @@ if TYPE_CHECKING:
     from sb3_piano.music import Note, Piece, Score
     from sb3_piano.music.library import ImportReport, Unusable
 
+_UNITS = {
+    "duration": "s",
+    "onset_density": "notes/s",
+    "hand_span": "semitones",
+    "hand_motion": "semitones/s",
+}
+
 # Columns of the CSV file, and keys of the JSON file.
 _ABOUT = ("name", "title", "collection", "source", "fingering")
 _FEATURES = ("duration", "notes", "average_polyphony", "maximum_polyphony", "onset_density")
@@ -143,12 +150,12 @@ def _show(arguments: argparse.Namespace) -> int:
 
     piece = piece_of(arguments.name)
     score = piece.score()
-    _tell(piece)
+    _tell(piece, score)
     try:
         measured = asdict(piece_features(piece))
     except ScoreError as error:
         measured = {"none": str(error)}
-    features = {name.replace("_", " "): _short(value) for name, value in measured.items()}
+    features = {name.replace("_", " "): _short(name, value) for name, value in measured.items()}
     for heading, pairs in (("feature", features), ("option", dict(sorted(piece.options.items())))):
         table = new_table(heading, "", left=2)
         for name, text in pairs.items():
@@ -159,11 +166,16 @@ def _show(arguments: argparse.Namespace) -> int:
     return EXIT_OK
 
 
-def _short(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def _short(name: str, value: Any) -> str:
+    from sb3_piano.music.pitch import pitch_name
+
+    if name == "pitch_range":
+        return " to ".join(map(pitch_name, value))
+    text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    return f"{text} {_UNITS.get(name, '')}".rstrip()
 
 
-def _tell(piece: Piece) -> None:
+def _tell(piece: Piece, score: Score) -> None:
     import gymnasium
 
     from sb3_piano.envs.registration import GENERAL_ID
@@ -176,7 +188,7 @@ def _tell(piece: Piece) -> None:
         "Id": env_id if env_id in gymnasium.registry else general,
         "Collection": piece.collection,
         "Source": piece.source,
-        "Fingering": piece.fingering,
+        "Fingering": piece.fingering if score.has_fingering else "none",
     }
     if piece.name in library:
         info = library.info(piece.name)

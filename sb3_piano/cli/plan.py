@@ -99,7 +99,7 @@ def _refine(run: RunFolder, arguments: argparse.Namespace) -> int:
     path = shlex.quote(str(run.path))
     print(
         f"Refined:     F1 {refined.before:.3f} before, {refined.f1:.3f} after {refined.passes} "
-        f"passes, {time.monotonic() - start:.0f} s"
+        f"pass{'es' * (refined.passes != 1)}, {time.monotonic() - start:.0f} s"
     )
     if refined.passes > 0:
         print(f"Plan:        {run.plan_file}")

@@ -53,10 +53,20 @@ the environments, and what every episode has: ``return`` and ``length``."""
 
 
 def has_value(name: str, metrics: Mapping[str, float]) -> bool:
-    """Return whether a number among all of an episode says anything: timing needs a hit."""
-    return name in metrics and not (
-        name.startswith("onset_error") and metrics.get("onset_recall") == 0
-    )
+    """Return whether a number among all of an episode says anything.
+
+    Timing needs a hit; the agreement of fingers a key that sounds when it is due.
+    """
+    needed = _NEEDED.get(name)
+    return name in metrics and (needed is None or metrics.get(needed) != 0)
+
+
+_NEEDED = {
+    "onset_error_mean_ms": "onset_recall",
+    "onset_error_std_ms": "onset_recall",
+    "fingering_agreement": "non_silent_f1",
+}
+"""What must not be 0 where a number is to say anything."""
 
 
 def normalized_return(value: float, highest: float) -> float:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import sb3_piano
 from sb3_piano.envs import PianoEnvConfig
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.files import write_bytes, write_json, write_text
 from sb3_piano.music import Score, find_piece, is_path, load_score, write_midi
 from sb3_piano.music.catalogue import ScoreSource
@@ -78,16 +80,28 @@ def export_web(
     listed: list[dict[str, Any]] = []
     for name, source in sources.items():
         score = load_score(source)
-        progress(name, 2 * len(listed), total)
-        planned, plan = follow_plan(score)
-        progress(name, 2 * len(listed) + 1, total)
-        read = sight_read(score)
-        recorded = read if tree is None else sight_read(score, tree)
+        with _naming(name):
+            progress(name, 2 * len(listed), total)
+            planned, plan = follow_plan(score)
+            progress(name, 2 * len(listed) + 1, total)
+            read = sight_read(score)
+            recorded = read if tree is None else sight_read(score, tree)
         performances = {"planned": planned, SIGHT_READER: read, "recorded": recorded}
         listed.append(_write_piece(path, name, source, score, plan, performances))
     progress("", total, total)
     write_json(path / CATALOGUE, {"version": sb3_piano.__version__, "pieces": listed})
     return path / CATALOGUE
+
+
+@contextlib.contextmanager
+def _naming(piece: str) -> Iterator[None]:
+    """Let warnings of what cannot be played say of which piece they are."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", PlanWarning)
+        yield
+    for each in caught:
+        name = f"{piece}: " if issubclass(each.category, PlanWarning) else ""
+        warnings.warn(f"{name}{each.message}", each.category, stacklevel=3)
 
 
 def score_table(score: Score) -> dict[str, Any]:

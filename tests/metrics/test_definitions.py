@@ -65,8 +65,10 @@ def test_a_value_has_as_many_decimals_as_are_worth_showing(name, value, text):
         ("onset_error_std_ms", {"onset_error_std_ms": 0.0, "onset_recall": 0.0}, False),
         ("onset_error_std_ms", {"onset_error_std_ms": 0.0}, True),
         ("onset_recall", {"onset_recall": 0.0}, True),
+        ("fingering_agreement", {"fingering_agreement": 1.0, "non_silent_f1": 0.0}, False),
+        ("fingering_agreement", {"fingering_agreement": 0.0, "non_silent_f1": 0.1}, True),
         ("f1", {"onset_recall": 0.0}, False),
     ],
 )
-def test_timing_has_a_value_where_something_was_hit(name, metrics, expected):
+def test_timing_and_fingers_have_a_value_where_something_was_hit(name, metrics, expected):
     assert has_value(name, metrics) is expected

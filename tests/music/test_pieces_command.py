@@ -168,7 +168,7 @@ class TestShow:
             f"Fingering:  {BUILT_IN[TWINKLE].fingering}",
         ):
             assert text in out
-        assert ["onset density", "1.75"] in rows_of(out)
+        assert ["onset density", "1.75 notes/s"] in rows_of(out)
         assert ["1", "0.00", "C4/1"] in rows_of(out)
 
     def test_an_imported_piece_says_where_it_is_from(self, run, music, data):
@@ -200,6 +200,7 @@ class TestShow:
         assert f'Id:         RoboPianist-v0 with score="{file}"\n' in out
         assert f"Source:     {file}\n" in out
         assert ["1", "0.00", "C4"] in rows_of(out)
+        assert "Fingering:  none\n" in out
 
     @pytest.mark.parametrize("name", ["nothing", "etude-12-WaltzOp64No1"])
     def test_a_piece_that_is_not_there_is_refused(self, run, name):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 
 import mujoco
 import numpy as np
@@ -13,7 +14,7 @@ from node_programs import WEB
 
 from sb3_piano.cli.main import main
 from sb3_piano.envs import PianoEnv
-from sb3_piano.exceptions import ConfigError, UnknownPieceError
+from sb3_piano.exceptions import ConfigError, PlanWarning, UnknownPieceError
 from sb3_piano.music import Note, Score, load_score
 from sb3_piano.planning import PlanSettings, Tracker, Trackers
 from sb3_piano.players import TreeSettings
@@ -22,7 +23,7 @@ from sb3_piano.training.playing.takes import PLANNED_IN
 from sb3_piano.viewing.stage import staged
 from sb3_piano.viewing.stage_files import stage_files
 from sb3_piano.web import export_web, score_table
-from sb3_piano.web.export import _named
+from sb3_piano.web.export import _named, _naming
 from sb3_piano.web.performances import plan_file, rounded, sight_read
 from sb3_piano.web.scene_files import scene_facts, scene_xml
 
@@ -221,3 +222,8 @@ def test_a_player_that_looks_ahead_is_recorded_apart():
     ahead = sight_read(SHORT, TreeSettings.parse("12x4"))
     assert alone.actions.shape == ahead.actions.shape
     assert not np.array_equal(alone.actions, ahead.actions)
+
+
+def test_a_warning_of_what_cannot_be_played_names_the_piece():
+    with pytest.warns(PlanWarning, match="^ode: 2 notes cannot be played"), _naming("ode"):
+        warnings.warn("2 notes cannot be played", PlanWarning, stacklevel=1)

@@ -39,8 +39,8 @@ def card_of(run: RunFolder, config: PlayConfig, found: Evaluation) -> str:
     body = f"""\
 # {config.algo} plays {found.piece}
 
-A model of {config.algo} (Stable-Baselines3 and sb3-piano) that plays *{found.piece}* in
-`{config.env_id}`{says}.{_steps(found)}
+{_who(config)} that plays *{found.piece}* in
+`{config.env_id}`{says}.{_steps(config, found)}
 
 ## How well
 
@@ -143,10 +143,16 @@ def _seeds(found: Evaluation) -> str:
     return " ".join(map(str, dict.fromkeys(found.episode_seeds)))
 
 
-def _steps(found: Evaluation) -> str:
-    """Return how long the model was trained, as a sentence, if it was."""
-    steps = found.num_timesteps
-    return f" It was trained for {steps} environment steps." if steps else ""
+def _who(config: PlayConfig) -> str:
+    if isinstance(config, RunConfig):
+        return f"A model of {config.algo} (Stable-Baselines3 and sb3-piano)"
+    return f"Settings of sb3-piano's {config.algo} player, without weights,"
+
+
+def _steps(config: PlayConfig, found: Evaluation) -> str:
+    """Return how long the model was trained, as a sentence, if it is one of a training."""
+    trained = found.num_timesteps if isinstance(config, RunConfig) else 0
+    return f" It was trained for {trained} environment steps." if trained else ""
 
 
 def _training(run: RunFolder, config: PlayConfig) -> str:

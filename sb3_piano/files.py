@@ -14,6 +14,7 @@ import os
 import re
 import secrets
 import shutil
+import stat
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -25,6 +26,7 @@ import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from sb3_piano.exceptions import RunError, SB3PianoError
+from sb3_piano.links import check_inside
 
 try:
     import fcntl
@@ -124,6 +126,38 @@ def partial_file(path: Path) -> Iterator[BufferedWriter]:
                 end()
 
 
+MOST_BYTES = 2**26
+"""Most bytes of a file that is read as a whole, unless its reader says otherwise."""
+
+
+def check_file(path: str | os.PathLike[str]) -> None:
+    """Refuse what is no regular file: a device or a pipe may never end.
+
+    Raises:
+        OSError: If it is none, or is not there; ``strerror`` says why.
+    """
+    mode = os.stat(path).st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(mode):
+        reason = "it is a device, a pipe or a socket and no file"
+        raise OSError(errno.EINVAL, reason, str(path))
+
+
+def read_file(path: str | os.PathLike[str], most: int = MOST_BYTES) -> bytes:
+    """Return the content of a regular file of at most ``most`` bytes.
+
+    Raises:
+        OSError: If it is none, is larger or cannot be read; ``strerror`` says why.
+    """
+    check_file(path)
+    with open(path, "rb") as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise OSError(errno.EINVAL, f"it has more than {most} bytes", str(path))
+    return content
+
+
 def write_atomically(path: Path, write: Callable[[BufferedWriter], object]) -> None:
     """Write a file so that its name always stands for a whole one, whoever else writes it.
 
@@ -133,7 +167,11 @@ def write_atomically(path: Path, write: Callable[[BufferedWriter], object]) -> N
 
     A link goes on leading to the file, which is replaced. A device or a pipe cannot be, and is
     written to.
+
+    Raises:
+        RunError: As of :func:`check_inside`.
     """
+    check_inside(path)
     if _takes_bytes(path):
         with path.open("ab") as stream:
             write(stream)
@@ -153,8 +191,10 @@ def check_writable(path: Path) -> None:
     """Try whether :func:`write_atomically` can write a file, which stays as it is.
 
     Raises:
+        RunError: As of :func:`check_inside`.
         OSError: If it cannot.
     """
+    check_inside(path)
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if _takes_bytes(path):
@@ -232,7 +272,7 @@ def read_json(path: Path, kind: type[T], expected: str) -> T | None:
         RunError: If the file is damaged.
     """
     try:
-        return TypeAdapter(kind).validate_json(path.read_bytes())
+        return TypeAdapter(kind).validate_json(read_file(path))
     except FileNotFoundError:
         return None
     except ValidationError as error:

@@ -11,6 +11,8 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from sb3_piano.exceptions import RunError
+from sb3_piano.files import read_file
+from sb3_piano.links import make_folder
 
 LOCK_SUFFIX = ".lock"
 _POLL_SECONDS = 0.01
@@ -33,7 +35,7 @@ def hold(path: Path, busy: str = "", expected: str = "") -> Iterator[None]:
     """
     lock = FileLock(path, blocking=not busy, poll_interval=_POLL_SECONDS)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
         lock.acquire()
     except Timeout:
         raise RunError(f"{busy} by {_owner(path)}: expected {expected}") from None
@@ -55,6 +57,6 @@ def hold(path: Path, busy: str = "", expected: str = "") -> Iterator[None]:
 
 def _owner(path: Path) -> str:
     try:
-        return path.read_text() or "another process"
-    except OSError:  # it has just gone, or the system shows no locked files
+        return read_file(path, 1000).decode() or "another process"
+    except (OSError, UnicodeDecodeError):  # it has just gone, or the system shows no locked files
         return "another process"

@@ -17,10 +17,12 @@ from sb3_piano.files import (
     check_writable,
     disk_refusal,
     own,
+    read_file,
     read_member,
     write_atomically,
     write_text,
 )
+from sb3_piano.links import keep_inside, make_folder
 
 
 @pytest.fixture
@@ -178,3 +180,38 @@ def test_a_member_of_an_archive_is_unpacked_to_its_limit(method, tmp_path):
         archive.getinfo("whole").CRC += 1
         with pytest.raises(zipfile.BadZipFile, match="its whole is damaged"):
             read_member(archive, "whole", 50_000)
+
+
+def test_nothing_is_written_through_a_link_that_leads_out_of_a_folder(tmp_path):
+    outside, above = tmp_path / "outside", tmp_path / "above"
+    (outside / "run").mkdir(parents=True)
+    (outside / "file").write_text("former")
+    above.symlink_to(outside)  # the user's own
+    run = above / "run"
+    keep_inside(run)
+    (run / "file").symlink_to(outside / "file")
+    (run / "folder").symlink_to(outside)
+    (run / "none").symlink_to(outside / "new")
+    for path in (run / "file", run / "folder" / "file", run / "folder" / "new", run / "none"):
+        for write in (lambda path: write_text(path, "new"), check_writable, make_folder):
+            with pytest.raises(RunError, match="leads out of .* by a link"):
+                write(path)
+    assert (outside / "file").read_text() == "former"
+    assert sorted(path.name for path in outside.iterdir()) == ["file", "run"]
+    (run / "near").symlink_to("real")
+    for path in (run / "near", above / "file", outside / "other"):
+        write_text(path, "new")
+        assert path.read_text() == "new"
+
+
+def test_only_regular_files_of_a_size_are_read(tmp_path):
+    file = tmp_path / "file"
+    file.write_bytes(b"1234")
+    assert read_file(file, 4) == b"1234"
+    with pytest.raises(OSError, match="more than 3 bytes"):
+        read_file(file, 3)
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "loop").symlink_to("loop")
+    for path in (Path("/dev/zero"), tmp_path / "pipe", tmp_path / "loop", tmp_path):
+        with pytest.raises(OSError, match="no file|Too many levels|directory"):
+            read_file(path)

@@ -11,7 +11,8 @@ import numpy.typing as npt
 from gymnasium import spaces
 from stable_baselines3.common.preprocessing import get_obs_shape
 
-from sb3_piano.buffers.rows import Arrays, IntArray, check_array
+from sb3_piano.arrays import Arrays
+from sb3_piano.buffers.rows import IntArray, check_array
 from sb3_piano.envs import ObservationSpace
 from sb3_piano.exceptions import ConfigError, RunError
 

@@ -10,12 +10,13 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.buffers import DictReplayBuffer, ReplayBuffer
 
+from sb3_piano.arrays import Arrays
 from sb3_piano.buffers.ring_observations import (
     ObservationPacking,
     RingNextObservations,
     RingObservations,
 )
-from sb3_piano.buffers.rows import ArrayRows, Arrays, IntArray
+from sb3_piano.buffers.rows import ArrayRows, IntArray
 from sb3_piano.exceptions import ConfigError
 
 NO_NUMBERS = spaces.Box(0.0, 1.0, (0,))

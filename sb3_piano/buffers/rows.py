@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from stable_baselines3.common.buffers import DictReplayBuffer, ReplayBuffer
 
+from sb3_piano.arrays import Arrays
 from sb3_piano.exceptions import RunError
 
 IntArray = npt.NDArray[np.integer[Any]]
-Arrays = dict[str, npt.NDArray[Any]]
 
 
 @runtime_checkable

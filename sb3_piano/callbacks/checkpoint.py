@@ -17,6 +17,7 @@ from sb3_piano.callbacks.own_env import with_nested
 from sb3_piano.callbacks.replay_segments import SEGMENT_PATTERN, ReplayManifest, ReplaySegments
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import PARTIAL_SUFFIX, read_json, write_atomically, write_bytes, write_json
+from sb3_piano.links import make_folder
 from sb3_piano.settings import Count, checked
 
 CHECKPOINT_FILE = "checkpoint.json"
@@ -189,7 +190,7 @@ class ResumableCheckpoint(BaseCallback):
         self._segments: ReplaySegments | None = None
 
     def _init_callback(self) -> None:
-        self._folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self._folder)
         buffer = getattr(self.model, "replay_buffer", None)
         if buffer is not None:
             saved = None if self._resumed is None else self._resumed.replay

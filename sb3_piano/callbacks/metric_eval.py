@@ -6,7 +6,6 @@ import contextlib
 import logging
 import sys
 import warnings
-import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
 from stable_baselines3.common.logger import HumanOutputFormat
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
+from sb3_piano.array_files import read_arrays
 from sb3_piano.callbacks.checkpoint import write_normalization
 from sb3_piano.callbacks.episode_metrics import finite_number
 from sb3_piano.callbacks.own_env import RunContext, env_name, make_own_env, preserve_random_state
@@ -287,10 +287,10 @@ class MetricEvalCallback(EvalCallback):
         if self.log_path is None or not Path(f"{self.log_path}.npz").is_file():
             return
         try:
-            with np.load(f"{self.log_path}.npz") as content:
-                done = content["timesteps"] <= self.model.num_timesteps
-                rows = {name: content[name][done].tolist() for name in content.files}
-        except (OSError, ValueError, KeyError, IndexError, zipfile.BadZipFile) as error:
+            content = read_arrays(f"{self.log_path}.npz")
+            done = content["timesteps"] <= self.model.num_timesteps
+            rows = {name: array[done].tolist() for name, array in content.items()}
+        except (OSError, ValueError, KeyError, IndexError) as error:
             _log.warning("'%s.npz' cannot be read, and begins anew: %s", self.log_path, error)
             return
         if any(len(lengths) != self.n_eval_episodes for lengths in rows["ep_lengths"]):
@@ -308,8 +308,7 @@ class MetricEvalCallback(EvalCallback):
     def _complete_evaluations_file(self) -> None:
         if self.log_path is None:
             return
-        with np.load(f"{self.log_path}.npz") as content:
-            arrays = dict(content)
+        arrays: dict[str, Any] = read_arrays(f"{self.log_path}.npz")
         names = {name for episodes in self.evaluations_metrics for e in episodes for name in e}
         for name in names:
             arrays[name] = np.array(

@@ -21,6 +21,7 @@ from sb3_piano.callbacks.own_env import (
 )
 from sb3_piano.envs import EpisodeRecorder, PianoEnv
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.links import make_folder
 from sb3_piano.settings import Positive, Unit, checked
 from sb3_piano.viewing import Picture, Take, View, write_take
 
@@ -95,7 +96,7 @@ class PerformanceVideoCallback(BaseCallback):
                 f"There is no performance to record in {name}: expected a piano environment."
             )
         self._scene = piano.scene
-        self._folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self._folder)
 
     def _on_step(self) -> bool:
         if self._video_freq > 0 and self.n_calls % self._video_freq == 0:

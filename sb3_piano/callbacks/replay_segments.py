@@ -8,16 +8,17 @@ overwritten. Rows are counted from the beginning of training: row ``r`` stands a
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium.spaces import flatdim
 from stable_baselines3.common.buffers import ReplayBuffer
 
-from sb3_piano.buffers.rows import Arrays, buffer_rows
+from sb3_piano.array_files import read_arrays
+from sb3_piano.arrays import Arrays
+from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import write_atomically
 
@@ -130,12 +131,19 @@ def restore_replay_buffer(buffer: ReplayBuffer, folder: Path, saved: ReplayManif
             "by the buffer_size and n_envs of the run."
         )
     rows = buffer_rows(buffer)
+    # A row has two observations, an action and some numbers more.
+    numbers = 2 * flatdim(buffer.observation_space) + flatdim(buffer.action_space) + 64
     for segment in saved.segments:
-        path = folder / segment.file
-        content = _read_segment(path)
+        path, count = folder / segment.file, segment.last - segment.first
+        if not 0 < count <= saved.capacity:
+            raise RunError(
+                f"Replay segment '{path}' has {count} rows by the checkpoint: expected 1 to "
+                f"{saved.capacity}."
+            )
+        content = _read_segment(path, 2**20 + count * buffer.n_envs * numbers * 8)
         try:
             rows.put_rows(np.arange(segment.first, segment.last) % saved.capacity, content)
-        except RunError as error:
+        except (RunError, IndexError) as error:
             raise RunError(
                 f"Replay segment '{path}' does not fit a {type(buffer).__name__}: {error} Was the "
                 "environment or the kind of buffer changed since?"
@@ -157,11 +165,10 @@ def end_last_episode(buffer: ReplayBuffer) -> None:
     buffer.dones[last] = 1.0
 
 
-def _read_segment(path: Path) -> Arrays:
+def _read_segment(path: Path, most: int) -> Arrays:
     try:
-        with np.load(path, allow_pickle=False) as content:
-            return dict(content)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        return read_arrays(path, most=most)
+    except (OSError, ValueError) as error:
         raise RunError(
             f"Replay segment '{path}' cannot be read ({error}): expected the file that the "
             "checkpoint wrote."

@@ -28,6 +28,7 @@ from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.executors import broken_told, process_pool
 from sb3_piano.files import write_json
 from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.links import keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import digest
 from sb3_piano.music.library import Library
@@ -95,6 +96,7 @@ def record_corpus(
     """
     require_minari()
     place = Path(folder).absolute()
+    keep_inside(place)
     _check_players(config)
     owned = hold(place / LOCK_SUFFIX, f"'{place}' is being worked in", "one recording in a folder.")
     with owned, stop_on_signal() as request:
@@ -102,7 +104,7 @@ def record_corpus(
         file, settings = place / _CONFIG, {**config.to_mapping(), "files": inputs}
         theirs = read_yaml_mapping(file) if file.is_file() else None
         begin_or_go_on(file, "corpus", settings, theirs, config.seed)
-        (place / DATA).mkdir(exist_ok=True)
+        make_folder(place / DATA)
         forget_unfinished(place / DATA)
         count = -(-len(config) // config.shard)
         jobs = [CorpusJob(config, inputs, number, place / DATA) for number in range(count)]

@@ -33,6 +33,7 @@ from sb3_piano.exceptions import RunError
 from sb3_piano.executors import broken_told, process_pool
 from sb3_piano.files import write_bytes, write_csv, write_yaml
 from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.links import keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import is_path
 from sb3_piano.music.library import Library
@@ -129,6 +130,7 @@ def distill(
         improvements[names[-1]] = partial(improve, config, number, start, num_threads, on_progress)
     rounds: list[RoundResult] = []
     interrupted = False
+    keep_inside(place)
     owned = hold(
         place / LOCK_SUFFIX, f"'{place}' is being worked in", "one distillation in a folder."
     )
@@ -136,7 +138,7 @@ def distill(
         theirs = _settings_of(place).to_mapping() if (place / _CONFIG).is_file() else None
         begin_or_go_on(place / _CONFIG, "distillation", config.to_mapping(), theirs, config.seed)
         _check_files(place, config)
-        (place / DATA).mkdir(exist_ok=True)
+        make_folder(place / DATA)
         forget_unfinished(place / DATA)
         pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
         with pool as chosen, broken_told(go_on(place)):

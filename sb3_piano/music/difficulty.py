@@ -29,6 +29,7 @@ from typing import Any
 
 import numpy as np
 
+from sb3_piano.array_files import read_arrays
 from sb3_piano.arrays import Float32Array, FloatArray, IntArray
 from sb3_piano.exceptions import ConfigError, one_line
 from sb3_piano.files import write_atomically
@@ -210,6 +211,9 @@ class MotionRecording(Motion):
         raise ConfigError(f"The recorded performance of {self.title!r} is unusable: {problem}.")
 
 
+_MOST_BYTES = 2**28
+"""Most bytes of the arrays of a recording: a control step has less than 2000."""
+
 _ARRAYS = tuple(field.name for field in fields(MotionRecording))
 
 
@@ -239,8 +243,7 @@ def read_motion(path: str | os.PathLike[str]) -> MotionRecording:
     if not path.is_file():
         raise ConfigError(f"There is no recording {str(path)!r}: expected an existing .npz file.")
     try:
-        with np.load(path, allow_pickle=False) as content:
-            arrays = {name: content[name] for name in _ARRAYS}
+        arrays: dict[str, Any] = read_arrays(path, _ARRAYS, _MOST_BYTES)
         if arrays["title"].ndim != 0 or arrays["title"].dtype.kind != "U":
             raise ValueError("its title is no text")
         recording = MotionRecording(**{**arrays, "title": str(arrays["title"])})

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sb3_piano.exceptions import ConfigError, UnknownPieceError, near_names
+from sb3_piano.files import read_file
 from sb3_piano.music.catalogue import ScoreSource, find_piece, is_path, pieces
 from sb3_piano.music.formats.pig import looks_like_pig
 from sb3_piano.music.piece import Piece
@@ -115,7 +116,7 @@ def _files(text: str, folder: Path) -> Iterator[str]:
 def _listed(path: Path, known: Mapping[str, Piece]) -> Iterator[ScoreSource]:
     """Yield what a list in a file stands for; a file of the PIG data set is a piece itself."""
     try:
-        content = path.read_bytes()
+        content = read_file(path)
         if looks_like_pig(content):
             yield str(path)
             return

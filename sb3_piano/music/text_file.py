@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from sb3_piano.exceptions import ScoreError, one_line
+from sb3_piano.files import read_file
 
 T = TypeVar("T")
 
@@ -44,7 +45,7 @@ def read_text(path: Path, kind: str) -> str:
         ScoreError: If there is no such file, or it cannot be read as text.
     """
     with reading(path, kind, "UTF-8 text"):
-        return path.read_text(encoding="utf-8-sig")
+        return read_file(path).decode("utf-8-sig")
 
 
 @contextlib.contextmanager

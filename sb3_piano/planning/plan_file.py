@@ -14,16 +14,22 @@ import mujoco
 import numpy as np
 
 import sb3_piano
+from sb3_piano.array_files import read_arrays
+from sb3_piano.arrays import Arrays
 from sb3_piano.exceptions import ConfigError, one_line
 from sb3_piano.files import write_atomically
 from sb3_piano.music import PianoRoll
-from sb3_piano.planning.hand_plan import HandPlan
+from sb3_piano.planning.hand_plan import HandPlan, HandTask
 from sb3_piano.planning.plan import HandTasks, Plan
 from sb3_piano.planning.settings import PlanSettings
+from sb3_piano.settings import Index, checked
 from sb3_piano.simulation import PianoScene
 
 FORMAT = 1
 """Version of the files."""
+
+_MOST_OF_HEADER, _MOST_OF_STEP = 2**20, 2**14
+"""Most bytes of a file's header, and of the numbers of a control step: two hands have some 6000."""
 
 _OF_HAND = ("weightless", "positions", "commands", "gains")
 _EXPECTED = "expected a file that 'sb3-piano plan PIECE --refine MINUTES' wrote"
@@ -87,22 +93,40 @@ def load_plan(path: str | os.PathLike[str], roll: PianoRoll, scene: PianoScene) 
             scene.
     """
     try:
-        with np.load(path, allow_pickle=False) as content:
-            header = json.loads(content["header"].tobytes())
-            if header["format"] != FORMAT:
-                raise ValueError(f"its format is {header['format']}, not {FORMAT}")
-            _check(header, roll, scene)
-            settings = PlanSettings(**header["settings"])
-            tasks = HandTasks.of(roll, scene, settings)
-            hands = tuple(
-                HandPlan(task=task, **{name: content[f"{name}_{index}"] for name in _OF_HAND})
-                for index, task in enumerate(tasks.of_hands)
-            )
-            return tasks.plan(hands, content["arm_line"], scene, header["passes"])
+        most = _MOST_OF_HEADER + len(roll) * _MOST_OF_STEP
+        content = read_arrays(path, ["header"], most)
+        header = json.loads(content["header"].tobytes())
+        if header["format"] != FORMAT:
+            raise ValueError(f"its format is {header['format']}, not {FORMAT}")
+        _check(header, roll, scene)
+        content = read_arrays(path, most=most)
+        settings = PlanSettings(**header["settings"])
+        tasks = HandTasks.of(roll, scene, settings)
+        line = _numbers(content, "arm_line", len(roll) + 1)
+        hands = tuple(_hand_plan(content, i, task) for i, task in enumerate(tasks.of_hands))
+        return tasks.plan(hands, line, scene, checked("passes", header["passes"], Index))
     except _MisfitError as error:
         raise ConfigError(f"The plan '{path}' {error}") from None
     except Exception as error:  # a damaged file fails in any way
         raise ConfigError(f"'{path}' cannot be read ({one_line(error)}): {_EXPECTED}.") from error
+
+
+def _hand_plan(content: Arrays, index: int, task: HandTask) -> HandPlan:
+    """Return the plan of a hand, (T + 1, n) or (T, n) of its n actuators in T steps."""
+    steps, n = task.frames.target.shape[0] - 1, len(task.hand.rest)
+    shapes = [(steps + 1, n), (steps + 1, n), (steps, n), (steps, n, n)]
+    numbers = {
+        name: _numbers(content, f"{name}_{index}", *shape)
+        for name, shape in zip(_OF_HAND, shapes, strict=True)
+    }
+    return HandPlan(task=task, **numbers)
+
+
+def _numbers(content: Arrays, name: str, *shape: int) -> Any:
+    array = content[name]
+    if array.shape != shape or array.dtype.kind != "f" or not np.isfinite(array).all():
+        raise ValueError(f"{name} is {array.dtype} {array.shape}: expected finite numbers {shape}")
+    return array
 
 
 class _MisfitError(Exception):

@@ -16,6 +16,7 @@ import safetensors
 import safetensors.numpy
 from stable_baselines3.common.policies import BasePolicy
 
+from sb3_piano.array_files import read_shapes
 from sb3_piano.arrays import Float32Array
 from sb3_piano.envs import ObservationLayout, PianoEnv
 from sb3_piano.envs.hand_encoding import HandEncoding
@@ -142,6 +143,7 @@ class HandModel:
         """
         path = Path(path, FILE_NAME) if Path(path).is_dir() else Path(path)
         try:
+            read_shapes(path)  # what is no file, or has a header without end, is refused
             with safetensors.safe_open(path, framework="np") as file:
                 metadata = dict(file.metadata() or {})
                 tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118

@@ -16,7 +16,7 @@ from typing import Annotated, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.files import first_fault, write_text
+from sb3_piano.files import first_fault, read_file, write_text
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.settings import checked
 
@@ -114,7 +114,7 @@ class Results(BaseModel):
             ConfigError: If it cannot be read, or does not fit the schema.
         """
         try:
-            return cls.model_validate_json(file.read_bytes())
+            return cls.model_validate_json(read_file(file))
         except OSError as error:
             raise ConfigError(
                 f"'{file}' cannot be read: {error.strerror}. Expected a file of results, which "

@@ -12,6 +12,7 @@ from pathlib import Path
 from sb3_piano.exceptions import RunError
 from sb3_piano.executors import Resources
 from sb3_piano.files import dump_yaml, load_yaml, read_table, write_csv, write_yaml
+from sb3_piano.links import keep_inside
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.sweeps.cells import CellJob, CellResult, finish_cells, status_of
 from sb3_piano.sweeps.config import SweepConfig
@@ -71,6 +72,7 @@ def sweep(
         RunError: If the folder cannot be used, or has a sweep of other settings.
     """
     place = Path(folder).absolute()
+    keep_inside(place)
     jobs = jobs_of(config, place, runs)
     expected = "one command in a folder. More runs at once are --workers; how far it is: sb3-piano "
     expected += "sweep FILE --status"

@@ -27,6 +27,7 @@ from sqlalchemy.exc import (
 )
 
 from sb3_piano.exceptions import ConfigError, RunError, install_command, near_names
+from sb3_piano.links import check_inside, make_folder
 from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder, make_pruner
 from sb3_piano.tuning.trials import ORIGIN, PRESET, PRESET_IN_PART, retry_callback
 
@@ -72,7 +73,8 @@ def mend_journal(folder: StudyFolder) -> None:
 
 def _open_journal(file: Path) -> JournalStorage:
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(file.parent)
+        check_inside(file)
         return JournalStorage(JournalFileBackend(str(file.resolve())))
     except OSError as error:
         raise RunError(

@@ -22,6 +22,7 @@ from rich.progress import Progress
 
 from sb3_piano.exceptions import RunError
 from sb3_piano.executors import connected_to_ray
+from sb3_piano.links import keep_inside
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.settings import Count, checked
 from sb3_piano.tuning.best import write_best
@@ -106,6 +107,7 @@ def tune(
     checked("n_trials", n_trials, Count)
     checked("workers", workers, Count)
     place = StudyFolder(Path(folder))
+    keep_inside(place.path)
     check_space(config.space, config.algo, config.env_id, config.entry)
     name = place.path.resolve().name if name is None else name
     with _owned(place, embedded=storage is None):

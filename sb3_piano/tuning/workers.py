@@ -23,6 +23,7 @@ from optuna.trial import FixedTrial
 from sb3_piano.exceptions import one_line
 from sb3_piano.executors.cluster import work_in
 from sb3_piano.interrupts import ctrl_c_ignored
+from sb3_piano.links import make_folder
 from sb3_piano.processes import process_context
 from sb3_piano.tuning.objective import Objective
 from sb3_piano.tuning.study import StudyConfig, StudyFolder
@@ -163,7 +164,7 @@ def _work(connection: Connection, config: StudyConfig, folder: StudyFolder) -> N
 
 def _print_into_log(folder: StudyFolder) -> None:
     """Let all that this process prints go to a file of the study."""
-    folder.workers_dir.mkdir(parents=True, exist_ok=True)
+    make_folder(folder.workers_dir)
     with (folder.workers_dir / f"{platform.node()}-{os.getpid()}.log").open("ab") as log:
         for stream in (sys.stdout, sys.stderr):
             stream.flush()

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sb3_piano.exceptions import RenderingError, RunError
+from sb3_piano.links import make_folder
 from sb3_piano.music import synthesize, write_midi, write_wav
 from sb3_piano.viewing.film import Take, film, moments
 from sb3_piano.viewing.video import write_video
@@ -51,7 +52,7 @@ def write_take(
     """
     midi, wav, video = (base.with_name(f"{base.name}.{kind}") for kind in ("mid", "wav", "mp4"))
     try:
-        base.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(base.parent)
         for stale in (midi, wav, video):
             stale.unlink(missing_ok=True)
     except OSError as error:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from sb3_piano.exceptions import ConfigError, RenderingError
 from sb3_piano.files import partial_file
+from sb3_piano.links import check_inside
 
 Frame = npt.NDArray[np.uint8]
 
@@ -50,6 +51,7 @@ def write_video(
     """
     path = Path(path)
     _check(fps, audio, size)
+    check_inside(path)
     rate = Fraction(fps).limit_denominator(100000)
     with contextlib.ExitStack() as partial:
         try:

@@ -15,6 +15,7 @@ import sb3_piano
 from sb3_piano.envs import PianoEnvConfig
 from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.files import write_bytes, write_json, write_text
+from sb3_piano.links import keep_inside, make_folder
 from sb3_piano.music import Score, find_piece, is_path, load_score, write_midi
 from sb3_piano.music.catalogue import ScoreSource
 from sb3_piano.music.hands import HANDS
@@ -159,7 +160,8 @@ def _name(source: ScoreSource) -> str:
 
 def _made(path: Path) -> Path:
     try:
-        (path / _PIECES).mkdir(parents=True, exist_ok=True)
+        keep_inside(path)
+        make_folder(path / _PIECES)
         (path / CATALOGUE).unlink(missing_ok=True)
     except OSError as error:
         raise ConfigError(

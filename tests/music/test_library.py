@@ -177,7 +177,7 @@ class TestDamage:
 
     def test_pickled_objects_are_not_loaded(self, library, data):
         write_file(data / "pieces" / "evil.npz", header=np.array([{"format": 1}], dtype=object))
-        with pytest.raises(ScoreError, match=r"evil\.npz' is damaged \(.*allow_pickle"):
+        with pytest.raises(ScoreError, match=r"evil\.npz' is damaged \(.*pickles are not read"):
             load_score("evil")
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import pickle
+import resource
 import subprocess
 import sys
 import textwrap
@@ -121,6 +123,19 @@ def test_settings_that_name_code_of_others_are_refused_unimported(
         load_player(exported.path)
     assert "evil" not in sys.modules
     assert not (tmp_path / "marker").exists()
+
+
+def test_settings_ask_for_no_more_memory_than_the_weights_do(exported):
+    def largest(**settings):
+        change(exported, algorithm_kwargs={"device": "cpu", **settings})
+        with contextlib.suppress(ConfigError, RunError), load_player(exported.path):
+            pass
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    before = largest()  # as it was exported, but for its layers
+    for kwargs in ({"net_arch": [30_000, 30_000]}, {"net_arch": [1000] * 1000}):
+        assert largest(policy_kwargs=kwargs) < before + 2**17
+    assert largest(policy_kwargs={"net_arch": [8]}, buffer_size=10**10) < before + 2**17
 
 
 def test_pickles_are_left_alone_or_refused(exported, tmp_path):

@@ -31,7 +31,7 @@ from types import MappingProxyType
 import pretty_midi
 
 from sb3_piano.exceptions import ScoreError, UnknownPieceError, one_line
-from sb3_piano.files import read_member, read_table
+from sb3_piano.files import check_file, read_file, read_member, read_table
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.fingering import pig_files
 from sb3_piano.music.formats import read_midi, read_pig
@@ -143,7 +143,7 @@ def _pig_piece(path: Path, row: dict[str, str]) -> ImportTask:
 
 def _read_list(path: Path) -> list[dict[str, str]]:
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_file(path).decode("utf-8-sig")
         rows = list(csv.DictReader(io.StringIO(text)))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ScoreError(
@@ -176,6 +176,7 @@ def unpack_wheel(wheel: Path, folder: Path) -> list[ImportTask]:
         ScoreError: If it is not a wheel of RoboPianist.
     """
     try:
+        check_file(wheel)
         with zipfile.ZipFile(wheel) as archive:
             for file in (_LIBRARY, *(f"{_SNIPPET_FOLDER}/{file}" for file in _SNIPPETS)):
                 if f"robopianist/{file}" in archive.namelist():
@@ -256,7 +257,7 @@ def _read_fingers(library: Path, title: str) -> tuple[int, ...]:
     """Return the fingers that a function of RoboPianist's library lists; none if it does not."""
     function = f"{title.lower().replace(' ', '_')}_rousseau"
     try:
-        tree = ast.parse(library.read_bytes())
+        tree = ast.parse(read_file(library))
     except (OSError, SyntaxError, ValueError):
         return ()
     lists = (

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.files import check_file, read_file
 from sb3_piano.music.fingering.apply import FINGERINGS, labels_file
 from sb3_piano.music.formats import ACCEPTED_FILES, READERS
 from sb3_piano.music.formats.pig import looks_like_pig
@@ -111,7 +112,7 @@ def import_path(
             try:
                 plan.add(piece)
             except OSError as error:
-                unusable.append(Unusable(piece.path, f"It cannot be read: {error}."))
+                unusable.append(Unusable(piece.path, f"It cannot be read: {error.strerror}."))
         done = itertools.count(1)
 
         def tell(task: ImportTask, outcome: Outcome) -> None:
@@ -143,7 +144,7 @@ def _search(path: Path) -> Iterator[tuple[list[ImportTask], list[Unusable]]]:
     Raises:
         ScoreError: If there is no such path, or nothing that can be imported.
     """
-    if not path.exists():
+    if not os.path.exists(path):  # which also answers for a name that no file can have
         raise ScoreError(f"There is no '{path}': expected {ACCEPTED_FILES}, or a folder.")
     if path.suffix == _WHEEL:
         with tempfile.TemporaryDirectory() as folder:
@@ -186,7 +187,8 @@ def _music_files(folder: Path) -> Iterator[Path]:
         folders[:] = sorted(name for name in folders if not is_hidden(name))
         for name in sorted(files):
             path = Path(place, name)
-            if not is_hidden(name) and path.suffix.lower() in READERS and _may_be(path):
+            is_music = not is_hidden(name) and path.suffix.lower() in READERS
+            if is_music and (os.path.isfile(path) or not os.path.exists(path)) and _may_be(path):
                 yield path
 
 
@@ -196,6 +198,7 @@ def _may_be(path: Path) -> bool:
     if suffix not in (".txt", ".xml"):
         return True
     try:
+        check_file(path)
         with path.open("rb") as file:
             head = file.read(_HEAD)
     except OSError:
@@ -208,12 +211,12 @@ def _may_be(path: Path) -> bool:
 
 def _read_titles(folder: Path) -> dict[Path, str]:
     """Return the titles of the files in a folder that has MAESTRO's table, if it has it."""
-    tables = sorted(folder.glob("maestro-v*.csv"))
+    tables = sorted(path for path in folder.glob("maestro-v*.csv") if path.is_file())
     if not tables:
         return {}
     table = tables[-1]
     try:
-        text = table.read_bytes().decode("utf-8-sig")
+        text = read_file(table).decode("utf-8-sig")
         return {
             folder / row["midi_filename"]: f"{row['canonical_composer']}: {row['canonical_title']}"
             for row in csv.DictReader(io.StringIO(text))
@@ -259,7 +262,7 @@ class _ImportPlan:
         Raises:
             OSError: If its file cannot be read.
         """
-        sha256 = hashlib.sha256(task.path.read_bytes()).hexdigest()
+        sha256 = hashlib.sha256(read_file(task.path)).hexdigest()
         setting = task.fingering if self._setting is None else self._setting
         content = (sha256, setting)
         if task.names:
@@ -350,9 +353,9 @@ def _setting(fingering: str) -> str:
         return fingering
     labels = labels_file(fingering)
     try:
-        return f"labels {hashlib.sha256(labels.read_bytes()).hexdigest()}"
+        return f"labels {hashlib.sha256(read_file(labels)).hexdigest()}"
     except OSError as error:
-        raise ConfigError(f"Cannot read the labels in '{labels}': {error}.") from error
+        raise ConfigError(f"Cannot read the labels in '{labels}': {error.strerror}.") from error
 
 
 def _check_single(name: str | None, fingering: str | os.PathLike[str] | None) -> None:

@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sb3_piano.array_files import read_arrays
+from sb3_piano.arrays import Arrays
 from sb3_piano.exceptions import ScoreError, one_line
 from sb3_piano.files import write_bytes
 from sb3_piano.music.hands import HANDS
@@ -27,6 +28,9 @@ from sb3_piano.music.score import Score
 T = TypeVar("T")
 
 PIECE_SUFFIX = ".npz"
+
+_MOST_BYTES = 2**24
+"""Most bytes of a file, and of its arrays: a note has less than 32."""
 
 _FORMAT = 1
 """Rises when files are written that this code could not read."""
@@ -77,7 +81,7 @@ def read_info(path: Path) -> PieceInfo:
     Raises:
         ScoreError: If the file is missing, damaged, or written by a newer version.
     """
-    return _read(path, lambda info, arrays: info)
+    return _read(path, ["header"], lambda info, arrays: info)
 
 
 def read_piece(path: Path) -> Score:
@@ -86,18 +90,18 @@ def read_piece(path: Path) -> Score:
     Raises:
         ScoreError: If the file is missing, damaged, or written by a newer version.
     """
-    return _read(path, lambda info, arrays: _from_arrays(arrays, info.name))
+    return _read(path, None, lambda info, arrays: _from_arrays(arrays, info.name))
 
 
-def _read(path: Path, make: Callable[[PieceInfo, Mapping[str, NDArray[Any]]], T]) -> T:
+def _read(path: Path, names: list[str] | None, make: Callable[[PieceInfo, Arrays], T]) -> T:
     if not os.path.isfile(path):
         raise ScoreError(f"There is no imported piece {str(path)!r}: expected an existing file.")
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            header = json.loads(archive["header"].tobytes())
-            version = header.pop("format")
-            if version == _FORMAT:
-                return make(PieceInfo(**header), archive)
+        arrays = read_arrays(path, names, _MOST_BYTES)
+        header = json.loads(arrays["header"].tobytes())
+        version = header.pop("format")
+        if version == _FORMAT:
+            return make(PieceInfo(**header), arrays)
     except Exception as error:
         # A damaged archive surfaces as whatever zipfile, zlib, NumPy or json stumble over.
         raise ScoreError(
@@ -136,7 +140,7 @@ def _to_arrays(score: Score) -> dict[str, Any]:
     }
 
 
-def _from_arrays(arrays: Mapping[str, NDArray[Any]], name: str) -> Score:
+def _from_arrays(arrays: Arrays, name: str) -> Score:
     columns = [arrays[column].tolist() for column in _COLUMNS]
     hands = [None if hand < 0 else HANDS[hand] for hand in arrays["hand"].tolist()]
     return Score(

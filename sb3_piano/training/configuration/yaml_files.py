@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from sb3_piano.exceptions import ConfigError, near_names, one_line
-from sb3_piano.files import load_yaml
+from sb3_piano.files import load_yaml, read_file
 from sb3_piano.hyperparams import NAMED, PRESETS
 from sb3_piano.training.configuration.config import RunConfig
 from sb3_piano.training.configuration.names import algorithm_class, registered_id
@@ -166,7 +166,7 @@ def merged(entry: Any, overrides: Mapping[str, Any]) -> dict[str, Any]:
 def read_yaml_mapping(path: Path) -> dict[Any, Any]:
     """Return the mapping that a YAML file holds."""
     try:
-        content = parse_yaml(path.read_text(encoding="utf-8"))
+        content = parse_yaml(read_file(path).decode())
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise ConfigError(f"'{path}' cannot be read: {reason}. Expected a YAML file.") from error

@@ -16,6 +16,7 @@ from typing import Any
 from sb3_piano.envs.score_choice import own_score
 from sb3_piano.exceptions import ConfigError, SB3PianoError
 from sb3_piano.files import write_json
+from sb3_piano.links import make_folder
 from sb3_piano.metrics import Losses
 from sb3_piano.music import Score, is_path, load_score, write_midi
 from sb3_piano.music.difficulty import write_motion
@@ -326,7 +327,7 @@ def _told_if_unwritable(folder: Path) -> Iterator[None]:
 def _try_out(folder: Path) -> None:
     """Refuse a folder in which no files can be made."""
     with _told_if_unwritable(folder):
-        folder.mkdir(exist_ok=True)
+        make_folder(folder)
         tempfile.TemporaryFile(dir=folder).close()
 
 

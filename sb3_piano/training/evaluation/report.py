@@ -15,6 +15,7 @@ import numpy as np
 from sb3_piano.envs import PianoEnv, Recording
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import write_text
+from sb3_piano.links import make_folder
 from sb3_piano.music import load_score
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.fingering import apply_fingering
@@ -74,7 +75,7 @@ def write_report(
             replay=None if script is None else _replay(env, performance, played, script),
         )
     path = run.evaluation_dir / "report.html" if out is None else Path(out)
-    return _write(path, report_html(report), make_folder=out is None)
+    return _write(path, report_html(report), own_folder=out is None)
 
 
 def _replay(env: PianoEnv, performance: Performance, played: Recording, script: str) -> Replay:
@@ -100,14 +101,14 @@ def write_piece_report(name: str, out: str | os.PathLike[str] | None = None) -> 
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
         facts.append((feature.replace("_", " ").capitalize(), text))
     path = default_folder(None, score) / "piano_roll.html" if out is None else Path(out)
-    return _write(path, score_html(score, facts), make_folder=out is None)
+    return _write(path, score_html(score, facts), own_folder=out is None)
 
 
-def _write(path: Path, html: str, *, make_folder: bool) -> Path:
+def _write(path: Path, html: str, *, own_folder: bool) -> Path:
     """Write a page, whole or not at all, and return where it is."""
     try:
-        if make_folder:
-            path.parent.mkdir(parents=True, exist_ok=True)
+        if own_folder:
+            make_folder(path.parent)
         write_text(path, html)
     except OSError as error:
         raise RunError(

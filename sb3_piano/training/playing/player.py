@@ -6,7 +6,6 @@ import contextlib
 import dataclasses
 import itertools
 import os
-import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +21,7 @@ from sb3_piano.demonstrations import PerturbedStart
 from sb3_piano.demonstrations.recording import Predictor
 from sb3_piano.envs import EpisodeRecorder, PianoEnv, Recording
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
-from sb3_piano.files import write_bytes
+from sb3_piano.files import read_file, write_bytes
 from sb3_piano.layers import layers
 from sb3_piano.music import Score, load_score
 from sb3_piano.planning import PianoPolicy
@@ -363,7 +362,7 @@ def write_player(
                 keep_base(written, config)
                 written.keep_pieces()
                 if player.run.provenance_file.is_file():
-                    shutil.copyfile(player.run.provenance_file, written.provenance_file)
+                    write_bytes(written.provenance_file, read_file(player.run.provenance_file))
                 if isinstance(config, RunConfig):
                     assert isinstance(player.model, BaseAlgorithm), "what is trained has weights"
                     write_bytes(written.weights_file, pack_weights(player.model, config))

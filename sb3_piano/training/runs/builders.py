@@ -73,7 +73,7 @@ class EpisodeLog(Monitor):
         Of the latter the file says since when times are counted, by which SB3 sorts the episodes.
         """
         file = Path(f"{path}.{Monitor.EXT}")
-        append = append and file.exists()
+        append = append and file.is_file()
         if append:
             with contextlib.suppress(ValueError, KeyError, OSError), file.open() as lines:
                 self.t_start = float(json.loads(lines.readline()[1:])["t_start"])

@@ -19,6 +19,7 @@ from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import Place, write_yaml
 from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.links import keep_inside
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.settings import Count, checked
 from sb3_piano.training.configuration.config import RunConfig
@@ -237,6 +238,7 @@ def _begin(place: Path, curriculum: Curriculum) -> Curriculum:
 @contextlib.contextmanager
 def _owned(place: Path) -> Iterator[None]:
     """Keep other processes from training in a curriculum's folder; leave none that is empty."""
+    keep_inside(place)
     busy = f"The curriculum in '{place}' is being trained"
     expected = (
         f"one process in a folder. Wait for its end or stop it; then go on with: {go_on(place)}"

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.files import PARTIAL_SUFFIX, Place, write_yaml
+from sb3_piano.files import PARTIAL_SUFFIX, Place, read_file, write_bytes, write_yaml
+from sb3_piano.links import check_inside, keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import is_path
 from sb3_piano.music.library import Library
@@ -40,6 +41,9 @@ BASE = "base"
 
 PLAN = "plan"
 """What stands for a file of a plan, which is followed."""
+
+_MOST_BYTES = 2**30
+"""Most bytes of a network's file that is copied."""
 
 _EXPECTED = "expected a folder that 'sb3-piano train' made"
 
@@ -114,6 +118,7 @@ class RunFolder:
                 cls(made)._write(config)
             else:
                 place.mkdir(parents=True, exist_ok=True)
+                keep_inside(place)
                 with cls(place).owned():
                     _check_empty(place)
                     made = place
@@ -132,6 +137,7 @@ class RunFolder:
             raise RunError(f"There is no folder '{folder.path}': {_EXPECTED}.")
         if not folder.config_file.is_file():
             raise RunError(f"'{folder.path}' is no run, it has no config.yml: {_EXPECTED}.")
+        keep_inside(folder.path)
         return folder
 
     def owned(self) -> AbstractContextManager[None]:
@@ -150,6 +156,7 @@ class RunFolder:
         """
         for pattern in (f"*{PARTIAL_SUFFIX}", f"best_*/*{PARTIAL_SUFFIX}"):
             for file in self.path.glob(pattern):
+                check_inside(file)
                 file.unlink(missing_ok=True)
 
     @contextlib.contextmanager
@@ -244,8 +251,8 @@ class RunFolder:
                 continue
             file = Path(piece) if is_path(piece) else library.path(piece)
             copy = self.pieces_dir.absolute() / str(number) / file.name  # its name is its title
-            copy.parent.mkdir(parents=True)
-            shutil.copyfile(file, copy)
+            make_folder(copy.parent)
+            write_bytes(copy, read_file(file))
             kept[number] = str(copy)
         self.write_config(replace(config, pieces=tuple(kept)))
 
@@ -284,7 +291,7 @@ class RunFolder:
                 file = library.path(text)
             notes[f"{option}_file"] = _origin(option, file)
             copy = self.hand_file if option == MODEL else self.path / f"{option}{file.suffix}"
-            shutil.copyfile(file, copy)
+            write_bytes(copy, read_file(file, _MOST_BYTES))
             config = _with_files(config, {option: str(copy)})
         self.write_provenance(notes)
         self.write_config(config)

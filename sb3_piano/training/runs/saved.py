@@ -9,9 +9,11 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 import pickle
 import shlex
 import warnings
+import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -23,9 +25,12 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+from torch.utils._python_dispatch import TorchDispatchMode
 
+from sb3_piano.array_files import read_shapes
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import RunError, one_line
+from sb3_piano.files import check_file
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.settings import Index, checked
 from sb3_piano.training.configuration.config import PlannedConfig, PlayConfig, RunConfig
@@ -86,6 +91,43 @@ def model_files(
     return place / saved.model, None if pickled is None else place / pickled
 
 
+_PACKED_TIMES = 16
+"""How many times larger than its file a model may be: SB3 packs nothing at all."""
+
+
+def _check_archive(path: Path) -> None:
+    """Refuse an archive that unpacks to far more than it has."""
+    check_file(path)
+    size, small = path.stat().st_size, (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+    with zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+    whole = sum(member.file_size for member in members)
+    if whole > 2**20 + _PACKED_TIMES * size or {m.compress_type for m in members} - set(small):
+        raise ValueError(f"it unpacks to {whole} bytes, and has {size}")
+
+
+class _Bounded(TorchDispatchMode):
+    """Lets a model be made of so many numbers, so that its settings cannot ask for any more."""
+
+    _MAKES = tuple(getattr(torch.ops.aten, n) for n in ("empty", "new_empty", "zeros", "ones"))
+
+    def __init__(self, numbers: int) -> None:
+        super().__init__()
+        self._left = numbers
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        del types
+        if func.overloadpacket in self._MAKES:
+            shape = args[1 if func.overloadpacket is torch.ops.aten.new_empty else 0]
+            self._left -= math.prod(shape) + 64  # an object is not made of nothing
+            if self._left < 0:
+                raise ValueError(
+                    "it would have more numbers than its file of weights: expected the settings "
+                    "that belong to them"
+                )
+        return func(*args, **(kwargs or {}))
+
+
 def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> BaseAlgorithm:
     """Return a saved model on the given environments; ``changes`` are attributes of it.
 
@@ -93,6 +135,7 @@ def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> B
     """
     device = config.algorithm_kwargs.get("device", "auto")
     try:
+        _check_archive(path)
         return config.algorithm.load(path, env=venv, device=device, **changes)
     except Exception as error:  # unpickling fails in any way
         raise RunError(
@@ -114,7 +157,9 @@ def load_to_play(config: PlayConfig, path: Path, venv: VecEnv) -> BaseAlgorithm 
     arguments = {**config.algorithm_kwargs, **small}
     with warnings.catch_warnings():  # that so few steps are no batch
         warnings.simplefilter("ignore", UserWarning)
-        model = build_model(dataclasses.replace(config, algorithm_kwargs=arguments), venv)
+        # Each is made a second time while its first values are drawn.
+        with _Bounded(2**20 + 4 * sum(tensor.numel() for tensor in tensors.values())):
+            model = build_model(dataclasses.replace(config, algorithm_kwargs=arguments), venv)
     state = {n.removeprefix(_POLICY): t for n, t in tensors.items() if n.startswith(_POLICY)}
     try:
         model.policy.load_state_dict(state, strict=True)
@@ -151,6 +196,7 @@ def load_statistics(config: PlayConfig, path: Path | None, venv: VecEnv) -> None
         tensors = read_weights(path, config)[0]
     try:
         if path.suffix != ".safetensors":
+            check_file(path)
             with path.open("rb") as file:
                 tensors = dict(_normalization_tensors(pickle.load(file)))
         _put_normalization(tensors, venv)
@@ -175,6 +221,7 @@ def pack_weights(model: BaseAlgorithm, config: RunConfig) -> bytes:
 def read_weights(path: Path, config: PlayConfig) -> tuple[Tensors, int]:
     """Return the tensors of a file of :func:`pack_weights`, and the steps trained for."""
     try:
+        read_shapes(path)  # what is no file, or has a header without end, is refused
         with safetensors.safe_open(path, framework="pt") as file:
             facts = dict(file.metadata() or {})
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118

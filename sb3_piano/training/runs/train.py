@@ -33,6 +33,7 @@ from sb3_piano.callbacks.replay_segments import end_last_episode
 from sb3_piano.exceptions import ConfigError, RunError, SB3PianoError
 from sb3_piano.files import disk_refusal
 from sb3_piano.interrupts import StopRequest, stop_on_signal
+from sb3_piano.links import check_inside
 from sb3_piano.policies import sparing_updates
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import torch_computing
@@ -272,6 +273,9 @@ def _open_logs(run: RunFolder, model: BaseAlgorithm, *, append: bool) -> None:
     """Let Monitor files and TensorBoard logs be written into the run's folder."""
     venv = model.get_env()
     assert venv is not None, "a model that trains has its environments"
+    for place in (run.monitor_dir, run.tensorboard_dir):
+        for log in (place, *place.rglob("*")):
+            check_inside(log)  # SB3 writes there by itself
     bare = venv.unwrapped  # a wrapper may show more agents than there are environments
     for index in range(bare.num_envs):
         path = str(run.monitor_dir / str(index))

@@ -19,6 +19,7 @@ from operator import attrgetter
 from pathlib import Path
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
+from sb3_piano.files import read_file
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.formats.common import LeftOut
 from sb3_piano.music.formats.midi_hands import hand_of_name
@@ -71,8 +72,7 @@ def read_musicxml(path: str | os.PathLike[str]) -> Score:
     path = Path(path)
     left_out = LeftOut()
     with reading(path, "MusicXML file", "a complete one"):
-        with path.open("rb") as file:
-            parts, marks = parse_document(file.read(MOST_BYTES + 1))
+        parts, marks = parse_document(read_file(path, MOST_BYTES))
         played = _played_parts(parts, path)
         score = _score(played, timeline(marks), path, left_out)
     left_out.warn(path)

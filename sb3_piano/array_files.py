@@ -1,0 +1,90 @@
+"""Arrays in files of NumPy (.npz) and safetensors, of which nothing is made that is too large."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import zipfile
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.arrays import Arrays
+from sb3_piano.exceptions import one_line
+from sb3_piano.files import MOST_BYTES, check_file, read_file, read_member
+
+_HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
+_ARRAY_SUFFIX = ".npy"
+_MOST_OF_HEADER = 2**20
+"""Most bytes of the header of a safetensors file, which has some hundred for each tensor."""
+
+
+def read_arrays(
+    path: str | os.PathLike[str], names: Iterable[str] | None = None, most: int = MOST_BYTES
+) -> Arrays:
+    """Return arrays of a .npz file by name, all of them by default.
+
+    Args:
+        path: The file.
+        names: What is read of it.
+        most: Most bytes that the file has, and that the arrays take.
+
+    Raises:
+        OSError: If it is no file or cannot be read.
+        ValueError: If it is damaged, lacks an array, or would take more.
+    """
+    content, left, arrays = io.BytesIO(read_file(path, most)), most, Arrays()
+    try:
+        with zipfile.ZipFile(content) as archive:
+            members = [name.removesuffix(_ARRAY_SUFFIX) for name in archive.namelist()]
+            for name in members if names is None else names:
+                packed = read_member(archive, name + _ARRAY_SUFFIX, left)
+                left -= len(packed)
+                arrays[name] = _array(packed)
+    except Exception as error:  # a damaged archive surfaces as whatever zipfile and NumPy raise
+        raise ValueError(one_line(error)) from error
+    return arrays
+
+
+def _array(content: bytes) -> npt.NDArray[Any]:
+    """Return the array in the bytes of a .npy file, whose header may claim anything."""
+    stream = io.BytesIO(content)
+    version = np.lib.format.read_magic(stream)
+    if version not in _HEADERS:
+        raise ValueError(f"an array is of version {version}: expected 1.0 or 2.0")
+    shape, by_columns, dtype = _HEADERS[version](stream)
+    start = stream.tell()
+    if dtype.hasobject:
+        raise ValueError("an array holds Python objects, and pickles are not read")
+    whole = math.prod(shape) * dtype.itemsize == len(content) - start
+    if not whole or max(shape, default=0) > len(content):  # as (10**12, 0)
+        raise ValueError(f"an array has {len(content) - start} bytes: expected {dtype} {shape}")
+    order: Any = "F" if by_columns else "C"
+    return np.ndarray(shape, dtype, content, start, order=order).copy()
+
+
+def read_shapes(path: str | os.PathLike[str]) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the tensors in a safetensors file, of which only the header is read.
+
+    Raises:
+        OSError: If it is no file or cannot be read.
+        ValueError: If it has no header of that kind.
+    """
+    check_file(path)
+    with open(path, "rb") as file:
+        size = int.from_bytes(file.read(8), "little")
+        if size > _MOST_OF_HEADER:
+            raise ValueError(f"its header has {size} bytes, not up to {_MOST_OF_HEADER}")
+        text = file.read(size)
+    try:
+        header = json.loads(text)
+        return {n: tuple(map(int, t["shape"])) for n, t in header.items() if n != "__metadata__"}
+    except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise ValueError("its header is damaged") from error

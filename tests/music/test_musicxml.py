@@ -157,6 +157,18 @@ class TestTime:
         halved = "<attributes><divisions>2</divisions></attributes>"
         assert played(read(note("C4", 16), halved + note("D4", 8))) == [(60, 0, 2), (62, 2, 4)]
 
+    def test_a_part_without_divisions_has_those_of_another(self, read):
+        halved = "<attributes><divisions>2</divisions></attributes>"
+        parts = {"A": part(note("C5", 16), halved + note("D5", 8))}
+        lower = part(note("C3", 16), note("D3", 8))
+        parts["B"] = lower.replace(f"<divisions>{DIVISIONS}</divisions>", "")
+        assert [event[1:] for event in played(read(parts=parts))] == [
+            (0, 2),
+            (0, 2),
+            (2, 4),
+            (2, 4),
+        ]
+
     def test_a_tie_that_ends_nowhere_ends_its_note(self, read):
         music = note("C4", 4, '<tie type="start"/>') + note("D4", 4, '<tie type="stop"/>')
         assert played(read(music)) == [(60, 0, 0.5), (62, 0.5, 1)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import contextlib
 import io
+import posixpath
 import re
 import unicodedata
 import zipfile
@@ -95,8 +96,8 @@ def _decoded(info: zipfile.ZipInfo) -> str:
 
 def _normalized(name: str) -> str:
     """Return a name for comparing: separators, escapes, letter case and accents differ."""
-    name = unicodedata.normalize("NFC", unquote(name).replace("\\", "/"))
-    return re.sub(r"^(\.?/)+", "", name).casefold()
+    name = unicodedata.normalize("NFC", unquote(name.strip()).replace("\\", "/"))
+    return posixpath.normpath(f"/{name}").lstrip("/").casefold()
 
 
 def _named(container: Element) -> list[str]:
@@ -117,8 +118,9 @@ def _parse(content: bytes) -> Element:
     if len(content) > MOST_BYTES:
         raise ValueError(f"it holds more than {MOST_BYTES} bytes")
     text = _decode(content)
-    # Neither what stands before the first element nor the declaration tells anything further.
-    text = _DECLARATION.sub("", text[max(text.find("<"), 0) :], count=1)
+    # Neither what stands around the elements nor the declaration tells anything further.
+    text = text[max(text.find("<"), 0) : text.rfind(">") + 1] or text
+    text = _DECLARATION.sub("", text, count=1)
     text = _CONTROL.sub("", text)
     if text.count("<") + text.count("=") > _MOST_ELEMENTS:
         raise ValueError(f"it has more than {_MOST_ELEMENTS} elements and attributes")

@@ -83,20 +83,24 @@ def parse_document(content: bytes) -> tuple[list[SourcePart], Marks]:
     return [reader.part for reader in readers], marks
 
 
-def _first_divisions(parts: Sequence[Element]) -> list[Fraction]:
-    """Return the first divisions of each part, wherever they stand in it, else those of another."""
-    own = [
-        next(filter(None, (read_number(e.text) for e in part.iterfind(_DIVISIONS))), None)
+def _first_divisions(parts: Sequence[Element]) -> list[list[Fraction]]:
+    """Return the first divisions of each part, wherever they stand in it.
+
+    They are lists of one; a part that has none shares those of another, which may change.
+    """
+    found = [
+        filter(None, (read_number(element.text) for element in part.iterfind(_DIVISIONS)))
         for part in parts
     ]
-    others = next(filter(None, own), Fraction(1))
+    own = [list(itertools.islice(divisions, 1)) for divisions in found]
+    others = next(filter(None, own), [Fraction(1)])
     return [divisions or others for divisions in own]
 
 
 class _PartReader:
     """Walk through the measures of a part, whose ``divisions`` of a quarter note are the first."""
 
-    def __init__(self, part: SourcePart, marks: Marks, divisions: Fraction) -> None:
+    def __init__(self, part: SourcePart, marks: Marks, divisions: list[Fraction]) -> None:
         self.part = part
         self._marks = marks
         self._divisions = divisions
@@ -149,20 +153,22 @@ class _PartReader:
             for note in notes
             if note.doubling
         ]
-        self._marks.swings.apply(notes)
+        played = self._marks.swings.played
+        for note in notes:
+            note.start, note.end = played(note.start), played(note.end)
         down: Fraction | None = None
         # Where a press follows another, the end of the former may be written after its start.
         for at, kind in sorted(self._pedal_signs, key=lambda sign: (sign[0], sign[1] != "stop")):
             if down is not None and kind != "hold":
-                self.part.pedals.append((down, at))
+                self.part.pedals.append((down, played(at)))
                 down = None
             if down is None and kind != "stop":
-                down = at
+                down = played(at)
         if down is not None:
             self.part.pedals.append((down, end))
 
     def _duration(self, element: Element) -> Fraction:
-        duration = read_number(element.findtext("duration")) / self._divisions
+        duration = read_number(element.findtext("duration")) / self._divisions[0]
         if duration < 0:
             raise ValueError(f"a duration is {element.findtext('duration')}, less than 0")
         return duration
@@ -193,7 +199,7 @@ class _PartReader:
             self.part.staves = max(self.part.staves, note.staff)
 
     def _read_attributes(self, element: Element) -> None:
-        self._divisions = read_number(element.findtext("divisions")) or self._divisions
+        self._divisions[0] = read_number(element.findtext("divisions")) or self._divisions[0]
         self.part.staves = max(self.part.staves, int(element.findtext("staves") or 1))
         meter = element.find("time")
         if meter is not None:
@@ -234,7 +240,7 @@ class _PartReader:
         """Return where is heard what stands here, by its offset if it has one."""
         if offset is None:
             return self._here if at is None else at
-        return max(self._here + read_number(offset.text) / self._divisions, Fraction(0))
+        return max(self._here + read_number(offset.text) / self._divisions[0], Fraction(0))
 
     def _read_sound(self, element: Element, at: Fraction | None = None) -> None:
         at = self._moved(element.find("offset"), at)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import bisect
 import re
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cached_property
 from operator import itemgetter
 from xml.etree.ElementTree import Element
 
-from sb3_piano.music.formats.musicxml.notes import SourceNote, note_value, read_number
+from sb3_piano.music.formats.musicxml.notes import note_value, read_number
 from sb3_piano.music.text_file import read_whole
 
 
@@ -70,21 +70,19 @@ class Swings:
         pair = 2 * (note_value(sign.findtext("swing-type")) or _EVEN)
         self.signs[at] = pair, Fraction(first, first + second)
 
-    def apply(self, notes: Iterable[SourceNote]) -> None:
-        """Let notes begin and end when they are played."""
-        corners = sorted(self.signs)
-        for note in notes if corners else ():
-            note.start, note.end = (
-                self._played(note.start, corners),
-                self._played(note.end, corners),
-            )
+    @cached_property
+    def _corners(self) -> list[Fraction]:
+        return sorted(self.signs)
 
-    def _played(self, at: Fraction, corners: Sequence[Fraction]) -> Fraction:
-        index = bisect.bisect_right(corners, at) - 1
-        pair, share = self.signs[corners[index]] if index >= 0 else (Fraction(1), _EVEN)
+    def played(self, at: Fraction) -> Fraction:
+        """Return when is played what is written at a time, once all signs are known."""
+        index = bisect.bisect_right(self._corners, at) - 1
+        pair, share = self.signs[self._corners[index]] if index >= 0 else (Fraction(1), _EVEN)
+        if share == _EVEN:
+            return at
         bar = bisect.bisect_right(self.bars, at, key=itemgetter(0)) - 1
         place = (at - self.bars[bar][1]) / pair % 1
-        if share == _EVEN or place.denominator & (place.denominator - 1):
+        if place.denominator & (place.denominator - 1):
             return at  # triplets are as they are written
         moved = 2 * place * share if place <= _EVEN else 1 - 2 * (1 - place) * (1 - share)
         return at + (moved - place) * pair

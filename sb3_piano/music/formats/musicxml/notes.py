@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from xml.etree.ElementTree import Element
 
 from sb3_piano.music.constants import DEFAULT_VELOCITY
@@ -66,6 +67,7 @@ class SourceNote:
     doubling: int = 0
 
 
+@lru_cache(maxsize=1024)
 def read_number(text: str | None) -> Fraction:
     """Return the number that a text stands for, which may have a decimal comma; 0 without one."""
     # By way of a float, which has an end: Fraction("1e999999999") would fill the memory.

@@ -28,6 +28,9 @@ _DAMPER = "damper-pedal"
 _HALF_DOWN = 50
 """Per cent from which on a damper pedal is down."""
 
+_NO_KEY = 999
+"""Pitch, up and down, of the notes of damaged files whose names would be endless."""
+
 _LEAPS = ("dacapo", "dalsegno", "segno", "tocoda", "coda", "fine")
 
 
@@ -173,28 +176,25 @@ class _PartReader:
             raise ValueError(f"a duration is {element.findtext('duration')}, less than 0")
         return duration
 
-    def _note_duration(self, note: Element) -> Fraction:
-        """Return how long a note or rest lasts, by its type where no duration says it."""
-        duration, rest = self._duration(note), note.find("rest")
-        if duration or note.find("grace") is not None:
-            return duration
-        if rest is not None and rest.get("measure") == "yes":
-            return self.meter
-        dots = len(note.findall("dot"))
-        return note_value(note.findtext("type"), dots, note.find("time-modification"))
-
     def _read_note(self, element: Element) -> None:
-        duration, span = self._note_duration(element), self._struck
+        duration, rest = self._duration(element), element.find("rest")
+        dots = len(element.findall("dot"))
+        written = note_value(element.findtext("type"), dots, element.find("time-modification"))
+        if duration == 0 and element.find("grace") is None:
+            is_whole = rest is not None and rest.get("measure") == "yes"
+            duration = self.meter if is_whole else written
+        span = self._struck
         if element.find("chord") is None:
             span = self._struck = (self._here, self._here + duration)
             self._here += duration
-        elif duration:
+        elif duration and written in (0, duration):
+            # Programs also write shorter durations there that belie the type, without the dot.
             span = (span[0], span[0] + duration)
         if element.find("pitch") is not None and element.find("cue") is None:
             note = read_note(element, span)
             every = self._transpositions.get(0, (0, 0))
             semitones, note.doubling = self._transpositions.get(note.staff, every)
-            note.pitch += semitones
+            note.pitch = min(max(note.pitch + semitones, -_NO_KEY), _NO_KEY)
             self.part.notes.append(note)
             self.part.staves = max(self.part.staves, note.staff)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import functools
 import itertools
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
@@ -134,6 +135,7 @@ def timeline(marks: Marks) -> Timeline:
         tempos.append(tempo)
         times.append(_short(times[-1] + (stop - start) * 60 / tempos[-1]))
 
+    @functools.cache
     def seconds(at: Fraction) -> Fraction:
         piece = bisect.bisect_right(corners, at) - 1
         return times[piece] + (at - corners[piece]) * 60 / tempos[piece + 1]

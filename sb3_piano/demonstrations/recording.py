@@ -18,6 +18,7 @@ from gymnasium.envs.registration import EnvSpec
 import sb3_piano
 from sb3_piano.demonstrations.dataset import EXPERT_ACTION, DatasetWriter
 from sb3_piano.demonstrations.disturbances import DEFAULT_MEMORY, ActuatorNoise, PerturbedStart
+from sb3_piano.envs.episode_end import final_info
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.interrupts import ctrl_c_deferred
 from sb3_piano.metrics import EPISODE_METRICS
@@ -200,7 +201,7 @@ def as_episode(
 
     played = list(steps)
     observations, actions, labels, rewards, ends, infos = zip(*played[:-1], strict=True)
-    kind, info = env.action_space.dtype, infos[-1]
+    kind, info = env.action_space.dtype, final_info(infos[-1])
     asked = np.array([*labels, labels[-1]], dtype=kind)
     if asked.dtype.kind == "f":
         asked[-1] = np.nan  # in the last state nothing is played any more

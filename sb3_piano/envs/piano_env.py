@@ -12,6 +12,7 @@ import numpy.typing as npt
 from sb3_piano.envs.actions import ActionMap
 from sb3_piano.envs.config import PianoEnvConfig
 from sb3_piano.envs.encodings import Encoding, FingerEncoding, RollEncoding
+from sb3_piano.envs.episode_end import LimitRef, StepInfo, ends_by_limit, time_limits
 from sb3_piano.envs.goal import Goal, reward_terms
 from sb3_piano.envs.hand_encoding import HandEncoding
 from sb3_piano.envs.observation import ALL_KEYS, KeyWindow, ObservationLayout, ObservationSpace
@@ -94,7 +95,9 @@ class PianoEnv(gym.Env[Any, Any]):
     An episode starts with all joints at 0. It is truncated at the end of the score; it terminates
     early only with ``wrong_press_termination``. The final ``info`` has, as plain numbers, the
     metrics of :data:`sb3_piano.metrics.EPISODE_METRICS` and ``return_<term>``, the episode's sum
-    of each weighted term.
+    of each weighted term. A ``TimeLimit`` around it (``max_episode_steps``) is an end like that
+    of the score: the numbers are those of the steps that were played. Where another wrapper ends
+    it, ``info["f1"]`` and the others are looked up when they are asked for.
 
     ## Attributes
 
@@ -151,6 +154,7 @@ class PianoEnv(gym.Env[Any, Any]):
         self._renderer: PerformanceRenderer | None = None
         self._build(ALL_KEYS)
         self._finished = True  # until the first reset
+        self._limits: tuple[LimitRef, ...] = ()
         self.action_space = self.action_map.space
         self.observation_space = ObservationSpace(self._encoding.layout)
         self.total_steps = 0
@@ -267,7 +271,9 @@ class PianoEnv(gym.Env[Any, Any]):
             ConfigError: If ``options`` has an unknown key, or the transform returns no score.
             ScoreError: If the score cannot be read or played.
         """
+        self._finished = True  # if this fails, too: nobody plays on in an episode that was left
         super().reset(seed=seed)
+        self._limits = time_limits(self)
         self._set_score(chosen_score(options or {}, self._default_score, self.np_random))
         self._clear_episode()
         if self.config.randomize_hand_positions:
@@ -312,16 +318,18 @@ class PianoEnv(gym.Env[Any, Any]):
         weighted = {name: weight * terms[name] for name, weight in config.reward_weights.items()}
         self._record.add(self._simulation, pedal_down, weighted)
         self.total_steps += 1
-        truncated = step == last
+        truncated = step == last or ends_by_limit(self._limits)
         terminated = (
             config.wrong_press_termination
-            and not truncated
+            and step < last
             and int.from_bytes(self._simulation.sounding) & self._goal.steps[step].not_due > 0
         )
         self._finished = truncated or terminated
         info: dict[str, Any] = {"reward_terms": terms}
         if self._finished:
             info.update(self._record.summary())
+        else:
+            info = StepInfo(info, self._record)
         observation = self._encoding.write(min(step + 1, last), self._simulation, self._pedal)
         return observation, sum(weighted.values()), terminated, truncated, info
 
@@ -431,7 +439,8 @@ class PianoEnv(gym.Env[Any, Any]):
         self.total_steps = moment.total_steps
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_renderer": None}  # a drawing context cannot be copied
+        # Neither a drawing context nor a reference to a wrapper can be copied.
+        return {**self.__dict__, "_renderer": None, "_limits": ()}
 
     # How it works.
 

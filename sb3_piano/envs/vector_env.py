@@ -6,9 +6,11 @@ import functools
 from collections.abc import Sequence
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers import TimeLimit
 
 from sb3_piano.arrays import BoolArray, Float32Array, FloatArray
 from sb3_piano.envs.piano_env import PianoEnv
@@ -35,6 +37,8 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
             is a ``Score``, a path or a piece's name.
         n_threads: Threads to use, the calling one included; by default one for each environment or
             each usable core, whichever are fewer.
+        max_episode_steps: Steps after which a ``TimeLimit`` around each environment truncates its
+            episode; by default there is none.
         autoreset_mode: When an environment whose episode has ended begins the next one: with the
             next step ("NextStep"), with the same one ("SameStep") or when told to ("Disabled").
         render_mode: As for a single environment.
@@ -53,11 +57,13 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
         score: ScoreSource | Sequence[ScoreSource] = "TwinkleTwinkleLittleStar",
         *,
         n_threads: int | None = None,
+        max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
         num_envs = checked("num_envs", num_envs, Count)
+        limit = checked("max_episode_steps", max_episode_steps, Count | None)
         mode = _checked_mode(autoreset_mode)
         self._team = ThreadTeam(num_envs, n_threads)
         if isinstance(score, str) or not isinstance(score, Sequence):
@@ -68,7 +74,8 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
         ]
         _check_same_size(envs)
         # Built before, so that what is wrong is told in our words.
-        super().__init__([functools.partial(_same, env) for env in envs], autoreset_mode=mode)
+        limited = envs if limit is None else [TimeLimit(env, limit) for env in envs]
+        super().__init__([functools.partial(_same, env) for env in limited], autoreset_mode=mode)
         self._env_obs: list[Any] = [None] * num_envs
         self._slot_infos: list[list[dict[str, Any]]] = [[] for _ in envs]
 
@@ -223,7 +230,7 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
         return rows
 
 
-def _same(env: PianoEnv) -> PianoEnv:
+def _same(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
     return env
 
 

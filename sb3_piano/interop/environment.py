@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from sb3_piano.envs.episode_end import final_info
 from sb3_piano.exceptions import ConfigError, EnvStateError
 from sb3_piano.interop.scene import DM_CONTROL_NEEDED, import_dm_control
 from sb3_piano.metrics import EPISODE_METRICS
@@ -93,6 +94,7 @@ class DmEnvironment(dm_env.Environment):
         self._finished = terminated or truncated
         if not self._finished:
             return dm_env.transition(*told)
+        info = final_info(info)
         self._metrics = {name: info[name] for name in EPISODE_METRICS if name in info}
         return dm_env.termination(*told) if terminated else dm_env.truncation(*told)
 

@@ -63,7 +63,8 @@ class RewardTermsWrapper(gym.Wrapper[Any, Any, Any, Any]):
         self._check(float(reward), weighted_sum(self.inner_weights, info["reward_terms"]))
         terms = self.reward_terms(info["reward_terms"])
         new_reward = weighted_sum(self.reward_weights, terms)
-        return observation, new_reward, terminated, truncated, {**info, "reward_terms": terms}
+        info["reward_terms"] = terms
+        return observation, new_reward, terminated, truncated, info
 
     def _check(self, reward: float, expected: float) -> None:
         if not math.isclose(reward, expected, rel_tol=1e-9, abs_tol=1e-9):

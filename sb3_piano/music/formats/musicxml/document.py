@@ -117,18 +117,20 @@ def _parse(content: bytes) -> Element:
     """Return the root of an XML document, all names without a namespace."""
     if len(content) > MOST_BYTES:
         raise ValueError(f"it holds more than {MOST_BYTES} bytes")
-    text = _decode(content)
-    # Neither what stands around the elements nor the declaration tells anything further.
-    text = text[max(text.find("<"), 0) : text.rfind(">") + 1] or text
-    text = _DECLARATION.sub("", text, count=1)
-    text = _CONTROL.sub("", text)
-    if text.count("<") + text.count("=") > _MOST_ELEMENTS:
+    document = _cleaned(_decode(content)).encode()
+    if document.count(b"<") + document.count(b"=") > _MOST_ELEMENTS:
         raise ValueError(f"it has more than {_MOST_ELEMENTS} elements and attributes")
-    root = ElementTree.fromstring(text)
-    if "xmlns" in text:
+    root = ElementTree.fromstring(document)
+    if b"xmlns" in document:
         for element in root.iter():
             element.tag = element.tag.rpartition("}")[2]
     return root
+
+
+def _cleaned(text: str) -> str:
+    """Return a document without what stands around its elements, and its declaration."""
+    text = text[max(text.find("<"), 0) : text.rfind(">") + 1] or text
+    return _CONTROL.sub("", _DECLARATION.sub("", text))
 
 
 def _decode(content: bytes) -> str:

@@ -166,14 +166,16 @@ def _tied_notes(notes: Sequence[SourceNote], line: Timeline) -> list[SourceNote]
     ]
     joined: list[SourceNote] = []
     open_ties: dict[int, list[SourceNote]] = defaultdict(list)
+    struck: dict[int, Fraction] = {}
     for note in sorted(played, key=attrgetter("start")):
         if note.is_staccato and not (note.tied_on or note.tied_back):
             note.end = (note.start + note.end) / 2
         ties = open_ties[note.pitch]
-        whole = _tied_to(note, ties) if note.tied_back else None
+        last = struck.get(note.pitch, note.start)
+        whole = _tied_to(note, ties, last) if note.tied_back else None
         if whole is None:
-            # Who strikes a key holds it no more, but for other voices.
-            ties[:] = [tie for tie in ties[-_MOST_TIES:] if tie.end > note.start]
+            del ties[:-_MOST_TIES]
+            struck[note.pitch] = note.start
             whole = note
             joined.append(note)
         else:
@@ -184,15 +186,15 @@ def _tied_notes(notes: Sequence[SourceNote], line: Timeline) -> list[SourceNote]
     return joined
 
 
-def _tied_to(note: SourceNote, ties: Sequence[SourceNote]) -> SourceNote | None:
+def _tied_to(note: SourceNote, ties: Sequence[SourceNote], struck: Fraction) -> SourceNote | None:
     """Return which note of its pitch, of those with an open tie, another one goes on with.
 
     It is the one that ends where the other begins, of the same voice if there are more; else the
-    last one, over a gap.
+    last one, over a gap, unless its key was ``struck`` again.
     """
     meeting = [tie for tie in ties if tie.end == note.start]
     same_voice = [tie for tie in meeting if tie.voice == note.voice]
-    earlier = [tie for tie in ties if tie.start < note.start and tie.end <= note.end]
+    earlier = [tie for tie in ties if tie.start < note.start and struck < tie.end <= note.end]
     return next(iter([*same_voice, *meeting, *reversed(earlier)]), None)
 
 

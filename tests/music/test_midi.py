@@ -298,7 +298,7 @@ class TestLeftOut:
 
 
 class TestMetaMessages:
-    """What mido 1.3 alone does not read as the standard has it."""
+    """Messages that some libraries do not read as the standard has them."""
 
     def read(self, folder, *messages, kind=0):
         track = b"".join([*messages, b"\0\xff\x2f\0"])
@@ -323,13 +323,86 @@ class TestMetaMessages:
             self.read(tmp_path, self.NOTE, kind=2)
 
 
+HEAD = b"MThd\0\0\0\6\0\1\0\1\1\xf4"  # 500 ticks a beat: 1 ms a tick
+NOTE_C = b"\0\x90\x3c\x40\x83\x74\x80\x3c\0"  # 0.5 s
+END = b"\0\xff\x2f\0"
+
+
+def chunk(name, contents, length=None):
+    return name + (len(contents) if length is None else length).to_bytes(4, "big") + contents
+
+
+class TestChunks:
+    """Counts and lengths that the bytes contradict."""
+
+    def notes(self, folder, content):
+        (folder / "a.mid").write_bytes(content)
+        return [(n.pitch, n.onset, n.offset) for n in read_midi(folder / "a.mid").notes]
+
+    @pytest.mark.parametrize("length", [0, 1, 5, 9, 12, 14, 40, 2**32 - 1])
+    def test_a_wrong_length_of_a_track_loses_nothing(self, length, tmp_path):
+        one, other = NOTE_C + END, NOTE_C.replace(b"\x3c", b"\x40") + END
+        content = HEAD + chunk(b"MTrk", one, length) + chunk(b"MTrk", other)
+        assert self.notes(tmp_path, content) == [(60, 0, 0.5), (64, 0, 0.5)]
+
+    def test_a_length_of_the_whole_file_does_not_swallow_the_next_track(self, tmp_path):
+        second = chunk(b"MTrk", NOTE_C.replace(b"\x3c", b"\x40") + END)
+        length = len(NOTE_C + END + second)
+        content = HEAD + chunk(b"MTrk", NOTE_C + END, length) + second
+        assert self.notes(tmp_path, content) == [(60, 0, 0.5), (64, 0, 0.5)]
+
+    def test_a_header_may_be_longer_and_a_chunk_of_another_kind_of_any_length(self, tmp_path):
+        head = b"MThd\0\0\0\x09" + HEAD[8:] + b"abc"
+        alien = chunk(b"XFIH", b"abcd", 1000)
+        content = head + alien + chunk(b"MTrk", NOTE_C + END) + b"\0"
+        assert self.notes(tmp_path, content) == [(60, 0, 0.5)]
+
+    def test_of_two_files_behind_each_other_the_first_is_read(self, tmp_path):
+        content = HEAD + chunk(b"MTrk", NOTE_C + END)
+        other = HEAD + chunk(b"MTrk", NOTE_C.replace(b"\x3c", b"\x40") + END)
+        assert self.notes(tmp_path, content + other) == [(60, 0, 0.5)]
+
+    @pytest.mark.parametrize(
+        ("division", "seconds"), [(b"\xe8\x0a", 240), (b"\xe3\x64", 3e6 / 1001), (b"\xe2\x02", 60)]
+    )
+    def test_ticks_may_be_parts_of_film_frames(self, division, seconds, tmp_path):
+        content = HEAD[:12] + division + chunk(b"MTrk", b"\0\xff\x51\x03\x01\0\0" + NOTE_C + END)
+        (note,) = self.notes(tmp_path, content)
+        assert note == (60, 0, pytest.approx(500 / seconds))
+        assert read_midi(tmp_path / "a.mid").bars == ()
+
+
+class TestSilence:
+    """Controllers, and releases in other tracks."""
+
+    @pytest.mark.parametrize("control", [120, 123, 124, 127])
+    def test_controllers_end_the_notes_of_their_channel_in_all_tracks(self, control, tmp_path):
+        message = mido.Message("control_change", control=control, channel=1, time=300)
+        ours, other = [on(60, channel=1), off(60, 1000, channel=1)], [on(72), off(72, 1000)]
+        ours += [on(62, channel=1), off(62, 100, channel=1)]
+        path = save(tmp_path / "a.mid", ours, other, [message])
+        expected = [note(0, 0.3, 60), note(0, 1, 72), note(1, 1.1, 62)]
+        assert times(read_midi(path).notes) == spans(expected)
+
+    def test_a_release_in_another_track_ends_what_is_released_nowhere_else(self, tmp_path):
+        end = mido.MetaMessage("end_of_track", time=2000)
+        path = save(tmp_path / "a.mid", [on(60), end], [off(60, 700), off(60, 100)])
+        assert times(read_midi(path).notes) == spans([note(0, 0.7)])
+
+    def test_resetting_controllers_lifts_the_pedal_of_another_track_too(self, tmp_path):
+        reset = mido.Message("control_change", control=121, time=300)
+        path = save(tmp_path / "a.mid", [pedal(127), on(60), off(60, 1000)], [reset])
+        assert times(read_midi(path).pedals) == spans([Pedal(onset=0, offset=0.3)])
+
+
 class TestErrors:
-    def test_times_in_film_frames_are_refused(self, tmp_path):
+    @pytest.mark.parametrize("division", [b"\0\0", b"\xe7\0"])
+    def test_ticks_without_length_are_refused(self, division, tmp_path):
         path = save(tmp_path / "a.mid", [on(60), off(60, 500)])
         data = bytearray(path.read_bytes())
-        data[12:14] = b"\xe7\x28"  # 25 frames a second, 40 ticks a frame
+        data[12:14] = division
         path.write_bytes(data)
-        with pytest.raises(ScoreError, match="its times are not in ticks per beat"):
+        with pytest.raises(ScoreError, match="its ticks have no length"):
             read_midi(path)
 
     @pytest.mark.parametrize("contents", [b"", b"MThd", b"not a MIDI file at all", b"\x00" * 100])

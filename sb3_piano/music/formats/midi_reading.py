@@ -10,15 +10,15 @@ import bisect
 import itertools
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+import warnings
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-import mido  # type: ignore[import-untyped]
-
-from sb3_piano.exceptions import ScoreError
+from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.formats.common import LeftOut
-from sb3_piano.music.formats.meta_messages import read_all_meta_messages
+from sb3_piano.music.formats.midi_chunks import META, Event, MidiFile, Track, parse_midi
 from sb3_piano.music.formats.midi_hands import MidiNote, MidiTrack, hands_of_tracks
 from sb3_piano.music.hands import HANDS, Hand, finger_of
 from sb3_piano.music.note import Note, Pedal
@@ -36,8 +36,8 @@ _DRUM_CHANNEL = 9
 _COMMON_TIME = (4, 4)
 """The meter of a file that names none (MIDI 1.0)."""
 
-_SHORTEST_BEAT = 64
-"""A meter in shorter notes than 64ths is taken for damage, and ignored."""
+_SHORTEST_BEAT = 6
+"""A meter in shorter notes than 64ths, 2**6, is taken for damage, and ignored."""
 
 _MOST_BARS = 100_000
 """More are taken for damage: at one every half second they last for 14 hours."""
@@ -45,8 +45,17 @@ _MOST_BARS = 100_000
 _SEQUENCES = 2
 """Format of files whose tracks are pieces of their own (MIDI 1.0)."""
 
-_Timed = tuple[int, mido.Message]
-"""A message, after the tick at which it stands."""
+_NOTE_OFF, _NOTE_ON, _CONTROL, _PROGRAM = 0x80, 0x90, 0xB0, 0xC0
+"""Statuses of the messages that count, on channel 0."""
+
+_TRACK_NAME, _TEMPO, _METER = META | 0x03, META | 0x51, META | 0x58
+
+_RESET_CONTROLLERS = 121
+_ENDS_ALL_NOTES = frozenset({120, 123, 124, 125, 126, 127})
+"""All sound off, all notes off, and the changes of mode, which imply it (MIDI 1.0)."""
+
+_Place = tuple[int, int, int]
+"""Program, channel and index of a track."""
 
 _Label = tuple[int, Hand | None]
 """Finger and hand of the notes of a track."""
@@ -68,30 +77,29 @@ _FURTHER_TRACK = re.compile(r"(\S+) \d+")
 def read_midi(path: str | os.PathLike[str]) -> Score:
     """Read a MIDI file; its name without the suffix becomes the title.
 
-    All tracks but drums are read as piano. The sustain pedal (controller 64, down from 64 on) is
-    down while any track holds it down. A pedal never released lasts until the end of the last
-    note, a note never released until the end of its track. Bars go by the time signatures of all
-    tracks, each of which begins one, and are of 4/4 until the first. Notes off the keyboard and
-    notes without length are left out, with a warning that counts them.
+    All tracks but drums are read as piano. A release ends all notes of its pitch, channel and track
+    that sound, and if there is none, those of other tracks that are released nowhere else; the
+    controllers that silence a channel end its notes in all tracks. A note never released lasts
+    until the end of its track. The sustain pedal (controller 64, down from 64 on) is down while any
+    track holds it down; a pedal never released lasts until the end of the last note. Bars go by the
+    time signatures of all tracks, each of which begins one, and are of 4/4 until the first. Notes
+    off the keyboard and notes without length are left out, with a warning that counts them.
 
     Raises:
         ScoreError: If there is no such file, it is not MIDI, or no note remains.
-        ScoreWarning: Is warned if notes were left out.
+        ScoreWarning: Is warned if notes were left out, or messages are malformed.
     """
     path = Path(path)
     reader = _Reader()
-    read_all_meta_messages()
     with reading(path, "MIDI file", "a complete standard one"):
-        file = mido.MidiFile(filename=str(path))
-        if file.ticks_per_beat <= 0:
-            raise ValueError("its times are not in ticks per beat")
-        if file.type == _SEQUENCES and len(file.tracks) > 1:
+        file = parse_midi(path.read_bytes())
+        if file.kind == _SEQUENCES and len(file.tracks) > 1:
             raise ValueError(f"it holds {len(file.tracks)} pieces, one a track (format 2)")
-        tracks = [_in_ticks(track) for track in file.tracks]
-        messages = list(itertools.chain.from_iterable(tracks))
-        seconds = _seconds(messages, file.ticks_per_beat)
-        for index, track in enumerate(tracks):
+        tempos, meters, malformed = _signs(file.tracks)
+        seconds = _seconds(tempos, file)
+        for index, track in enumerate(file.tracks):
             reader.read(index, track)
+        reader.finish()
     left_out = LeftOut()
     for tick, pitch in reader.empty:
         left_out.add_empty(seconds(tick), pitch)
@@ -104,7 +112,7 @@ def read_midi(path: str | os.PathLike[str]) -> Score:
             finger=finger,
             hand=hand,
         )
-        for note, (finger, hand) in _labelled_notes(list(reader.tracks.values()))
+        for note, (finger, hand) in _labelled_notes(reader.tracks)
         for onset, offset in [(seconds(note.start), seconds(note.end))]
         if left_out.is_playable(onset, offset, note.pitch)
     ]
@@ -113,9 +121,10 @@ def read_midi(path: str | os.PathLike[str]) -> Score:
             f"MIDI file {str(path)!r} has no notes (drums do not count){left_out.only}."
         )
     left_out.warn(path)
+    _warn_of_malformed(path, malformed + file.malformed)
     end = max(note.offset for note in notes)
     presses = [(seconds(a), end if b is None else seconds(b)) for a, b in reader.pedals]
-    lines = list(itertools.islice(_bars(messages, file.ticks_per_beat), _MOST_BARS + 1))
+    lines = list(itertools.islice(_bars(meters, file), _MOST_BARS + 1))
     bars = [seconds(tick) for tick in lines] if len(lines) <= _MOST_BARS else []
     return Score(
         notes=notes,
@@ -125,16 +134,42 @@ def read_midi(path: str | os.PathLike[str]) -> Score:
     )
 
 
-def _in_ticks(track: mido.MidiTrack) -> list[_Timed]:
-    return list(zip(itertools.accumulate(m.time for m in track), track, strict=True))
+def _signs(tracks: Sequence[Track]) -> tuple[dict[int, int], dict[int, tuple[int, int]], int]:
+    """Return tempos, in us a beat, and meters by tick, and how many of them are malformed."""
+    tempos: dict[int, int] = {}
+    meters = {0: _COMMON_TIME}
+    malformed = 0
+    for tick, status, data in itertools.chain.from_iterable(track.events for track in tracks):
+        if status == _TEMPO:
+            tempo = int.from_bytes(data[:3], "big") if len(data) >= 3 else 0
+            if tempo:
+                tempos[tick] = tempo
+            malformed += not tempo
+        elif status == _METER:
+            if len(data) >= 2 and data[0] > 0 and data[1] <= _SHORTEST_BEAT:
+                meters[tick] = (data[0], 2 ** data[1])
+            malformed += len(data) < 2
+    return tempos, meters, malformed
 
 
-def _seconds(messages: Sequence[_Timed], ticks_per_beat: int) -> Callable[[int], float]:
+def _warn_of_malformed(path: Path, count: int) -> None:
+    if count:
+        messages = "1 malformed message" if count == 1 else f"{count} malformed messages"
+        warnings.warn(
+            f"{str(path)!r} has {messages}: a tempo or meter without value is ignored, data above "
+            "127 are read as 127.",
+            ScoreWarning,
+            stacklevel=3,
+        )
+
+
+def _seconds(tempos: Mapping[int, int], file: MidiFile) -> Callable[[int], float]:
     """Return the function from ticks to seconds, by the tempo changes of all tracks."""
-    starts, times, lengths = [0], [0.0], [60.0 / (120.0 * ticks_per_beat)]
-    tempos = [(tick, message.tempo) for tick, message in messages if message.type == "set_tempo"]
-    for tick, tempo in sorted(tempos, key=lambda change: change[0]):
-        length = 60.0 / ((6e7 / tempo) * ticks_per_beat)
+    if file.ticks_per_second:
+        return lambda tick: tick / file.ticks_per_second
+    starts, times, lengths = [0], [0.0], [60.0 / (120.0 * file.ticks_per_beat)]
+    for tick, tempo in sorted(tempos.items()):
+        length = 60.0 / ((6e7 / tempo) * file.ticks_per_beat)
         if tick == 0:
             lengths = [length]
         elif length != lengths[-1]:
@@ -149,19 +184,14 @@ def _seconds(messages: Sequence[_Timed], ticks_per_beat: int) -> Callable[[int],
     return seconds
 
 
-def _bars(messages: Sequence[_Timed], ticks_per_beat: int) -> Iterator[int]:
+def _bars(meters: Mapping[int, tuple[int, int]], file: MidiFile) -> Iterator[int]:
     """Yield the tick with which each bar begins, before the end of the longest track."""
-    meters = {0: _COMMON_TIME} | {
-        tick: (message.numerator, message.denominator)
-        for tick, message in messages
-        if message.type == "time_signature"
-        and message.numerator > 0
-        and message.denominator <= _SHORTEST_BEAT
-    }
-    last = max(tick for tick, _ in messages)
+    if not file.ticks_per_beat:
+        return
+    last = max(track.end for track in file.tracks)
     for start, end in itertools.pairwise([*sorted(meters), last]):
         numerator, denominator = meters[start]
-        length = max(4 * ticks_per_beat * numerator / denominator, 1)
+        length = max(4 * file.ticks_per_beat * numerator / denominator, 1)
         for bar in itertools.count():
             tick = start + round(bar * length)
             if tick >= end:
@@ -173,62 +203,114 @@ class _Reader:
     """Goes through the tracks.
 
     Attributes:
-        tracks: Tracks that have notes, one for each program on a channel; without drums.
         empty: Notes that are struck and released at one moment: (tick, pitch).
         pedals: Presses of the sustain pedal, (down, up), up None if it is never released.
     """
 
     def __init__(self) -> None:
-        self.tracks: dict[tuple[int, int, int], MidiTrack] = {}
+        self._tracks: dict[_Place, MidiTrack] = {}
         self.empty: list[tuple[int, int]] = []
         self.pedals: list[tuple[int, int | None]] = []
+        # What a track leaves open, and what may close it in another track of the channel.
+        self._open: list[tuple[_Place, MidiNote]] = []
+        self._open_pedals: list[tuple[int, int]] = []
+        self._releases: dict[tuple[int, int], list[int]] = defaultdict(list)
+        self._silences: dict[int, list[int]] = defaultdict(list)
+        self._lifts: dict[int, list[int]] = defaultdict(list)
 
-    def read(self, index: int, track: Sequence[_Timed]) -> None:
-        """Note what the messages say, and release at the end what is left sounding."""
+    @property
+    def tracks(self) -> list[MidiTrack]:
+        """Tracks that have notes, one for each program on a channel; without drums."""
+        return [track for track in self._tracks.values() if track.notes]
+
+    def read(self, index: int, track: Track) -> None:
+        """Read the messages of a track."""
         self._index, self._name, self._programs = index, "", [0] * 16
         self._sounding: dict[tuple[int, int], list[tuple[int, int]]] = {}
         self._down: dict[int, int] = {}
-        tick = 0
-        for tick, message in track:
-            if message.type == "track_name":
-                self._name = message.name
-            elif (
-                not message.is_meta and getattr(message, "channel", _DRUM_CHANNEL) != _DRUM_CHANNEL
-            ):
-                self._read_message(tick, message)
-        for channel, pitch in list(self._sounding):
-            self._release(tick, channel, pitch)
-            self.empty += [(tick, pitch) for _ in self._sounding.pop((channel, pitch), [])]
-        self.pedals += [(start, None) for start in self._down.values()]
+        for event in track.events:
+            if event.status == _TRACK_NAME:
+                self._name = event.data.decode("latin-1")
+            elif event.status < META and event.status & 0x0F != _DRUM_CHANNEL:
+                self._read_message(event)
+        for (channel, pitch), struck in self._sounding.items():
+            at = self._track_of(channel)
+            self._open += [
+                (at, MidiNote(tick, track.end, pitch, velocity)) for tick, velocity in struck
+            ]
+        self._open_pedals += self._down.items()
 
-    def _read_message(self, tick: int, message: mido.Message) -> None:
-        if message.type == "program_change":
-            self._programs[message.channel] = message.program
-        elif message.type == "note_on" and message.velocity > 0:
-            strikes = self._sounding.setdefault((message.channel, message.note), [])
-            strikes.append((tick, message.velocity))
-        elif message.type in ("note_on", "note_off"):
-            self._release(tick, message.channel, message.note)
-        elif message.is_cc(SUSTAIN_CONTROLLER):
-            if message.value >= _PEDAL_DOWN_FROM:
-                self._down.setdefault(message.channel, tick)
-            elif message.channel in self._down:
-                self.pedals.append((self._down.pop(message.channel), tick))
+    def finish(self) -> None:
+        """End what is still open, once all tracks are read."""
+        for ticks in (*self._releases.values(), *self._silences.values(), *self._lifts.values()):
+            ticks.sort()
+        for at, note in self._open:
+            released = _next(self._releases[at[1], note.pitch], note.start)
+            self._add(at, note if released is None else note._replace(end=released))
+        for (_, channel, _), track in self._tracks.items():
+            silences = self._silences[channel]
+            ends = (_next(silences, note.start) for note in track.notes)
+            track.notes = [
+                note if end is None or end > note.end else note._replace(end=end)
+                for note, end in zip(track.notes, ends, strict=True)
+            ]
+        self.pedals += [(down, _next(self._lifts[ch], down)) for ch, down in self._open_pedals]
+
+    def _read_message(self, event: Event) -> None:
+        tick, status, data = event
+        channel = status & 0x0F
+        kind = status & 0xF0
+        if kind == _PROGRAM:
+            self._programs[channel] = data[0]
+        elif kind == _NOTE_ON and data[1] > 0:
+            self._sounding.setdefault((channel, data[0]), []).append((tick, data[1]))
+        elif kind in (_NOTE_ON, _NOTE_OFF):
+            self._release(tick, channel, data[0])
+        elif kind == _CONTROL:
+            self._control(tick, channel, *data)
+
+    def _control(self, tick: int, channel: int, number: int, value: int) -> None:
+        if number == SUSTAIN_CONTROLLER and value >= _PEDAL_DOWN_FROM:
+            self._down.setdefault(channel, tick)
+        elif number in (SUSTAIN_CONTROLLER, _RESET_CONTROLLERS):
+            if channel in self._down:
+                self.pedals.append((self._down.pop(channel), tick))
+            else:
+                self._lifts[channel].append(tick)
+        elif number in _ENDS_ALL_NOTES:
+            self._silences[channel].append(tick)
 
     def _release(self, tick: int, channel: int, pitch: int) -> None:
         struck = self._sounding.pop((channel, pitch), [])
+        if not struck:
+            self._releases[channel, pitch].append(tick)
+            return
         now = [strike for strike in struck if strike[0] == tick]
         before = [strike for strike in struck if strike[0] != tick]
         for start, velocity in before:
-            program = self._programs[channel]
-            at = (program, channel, self._index)
-            notes = self.tracks.setdefault(at, MidiTrack(self._name, program)).notes
-            notes.append(MidiNote(start, tick, pitch, velocity))
+            self._add(self._track_of(channel), MidiNote(start, tick, pitch, velocity))
         if before and now:
             # The release belongs to the earlier strike, written after the new one.
             self._sounding[channel, pitch] = now
         else:
             self.empty += [(tick, pitch) for _ in now]
+
+    def _track_of(self, channel: int) -> _Place:
+        at = (self._programs[channel], channel, self._index)
+        self._tracks.setdefault(at, MidiTrack(self._name, at[0]))
+        return at
+
+    def _add(self, at: _Place, note: MidiNote) -> None:
+        if note.end > note.start:
+            self._tracks[at].notes.append(note)
+        else:
+            self.empty.append((note.start, note.pitch))
+
+
+def _next(ticks: Sequence[int], start: int) -> int | None:
+    """Return the first of the sorted ticks that is later than ``start``."""
+    place = bisect.bisect_right(ticks, start)
+    return ticks[place] if place < len(ticks) else None
 
 
 def _labelled_notes(tracks: list[MidiTrack]) -> list[tuple[MidiNote, _Label]]:

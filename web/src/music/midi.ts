@@ -5,12 +5,15 @@ import { FINGERS_PER_HAND } from "./constants";
 import { LeftOut } from "./left_out";
 import { handsOfTracks, type MidiNote, type MidiTrack } from "./midi_hands";
 import { makeScore } from "./score";
-import { parseMidi, type MidiData, type MidiEvent, type MidiTrackData } from "./smf";
+import { MALFORMED, parseMidi, type MidiData, type MidiEvent, type MidiTrackData } from "./smf";
 
 const SUSTAIN_CONTROLLER = 64;
 /** Value (0-127) from which a pedal counts as down (MIDI 1.0; the equal number is chance). */
 const PEDAL_DOWN_FROM = 64;
 const DRUM_CHANNEL = 9;
+const RESET_CONTROLLERS = 121;
+/** All sound off, all notes off, and the changes of mode, which imply it (MIDI 1.0). */
+const ENDS_ALL_NOTES: ReadonlySet<number> = new Set([120, 123, 124, 125, 126, 127]);
 
 type Label = Pick<Note, "finger" | "hand">;
 
@@ -34,9 +37,11 @@ export interface ReadScore extends Score {
 /**
  * Read a MIDI file; its name without the suffix becomes the title.
  *
- * All tracks but drums are read as piano. The sustain pedal (controller 64, down from 64 on) is down while
- * any track holds it down. A pedal never released lasts until the end of the last note, a note never
- * released until the end of its track. Notes off the keyboard and notes without length are left out.
+ * All tracks but drums are read as piano. A release ends all notes of its pitch, channel and track that sound, and if
+ * there is none, those of other tracks that are released nowhere else; the controllers that silence a channel end its
+ * notes in all tracks. A note never released lasts until the end of its track. The sustain pedal (controller 64, down
+ * from 64 on) is down while any track holds it down; a pedal never released lasts until the end of the last note. Notes
+ * off the keyboard and notes without length are left out.
  *
  * @throws InputError if it is no complete MIDI file, or no note remains.
  */
@@ -45,10 +50,11 @@ export function readMidi(bytes: Uint8Array, name: string): ReadScore {
   const seconds = secondsOf(data);
   const reader = new Reader();
   data.tracks.forEach((track, index) => reader.read(index, track));
+  reader.finish();
   const leftOut = new LeftOut();
   for (const [tick, pitch] of reader.empty) leftOut.addEmpty(seconds(tick), pitch);
   const notes: Note[] = [];
-  for (const [{ start, end, pitch, velocity }, label] of labelledNotes([...reader.tracks.values()])) {
+  for (const [{ start, end, pitch, velocity }, label] of labelledNotes(reader.tracks)) {
     const [onset, offset] = [seconds(start), seconds(end)];
     if (leftOut.isPlayable(onset, offset, pitch)) {
       notes.push({ pitch, onset, offset, velocity, ...label });
@@ -64,11 +70,18 @@ export function readMidi(bytes: Uint8Array, name: string): ReadScore {
     .map(([down, up]): Pedal => ({ onset: seconds(down), offset: up === null ? end : seconds(up) }))
     .filter(({ onset, offset }) => offset > onset);
   const score = makeScore(notes, pedals, stemOf(name));
-  return { ...score, warnings: missing ? [`The file also has ${missing}: left out.`] : [] };
+  const warnings = missing ? [`The file also has ${missing}: left out.`] : [];
+  if (data.malformed > 0) warnings.push(`The file has ${inMessages(data.malformed)}: ${MALFORMED}.`);
+  return { ...score, warnings };
+}
+
+function inMessages(count: number): string {
+  return count === 1 ? "1 malformed message" : `${count} malformed messages`;
 }
 
 /** Return the function from ticks to seconds, by the tempo changes of all tracks. */
-function secondsOf({ ticksPerBeat, tracks }: MidiData): (tick: number) => number {
+function secondsOf({ ticksPerBeat, ticksPerSecond, tracks }: MidiData): (tick: number) => number {
+  if (ticksPerSecond > 0) return (tick) => tick / ticksPerSecond;
   const starts = [0];
   const times = [0];
   let lengths = [60 / (120 * ticksPerBeat)];
@@ -96,14 +109,26 @@ function secondsOf({ ticksPerBeat, tracks }: MidiData): (tick: number) => number
 /** A strike that still sounds: tick and velocity. */
 type Strike = readonly [tick: number, velocity: number];
 
+/** The notes of a track on one channel. */
+interface TrackPlace {
+  readonly channel: number;
+  readonly track: MidiTrack;
+}
+
 /** Goes through the tracks of a file. */
 class Reader {
-  /** Tracks that have notes, one for each program on a channel; without drums. */
-  readonly tracks = new Map<string, MidiTrack>();
   /** Notes that are struck and released at one moment. */
   readonly empty: [tick: number, pitch: number][] = [];
   /** Presses of the sustain pedal; `up` is null if it is never released. */
   readonly pedals: [down: number, up: number | null][] = [];
+
+  private readonly places = new Map<string, TrackPlace>();
+  // What a track leaves open, and what may close it in another track of the channel.
+  private readonly open: [place: TrackPlace, note: MidiNote][] = [];
+  private readonly openPedals: [channel: number, down: number][] = [];
+  private readonly releases = new Map<number, number[]>();
+  private readonly silences = new Map<number, number[]>();
+  private readonly lifts = new Map<number, number[]>();
 
   private index = 0;
   private name = "";
@@ -111,7 +136,12 @@ class Reader {
   private sounding = new Map<number, readonly Strike[]>();
   private down = new Map<number, number>();
 
-  /** Note what the messages say, and release at the end what is left sounding. */
+  /** Tracks that have notes, one for each program on a channel; without drums. */
+  get tracks(): MidiTrack[] {
+    return [...this.places.values()].map((place) => place.track).filter((track) => track.notes.length > 0);
+  }
+
+  /** Read the messages of a track. */
   read(index: number, track: MidiTrackData): void {
     this.index = index;
     this.name = "";
@@ -119,14 +149,30 @@ class Reader {
     this.sounding = new Map();
     this.down = new Map();
     for (const event of track.events) this.readEvent(event);
-    for (const at of [...this.sounding.keys()]) {
-      const pitch = at % 128;
-      this.release(track.end, Math.floor(at / 128), pitch);
-      for (let left = this.sounding.get(at)?.length ?? 0; left > 0; left--) {
-        this.empty.push([track.end, pitch]);
-      }
+    for (const [at, struck] of this.sounding) {
+      const [channel, pitch] = [Math.floor(at / 128), at % 128];
+      const place = this.placeOf(channel);
+      for (const [start, velocity] of struck) this.open.push([place, { start, end: track.end, pitch, velocity }]);
     }
-    for (const start of this.down.values()) this.pedals.push([start, null]);
+    this.openPedals.push(...this.down);
+  }
+
+  /** End what is still open, once all tracks are read. */
+  finish(): void {
+    for (const lists of [this.releases, this.silences, this.lifts]) {
+      for (const ticks of lists.values()) ticks.sort((a, b) => a - b);
+    }
+    for (const [place, note] of this.open) {
+      const released = nextOf(this.releases.get(place.channel * 128 + note.pitch), note.start);
+      this.add(place, released === null ? note : { ...note, end: released });
+    }
+    for (const { channel, track } of this.places.values()) {
+      track.notes.forEach((note, place) => {
+        const end = nextOf(this.silences.get(channel), note.start);
+        if (end !== null && end < note.end) track.notes[place] = { ...note, end };
+      });
+    }
+    for (const [channel, down] of this.openPedals) this.pedals.push([down, nextOf(this.lifts.get(channel), down)]);
   }
 
   private readEvent(event: MidiEvent): void {
@@ -141,6 +187,10 @@ class Reader {
       this.release(event.tick, event.channel, event.pitch);
     } else if (event.control === SUSTAIN_CONTROLLER) {
       this.movePedal(event.tick, event.channel, event.value);
+    } else if (event.control === RESET_CONTROLLERS) {
+      this.movePedal(event.tick, event.channel, 0);
+    } else if (ENDS_ALL_NOTES.has(event.control)) {
+      addTo(this.silences, event.channel, event.tick);
     }
   }
 
@@ -151,17 +201,23 @@ class Reader {
     } else if (start !== undefined) {
       this.pedals.push([start, tick]);
       this.down.delete(channel);
+    } else {
+      addTo(this.lifts, channel, tick);
     }
   }
 
   private release(tick: number, channel: number, pitch: number): void {
     const at = channel * 128 + pitch;
-    const struck = this.sounding.get(at) ?? [];
+    const struck = this.sounding.get(at);
+    if (struck === undefined) {
+      addTo(this.releases, at, tick);
+      return;
+    }
     this.sounding.delete(at);
     const now = struck.filter(([start]) => start === tick);
     const before = struck.filter(([start]) => start !== tick);
     for (const [start, velocity] of before) {
-      this.notesOf(channel).push({ start, end: tick, pitch, velocity });
+      this.add(this.placeOf(channel), { start, end: tick, pitch, velocity });
     }
     if (before.length > 0 && now.length > 0) {
       // The release belongs to the earlier strike, written after the new one.
@@ -171,16 +227,31 @@ class Reader {
     }
   }
 
-  private notesOf(channel: number): MidiNote[] {
+  private placeOf(channel: number): TrackPlace {
     const program = this.programs[channel]!;
     const at = `${program} ${channel} ${this.index}`;
-    let track = this.tracks.get(at);
-    if (!track) {
-      track = { name: this.name, program, notes: [] };
-      this.tracks.set(at, track);
-    }
-    return track.notes;
+    const known = this.places.get(at);
+    if (known) return known;
+    const place = { channel, track: { name: this.name, program, notes: [] } };
+    this.places.set(at, place);
+    return place;
   }
+
+  private add(place: TrackPlace, note: MidiNote): void {
+    if (note.end > note.start) place.track.notes.push(note);
+    else this.empty.push([note.start, note.pitch]);
+  }
+}
+
+function addTo(lists: Map<number, number[]>, at: number, tick: number): void {
+  const ticks = lists.get(at);
+  if (ticks) ticks.push(tick);
+  else lists.set(at, [tick]);
+}
+
+/** Return the first of the sorted ticks that is later than `start`. */
+function nextOf(ticks: readonly number[] | undefined, start: number): number | null {
+  return ticks?.find((tick) => tick > start) ?? null;
 }
 
 function labelledNotes(tracks: readonly MidiTrack[]): [MidiNote, Label][] {

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
+from sb3_piano.files import read_file
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.formats.common import LeftOut
 from sb3_piano.music.formats.midi_chunks import META, Event, MidiFile, Track, parse_midi
@@ -92,7 +93,7 @@ def read_midi(path: str | os.PathLike[str]) -> Score:
     path = Path(path)
     reader = _Reader()
     with reading(path, "MIDI file", "a complete standard one"):
-        file = parse_midi(path.read_bytes())
+        file = parse_midi(read_file(path))
         if file.kind == _SEQUENCES and len(file.tracks) > 1:
             raise ValueError(f"it holds {len(file.tracks)} pieces, one a track (format 2)")
         tempos, meters, malformed = _signs(file.tracks)

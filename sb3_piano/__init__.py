@@ -6,16 +6,25 @@ Importing the package registers its environments, for instance
 
 import contextlib
 import importlib
+from importlib.util import find_spec
+from types import ModuleType
 
 # torch's CUDA build imports triton with the first optimiser. Both triton and Mesa, which draws
 # where there is no graphics card, bring LLVM: unless triton comes first, the process crashes.
 with contextlib.suppress(ImportError):
     importlib.import_module("triton")
 
-from sb3_piano.envs.registration import register_envs
+from sb3_piano.registration import register_envs
 
 __version__ = "0.1.0"
 
 __all__ = ["__version__", "register_envs"]
 
 register_envs()
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Import a part of the package when it is first asked for, such as ``sb3_piano.envs``."""
+    if name.startswith("_") or find_spec(f"{__name__}.{name}") is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return importlib.import_module(f"{__name__}.{name}")

@@ -23,8 +23,9 @@ from collections.abc import Callable
 from importlib import metadata
 from typing import Any
 
-import mujoco
 import numpy as np
+
+from sb3_piano.simulation.engine import mujoco
 
 _TASK = {
     "n_steps_lookahead": 10,

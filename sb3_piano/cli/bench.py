@@ -6,12 +6,12 @@ import argparse
 import dataclasses
 from typing import Any
 
-from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, add_command, whole_number
+from sb3_piano.cli.common import EXIT_INTERRUPTED, EXIT_OK, command, whole_number
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command and its arguments."""
-    add = add_command(commands, "bench", _bench, "measure speed and memory")
+def add_arguments(parser: Any) -> None:
+    """Add the arguments of the command."""
+    add = command(parser, _bench)
     add("--peer-python", "PATH", "measure RoboPianist too: a Python that has it")
     add("--before", "FOLDER", "measure another version too: a checkout's folder")
     add("--rounds", "N", "rounds to take medians of", whole_number, 10)

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sb3_piano.exceptions import ConfigError, SB3PianoError
-from sb3_piano.files import check_writable
 from sb3_piano.hyperparams import NAMED
 
 if TYPE_CHECKING:
@@ -81,18 +80,22 @@ _SHARED: dict[str, tuple[Any, ...]] = {
 """Metavar, help and type of options that several commands have."""
 
 Add = Callable[..., None]
+Run = Callable[[argparse.Namespace], int]
 
 _Key = TypeVar("_Key")
 _Item = TypeVar("_Item")
 _Found = TypeVar("_Found")
 
 
-def add_command(
-    commands: Any, name: str, run: Callable[[argparse.Namespace], int], about: str, **options: Any
-) -> Add:
-    """Add a command, and return what adds its arguments."""
-    parser = commands.add_parser(name, help=about, **options)
+def add_command(commands: Any, name: str, run: Run, about: str, **options: Any) -> Add:
+    """Add a command of a command, and return what adds its arguments."""
+    return command(commands.add_parser(name, help=about), run, **options)
+
+
+def command(parser: Any, run: Run, *, description: str = "", epilog: str = "") -> Add:
+    """Let a parser be that of a command, and return what adds its arguments."""
     parser.set_defaults(command=run)
+    parser.description, parser.epilog = description, epilog
     return adder(parser)
 
 
@@ -194,6 +197,8 @@ def check_output_file(option: str, file: Path | None) -> None:
     """Refuse a file that cannot be written, before anything is done."""
     if file is None:
         return
+    from sb3_piano.files import check_writable
+
     try:
         check_writable(file)
     except OSError as error:

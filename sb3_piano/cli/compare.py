@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from sb3_piano.cli.common import (
     EXIT_OK,
-    add_command,
     add_row,
     check_output_file,
+    command,
     new_table,
     print_narrowness,
     print_table,
@@ -30,9 +30,9 @@ _BY_HELP = (
 )
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command and its arguments."""
-    add = add_command(commands, "compare", _compare, "compare two evaluations piece by piece")
+def add_arguments(parser: Any) -> None:
+    """Add the arguments of the command."""
+    add = command(parser, _compare)
     add("a", "A", "a JSON file of evaluate, an evaluated run, or a folder of evaluated runs")
     add("b", "B", "likewise; differences are B - A")
     add("--metric", "NAME", "such as f1; may be given several times", action="append")

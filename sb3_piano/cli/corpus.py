@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from sb3_piano.cli.common import (
     EXIT_OK,
     TRUST,
-    add_command,
     add_row,
+    command,
     env_options,
     new_table,
     print_table,
@@ -33,10 +33,9 @@ _PLAYERS = (
 _SET = "an option of the environment, such as observation=roll; of no run"
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command and its arguments."""
-    about = "record a corpus of performances of many pieces, or go on recording it"
-    add = add_command(commands, "corpus", _corpus, about, epilog=TRUST)
+def add_arguments(parser: Any) -> None:
+    """Add the arguments of the command."""
+    add = command(parser, _corpus, epilog=TRUST)
     add("pieces", "PIECE", _PIECES, nargs="+")
     add("--out", "FOLDER", "a new folder; the same command goes on in it", required=True)
     add("--players", "PLAYER", _PLAYERS, default=["planned"], nargs="+")

@@ -10,8 +10,8 @@ from sb3_piano.cli.common import (
     EXIT_INTERRUPTED,
     EXIT_OK,
     TRUST,
-    add_command,
     add_row,
+    command,
     new_table,
     print_table,
     refuse_options,
@@ -28,10 +28,9 @@ _METRICS = ("f1", "onset_f1")
 _NOTHING = "-"
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command and its arguments."""
-    about = "train stages one after the other, each from what the one before has learnt"
-    add = add_command(commands, "curriculum", _curriculum, about, epilog=TRUST)
+def add_arguments(parser: Any) -> None:
+    """Add the arguments of the command."""
+    add = command(parser, _curriculum, epilog=TRUST)
     add("file", "FILE", "YAML file of the stages; the same command goes on with them", nargs="?")
     add("--run", "FOLDER", _RUN_HELP)
     add("--runs-dir")

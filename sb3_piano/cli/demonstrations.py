@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from sb3_piano.cli.common import (
     EXIT_OK,
     TRUST,
-    add_command,
+    command,
     env_options,
     progress_bar,
     refuse_options,
@@ -59,10 +59,9 @@ _BUFFER = (
 )
 
 
-def add_parser(commands: Any) -> None:
-    """Add both commands and their arguments."""
-    about = "write performances as a data set to learn from"
-    add = add_command(commands, "record", _record, about, epilog=TRUST)
+def add_record_arguments(parser: Any) -> None:
+    """Add the arguments of ``record``."""
+    add = command(parser, _record, epilog=TRUST)
     add("what", "RUN|ENV_ID|PIECE", _WHAT)
     add("--policy --player", text="who plays, of no run; default: planned", choices=PLAYERS)
     add("--weights", "FILE", WEIGHTS_HELP)
@@ -77,8 +76,10 @@ def add_parser(commands: Any) -> None:
     add("--best", text="the run's best model by f1 or onset_f1, not the last one")
     add("--no-progress")
 
-    about = "make a run whose model imitates a data set"
-    add = add_command(commands, "clone", _clone, about, epilog=TRUST)
+
+def add_clone_arguments(parser: Any) -> None:
+    """Add the arguments of ``clone``."""
+    add = command(parser, _clone, epilog=TRUST)
     add("dataset", "DATASET|FOLDER", _DATASET)
     add("--algo", "NAME", "sac (default), td3, tqc or ddpg", default="sac")
     add("--config")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sb3_piano.cli.common import (
     EXIT_OK,
     TRUST,
-    add_command,
+    command,
     env_options,
     progress_bar,
     refuse_options,
@@ -28,10 +28,9 @@ _SET_HELP = (
 )
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command and its arguments."""
-    about = "make a policy that plays any piece, by imitating a planned pianist"
-    add = add_command(commands, "distill", _distill, about, epilog=TRUST)
+def add_arguments(parser: Any) -> None:
+    """Add the arguments of the command."""
+    add = command(parser, _distill, epilog=TRUST)
     add("--out", "FOLDER", "a new or empty folder")
     add("--config", text="settings; default: those that come with the package")
     add("--set", "NAME=VALUE", _SET_HELP, action="append")

@@ -14,6 +14,7 @@ from sb3_piano.cli.common import (
     TRUST,
     add_row,
     adder,
+    command,
     new_table,
     print_narrowness,
     print_table,
@@ -52,11 +53,10 @@ _SCORE_HELP = (
 _MOTION_HELP = "also write how everything moved, as performance_<i>.npz beside each MIDI file"
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command and its arguments."""
-    parser = commands.add_parser("evaluate", help="let trained models play", epilog=TRUST)
-    parser.set_defaults(command=_evaluate)
-    add, either = adder(parser), adder(parser.add_mutually_exclusive_group())
+def add_arguments(parser: Any) -> None:
+    """Add the arguments of the command."""
+    add = command(parser, _evaluate, epilog=TRUST)
+    either = adder(parser.add_mutually_exclusive_group())
     add("runs", "RUN", "a folder that train made; several are compared", nargs="+")
     add("--episodes", "N", "of each seed", whole_number, 1)
     either("--seed", "N", "", int, 0)

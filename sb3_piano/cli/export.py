@@ -9,7 +9,7 @@ from typing import Any
 from sb3_piano.cli.common import (
     EXIT_OK,
     TRUST,
-    add_command,
+    command,
     progress_bar,
     refuse_options,
     tell_errors,
@@ -31,10 +31,9 @@ _OF_WEB = ("pieces", "tree")
 _OF_RUNS = ("best", "episodes", "no_video", "onnx", "push_to_hub")
 
 
-def add_parser(commands: Any) -> None:
-    """Add ``export`` and its arguments."""
-    about = "write a run for others to play, without pickles; or the files of the web page"
-    add = add_command(commands, "export", _export, about, epilog=TRUST)
+def add_arguments(parser: Any) -> None:
+    """Add the arguments of ``export``."""
+    add = command(parser, _export, epilog=TRUST)
     add("what", "RUN|web", "a run's folder; or web: scene, hands, network and pieces, played")
     add("folder", "FOLDER", "where to, of a run new or empty, of web such as web/assets")
     add("--best", text="of a run: the best model by f1 or onset_f1, not the last one")

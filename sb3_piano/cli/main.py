@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib
 import io
 import os
 import sys
@@ -12,54 +13,60 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import sb3_piano
-from sb3_piano.cli import (
-    bench,
-    compare,
-    corpus,
-    curriculum,
-    demonstrations,
-    distill,
-    evaluate,
-    export,
-    pieces,
-    plan,
-    play,
-    results,
-    sweep,
-    train,
-    tune,
-)
 from sb3_piano.cli.common import (
     EXIT_ERROR,
     EXIT_OK,
-    add_command,
     check_output_file,
+    command,
     tell_errors,
     tell_interrupted,
 )
 from sb3_piano.exceptions import PlanWarning, SB3PianoError, ScoreWarning
-from sb3_piano.files import disk_refusal
 from sb3_piano.interrupts import ended_as_by_ctrl_c
 
-# torch and the simulator are imported by the commands that need them, so that --help is instant.
-_ADDED = (
-    train.add_parser,
-    curriculum.add_parser,
-    sweep.add_parser,
-    plan.add_parser,
-    tune.add_parser,
-    evaluate.add_parser,
-    compare.add_parser,
-    results.add_parser,
-    play.add_parser,
-    play.add_report_parser,
-    demonstrations.add_parser,
-    corpus.add_parser,
-    distill.add_parser,
-    pieces.add_parser,
-    export.add_parser,
-    bench.add_parser,
-)
+_COMMANDS = {
+    "train": ("train:add_arguments", "train a model, or go on training one"),
+    "curriculum": (
+        "curriculum:add_arguments",
+        "train stages one after the other, each from what the one before has learnt",
+    ),
+    "sweep": ("sweep:add_arguments", "train a grid of pieces, algorithms, settings and seeds"),
+    "plan": ("plan:add_arguments", "make a run that plays without any training"),
+    "tune": ("tune:add_arguments", "search hyperparameters with Optuna"),
+    "evaluate": ("evaluate:add_arguments", "let trained models play"),
+    "compare": ("compare:add_arguments", "compare two evaluations piece by piece"),
+    "results": ("results:add_arguments", "evaluations that others can check"),
+    "play": ("play:add_arguments", "watch and hear a trained model, or a piece"),
+    "report": (
+        "play:add_report_arguments",
+        "write an HTML page: piano roll, fingers, reward, training",
+    ),
+    "record": (
+        "demonstrations:add_record_arguments",
+        "write performances as a data set to learn from",
+    ),
+    "clone": ("demonstrations:add_clone_arguments", "make a run whose model imitates a data set"),
+    "corpus": (
+        "corpus:add_arguments",
+        "record a corpus of performances of many pieces, or go on recording it",
+    ),
+    "distill": (
+        "distill:add_arguments",
+        "make a policy that plays any piece, by imitating a planned pianist",
+    ),
+    "pieces": ("pieces:add_arguments", "import, list, show, rank and export pieces"),
+    "export": (
+        "export:add_arguments",
+        "write a run for others to play, without pickles; or the files of the web page",
+    ),
+    "bench": ("bench:add_arguments", "measure speed and memory"),
+    "presets": ("main:_add_presets", "list the YAML files that come with the package"),
+    "envs": ("main:_add_envs", "list the environment ids"),
+}
+"""Function of a module beside this one that adds the arguments of a command, and what it is for.
+
+A module is imported when its command is given, so that ``--help`` needs none of them.
+"""
 
 _OURS = (PlanWarning, ScoreWarning)
 
@@ -73,7 +80,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         0 if all went well, 2 after an error of the user's, 130 after Ctrl-C.
     """
-    arguments = _parser().parse_args(argv)
+    given = sys.argv[1:] if argv is None else argv
+    arguments = _parser(given).parse_args(given)
     if isinstance(sys.stdout, io.TextIOWrapper):  # a title in other letters must not end a command
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
@@ -91,6 +99,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for Python's last flush
         return EXIT_ERROR
     except Exception as error:
+        from sb3_piano.files import disk_refusal
+
         refusal = disk_refusal(error)
         if refusal is None:
             raise
@@ -122,18 +132,29 @@ def _warnings_told() -> Iterator[None]:
         yield
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
+    """Return the parser, with the arguments of the command that is given; by default of all."""
     parser = argparse.ArgumentParser(
         prog="sb3-piano",
         description="Train robot hands to play the piano, and hear what they play.",
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {sb3_piano.__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for add_parser in _ADDED:
-        add_parser(commands)
-    add_command(commands, "presets", _presets, "list the YAML files that come with the package")
-    add_command(commands, "envs", _envs, "list the environment ids")
+    first = [argument for argument in given or () if not argument.startswith("-")][:1]
+    for name, (place, about) in _COMMANDS.items():
+        own = commands.add_parser(name, help=about)
+        if given is None or name in first:
+            module, function = place.split(":")
+            getattr(importlib.import_module(f"sb3_piano.cli.{module}"), function)(own)
     return parser
+
+
+def _add_presets(parser: Any) -> None:
+    command(parser, _presets)
+
+
+def _add_envs(parser: Any) -> None:
+    command(parser, _envs)
 
 
 def _presets(arguments: argparse.Namespace) -> int:
@@ -145,8 +166,7 @@ def _presets(arguments: argparse.Namespace) -> int:
 
 
 def _envs(arguments: argparse.Namespace) -> int:
-    from sb3_piano.envs import ENV_IDS
-    from sb3_piano.envs.registration import imported_ids
+    from sb3_piano.registration import ENV_IDS, imported_ids
 
     print(*ENV_IDS, *imported_ids(), sep="\n")
     return EXIT_OK

@@ -76,10 +76,9 @@ _FEW_MOMENTS = 16
 _HANDS = ("right", "left", None)
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command with its own commands."""
-    pieces = commands.add_parser("pieces", help="import, list, show, rank and export pieces")
-    own = pieces.add_subparsers(title="commands", required=True, metavar="COMMAND")
+def add_arguments(parser: Any) -> None:
+    """Add the command's own commands."""
+    own = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     add = add_command(own, "list", _list, "list all pieces, built-in and imported")
     add("--collection", "NAME", "only those of a collection, such as repertoire")
     add("--csv")
@@ -178,8 +177,8 @@ def _short(name: str, value: Any) -> str:
 def _tell(piece: Piece, score: Score) -> None:
     import gymnasium
 
-    from sb3_piano.envs.registration import GENERAL_ID
     from sb3_piano.music.library import Library
+    from sb3_piano.registration import GENERAL_ID
 
     env_id, library = f"RoboPianist-{piece.name}-v0", Library()
     general = f'{GENERAL_ID} with score="{piece.name}"'

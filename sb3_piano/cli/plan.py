@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from sb3_piano.cli.common import (
     EXIT_OK,
-    add_command,
+    command,
     env_options,
     progress_bar,
     refuse_options,
@@ -29,9 +29,9 @@ _REFINE_HELP = (
 )
 
 
-def add_parser(commands: Any) -> None:
-    """Add ``plan`` and its arguments."""
-    add = add_command(commands, "plan", _plan, "make a run that plays without any training")
+def add_arguments(parser: Any) -> None:
+    """Add the arguments of ``plan``."""
+    add = command(parser, _plan)
     what = "a file, such as MIDI, a piece by its name, an environment, or with --refine a run"
     add("what", "PIECE|ENV_ID|RUN", what)
     add("--refine", "MINUTES", _REFINE_HELP, _minutes)

@@ -13,8 +13,8 @@ from sb3_piano.cli.common import (
     EXIT_OK,
     TRUST,
     Add,
-    add_command,
     check_output_file,
+    command,
     progress_bar,
     refuse_options,
     tell_errors,
@@ -57,10 +57,9 @@ _VIEW_HELP = (
 )
 
 
-def add_parser(commands: Any) -> None:
-    """Add ``play`` and its arguments."""
-    about = "watch and hear a trained model, or a piece"
-    add = add_command(commands, "play", _play, about, epilog=TRUST)
+def add_arguments(parser: Any) -> None:
+    """Add the arguments of ``play``."""
+    add = command(parser, _play, epilog=TRUST)
     add("what", "RUN|PIECE", "a run's folder, or hf:OWNER/NAME of the Hub; or a piece or a file")
     add("--planned", text="the same as --player planned, or sampling if --sampling is given")
     add_player_arguments(add)
@@ -78,10 +77,9 @@ def add_parser(commands: Any) -> None:
     add("--no-progress")
 
 
-def add_report_parser(commands: Any) -> None:
-    """Add ``report`` and its arguments."""
-    about = "write an HTML page: piano roll, fingers, reward, training"
-    add = add_command(commands, "report", _report, about, epilog=TRUST)
+def add_report_arguments(parser: Any) -> None:
+    """Add the arguments of ``report``."""
+    add = command(parser, _report, epilog=TRUST)
     add("what", "RUN|PIECE", "a run's folder; or a file, such as MIDI, or a piece")
     default = "default: RUN/evaluation/report.html, or play/<title>/piano_roll.html"
     add("--out", "FILE.html", default, Path)

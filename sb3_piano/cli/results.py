@@ -25,9 +25,8 @@ _Job = TypeVar("_Job")
 _Found = TypeVar("_Found")
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command and its arguments."""
-    parser = commands.add_parser("results", help="evaluations that others can check")
+def add_arguments(parser: Any) -> None:
+    """Add the command's own commands."""
     parts = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     add = add_command(parts, "measure", _measure, "play, and write a file of results", epilog=TRUST)
     add("--pieces", "PIECE", "names, files or collections; default: repertoire", nargs="+")

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from sb3_piano.cli.common import (
     EXIT_OK,
     TRUST,
-    add_command,
     add_row,
+    command,
     new_table,
     print_table,
     progress_bar,
@@ -31,10 +31,9 @@ _STORAGE_HELP = "keep the runs' folders there, such as s3://bucket/sweep; defaul
 _METRICS = ("f1", "onset_f1", "return")
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command and its arguments."""
-    about = "train a grid of pieces, algorithms, settings and seeds"
-    add = add_command(commands, "sweep", _sweep, about, epilog=TRUST)
+def add_arguments(parser: Any) -> None:
+    """Add the arguments of the command."""
+    add = command(parser, _sweep, epilog=TRUST)
     add("file", "FILE", "YAML file of the grid; the same command goes on with it")
     add("--run", "FOLDER", _RUN_HELP)
     add("--workers", "N", "runs at once on this machine; default: one a core", whole_number)

@@ -10,8 +10,8 @@ from sb3_piano.cli.common import (
     EXIT_INTERRUPTED,
     EXIT_OK,
     TRUST,
-    add_command,
     add_piece_arguments,
+    command,
     refuse_options,
     what_is_played,
     whole_number,
@@ -42,10 +42,9 @@ _NEW_RUN_ONLY = (
 )
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command and its arguments."""
-    about = "train a model, or go on training one"
-    add = add_command(commands, "train", _train, about, epilog=TRUST)
+def add_arguments(parser: Any) -> None:
+    """Add the arguments of the command."""
+    add = command(parser, _train, epilog=TRUST)
     add("--algo", "NAME", "td3 (default), sac, tqc, ddpg, ppo, a2c, crossq or trpo")
     add_piece_arguments(add)
     add("--pieces", "PIECE", _PIECES_HELP, nargs="+")

@@ -13,6 +13,7 @@ from sb3_piano.cli.common import (
     EXIT_OK,
     add_piece_arguments,
     adder,
+    command,
     what_is_played,
     whole_number,
 )
@@ -33,17 +34,13 @@ _RAY_HELP = "workers on a cluster of Ray, whose nodes all see --studies-dir; or 
 _STORAGE_HELP = "a database, such as postgresql+psycopg://user@host/name"
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command and its arguments."""
-    tune = commands.add_parser(
-        "tune", help="search hyperparameters with Optuna", description=_DESCRIPTION
-    )
-    tune.set_defaults(command=_tune)
-    add = adder(tune)
+def add_arguments(parser: Any) -> None:
+    """Add the arguments of the command."""
+    add = command(parser, _tune, description=_DESCRIPTION)
     add("--algo", "NAME", "td3 (default), sac, tqc, ...", default="td3")
     add_piece_arguments(add)
     add("--config", text="settings to depart from; default: the preset")
-    add = adder(tune.add_argument_group("trials"))
+    add = adder(parser.add_argument_group("trials"))
     add("--trials", "N", "in all", whole_number, 20)
     add("--steps", "N", "of a training", whole_number, 20_000)
     add("--minutes", "M", "longest time of a trial; default: no limit", float)
@@ -53,13 +50,13 @@ def add_parser(commands: Any) -> None:
     add("--evaluations", "N", "of a training", whole_number, 5)
     add("--eval-episodes", "N", "of an evaluation", whole_number, 1)
     add("--eval-seed", "N", "held out", int, 1000)
-    add = adder(tune.add_argument_group("search"))
+    add = adder(parser.add_argument_group("search"))
     add("--space", "SPACE", _SPACE_HELP, action="append")
     add("--sampler", "NAME", "tpe, cmaes, gp or random", default="tpe")
     add("--pruner", "NAME", "median, hyperband, halving or none", default="median")
     add("--startup-trials", "N", "at random first", whole_number, 10)
     add("--seed", "N", "seed of the sampler; default: drawn", int)
-    add = adder(tune.add_argument_group("where"))
+    add = adder(parser.add_argument_group("where"))
     add("--workers", "N", "processes", whole_number, 1)
     add("--ray", "ADDRESS", _RAY_HELP)
     add("--storage", "URL", _STORAGE_HELP)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import gymnasium as gym
-import mujoco
 import numpy as np
 import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
@@ -24,6 +23,7 @@ from sb3_piano.interrupts import ctrl_c_deferred
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.settings import Count, Index, checked
+from sb3_piano.simulation.engine import mujoco
 
 if TYPE_CHECKING:
     from minari import MinariDataset

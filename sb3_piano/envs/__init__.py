@@ -11,15 +11,6 @@ from sb3_piano.envs.observation import (
 from sb3_piano.envs.piano_env import PianoEnv
 from sb3_piano.envs.record import EnvState, Snapshot
 from sb3_piano.envs.recorder import EpisodeRecorder, Motion, Recording
-from sb3_piano.envs.registration import (
-    DEBUG_IDS,
-    ENV_IDS,
-    GENERAL_ID,
-    PIECE_IDS,
-    PIG_IDS,
-    SELF_ACTUATED_ID,
-    register_envs,
-)
 from sb3_piano.envs.rewards import (
     DEFAULT_REWARD_WEIGHTS,
     RETURN_KEYS,
@@ -28,6 +19,15 @@ from sb3_piano.envs.rewards import (
 from sb3_piano.envs.score_choice import ScoreTransform
 from sb3_piano.envs.vector_env import PianoVectorEnv
 from sb3_piano.performance import Performance
+from sb3_piano.registration import (
+    DEBUG_IDS,
+    ENV_IDS,
+    GENERAL_ID,
+    PIECE_IDS,
+    PIG_IDS,
+    SELF_ACTUATED_ID,
+    register_envs,
+)
 
 __all__ = [
     "ALL_KEYS",

@@ -44,6 +44,9 @@ PRESSES_AHEAD = 2
 MOST_TIME = 2.0
 """The farthest that presses are seen ahead and back, s."""
 
+CLIP = 10.0
+"""Networks let standardised observations end here: one strange number must not drown the others."""
+
 _DM_PER_M = 10.0  # so that the last centimetre counts among numbers of the order of 1
 _CM_PER_M = 100.0
 _FARTHEST = 20.0  # dm

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, SupportsFloat
 
 import gymnasium as gym
-import mujoco
 import numpy as np
 import numpy.typing as npt
 
@@ -29,6 +28,7 @@ from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene, Simulation, compile_scene, pedal_threshold
+from sb3_piano.simulation.engine import mujoco
 from sb3_piano.viewing import Moment, PerformanceRenderer
 
 Observation = npt.NDArray[np.float32]

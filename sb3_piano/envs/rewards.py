@@ -13,7 +13,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from sb3_piano.arrays import FloatArray
 
@@ -205,6 +204,8 @@ def optimal_transport_fingering(fingertips: FloatArray, press_points: FloatArray
     """
     if len(press_points) == 0:
         return 1.0
+    from scipy.optimize import linear_sum_assignment  # takes 0.4 s, and few pieces need it
+
     distance = _distance(fingertips[:, None], press_points[None])
     assigned = distance[linear_sum_assignment(distance)]
     return _mean_closeness(assigned.tolist(), _FINGER_TOLERANCE)

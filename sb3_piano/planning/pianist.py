@@ -6,13 +6,11 @@ import hashlib
 import operator
 import warnings
 from collections import OrderedDict
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import gymnasium as gym
-import mujoco
 import numpy as np
 import numpy.typing as npt
-from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import PlanWarning
@@ -25,6 +23,11 @@ from sb3_piano.planning.problems import summary
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.planning.tracker import Tracker
 from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation.engine import mujoco
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env import VecEnv
+
 
 _PLANS_KEPT = 8
 _PLANS: OrderedDict[tuple[str, str, PlanSettings], Plan] = OrderedDict()

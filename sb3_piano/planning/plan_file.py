@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 
 import sb3_piano
@@ -24,6 +23,7 @@ from sb3_piano.planning.plan import HandTasks, Plan
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.settings import Index, checked
 from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation.engine import mujoco
 
 FORMAT = 1
 """Version of the files."""

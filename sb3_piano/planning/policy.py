@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
-import torch
 from gymnasium import spaces
-from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.vec_env import (
-    DummyVecEnv,
-    VecEnv,
-    VecNormalize,
-    unwrap_vec_normalize,
-)
 
 from sb3_piano.arrays import BoolArray, Float32Array, IntArray
 from sb3_piano.envs import ObservationSpace, PianoEnv
@@ -24,6 +17,11 @@ from sb3_piano.envs.goal import roll_of
 from sb3_piano.envs.score_choice import fingered
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import PianoRoll
+
+if TYPE_CHECKING:
+    import torch
+    from stable_baselines3.common.logger import Logger
+    from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 
 class PianoPolicy(ABC):
@@ -43,18 +41,33 @@ class PianoPolicy(ABC):
 
     num_timesteps = 0
     """Environment steps that it was trained for: none, unless it has a network."""
-    device = torch.device("cpu")
-    """Where it computes."""
 
     def __init__(self, env: gym.Env[Any, Any] | VecEnv) -> None:
         self._env = env
         self._pianos = pianos_of(env)
-        self.logger = Logger(folder=None, output_formats=[])
-        """Logger of the callbacks."""
+        self._logger: Logger | None = None
         self._normalizer = _normalizer_of(env)
         self._space = env.observation_space
         seen = self._space if self._normalizer is None else self._normalizer.venv.observation_space
         self._layout = seen.layout if isinstance(seen, ObservationSpace) else None
+
+    # torch and Stable-Baselines3 take a second to be imported, and are not needed to play.
+
+    @functools.cached_property
+    def device(self) -> torch.device:
+        """Where it computes."""
+        import torch
+
+        return torch.device("cpu")
+
+    @property
+    def logger(self) -> Logger:
+        """Logger of the callbacks."""
+        if self._logger is None:
+            from stable_baselines3.common.logger import Logger
+
+            self._logger = Logger(folder=None, output_formats=[])
+        return self._logger
 
     def predict(
         self,
@@ -106,8 +119,10 @@ class PianoPolicy(ABC):
 
     def get_env(self) -> VecEnv:
         """Return the environments that it was made for, a single one as a vector of one."""
+        from stable_baselines3.common.vec_env import DummyVecEnv
+
         env = self._env
-        return env if isinstance(env, VecEnv) else DummyVecEnv([lambda: env])
+        return DummyVecEnv([lambda: env]) if isinstance(env, gym.Env) else env
 
     def get_vec_normalize_env(self) -> VecNormalize | None:
         """Return what normalises its observations, if anything does."""
@@ -115,7 +130,7 @@ class PianoPolicy(ABC):
 
     def set_logger(self, logger: Logger) -> None:
         """Let callbacks log elsewhere; until then they log nowhere."""
-        self.logger = logger
+        self._logger = logger
 
     def set_random_seed(self, seed: int) -> None:
         """Begin anew with what is drawn at random, if anything is."""
@@ -147,8 +162,10 @@ def singles_of(env: gym.Env[Any, Any] | VecEnv) -> list[gym.Env[Any, Any]]:
     Raises:
         ConfigError: If they are out of reach in another process.
     """
-    if not isinstance(env, VecEnv):
+    if isinstance(env, gym.Env):
         return [env]
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
     inner = env.unwrapped
     if not isinstance(inner, DummyVecEnv):
         raise ConfigError(
@@ -184,7 +201,11 @@ def roll_with_fingers(piano: PianoEnv) -> PianoRoll:
 
 def _normalizer_of(env: gym.Env[Any, Any] | VecEnv) -> VecNormalize | None:
     """Return what normalises observations, unless a wrapper around it changes them again."""
-    normalizer = unwrap_vec_normalize(env) if isinstance(env, VecEnv) else None
+    if isinstance(env, gym.Env):
+        return None
+    from stable_baselines3.common.vec_env import unwrap_vec_normalize
+
+    normalizer = unwrap_vec_normalize(env)
     if normalizer is None or normalizer.observation_space != env.observation_space:
         return None
     return normalizer

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from scipy.linalg.lapack import dposv
 
@@ -19,6 +18,7 @@ from sb3_piano.arrays import FloatArray
 from sb3_piano.planning.hand_cost import HandCost
 from sb3_piano.reading.kinematics import HandKinematics
 from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation.engine import mujoco
 
 # Small weights that keep the problem well posed: what counts deviation from the first plan, speed,
 # and being outside the control range. The sliders' are those of metres, not of rad.

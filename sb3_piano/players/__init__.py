@@ -6,12 +6,16 @@ agent corrects it, or the plan. :class:`TreeSearch` plays what a trained model w
 ahead.
 """
 
+from typing import TYPE_CHECKING, Any
+
 from sb3_piano.players.hand_model import HandFacts, HandModel
 from sb3_piano.players.making import PLAYERS, make_player, player_class
 from sb3_piano.players.residual import CORRECTED, PlayerResidual
 from sb3_piano.players.sight_reader import SightReader
 from sb3_piano.players.tree import TreeSettings
-from sb3_piano.players.tree_search import TreeSearch
+
+if TYPE_CHECKING:
+    from sb3_piano.players.tree_search import TreeSearch
 
 __all__ = [
     "CORRECTED",
@@ -25,3 +29,12 @@ __all__ = [
     "make_player",
     "player_class",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import when it is asked for what alone needs torch, which takes two seconds."""
+    if name != "TreeSearch":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from sb3_piano.players.tree_search import TreeSearch
+
+    return TreeSearch

@@ -7,25 +7,27 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 import safetensors
 import safetensors.numpy
-from stable_baselines3.common.policies import BasePolicy
 
 from sb3_piano.array_files import read_shapes
 from sb3_piano.arrays import Float32Array
 from sb3_piano.envs import ObservationLayout, PianoEnv
-from sb3_piano.envs.hand_encoding import HandEncoding
+from sb3_piano.envs.hand_encoding import CLIP, HandEncoding
 from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
 from sb3_piano.files import write_bytes
-from sb3_piano.policies.hand_network import CLIP, hand_weights
 from sb3_piano.settings import Count, Index, Positive, settings
 from sb3_piano.wrappers.hand_actions import hand_actions_of
 from sb3_piano.wrappers.piano import piano_of
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.policies import BasePolicy
+
 
 Tensors = Mapping[str, Float32Array]
 
@@ -123,6 +125,8 @@ class HandModel:
         Raises:
             ConfigError: If the policy is another one, or the environment has no such wrapper.
         """
+        from sb3_piano.policies.hand_network import hand_weights  # here, as playing needs no torch
+
         tensors = {name: tensor.numpy() for name, tensor in hand_weights(policy).items()}
         activation: Any = policy.activation_fn
         facts = HandFacts(

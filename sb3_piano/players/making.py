@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
-from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.planning import PianoPolicy, PlannedPianist
 from sb3_piano.planning.sampling import PredictiveSampling
 from sb3_piano.players.sight_reader import SightReader
 from sb3_piano.settings import refuse_unknown
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env import VecEnv
+
 
 PLAYERS: Mapping[str, type[PianoPolicy]] = MappingProxyType(
     {"planned": PlannedPianist, "sampling": PredictiveSampling, "sight-reader": SightReader}

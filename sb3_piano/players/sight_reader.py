@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 import warnings
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
-from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.envs import ObservationLayout
 from sb3_piano.envs.actions import HandActionMap
@@ -24,6 +23,9 @@ from sb3_piano.planning.problems import summary, unheld
 from sb3_piano.players.hand_model import SHIPPED, HandModel
 from sb3_piano.simulation import PianoScene
 from sb3_piano.wrappers.hand_actions import HandActions, hand_actions_of
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env import VecEnv
 
 
 class SightReader(PianoPolicy):

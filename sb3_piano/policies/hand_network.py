@@ -18,10 +18,8 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 
+from sb3_piano.envs.hand_encoding import CLIP
 from sb3_piano.exceptions import ConfigError
-
-CLIP = 10.0
-"""Standardised observations end here: one strange number must not drown all others."""
 
 
 class PerHand(nn.Module):

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
 from sb3_piano.arrays import FloatArray
 from sb3_piano.music.constants import KEY_IS_BLACK, THUMB
 from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation.engine import mujoco
 
 WHITE_X = (0.052, 0.042)
 """Place along white keys where thumbs and where fingers press, m."""

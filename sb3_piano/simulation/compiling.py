@@ -6,7 +6,6 @@ import functools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any
 
-import mujoco
 import numpy as np
 import numpy.typing as npt
 from annotated_types import Ge, Le
@@ -16,6 +15,7 @@ from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.music.hands import Hand
 from sb3_piano.settings import Whole, checked
 from sb3_piano.simulation import hand, keyboard
+from sb3_piano.simulation.engine import mujoco
 from sb3_piano.simulation.physics import physics_profile
 from sb3_piano.simulation.scene import SIDES, PianoScene
 

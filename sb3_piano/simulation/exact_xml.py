@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 from xml.etree import ElementTree
 
-import mujoco
 import numpy as np
+
+from sb3_piano.simulation.engine import mujoco
 
 # What MJCF calls otherwise than MuJoCo's specification does.
 _INERTIAL = {"pos": "ipos", "quat": "iquat", "diaginertia": "inertia"}

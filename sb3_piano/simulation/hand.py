@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import mujoco
-
+from sb3_piano.simulation.engine import mujoco
 from sb3_piano.simulation.tables import load_table
 
 FOREARM_JOINTS = ("forearm_tx", "forearm_ty")

@@ -13,13 +13,13 @@ import functools
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.arrays import BoolArray, FloatArray, IntArray
 from sb3_piano.music.constants import NUM_FINGERS, NUM_KEYS
 from sb3_piano.music.hands import HANDS, Hand, fingers_of
+from sb3_piano.simulation.engine import mujoco
 
 SIDES = HANDS
 """The hands in their order."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from sb3_piano.arrays import FloatArray
 from sb3_piano.music.constants import NUM_FINGERS
+from sb3_piano.simulation.engine import mujoco
 from sb3_piano.simulation.scene import PianoScene
 
 # Neighbours in MuJoCo's list of warnings: bad positions, velocities, accelerations.

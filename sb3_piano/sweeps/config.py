@@ -12,10 +12,10 @@ from typing import Annotated, Any
 
 from annotated_types import MinLen
 
-from sb3_piano.envs.registration import GENERAL_ID
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.executors import Resources
 from sb3_piano.music import is_path, select_pieces
+from sb3_piano.registration import GENERAL_ID
 from sb3_piano.settings import Count, Index, Listed, settings
 from sb3_piano.training import RunConfig, load_config
 from sb3_piano.training.configuration.yaml_files import merged, read_yaml_mapping

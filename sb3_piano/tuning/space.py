@@ -21,8 +21,8 @@ from optuna.trial import BaseTrial
 
 import sb3_piano.wrappers
 from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, PianoEnvConfig
-from sb3_piano.envs.registration import ENTRY_POINT
 from sb3_piano.exceptions import ConfigError, SB3PianoError, near_names
+from sb3_piano.registration import ENTRY_POINT
 from sb3_piano.settings import NotNegative, Number, Positive, Share, Unit, checked
 from sb3_piano.training import Plugin, RunConfig, entry_config
 from sb3_piano.training.configuration.names import algorithm_class, registered_id

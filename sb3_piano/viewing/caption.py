@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import functools
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import matplotlib
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageDraw, ImageFont
+
+if TYPE_CHECKING:
+    from PIL import ImageFont
 
 _LEAST_HEIGHT = 160
 """Pictures of fewer rows have no caption: nobody could read it."""
 
-_FONT = Path(matplotlib.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")
 _INK, _SHADE = (235, 235, 240), (0, 0, 0)
 
 
@@ -28,6 +29,8 @@ def write_caption(picture: npt.NDArray[np.uint8], title: str, f1: float | None) 
     height, width, _ = picture.shape
     if height < _LEAST_HEIGHT:
         return
+    from PIL import Image, ImageDraw  # here, as environments import this, too
+
     size = height // 22
     strip = Image.fromarray(picture[: 2 * size])
     draw, font, edge = ImageDraw.Draw(strip), _font(size), size // 2
@@ -45,4 +48,8 @@ def write_caption(picture: npt.NDArray[np.uint8], title: str, f1: float | None) 
 @functools.lru_cache(maxsize=4)
 def _font(size: int) -> ImageFont.FreeTypeFont:
     """Return the font that matplotlib brings, which has the letters of composers' languages."""
-    return ImageFont.truetype(_FONT, size)
+    import matplotlib  # here: 0.2 s for a path
+    from PIL import ImageFont
+
+    font = Path(matplotlib.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")
+    return ImageFont.truetype(font, size)

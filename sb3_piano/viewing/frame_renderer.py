@@ -8,12 +8,12 @@ import weakref
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.exceptions import RenderingError
 from sb3_piano.simulation import PianoScene, find_gl_backend
+from sb3_piano.simulation.engine import mujoco
 from sb3_piano.viewing.moment import Color
 from sb3_piano.viewing.note_bars import Bar
 

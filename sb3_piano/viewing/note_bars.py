@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
 
 from sb3_piano.arrays import BoolArray, FloatArray
 from sb3_piano.metrics import Presses, presses_of
@@ -123,6 +122,9 @@ def _stretch(low: float, high: float, least: float) -> Stretch:
 
 def _near(roll: PianoRoll, key_y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the middles and the widths of what is due around each time, moving smoothly."""
+    # Here, as environments import this, too, and it takes 0.3 s.
+    from scipy.ndimage import gaussian_filter1d, maximum_filter1d, minimum_filter1d
+
     due = roll.active.any(axis=1)
     steps = np.arange(len(roll) + 1)
     if not due.any():

@@ -10,11 +10,11 @@ import functools
 import math
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from sb3_piano.music.hands import Hand
 from sb3_piano.simulation import PianoScene, assemble_scene, scene_parts
+from sb3_piano.simulation.engine import mujoco
 
 _Vector = tuple[float, float, float]
 _Ball = tuple[_Vector, float | _Vector]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation.engine import mujoco
 from sb3_piano.viewing.stage import staged
 
 _MESH = int(mujoco.mjtGeom.mjGEOM_MESH)

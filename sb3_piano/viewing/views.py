@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-import mujoco
 from annotated_types import Ge, Le, MultipleOf
 
 from sb3_piano.settings import Unit, Whole, settings
+from sb3_piano.simulation.engine import mujoco
 from sb3_piano.viewing.note_bars import Stretch
 from sb3_piano.viewing.stage import FIELD_OF_VIEW
 

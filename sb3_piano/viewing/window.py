@@ -9,11 +9,10 @@ import warnings
 from collections.abc import Iterable
 from typing import Any
 
-import mujoco
-
 from sb3_piano.exceptions import RenderingError
 from sb3_piano.music import PianoRoll
 from sb3_piano.simulation import PianoScene
+from sb3_piano.simulation.engine import mujoco
 from sb3_piano.viewing.frame_renderer import add_bars
 from sb3_piano.viewing.moment import Moment, geom_colors
 from sb3_piano.viewing.note_bars import NoteBars
@@ -45,7 +44,7 @@ class SceneWindow:
     def __init__(self, scene: PianoScene, roll: PianoRoll, *, view: View = "stage"):
         """Open the window on a scene in which a roll is played, at first with a view of it."""
         check_screen()
-        from mujoco import viewer  # here, because without a screen it may fail already
+        from mujoco import viewer  # noqa: TID251  here, as without a screen it may fail already
 
         self._scene = staged(scene).copy()
         self._colors = self._scene.model.geom_rgba.copy()

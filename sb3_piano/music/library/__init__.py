@@ -2,15 +2,14 @@
 
 from sb3_piano.music.library.datasets import PIG_PIECES
 from sb3_piano.music.library.importing import ImportReport, import_path
-from sb3_piano.music.library.piece_file import PIECE_SUFFIX, PieceInfo, read_piece
+from sb3_piano.music.library.piece_file import PieceInfo, read_piece
 from sb3_piano.music.library.store import (
-    DATA_VARIABLE,
     Library,
     imported_pieces,
     piece_features,
-    pieces_folder,
 )
 from sb3_piano.music.library.task import Unusable
+from sb3_piano.user_data import DATA_VARIABLE, PIECE_SUFFIX, pieces_folder
 
 __all__ = [
     "DATA_VARIABLE",

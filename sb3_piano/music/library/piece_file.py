@@ -27,8 +27,6 @@ from sb3_piano.music.score import Score
 
 T = TypeVar("T")
 
-PIECE_SUFFIX = ".npz"
-
 _MOST_BYTES = 2**24
 """Most bytes of a file, and of its arrays: a note has less than 32."""
 

@@ -12,8 +12,6 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-import platformdirs
-
 from sb3_piano.exceptions import (
     ConfigError,
     RunError,
@@ -26,7 +24,6 @@ from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music.built_in import BUILT_IN
 from sb3_piano.music.difficulty import Features, features
 from sb3_piano.music.library.piece_file import (
-    PIECE_SUFFIX,
     PieceInfo,
     read_info,
     read_piece,
@@ -34,21 +31,12 @@ from sb3_piano.music.library.piece_file import (
 )
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
-
-DATA_VARIABLE = "SB3_PIANO_DATA"
-"""Environment variable with the folder for the user's data, in place of the system's usual one."""
+from sb3_piano.user_data import DATA_VARIABLE, PIECE_SUFFIX, piece_names, pieces_folder
 
 LONGEST_NAME = 200
 """Longest name, in bytes of UTF-8: file systems take 255, the suffix included."""
 
 _NAME = re.compile(r"\w[\w-]*")
-
-
-def pieces_folder() -> Path:
-    """Return the folder in which imported pieces are kept; it need not exist yet."""
-    chosen = os.environ.get(DATA_VARIABLE)
-    data = Path(chosen).absolute() if chosen else platformdirs.user_data_path("sb3-piano")
-    return data / "pieces"
 
 
 def slug(text: str) -> str:
@@ -115,13 +103,7 @@ class Library:
 
         There are none if the folder is not there, or cannot be read.
         """
-        try:
-            files = os.listdir(self.folder)
-        except OSError:
-            return ()
-        return tuple(
-            sorted(f.removesuffix(PIECE_SUFFIX) for f in files if f.endswith(PIECE_SUFFIX))
-        )
+        return piece_names(self.folder)
 
     def path(self, name: str) -> Path:
         """Return the file of a piece, whether there is one or not."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
-from stable_baselines3.common.vec_env import VecEnv
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, EnvStateError
@@ -19,6 +18,9 @@ from sb3_piano.planning.sampling.noise import NOISE_FROM_ZERO, Candidates, Sampl
 from sb3_piano.planning.sampling.search import CandidateSearch, Simulations
 from sb3_piano.planning.settings import PlanSettings
 from sb3_piano.settings import Count, Index, checked
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env import VecEnv
 
 
 class PredictiveSampling(PianoPolicy):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
 from sb3_piano.arrays import BoolArray, FloatArray, IntArray
@@ -15,6 +14,7 @@ from sb3_piano.planning.sampling.cost import SamplingCost, wrong_keys
 from sb3_piano.planning.sampling.noise import Candidates
 from sb3_piano.planning.tracker import Tracker
 from sb3_piano.simulation import Simulation, compile_scene
+from sb3_piano.simulation.engine import mujoco
 from sb3_piano.threads import ThreadTeam
 
 

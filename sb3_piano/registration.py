@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import gymnasium as gym
 
-from sb3_piano.music import BUILT_IN
-from sb3_piano.music.built_in import ENCORE
-from sb3_piano.music.library import PIG_PIECES, Library
-from sb3_piano.music.studies import DEBUG
+from sb3_piano.user_data import piece_names, pieces_folder
+
+# They stand in a file, so that importing the package does not make the pieces: a test compares.
+_NAMES = json.loads(Path(__file__).with_name("piece_names.json").read_text(encoding="utf-8"))
 
 ENTRY_POINT = "sb3_piano.envs.piano_env:PianoEnv"
 VECTOR_ENTRY_POINT = "sb3_piano.envs.vector_env:PianoVectorEnv"
@@ -26,18 +28,18 @@ SELF_ACTUATED_ID = "RoboPianist-selfactuated-v0"
 """The id of the piano without hands, whose keys are driven."""
 
 PIECE_IDS: Mapping[str, str] = MappingProxyType(
-    {f"RoboPianist-{name}-v0": name for name in BUILT_IN}
+    {f"RoboPianist-{name}-v0": name for name in _NAMES["built_in"]}
 )
 """The name of the piece that each other id plays; those of RoboPianist's own suite are the same."""
 
-DEBUG_IDS = tuple(f"RoboPianist-{name}-v0" for name in DEBUG)
+DEBUG_IDS = tuple(env_id for env_id, name in PIECE_IDS.items() if name.startswith("debug-"))
 """The ids of the debug set."""
 
 ENV_IDS = (GENERAL_ID, SELF_ACTUATED_ID, *PIECE_IDS)
 """All ids of what comes with the package."""
 
 PIG_IDS: Mapping[str, str] = MappingProxyType(
-    {f"RoboPianist-{name}-v0": name for name in PIG_PIECES}
+    {f"RoboPianist-{name}-v0": name for name in _NAMES["pig"]}
 )
 """The same for the pieces of the PIG data set, which play once it has been imported."""
 
@@ -51,8 +53,9 @@ def register_envs() -> None:
     }
     pieces = {**PIECE_IDS, **PIG_IDS, **imported_ids()}
     options.update({env_id: {"score": piece} for env_id, piece in pieces.items()})
-    for piece in ENCORE:  # which have no fingers of their own
-        options[f"RoboPianist-{piece}-v0"]["fingering"] = "ergonomic"
+    for env_id, piece in PIECE_IDS.items():
+        if piece.startswith("encore-"):  # which have no fingers of their own
+            options[env_id]["fingering"] = "ergonomic"
     for env_id, kwargs in options.items():
         if env_id not in gym.registry:
             gym.register(
@@ -66,7 +69,7 @@ def register_envs() -> None:
 def imported_ids() -> dict[str, str]:
     """Return the ids of imported pieces that RoboPianist has ids for, with the pieces' names."""
     try:
-        names = Library().names()  # without reading their files
+        names = piece_names(pieces_folder())
     except OSError:
         return {}  # a folder that cannot be read: finding a piece in it says so
     return {f"RoboPianist-{name}-v0": name for name in names if name.startswith(_BENCHMARKS)}

@@ -21,6 +21,8 @@ ROOT = Path(__file__).parents[1]
 # The rooms, each of which imports only from those before it.
 ROOMS = [
     "exceptions",
+    "user_data",
+    "registration",
     "settings",
     "files",
     "arrays",
@@ -94,6 +96,49 @@ def test_importing_the_package_prints_nothing_and_warns_of_nothing():
     command = [sys.executable, "-W", "error", "-c", "import sb3_piano"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+# Libraries that take a tenth of a second or more, or draw.
+DRAWING = {"matplotlib", "PIL", "imageio_ffmpeg", "av", "jinja2", "plotly"}
+LEARNING = {"torch", "stable_baselines3", "sb3_contrib", "optuna", "minari", "ray", "pandas"}
+HEAVY = (
+    DRAWING | LEARNING | {"scipy", "mujoco", "OpenGL", "pydantic", "yaml", "pretty_midi", "mido"}
+)
+
+
+@pytest.mark.parametrize(
+    ("program", "unneeded"),
+    [
+        ("import sb3_piano", HEAVY),
+        ("from sb3_piano.cli import main; main(['--help'])", HEAVY),
+        (
+            "import sb3_piano.envs, sb3_piano.viewing, sb3_piano.wrappers",
+            DRAWING | LEARNING | {"scipy.optimize", "scipy.ndimage"},
+        ),
+        (
+            "from sb3_piano import envs, music, players\n"
+            "env = envs.PianoEnv(music.Score([music.Note(onset=0.1, offset=0.2, pitch=60)]))\n"
+            "players.make_player('planned', env).predict(env.reset()[0])",
+            DRAWING | LEARNING,
+        ),
+    ],
+    ids=["import", "help", "environments", "planner"],
+)
+def test_what_takes_long_to_be_imported_is_not_where_it_is_not_needed(program, unneeded):
+    told = "import atexit, sys; atexit.register(lambda: print(*sys.modules, file=sys.stderr))\n"
+    command = [sys.executable, "-c", told + program]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert not unneeded & set(done.stderr.split())
+
+
+def test_a_part_of_the_package_is_imported_when_it_is_asked_for():
+    program = """
+        import sb3_piano
+        print(sb3_piano.envs.PianoEnv.__name__, hasattr(sb3_piano, "nothing"))
+    """
+    command = [sys.executable, "-c", textwrap.dedent(program)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == "PianoEnv False\n"
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import importlib
+import warnings
 import weakref
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.exceptions import RenderingError
+from sb3_piano.exceptions import RenderingError, one_line
 from sb3_piano.simulation import PianoScene, find_gl_backend
 from sb3_piano.simulation.engine import mujoco
 from sb3_piano.viewing.moment import Color
@@ -22,6 +23,9 @@ _MOST_BARS = 500
 
 _GLOW = 0.35
 """Light that coloured keys and bars give themselves, so that shadows leave them bright."""
+
+_SAMPLES = 4
+"""Samples of a pixel."""
 
 _HOW_TO_INSTALL = (
     "Install an OpenGL library, for instance with 'apt-get install libosmesa6' or 'apt-get install "
@@ -57,15 +61,7 @@ class FrameRenderer:
             self.camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
             self.camera.fixedcamid = scene.model.camera(camera).id
         self._option = mujoco.MjvOption()
-        self._gl = _gl_context(width, height)
-        self._gl.make_current()
-        quality = scene.model.vis.quality
-        samples, quality.offsamples = quality.offsamples, 0 if plain else quality.offsamples
-        try:
-            font = mujoco.mjtFontScale.mjFONTSCALE_150.value
-            self._context = mujoco.MjrContext(scene.model, font)
-        finally:
-            quality.offsamples = samples
+        self._gl, self._context = _contexts(scene.model, width, height, 0 if plain else _SAMPLES)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._drawn = mujoco.MjvScene(scene.model, maxgeom=scene.model.ngeom + _MOST_BARS)
         self._drawn.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = not plain
@@ -122,19 +118,29 @@ def add_bars(drawn: mujoco.MjvScene, bars: Sequence[Bar]) -> None:
         drawn.ngeom += 1
 
 
-def _gl_context(width: int, height: int) -> Any:
-    """Return an OpenGL context of the backend that this machine offers."""
+def _contexts(
+    model: mujoco.MjModel, width: int, height: int, samples: int
+) -> tuple[Any, mujoco.MjrContext]:
+    """Return an OpenGL context of the backend that this machine offers, and MuJoCo's in it."""
     backend = find_gl_backend()
     if backend not in ("egl", "osmesa", "glfw"):
         reason = "no OpenGL library was found" if backend is None else f"MUJOCO_GL is {backend!r}"
         raise RenderingError(f"Cannot draw the scene: {reason}. {_HOW_TO_INSTALL}")
-    try:
-        return importlib.import_module(f"mujoco.{backend}").GLContext(width, height)
-    except Exception as error:  # each backend fails in its own way: ImportError, OSError, ...
-        raise RenderingError(
-            f"Cannot draw the scene with the OpenGL backend {backend!r} ({error}). "
-            f"{_HOW_TO_INSTALL}"
-        ) from error
+    quality, font = model.vis.quality, mujoco.mjtFontScale.mjFONTSCALE_150.value
+    usual, quality.offsamples = quality.offsamples, samples
+    with warnings.catch_warnings(record=True) as said:  # GLFW fails silently, having warned why
+        try:
+            gl = importlib.import_module(f"mujoco.{backend}").GLContext(width, height)
+            gl.make_current()
+            return gl, mujoco.MjrContext(model, font)
+        except Exception as error:  # each backend fails in its own way: ImportError, OSError, ...
+            reason = str(said[0].message) if said else one_line(error)
+            raise RenderingError(
+                f"Cannot draw the scene with the OpenGL backend {backend!r} ({reason}). "
+                f"{_HOW_TO_INSTALL}"
+            ) from error
+        finally:
+            quality.offsamples = usual
 
 
 def _free(context: mujoco.MjrContext, gl: Any) -> None:

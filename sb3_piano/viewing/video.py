@@ -14,11 +14,16 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from sb3_piano.exceptions import ConfigError, RenderingError
+from sb3_piano.exceptions import ConfigError, RenderingError, one_line
 from sb3_piano.files import partial_file
 from sb3_piano.links import check_inside
 
 Frame = npt.NDArray[np.uint8]
+
+_FFMPEG = (
+    "Expected the ffmpeg that 'pip install imageio-ffmpeg' brings, or one named by "
+    "IMAGEIO_FFMPEG_EXE."
+)
 
 _QUALITY = "20"
 """x264's constant rate factor: 0 loses nothing, 51 is worst, 18 to 23 look good."""
@@ -71,6 +76,8 @@ def write_video(
         # Only now it is known for how long there has to be sound.
         with _ffmpeg_running(path, _muxing(silent, audio, count / rate, whole)):
             pass
+        if not whole.exists():
+            raise RenderingError(f"Cannot write '{path}': {_ffmpeg()!r} writes no file. {_FFMPEG}")
         os.replace(whole, path)
 
 
@@ -102,13 +109,19 @@ def _muxing(
 def _ffmpeg_running(path: Path, arguments: list[str]) -> Iterator[IO[bytes]]:
     """Run ffmpeg as long as the context lasts, and give its input; end it after an error."""
     with tempfile.TemporaryFile() as messages:
-        process = subprocess.Popen(
-            [_ffmpeg(), "-y", "-v", "error", *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=messages,
-            start_new_session=True,  # Ctrl-C is for us to answer
-        )
+        program = _ffmpeg()
+        try:
+            process = subprocess.Popen(
+                [program, "-y", "-v", "error", *arguments],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=messages,
+                start_new_session=True,  # Ctrl-C is for us to answer
+            )
+        except OSError as error:
+            raise RenderingError(
+                f"Cannot write a video: {program!r} cannot be run ({error.strerror}). {_FFMPEG}"
+            ) from error
         assert process.stdin is not None, "a pipe was asked for"
         try:
             with contextlib.suppress(BrokenPipeError):  # ffmpeg has ended and says why
@@ -135,10 +148,7 @@ def _ffmpeg() -> str:
     try:
         return imageio_ffmpeg.get_ffmpeg_exe()
     except RuntimeError as error:
-        raise RenderingError(
-            f"Cannot write a video: {error} Expected the ffmpeg that 'pip install imageio-ffmpeg' "
-            "brings, or one named by IMAGEIO_FFMPEG_EXE."
-        ) from error
+        raise RenderingError(f"Cannot write a video: {one_line(error)} {_FFMPEG}") from error
 
 
 def _check(fps: float, audio: str | os.PathLike[str] | None, size: tuple[int, int]) -> None:

@@ -9,10 +9,19 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from sb3_piano.envs import DEBUG_IDS, ENV_IDS, GENERAL_ID, PIG_IDS, SELF_ACTUATED_ID, register_envs
+from sb3_piano.envs import (
+    DEBUG_IDS,
+    ENV_IDS,
+    GENERAL_ID,
+    PIECE_IDS,
+    PIG_IDS,
+    SELF_ACTUATED_ID,
+    register_envs,
+)
 from sb3_piano.exceptions import UnknownPieceError
-from sb3_piano.music import Note, Score, load_score, write_midi
-from sb3_piano.music.library import Library
+from sb3_piano.music import BUILT_IN, Note, Score, load_score, write_midi
+from sb3_piano.music.built_in import ENCORE
+from sb3_piano.music.library import PIG_PIECES, Library
 
 # Pieces of every kind, short enough to be played to their ends.
 SAMPLE = (
@@ -35,6 +44,15 @@ for _ in range(40):
     digest.update(observation.tobytes() + np.float64(reward).tobytes())
 print(digest.hexdigest())
 """
+
+
+def test_the_names_that_are_registered_are_those_of_the_pieces():
+    """They stand in ``sb3_piano/piece_names.json``, which has to name each."""
+    assert list(PIECE_IDS.values()) == list(BUILT_IN)
+    assert list(PIG_IDS.values()) == list(PIG_PIECES)
+    kwargs = {name: gym.spec(f"RoboPianist-{name}-v0").kwargs for name in BUILT_IN}
+    labelled = {name for name in BUILT_IN if "fingering" not in kwargs[name]}
+    assert labelled == BUILT_IN.keys() - ENCORE.keys()
 
 
 def test_the_ids_are_in_gymnasiums_registry_under_robopianists_names():

@@ -83,13 +83,25 @@ except Exception as error:
 
 WITHOUT_LIBRARIES = "import ctypes.util\nctypes.util.find_library = lambda name: None\n"
 
+# As it ends where libOSMesa is missing, which ends MuJoCo's import, too.
+BROKEN_LIBRARY = """
+import sys
+class Missing:
+    def find_spec(self, name, *where):
+        if name == "OpenGL":
+            raise AttributeError("no glGetError")
+sys.meta_path.insert(0, Missing())
+"""
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("prelude", "variables", "reason"),
     [
-        ("", {"MUJOCO_GL": "disable"}, "MUJOCO_GL is 'disable'"),
-        (WITHOUT_LIBRARIES, {}, "no OpenGL library was found"),
+        ("", {"MUJOCO_GL": "nonsense"}, ": MUJOCO_GL is 'nonsense'"),
+        (WITHOUT_LIBRARIES, {}, ": no OpenGL library was found"),
+        (BROKEN_LIBRARY, {"MUJOCO_GL": "osmesa"}, " with the OpenGL backend 'osmesa' (no glGetErr"),
+        ("", {"MUJOCO_GL": "glfw"}, " with the OpenGL backend 'glfw' ((65550)"),
     ],
 )
 def test_where_nothing_can_be_drawn_the_env_still_steps_and_says_what_to_install(
@@ -99,7 +111,8 @@ def test_where_nothing_can_be_drawn_the_env_still_steps_and_says_what_to_install
     environment = {k: v for k, v in os.environ.items() if k not in hidden} | variables
     command = [sys.executable, "-W", "error", "-c", prelude + NO_OPENGL]
     done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
-    assert done.stdout.startswith(f"stepped\nRenderingError Cannot draw the scene: {reason}")
+    assert done.stdout.startswith(f"stepped\nRenderingError Cannot draw the scene{reason}")
+    assert done.stdout.count("\n") == 2
     assert "apt-get install libosmesa6" in done.stdout
 
 

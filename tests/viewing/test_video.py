@@ -177,6 +177,19 @@ def test_what_ffmpeg_complains_about_is_told(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["noise.wav"]
 
 
+@pytest.mark.parametrize(
+    ("program", "message"),
+    [("/nonexistent", r"'/nonexistent' cannot be run \(No such"), ("true", "writes no file")],
+)
+def test_a_program_that_is_no_encoder_is_named_with_the_cure(
+    tmp_path, monkeypatch, program, message
+):
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", program)
+    with pytest.raises(RenderingError, match=f"{message}.*IMAGEIO_FFMPEG_EXE"):
+        write_video(tmp_path / "v.mp4", [grey(9)], 20.0, None, SIZE)
+    assert not list(tmp_path.iterdir())
+
+
 def test_an_encoder_that_fails_at_the_end_leaves_no_video(tmp_path, monkeypatch):
     encoder = tmp_path / "ffmpeg"
     encoder.write_text(

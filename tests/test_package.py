@@ -117,7 +117,8 @@ HEAVY = (
         ),
         (
             "from sb3_piano import envs, music, players\n"
-            "env = envs.PianoEnv(music.Score([music.Note(onset=0.1, offset=0.2, pitch=60)]))\n"
+            "note = music.Note(onset=0.1, offset=0.2, pitch=60)\n"
+            "env = envs.PianoEnv(music.Score(notes=[note]))\n"
             "players.make_player('planned', env).predict(env.reset()[0])",
             DRAWING | LEARNING,
         ),

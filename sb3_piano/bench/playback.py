@@ -23,9 +23,8 @@ from collections.abc import Callable
 from importlib import metadata
 from typing import Any
 
+import mujoco  # noqa: TID251  where this package is not
 import numpy as np
-
-from sb3_piano.simulation.engine import mujoco
 
 _TASK = {
     "n_steps_lookahead": 10,

@@ -24,9 +24,6 @@ _MOST_BARS = 500
 _GLOW = 0.35
 """Light that coloured keys and bars give themselves, so that shadows leave them bright."""
 
-_SAMPLES = 4
-"""Samples of a pixel."""
-
 _HOW_TO_INSTALL = (
     "Install an OpenGL library, for instance with 'apt-get install libosmesa6' or 'apt-get install "
     "libegl1' on Debian, and choose it with MUJOCO_GL=osmesa or MUJOCO_GL=egl if both are there. "
@@ -42,7 +39,14 @@ class FrameRenderer:
     """
 
     def __init__(
-        self, scene: PianoScene, *, width: int, height: int, camera: str = "", plain: bool = False
+        self,
+        scene: PianoScene,
+        *,
+        width: int,
+        height: int,
+        camera: str = "",
+        plain: bool = False,
+        samples: int = 4,
     ):
         """Open a drawing context of so many pixels.
 
@@ -53,6 +57,7 @@ class FrameRenderer:
             camera: A camera of the scene; without one, ``self.camera`` may be placed freely.
             plain: Without shadows and with jagged edges, in a seventh of the time where there is no
                 graphics card.
+            samples: Samples of a pixel, unless it is plain: 4 for smooth edges, or 0.
         """
         self._scene = scene
         self._rect = mujoco.MjrRect(0, 0, width, height)
@@ -61,7 +66,7 @@ class FrameRenderer:
             self.camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
             self.camera.fixedcamid = scene.model.camera(camera).id
         self._option = mujoco.MjvOption()
-        self._gl, self._context = _contexts(scene.model, width, height, 0 if plain else _SAMPLES)
+        self._gl, self._context = _contexts(scene.model, width, height, 0 if plain else samples)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._drawn = mujoco.MjvScene(scene.model, maxgeom=scene.model.ngeom + _MOST_BARS)
         self._drawn.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = not plain

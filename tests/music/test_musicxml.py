@@ -192,6 +192,7 @@ class TestTime:
         assert played(read(music)) == [(60, 0, 1), (62, 0.25, 0.5)]
         music = note("C4", 4, start) + note("D4", 4) + note("C4", 4) + note("C4", 4, stop)
         assert len(played(read(music))) == 4
+        assert len(played(read(note("C4", 16, start), note("D4", 16), note("C4", 16, stop)))) == 3
         music = note("C4", 4, start) + note("C4", 4, voice=2) + backup(4) + note("C4", 8, stop)
         assert played(read(music)) == [(60, 0, 1.5), (60, 0.5, 1)]
         music = note("C4", 9, start) + backup(1) + note("C4", 8, stop)

@@ -47,6 +47,7 @@ class SourceNote:
         grace_run: Of how many grace notes (or chords) the run consists that it is one of.
         closes: Whether it is a grace note after the last note of its voice in a measure.
         is_staccato: Whether it has a dot or a wedge.
+        measure: The measure, counted in the file.
         doubling: How many semitones from it another note sounds with it; 0 if none does.
     """
 
@@ -64,6 +65,7 @@ class SourceNote:
     grace_run: int = 0
     closes: bool = False
     is_staccato: bool
+    measure: int = 0
     doubling: int = 0
 
 

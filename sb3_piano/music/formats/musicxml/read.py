@@ -180,7 +180,7 @@ def _tied_notes(notes: Sequence[SourceNote], line: Timeline) -> list[SourceNote]
             joined.append(note)
         else:
             ties.remove(whole)
-            whole.end = max(whole.end, note.end)
+            whole.end, whole.measure = max(whole.end, note.end), note.measure
         if note.tied_on:
             ties.append(whole)
     return joined
@@ -190,11 +190,17 @@ def _tied_to(note: SourceNote, ties: Sequence[SourceNote], struck: Fraction) -> 
     """Return which note of its pitch, of those with an open tie, another one goes on with.
 
     It is the one that ends where the other begins, of the same voice if there are more; else the
-    last one, over a gap, unless its key was ``struck`` again.
+    last one, over a gap of less than a measure, unless its key was ``struck`` again.
     """
     meeting = [tie for tie in ties if tie.end == note.start]
     same_voice = [tie for tie in meeting if tie.voice == note.voice]
-    earlier = [tie for tie in ties if tie.start < note.start and struck < tie.end <= note.end]
+    earlier = [
+        tie
+        for tie in ties
+        if tie.start < note.start
+        and struck < tie.end <= note.end
+        and 0 <= note.measure - tie.measure <= 1
+    ]
     return next(iter([*same_voice, *meeting, *reversed(earlier)]), None)
 
 

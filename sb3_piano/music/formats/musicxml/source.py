@@ -113,12 +113,14 @@ class _PartReader:
         """Length of a measure, in quarter notes, once it is known."""
         self._here = Fraction(0)
         self._struck = (Fraction(0), Fraction(0))
+        self._measure = 0
         self._pedal_signs: list[tuple[Fraction, str]] = []
 
     def read(self, measure: Element, start: Fraction) -> Fraction:
         """Read a measure, but for the bar line at its end, and return where its last voice ends."""
         if not _is_upbeat(measure):
             self.part.measures.append(start)
+        self._measure += 1
         self._here = end = start
         self._struck = (start, start)
         known = len(self.part.notes)
@@ -192,6 +194,7 @@ class _PartReader:
             span = (span[0], span[0] + duration)
         if element.find("pitch") is not None and element.find("cue") is None:
             note = read_note(element, span)
+            note.measure = self._measure
             every = self._transpositions.get(0, (0, 0))
             semitones, note.doubling = self._transpositions.get(note.staff, every)
             note.pitch = min(max(note.pitch + semitones, -_NO_KEY), _NO_KEY)

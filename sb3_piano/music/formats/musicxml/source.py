@@ -184,7 +184,7 @@ class _PartReader:
         written = note_value(element.findtext("type"), dots, element.find("time-modification"))
         if duration == 0 and element.find("grace") is None:
             is_whole = rest is not None and rest.get("measure") == "yes"
-            duration = self.meter if is_whole else written
+            duration = self.meter if is_whole and self.meter else written
         span = self._struck
         if element.find("chord") is None:
             span = self._struck = (self._here, self._here + duration)
@@ -219,8 +219,9 @@ class _PartReader:
         double, staff = element.find("double"), read_whole(element.get("number", "")) or 0
         above = double is not None and double.get("above") == "yes"
         doubling = 0 if double is None else 12 if above else -12
-        others = self._transpositions if staff else {}
-        self._transpositions = {**others, staff: (semitones, doubling)}
+        if not staff:
+            self._transpositions.clear()
+        self._transpositions[staff] = semitones, doubling
 
     def _read_direction(self, element: Element) -> None:
         offset = element.find("offset")

@@ -74,7 +74,7 @@ def of_pool(name: str, pool: multiprocessing.pool.Pool, tasks: int) -> Measureme
 def of_slots(name: str, venv: Any) -> Measurement:
     """Return a vector of environments."""
     actions = np.repeat(episode_actions()[:, None], venv.num_envs, axis=1)
-    return compared(name, lambda: Sample(*play_env(venv, actions)))
+    return compared(name, lambda: Sample(*play_env(venv, actions)[:2]))
 
 
 def serve(connection: Any, slots: int) -> None:

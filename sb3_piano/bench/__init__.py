@@ -159,6 +159,8 @@ def render(report: BenchReport) -> RenderableType:
         lines.append(f"The peer: {_listed(report.peer)}")
     rounds = max((len(row.by_round) for row in report.rows), default=0)
     lines.append(f"Rounds: {rounds}. env/bare: time of the env over that of its mj_step.")
+    if any(row.processor is not None for row in report.rows):
+        lines.append("By processor: per second of its time, on which other programs tell less.")
     if report.interrupted:
         lines.append("Interrupted: what is missing was not measured.")
     return Group(Text("\n".join(lines)), _table(report.rows))
@@ -169,17 +171,25 @@ def _listed(versions: Mapping[str, str]) -> str:
 
 
 def _table(rows: Sequence[Row]) -> Table:
-    table = Table()
+    table, processor = Table(), any(row.processor is not None for row in rows)
     table.add_column("measured", no_wrap=True)
     table.add_column("median", justify="right")
-    table.add_column("ratios")
+    if processor:
+        table.add_column("by processor", justify="right")
+    table.add_column("ratios, by processor" if processor else "ratios")
     for (part, unit), group in itertools.groupby(rows, key=lambda row: (row.part, row.unit)):
         table.add_section()
         table.add_row(Text(f"{_TITLES[part]}, {unit}", style="bold"))
         for row in group:
-            ratios = "\n".join(f"{rounded(value)} {label}" for label, value in row.ratios.items())
-            table.add_row(Text(row.name), rounded(row.value), Text(ratios))
+            also = "" if row.processor is None else rounded(row.processor)
+            ratios = Text("\n".join(_ratio(row, label) for label in row.ratios))
+            table.add_row(Text(row.name), rounded(row.value), *[also] * processor, ratios)
     return table
+
+
+def _ratio(row: Row, label: str) -> str:
+    also = row.processor_ratios.get(label)
+    return f"{rounded(row.ratios[label])}{'' if also is None else f', {rounded(also)}'} {label}"
 
 
 def rounded(value: float) -> str:

@@ -18,11 +18,18 @@ class Sample:
     seconds: float
     parts: Mapping[str, float] = field(default_factory=dict)
     """Seconds thereof by the kind of work, such as ``in the learner``."""
+    processor: float | None = None
+    """The processor's seconds, on which other programs tell less; ``None`` if not measured."""
 
     @property
     def rate(self) -> float:
         """Steps or updates per second."""
         return self.count / self.seconds
+
+    @property
+    def processor_rate(self) -> float:
+        """Steps or updates per second of the processor's time, if measured, else of time."""
+        return self.count / (self.processor or self.seconds)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +56,10 @@ class Row:
     ratios: Mapping[str, float]
     by_round: Sequence[float] = ()
     """Value in each round."""
+    processor: float | None = None
+    """The same per second of the processor's time, of all threads; ``None`` if not measured."""
+    processor_ratios: Mapping[str, float] = field(default_factory=dict)
+    """Its ratios."""
 
 
 def measure(
@@ -83,14 +94,26 @@ def _row(part: str, measurement: Measurement, samples: Mapping[str, Sequence[Sam
     """
     own = samples[measurement.name]
     rates = [sample.rate for sample in own]
-    ratios = {
-        label: statistics.median(
-            a.rate / b.rate for a, b in zip(samples[over], samples[under], strict=True)
+    ratios, processor_ratios = {}, {}
+    for label, (over, under) in measurement.ratios.items():
+        pairs = [*zip(samples[over], samples[under], strict=True)]
+        ratios[label] = statistics.median(a.rate / b.rate for a, b in pairs)
+        processor_ratios[label] = statistics.median(
+            a.processor_rate / b.processor_rate for a, b in pairs
         )
-        for label, (over, under) in measurement.ratios.items()
-    }
     for kind in own[0].parts:
         shares = (sample.parts[kind] / sample.seconds for sample in own)
         ratios[f"of the time {kind}"] = statistics.median(shares)
     name, value, unit = measurement.name, statistics.median(rates), measurement.unit
-    return Row(part=part, name=name, value=value, unit=unit, ratios=ratios, by_round=rates)
+    if own[0].processor is None:
+        return Row(part=part, name=name, value=value, unit=unit, ratios=ratios, by_round=rates)
+    return Row(
+        part=part,
+        name=name,
+        value=value,
+        unit=unit,
+        ratios=ratios,
+        by_round=rates,
+        processor=statistics.median(sample.processor_rate for sample in own),
+        processor_ratios=processor_ratios,
+    )

@@ -3,8 +3,8 @@
 Those run this file with RoboPianist's interpreter, which lacks this package, or, with a physics
 profile as argument, for the version of this package that they find. It reads one JSON object a line
 and answers each with one. The first has the environment's id and an episode's actions; the answer
-has versions. Each ``"env"`` or ``"physics"`` plays the episode; the answer has control steps and
-seconds.
+has versions. Each ``"env"`` or ``"physics"`` plays the episode; the answer has control steps,
+seconds and the processor's seconds.
 
 RoboPianist's environment is built as in its authors' training script, with their run.sh's flags.
 
@@ -38,23 +38,24 @@ _TASK = {
 }
 
 
-def play_env(env: Any, actions: Any) -> tuple[int, float]:
-    """Play actions, (steps, [slots,] size); return control steps of all slots, and seconds."""
+def play_env(env: Any, actions: Any) -> tuple[int, float, float]:
+    """Play actions, (steps, [slots,] size); return control steps of all slots, and both times."""
     env.reset()
-    start = time.perf_counter()
+    start, processor = time.perf_counter(), time.process_time()
     for action in actions:
         env.step(action)
-    return actions[..., 0].size, time.perf_counter() - start
+    seconds = time.perf_counter() - start
+    return actions[..., 0].size, seconds, time.process_time() - processor
 
 
-def play_physics(model: Any, n_substeps: int, controls: Any) -> tuple[int, float]:
-    """Play controls, (steps, nu), with nothing but MuJoCo; return control steps and seconds."""
+def play_physics(model: Any, n_substeps: int, controls: Any) -> tuple[int, float, float]:
+    """Play controls, (steps, nu), with nothing but MuJoCo; return control steps and both times."""
     data = mujoco.MjData(model)
-    start = time.perf_counter()
+    start, processor = time.perf_counter(), time.process_time()
     for control in controls:
         data.ctrl[:] = control
         mujoco.mj_step(model, data, nstep=n_substeps)
-    return len(controls), time.perf_counter() - start
+    return len(controls), time.perf_counter() - start, time.process_time() - processor
 
 
 def record_controls(env: Any, ctrl: Callable[[], Any], actions: Any) -> Any:
@@ -67,16 +68,16 @@ def record_controls(env: Any, ctrl: Callable[[], Any], actions: Any) -> Any:
     return np.array(controls)
 
 
-def _sb3_piano(env_id: str, profile: str) -> tuple[Any, Any, Any, int]:
-    """The environment, its model and data, and the physics steps in a control step."""
+def _sb3_piano(env_id: str, profile: str) -> tuple[Any, Callable[[], tuple[Any, Any]], int]:
+    """The environment, what returns its model and data, and the physics steps in a control step."""
     importlib.import_module("sb3_piano.envs")
     gym: Any = importlib.import_module("gymnasium")
     env = gym.make(env_id, physics=profile).unwrapped
-    return env, env.model, env.data, env.config.n_substeps
+    return env, lambda: (env.model, env.data), env.config.n_substeps
 
 
-def _robopianist(env_id: str) -> tuple[Any, Any, Any, int]:
-    """The same of RoboPianist, as its authors wrap it for training."""
+def _robopianist(env_id: str) -> tuple[Any, Callable[[], tuple[Any, Any]], int]:
+    """The same of RoboPianist, as its authors wrap it for training; each reset makes them anew."""
     wrappers: Any = importlib.import_module("dm_env_wrappers")
     suite: Any = importlib.import_module("robopianist.suite")
     bare = suite.load(env_id, seed=0, task_kwargs=_TASK)
@@ -86,8 +87,8 @@ def _robopianist(env_id: str) -> tuple[Any, Any, Any, int]:
     env = wrappers.CanonicalSpecWrapper(env, clip=True)
     env = wrappers.SinglePrecisionWrapper(env)
     n_substeps = round(bare.control_timestep() / bare.physics.timestep())
-    physics = bare.physics
-    return wrappers.DmControlWrapper(env), physics.model.ptr, physics.data, n_substeps
+    inside = lambda: (bare.physics.model.ptr, bare.physics.data)  # noqa: E731
+    return wrappers.DmControlWrapper(env), inside, n_substeps
 
 
 def main() -> None:
@@ -100,8 +101,9 @@ def main() -> None:
     versions = {package: metadata.version(package) for package in packages}
     actions = np.array(actions, dtype=np.float32)
     make = _sb3_piano if profile else _robopianist
-    env, model, data, n_substeps = make(env_id, *profile)
-    controls = record_controls(env, lambda: data.ctrl, actions)
+    env, inside, n_substeps = make(env_id, *profile)
+    controls = record_controls(env, lambda: inside()[1].ctrl, actions)
+    model, _ = inside()
     answers.write(json.dumps({**versions, "python": platform.python_version()}) + "\n")
     for line in sys.stdin:
         if json.loads(line) == "physics":

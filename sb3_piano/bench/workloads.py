@@ -154,16 +154,19 @@ def simulation_measurements(
 
     def add(
         name: str,
-        play: Callable[..., tuple[int, float]],
+        play: Callable[..., tuple[int, float, float]],
         *arguments: Any,
         bare: str | None = None,
         base: str | None = None,
     ) -> str:
         ratios = {} if bare is None else {"env/bare": (bare, name)}
         ratios |= {} if base is None else {f"x of {base}": (name, base)}
-        found[name] = Measurement(
-            name=name, unit=UNIT, run=lambda: Sample(*play(*arguments)), ratios=ratios
-        )
+
+        def run() -> Sample:
+            count, seconds, processor = play(*arguments)
+            return Sample(count, seconds, processor=processor)
+
+        found[name] = Measurement(name=name, unit=UNIT, run=run, ratios=ratios)
         return name
 
     def compare(base: str, label: str) -> None:
@@ -238,9 +241,10 @@ def _run_updates(
 ) -> Sample:
     as_in_runs = sparing_updates(model) if sparing else contextlib.nullcontext()
     with torch_computing(torch.get_num_threads(), precision), as_in_runs:
-        start = time.perf_counter()
+        start, processor = time.perf_counter(), time.process_time()
         model.train(gradient_steps=UPDATES, batch_size=model.batch_size)
-        return Sample(UPDATES, time.perf_counter() - start)
+        seconds = time.perf_counter() - start
+        return Sample(UPDATES, seconds, processor=time.process_time() - processor)
 
 
 def training_measurements(stack: contextlib.ExitStack) -> list[Measurement]:
@@ -270,13 +274,13 @@ def training_measurement(
 
     def run() -> Sample:
         simulation.seconds = learner.seconds = 0.0
-        before, start = model.num_timesteps, time.perf_counter()
+        before, start, processor = model.num_timesteps, time.perf_counter(), time.process_time()
         with sparing_updates(model):
             model.learn(TRAINING_STEPS if steps is None else steps, reset_num_timesteps=False)
-        seconds = time.perf_counter() - start
+        seconds, processor = time.perf_counter() - start, time.process_time() - processor
         parts = {"in the simulation": simulation.seconds, "in the learner": learner.seconds}
         parts["elsewhere"] = seconds - sum(parts.values())
-        return Sample(model.num_timesteps - before, seconds, parts)
+        return Sample(model.num_timesteps - before, seconds, parts, processor)
 
     ratios = {} if base is None else {f"x of {base}": (name, base)}
     return Measurement(name=name, unit="env steps/s", run=run, ratios=ratios)

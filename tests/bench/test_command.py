@@ -131,6 +131,18 @@ def test_the_table_has_the_rows_with_their_ratios():
     ]
 
 
+def test_the_table_has_processor_time_where_it_was_measured():
+    rows = (
+        Row(part="simulation", name="a", value=1.5, unit="steps/s", ratios={"x of b": 0.375},
+            processor=4.0, processor_ratios={"x of b": 0.5}),
+        Row(part="memory", name="c", value=9.16, unit="GB", ratios={}),
+    )  # fmt: skip
+    lines = shown(BenchReport(machine=MACHINE, peer=None, rows=rows, interrupted=False)).split("\n")
+    cells = [[c.strip() for c in line.strip("│").split("│")] for line in lines if line[:1] == "│"]
+    assert cells[1] == ["a", "1.50", "4.00", "0.375, 0.500 x of b"]
+    assert cells[3] == ["c", "9.16", "", ""]
+
+
 def test_the_machine_is_described_without_its_name_and_paths():
     machine = sb3_piano.bench.machine_info()
     assert machine["versions"]["torch"] == importlib.metadata.version("torch")

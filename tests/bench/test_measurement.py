@@ -54,6 +54,20 @@ def test_shares_of_time_are_medians_too():
     assert rows[0].ratios == pytest.approx({"of the time in the learner": 0.6})
 
 
+def test_processor_time_has_rates_and_ratios_of_its_own():
+    """Here other programs take half of the time, in the second round of ours three quarters."""
+    base = [Sample(8, 2.0, processor=1.0)] * 3
+    ours = [Sample(8, 4.0, processor=2.0)] * 2 + [Sample(8, 8.0, processor=2.0)]
+    rows, ratios = [], {"x of base": ("ours", "base")}
+    measurements = [
+        Measurement(name="ours", unit="steps/s", run=iter(ours).__next__, ratios=ratios),
+        Measurement(name="base", unit="steps/s", run=iter(base).__next__),
+    ]
+    measure("simulation", measurements, 2, rows)
+    assert (rows[0].value, rows[0].processor, rows[1].processor) == (1.5, 4.0, 8.0)
+    assert (rows[0].ratios, rows[0].processor_ratios) == ({"x of base": 0.375}, {"x of base": 0.5})
+
+
 @pytest.mark.parametrize(("stop", "rounds"), [(4, 1), (5, 1), (7, 2)])
 def test_the_rounds_that_are_complete_count_when_interrupted(stop, rounds):
     runs = []  # two each round, the first of which warms up

@@ -15,6 +15,7 @@ import re
 import secrets
 import shutil
 import stat
+import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -78,11 +79,16 @@ def disk_refusal(error: BaseException | None) -> str | None:
     return None
 
 
-def own(descriptor: int) -> None:
-    """Own a file or folder that is not finished as long as it is open, and this process lives."""
+def own(descriptor: int) -> bool:
+    """Own a file or folder that is not finished as long as it is open, and this process lives.
+
+    Returns:
+        Whether it is there: it may have been deleted before it had an owner.
+    """
     if fcntl is not None:
         with contextlib.suppress(OSError):  # a disk that has no locks
             fcntl.flock(descriptor, fcntl.LOCK_EX)
+    return os.fstat(descriptor).st_nlink > 0
 
 
 def delete_unowned(paths: Iterable[Path]) -> None:
@@ -114,8 +120,7 @@ def partial_file(path: Path) -> Iterator[BufferedWriter]:
         # No longer than the longest name that a file may have, which is 255 bytes.
         name = f"{path.name[:50]}.{secrets.token_hex(8)}{PARTIAL_SUFFIX}"
         file = path.with_name(name).open("xb")
-        own(file.fileno())
-        if os.fstat(file.fileno()).st_nlink:  # else it was deleted before it had an owner
+        if own(file.fileno()):
             break
         file.close()
     try:
@@ -156,6 +161,26 @@ def read_file(path: str | os.PathLike[str], most: int = MOST_BYTES) -> bytes:
     if len(content) > most:
         raise OSError(errno.EINVAL, f"it has more than {most} bytes", str(path))
     return content
+
+
+@contextlib.contextmanager
+def partial_folder(place: Path, prefix: str) -> Iterator[Path]:
+    """Give a new folder in which something is made, to be put in its place; the rest is deleted.
+
+    What killed processes have left is deleted as well.
+    """
+    delete_unowned(place.glob(f"{prefix}*"))
+    with contextlib.ExitStack() as stack:
+        while True:
+            made = Path(tempfile.mkdtemp(prefix=prefix, dir=place))
+            if fcntl is None:  # Windows opens no folders
+                break
+            descriptor = os.open(made, os.O_RDONLY)
+            stack.callback(os.close, descriptor)
+            if own(descriptor):
+                break
+        stack.callback(shutil.rmtree, made, ignore_errors=True)
+        yield made
 
 
 def write_atomically(path: Path, write: Callable[[BufferedWriter], object]) -> None:

@@ -17,11 +17,10 @@ from typing import Any
 from sb3_piano.corpora.config import CorpusConfig, Player
 from sb3_piano.corpora.playing import CorpusJob, open_player
 from sb3_piano.demonstrations.corpus import DATA, INDEX, RecordedCorpus
-from sb3_piano.demonstrations.dataset import require_minari
+from sb3_piano.demonstrations.dataset import forget_unfinished, require_minari
 from sb3_piano.demonstrations.shards import (
     Shard,
     file_digest,
-    forget_unfinished,
     make_missing,
 )
 from sb3_piano.exceptions import ConfigError, RunError

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import shutil
-import tempfile
+import io
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +22,7 @@ from sb3_piano.exceptions import (
     install_command,
     one_line,
 )
+from sb3_piano.files import delete_unowned, partial_folder, sync_folder
 from sb3_piano.interrupts import ctrl_c_deferred
 from sb3_piano.locks import LOCK_SUFFIX, hold
 
@@ -32,6 +33,11 @@ if TYPE_CHECKING:
 EXPERT_ACTION = "expert_action"
 """Name in a data set's ``infos`` of what the policy would have done. Row ``i`` goes with row ``i``
 of the observations; the last one, in which nothing is played any more, is NaN if it can be."""
+
+
+_UNFINISHED = ".recording-"
+_SPARE = 2**18
+"""Bytes of an HDF5 file that an episode takes beside its arrays, and more."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -237,7 +243,7 @@ class DatasetWriter:
                     f"There is a data set {dataset_id!r} already, in '{self._place}': expected a "
                     "new name, or leave to overwrite it."
                 )
-            self._made = Path(tempfile.mkdtemp(prefix=".recording-", dir=place))
+            self._made = held.enter_context(partial_folder(place, _UNFINISHED))
             new = self._made / "new"
             new.mkdir()
             self._storage = MinariStorage.new(
@@ -247,6 +253,8 @@ class DatasetWriter:
                 env_spec=env_spec,
                 jpeg_encoding=False,
             )
+            (self._file,) = (new / "data").glob("*.hdf5")
+            self._file.write_bytes(_empty_file())
             self._held = held.pop_all()
         self._count = 0
 
@@ -254,15 +262,30 @@ class DatasetWriter:
         return self
 
     def __exit__(self, *error: object) -> None:
-        shutil.rmtree(self._made, ignore_errors=True)
         self._held.close()
 
     def add(self, episode: EpisodeBuffer, notes: Mapping[str, float]) -> None:
-        """Write an episode, and notes on it, such as ``f1``."""
+        """Write an episode, and notes on it, such as ``f1``.
+
+        Raises:
+            OSError: If the disk is full.
+        """
+        names = ("observations", "actions", "rewards", "terminations", "truncations")
+        arrays = [*(getattr(episode, name) for name in names), *(episode.infos or {}).values()]
         with ctrl_c_deferred():  # which would leave half an episode in the file
+            self._reserve(sum(np.asarray(array).nbytes for array in arrays))
             self._storage.update_episodes([episode])
+            self._reserve(0)
             self._storage.update_episode_metadata([dict(notes)], [self._count])
             self._count += 1
+
+    def _reserve(self, size: int) -> None:
+        """Take the room for so many bytes of arrays: HDF5 ends the process on a full disk."""
+        if hasattr(os, "posix_fallocate"):
+            with self._file.open("r+b") as file:
+                end = file.seek(0, os.SEEK_END)
+                # Chunks of an array are whole; HDF5 gives back what it does not take.
+                os.posix_fallocate(file.fileno(), end, 2 * size + _SPARE)
 
     def finish(self, metadata: Mapping[str, Any]) -> MinariDataset:
         """Put the data set in its place; what is noted about it is in JSON's types."""
@@ -273,12 +296,29 @@ class DatasetWriter:
         if self._root is None:
             _make_namespace(self._id)
         self._place.parent.mkdir(parents=True, exist_ok=True)
+        for path in (self._made / "new").rglob("*"):
+            sync_folder(path)  # or file
         # Ctrl-C between the two would leave neither: both are in the folder that __exit__ deletes.
         with ctrl_c_deferred():
             if self._place.exists():
                 self._place.rename(self._made / "old")
             (self._made / "new").rename(self._place)
+        sync_folder(self._place.parent)
         return open_dataset(self._id, self._root)
+
+
+def forget_unfinished(root: Path) -> None:
+    """Delete what processes that were killed have left in the folder of the data sets."""
+    delete_unowned(root.glob(f"{_UNFINISHED}*"))
+
+
+def _empty_file() -> bytes:
+    """Return an HDF5 file without anything, as HDF5 reads no empty one that has been extended."""
+    import h5py
+
+    content = io.BytesIO()
+    h5py.File(content, "w", track_order=True).close()
+    return content.getvalue()
 
 
 def _make_namespace(dataset_id: str) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import importlib.metadata
-import shutil
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Executor
@@ -185,12 +184,6 @@ def make_missing(
             found[shard.name], done = shard, done + 1
             tell(done, len(jobs))
     return [shard for shard in found.values() if shard is not None]
-
-
-def forget_unfinished(root: Path) -> None:
-    """Delete what processes that were killed have left in the folder of the data sets."""
-    for left in root.glob(".recording-*"):
-        shutil.rmtree(left, ignore_errors=True)
 
 
 def file_digest(file: Path) -> str:

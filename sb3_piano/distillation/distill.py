@@ -12,8 +12,8 @@ from functools import partial
 from pathlib import Path
 
 from sb3_piano.corpora.making import files_of_a_run
-from sb3_piano.demonstrations.dataset import require_minari
-from sb3_piano.demonstrations.shards import file_digest, forget_unfinished
+from sb3_piano.demonstrations.dataset import forget_unfinished, require_minari
+from sb3_piano.demonstrations.shards import file_digest
 from sb3_piano.distillation.config import PLANNED, DistillConfig
 from sb3_piano.distillation.improvement import improve, improvement_run
 from sb3_piano.distillation.rollout import hands_env

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import resource
 import signal
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from minari.namespace import list_local_namespaces
 from sb3_piano.demonstrations import EXPERT_ACTION, PerturbedStart, open_dataset, record
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.files import own
 from sb3_piano.metrics import EPISODE_METRICS
 from sb3_piano.music import load_score
 from sb3_piano.planning.sampling import PredictiveSampling
@@ -202,6 +205,35 @@ def test_a_recording_that_fails_leaves_everything_as_it_was(datasets, overwrite)
     with pytest.raises(ZeroDivisionError, match="a string broke"):
         record(Breaking(env, 30, fail), env, NAME, episodes=2, overwrite=overwrite)
     assert sorted(datasets.rglob("*")) == before
+
+
+def test_a_recording_that_the_disk_refuses_leaves_nothing_and_ends_in_an_error(datasets):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    env = pendulum()
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2**19, limits[1]))
+        with pytest.raises(OSError, match="File too large"):
+            record(Linear(env), env, NAME, episodes=200)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert list(datasets.iterdir()) == []
+
+
+def test_what_a_killed_recording_left_goes_with_the_next_and_others_stay(datasets, monkeypatch):
+    dead, alive = datasets / ".recording-dead", datasets / ".recording-alive"
+    for folder in (dead, alive):
+        (folder / "new").mkdir(parents=True)
+    owner = os.open(alive, os.O_RDONLY)
+    own(owner)
+    synced, sync = [], os.fsync
+    monkeypatch.setattr(os, "fsync", lambda fd: (synced.append(os.fstat(fd).st_ino), sync(fd)))
+    env = pendulum()
+    record(Linear(env), env, NAME)
+    os.close(owner)
+    assert alive.exists()
+    assert not dead.exists()
+    written = [file for file in (datasets / NAME).rglob("*") if file.is_file()]
+    assert {file.stat().st_ino for file in written} <= set(synced)  # before they were named
 
 
 @pytest.mark.usefixtures("ctrl_c")

@@ -19,6 +19,7 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from io import BufferedWriter
 from pathlib import Path
 from typing import Any, TypeVar
@@ -181,6 +182,11 @@ def partial_folder(place: Path, prefix: str) -> Iterator[Path]:
                 break
         stack.callback(shutil.rmtree, made, ignore_errors=True)
         yield made
+
+
+def scratch_folder() -> AbstractContextManager[Path]:
+    """Give a folder for what nobody needs afterwards, where the system has such."""
+    return partial_folder(Path(tempfile.gettempdir()), "sb3-piano-")
 
 
 def write_atomically(path: Path, write: Callable[[BufferedWriter], object]) -> None:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import multiprocessing.context
+import multiprocessing.util
+import os
 import sys
 from pathlib import Path
 from typing import Literal
 
+from sb3_piano.files import delete_unowned, own
 from sb3_piano.threads import usable_cores
 
 START_METHOD: Literal["forkserver", "spawn"] = (
     "forkserver" if sys.platform == "linux" else "spawn"  # macOS's libraries do not bear forks
 )
+_OURS = ".sb3-piano"
 _LIBRARIES = ("torch", "gymnasium", "stable_baselines3", "sb3_contrib", "scipy.optimize")
 
 
@@ -25,11 +30,27 @@ def process_context() -> (
     take seconds, once for all. It is started with the first of them: later changes of environment
     variables do not reach it. Elsewhere each process is a new interpreter.
     """
+    share_temporary_folder()
     if START_METHOD == "spawn":
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(_LIBRARIES))
     return context
+
+
+def share_temporary_folder() -> None:
+    """Let processes that are started now put their sockets into this one's folder.
+
+    One that is killed then leaves none of its own. What this one leaves if it is killed the next
+    deletes, by a mark in it.
+    """
+    folder = Path(multiprocessing.util.get_temp_dir())
+    if (folder / _OURS).exists():
+        return
+    with contextlib.suppress(OSError):  # Windows opens no folders
+        own(os.open(folder, os.O_RDONLY))
+        (folder / _OURS).touch()
+        delete_unowned(mark.parent for mark in folder.parent.glob(f"pymp-*/{_OURS}"))
 
 
 def may_start_processes() -> bool:

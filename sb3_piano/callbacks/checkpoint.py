@@ -23,6 +23,8 @@ from sb3_piano.settings import Count, checked
 CHECKPOINT_FILE = "checkpoint.json"
 DEFAULT_EVERY = 10_000
 """Environment steps between two checkpoints."""
+SAVED_AFTER = "saved_after_timesteps"
+"""Attribute of a ``VecNormalize`` in a file: the steps of the model that was saved with it."""
 _PATTERNS = ("model-*.zip", "vecnormalize-*.pkl", SEGMENT_PATTERN, f"*{PARTIAL_SUFFIX}")
 
 CallbackStates = Mapping[str, Sequence[Mapping[str, Any]]]
@@ -243,8 +245,12 @@ def _with_state(callbacks: Iterable[BaseCallback]) -> dict[str, list[KeepsState]
 
 
 def write_normalization(model: BaseAlgorithm, path: Path) -> bool:
-    """Write the statistics of a model's ``VecNormalize`` into a file, if it has any; tell so."""
+    """Write the statistics of a model's ``VecNormalize`` into a file, if it has any; tell so.
+
+    The file carries the model's steps, by which two of one checkpoint are known.
+    """
     normalization = model.get_vec_normalize_env()
     if normalization is not None:
+        setattr(normalization, SAVED_AFTER, model.num_timesteps)
         write_atomically(path, lambda file: pickle.dump(normalization, file))
     return normalization is not None

@@ -95,7 +95,7 @@ def improve(
     """
     folder = weights.with_suffix("")
     told = _Told(tell, weights.stem, config.improvements[number].n_timesteps)
-    if RunFolder(folder).config_file.is_file():
+    if RunFolder(folder).has_begun:
         result = resume(folder, callbacks=[told], progress_bar=False)
     else:
         shutil.rmtree(folder, ignore_errors=True)  # of one that was killed as it began

@@ -13,6 +13,7 @@ from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from multiprocessing.connection import Connection
 
 from sb3_piano.exceptions import RunError
+from sb3_piano.processes import share_temporary_folder
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import usable_cores
 
@@ -35,6 +36,7 @@ def process_pool(workers: int | None = None) -> Iterator[Executor]:
     count = checked("workers", workers, Count | None) or usable_cores()
     # Each reads from the environment how many threads to take, which a fork server would not see.
     context = multiprocessing.get_context("spawn")
+    share_temporary_folder()
     theirs, ours = context.Pipe(duplex=False)
     pool = ProcessPoolExecutor(count, context, initializer=_begin, initargs=(theirs,))
     try:

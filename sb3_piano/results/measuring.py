@@ -9,7 +9,6 @@ import os
 import platform
 import re
 import shlex
-import tempfile
 import time
 import warnings
 from collections.abc import Iterator, Mapping
@@ -19,6 +18,7 @@ from typing import NamedTuple
 
 import sb3_piano
 from sb3_piano.exceptions import ConfigError, PlanWarning
+from sb3_piano.files import scratch_folder
 from sb3_piano.music import Corpus, digest, load_score, write_midi
 from sb3_piano.planning import forget_plans
 from sb3_piano.players import TreeSettings
@@ -81,7 +81,7 @@ def score_source(piece: str) -> Iterator[str]:
         return
     seed, index = map(int, made.groups())
     corpus = Corpus(seed=seed, n=index + 1, duration=GENERATED_DURATION, sources={"generated": 1.0})
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         file = Path(folder, f"{piece}.mid")
         write_midi(corpus[index], file)
         yield str(file)

@@ -213,7 +213,7 @@ def _finished(job: CellJob, mirror: Mirror) -> dict[str, Any]:
     started_at, total = _steps(place), config.n_timesteps
     done = started_at
     if not _is_over(place, started_at, total):
-        if RunFolder(place).config_file.is_file():
+        if RunFolder(place).has_begun:
             trained = resume(place, total, **options)
         else:
             trained = train(config, place, **options)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +12,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import MissingPackageError
+from sb3_piano.files import scratch_folder
 
 _POINTER = "current"
 """File that names the whole copy; it is written last."""
@@ -81,7 +81,7 @@ def mirrored(folder: str) -> Iterator[Mirror]:
         place.parent.mkdir(parents=True, exist_ok=True)
         yield Mirror(place)
         return
-    with tempfile.TemporaryDirectory(prefix="sb3-piano-") as scratch:
+    with scratch_folder() as scratch:
         mirror = Mirror(Path(scratch, "run"), folder.rstrip("/"))
         mirror.fetch()
         yield mirror
@@ -98,7 +98,7 @@ def glance(folder: str, files: Sequence[str]) -> Iterator[Path]:
         yield Path(folder)
         return
     fs, root = _filesystem(folder)
-    with tempfile.TemporaryDirectory(prefix="sb3-piano-") as scratch:
+    with scratch_folder() as scratch:
         with contextlib.suppress(FileNotFoundError):
             name = fs.cat_file(f"{root}/{_POINTER}").decode()
             for file in files:

@@ -17,6 +17,7 @@ from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.sweeps.cells import CellJob, CellResult, finish_cells, status_of
 from sb3_piano.sweeps.config import SweepConfig
 from sb3_piano.training import RunConfig
+from sb3_piano.training.runs.provenance import is_empty
 
 RESULTS = "results.csv"
 _CONFIG = "sweep.yml"
@@ -159,7 +160,7 @@ def _begin(place: Path, runs: dict[tuple[str, int], RunConfig]) -> None:
                     f"begun ({_difference(noted[name], mapping)}): expected the same, or another "
                     f"folder. What it had: {shlex.quote(str(file))}"
                 )
-    elif any(found.name != LOCK_SUFFIX for found in place.iterdir()):
+    elif not is_empty(place):
         raise RunError(f"Folder '{place}' is not empty and no sweep: expected a new or empty one.")
     write_yaml(file, {**noted, **now})
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import multiprocessing.util
 import os
 import threading
 import time
 
 import pytest
 
-from sb3_piano.executors import map_jobs, process_pool
+from sb3_piano.exceptions import RunError
+from sb3_piano.executors import broken_told, map_jobs, process_pool
 from sb3_piano.interrupts import StopRequest, stop_on_signal
 
 
@@ -27,6 +29,20 @@ def begin_and_wait(file):
         while not request.made:
             time.sleep(0.01)
     raise KeyboardInterrupt
+
+
+@pytest.mark.slow
+def test_a_killed_worker_is_told_in_a_line_and_leaves_no_folder():
+    folders = []
+
+    def be_killed():
+        with broken_told("again"), process_pool(1) as pool:
+            folders.append(pool.submit(multiprocessing.util.get_temp_dir).result())
+            list(map_jobs(pool, os._exit, [9]))
+
+    with pytest.raises(RunError, match="A worker ended before .*: again"):
+        be_killed()
+    assert folders == [multiprocessing.util.get_temp_dir()]
 
 
 @pytest.mark.slow

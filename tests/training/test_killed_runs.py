@@ -14,6 +14,7 @@ from stable_baselines3 import TD3
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
+from sb3_piano.exceptions import RunError
 from sb3_piano.training import RunFolder, resume
 
 pytestmark = pytest.mark.slow
@@ -100,6 +101,48 @@ def test_a_run_has_one_training_and_killed_at_any_time_goes_on_from_its_last_che
     assert rows == [min(saved.num_timesteps, 2000)]
     assert (result.started_at, result.num_timesteps) == (saved.num_timesteps, target)
     assert not (folder.path / ".lock").exists()
+
+
+KILLED = """
+import os, signal, sys
+left, replace = int(sys.argv[1]), os.replace
+def killed(*names):
+    global left
+    left -= 1
+    if left == 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    replace(*names)
+os.replace = killed
+from sb3_piano.cli import main
+main(sys.argv[2:])
+"""
+
+
+@pytest.mark.parametrize(
+    ("number", "command"),
+    [
+        (1, "train --env Pendulum-v1 --steps 100 --run made"),  # before run.yml has its name
+        (6, "clone robopianist/Pendulum-v1/td3-v0 --epochs 2 --hidden 8 --run made"),
+        (5, "export trained made --episodes 2 --no-video"),
+    ],
+)
+def test_the_same_command_makes_anew_what_a_killed_one_began(
+    pendulum_run, tmp_path, monkeypatch, number, command
+):
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
+    monkeypatch.chdir(tmp_path)
+    pendulum_run("trained")
+    if "clone" in command:
+        assert main(["record", "trained", "--episodes", "2", "--no-progress"]) == 0
+    arguments = [*command.split(), "--no-progress"]
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(number), *arguments])
+    assert killed.returncode == -signal.SIGKILL
+    assert list(tmp_path.rglob("*.partial"))
+    with pytest.raises(RunError, match="Give the same command again, which makes it anew"):
+        resume("made")
+    assert main(arguments) == 0
+    left = {path.suffix or path.name for path in tmp_path.rglob("*")}
+    assert not left & {".partial", ".lock", ".unfinished"}
 
 
 @pytest.mark.parametrize(("vec_env", "n_envs"), [("processes", 2), ("subproc", 1)])

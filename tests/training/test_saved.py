@@ -10,6 +10,7 @@ import pytest
 from damage import told, variants_of
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 
+from sb3_piano.callbacks import Checkpoint
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.training import (
@@ -22,6 +23,7 @@ from sb3_piano.training import (
 )
 from sb3_piano.training.playing.player import write_player
 from sb3_piano.training.playing.takes import plan_run, planner_config
+from sb3_piano.training.runs.saved import model_files
 
 ON_POLICY = ("ppo", "a2c", "trpo")
 _unpickled: list[str] = []
@@ -198,6 +200,23 @@ def test_damaged_statistics_end_in_one_line_that_names_the_file(normalized_run):
         file.write_bytes(variant)
         line = told(RunError, lambda: play(normalized_run))
         assert line is None or "vecnormalize.pkl' cannot be loaded" in line
+
+
+def test_a_model_and_statistics_of_two_checkpoints_are_mended_or_refused(normalized_run):
+    file = normalized_run.path / "vecnormalize.pkl"
+    with SavedPlayer.open(normalized_run.path) as player:
+        normalizer = player.model.get_vec_normalize_env()
+    normalizer.saved_after_timesteps = 20
+    normalizer.save(str(file))  # as after a kill between the two
+    newest = Checkpoint.read(normalized_run.checkpoint_dir)
+    found = model_files(normalized_run, normalized_run.read_config())
+    assert [path.name for path in found] == [newest.model, newest.vec_normalize]
+    (normalized_run.checkpoint_dir / "checkpoint.json").unlink()
+    with pytest.raises(RunError, match="saved after different numbers of steps"):
+        evaluate(normalized_run.path)
+    del normalizer.saved_after_timesteps  # as it was saved before there were any
+    normalizer.save(str(file))
+    assert evaluate(normalized_run.path, 1).num_timesteps == 30
 
 
 @pytest.mark.parametrize(

@@ -8,14 +8,13 @@ import hashlib
 import io
 import itertools
 import os
-import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.files import check_file, read_file
+from sb3_piano.files import check_file, read_file, scratch_folder
 from sb3_piano.music.fingering.apply import FINGERINGS, labels_file
 from sb3_piano.music.formats import ACCEPTED_FILES, READERS
 from sb3_piano.music.formats.pig import looks_like_pig
@@ -147,8 +146,8 @@ def _search(path: Path) -> Iterator[tuple[list[ImportTask], list[Unusable]]]:
     if not os.path.exists(path):  # which also answers for a name that no file can have
         raise ScoreError(f"There is no '{path}': expected {ACCEPTED_FILES}, or a folder.")
     if path.suffix == _WHEEL:
-        with tempfile.TemporaryDirectory() as folder:
-            yield unpack_wheel(path, Path(folder)), []
+        with scratch_folder() as folder:
+            yield unpack_wheel(path, folder), []
     elif path.is_dir():
         yield _search_folder(path)
     elif path.suffix.lower() in READERS:

@@ -25,6 +25,7 @@ from sb3_piano.music.formats import read_score
 from sb3_piano.music.library.store import Library
 from sb3_piano.music.score import Score
 from sb3_piano.music.text_file import readable
+from sb3_piano.processes import share_temporary_folder
 
 _KILLED = "the process that read it was killed; is there memory enough?"
 
@@ -103,6 +104,7 @@ def run_tasks(
                 tell(task, run_task(task, folder))
             return stop.made
         # Processes are forked from one without threads or a simulator, started once for all.
+        share_temporary_folder()
         multiprocessing.get_context("forkserver").set_forkserver_preload([__name__])
         resource_tracker.ensure_running()  # its start would let Ctrl-C through again
         idle: SimpleQueue[_Worker] = SimpleQueue()

@@ -354,11 +354,20 @@ def write_player(
     any piece as a :class:`~sb3_piano.players.SightReader`. Arguments and errors are those of
     :func:`~sb3_piano.training.export_run`, which adds what describes the run.
     """
-    with SavedPlayer.open(run, best=best) as player:
-        config = player.run.read_config()
-        written = RunFolder.create(config, folder)
-        try:
-            with written.whole_or_gone():
+    with player_written(run, folder, best) as written:
+        return written
+
+
+@contextlib.contextmanager
+def player_written(
+    run: str | os.PathLike[str], folder: str | os.PathLike[str], best: str | None
+) -> Iterator[RunFolder]:
+    """Give the folder of :func:`write_player`, which the block completes."""
+    with contextlib.ExitStack() as made:
+        with SavedPlayer.open(run, best=best) as player:
+            config = player.run.read_config()
+            written = made.enter_context(RunFolder.making(config, folder))
+            try:
                 keep_base(written, config)
                 written.keep_pieces()
                 if player.run.provenance_file.is_file():
@@ -369,6 +378,6 @@ def write_player(
                     hand = _hand_model(player)
                     if hand is not None:
                         hand.save(written.hand_file)
-        except OSError as error:
-            raise unwritable(written.path, error) from error
-        return written
+            except OSError as error:
+                raise unwritable(written.path, error) from error
+        yield written

@@ -228,8 +228,10 @@ def plan_run(
     played; it is not kept, as making it again takes those seconds. Folders are those of
     :func:`~sb3_piano.training.train`.
     """
-    run = RunFolder.create(config, folder, runs_dir)
-    with run.whole_or_gone(), _planner(config) as (player, env, piano):
+    with (
+        RunFolder.making(config, folder, runs_dir) as run,
+        _planner(config) as (player, env, piano),
+    ):
         observation, _ = env.reset(seed=config.seed)
         start = time.perf_counter()
         player.predict(observation)

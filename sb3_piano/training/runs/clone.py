@@ -131,9 +131,8 @@ def clone(
         contextlib.closing(build_vec_env(settings)) as venv,
     ):
         model = build_model(settings, venv)
-        run = RunFolder.create(settings, folder, runs_dir)
-        with run.owned(), run.whole_or_gone():
-            # What a killed process leaves is no run that could be gone on with.
+        with RunFolder.making(settings, folder, runs_dir) as run:
+            # Before its model is there, it is no run that could be gone on with.
             written = run.read_config()
             run.config_file.unlink()
             cloning = clone_behaviour(

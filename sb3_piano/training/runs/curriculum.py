@@ -36,7 +36,7 @@ from sb3_piano.training.runs.curriculum_progress import (
     StageWatch,
 )
 from sb3_piano.training.runs.folder import RunFolder
-from sb3_piano.training.runs.provenance import unwritable
+from sb3_piano.training.runs.provenance import is_empty, unwritable
 from sb3_piano.training.runs.start import start_plugin
 from sb3_piano.training.runs.train import TrainResult, resume, train
 
@@ -153,7 +153,7 @@ class _Work:
     def finish(self, index: int) -> bool:
         """Bring a stage to its end; return whether it came there."""
         run = self._run(index)
-        if run.config_file.is_file():
+        if run.has_begun:
             saved = Checkpoint.read(run.checkpoint_dir)
             known = () if saved is None else self.progress(index).evaluations
             done = 0 if saved is None else saved.num_timesteps
@@ -218,7 +218,7 @@ def _begin(place: Path, curriculum: Curriculum) -> Curriculum:
         if curriculum.seed is None:
             curriculum = dataclasses.replace(curriculum, seed=stored.seed)
         begun = check_unchanged(place, stored, curriculum)
-    elif any(found.name != LOCK_SUFFIX for found in place.iterdir()):
+    elif not is_empty(place):
         raise RunError(
             f"Folder '{place}' is not empty, and holds no curriculum: expected a new or empty "
             "folder, or that of a curriculum."

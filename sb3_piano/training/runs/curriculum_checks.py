@@ -29,7 +29,7 @@ def check_unchanged(place: Path, theirs: Curriculum, ours: Curriculum) -> int:
         RunError: If a stage that has begun has other settings now.
     """
     runs = [RunFolder(place / name) for name in theirs.run_names]
-    begun = max((n for n, run in enumerate(runs, start=1) if run.config_file.is_file()), default=0)
+    begun = max((n for n, run in enumerate(runs, start=1) if run.has_begun), default=0)
     if begun == 0:
         return 0
     shared: list[dict[str, Any]] = [{n: getattr(c, n) for n in _SHARED} for c in (theirs, ours)]

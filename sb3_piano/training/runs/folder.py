@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import shlex
 import shutil
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields, replace
@@ -28,7 +30,7 @@ from sb3_piano.training.configuration.names import (
     known_packages_only,
 )
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
-from sb3_piano.training.runs.provenance import PROVENANCE, provenance, unwritable
+from sb3_piano.training.runs.provenance import PROVENANCE, is_empty, provenance, unwritable
 
 FILE_OPTIONS = ("score", "fingering")
 """The options of the environment that may name a file."""
@@ -76,6 +78,7 @@ class RunFolder:
     ``evaluation/``          what :func:`~sb3_piano.training.evaluate` wrote, and the report
     ``play/``                what :func:`~sb3_piano.training.play_run` wrote
     ``.lock``                there while a process trains, and locked by it
+    ``.unfinished``          there until the folder is whole, see :meth:`making`
     ======================== =====================================================================
     """
 
@@ -83,6 +86,7 @@ class RunFolder:
 
     config_file = Place("config.yml")
     provenance_file = Place(PROVENANCE)
+    unfinished_file = Place(".unfinished")
     model_file = Place("model.zip")
     statistics_file = Place("vecnormalize.pkl")
     weights_file = Place("policy.safetensors")
@@ -105,29 +109,43 @@ class RunFolder:
         """Make the folder of a new run, with config, provenance and score file.
 
         Without a path it is ``<runs_dir>/<algo>/<env-id>_<n>`` with the first ``n`` from 1 on that
-        is free.
+        is free. What a process that was killed had begun there is made anew.
 
         Raises:
             RunError: If the folder is in use, or cannot be made or written.
         """
+        with cls.making(config, path, runs_dir) as run:
+            return run
+
+    @classmethod
+    @contextlib.contextmanager
+    def making(
+        cls,
+        config: PlayConfig,
+        path: str | os.PathLike[str] | None = None,
+        runs_dir: str | os.PathLike[str] = "runs",
+    ) -> Iterator[RunFolder]:
+        """Make the folder of a new run, which the block completes, or is gone if that fails.
+
+        Arguments and errors are those of :meth:`create`. Meanwhile ``.unfinished`` is there: it
+        stays if the process is killed, and tells that all in the folder may be made anew.
+        """
         place = Path(runs_dir, config.algo) if path is None else Path(path)
-        made = None
-        try:
-            if path is None:
-                made = _first_free(place, config.env_id)
-                cls(made)._write(config)
-            else:
-                place.mkdir(parents=True, exist_ok=True)
-                keep_inside(place)
-                with cls(place).owned():
-                    _check_empty(place)
-                    made = place
-                    cls(made)._write(config)
-        except OSError as error:
-            if made is not None:
-                shutil.rmtree(made, ignore_errors=True)  # it was empty
-            raise unwritable(place, error) from error
-        return cls(made)
+        with contextlib.ExitStack() as held:
+            run = None
+            try:
+                run = _claim(held, place) if path else _claim_next(held, place, config.env_id)
+                run._write(config)
+            except OSError as error:
+                if run is not None:
+                    shutil.rmtree(run.path, ignore_errors=True)  # it was empty
+                raise unwritable(place, error) from error
+            try:
+                yield run
+                run.unfinished_file.unlink()
+            except BaseException:
+                shutil.rmtree(run.path, ignore_errors=True)
+                raise
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> RunFolder:
@@ -135,10 +153,27 @@ class RunFolder:
         folder = cls(Path(path))
         if not folder.path.is_dir():
             raise RunError(f"There is no folder '{folder.path}': {_EXPECTED}.")
+        folder._check_finished()
         if not folder.config_file.is_file():
             raise RunError(f"'{folder.path}' is no run, it has no config.yml: {_EXPECTED}.")
         keep_inside(folder.path)
         return folder
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether a run was made here, which can be gone on with."""
+        return self.config_file.is_file() and not self.unfinished_file.exists()
+
+    def _check_finished(self) -> None:
+        """Refuse a folder that another process has not finished, and may have left so."""
+        with contextlib.suppress(FileNotFoundError):
+            noted = read_file(self.unfinished_file, 2**17).decode(errors="replace")
+            process, _, command = noted.partition("\n")
+            if process != str(os.getpid()):
+                raise RunError(
+                    f"'{self.path}' was begun and is not finished: expected a whole run. Give the "
+                    f"same command again, which makes it anew{f': {command}' if command else '.'}"
+                )
 
     def owned(self) -> AbstractContextManager[None]:
         """Keep other processes from training in this folder; all may read it meanwhile."""
@@ -158,15 +193,6 @@ class RunFolder:
             for file in self.path.glob(pattern):
                 check_inside(file)
                 file.unlink(missing_ok=True)
-
-    @contextlib.contextmanager
-    def whole_or_gone(self) -> Iterator[None]:
-        """Delete the folder if the block, which is to complete it, fails."""
-        try:
-            yield
-        except BaseException:
-            shutil.rmtree(self.path, ignore_errors=True)
-            raise
 
     def best_dir(self, metric: str) -> Path:
         """Return where the best model by a metric is, if there is one."""
@@ -280,7 +306,6 @@ class RunFolder:
 
     def _write(self, config: PlayConfig) -> None:
         notes, library = provenance(config.seed), Library()
-        self.write_provenance(notes)  # by which a folder that was never finished is known
         for option, text in named_files(config).items():
             file = Path(text)
             if option == MODEL:
@@ -331,16 +356,39 @@ def _with_files(config: PlayConfig, files: Mapping[str, str]) -> PlayConfig:
     return config.correcting(model=files[MODEL]) if MODEL in files else config
 
 
-def _first_free(parent: Path, env_id: str) -> Path:
-    """Make and return the first ``<env-id>_<n>`` that is not there; safe against rival runs."""
+def _claim_next(held: contextlib.ExitStack, parent: Path, env_id: str) -> RunFolder:
+    """Return the first ``<env-id>_<n>`` that is free, by :func:`_claim`; safe against rivals."""
     parent.mkdir(parents=True, exist_ok=True)
-    number = 1
-    while True:
+    for number in itertools.count(1):
         path = parent / f"{env_id.replace('/', '-')}_{number}"
-        with contextlib.suppress(FileExistsError):
+        try:
             path.mkdir()
-            return path
-        number += 1
+        except FileExistsError:
+            if RunFolder(path).unfinished_file.exists():
+                with contextlib.suppress(RunError):  # it is being made
+                    return _claim(held, path)
+            continue
+        return _claim(held, path)
+    raise AssertionError("there is no last number")
+
+
+def _claim(held: contextlib.ExitStack, path: Path) -> RunFolder:
+    """Return a folder, new or emptied of what was unfinished, that is owned and unfinished."""
+    path.mkdir(parents=True, exist_ok=True)
+    keep_inside(path)
+    run = RunFolder(path)
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(run.owned())
+        if run.unfinished_file.exists():
+            for found in path.iterdir():
+                if found.name not in (LOCK_SUFFIX, run.unfinished_file.name):
+                    is_folder = found.is_dir() and not found.is_symlink()
+                    shutil.rmtree(found) if is_folder else found.unlink()
+        else:
+            _check_empty(path)
+        run.unfinished_file.write_text(f"{os.getpid()}\n{shlex.join(sys.orig_argv)}", "utf-8")
+        held.push(stack.pop_all())
+    return run
 
 
 def _go_on(run: RunFolder) -> str:
@@ -356,15 +404,10 @@ def _go_on(run: RunFolder) -> str:
 
 
 def _check_empty(path: Path) -> None:
-    """Refuse a folder in which anything is but its lock, or what a killed process began of it."""
     run = RunFolder(path)
     if run.config_file.exists():
         raise RunError(
             f"Folder '{path}' holds a run already: expected a new or empty folder.{_go_on(run)}"
         )
-    found = {file.name for file in path.iterdir()} - {LOCK_SUFFIX}
-    ours = {PROVENANCE, HAND_FILE, f"{PLAN}.npz"}
-    ours |= {name for name in found if Path(name).stem in FILE_OPTIONS}
-    ours |= {name for name in found if name.endswith(PARTIAL_SUFFIX)}
-    if found and not (PROVENANCE in found and found <= ours):
+    if not is_empty(path):
         raise RunError(f"Folder '{path}' is not empty: expected a new or empty one.")

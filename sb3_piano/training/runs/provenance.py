@@ -24,6 +24,12 @@ PROVENANCE = "run.yml"
 _PACKAGES = ("stable_baselines3", "sb3_contrib", "gymnasium", "mujoco", "numpy", "torch")
 
 
+def is_empty(place: Path) -> bool:
+    """Return whether a folder has nothing but what a process that was killed at once left there."""
+    names = {found.name for found in place.iterdir()} - {LOCK_SUFFIX, PROVENANCE}
+    return all(name.endswith(PARTIAL_SUFFIX) for name in names)
+
+
 def begin_or_go_on(
     file: Path, what: str, ours: Mapping[str, Any], theirs: Mapping[str, Any] | None, seed: int
 ) -> None:
@@ -49,8 +55,7 @@ def begin_or_go_on(
                     "folder."
                 )
         return
-    names = {found.name for found in place.iterdir()} - {LOCK_SUFFIX, PROVENANCE}
-    if any(not name.endswith(PARTIAL_SUFFIX) for name in names):  # else it was begun, no further
+    if not is_empty(place):
         raise RunError(f"Folder '{place}' is not empty: expected a new or empty one.")
     try:
         write_yaml(place / PROVENANCE, provenance(seed))

@@ -29,6 +29,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 from sb3_piano.array_files import read_shapes
 from sb3_piano.callbacks import Checkpoint
+from sb3_piano.callbacks.checkpoint import SAVED_AFTER
 from sb3_piano.exceptions import RunError, one_line
 from sb3_piano.files import check_file
 from sb3_piano.planning import PianoPolicy
@@ -49,6 +50,9 @@ def model_files(
 ) -> tuple[Path, Path | None]:
     """Return the file of a model, and that of ``VecNormalize`` if the run normalises.
 
+    Both are of one checkpoint: of files that a killed process left half replaced, those in
+    ``checkpoint/`` are returned.
+
     A zip file and a pickle, or of an exported run its weights. ``best`` is the metric by which the
     model is the best; by default it is the newest one. What plays without training is all in the
     config.
@@ -68,8 +72,18 @@ def model_files(
         folder = run.best_dir(best)
         model = folder / "best_model.zip"
     statistics = folder / run.statistics_file.name
-    if model.is_file() and (statistics.is_file() or not normalizes):
-        return model, statistics if normalizes else None
+    if model.is_file() and not normalizes:
+        return model, None
+    is_pair = model.is_file() and statistics.is_file()
+    if is_pair and _are_of_one_checkpoint(model, statistics):
+        return model, statistics
+    saved = None if best is not None else Checkpoint.read(run.checkpoint_dir)
+    if is_pair and saved is None:
+        raise RunError(
+            f"'{model}' and '{statistics.name}' beside it were saved after different numbers of "
+            "steps, as a process leaves them that is killed in between: expected files of one "
+            "checkpoint. Training on writes both anew."
+        )
     if best is not None:
         known = run.best_metrics()
         have = f"it has one by {' and by '.join(known)}" if known else "it has none by any metric"
@@ -78,7 +92,6 @@ def model_files(
             "sb3_piano.callbacks.F1Callback or OnsetF1Callback in its config, past its first "
             "evaluation."
         )
-    saved = Checkpoint.read(run.checkpoint_dir)
     if saved is None:
         raise RunError(
             f"Run '{run.path}' has no model: expected {run.model_file.name}"
@@ -126,6 +139,17 @@ class _Bounded(TorchDispatchMode):
                     "that belong to them"
                 )
         return func(*args, **(kwargs or {}))
+
+
+def _are_of_one_checkpoint(model: Path, statistics: Path) -> bool:
+    """Return whether a model and statistics were saved together, as far as they tell."""
+    try:
+        _check_archive(model)
+        with zipfile.ZipFile(model) as archive, statistics.open("rb") as file:
+            saved_after = vars(pickle.load(file)).get(SAVED_AFTER)
+            return saved_after in (None, json.loads(archive.read("data"))["num_timesteps"])
+    except Exception:  # damaged files fail in any way; loading them tells it
+        return True
 
 
 def load_model(config: RunConfig, path: Path, venv: VecEnv, **changes: Any) -> BaseAlgorithm:

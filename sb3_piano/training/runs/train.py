@@ -104,10 +104,9 @@ def train(
         _closing(build_vec_env(config)) as venv,
     ):
         model, every_callback = build_model(config, venv), [*build_callbacks(config), *callbacks]
-        run = RunFolder.create(config, folder, runs_dir)
+        with RunFolder.making(config, folder, runs_dir) as run:
+            keep_base(run, config)
         with _owned(run):
-            with run.whole_or_gone():
-                keep_base(run, config)
             try:
                 return _learn(
                     config, run, model, every_callback, None, checkpoint_every, progress_bar
@@ -182,9 +181,9 @@ def resume(
                     "of one run."
                 )
         done = 0 if saved is None else saved.num_timesteps
-        if saved is not None and done >= config.n_timesteps:
-            # A process that was killed in between had saved it, and not copied.
+        if saved is not None:  # by a process that was killed before it was copied
             saved.copy_model(run.checkpoint_dir, run.model_file)
+        if done >= config.n_timesteps:
             return TrainResult(
                 folder=run, started_at=done, num_timesteps=done, n_timesteps=config.n_timesteps
             )

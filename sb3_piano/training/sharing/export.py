@@ -8,7 +8,7 @@ from collections.abc import Callable
 from sb3_piano.envs import PianoEnv
 from sb3_piano.files import Place, write_text
 from sb3_piano.training.evaluation.evaluate import evaluate
-from sb3_piano.training.playing.player import SavedPlayer, write_player
+from sb3_piano.training.playing.player import SavedPlayer, player_written
 from sb3_piano.training.playing.takes import take_of_run
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.sharing.card import card_of
@@ -43,7 +43,8 @@ def export_run(
     The new folder has no pickles, and its settings name only classes of
     :data:`~sb3_piano.training.KNOWN_PACKAGES`, so that loading it runs no code of it. It is
     evaluated, played and reported on like the run, with the same result to the last bit; it cannot
-    be trained on. Whatever ends this early leaves no folder.
+    be trained on. Whatever ends this early leaves no folder,
+    but for a kill, after which the same call makes it anew.
 
     Args:
         run: The run's folder.
@@ -64,8 +65,8 @@ def export_run(
             used.
         MissingPackageError: If ``onnx`` is asked for and not installed.
     """
-    exported = ExportedFolder(write_player(run, folder, best=best).path)
-    with exported.whole_or_gone():
+    with player_written(run, folder, best) as written:
+        exported = ExportedFolder(written.path)
         config = exported.read_config(exported=True)
         if onnx:
             with SavedPlayer.open(exported.path) as player:

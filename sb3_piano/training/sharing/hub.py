@@ -14,6 +14,7 @@ from sb3_piano.exceptions import (
     install_command,
     one_line,
 )
+from sb3_piano.files import PARTIAL_SUFFIX
 from sb3_piano.training.playing.player import SavedPlayer
 from sb3_piano.training.runs.folder import RunFolder
 
@@ -76,7 +77,7 @@ def push_to_hub(run: RunFolder, repo: str) -> str:
         api.upload_folder(
             repo_id=created.repo_id,
             folder_path=run.path,
-            ignore_patterns=["*.zip", "*.pkl", ".lock"],
+            ignore_patterns=["*.zip", "*.pkl", "*.lock", f"*{PARTIAL_SUFFIX}"],
             commit_message="Upload by sb3-piano export",
         )
     except Exception as error:  # requests, tokens and names fail in many ways

@@ -11,8 +11,8 @@ import sys
 from pathlib import Path
 from typing import Literal
 
-from sb3_piano.files import delete_unowned, own
 from sb3_piano.threads import usable_cores
+from sb3_piano.unfinished import delete_unowned, own
 
 START_METHOD: Literal["forkserver", "spawn"] = (
     "forkserver" if sys.platform == "linux" else "spawn"  # macOS's libraries do not bear forks

@@ -16,9 +16,10 @@ from stable_baselines3.common.callbacks import BaseCallback
 from sb3_piano.callbacks.own_env import with_nested
 from sb3_piano.callbacks.replay_segments import SEGMENT_PATTERN, ReplayManifest, ReplaySegments
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.files import PARTIAL_SUFFIX, read_json, write_atomically, write_bytes, write_json
+from sb3_piano.files import read_json, write_atomically, write_bytes, write_json
 from sb3_piano.links import make_folder
 from sb3_piano.settings import Count, checked
+from sb3_piano.unfinished import PARTIAL_SUFFIX
 
 CHECKPOINT_FILE = "checkpoint.json"
 DEFAULT_EVERY = 10_000

@@ -22,9 +22,10 @@ from sb3_piano.exceptions import (
     install_command,
     one_line,
 )
-from sb3_piano.files import delete_unowned, partial_folder, sync_folder
+from sb3_piano.files import sync_folder
 from sb3_piano.interrupts import ctrl_c_deferred
 from sb3_piano.locks import LOCK_SUFFIX, hold
+from sb3_piano.unfinished import delete_unowned, partial_folder
 
 if TYPE_CHECKING:
     from minari import EpisodeData, MinariDataset

@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import sb3_piano
 from sb3_piano.exceptions import ConfigError, PlanWarning
-from sb3_piano.files import scratch_folder
 from sb3_piano.music import Corpus, digest, load_score, write_midi
 from sb3_piano.planning import forget_plans
 from sb3_piano.players import TreeSettings
@@ -28,6 +27,7 @@ from sb3_piano.training.playing.player import SavedPlayer, env_to_record
 from sb3_piano.training.playing.takes import planner_config, take_of_planner
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.runs.saved import model_files
+from sb3_piano.unfinished import scratch_folder
 
 
 class _Player(NamedTuple):

@@ -12,7 +12,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.exceptions import MissingPackageError
-from sb3_piano.files import scratch_folder
+from sb3_piano.unfinished import scratch_folder
 
 _POINTER = "current"
 """File that names the whole copy; it is written last."""

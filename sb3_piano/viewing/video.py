@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.exceptions import ConfigError, RenderingError, one_line
-from sb3_piano.files import partial_file
 from sb3_piano.links import check_inside
+from sb3_piano.unfinished import partial_file
 
 Frame = npt.NDArray[np.uint8]
 

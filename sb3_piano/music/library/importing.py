@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.files import check_file, read_file, scratch_folder
+from sb3_piano.files import check_file, read_file
 from sb3_piano.music.fingering.apply import FINGERINGS, labels_file
 from sb3_piano.music.formats import ACCEPTED_FILES, READERS
 from sb3_piano.music.formats.pig import looks_like_pig
@@ -37,6 +37,7 @@ from sb3_piano.music.library.task import ImportTask, Outcome, Unusable, run_task
 from sb3_piano.music.text_file import is_hidden
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import usable_cores
+from sb3_piano.unfinished import scratch_folder
 
 _WHEEL = ".whl"
 

@@ -19,7 +19,6 @@ from sb3_piano.exceptions import (
     UnknownPieceError,
     near_names,
 )
-from sb3_piano.files import PARTIAL_SUFFIX
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music.built_in import BUILT_IN
 from sb3_piano.music.difficulty import Features, features
@@ -31,6 +30,7 @@ from sb3_piano.music.library.piece_file import (
 )
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
+from sb3_piano.unfinished import PARTIAL_SUFFIX
 from sb3_piano.user_data import DATA_VARIABLE, PIECE_SUFFIX, piece_names, pieces_folder
 
 LONGEST_NAME = 200

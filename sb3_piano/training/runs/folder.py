@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.files import PARTIAL_SUFFIX, Place, read_file, write_bytes, write_yaml
+from sb3_piano.files import Place, read_file, write_bytes, write_yaml
 from sb3_piano.links import check_inside, keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import is_path
@@ -31,6 +31,7 @@ from sb3_piano.training.configuration.names import (
 )
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 from sb3_piano.training.runs.provenance import PROVENANCE, is_empty, provenance, unwritable
+from sb3_piano.unfinished import PARTIAL_SUFFIX
 
 FILE_OPTIONS = ("score", "fingering")
 """The options of the environment that may name a file."""

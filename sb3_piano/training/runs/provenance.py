@@ -15,8 +15,9 @@ import torch
 
 import sb3_piano
 from sb3_piano.exceptions import RunError
-from sb3_piano.files import PARTIAL_SUFFIX, write_yaml
+from sb3_piano.files import write_yaml
 from sb3_piano.locks import LOCK_SUFFIX
+from sb3_piano.unfinished import PARTIAL_SUFFIX
 
 PROVENANCE = "run.yml"
 """Name of the file that notes where a folder comes from."""

@@ -14,9 +14,9 @@ from sb3_piano.exceptions import (
     install_command,
     one_line,
 )
-from sb3_piano.files import PARTIAL_SUFFIX
 from sb3_piano.training.playing.player import SavedPlayer
 from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.unfinished import PARTIAL_SUFFIX
 
 _HUB = re.compile(r"hf:(//)?(?P<repo>[\w.-]+/[\w.-]+)(@(?P<revision>[\w./-]+))?")
 

@@ -7,6 +7,8 @@ built-in exception that a caller who does not know this package would catch.
 from __future__ import annotations
 
 import difflib
+import errno
+import re
 from collections.abc import Iterable
 
 
@@ -67,6 +69,23 @@ def install_command(extra: str = "") -> str:
     """Return what installs this package, which is on no index, from a clone, with an extra."""
     what = f"'.[{extra}]'" if extra else "."
     return f"pip install {what}  # in a clone of sb3-piano"
+
+
+_NO_MEMORY = re.compile(
+    "(not enough|out of|insufficient) memory|bad_alloc|can't start new thread|failed to map segment"
+    "|(can(')?t|cannot|could not|failed to|unable to) allocate",
+    re.IGNORECASE,
+)
+
+
+def no_memory(error: BaseException | None) -> bool:
+    """Return whether a lack of memory is behind an error: libraries tell it in many ways."""
+    while error is not None:
+        lacks = isinstance(error, OSError) and error.errno == errno.ENOMEM
+        if lacks or isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def near_names(name: str, known: Iterable[str]) -> str:

@@ -55,12 +55,37 @@ def disk_refusal(error: BaseException | None) -> str | None:
     Libraries hide it: torch raises a ``RuntimeError`` in its place. An error that this package
     raises on purpose says enough, whatever is behind it.
     """
+    refused = _refused(error)
+    return None if refused is None or _is_of_reading(refused) else _said(refused)
+
+
+def reading_refusal(error: BaseException | None) -> str | None:
+    """Return what a disk said of a file or folder that may not be read, if that is behind it."""
+    refused = _refused(error)
+    return _said(refused) if refused is not None and _is_of_reading(refused) else None
+
+
+def _refused(error: BaseException | None) -> OSError | None:
     while error is not None and not isinstance(error, SB3PianoError):
         if isinstance(error, OSError) and error.errno in _REFUSALS:
-            file = "" if error.filename is None else f" ('{error.filename}')"
-            return f"{error.strerror}{file}"
+            return error
         error = error.__cause__ or error.__context__
     return None
+
+
+def _said(error: OSError) -> str:
+    file = "" if error.filename is None else f" ('{error.filename}')"
+    return f"{error.strerror}{file}"
+
+
+def _is_of_reading(error: OSError) -> bool:
+    if error.errno != errno.EACCES or error.filename is None:
+        return False
+    path = os.path.abspath(os.fsdecode(error.filename))
+    effective = os.access in os.supports_effective_ids
+    may_enter = os.access(os.path.dirname(path), os.X_OK, effective_ids=effective)
+    may_read = os.access(path, os.R_OK, effective_ids=effective)
+    return not may_enter or (os.path.lexists(path) and not may_read)
 
 
 MOST_BYTES = 2**26

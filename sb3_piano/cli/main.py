@@ -8,6 +8,7 @@ import importlib
 import io
 import os
 import sys
+import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -21,7 +22,13 @@ from sb3_piano.cli.common import (
     tell_errors,
     tell_interrupted,
 )
-from sb3_piano.exceptions import PlanWarning, SB3PianoError, ScoreWarning
+from sb3_piano.exceptions import (
+    PlanWarning,
+    SB3PianoError,
+    ScoreWarning,
+    no_memory,
+    one_line,
+)
 from sb3_piano.interrupts import ended_as_by_ctrl_c
 
 _COMMANDS = {
@@ -68,6 +75,9 @@ _COMMANDS = {
 A module is imported when its command is given, so that ``--help`` needs none of them.
 """
 
+_LONGEST = 200
+"""So many characters of what a library says of a lack of memory."""
+
 _OURS = (PlanWarning, ScoreWarning)
 
 
@@ -80,14 +90,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         0 if all went well, 2 after an error of the user's, 130 after Ctrl-C.
     """
+    _open_streams()
     given = sys.argv[1:] if argv is None else argv
-    arguments = _parser(given).parse_args(given)
     if isinstance(sys.stdout, io.TextIOWrapper):  # a title in other letters must not end a command
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
+        arguments = _parser(given).parse_args(given)
         for option in ("csv", "json"):
             check_output_file(f"--{option}", getattr(arguments, option, None))
-        with _warnings_told(), ended_as_by_ctrl_c():
+        with _warnings_told(), _threads_told(), ended_as_by_ctrl_c():
             status = int(arguments.command(arguments))
         sys.stdout.flush()  # so that what goes wrong with it is told below
         return status
@@ -99,15 +110,54 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for Python's last flush
         return EXIT_ERROR
     except Exception as error:
-        from sb3_piano.files import disk_refusal
-
-        refusal = disk_refusal(error)
-        if refusal is None:
+        told = _told(error)
+        if told is None:
             raise
-        return tell_errors(
-            f"A file cannot be written: {refusal}. What was finished before is safe; when there is "
-            "room, give the same command again."
-        )
+        return tell_errors(told)
+
+
+def _told(error: BaseException) -> str | None:
+    """Return what to say of an error of the machine's; ``None`` of any other."""
+    from sb3_piano.files import disk_refusal, reading_refusal
+
+    if (refusal := reading_refusal(error)) is not None:
+        return f"{refusal}: expected a file or folder that may be read."
+    refusal, instead = disk_refusal(error), "room"
+    wrong = f"A file cannot be written: {refusal}"
+    if refusal is None:
+        if not no_memory(error):
+            return None
+        wrong, instead = f"There is not enough memory: {one_line(error)[:_LONGEST]}", "more"
+    return (
+        f"{wrong}. What was finished before is safe; when there is {instead}, give the same "
+        "command again."
+    )
+
+
+def _open_streams() -> None:
+    """Let what is printed go nowhere if the process was started with a stream closed (``>&-``)."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115  as long as the process
+
+
+@contextlib.contextmanager
+def _threads_told() -> Iterator[None]:
+    """Leave to the command what a library's thread dies of if that is the machine's error.
+
+    The command meets it, too: TensorBoard's writer passes it on.
+    """
+    former = threading.excepthook
+
+    def tell(arguments: threading.ExceptHookArgs) -> None:
+        if arguments.exc_value is None or _told(arguments.exc_value) is None:
+            former(arguments)
+
+    threading.excepthook = tell
+    try:
+        yield
+    finally:
+        threading.excepthook = former
 
 
 @contextlib.contextmanager

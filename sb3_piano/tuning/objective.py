@@ -18,7 +18,7 @@ from stable_baselines3.common.callbacks import BaseCallback, ConvertCallback
 
 from sb3_piano.callbacks import MetricEvalCallback
 from sb3_piano.callbacks.metric_eval import MOST_PIECES
-from sb3_piano.exceptions import RunError
+from sb3_piano.exceptions import RunError, no_memory
 from sb3_piano.training import RunConfig, RunFolder, entry_config, evaluate, train
 from sb3_piano.tuning import trials
 from sb3_piano.tuning.space import with_settings
@@ -205,6 +205,4 @@ def reason_of(error: BaseException) -> str:
     """Return in one line why a trial failed."""
     text = " ".join(str(error).split())
     reason = f"{type(error).__name__}: {text}" if text else type(error).__name__
-    no_room = any(isinstance(one, MemoryError) for one in (error, error.__cause__))
-    out_of_memory = no_room or "not enough memory" in text
-    return f"out of memory: {reason}" if out_of_memory else reason
+    return f"out of memory: {reason}" if no_memory(error) else reason

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import sys
+
 import pytest
 
 from sb3_piano.cli import main
@@ -133,3 +137,40 @@ def test_an_error_is_one_line_and_leaves_nothing(command, message, folder, monke
     assert message in captured.err
     assert captured.err.count("\n") == 1
     assert sorted(folder.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (MemoryError(), "There is not enough memory: MemoryError. What was finished before is"),
+        (RuntimeError("can't allocate memory: you tried"), "not enough memory: can't allocate"),
+        (OSError(errno.ENOSPC, "No space", "a"), "A file cannot be written: No space ('a')."),
+    ],
+)
+def test_what_the_machine_lacks_is_one_line(error, message, monkeypatch, capsys):
+    def lacking(arguments):
+        raise error
+
+    monkeypatch.setattr(sys.modules["sb3_piano.cli.main"], "_envs", lacking)
+    assert main(["envs"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert message in line
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may be somebody else")
+def test_a_folder_that_may_not_be_read_is_called_so(folder, capsys):
+    (folder / "locked").mkdir(mode=0)
+    for above in (folder, *folder.parents[:3]):
+        above.chmod(0o755)
+    os.seteuid(65534)
+    try:
+        assert main(["evaluate", "locked/run"]) == 2
+    finally:
+        os.seteuid(0)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "Permission denied ('locked/run'): expected a file or folder that may be read" in line
+
+
+def test_a_command_without_standard_output_ends_well(monkeypatch):
+    monkeypatch.setattr(sys, "stdout", None)  # as after >&-
+    assert main(["envs"]) == 0

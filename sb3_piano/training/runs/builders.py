@@ -37,7 +37,7 @@ from stable_baselines3.common.vec_env import (
 from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.envs import PianoEnv
-from sb3_piano.exceptions import ConfigError
+from sb3_piano.exceptions import ConfigError, one_line
 from sb3_piano.interrupts import leave_to_parent
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.players import player_class
@@ -216,7 +216,7 @@ def build_model(config: RunConfig, venv: VecEnv) -> BaseAlgorithm:
     # How SB3 and torch refuse arguments, or a device or the memory that they ask for.
     except (TypeError, ValueError, AssertionError, RuntimeError, MemoryError) as error:
         raise ConfigError(
-            f"{config.algorithm.__name__} cannot be made for {config.env_id!r}: {error}"
+            f"{config.algorithm.__name__} cannot be made for {config.env_id!r}: {one_line(error)}"
         ) from error
     buffer = getattr(model, "replay_buffer", None)
     if buffer is not None:

@@ -19,6 +19,8 @@ from typing import Any, Literal
 from sb3_piano.settings import Count, checked
 
 _VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS")
+_MODEL = ("cpu family", "model", "stepping")
+_ARRAY_FLAGS = ("avx2", "fma", "avx512f", "avx512_vnni", "avx512_bf16", "amx_tile")
 
 Job = Callable[[int], object]
 
@@ -92,10 +94,27 @@ def usable_cores() -> int:
 
 def processor_name() -> str:
     """Return the name of the processor: Linux's, or else Python's."""
+    return _processor().get("model name") or platform.processor() or platform.machine()
+
+
+def processor_label() -> str:
+    """Return the name of the processor, its model, and which instructions for arrays it has.
+
+    Libraries choose by these how they compute, and so the last bits of what they compute.
+    """
+    known = _processor()
+    numbers = [f"{name.removeprefix('cpu ')} {known[name]}" for name in _MODEL if name in known]
+    flags = [flag for flag in _ARRAY_FLAGS if flag in known.get("flags", "").split()]
+    details = ", ".join([*numbers, *flags] or [platform.machine()])
+    return f"{processor_name()} ({details})"
+
+
+def _processor() -> dict[str, str]:
+    """Return what Linux says of the first processor; nothing elsewhere."""
     cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
-    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(names, platform.processor() or platform.machine())
+    text = cpuinfo.read_text(encoding="utf-8") if cpuinfo.is_file() else ""
+    pairs = (line.partition(":") for line in text.partition("\n\n")[0].splitlines())
+    return {name.strip(): value.strip() for name, _, value in pairs}
 
 
 def _do(job: Job, slots: range) -> None:

@@ -4,6 +4,7 @@ from sb3_piano.demonstrations.cloning import Cloning, clone_behaviour, fill_repl
 from sb3_piano.demonstrations.dataset import EXPERT_ACTION, open_dataset, require_minari
 from sb3_piano.demonstrations.disturbances import (
     ActuatorNoise,
+    NoisyActions,
     CorrelatedNoise,
     PerturbedStart,
 )

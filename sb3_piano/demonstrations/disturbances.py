@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, SupportsFloat
 
 import gymnasium as gym
 import numpy as np
@@ -87,6 +88,41 @@ class ActuatorNoise(CorrelatedNoise):
                 "sb3_piano.wrappers.HandActions, or no noise."
             )
         super().__init__(std_of_actions, memory, piano.config.control_timestep)
+
+
+class NoisyActions(gym.Wrapper[Any, Any, Any, Any]):
+    """Add noise without memory to every action, as :class:`ActuatorNoise` does.
+
+    Equal seeds have equal noise. A copy, in which a search tries actions, has none: nobody can
+    foresee it.
+
+    Args:
+        env: A bare piano environment, or what ``gymnasium.make`` returns for one.
+        std: Standard deviation of the actuators' targets, rad, as of :class:`ActuatorNoise`.
+
+    Raises:
+        ConfigError: If ``std`` is out of range, or ``env`` is no piano or takes other actions.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], std: float) -> None:
+        super().__init__(env)
+        self._noise = ActuatorNoise(env, std, memory=0.0)
+        self._random = np.random.default_rng()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode."""
+        if seed is not None:  # apart from what players draw by the same seed
+            self._random = np.random.default_rng(seed).spawn(1)[0]
+        return self.env.reset(seed=seed, options=options)
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Play an action with noise."""
+        return self.env.step(action + self._noise.sample(self._random))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> gym.Env[Any, Any]:
+        return copy.deepcopy(self.env, memo)
 
 
 class PerturbedStart(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):

@@ -2,6 +2,7 @@
 
 from sb3_piano.results.aggregates import Aggregate, aggregate
 from sb3_piano.results.checking import Check, check, drawn
+from sb3_piano.results.estimates import Estimate
 from sb3_piano.results.held_out import HeldOut, held_out
 from sb3_piano.results.measuring import PLAYERS, Measurement, digest, measure
 from sb3_piano.results.records import Physics, Result, Results
@@ -11,6 +12,7 @@ __all__ = [
     "PLAYERS",
     "Aggregate",
     "Check",
+    "Estimate",
     "HeldOut",
     "Measurement",
     "Physics",

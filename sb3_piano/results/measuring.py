@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import functools
 import hashlib
 import os
 import platform
@@ -17,12 +18,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import sb3_piano
+from sb3_piano.demonstrations import NoisyActions
 from sb3_piano.exceptions import ConfigError, PlanWarning
 from sb3_piano.music import Corpus, digest, load_score, write_midi
 from sb3_piano.planning import forget_plans
 from sb3_piano.players import TreeSettings
 from sb3_piano.results.records import Physics, Result
-from sb3_piano.threads import processor_name
+from sb3_piano.threads import processor_label
 from sb3_piano.training.playing.player import SavedPlayer, env_to_record
 from sb3_piano.training.playing.takes import planner_config, take_of_planner
 from sb3_piano.training.runs.folder import RunFolder
@@ -50,6 +52,12 @@ GENERATED_DURATION = 20.0
 DIGITS = 4
 """Decimals of a score in a file."""
 
+SEEDS = (0, 1, 2, 3, 4)
+"""What is played with by default."""
+
+ACTION_NOISE = 0.006
+"""Standard deviation of the noise on actions by default, rad: see docs/results.md."""
+
 _LIBRARIES = ("mujoco", "numpy", "scipy", "torch")
 _GENERATED = re.compile(r"generated-(\d+)-(\d+)")
 
@@ -59,8 +67,9 @@ class Measurement(NamedTuple):
 
     piece: str
     player: str
-    seeds: tuple[int, ...]
+    seeds: tuple[int, ...] = SEEDS
     physics: Physics = "reference"
+    action_noise: float = ACTION_NOISE
 
 
 def is_generated(piece: str) -> bool:
@@ -118,6 +127,9 @@ def player_digest(player: str) -> str | None:
 def measure(what: Measurement) -> Result:
     """Return how well a player plays a piece, one episode for each seed.
 
+    The seed draws noise on the actions, since playing is chaotic: one episode without noise is one
+    of many that the last bits of sums choose from, and says little of how well the piece is played.
+
     Raises:
         ConfigError: If there is no such player.
         RunError: If a run cannot be played, or cannot play the piece.
@@ -138,6 +150,7 @@ def measure(what: Measurement) -> Result:
         player_sha256=weights,
         physics=what.physics,
         seeds=what.seeds,
+        action_noise=what.action_noise,
         f1=tuple(round(metrics["f1"], DIGITS) for metrics in played),
         onset_f1=tuple(round(metrics["onset_f1"], DIGITS) for metrics in played),
         noop_f1=round(played[0]["noop_f1"], DIGITS),
@@ -152,8 +165,13 @@ def measure(what: Measurement) -> Result:
 
 def _play(source: str, what: Measurement, seed: int) -> tuple[Mapping[str, float], float]:
     """Return the metrics of an episode, and the time of the processor that it took, s."""
+    disturbed = None
+    if what.action_noise:
+        disturbed = functools.partial(NoisyActions, std=what.action_noise)
     if what.player not in PLAYERS:
-        with SavedPlayer.open(what.player, seed=seed, physics=what.physics, score=source) as player:
+        with SavedPlayer.open(
+            what.player, seed=seed, physics=what.physics, score=source, disturbed=disturbed
+        ) as player:
             start = time.process_time()
             (recording,) = player.play()
             return recording.metrics, time.process_time() - start
@@ -166,7 +184,7 @@ def _play(source: str, what: Measurement, seed: int) -> tuple[Mapping[str, float
     start = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlanWarning)  # notes that cannot be played as written
-        metrics = take_of_planner(config, tree=tree).metrics
+        metrics = take_of_planner(config, tree=tree, innermost=disturbed).metrics
     return metrics, time.process_time() - start
 
 
@@ -176,6 +194,8 @@ def command(what: Measurement) -> str:
     parts += ["--seeds", *map(str, what.seeds)]
     if what.physics != "reference":
         parts += ["--physics", what.physics]
+    if what.action_noise != ACTION_NOISE:
+        parts += ["--noise", f"{what.action_noise:g}"]
     return shlex.join(parts)
 
 
@@ -186,5 +206,5 @@ def versions() -> dict[str, str]:
 
 
 def hardware() -> str:
-    """Return the processor in words."""
-    return f"{processor_name()}, {os.cpu_count()} cores"
+    """Return the processor in words: its names are shared by those that compute differently."""
+    return f"{processor_label()}, {os.cpu_count()} cores"

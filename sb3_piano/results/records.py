@@ -11,7 +11,7 @@ import datetime
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -20,7 +20,7 @@ from sb3_piano.files import first_fault, read_file, write_text
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.settings import checked
 
-SCHEMA_VERSION: Final = 2
+SCHEMA_VERSION: Final = 3
 METRICS_VERSION: Final = 1
 """Version of ``sb3_piano.metrics``: the definitions of docs/metrics.md, onsets within 50 ms."""
 
@@ -51,6 +51,8 @@ class Result(BaseModel):
     physics: Physics
     seeds: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1)]
     """One episode was played with each."""
+    action_noise: Annotated[float, Field(ge=0)]
+    """Standard deviation of the noise on its actions, rad."""
     f1: tuple[Share, ...]
     """Frame F1 of each seed."""
     onset_f1: tuple[Share, ...]
@@ -89,9 +91,19 @@ class Results(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    schema_version: Literal[2] = SCHEMA_VERSION
+    schema_version: Literal[3] = SCHEMA_VERSION
     metrics_version: Literal[1] = METRICS_VERSION
     results: tuple[Result, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _not_older(cls, found: Any) -> Any:
+        version = found.get("schema_version") if isinstance(found, dict) else None
+        if version in range(1, SCHEMA_VERSION):
+            raise ValueError(
+                f"schema_version is {version}, of results without noise: measure them again"
+            )
+        return found
 
     @model_validator(mode="after")
     def _one_result_for_each_key(self) -> Results:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from statistics import fmean
 
 from sb3_piano.results.aggregates import Aggregate, aggregate
+from sb3_piano.results.estimates import Estimate, decimals
 from sb3_piano.results.records import Result
 
 
 def score_table(results: Sequence[Result]) -> str:
     """Return F1 and onset F1 by piece and player, and their means, as Markdown.
 
-    A player who has not played every piece has no mean, which would compare different things.
+    Behind each is the standard error that the roll-outs leave, which other pieces are no part of. A
+    player who has not played every piece has no mean, which would compare different things.
     """
     players = list(dict.fromkeys(result.player for result in results))
     pieces = list(dict.fromkeys(result.piece for result in results))
@@ -36,11 +38,8 @@ def score_table(results: Sequence[Result]) -> str:
 
 def scores(results: Sequence[Result]) -> str:
     """Return mean F1 and mean onset F1 as a cell."""
-    return f"{_mean(r.f1 for r in results):.3f} / {_mean(r.onset_f1 for r in results):.3f}"
-
-
-def _mean(values: Iterable[Sequence[float]]) -> float:
-    return fmean(fmean(of_one) for of_one in values)
+    of_each = ([Estimate.of(getattr(r, name)) for r in results] for name in ("f1", "onset_f1"))
+    return " / ".join(str(Estimate.average(estimates)) for estimates in of_each)
 
 
 def origin_table(results: Sequence[Result]) -> str:
@@ -86,11 +85,13 @@ def aggregate_table(results: Sequence[Result]) -> str:
 
 
 def _aggregate_row(player: str, results: Sequence[Result], label: str, found: Aggregate) -> str:
+    low, high = found.over_seeds or (found.iqm, found.iqm)
+    digits = decimals((high - low) / 4)  # which are some four standard errors
     ends = (
-        "-" if interval is None else f"{interval[0]:.3f} to {interval[1]:.3f}"
+        "-" if interval is None else f"{interval[0]:.{digits}f} to {interval[1]:.{digits}f}"
         for interval in (found.over_seeds, found.over_pieces)
     )
     return (
-        f"| {player} | {len(results)} | {len(results[0].seeds)} | {label} | {found.iqm:.3f} | "
-        f"{' | '.join(ends)} |"
+        f"| {player} | {len(results)} | {len(results[0].seeds)} | {label} | "
+        f"{found.iqm:.{digits}f} | {' | '.join(ends)} |"
     )

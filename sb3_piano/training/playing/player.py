@@ -17,6 +17,7 @@ import numpy.typing as npt
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 
+from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.demonstrations import PerturbedStart
 from sb3_piano.demonstrations.recording import Predictor
 from sb3_piano.envs import EpisodeRecorder, PianoEnv, Recording
@@ -86,12 +87,14 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         score: Score | str | os.PathLike[str] | None = None,
         best: str | None = None,
         tree: TreeSettings | None = None,
+        disturbed: EnvWrapper | None = None,
     ) -> SavedPlayer:
         """Return the player of a run.
 
         Another piece comes in through the environment's ``reset``, so that an observation that
         was fitted to the run's own piece keeps its meaning. Arguments are those of
-        :func:`~sb3_piano.training.play_run`; :meth:`play` may be given another seed.
+        :func:`~sb3_piano.training.play_run`; :meth:`play` may be given another seed. ``disturbed``
+        is put around the bare environment.
 
         Raises:
             ConfigError: If ``seed`` is out of range, the run's config is damaged, or a piece is
@@ -108,6 +111,7 @@ class SavedPlayer(contextlib.AbstractContextManager["SavedPlayer"]):
         model_file, statistics = model_files(run, config, best)
 
         def innermost(env: Env) -> EpisodeRecorder:
+            env = env if disturbed is None else disturbed(env)
             return EpisodeRecorder(env if chosen is None else _FixedPiece(env, chosen))
 
         venv = build_vec_env(config, innermost)

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
+from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.envs import GENERAL_ID, EpisodeRecorder, PianoEnv, PianoEnvConfig, Recording
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.metrics import presses_of
@@ -305,13 +306,15 @@ def take_of_planner(
     on_step: Callable[[int, int], object] = lambda done, total: None,
     *,
     tree: TreeSettings | None = None,
+    innermost: EnvWrapper | None = None,
 ) -> PlannedTake:
     """Play a piece without training and without a run's folder.
 
     ``on_step`` is told how many control steps are over, and of how many; first 0, before planning.
-    With a ``tree`` the player looks ahead, see :class:`~sb3_piano.players.TreeSearch`.
+    With a ``tree`` the player looks ahead, see :class:`~sb3_piano.players.TreeSearch`. ``innermost``
+    is put around the bare environment.
     """
-    with _planner(config) as (player, env, piano):
+    with _planner(config, innermost) as (player, env, piano):
         if tree is not None:
             player = TreeSearch(player, env, tree, seed=config.seed or 0)
         observation, _ = env.reset(seed=config.seed)
@@ -335,9 +338,11 @@ def take_of_planner(
 
 
 @contextlib.contextmanager
-def _planner(config: PlannedConfig) -> Iterator[tuple[PianoPolicy, EpisodeRecorder, PianoEnv]]:
+def _planner(
+    config: PlannedConfig, innermost: EnvWrapper | None = None
+) -> Iterator[tuple[PianoPolicy, EpisodeRecorder, PianoEnv]]:
     """Give what plays, where it plays, and the piano inside of that."""
-    with contextlib.closing(EpisodeRecorder(build_env(config))) as env:
+    with contextlib.closing(EpisodeRecorder(build_env(config, innermost))) as env:
         player = build_planner(config, env)
         assert isinstance(env.unwrapped, PianoEnv), "planners play nothing else"
         yield player, env, env.unwrapped

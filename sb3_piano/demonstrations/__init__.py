@@ -4,8 +4,8 @@ from sb3_piano.demonstrations.cloning import Cloning, clone_behaviour, fill_repl
 from sb3_piano.demonstrations.dataset import EXPERT_ACTION, open_dataset, require_minari
 from sb3_piano.demonstrations.disturbances import (
     ActuatorNoise,
-    NoisyActions,
     CorrelatedNoise,
+    NoisyActions,
     PerturbedStart,
 )
 from sb3_piano.demonstrations.recording import Recorded, record
@@ -15,6 +15,7 @@ __all__ = [
     "ActuatorNoise",
     "Cloning",
     "CorrelatedNoise",
+    "NoisyActions",
     "PerturbedStart",
     "Recorded",
     "clone_behaviour",

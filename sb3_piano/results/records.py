@@ -60,7 +60,7 @@ class Result(BaseModel):
     noop_f1: Share
     """Frame F1 of playing nothing."""
     cpu_seconds: Annotated[float, Field(ge=0)]
-    """Time of the processor to plan and play an episode, mean over seeds, s."""
+    """Time of the processor to plan and play the first episode, s: later ones know the plan."""
     package_version: Name
     versions: Mapping[str, str]
     """Versions of Python and of the libraries on which the numbers depend."""

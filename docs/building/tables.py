@@ -20,7 +20,7 @@ from sb3_piano.envs.rewards import SELF_ACTUATED_REWARD_WEIGHTS as SELF_ACTUATED
 from sb3_piano.metrics import DEFINITIONS
 from sb3_piano.results import Result, Results, aggregate_table, origin_table, score_table
 
-RESULTS = Path(__file__).parents[1] / "results" / "results.json"
+RESULTS = Path(__file__).parents[1] / "results"
 _MARK = re.compile(r"^<!-- table: (.+?) -->$", re.M)
 
 
@@ -108,17 +108,21 @@ def _one_line(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
-def _results(table: Callable[[Sequence[Result]], str]) -> str:
-    """Return a table of the results on the reference physics."""
-    return table([r for r in Results.read(RESULTS).results if r.physics == "reference"])
+def _results(table: Callable[[Sequence[Result]], str], *names: str) -> str:
+    """Return a table of the results of files on the reference physics."""
+    found = [r for name in names for r in Results.read(RESULTS / f"{name}.json").results]
+    return table([r for r in found if r.physics == "reference"])
 
 
 TABLES: Mapping[str, Callable[[], str]] = {
     "options": options,
     "reward terms": reward_terms,
     "metrics": metrics,
-    "results": lambda: _results(score_table),
-    "aggregates": lambda: _results(aggregate_table),
-    "origin of the results": lambda: _results(origin_table),
+    "results": lambda: _results(score_table, "results"),
+    "aggregates": lambda: _results(aggregate_table, "results"),
+    "held-out results": lambda: _results(score_table, "held_out"),
+    "held-out aggregates": lambda: _results(aggregate_table, "held_out"),
+    "results of the tree": lambda: _results(score_table, "tree"),
+    "origin of the results": lambda: _results(origin_table, "results", "held_out", "tree"),
 }
 """Maker of each table, by its name in a mark."""

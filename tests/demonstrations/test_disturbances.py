@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 
 import gymnasium as gym
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from linear_players import pendulum
 
-from sb3_piano.demonstrations import ActuatorNoise, PerturbedStart
+from sb3_piano.demonstrations import ActuatorNoise, NoisyActions, PerturbedStart
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.wrappers import HandActions, KeyRange
 
@@ -92,6 +93,22 @@ def test_noise_that_cannot_be_added_is_refused(piano):
         ActuatorNoise(piano(), 0.1, math.nan)
     with pytest.raises(ConfigError, match=r"shape \(38,\): expected .* \(39,\)"):
         ActuatorNoise(FewerActions(piano()), 0.1)
+
+
+def commanded(env, seed):
+    """Return what the actuators are told in an episode's first step."""
+    env.reset(seed=seed)
+    env.step(env.unwrapped.rest_action)
+    return env.unwrapped.data.ctrl.copy()
+
+
+def test_noise_goes_by_the_seed_and_a_copy_to_search_in_has_none(piano):
+    env, without = NoisyActions(piano(), 0.01), commanded(piano(), 1)
+    np.testing.assert_array_equal(commanded(env, 1), commanded(env, 1))
+    differences = np.array([commanded(env, seed) - without for seed in (1, 2)])
+    assert (np.abs(differences).max(axis=1) > 0.005).all()
+    assert not np.array_equal(*differences)
+    np.testing.assert_array_equal(commanded(copy.deepcopy(env), 1), without)
 
 
 def start(env, seed):

@@ -70,6 +70,19 @@ def _array(content: bytes) -> npt.NDArray[Any]:
     return np.ndarray(shape, dtype, content, start, order=order).copy()
 
 
+def in_order(content: bytes) -> bytes:
+    """Return a safetensors file with its metadata sorted, so that equal ones have equal bytes.
+
+    The library writes them in another order each time.
+    """
+    start = 8 + int.from_bytes(content[:8], "little")
+    header = json.loads(content[8:start])
+    header = {**header, "__metadata__": dict(sorted(header.get("__metadata__", {}).items()))}
+    text = json.dumps(header, ensure_ascii=False, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 8)  # as the numbers behind it are aligned
+    return len(text).to_bytes(8, "little") + text + content[start:]
+
+
 def read_shapes(path: str | os.PathLike[str]) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the tensors in a safetensors file, of which only the header is read.
 

@@ -11,9 +11,14 @@ import errno
 import re
 from collections.abc import Iterable
 
+from sb3_piano.text import told
+
 
 class SB3PianoError(Exception):
-    """Root of all errors raised on purpose by this package."""
+    """Root of all errors raised on purpose by this package, whose message is one line."""
+
+    def __str__(self) -> str:
+        return told(super().__str__())
 
 
 class ScoreError(SB3PianoError, ValueError):
@@ -62,7 +67,8 @@ class RunError(SB3PianoError, RuntimeError):
 
 def one_line(error: BaseException) -> str:
     """Return what an error of another library says, for a message of ours: never empty."""
-    return " ".join(str(error).split()) or type(error).__name__
+    said = str(error).partition("\nException raised from ")[0]  # torch's, a stack of C++
+    return " ".join(said.split()) or type(error).__name__
 
 
 def install_command(extra: str = "") -> str:

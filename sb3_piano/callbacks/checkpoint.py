@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import pickle
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -122,7 +123,7 @@ class Checkpoint:
         copies = {self.model: copy, self.vec_normalize: copy.with_name("vecnormalize.pkl")}
         for name, path in copies.items():
             content = None if name is None else (folder / name).read_bytes()
-            if content is not None and not (path.is_file() and path.read_bytes() == content):
+            if content is not None and not (os.path.isfile(path) and path.read_bytes() == content):
                 write_bytes(path, content)
 
     @classmethod
@@ -136,7 +137,7 @@ class Checkpoint:
         saved = read_json(path, cls, "expected the file that ResumableCheckpoint wrote.")
         if saved is None:
             return None
-        missing = sorted(name for name in saved.files if not (folder / name).is_file())
+        missing = sorted(name for name in saved.files if not os.path.isfile(folder / name))
         if missing:
             raise RunError(
                 f"Checkpoint '{path}' names '{missing[0]}', which is not there: expected all "

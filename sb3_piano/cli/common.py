@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from sb3_piano.exceptions import ConfigError, SB3PianoError
 from sb3_piano.hyperparams import NAMED
+from sb3_piano.text import escaped
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -236,7 +237,7 @@ def add_row(table: Table, *cells: str, style: str = "") -> None:
     """Add a row of plain text, in which no markup is looked for."""
     from rich.text import Text
 
-    table.add_row(*(Text(cell, style=style) for cell in cells))
+    table.add_row(*(Text(escaped(cell), style=style) for cell in cells))
 
 
 def print_table(table: Table) -> None:

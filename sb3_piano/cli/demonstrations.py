@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import re
 import shlex
 from collections import defaultdict
@@ -112,7 +113,7 @@ def _record(arguments: argparse.Namespace) -> int:
             env,
             default_id if arguments.out is None else arguments.out,
             episodes=arguments.episodes,
-            noise=arguments.noise or ([0.0] if Path(arguments.what).is_dir() else _NOISE),
+            noise=arguments.noise or ([0.0] if os.path.isdir(arguments.what) else _NOISE),
             seed=arguments.seed,
             overwrite=arguments.overwrite,
             policy_name=default_id.rpartition("/")[2].partition("-v")[0],
@@ -132,7 +133,7 @@ def _player(
     from sb3_piano.training.playing.player import run_to_record, titles_of_copies
 
     what = arguments.what
-    if Path(what).is_dir():
+    if os.path.isdir(what):
         reason = f"with the run '{what}': its own model plays in its own environment."
         refuse_options(arguments, ("set", "policy", "weights", "fingering"), reason)
         with run_to_record(what, best=arguments.best, start=arguments.start) as found:
@@ -161,7 +162,7 @@ def _new_env(arguments: argparse.Namespace, player: str) -> gym.Env[Any, Any]:
 
     env_id, options = where_played(arguments.what)
     if "score" in options and is_path(options["score"]):
-        options["score"] = str(Path(options["score"]).resolve())  # the data set lies elsewhere
+        options["score"] = os.path.realpath(options["score"])  # the data set lies elsewhere
     options |= _OBSERVED
     if player == "sight-reader":  # which knows no other
         options["reduced_action_space"] = False
@@ -169,7 +170,7 @@ def _new_env(arguments: argparse.Namespace, player: str) -> gym.Env[Any, Any]:
     if arguments.fingering is not None:
         options["fingering"] = arguments.fingering
         if arguments.fingering not in FINGERINGS:
-            options["fingering"] = str(Path(arguments.fingering).resolve())
+            options["fingering"] = os.path.realpath(arguments.fingering)
     config = PlannedConfig(algo=player, env_id=env_id, env_kwargs=options)
     return env_to_record(config, arguments.start)
 

@@ -11,7 +11,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, TextIO
 
 import sb3_piano
 from sb3_piano.cli.common import (
@@ -30,6 +30,7 @@ from sb3_piano.exceptions import (
     one_line,
 )
 from sb3_piano.interrupts import ended_as_by_ctrl_c
+from sb3_piano.text import escaped, told
 
 _COMMANDS = {
     "train": ("train:add_arguments", "train a model, or go on training one"),
@@ -81,6 +82,22 @@ _LONGEST = 200
 _OURS = (PlanWarning, ScoreWarning)
 
 
+class _PlainText:
+    """A stream that shows titles and names of files with what a terminal would obey in them.
+
+    Rich, whose colours it would show as well, writes to the stream itself.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self.rich_proxied_file = stream
+
+    def write(self, text: str) -> int:
+        return self.rich_proxied_file.write(escaped(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.rich_proxied_file, name)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line.
 
@@ -94,6 +111,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if argv is None else argv
     if isinstance(sys.stdout, io.TextIOWrapper):  # a title in other letters must not end a command
         sys.stdout.reconfigure(errors="backslashreplace")
+    with (
+        contextlib.redirect_stdout(_plain(sys.stdout)),
+        contextlib.redirect_stderr(_plain(sys.stderr)),
+    ):
+        return _run(_parser(given).parse_args(given))
+
+
+def _plain(stream: TextIO | None) -> Any:
+    return None if stream is None else _PlainText(stream)  # it may be closed
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    """Run a command, and tell what went wrong."""
     try:
         arguments = _parser(given).parse_args(given)
         for option in ("csv", "json"):
@@ -163,7 +193,7 @@ def _threads_told() -> Iterator[None]:
 @contextlib.contextmanager
 def _warnings_told() -> Iterator[None]:
     """Tell what was left out of a file and what cannot be played in plain words, and once."""
-    told: set[str] = set()
+    known: set[str] = set()
     with warnings.catch_warnings():
         others = warnings.showwarning
 
@@ -172,9 +202,9 @@ def _warnings_told() -> Iterator[None]:
         ) -> None:
             if not issubclass(category, _OURS):
                 others(message, category, *place, **options)
-            elif str(message) not in told:
-                told.add(str(message))
-                print(f"sb3-piano: warning: {message}", file=sys.stderr)
+            elif (text := told(str(message))) not in known:
+                known.add(text)
+                print(f"sb3-piano: warning: {text}", file=sys.stderr)
 
         warnings.showwarning = show
         for category in _OURS:

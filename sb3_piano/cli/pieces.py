@@ -28,6 +28,7 @@ from sb3_piano.cli.common import (
 )
 from sb3_piano.cli.rank import in_collection, piece_of
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
+from sb3_piano.text import printable
 
 if TYPE_CHECKING:
     from sb3_piano.music import Note, Piece, Score
@@ -194,9 +195,9 @@ def _tell(piece: Piece, score: Score) -> None:
         facts["Kept in"] = str(library.path(piece.name))
         facts["From"] = info.path or "elsewhere"
         facts["SHA-256"] = info.sha256 or "unknown"
-    print(piece.title)
+    print(printable(piece.title))
     for name, text in facts.items():
-        print(f"{name + ':':<11} {text}")
+        print(f"{name + ':':<11} {printable(text)}")
 
 
 def _beginning(score: Score, n_bars: int) -> list[list[Note]]:

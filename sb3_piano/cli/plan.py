@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sb3_piano.cli.common import (
@@ -57,7 +57,7 @@ def _plan(arguments: argparse.Namespace) -> int:
     from sb3_piano.training.playing.takes import plan_run
     from sb3_piano.training.runs.folder import RunFolder
 
-    if Path(arguments.what).is_dir():
+    if os.path.isdir(arguments.what):
         if arguments.refine is None:
             raise ConfigError(
                 f"'{arguments.what}' is a folder: expected a piece, or --refine MINUTES to refine "

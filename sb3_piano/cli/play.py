@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import sys
 import webbrowser
@@ -171,14 +172,14 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
         arguments.what, arguments.out = exported_folder(arguments.what), arguments.out or place
     what, physics = arguments.what, arguments.physics
     if arguments.planned or arguments.player is not None:
-        if Path(what).is_dir():
+        if os.path.isdir(what):
             reason = f"with the run '{what}': its own model plays."
             refuse_options(arguments, ("player", "planned"), reason, "Expected a piece.")
         _check_piece(arguments, "score", "best")
         return _played_take(arguments)
     instead = "expected --planned or --player, too, and a piece."
     refuse_options(arguments, PLAYER_OPTIONS[1:], "without --planned:", instead)
-    if Path(what).is_dir():
+    if os.path.isdir(what):
         score = None if arguments.score is None else load_score(arguments.score)
         take = take_of_run(
             what,
@@ -198,7 +199,7 @@ def _check_piece(arguments: argparse.Namespace, *of_runs: str) -> None:
     from sb3_piano.music import is_path
 
     what = arguments.what
-    if is_path(what) and not Path(what).exists():
+    if is_path(what) and not os.path.exists(what):
         raise ConfigError(
             f"Nothing to play: there is no {what!r}. Expected the folder of a run, a file such as "
             "a MIDI file, or the name of a piece (see 'sb3-piano pieces list')."
@@ -282,7 +283,7 @@ def _report(arguments: argparse.Namespace) -> int:
     from sb3_piano.training import write_piece_report, write_report
 
     check_output_file("--out", arguments.out)
-    if Path(arguments.what).is_dir():
+    if os.path.isdir(arguments.what):
         path = write_report(
             arguments.what,
             arguments.out,

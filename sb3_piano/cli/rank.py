@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import functools
+import os
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -21,6 +22,7 @@ from sb3_piano.cli.common import (
     tracked,
 )
 from sb3_piano.exceptions import ConfigError
+from sb3_piano.text import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -98,7 +100,7 @@ def piece_of(text: str) -> Piece:
         return find_piece(text)
     return Piece(
         name=text,
-        title=Path(text).stem,
+        title=printable(Path(text).stem),
         collection=_NO_COLLECTION,
         source=text,
         fingering="as in the file",
@@ -160,7 +162,7 @@ def _recorded(
 
 def _motion_files(paths: Sequence[Path]) -> Iterator[Path]:
     for path in paths:
-        files = sorted(path.rglob("performance_*.npz")) if path.is_dir() else [path]
+        files = sorted(path.rglob("performance_*.npz")) if os.path.isdir(path) else [path]
         if not files:
             raise ConfigError(
                 f"--motion '{path}' has no recorded performance: expected a folder with files that "
@@ -185,7 +187,7 @@ def _show_ranks(rows: Sequence[_Row], *, with_motion: bool) -> None:
 
 
 def _fingering(arguments: argparse.Namespace) -> int:
-    folders = [name for name in arguments.pieces if Path(name).is_dir()]
+    folders = [name for name in arguments.pieces if os.path.isdir(name)]
     if folders and len(arguments.pieces) > 1:
         raise ConfigError(
             f"Folder '{folders[0]}' is given with other pieces: expected one folder alone, or "

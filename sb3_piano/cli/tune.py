@@ -11,6 +11,7 @@ from sb3_piano.cli.common import (
     EXIT_ERROR,
     EXIT_INTERRUPTED,
     EXIT_OK,
+    TRUST,
     add_piece_arguments,
     adder,
     command,
@@ -36,7 +37,7 @@ _STORAGE_HELP = "a database, such as postgresql+psycopg://user@host/name"
 
 def add_arguments(parser: Any) -> None:
     """Add the arguments of the command."""
-    add = command(parser, _tune, description=_DESCRIPTION)
+    add = command(parser, _tune, description=_DESCRIPTION, epilog=TRUST)
     add("--algo", "NAME", "td3 (default), sac, tqc, ...", default="td3")
     add_piece_arguments(add)
     add("--config", text="settings to depart from; default: the preset")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
@@ -155,7 +155,7 @@ class Player:
         Raises:
             ConfigError: If there is none.
         """
-        if Path(text).is_dir():
+        if os.path.isdir(text):
             return cls(name=text, arguments={})
         name, _, rest = text.partition(":")
         if name not in PLAYERS:

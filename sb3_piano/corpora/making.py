@@ -101,7 +101,7 @@ def record_corpus(
     with owned, stop_on_signal() as request:
         inputs = _inputs(config)
         file, settings = place / _CONFIG, {**config.to_mapping(), "files": inputs}
-        theirs = read_yaml_mapping(file) if file.is_file() else None
+        theirs = read_yaml_mapping(file) if os.path.isfile(file) else None
         begin_or_go_on(file, "corpus", settings, theirs, config.seed)
         make_folder(place / DATA)
         forget_unfinished(place / DATA)
@@ -175,7 +175,7 @@ def _inputs(config: CorpusConfig) -> dict[str, str]:
             files += files_of_a_run(RunFolder.open(player.name))
         elif "model" in player.arguments:
             files.append(_network_file(player.arguments["model"]))
-    return notes | {str(file): file_digest(file) for file in files if file.is_file()}
+    return notes | {str(file): file_digest(file) for file in files if os.path.isfile(file)}
 
 
 def files_of_a_run(run: RunFolder) -> list[Path]:
@@ -190,7 +190,7 @@ def files_of_a_run(run: RunFolder) -> list[Path]:
 def _network_file(text: str) -> Path:
     """Return the file that a text names, or that of the network in the folder that it names."""
     path = Path(text)
-    return path / FILE_NAME if path.is_dir() else path
+    return path / FILE_NAME if os.path.isdir(path) else path
 
 
 def _write_index(place: Path, config: CorpusConfig, shards: Sequence[Shard]) -> None:

@@ -109,7 +109,7 @@ def open_dataset(dataset: MinariDataset | str, root: Path | None = None) -> Mina
     import minari
 
     place = dataset_folder(dataset, root)
-    if not place.is_dir():
+    if not os.path.isdir(place):
         known = "" if root else f" ({', '.join(minari.list_local_datasets()) or 'none'})"
         raise ConfigError(
             f"There is no data set {dataset!r} in '{root or dataset_root()}': expected one of "

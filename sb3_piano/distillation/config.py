@@ -102,7 +102,7 @@ class TeacherSettings:
     """How excerpts are planned: quickly, and by default without ``passes`` of refinement."""
 
     def __post_init__(self) -> None:
-        if self.name != PLANNED and Path(self.name).is_dir():
+        if self.name != PLANNED and os.path.isdir(self.name):
             object.__setattr__(self, "name", _absolute(self.name))
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -57,7 +57,7 @@ def new_teacher(
     if settings.name == PLANNED:
         yield PlannedTeacher(settings.plan, playing, env)
         return
-    if not Path(settings.name).is_dir():
+    if not os.path.isdir(settings.name):
         raise ConfigError(
             f"teacher.name is {settings.name!r}: expected {PLANNED!r}, or the folder of a run."
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import field, replace
 from pathlib import Path
@@ -247,11 +248,11 @@ def _names(source: str) -> tuple[str, ...]:
     if source in named:
         return tuple(named[source]())
     path = Path(source)
-    if path.is_dir():
+    if os.path.isdir(path):
         files = (file for file in path.rglob("*") if file.suffix.lower() in _MIDI)
         seen = (f for f in files if not any(map(is_hidden, f.relative_to(path).parts)))
-        return tuple(sorted(str(file) for file in seen if file.is_file()))
-    if path.is_file() and path.suffix.lower() in READERS:
+        return tuple(sorted(str(file) for file in seen if os.path.isfile(file)))
+    if os.path.isfile(path) and path.suffix.lower() in READERS:
         # With a separator it is taken for a path wherever a piece may be given.
         return (str(path.absolute()),)
     raise ConfigError(

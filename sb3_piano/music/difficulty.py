@@ -240,7 +240,7 @@ def read_motion(path: str | os.PathLike[str]) -> MotionRecording:
         ConfigError: If there is no such file, or it is no such recording.
     """
     path = Path(path)
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise ConfigError(f"There is no recording {str(path)!r}: expected an existing .npz file.")
     try:
         arrays: dict[str, Any] = read_arrays(path, _ARRAYS, _MOST_BYTES)

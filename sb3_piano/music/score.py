@@ -12,6 +12,7 @@ from numbers import Integral, Real
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH, UNKNOWN_FINGER
 from sb3_piano.music.note import Note, Pedal, located_note, merge_pedals
+from sb3_piano.text import printable
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -53,7 +54,7 @@ class Score:
         # Written past the frozen dataclass, once, before anybody has seen the object.
         object.__setattr__(self, "notes", tuple(sorted(notes, key=_order)))
         object.__setattr__(self, "pedals", merge_pedals(pedals))
-        object.__setattr__(self, "title", title)
+        object.__setattr__(self, "title", printable(title))
         object.__setattr__(self, "bars", _checked_bars(bars, title))
 
     def __repr__(self) -> str:

@@ -67,7 +67,7 @@ def _selected(entry: Any, folder: Path, known: Mapping[str, Piece]) -> Iterator[
         )
     text = os.fspath(entry)
     if text.endswith(_LIST) and not _WILD & set(text):
-        yield from _listed((folder / Path(text).expanduser()).absolute(), known)
+        yield from _listed(Path(os.path.abspath(folder / os.path.expanduser(text))), known)
     elif not isinstance(entry, str) or is_path(text):
         yield from _files(text, folder)
     elif _WILD & set(text):
@@ -103,7 +103,7 @@ def _named(text: str, known: Mapping[str, Piece]) -> Iterator[str]:
 
 def _files(text: str, folder: Path) -> Iterator[str]:
     """Yield the file at a path, or those that fit a pattern; absolute paths."""
-    path = os.path.abspath(folder / Path(text).expanduser())
+    path = os.path.abspath(folder / os.path.expanduser(text))
     if not _WILD & set(text) or os.path.exists(path):  # a name may have brackets
         yield path
         return

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import re
 import reprlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -22,15 +21,6 @@ def read_whole(text: str) -> int | None:
     Python itself refuses numbers of thousands of digits, with an error that names no file.
     """
     return int(text) if text.isdecimal() and len(text) < 10 else None
-
-
-def readable(name: str) -> str:
-    """Return a name from the file system as text that can be written anywhere.
-
-    Names are bytes there: those of archives may be in another encoding than the system's, for whose
-    bytes Python has lone surrogates.
-    """
-    return re.sub("[\ud800-\udfff]", "\ufffd", name)
 
 
 def is_hidden(name: str) -> bool:

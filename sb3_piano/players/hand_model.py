@@ -15,7 +15,7 @@ import numpy.typing as npt
 import safetensors
 import safetensors.numpy
 
-from sb3_piano.array_files import read_shapes
+from sb3_piano.array_files import in_order, read_shapes
 from sb3_piano.arrays import Float32Array
 from sb3_piano.envs import ObservationLayout, PianoEnv
 from sb3_piano.envs.hand_encoding import CLIP, HandEncoding
@@ -145,7 +145,7 @@ class HandModel:
         Raises:
             ConfigError: If there is no such file, or it holds something else.
         """
-        path = Path(path, FILE_NAME) if Path(path).is_dir() else Path(path)
+        path = Path(path, FILE_NAME) if os.path.isdir(path) else Path(path)
         try:
             read_shapes(path)  # what is no file, or has a header without end, is refused
             with safetensors.safe_open(path, framework="np") as file:
@@ -166,7 +166,7 @@ class HandModel:
         """Write a file that :meth:`load` reads, in place of one that is there."""
         facts = {name: json.dumps(value) for name, value in dataclasses.asdict(self.facts).items()}
         content = safetensors.numpy.save(self.tensors, {"format": FORMAT, **facts})
-        write_bytes(Path(path), content)
+        write_bytes(Path(path), in_order(content))
 
     def act(self, observation: npt.NDArray[np.floating]) -> Float32Array:
         """Return the action of the h hands that are there, (h k,) in [-1, 1].

@@ -114,7 +114,7 @@ def player_digest(player: str) -> str | None:
             return None
         weights = resources.files("sb3_piano.players") / "sight_reader.safetensors"
         return hashlib.sha256(weights.read_bytes()).hexdigest()
-    if not Path(player).is_dir():
+    if not os.path.isdir(player):
         raise ConfigError(
             f"There is no player {player!r}: expected one of {', '.join(PLAYERS)}, or the folder "
             "of a run."

@@ -70,7 +70,7 @@ class SweepConfig:
         played: list[tuple[str, str, dict[str, Any]]] = [(env, env, {}) for env in self.envs]
         for piece in select_pieces(self.pieces) if self.pieces else ():
             text = str(piece)
-            text = str(Path(text).resolve()) if is_path(text) else text
+            text = os.path.realpath(text) if is_path(text) else text
             played.append((Path(text).stem, GENERAL_ID, {"score": text}))
         found: dict[tuple[str, int], RunConfig] = {}
         grid = itertools.product(self.algos, played, self.variants.items(), self.seeds)

@@ -173,7 +173,7 @@ def load_space(sources: Sequence[str | os.PathLike[str]], algo: str) -> Space:
 
 
 def _read(path: Path) -> Space:
-    if not path.suffix and not path.exists():
+    if not path.suffix and not os.path.exists(path):
         raise ConfigError(
             f"Unknown search space '{path}'.{near_names(str(path), SPACES)} Expected one of "
             f"{', '.join(SPACES)}, or a YAML file."

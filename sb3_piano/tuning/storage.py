@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import random
 import time
 import warnings
@@ -27,6 +28,7 @@ from sqlalchemy.exc import (
 )
 
 from sb3_piano.exceptions import ConfigError, RunError, install_command, near_names
+from sb3_piano.files import read_file
 from sb3_piano.links import check_inside, make_folder
 from sb3_piano.tuning.study import Search, StudyConfig, StudyFolder, make_pruner
 from sb3_piano.tuning.trials import ORIGIN, PRESET, PRESET_IN_PART, retry_callback
@@ -37,6 +39,9 @@ GRACE_PERIOD = 120
 """Seconds since the last one after which its process counts as gone."""
 CONNECT_TIMEOUT = 10
 """Seconds after which a host that does not answer counts as unreachable."""
+
+_MOST_BYTES = 2**30
+"""Most bytes of a journal."""
 
 _EXAMPLE = "postgresql+psycopg://user@host/name"
 _IDENTITY = "identity"
@@ -75,13 +80,16 @@ def _open_journal(file: Path) -> JournalStorage:
     try:
         make_folder(file.parent)
         check_inside(file)
-        return JournalStorage(JournalFileBackend(str(file.resolve())))
+        if file.exists():
+            for line in read_file(file, _MOST_BYTES).splitlines():
+                json.loads(line)  # Optuna passes over the last one, and stumbles when it goes on
+        return JournalStorage(JournalFileBackend(os.path.realpath(file)))
     except OSError as error:
         raise RunError(
             f"'{file}' cannot be read and written: {error.strerror}. Expected a place in which "
             "files can be made."
         ) from error
-    except (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError):
+    except Exception:  # Optuna takes it for its own, and a damaged one fails in any way
         raise RunError(
             f"'{file}' is damaged: expected a journal of Optuna, whose lines are JSON. A copy "
             "without the damaged lines may still be of use."

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import os
 import typing
 import warnings
 from collections.abc import Mapping
@@ -130,7 +131,7 @@ class StudyConfig:
         kwargs = json.loads(json.dumps(dict(self.config.env_kwargs)))
         for option in FILE_OPTIONS:
             file = kwargs.get(option)
-            if isinstance(file, str) and Path(file).is_file():
+            if isinstance(file, str) and os.path.isfile(file):
                 kwargs[option] = f"sha256 {hashlib.sha256(Path(file).read_bytes()).hexdigest()}"
                 mapping["entry"]["env_kwargs"] = kwargs
         return mapping

@@ -109,7 +109,7 @@ def tune(
     place = StudyFolder(Path(folder))
     keep_inside(place.path)
     check_space(config.space, config.algo, config.env_id, config.entry)
-    name = place.path.resolve().name if name is None else name
+    name = Path(os.path.realpath(place.path)).name if name is None else name
     with _owned(place, embedded=storage is None):
         store = open_storage(storage, place)
         study = open_study(config, store, name=name, search=search)

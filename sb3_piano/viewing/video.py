@@ -156,7 +156,7 @@ def _check(fps: float, audio: str | os.PathLike[str] | None, size: tuple[int, in
         raise ConfigError(f"fps is {fps}: expected more than 0, up to 1000 pictures per second.")
     if any(length < 2 or length % 2 for length in size):
         raise ConfigError(f"size is {size[0]}x{size[1]}: expected even numbers of pixels.")
-    if audio is not None and not Path(audio).is_file():
+    if audio is not None and not os.path.isfile(audio):
         raise ConfigError(f"audio is '{os.fspath(audio)}': expected a sound file.")
 
 

@@ -71,7 +71,7 @@ def test_an_environment_without_entry_is_answered_with_the_nearest_one():
         ("default: {gamma: 0.9}", "entry 'default': n_timesteps is missing"),
         ("Pendulum-v1: {n_timesteps: 5, gama: 1}", "entry 'Pendulum-v1': Unknown key 'gama' for"),
         ("default: {n_timesteps: 5, tau: low}", "a.yml', entry 'default': tau is 'low': expected"),
-        ("default: {n_timesteps: 5, 3: 4}", "entry 'default': algorithm_kwargs is .* from names"),
+        ("default: {n_timesteps: 5, 3: 4}", r"a\.yml' has the key 3: expected text"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_named_with_the_reason(tmp_path, content, message):
@@ -119,3 +119,30 @@ def test_a_preset_loads_for_our_environments_with_the_published_values(algo):
         "sb3_piano.callbacks.F1Callback",
         {"eval_freq": 10000},
     )
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ("5: 1", "key 5: expected text"),
+        ("a: {yes: 1}", "key True: expected text"),
+        ("a: &a [*a]", "nested without end"),
+        ("a: &a [1, 1]\n" + "b: &b [*a, *a]\nc: &a [*b, *b]\n" * 20, "nested without end"),
+        ("a: " + "[" * 100_000, "nested deeper than 50 levels"),
+        ("a: " + "- " * 5000, "not valid YAML"),
+        ("a: " + "x" * 2**21, "more than 2097152 bytes"),
+    ],
+    ids=range(7),
+)
+def test_what_cannot_be_settings_is_refused_in_a_line(tmp_path, content, told):
+    file = tmp_path / "file.yml"
+    file.write_text(content)
+    with pytest.raises(ConfigError, match=told) as caught:
+        load_config("td3", "Pendulum-v1", file)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 1500
+
+
+def test_a_list_is_no_file():
+    with pytest.raises(ConfigError, match=r"config is \[1\]: expected a YAML file"):
+        load_config("td3", "Pendulum-v1", [1])

@@ -34,7 +34,7 @@ from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_name, pitch_number
 from sb3_piano.music.score import Score
-from sb3_piano.music.text_file import read_field, read_text, read_whole, readable
+from sb3_piano.music.text_file import read_field, read_text, read_whole
 
 TOLERANCE = 0.05
 """Largest distance of a label's onset from its note's, in s, unless one says otherwise; as in the
@@ -104,7 +104,7 @@ def _read_table(path: Path) -> Score:
         ) from error
     if not notes:
         raise ScoreError(f"Table {str(path)!r} has no labels: expected lines below its first one.")
-    return Score(notes=notes, title=readable(path.stem))
+    return Score(notes=notes, title=path.stem)
 
 
 def _checked_columns(names: Iterable[str], path: Path) -> list[str]:

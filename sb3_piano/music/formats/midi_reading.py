@@ -24,7 +24,7 @@ from sb3_piano.music.formats.midi_hands import MidiNote, MidiTrack, hands_of_tra
 from sb3_piano.music.hands import HANDS, Hand, finger_of
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.score import Score
-from sb3_piano.music.text_file import readable, reading
+from sb3_piano.music.text_file import reading
 
 SUSTAIN_CONTROLLER = 64
 """Number of the sustain pedal among the MIDI controllers."""
@@ -130,7 +130,7 @@ def read_midi(path: str | os.PathLike[str]) -> Score:
     return Score(
         notes=notes,
         pedals=[Pedal(onset=down, offset=up) for down, up in presses if up > down],
-        title=readable(path.stem),
+        title=path.stem,
         bars=[line for line in bars if line < end],
     )
 

@@ -22,7 +22,7 @@ from sb3_piano.music.hands import HANDS, finger_number, finger_of, likely_hand
 from sb3_piano.music.note import Note, located_note
 from sb3_piano.music.pitch import pitch_name, pitch_number
 from sb3_piano.music.score import Score
-from sb3_piano.music.text_file import read_field, read_text, readable
+from sb3_piano.music.text_file import read_field, read_text
 
 _FIELDS = "id, onset, offset, pitch, onset velocity, offset velocity, channel, finger"
 _FINGER = re.compile(r"(-?)([0-5])(_(-?[0-5])?)*")
@@ -63,7 +63,7 @@ def read_pig(path: str | os.PathLike[str], *, shortest: float = 0.0) -> Score:
             f"{_FIELDS}."
         )
     left_out.warn(path)
-    return Score(notes=notes, title=readable(path.stem))
+    return Score(notes=notes, title=path.stem)
 
 
 def looks_like_pig(head: bytes) -> bool:

@@ -24,8 +24,8 @@ from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
 from sb3_piano.music.formats import read_score
 from sb3_piano.music.library.store import Library
 from sb3_piano.music.score import Score
-from sb3_piano.music.text_file import readable
 from sb3_piano.processes import share_temporary_folder
+from sb3_piano.text import printable
 
 _KILLED = "the process that read it was killed; is there memory enough?"
 
@@ -195,8 +195,8 @@ def _import(task: ImportTask, library: Library) -> str | None:
     except ScoreError as error:
         return str(error)
     known: dict[str, Any] = {
-        "title": task.title or readable(task.path.stem),
-        "source": readable(task.source),
+        "title": printable(task.title or task.path.stem),
+        "source": printable(task.source),
         "fingering": _who_chose(read, score, task),
         "path": str(task.path.absolute()),
         "sha256": task.sha256,

@@ -59,12 +59,14 @@ def parse_zoo_text(text: str) -> Any:
     {'net_arch': [64, 64], 'n_critics': 2}
     """
     try:
-        tree = ast.parse(text.strip(), mode="eval")
-    except (SyntaxError, ValueError) as error:
+        parsed = _parsed(ast.parse(text.strip(), mode="eval").body, text)
+    except ConfigError:
+        raise
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:  # the last: too deep
         raise ConfigError(
             f"{text!r} is no Python expression ({error}): expected text like {_EXAMPLE!r}."
         ) from error
-    return _parsed(tree.body, text)
+    return parsed
 
 
 def _parsed(node: ast.expr, text: str) -> Any:

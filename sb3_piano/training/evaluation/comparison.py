@@ -315,15 +315,15 @@ _OneOrSeveral = Annotated[list[SavedEpisodes], BeforeValidator(_evaluations)]
 def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
     """Return the episodes of an evaluation's JSON file, of a run, or of a folder of runs."""
     path = Path(source)
-    if path.is_file():
+    if os.path.isfile(path):
         return _read_file(path)
-    if not path.is_dir():
+    if not os.path.isdir(path):
         raise RunError(
             f"There is no '{path}': expected a JSON file of 'sb3-piano evaluate --json', the "
             "folder of an evaluated run, or a folder of such runs."
         )
     runs = [RunFolder(path)]
-    if not runs[0].config_file.is_file():
+    if not os.path.isfile(runs[0].config_file):
         runs = [RunFolder(config.parent) for config in sorted(path.glob("*/config.yml"))]
     if not runs:
         raise RunError(
@@ -332,7 +332,7 @@ def read_episodes(source: str | os.PathLike[str]) -> list[SavedEpisodes]:
         )
     files = [run.evaluation_dir / "metrics.json" for run in runs]
     for run, file in zip(runs, files, strict=True):
-        if not file.is_file():
+        if not os.path.isfile(file):
             raise RunError(
                 f"Run '{run.path}' has no evaluation: expected evaluation/metrics.json. To make "
                 f"it: sb3-piano evaluate {shlex.quote(str(run.path))}"

@@ -114,7 +114,7 @@ def evaluate_runs(
     seeds = _checked(seeds, episodes)
     runs = [Path(folder) for folder in folders]
     for run in runs:
-        if [other.resolve() for other in runs].count(run.resolve()) > 1:
+        if list(map(os.path.realpath, runs)).count(os.path.realpath(run)) > 1:
             raise ConfigError(f"Run '{run}' is given twice: expected each run once.")
     given: Sequence[Score | None] = _distinct(scores) or [None]
     found: list[Evaluation] = []

@@ -182,7 +182,7 @@ def where_played(what: str) -> tuple[str, dict[str, Any]]:
     """Return the environment that plays a piece, a file or is named itself, and its options."""
     if what in gym.registry:
         return what, {}
-    if is_path(what) and not Path(what).exists():
+    if is_path(what) and not os.path.exists(what):
         raise ConfigError(
             f"There is no {what!r}: expected an environment's id, a file such as a MIDI file, or "
             "the name of a piece (see 'sb3-piano pieces list')."

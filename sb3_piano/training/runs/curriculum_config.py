@@ -307,7 +307,7 @@ def load_curriculum(path: str | os.PathLike[str]) -> Curriculum:
             out of range.
     """
     place = Path(path)
-    file = place / CURRICULUM_FILE if place.is_dir() else place
+    file = place / CURRICULUM_FILE if os.path.isdir(place) else place
     try:
         mapping = {"name": file.stem, **read_yaml_mapping(file)}
         return Curriculum.from_mapping(mapping, file.parent.absolute())
@@ -355,7 +355,7 @@ def _stage(keys: dict[str, Any], folder: Path | None) -> Stage:
         options = coerce_mapping(stage.settings["env_kwargs"], "env_kwargs")
         for name in FILE_OPTIONS:
             text = options.get(name)
-            if isinstance(text, str) and (folder / text).is_file():
+            if isinstance(text, str) and os.path.isfile(folder / text):
                 options[name] = _located(text, folder)
         changed["settings"] = {**stage.settings, "env_kwargs": options}
     return dataclasses.replace(stage, **changed)
@@ -363,4 +363,4 @@ def _stage(keys: dict[str, Any], folder: Path | None) -> Stage:
 
 def _located(text: Any, folder: Path) -> str:
     """Return a path that begins at a folder as an absolute one."""
-    return os.path.abspath(folder / Path(text).expanduser())
+    return os.path.abspath(folder / os.path.expanduser(text))

@@ -53,7 +53,7 @@ def load_fine_tuning(
     """
     refuse_unknown([algo], FINE_TUNING, "algorithm for fine-tuning")
     folder = Path(player)
-    of_run = folder.is_dir() and not (folder / FILE_NAME).is_file()
+    of_run = os.path.isdir(folder) and not os.path.isfile(folder / FILE_NAME)
     base = RunFolder.open(folder).read_config() if of_run else None
     if env_id is None and base is None:
         raise ConfigError(

@@ -152,10 +152,10 @@ class RunFolder:
     def open(cls, path: str | os.PathLike[str]) -> RunFolder:
         """Return the folder of a run, which has to be there."""
         folder = cls(Path(path))
-        if not folder.path.is_dir():
+        if not os.path.isdir(folder.path):
             raise RunError(f"There is no folder '{folder.path}': {_EXPECTED}.")
         folder._check_finished()
-        if not folder.config_file.is_file():
+        if not os.path.isfile(folder.config_file):
             raise RunError(f"'{folder.path}' is no run, it has no config.yml: {_EXPECTED}.")
         keep_inside(folder.path)
         return folder
@@ -214,7 +214,7 @@ class RunFolder:
             ConfigError: If they are damaged, or name anything else.
             RunError: If an exported run would have to be unpickled.
         """
-        if not (self.weights_file.is_file() if exported is None else exported):
+        if not (os.path.isfile(self.weights_file) if exported is None else exported):
             return self._read_config()
         with known_packages_only():
             config = self._read_config()
@@ -226,7 +226,7 @@ class RunFolder:
                             import_name(text)
                     except ConfigError as error:
                         raise ConfigError(f"'{self.config_file}': {error}") from error
-            if not self.weights_file.is_file():
+            if not os.path.isfile(self.weights_file):
                 raise RunError(
                     f"'{self.path}' has no {self.weights_file.name}, and its model could only be "
                     "unpickled: expected a folder that 'sb3-piano export' wrote. Of people whom "
@@ -255,7 +255,10 @@ class RunFolder:
         except ConfigError as error:
             raise ConfigError(f"'{self.config_file}': {error}") from error
         found = {name: self.path / file for name, file in named_files(config).items()}
-        there = {n: path.is_dir() if n == BASE else path.is_file() for n, path in found.items()}
+        there = {
+            n: os.path.isdir(path) if n == BASE else os.path.isfile(path)
+            for n, path in found.items()
+        }
         return _with_files(config, {n: str(path) for n, path in found.items() if there[n]})
 
     def write_config(self, config: PlayConfig) -> None:
@@ -286,7 +289,7 @@ class RunFolder:
     def _found(self, piece: Any) -> Any:
         """Return the path of a piece that is in the folder, all else as it is."""
         inside = self.path.absolute() / str(piece)
-        return str(inside) if inside.is_file() else piece
+        return str(inside) if os.path.isfile(inside) else piece
 
     def _relative(self, piece: str) -> str:
         """Return a path relative to the folder if it is in it, all else as it is."""
@@ -310,8 +313,8 @@ class RunFolder:
         for option, text in named_files(config).items():
             file = Path(text)
             if option == MODEL:
-                file = Path(file, HAND_FILE) if file.is_dir() else file
-            if not (file.suffix and file.is_file()):
+                file = Path(file, HAND_FILE) if os.path.isdir(file) else file
+            if not (file.suffix and os.path.isfile(file)):
                 if option != "score" or text not in library:
                     continue
                 file = library.path(text)
@@ -326,7 +329,7 @@ class RunFolder:
 def _origin(option: str, file: Path) -> str:
     """Return where a file comes from, through the folders of runs that copied it."""
     run = RunFolder(file.parent)
-    if run.config_file.is_file() and file.stem == option:
+    if os.path.isfile(run.config_file) and file.stem == option:
         return str(run.read_provenance().get(f"{option}_file", file))
     return str(file)
 
@@ -399,14 +402,14 @@ def _go_on(run: RunFolder) -> str:
         algo = read_yaml_mapping(run.config_file).get("algo")
     if algo == "planned":
         return f" To refine the plan of that run: sb3-piano plan {path} --refine MINUTES"
-    if algo in PLANNERS or run.weights_file.exists():
+    if algo in PLANNERS or os.path.exists(run.weights_file):
         return ""
     return f" To go on with that run: sb3-piano train --resume {path}"
 
 
 def _check_empty(path: Path) -> None:
     run = RunFolder(path)
-    if run.config_file.exists():
+    if os.path.exists(run.config_file):
         raise RunError(
             f"Folder '{path}' holds a run already: expected a new or empty folder.{_go_on(run)}"
         )

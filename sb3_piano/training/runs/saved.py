@@ -27,7 +27,7 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from sb3_piano.array_files import read_shapes
+from sb3_piano.array_files import in_order, read_shapes
 from sb3_piano.callbacks import Checkpoint
 from sb3_piano.callbacks.checkpoint import SAVED_AFTER
 from sb3_piano.exceptions import RunError, one_line
@@ -239,7 +239,8 @@ def pack_weights(model: BaseAlgorithm, config: RunConfig) -> bytes:
     if normalizer is not None:
         tensors.update(_normalization_tensors(normalizer))
     facts = {**config.labels, "num_timesteps": str(model.num_timesteps)}
-    return safetensors.torch.save(tensors, {**facts, "sha256": _digest(tensors, facts)})
+    content = safetensors.torch.save(tensors, {**facts, "sha256": _digest(tensors, facts)})
+    return in_order(content)
 
 
 def read_weights(path: Path, config: PlayConfig) -> tuple[Tensors, int]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+import re
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +12,7 @@ from typing import Any
 from sb3_piano.exceptions import install_command
 from sb3_piano.files import dump_yaml
 from sb3_piano.players.hand_model import SIGHT_READER
+from sb3_piano.text import printable
 from sb3_piano.training.configuration.config import PlayConfig, RunConfig
 from sb3_piano.training.evaluation.evaluations import Evaluation
 from sb3_piano.training.runs.folder import RunFolder
@@ -36,10 +39,11 @@ def card_of(run: RunFolder, config: PlayConfig, found: Evaluation) -> str:
     front = dump_yaml(_front_matter(config, found, shown))
     onset = f" and onset F1 {found.mean['onset_f1']:.3f}" if "onset_f1" in shown else ""
     says = f", with F1 {found.mean['f1']:.3f}{onset}" if "f1" in shown else ""
+    piece = _markdown(found.piece)
     body = f"""\
-# {config.algo} plays {found.piece}
+# {config.algo} plays {piece}
 
-{_who(config)} that plays *{found.piece}* in
+{_who(config)} that plays *{piece}* in
 `{config.env_id}`{says}.{_steps(config, found)}
 
 ## How well
@@ -74,6 +78,11 @@ FOLDER is this one. No file in it is a pickle, and `load_player` runs no code of
 {_limits(config, found)}
 """
     return f"---\n{front}---\n\n{body}"
+
+
+def _markdown(text: str | None) -> str:
+    """Return text that stands for itself in Markdown, where HTML may stand as well."""
+    return re.sub(r"([\\`*_\[\]|~$])", r"\\\1", html.escape(printable(str(text)), quote=False))
 
 
 def _front_matter(
@@ -161,7 +170,11 @@ def _training(run: RunFolder, config: PlayConfig) -> str:
         return f"None{read if config.algo == SIGHT_READER else ''}."
     notes = run.read_provenance()
     command = notes.get("command")
-    told = "" if not isinstance(command, str) else f"Trained by\n\n```\n{_short(command)}\n```\n\n"
+    told = (
+        ""
+        if not isinstance(command, str)
+        else f"Trained by\n\n```\n{printable(_short(command)).replace('```', '')}\n```\n\n"
+    )
     versions = notes.get("versions")
     known = versions.items() if isinstance(versions, Mapping) else ()
     with_what = ", ".join(f"{name} {version}" for name, version in known) or "unknown versions"
@@ -180,7 +193,11 @@ def _training(run: RunFolder, config: PlayConfig) -> str:
 
 def _short(command: str) -> str:
     """Return a command line without the path of the interpreter that ran it."""
-    words = shlex.split(command)
+    command = printable(command).replace("```", "")
+    try:
+        words = shlex.split(command)
+    except ValueError:  # of a run from elsewhere
+        words = []
     for index, word in enumerate(words):
         if Path(word).name == "sb3-piano" or word in ("sb3_piano", "sb3_piano.cli"):
             return shlex.join(["sb3-piano", *words[index + 1 :]])
@@ -192,7 +209,7 @@ def _limits(config: PlayConfig, found: Evaluation) -> str:
     where = "its physics are those of the environment" if physics is None else f"physics {physics}"
     lines = [
         f"- The figures are of a simulation ({where}); nothing of this was on a real hand.",
-        f"- What was played is {found.piece}. On another piece it was not measured.",
+        f"- What was played is {_markdown(found.piece)}. On another piece it was not measured.",
         "- The policy acts without exploring; what it observes is what the wrappers of "
         "`config.yml` give.",
         "- Rounding differs between processors, so that another machine may play other digits.",

@@ -30,7 +30,7 @@ from sb3_piano.music.formats.musicxml.timing import Timeline, timeline
 from sb3_piano.music.hands import HANDS, Hand, finger_of
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.score import Score
-from sb3_piano.music.text_file import readable, reading
+from sb3_piano.music.text_file import reading
 
 _KEYBOARDS = re.compile(
     r"piano|pno|klavier|clavier|clavecin|cembalo|harpsichord|keyboard|organ|orgel|celesta", re.I
@@ -118,7 +118,7 @@ def _score(parts: Sequence[SourcePart], line: Timeline, path: Path, left_out: Le
     return Score(
         notes=notes,
         pedals=[press for part in parts for press in _presses(part.pedals, line, wait)],
-        title=readable(path.stem),
+        title=path.stem,
         bars=sorted({float(at) for at in lines if float(at) < last}),
     )
 

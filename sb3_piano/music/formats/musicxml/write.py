@@ -174,7 +174,7 @@ def _document(score: Score, tempo: Fraction) -> bytes:
     lines = [measure.start for measure in measures]
     first_voices, struck = _struck(score.notes, note_spans, lines)
     pedals = _pedal_marks(pedal_spans, lines)
-    title = escape("".join(filter(str.isprintable, score.title)))
+    title = escape(score.title)
     texts = [
         f"{_HEAD}<score-partwise><work><work-title>{title}</work-title></work><part-list>"
         '<score-part id="P1"><part-name>Piano</part-name></score-part></part-list><part id="P1">'

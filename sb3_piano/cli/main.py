@@ -111,18 +111,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     given = sys.argv[1:] if argv is None else argv
     if isinstance(sys.stdout, io.TextIOWrapper):  # a title in other letters must not end a command
         sys.stdout.reconfigure(errors="backslashreplace")
+    plain: Any = _PlainText
     with (
-        contextlib.redirect_stdout(_plain(sys.stdout)),
-        contextlib.redirect_stderr(_plain(sys.stderr)),
+        contextlib.redirect_stdout(plain(sys.stdout)),
+        contextlib.redirect_stderr(plain(sys.stderr)),
     ):
-        return _run(_parser(given).parse_args(given))
+        return _run(given)
 
 
-def _plain(stream: TextIO | None) -> Any:
-    return None if stream is None else _PlainText(stream)  # it may be closed
-
-
-def _run(arguments: argparse.Namespace) -> int:
+def _run(given: Sequence[str]) -> int:
     """Run a command, and tell what went wrong."""
     try:
         arguments = _parser(given).parse_args(given)

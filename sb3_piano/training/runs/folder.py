@@ -7,6 +7,7 @@ import itertools
 import os
 import shlex
 import shutil
+import stat
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
@@ -152,7 +153,13 @@ class RunFolder:
     def open(cls, path: str | os.PathLike[str]) -> RunFolder:
         """Return the folder of a run, which has to be there."""
         folder = cls(Path(path))
-        if not os.path.isdir(folder.path):
+        try:
+            there = stat.S_ISDIR(os.stat(folder.path).st_mode)
+        except PermissionError:  # which is told as such
+            raise
+        except (OSError, ValueError):  # there is none, or can be none, of that name
+            there = False
+        if not there:
             raise RunError(f"There is no folder '{folder.path}': {_EXPECTED}.")
         folder._check_finished()
         if not os.path.isfile(folder.config_file):

@@ -224,6 +224,13 @@ class TestTime:
         score = read(tempo(60).replace("/>", f">{swing}</sound>") + music)
         assert [4 * note.onset for note in score.notes] == pytest.approx(onsets)
 
+    def test_tuplets_are_not_swung(self, read):
+        swing = "<swing><first>2</first><second>1</second></swing>"
+        sextuplet = "<time-modification><actual-notes>6</actual-notes></time-modification>"
+        music = note("C4", 2, sextuplet) + note("D4", 2, sextuplet) + note("E4", 2) + note("F4", 2)
+        score = read(tempo(60).replace("/>", f">{swing}</sound>") + music)
+        assert [note.onset for note in score.notes] == pytest.approx([0, 0.5, 1, 5 / 3])
+
     def test_a_rest_or_note_without_duration_is_as_long_as_its_type(self, read):
         triplet = "<actual-notes>3</actual-notes><normal-notes>2</normal-notes>"
         triplet = f"<time-modification>{triplet}</time-modification>"

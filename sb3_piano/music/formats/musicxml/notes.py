@@ -48,6 +48,7 @@ class SourceNote:
         closes: Whether it is a grace note after the last note of its voice in a measure.
         is_staccato: Whether it has a dot or a wedge.
         measure: The measure, counted in the file.
+        in_tuplet: Whether it is one of a triplet or the like.
         doubling: How many semitones from it another note sounds with it; 0 if none does.
     """
 
@@ -66,6 +67,7 @@ class SourceNote:
     closes: bool = False
     is_staccato: bool
     measure: int = 0
+    in_tuplet: bool
     doubling: int = 0
 
 
@@ -110,6 +112,7 @@ def read_note(element: Element, span: tuple[Fraction, Fraction]) -> SourceNote:
         tied_on="start" in ties,
         in_chord=element.find("chord") is not None,
         grace=int(element.find("grace") is not None),
+        in_tuplet=element.find("time-modification") is not None,
         is_staccato=any(element.find(f"notations/articulations/{d}") is not None for d in _DOTS),
     )
 

@@ -160,7 +160,8 @@ class _PartReader:
         ]
         played = self._marks.swings.played
         for note in notes:
-            note.start, note.end = played(note.start), played(note.end)
+            if not note.in_tuplet:
+                note.start, note.end = played(note.start), played(note.end)
         down: Fraction | None = None
         # Where a press follows another, the end of the former may be written after its start.
         for at, kind in sorted(self._pedal_signs, key=lambda sign: (sign[0], sign[1] != "stop")):

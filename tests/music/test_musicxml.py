@@ -1,5 +1,6 @@
 """Reading MusicXML that is written here by hand; a quarter note lasts 0.5 s."""
 
+import warnings
 import zipfile
 
 import pytest
@@ -313,6 +314,90 @@ class TestRepeats:
         da_capo = direction("<words>D.C. al Fine</words>", '<sound dacapo="yes"/>')
         music = [note("C4", 16) + fine + self.BACK, note("D4", 16) + da_capo]
         assert pitches(read(*music)) == [0, 0, 2, 0]
+
+
+FORTH, BACK = '<repeat direction="forward"/>', '<repeat direction="backward"/>'
+
+
+def bars(text):
+    """Return measures of "C |: D [1. E :| [2. F] |": whole notes between signs and words."""
+    made = []
+    for word in text.split():
+        if word[0] in "[(|":
+            left = "" if word != "|:" else FORTH
+            number = word[1:].rstrip(".")
+            left = f'<ending number="{number}" type="start"/>' if word[0] == "[" else left
+            sound = word[1:-1] if word[0] == "(" else ""
+            made.append([left, "", sound, ""])
+        elif word[0] in ":]":
+            made[-1][3] += '<ending number="1" type="stop"/>' if "]" in word else ""
+            times = word.strip(":|]")
+            back = BACK.replace("/>", f' times="{times}"/>' if times else "/>")
+            made[-1][3] += back if ":" in word else ""
+        elif word[0] == "<":
+            made[-1][2] = f"{made[-1][2]}>{word[1:-1]}"
+        elif made and not made[-1][1]:
+            made[-1][1] = word
+        else:
+            made.append(["", word, "", ""])
+    return [_bar(*each) for each in made]
+
+
+def _bar(left, name, signs, right):
+    before, _, after = signs.partition(">")
+    music = _sign(before) + note(f"{name}4", 16) + _sign(after)
+    music = f'<barline location="left">{left}</barline>' * bool(left) + music
+    return music + f'<barline location="right">{right}</barline>' * bool(right)
+
+
+def _sign(text):
+    """Return the sign of "coda=x", which is declared, or of "To_Coda", which is printed."""
+    kind, equals, name = text.partition("=")
+    words = f"<words>{text.replace('_', ' ')}</words>"
+    return direction(words if not equals else "<words/>", equals and f'<sound {kind}="{name}"/>')
+
+
+class TestOrder:
+    @pytest.mark.parametrize(
+        ("written", "order"),
+        [
+            ("C :| D :|", "CCDD"),
+            ("|: C |: D :| E :|", "CDDECDDE"),
+            ("|: C D :3| E", "CDCDCDE"),
+            ("C [1. D ]:| [2. E ]:| [3. F ] A", "CDCECFA"),
+            ("C [1,3. D ]:| [2. E ]:| F", "CDCECDF"),
+            ("C [1,2. D ]:| E", "CDCDCE"),
+            ("C [1-2. D ]:| [2-3. E ]:| [9. F ]", "CDCDCECECF"),
+            ("C [I-II. D ]:| [III. E ]", "CDCDCE"),
+            ("C [2. D ]:| [1. E ]", "CDCE"),
+            ("C [1. D E :| [2. F A", "CDECFA"),
+            ("C [1. D ] E :| [2. F ]", "CDECF"),
+            ("A |: C [1. D ]:| [2. E |: F ]:| B", "ACDCEFFB"),
+            ("|: A |: C [1. D ]:| E :| F", "ACDCEACDCEF"),
+            ("C [1. D :| E ]:| [2. F ]", "CDDECF"),
+            ("C D :| E <D.C.> F", "CDCDECDEF"),
+            ("C (Coda) D <D.S.>", "CD"),
+            ("C (Segno) D <D.S._al_Coda> (Coda) E", "CDDE"),
+            ("C (\U0001d10b) D <To_\U0001d10c> E <D.S._al_\U0001d10c> (\U0001d10c) F", "CDEDF"),
+            ("C <Fine> D (D.C._al_Fine) E", "CDEC"),
+            ("(Fine) C D <Da_capo> E", "CDC"),
+            ("C <tocoda=x> D <dacapo=yes> (coda=y) E :| F", "CDCEEF"),
+            ("(segno=a) C <dalsegno=a> (segno=b) D <dalsegno=b> E", "CCDDE"),
+        ],
+    )
+    def test_of_bars_is_by_their_signs(self, written, order, read):
+        with warnings.catch_warnings(record=True):
+            score = read(*bars(written))
+        assert "".join("C D EF G A B"[pitch] for pitch in pitches(score)) == order
+
+    def test_a_bar_that_no_sign_leads_to_is_told(self, read):
+        # So many repeats within each other are ended early, before the second ending's turn.
+        with pytest.warns(ScoreWarning, match="left out bar 7: no sign leads there"):
+            read(*bars("|: C |: D |: E :20| F :20| G :20| [1. A ]:| [2. B ]"))
+
+    def test_a_jump_to_a_sign_that_is_missing_is_told(self, read):
+        with pytest.warns(ScoreWarning, match="did not jump in bar 2"):
+            read(*bars("C D <D.S._al_Fine> E"))
 
 
 class TestGraceNotes:

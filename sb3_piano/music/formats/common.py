@@ -11,6 +11,7 @@ from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.files import write_bytes
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH
 from sb3_piano.music.pitch import pitch_name
+from sb3_piano.music.text_file import read_whole
 
 _MOST_NAMED = 3
 
@@ -58,6 +59,26 @@ class LeftOut:
 def _first(events: Sequence[tuple[float, int]]) -> str:
     named = [f"{pitch_name(pitch)} at {time:g} s" for time, pitch in sorted(events)[:_MOST_NAMED]]
     return ", ".join(named) + (", ..." if len(events) > _MOST_NAMED else "")
+
+
+def chosen_parts(path: Path, names: Sequence[str], chosen: Sequence[str | int]) -> set[int]:
+    """Return the indices of the parts of a file that are chosen by name, or number from 1.
+
+    Raises:
+        ScoreError: If there is no such part.
+    """
+    found: set[int] = set()
+    plain = [" ".join(name.split()).casefold() for name in names]
+    for one in chosen:
+        wanted = " ".join(str(one).split())
+        indices = {index for index, name in enumerate(plain) if name == wanted.casefold()}
+        if not indices and (read_whole(wanted) or 0) in range(1, len(names) + 1):
+            indices = {int(wanted) - 1}
+        if not indices:
+            there = ", ".join(f"{number} {name!r}" for number, name in enumerate(names, start=1))
+            raise ScoreError(f"{str(path)!r} has no part {wanted!r}: expected some of {there}.")
+        found |= indices
+    return found
 
 
 def write_score_file(path: Path, content: bytes) -> None:

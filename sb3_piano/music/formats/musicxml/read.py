@@ -8,8 +8,6 @@ from __future__ import annotations
 import bisect
 import itertools
 import os
-import re
-import statistics
 import warnings
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -22,22 +20,21 @@ from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.files import read_file
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.formats.common import LeftOut
-from sb3_piano.music.formats.midi_hands import hand_of_name
 from sb3_piano.music.formats.musicxml.document import MOST_BYTES
 from sb3_piano.music.formats.musicxml.notes import SourceNote
+from sb3_piano.music.formats.musicxml.parts import hands_of_staves, played_parts
 from sb3_piano.music.formats.musicxml.source import SourcePart, parse_document
 from sb3_piano.music.formats.musicxml.timing import Timeline, timeline
-from sb3_piano.music.hands import HANDS, Hand, finger_of
+from sb3_piano.music.hands import Hand, finger_of
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.score import Score
 from sb3_piano.music.text_file import reading
 
-_KEYBOARDS = re.compile(
-    r"piano|pno|klavier|clavier|clavecin|cembalo|harpsichord|keyboard|organ|orgel|celesta", re.I
-)
-
 _GRACE = Fraction(1, 10)
 """Longest duration of a grace note, s."""
+
+_MOST_NAMED = 8
+"""How many bars a warning names."""
 
 _MOST_TIES = 16
 """How many voices may hold a key."""
@@ -46,14 +43,15 @@ _LIFT = Fraction(1, 10)
 """Time for which the pedal is up where it is changed, s."""
 
 
-def read_musicxml(path: str | os.PathLike[str]) -> Score:
+def read_musicxml(path: str | os.PathLike[str], parts: Sequence[str | int] = ()) -> Score:
     """Read a MusicXML file; its name without the suffix becomes the title.
 
     - *Time*: by the tempo marks, 120 quarter notes a minute until the first, and the signs of
-      swing; fermatas and words change nothing. Repeats, endings, D.C. and D.S. are played. A grace
-      note is played before the beat, for 0.1 s, or less where that would take more than half of
-      the time since the last note. A note with a staccato dot is held for half of its time. Trills
-      and arpeggios are played as the plain notes that are written.
+      swing; fermatas and words change nothing. Repeats, endings, D.C. and D.S. are played, also
+      where they are only printed. A grace note is played before the beat, for 0.1 s, or less where
+      that would take more than half of the time since the last note. A note with a staccato dot is
+      held for half of its time. Trills and arpeggios are played as the plain notes that are
+      written.
     - *Hands*: of a part with two staves, the upper is the right hand's; of two parts with one
       staff, likewise. A lone staff is a hand's if its name says so, or if it has fingerings; then
       the clef decides. Of a substitution (``4-1``) the first finger is taken.
@@ -61,47 +59,48 @@ def read_musicxml(path: str | os.PathLike[str]) -> Score:
       0.1 s.
     - *Velocity*: by the ``dynamics`` of each note, which programs write from playback, 80 without;
       the signs (``mf``) are not played.
-    - *Parts*: one or two. Of more, and of a singer or player with a piano, only the parts of
-      keyboard instruments are read, with a warning that names the others.
+    - *Parts*: those chosen by name, or number from 1. Else those of keyboard instruments and
+      those that name hands, together; a part without a name beside a piano on one staff is its
+      other hand. A warning names the others. Where nothing tells of a piano, one or two parts.
 
     Raises:
-        ScoreError: If there is no such file, it is not MusicXML, there
-            are more parts than a pianist plays, or no note remains.
+        ScoreError: If there is no such file, it is not MusicXML, its parts
+            are not one pianist's and none is chosen, or no note remains.
         ScoreWarning: Is warned if notes or parts were left out.
     """
     path = Path(path)
     left_out = LeftOut()
     with reading(path, "MusicXML file", "a complete one"):
-        parts, marks = parse_document(read_file(path, MOST_BYTES))
-        played = _played_parts(parts, path)
-        score = _score(played, timeline(marks), path, left_out)
+        written, marks = parse_document(read_file(path, MOST_BYTES))
+        played = played_parts(written, path, parts)
+        line = timeline(marks)
+        score = _score(played, line, path, left_out)
     left_out.warn(path)
-    others = [repr(part.name) for part in parts if part.notes and part not in played]
+    if line.unplayed:
+        text = f"Reading {str(path)!r} left out {_bars(line.unplayed)}: no sign leads there."
+        warnings.warn(text, ScoreWarning, stacklevel=2)
+    if line.aimless:
+        where = _bars(line.aimless)
+        text = f"Reading {str(path)!r} did not jump in {where}: no sign is where it leads to."
+        warnings.warn(text, ScoreWarning, stacklevel=2)
+    others = [repr(part.name) for part in written if part.notes and part not in played]
     if others:
-        text = f"Reading {str(path)!r} left out {', '.join(others)}: only the piano is read."
+        what = "what was chosen is" if parts else "the piano is"
+        text = f"Reading {str(path)!r} left out {', '.join(others)}: only {what} read."
         warnings.warn(text, ScoreWarning, stacklevel=2)
     return score
 
 
-def _played_parts(parts: Sequence[SourcePart], path: Path) -> list[SourcePart]:
-    """Return the parts that are the pianist's."""
-    sounding = [part for part in parts if part.notes]
-    if not sounding:
-        raise ScoreError(f"MusicXML file {str(path)!r} has no notes with a pitch.")
-    played = [p for p in sounding if p.staves > 1 or _KEYBOARDS.search(p.name)] or sounding
-    if len(played) > 2 or (len(played) == 2 and any(part.staves > 1 for part in played)):
-        names = ", ".join(repr(part.name) for part in played)
-        raise ScoreError(
-            f"{str(path)!r} has {len(played)} parts ({names}): expected one or two, or one whose "
-            "name or two staves make it the piano's. A notation program can join or remove parts."
-        )
-    return played
+def _bars(numbers: Sequence[str]) -> str:
+    """Return ``"bars 5, 6, 9"``, at most the first few of them."""
+    shown = [*numbers[:_MOST_NAMED], *(["..."] if len(numbers) > _MOST_NAMED else [])]
+    return f"bar{'s' * (len(numbers) > 1)} {', '.join(shown)}"
 
 
 def _score(parts: Sequence[SourcePart], line: Timeline, path: Path, left_out: LeftOut) -> Score:
     played = [
         (note, of_staff.get(note.staff))
-        for part, of_staff in zip(parts, _hands_of_staves(parts), strict=True)
+        for part, of_staff in zip(parts, hands_of_staves(parts), strict=True)
         for note in _with_grace_times(_tied_notes(part.notes, line))
     ]
     # Grace notes before the first beat take their time from nobody, so that everything waits.
@@ -134,27 +133,6 @@ def _note(note: SourceNote, wait: Fraction, hand: Hand | None) -> Note:
         finger=finger,
         hand=hand,
     )
-
-
-def _hands_of_staves(parts: Sequence[SourcePart]) -> list[dict[int, Hand | None]]:
-    """Return the hand of each staff, for each part."""
-    by_name = [hand_of_name(part.name) for part in parts]
-    if len(parts) == 2:
-        if not any(by_name) and _middle(parts[0]) >= _middle(parts[1]):
-            by_name = list(HANDS)
-        return [{1: hand} for hand in by_name]
-    (part,) = parts
-    if part.staves == 2:
-        return [{1: "right", 2: "left"}]
-    if part.staves > 2:
-        return [{}]
-    fingered = any(note.fingers for note in part.notes)
-    by_clef: Hand = "left" if part.clef == "F" else "right"
-    return [{1: by_name[0] or (by_clef if fingered else None)}]
-
-
-def _middle(part: SourcePart) -> float:
-    return statistics.median(note.pitch for note in part.notes)
 
 
 def _tied_notes(notes: Sequence[SourceNote], line: Timeline) -> list[SourceNote]:

@@ -28,10 +28,11 @@ _DAMPER = "damper-pedal"
 _HALF_DOWN = 50
 """Per cent from which on a damper pedal is down."""
 
+NAMELESS = re.compile(r"(musicxml )?(part|instrument|track|staff|stave|p)?[\s_.#-]*\d*", re.I)
+"""Names of parts that tell nothing."""
+
 _NO_KEY = 999
 """Pitch, up and down, of the notes of damaged files whose names would be endless."""
-
-_LEAPS = ("dacapo", "dalsegno", "segno", "tocoda", "coda", "fine")
 
 
 @dataclass(eq=False)
@@ -40,6 +41,7 @@ class SourcePart:
 
     Attributes:
         name: What the file calls it; may be empty.
+        is_keyboard: Whether the file says that it sounds as a keyboard instrument.
         notes: The notes that sound, in the order of the file.
         pedals: (down, up) of each press of the pedal.
         measures: When each measure begins that is a whole one, no upbeat.
@@ -48,6 +50,7 @@ class SourcePart:
     """
 
     name: str
+    is_keyboard: bool
     notes: list[SourceNote] = field(default_factory=list)
     pedals: list[tuple[Fraction, Fraction]] = field(default_factory=list)
     measures: list[Fraction] = field(default_factory=list)
@@ -63,10 +66,10 @@ def parse_document(content: bytes) -> tuple[list[SourcePart], Marks]:
         Exception: Whatever zipfile and ElementTree raise at a damaged file.
     """
     root = read_document(content)
-    names = {part.get("id"): part.findtext("part-name") for part in root.iter("score-part")}
+    names = _part_names(root)
     marks, elements = Marks(), root.findall("part")
     readers = [
-        _PartReader(SourcePart(names.get(one.get("id")) or ""), marks, divisions)
+        _PartReader(SourcePart(*names.get(one.get("id", ""), ("", False))), marks, divisions)
         for one, divisions in zip(elements, _first_divisions(elements), strict=True)
     ]
     end = Fraction(0)
@@ -79,11 +82,32 @@ def parse_document(content: bytes) -> tuple[list[SourcePart], Marks]:
             end += max(reader.meter for reader, _ in there)  # of a rest that nobody has written
         for reader, measure in there:
             reader.close(measure, end)
-        marks.end_measure(end)
+        marks.signs.end_measure(there[0][1].get("number", ""), start, end)
         marks.swings.bars.append((start, end if upbeat else start))
     for reader in readers:
         reader.finish(end)
+    marks.signs.finish()
     return [reader.part for reader in readers], marks
+
+
+def _part_names(root: Element) -> dict[str, tuple[str, bool]]:
+    """Return for each id of a part its name, and whether it sounds as a keyboard, as far as told.
+
+    The program is taken for a piano's only where the name tells nothing: it is the default.
+    """
+    found = {}
+    for part in root.iter("score-part"):
+        tags = ("part-name", "score-instrument/instrument-name", "part-abbreviation")
+        names = [(part.findtext(tag) or "").strip() for tag in tags]
+        name = next(filter(None, names), "")
+        sounds = [each.text or "" for each in part.iterfind("score-instrument/instrument-sound")]
+        programs = [each.text or "" for each in part.iterfind("midi-instrument/midi-program")]
+        is_piano = bool(NAMELESS.fullmatch(name)) and any(
+            text.strip() in map(str, range(1, 9)) for text in programs
+        )
+        is_keyboard = any(sound.strip().startswith("keyboard") for sound in sounds)
+        found[part.get("id", "")] = name, is_keyboard or is_piano
+    return found
 
 
 def _first_divisions(parts: Sequence[Element]) -> list[list[Fraction]]:
@@ -229,6 +253,7 @@ class _PartReader:
         is_heard = offset is not None and offset.get("sound") == "yes"
         at = self._moved(offset if is_heard else None)
         sounds = element.findall("sound")
+        self._marks.signs.add_printed(self._here, element)
         for sound in sounds:
             self._read_sound(sound, at)
         for mark in element.findall("direction-type/metronome"):
@@ -257,20 +282,18 @@ class _PartReader:
             self._pedal_signs.append((at, "hold" if is_down else "stop"))
         if swing is not None:
             self._marks.swings.add(at, swing)
-        for kind in _LEAPS:
-            name = element.get(kind)
-            if name is not None and name != "no":
-                self._marks.add(self._here, kind, name)
+        self._marks.signs.add_sound(self._here, element)
 
     def _read_barline(self, element: Element, at: Fraction) -> None:
-        repeat, ending = element.find("repeat"), element.find("ending")
+        signs, repeat, ending = self._marks.signs, element.find("repeat"), element.find("ending")
+        signs.add_sound(at, element)
+        signs.add_printed(at, element)
         if repeat is not None:
-            self._marks.add(at, repeat.get("direction", ""), repeat.get("times", ""))
+            signs.add_repeat(at, repeat.get("direction", ""), repeat.get("times", ""))
         if ending is not None and ending.get("type") == "start":
-            numbers = {int(number) for number in re.findall(r"\d+", ending.get("number", ""))}
-            self._marks.begin_ending(at, numbers)
+            signs.begin_ending(at, ending.get("number") or ending.text or "")
         elif ending is not None:
-            self._marks.end_ending(at)
+            signs.end_ending(at)
 
 
 def _is_upbeat(measure: Element) -> bool:

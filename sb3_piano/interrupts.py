@@ -16,8 +16,10 @@ from typing import Any
 _Handler = Callable[[int, Any], Any] | int
 
 _HANGUP = getattr(signal, "SIGHUP", None)  # Windows has none
-_OF_TERMINAL = tuple(s for s in (signal.SIGINT, _HANGUP) if s is not None)
-_ENDING = (*_OF_TERMINAL, signal.SIGTERM)
+OF_TERMINAL = tuple(s for s in (signal.SIGINT, _HANGUP) if s is not None)
+"""Signals that reach all processes of a terminal."""
+
+_ENDING = (*OF_TERMINAL, signal.SIGTERM)
 
 
 class StopRequest:
@@ -103,7 +105,7 @@ def ctrl_c_ignored() -> Iterator[None]:
 
     These do until they have their own handlers.
     """
-    with _handlers(dict.fromkeys(_OF_TERMINAL, signal.SIG_IGN)):
+    with _handlers(dict.fromkeys(OF_TERMINAL, signal.SIG_IGN)):
         yield
 
 
@@ -112,7 +114,7 @@ def leave_to_parent() -> None:
 
     They reach all processes of a terminal.
     """
-    for number in _OF_TERMINAL:
+    for number in OF_TERMINAL:
         signal.signal(number, signal.SIG_IGN)
 
 

@@ -17,7 +17,7 @@ from queue import SimpleQueue
 from typing import Any, NamedTuple
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
-from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.interrupts import OF_TERMINAL, stop_on_signal
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
@@ -133,8 +133,8 @@ def run_tasks(
 
 
 def _block_ctrl_c() -> None:
-    # From a terminal Ctrl-C reaches the processes, too, which inherit the mask of this thread.
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    # From a terminal they reach the processes, too, which inherit the mask of this thread.
+    signal.pthread_sigmask(signal.SIG_BLOCK, OF_TERMINAL)
 
 
 class _Worker:

@@ -72,6 +72,12 @@ def test_each_piece_of_the_repertoire_has_a_result_of_each_player():
         assert {(piece, player, "reference") for piece in REPERTOIRE} <= keys
 
 
+def test_the_held_out_list_has_results_of_both_players_with_its_seeds():
+    keys = {(r.piece, r.player, r.seeds) for r in HELD_OUT_RESULTS}
+    pieces, seeds = held_out().pieces, held_out().seeds
+    assert keys == {(p, who, seeds) for p in pieces for who in ("planned", "sight-reader")}
+
+
 def test_results_are_of_the_scores_that_the_package_has():
     for piece in {r.piece for r in ALL_RESULTS if not is_generated(r.piece)}:
         digests = {r.score_sha256 for r in ALL_RESULTS if r.piece == piece}

@@ -130,7 +130,8 @@ def _check(arguments: argparse.Namespace) -> int:
     wrong, elsewhere = 0, set[str]()
     for found in _done(arguments, "results", functools.partial(check, tolerance=tolerance), chosen):
         claimed = found.claimed
-        print(f"{'holds' if found.holds else 'DIFFERS':8} {claimed.piece} by {claimed.player}")
+        verdict = "holds" if found.holds else "DIFFERS"
+        print(f"{verdict:8} {claimed.piece} by {claimed.player}", flush=True)
         for problem in found.problems:
             print(f"         {problem}")
         wrong += not found.holds

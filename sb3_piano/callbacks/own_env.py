@@ -31,6 +31,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvWrapper
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.layers import layers
+from sb3_piano.vec_env import HandsAsAgents
 
 _REMEDY = "Expected an environment of its own, eval_env=..., or a training by 'sb3-piano train'."
 
@@ -166,8 +167,8 @@ def _rewrapped(wrapper: VecEnvWrapper, venv: VecEnv) -> VecEnv:
         normalization = deepcopy(wrapper)  # leaves out its vector
         normalization.set_venv(venv)
         return normalization
-    if isinstance(wrapper, VecTransposeImage):
-        return VecTransposeImage(venv)
+    if isinstance(wrapper, VecTransposeImage | HandsAsAgents):
+        return type(wrapper)(venv)
     if wrapper.num_envs == 1:
         return _with_vector(wrapper, venv)
     raise ConfigError(

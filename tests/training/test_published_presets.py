@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 from pathlib import Path
 
@@ -9,6 +10,8 @@ import pytest
 import torch
 from torch import nn
 
+from sb3_piano.buffers import CompactReplayBuffer
+from sb3_piano.callbacks import F1Callback
 from sb3_piano.hyperparams import NAMED
 from sb3_piano.training import load_config
 from sb3_piano.training.runs.builders import build_callbacks, build_model, build_vec_env
@@ -71,3 +74,20 @@ def test_robovirtuosos_actor_has_its_size():
 def test_the_study_of_sac_and_td3_is_that_of_its_cells(algo):
     cell = load_config(algo, ENV_ID, CELLS / algo / "c_major.yml", seed=0)
     assert load_config(algo, ENV_ID, "sac_vs_td3", seed=0) == cell
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "algo"), [("fast", "sac"), *PUBLISHED])
+def test_they_train_in_the_stock_zoo(name, algo, tmp_path):
+    manager = pytest.importorskip("rl_zoo3.exp_manager").ExperimentManager(
+        argparse.Namespace(), algo, ENV_ID, str(tmp_path), n_timesteps=32, eval_freq=-1, seed=0,
+        verbose=0, device="cpu", config=str(NAMED[name][algo]), hyperparams=BRIEF,
+    )  # fmt: skip
+    model, _ = manager.setup_experiment()
+    callback = next(c for c in manager.callbacks if isinstance(c, F1Callback))
+    callback.eval_freq, callback._n_episodes = 16, 1
+    manager.learn(model)
+    assert model.num_timesteps == 32
+    assert callback.evaluations_metrics[0][0]["noop_f1"] > 0
+    assert model.replay_buffer.size() > 0
+    assert isinstance(model.replay_buffer, CompactReplayBuffer)

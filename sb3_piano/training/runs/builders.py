@@ -28,7 +28,6 @@ from stable_baselines3.common.preprocessing import (
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import (
     DummyVecEnv,
-    SubprocVecEnv,
     VecEnv,
     VecNormalize,
     VecTransposeImage,
@@ -41,7 +40,6 @@ from sb3_piano.exceptions import ConfigError, one_line
 from sb3_piano.interrupts import leave_to_parent
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.players import player_class
-from sb3_piano.processes import START_METHOD, process_context
 from sb3_piano.training.configuration.config import PlayConfig, RunConfig
 from sb3_piano.training.configuration.names import import_class, import_name, registered_id
 from sb3_piano.training.configuration.values import (
@@ -130,9 +128,8 @@ def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> Ve
     From the inside: the environment, ``innermost``, an ``EpisodeLog``, the config's
     ``env_wrapper``; then ``vec_env_wrapper`` and ``VecNormalize`` around the vector.
     """
-    venv: VecEnv
     if not isinstance(config, RunConfig):
-        venv = DummyVecEnv([partial(build_env, config, innermost, EpisodeLog)])
+        venv: VecEnv = DummyVecEnv([partial(build_env, config, innermost, EpisodeLog)])
         venv.seed(config.seed)
         return venv
     training_process = os.getpid()
@@ -148,14 +145,14 @@ def build_vec_env(config: PlayConfig, innermost: EnvWrapper | None = None) -> Ve
         return env
 
     makers: list[Callable[[], Env]] = [partial(make, rank) for rank in range(config.n_envs)]
-    if config.vec_env == "subproc":
-        make(0).close()  # what is wrong is easier told from here than from a process
-        process_context()  # which tells what to import once for all
-        venv = SubprocVecEnv(makers, start_method=START_METHOD)
-    else:
-        kinds: dict[str, Callable[[list[Callable[[], Env]]], VecEnv]]
-        kinds = {"dummy": DummyVecEnv, "threads": ThreadVecEnv, "processes": ProcessVecEnv}
-        venv = kinds[config.vec_env](makers)
+    kinds: dict[str, Callable[[list[Callable[[], Env]]], VecEnv]] = {
+        "dummy": DummyVecEnv,
+        "threads": ThreadVecEnv,
+        "processes": ProcessVecEnv,
+        # Not SB3's SubprocVecEnv, which waits for ever for a process that was killed.
+        "subproc": partial(ProcessVecEnv, n_processes=config.n_envs),
+    }
+    venv = kinds[config.vec_env](makers)
     if config.pieces:
         _check_same_observations(config, venv)
     venv.seed(config.seed)

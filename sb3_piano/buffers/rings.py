@@ -92,6 +92,36 @@ class Rings(ReplayBuffer):
         arrays += sum(ring.nbytes for ring in self._rings.values())
         return arrays + sum(ring.nbytes for ring in self._next_rings.values())
 
+    def add(
+        self,
+        obs: Any,
+        next_obs: Any,
+        action: npt.NDArray[Any],
+        reward: npt.NDArray[Any],
+        done: npt.NDArray[Any],
+        infos: list[dict[str, Any]],
+    ) -> None:
+        """Add a transition of each environment.
+
+        Raises:
+            ConfigError: If there are more or fewer environments than the buffer is for, or they
+                observe or act otherwise, as after loading the buffer of another model.
+        """
+        self._check("environments", len(reward), self.n_envs)
+        shown = obs if isinstance(obs, dict) else {"": obs}
+        for name, ring in self._rings.items():
+            width = ring.packing.binary.size
+            self._check(f"numbers in {name or 'an observation'}", shown[name][0].size, width)
+        self._check("numbers in an action", action[0].size, self.action_dim)
+        super().add(obs, next_obs, action, reward, done, infos)
+
+    def _check(self, what: str, given: int, own: int) -> None:
+        if given != own:
+            raise ConfigError(
+                f"The transitions are of {given} {what}, those of the {type(self).__name__} of "
+                f"{own}: expected a replay buffer that was saved with as many."
+            )
+
     def reset(self) -> None:
         """Forget all transitions."""
         super().reset()

@@ -269,7 +269,8 @@ class MetricEvalCallback(EvalCallback):
             raise ConfigError(
                 f"{type(self).__name__} looks for {self.metric!r}, which the info of "
                 f"{env_name(self.eval_env)} lacks at the end of an episode."
-                f"{near_names(self.metric, info)} Expected a piano environment."
+                f"{near_names(self.metric, info)} Expected a piano environment, and no wrapper "
+                "around it that ends an episode with an info of its own."
             )
         names = dict.fromkeys((*EPISODE_METRICS, self.metric))
         numbers = {name: finite_number(info.get(name)) for name in names}

@@ -204,6 +204,9 @@ def _check_piece(arguments: argparse.Namespace, *of_runs: str) -> None:
             f"Nothing to play: there is no {what!r}. Expected the folder of a run, a file such as "
             "a MIDI file, or the name of a piece (see 'sb3-piano pieces list')."
         )
+    run = Path(what).parent
+    if Path(what).is_file() and (run / "config.yml").is_file():
+        raise ConfigError(f"{what!r} is a file of a run: expected its folder, {str(run)!r}.")
     refuse_options(arguments, of_runs, f"with a piece, which {what!r} is.")
 
 

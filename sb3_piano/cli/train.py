@@ -104,6 +104,7 @@ def _train(arguments: argparse.Namespace) -> int:
 def _config(arguments: argparse.Namespace) -> RunConfig:
     from sb3_piano.envs import GENERAL_ID
     from sb3_piano.training import load_config, load_fine_tuning, load_start
+    from sb3_piano.training.configuration.names import algorithm_class
 
     given = {"n_timesteps": arguments.steps, **{n: getattr(arguments, n) for n in _OF_CONFIG}}
     given = {name: value for name, value in given.items() if value is not None}
@@ -120,6 +121,7 @@ def _config(arguments: argparse.Namespace) -> RunConfig:
         given |= {"with_buffer": arguments.with_buffer, **options}
         return load_start(arguments.init_from, env_id, arguments.config, **given)
     if start is None:
+        algorithm_class(arguments.algo or "td3")  # what is no algorithm is told first
         others = ", --midi FILE, --pieces PIECE... or --resume RUN"
         env_id, options = what_is_played(arguments, others)
         return load_config(arguments.algo or "td3", env_id, arguments.config, **options, **given)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
 from sb3_piano.arrays import Float32Array, FloatArray
-from sb3_piano.exceptions import InvalidActionError
+from sb3_piano.exceptions import InvalidActionError, one_line
 from sb3_piano.settings import Positive, checked
 from sb3_piano.simulation import PianoScene
 
@@ -60,17 +61,35 @@ class ActionMap:
         return controls / self._half_range
 
     def _checked(self, action: npt.ArrayLike) -> FloatArray:
-        try:
-            array = np.asarray(action)
-            if array.dtype.kind == "c":  # of which NumPy would drop a half with a warning
-                raise TypeError("they are complex")
-            array = array.astype(np.float64)
-        except (TypeError, ValueError) as error:
-            raise InvalidActionError(f"The action is not an array of numbers: {error}.") from error
+        array = action_numbers(action)
         if array.shape != self._shape:
             raise InvalidActionError(f"The action has shape {array.shape}: expected {self._shape}.")
         check_finite(array)
         return array
+
+
+def action_numbers(action: npt.ArrayLike) -> FloatArray:
+    """Return an action as an array of float64.
+
+    Raises:
+        InvalidActionError: If it is none, or some of its numbers are masked.
+    """
+    try:
+        array = np.asarray(action)
+        if array.dtype.kind == "c":  # of which NumPy would drop a half with a warning
+            raise TypeError("they are complex")
+        if array.dtype.kind in "SUMm" or any(isinstance(x, str | bytes) for x in _objects(array)):
+            raise TypeError("they are texts or dates")
+        if np.ma.is_masked(action):
+            raise TypeError("some are masked")
+        return array.astype(np.float64)
+    except (TypeError, ValueError, RuntimeError, OverflowError) as error:
+        text = one_line(error).rstrip(".")
+        raise InvalidActionError(f"The action is not an array of numbers: {text}.") from error
+
+
+def _objects(array: npt.NDArray[Any]) -> Iterable[Any]:
+    return array.flat if array.dtype.kind == "O" else ()
 
 
 def check_finite(action: FloatArray) -> None:
@@ -79,13 +98,12 @@ def check_finite(action: FloatArray) -> None:
     Raises:
         InvalidActionError: If one is.
     """
-    if not math.isfinite(action.dot(action)):  # one look at all; huge numbers are not finite here
-        finite = np.isfinite(action)
-        if not finite.all():
-            bad = int(np.argmin(finite))
-            raise InvalidActionError(
-                f"Element {bad} of the action is {action[bad]}: expected numbers in [-1, 1]."
-            )
+    finite = np.isfinite(action)
+    if not finite.all():
+        bad = int(np.argmin(finite))
+        raise InvalidActionError(
+            f"Element {bad} of the action is {action[bad]}: expected numbers in [-1, 1]."
+        )
 
 
 class HandActionMap:

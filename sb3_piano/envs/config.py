@@ -148,6 +148,13 @@ class PianoEnvConfig:
         return tuple(side for side in HANDS if self.hands_in_scene in (side, "both"))
 
     @property
+    def simulation(self) -> str:
+        """Options that decide how a state of the physics goes on."""
+        physics, gravity = self.physics, self.gravity_compensation
+        step = self.control_timestep
+        return f"physics {physics!r}, gravity_compensation {gravity}, control_timestep {step:g}"
+
+    @property
     def n_substeps(self) -> int:
         """Physics steps in a control step."""
         timestep = physics_profile(self.physics).timestep

@@ -385,7 +385,12 @@ class PianoEnv(gym.Env[Any, Any]):
     def get_state(self) -> EnvState:
         """Return the state of the physics and of the episode (not the random generator's)."""
         physics = self._simulation.get_state()
-        return self._record.save(physics=physics, finished=self._finished, pedal=self._pedal)
+        return self._record.save(
+            physics=physics,
+            finished=self._finished,
+            pedal=self._pedal,
+            simulation=self.config.simulation,
+        )
 
     def set_state(self, state: EnvState) -> Observation:
         """Go back to a state; steps from there repeat exactly what they did before.
@@ -397,9 +402,14 @@ class PianoEnv(gym.Env[Any, Any]):
             The observation in that state.
 
         Raises:
-            EnvStateError: If the state belongs to another simulation model.
+            EnvStateError: If the state belongs to an environment with other options, or is none.
         """
+        if not isinstance(state, EnvState):
+            raise EnvStateError(
+                f"A {type(state).__name__} is no state: expected what get_state() returned."
+            )
         self._check_physics(state.physics)
+        state.check(self.config.simulation, len(self.config.reward_weights))
         self._set_score(state.score)
         if state.step > len(self._goal):
             raise EnvStateError(
@@ -432,6 +442,10 @@ class PianoEnv(gym.Env[Any, Any]):
         Raises:
             EnvStateError: If it belongs to another simulation model.
         """
+        if not isinstance(moment, Snapshot):
+            raise EnvStateError(
+                f"A {type(moment).__name__} is no moment: expected what snapshot() returned."
+            )
         self._check_physics(moment.physics)
         self._simulation.set_state(moment.physics)
         self._record = moment.record.fork()
@@ -446,10 +460,14 @@ class PianoEnv(gym.Env[Any, Any]):
 
     def _check_physics(self, physics: npt.NDArray[np.float64]) -> None:
         size = self._simulation.state_size
-        if physics.shape != (size,):
+        if np.shape(physics) != (size,):
             raise EnvStateError(
-                f"The state holds {physics.size} physics numbers but this environment has "
+                f"The state holds {np.size(physics)} physics numbers but this environment has "
                 f"{size}: expected a state of an environment with the same options."
+            )
+        if np.asarray(physics).dtype.kind != "f" or not np.isfinite(physics).all():
+            raise EnvStateError(
+                "The state's physics are no finite numbers: expected what get_state() returned."
             )
 
     def _build(self, moving: KeyWindow) -> None:

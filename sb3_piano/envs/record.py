@@ -7,7 +7,8 @@ import functools
 import operator
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from numbers import Integral, Real
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from sb3_piano.arrays import BoolArray, FingerArray, FloatArray, IntArray
 from sb3_piano.envs.goal import Goal
 from sb3_piano.envs.rewards import RETURN_PREFIX, strike
 from sb3_piano.envs.strikes import OpenOnsets
+from sb3_piano.exceptions import EnvStateError
 from sb3_piano.metrics import (
     KeyBoxes,
     Presses,
@@ -58,6 +60,46 @@ class EnvState:
     its p physics steps."""
     returns: FloatArray
     """(n,) sums so far of the n weighted reward terms."""
+    simulation: str = ""
+    """Options that the physics go by; empty in states that were saved without them."""
+
+    def check(self, simulation: str, n_terms: int) -> None:
+        """Raise an EnvStateError if the state was not saved in an environment with equal options.
+
+        Args:
+            simulation: What :attr:`simulation` is there.
+            n_terms: Number of weighted reward terms there.
+        """
+        steps = len(self.key_active) if isinstance(self.key_active, np.ndarray) else 0
+        arrays: dict[str, tuple[str, tuple[int, ...], Any]] = {
+            "key_active": ("b", (steps, NUM_KEYS), self.key_active),
+            "sustain": ("b", (steps,), self.sustain),
+            "fingertips": ("f", (steps, NUM_FINGERS, 3), self.fingertips),
+            "returns": ("f", (n_terms,), self.returns),
+        }
+        within = self.within if isinstance(self.within, Mapping) else {-1: None}
+        first = next(iter(within.values()), None)
+        shape = getattr(first, "shape", ())
+        for step, keys in within.items():
+            arrays[f"within[{step!r}]"] = ("b", (*shape[:1], NUM_KEYS), keys)
+        wrong = [
+            name
+            for name, (kind, expected, array) in arrays.items()
+            if getattr(getattr(array, "dtype", None), "kind", "") != kind or array.shape != expected
+        ]
+        plain = {"score": Score, "finished": bool, "pedal": Real, "simulation": str}
+        wrong += [name for name, kind in plain.items() if not isinstance(getattr(self, name), kind)]
+        wrong += [] if "pedal" in wrong or 0 <= self.pedal <= 1 else ["pedal"]
+        if wrong or not all(isinstance(step, Integral) and 0 <= step < steps for step in within):
+            raise EnvStateError(
+                f"The state's {wrong[0] if wrong else 'within'} is none of an episode of {steps} "
+                "steps: expected a state of an environment with the same options."
+            )
+        if self.simulation not in ("", simulation):
+            raise EnvStateError(
+                f"The state was saved with {self.simulation}, but here is {simulation}: expected a "
+                "state of an environment with the same options."
+            )
 
     @property
     def step(self) -> int:
@@ -173,7 +215,9 @@ class EpisodeRecord:
             **dict(zip(self._return_names(), returns, strict=True)),
         }
 
-    def save(self, *, physics: FloatArray, finished: bool, pedal: float) -> EnvState:
+    def save(
+        self, *, physics: FloatArray, finished: bool, pedal: float, simulation: str
+    ) -> EnvState:
         """Return a copy of the episode so far, with what the environment adds to it."""
         key_active, sustain, fingertips = self._arrays()
         return EnvState(
@@ -186,6 +230,7 @@ class EpisodeRecord:
             fingertips=fingertips,
             within=dict(zip(self._changes, self._sounding_within(), strict=True)),
             returns=np.array(self._sums()),
+            simulation=simulation,
         )
 
     def fork(self) -> EpisodeRecord:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sb3_piano.envs.config import PianoEnvConfig
-from sb3_piano.exceptions import ConfigError, ScoreError
+from sb3_piano.exceptions import ConfigError, SB3PianoError, ScoreError, one_line
 from sb3_piano.music import Score, find_piece, is_path, load_score
 from sb3_piano.music.catalogue import ScoreSource
 from sb3_piano.music.fingering import assign_hands
@@ -93,6 +94,16 @@ def fingered(score: Score, config: PianoEnvConfig, fingering: str | None = None)
     return score if notes == score.notes else replace(score, notes=notes)
 
 
+def reset_options(options: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    """Return the options of a ``reset``; a ConfigError tells that they are none."""
+    if not isinstance(options or {}, Mapping):
+        raise ConfigError(
+            f"The options of reset are {reprlib.repr(options)}: expected a dictionary with 'score' "
+            "or 'transform'."
+        )
+    return options or {}
+
+
 def chosen_score(options: Mapping[str, Any], default: Score, random: np.random.Generator) -> Score:
     """Return the score of an episode.
 
@@ -106,15 +117,23 @@ def chosen_score(options: Mapping[str, Any], default: Score, random: np.random.G
         ConfigError: If ``options`` has an unknown key, or the transform returns no score.
         ScoreError: If the score cannot be read or transformed.
     """
-    unknown = set(options) - {"score", "transform"}
-    if unknown:
-        raise ConfigError(
-            f"Unknown reset option {min(unknown)!r}: expected 'score' or 'transform'."
-        )
+    for name in reset_options(options):
+        if name not in ("score", "transform"):
+            raise ConfigError(f"Unknown reset option {name!r}: expected 'score' or 'transform'.")
     score = load_score(options.get("score", default))
     if "transform" not in options:
         return score
-    transformed = options["transform"](score, random)
+    transform = options["transform"]
+    try:
+        transformed = transform(score, random)
+    except SB3PianoError:
+        raise
+    except Exception as error:
+        raise ConfigError(
+            f"The reset option 'transform' is {reprlib.repr(transform)}, which ends with "
+            f"{type(error).__name__} ({one_line(error)}) for {score.title!r}: expected a function "
+            "of a Score and of a random generator that returns a Score."
+        ) from error
     if not isinstance(transformed, Score):
         raise ConfigError(
             f"The reset option 'transform' made a {type(transformed).__name__} of "

@@ -13,8 +13,9 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import TimeLimit
 
 from sb3_piano.arrays import BoolArray, Float32Array, FloatArray
+from sb3_piano.envs.actions import action_numbers
 from sb3_piano.envs.piano_env import PianoEnv
-from sb3_piano.envs.score_choice import ScoreSource, own_score
+from sb3_piano.envs.score_choice import ScoreSource, own_score, reset_options
 from sb3_piano.exceptions import ConfigError, EnvStateError, InvalidActionError
 from sb3_piano.music import Score, load_score
 from sb3_piano.settings import Count, checked
@@ -103,7 +104,7 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
             ScoreError: If a score cannot be read or played.
         """
         seeds = self._seeds(seed)
-        options = dict(options or {})
+        options = dict(reset_options(options))
         mask = self._checked_mask(options.pop("reset_mask", None))
         each: list[dict[str, Any]] = [dict(options) for _ in self.envs]
         if "score" in options:
@@ -222,7 +223,7 @@ class PianoVectorEnv(SyncVectorEnv[Any, Any]):
 
     def _checked_actions(self, actions: npt.ArrayLike) -> npt.NDArray[Any]:
         """Return the actions, one row for each environment; the environments check the rows."""
-        rows = np.asarray(actions)
+        rows = action_numbers(actions)
         if rows.shape != self.action_space.shape:
             raise InvalidActionError(
                 f"The actions have shape {rows.shape}: expected {self.action_space.shape}."

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from sb3_piano.exceptions import ConfigError, UnknownPieceError, near_names
 from sb3_piano.music.built_in import BUILT_IN
@@ -61,11 +62,12 @@ def _named_in_short(name: str, known: Mapping[str, Piece]) -> list[Piece]:
     return [piece for full, piece in known.items() if full == f"{piece.collection}-{name}"]
 
 
-def load_score(source: ScoreSource) -> Score:
+def load_score(source: ScoreSource | Mapping[str, Any]) -> Score:
     """Return the score that `source` stands for.
 
     Args:
-        source: A score, which is returned as it is; the name of a piece; or the path of a file,
+        source: A score, which is returned as it is, or its fields by name, as gymnasium writes
+            them into the JSON of an environment's spec; the name of a piece; or the path of a file,
             which may also be one of the user's library. Text counts as a path if it ends in a known
             suffix or has a separator.
 
@@ -76,6 +78,8 @@ def load_score(source: ScoreSource) -> Score:
     """
     if isinstance(source, Score):
         return source
+    if isinstance(source, Mapping):
+        return Score.from_fields(source)
     if not isinstance(source, str | os.PathLike):
         raise ConfigError(
             f"A piece cannot be given as {type(source).__name__}: expected a Score, the name of "

@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
+from typing import Any
 
-from sb3_piano.exceptions import ScoreError
+from sb3_piano.exceptions import ScoreError, one_line
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH, UNKNOWN_FINGER
 from sb3_piano.music.note import Note, Pedal, located_note, merge_pedals
 from sb3_piano.text import printable
@@ -56,6 +57,23 @@ class Score:
         object.__setattr__(self, "pedals", merge_pedals(pedals))
         object.__setattr__(self, "title", printable(title))
         object.__setattr__(self, "bars", _checked_bars(bars, title))
+
+    @classmethod
+    def from_fields(cls, fields: Mapping[str, Any]) -> Score:
+        """Return the score of which ``dataclasses.asdict`` gave the fields.
+
+        Raises:
+            ScoreError: If they are not those of a score.
+        """
+        try:
+            notes = [Note(**note) for note in fields["notes"]]
+            pedals = [Pedal(**pedal) for pedal in fields.get("pedals", ())]
+            return cls(**{**fields, "notes": notes, "pedals": pedals})
+        except (TypeError, KeyError) as error:
+            raise ScoreError(
+                f"A score cannot be made of these fields ({one_line(error)}): expected notes, "
+                "pedals, title and bars."
+            ) from error
 
     def __repr__(self) -> str:
         notes = "1 note" if len(self.notes) == 1 else f"{len(self.notes)} notes"

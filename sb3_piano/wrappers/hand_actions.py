@@ -9,7 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from sb3_piano.arrays import Float32Array, FloatArray
-from sb3_piano.envs.actions import REACH, HandActionMap, check_finite, hand_action_unit
+from sb3_piano.envs.actions import (
+    REACH,
+    HandActionMap,
+    action_numbers,
+    check_finite,
+    hand_action_unit,
+)
 from sb3_piano.exceptions import ConfigError, InvalidActionError
 from sb3_piano.layers import layers
 from sb3_piano.wrappers.piano import piano_of
@@ -69,7 +75,7 @@ class HandActions(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorAr
         Raises:
             InvalidActionError: If the action has the wrong shape or is not finite.
         """
-        offsets = np.asarray(action, dtype=np.float64)
+        offsets = action_numbers(action)
         if offsets.shape != self.reach.shape:
             raise InvalidActionError(
                 f"The action has shape {offsets.shape}: expected {self.reach.shape}, one number "

@@ -47,7 +47,7 @@ class PreviousActionReward(LayoutWrapper, gym.utils.RecordConstructorArgs):
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Play a control step, which the observation after it shows."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        self._action = np.minimum(np.maximum(np.asarray(action, dtype=np.float32), -1.0), 1.0)
+        self._action = np.clip(np.asarray(action), -1.0, 1.0).astype(np.float32)
         self._reward = float(reward)
         return self.observation(observation), reward, terminated, truncated, info
 

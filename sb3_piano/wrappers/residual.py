@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 
 from sb3_piano.arrays import Float32Array, FloatArray
+from sb3_piano.envs.actions import action_numbers
 from sb3_piano.exceptions import InvalidActionError
 from sb3_piano.wrappers.hand_actions import CorrectsHandActions
 
@@ -74,12 +75,13 @@ class Residual(gym.Wrapper[Any, Any, Any, Any], CorrectsHandActions):
         Raises:
             InvalidActionError: If the action has the wrong shape.
         """
-        correction = np.asarray(action, dtype=np.float32)
+        # Cut first, as huge numbers are none of float32.
+        correction = np.clip(action_numbers(action), -1.0, 1.0).astype(np.float32)
         if correction.shape != self._reach.shape:
             raise InvalidActionError(
                 f"The action has shape {correction.shape}: expected {self._reach.shape}, one "
                 "number for each actuator and none for the pedal."
             )
         played = self.base_action(observation)
-        played[: len(correction)] += self._reach * np.minimum(np.maximum(correction, -1.0), 1.0)
+        played[: len(correction)] += self._reach * correction
         return np.minimum(np.maximum(played, -1.0), 1.0)

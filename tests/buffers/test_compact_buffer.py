@@ -18,7 +18,12 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecNormalize
 from transitions import ACTIONS, SPACE, Play, add, assert_equal, make_pair
 
-from sb3_piano.buffers import CompactNStepReplayBuffer, CompactReplayBuffer
+from sb3_piano.buffers import (
+    CompactDictReplayBuffer,
+    CompactNStepReplayBuffer,
+    CompactReplayBuffer,
+    CyclingReplayBuffer,
+)
 from sb3_piano.exceptions import ConfigError
 
 PIANO = "RoboPianist-debug-CMajorScaleOneHand-v0"
@@ -118,7 +123,7 @@ def test_a_transition_that_is_not_added_to_its_end_leaves_those_before_it_alone(
         transition = play.step([False, False])
         add(pair, transition)
     half = list(play.step([False, False]))
-    half[3] = np.zeros(7)  # the rewards come after the observations
+    half[4] = np.zeros(7)  # the ends come after all else
     for buffer in pair:
         with pytest.raises(ValueError, match="broadcast"):
             buffer.add(*half)
@@ -205,3 +210,25 @@ def test_td3_learns_the_same_weights_with_both_buffers(normalize):
     assert not (ours["actor.mu.0.weight"] == untrained["actor.mu.0.weight"]).all()
     for name, weights in theirs.items():
         assert (ours[name] == weights).all(), name
+
+
+@pytest.mark.parametrize(
+    "kind", [CompactReplayBuffer, CompactNStepReplayBuffer, CyclingReplayBuffer]
+)
+def test_transitions_of_other_environments_than_its_own_are_refused(kind):
+    buffer = kind(8, SPACE, ACTIONS, n_envs=1)
+    told = f"are of 2 environments, those of the {kind.__name__} of 1: expected"
+    with pytest.raises(ConfigError, match=told):
+        buffer.add(*Play(n_envs=2).step())
+    wider = spaces.Box(0.0, 1.0, (16,))
+    with pytest.raises(ConfigError, match="are of 16 numbers in an observation, those .* of 15"):
+        buffer.add(*Play(wider).step())
+    assert buffer.size() == 0
+
+
+def test_pictures_of_other_environments_are_refused():
+    space = spaces.Dict({"seen": SPACE})
+    buffer = CompactDictReplayBuffer(8, space, ACTIONS, n_envs=2)
+    shown, following, *rest = Play().step()
+    with pytest.raises(ConfigError, match="of 1 environments, those of the CompactDict.* of 2"):
+        buffer.add({"seen": shown}, {"seen": following}, *rest)

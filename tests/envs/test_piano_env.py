@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import inspect
 import pickle
 import re
+import warnings
 
 import mujoco
 import numpy as np
 import pytest
+import torch
 
-from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, RETURN_KEYS, PianoEnv
+from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, RETURN_KEYS, EnvState, PianoEnv
 from sb3_piano.exceptions import (
     ConfigError,
     EnvStateError,
@@ -252,8 +255,9 @@ def test_a_copied_environment_goes_on_by_itself_with_its_options(clone):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"control_timestep": 0.1}, "control step 5 but here the score has only 3"),
+        ({"control_timestep": 0.1}, "control_timestep 0.05, but here is .*control_timestep 0.1:"),
         ({"reduced_action_space": False}, "physics numbers.*same options"),
+        ({"physics": "fast"}, "saved with physics 'reference'.*here is physics 'fast'"),
     ],
 )
 def test_a_state_of_another_environment_is_refused(env, options, message):
@@ -263,6 +267,33 @@ def test_a_state_of_another_environment_is_refused(env, options, message):
 
 
 # Bad input.
+
+
+@pytest.mark.parametrize("field", [field.name for field in dataclasses.fields(EnvState)])
+def test_a_state_with_a_field_of_another_kind_is_refused_and_changes_nothing(env, field):
+    play(env, random_actions(env, 5))
+    state = env.get_state()
+    before = pickle.dumps(state)
+    late = {9: np.zeros((1, 88), dtype=bool)}
+    for other in (None, b"x", 3, np.zeros(3), np.zeros((5, 88)), {0: None}, late):
+        with pytest.raises(EnvStateError, match="expected"):
+            env.set_state(dataclasses.replace(state, **{field: other}))
+    assert pickle.dumps(env.get_state()) == before
+
+
+def test_what_is_no_state_is_refused(env):
+    for restore in (env.set_state, env.go_back):
+        with pytest.raises(EnvStateError, match=r"A dict is no .*: expected what"):
+            restore({})
+
+
+def test_a_refused_reset_ends_the_episode(env):
+    with pytest.raises(ConfigError, match="Unknown reset option"):
+        env.reset(options={"piece": TINY})
+    with pytest.raises(EnvStateError, match="call reset"):
+        env.step(env.rest_action)
+    env.reset()
+    env.step(env.rest_action)
 
 
 def test_stepping_before_the_first_reset_and_after_the_end_is_refused(env):
@@ -284,6 +315,12 @@ def test_stepping_before_the_first_reset_and_after_the_end_is_refused(env):
         ("press", "not an array of numbers"),
         (np.zeros(39, dtype=complex), "not an array of numbers: they are complex"),
         ([1j] * 39, "not an array of numbers: they are complex"),
+        (["0.5"] * 39, "they are texts or dates"),
+        (np.array(["0.5"] * 39, dtype=object), "they are texts or dates"),
+        (np.zeros(39, dtype="M8[s]"), "they are texts or dates"),
+        (np.ma.masked_array(np.zeros(39), mask=[1] + 38 * [0]), "some are masked"),
+        (torch.zeros(39, requires_grad=True), r"requires grad\. Use tensor\.detach"),
+        ([10**400] * 39, "int too large to convert"),
     ],
 )
 def test_a_bad_action_is_refused_and_changes_nothing(env, action, message):
@@ -296,8 +333,11 @@ def test_a_bad_action_is_refused_and_changes_nothing(env, action, message):
 def test_actions_outside_the_bounds_are_clipped(env):
     state = env.get_state()
     inside = play(env, [np.ones(39)])
-    env.set_state(state)
-    np.testing.assert_array_equal(play(env, [np.full(39, 7.0)]), inside)
+    for beyond in (7.0, 1e300):
+        env.set_state(state)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            np.testing.assert_array_equal(play(env, [np.full(39, beyond)]), inside)
 
 
 def test_an_unstable_simulation_is_reported_not_hidden(env):

@@ -8,6 +8,7 @@ import sys
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 
 from sb3_piano.envs import (
     DEBUG_IDS,
@@ -19,7 +20,7 @@ from sb3_piano.envs import (
     register_envs,
 )
 from sb3_piano.exceptions import UnknownPieceError
-from sb3_piano.music import BUILT_IN, Note, Score, load_score, write_midi
+from sb3_piano.music import BUILT_IN, Note, Pedal, Score, load_score, write_midi
 from sb3_piano.music.built_in import ENCORE
 from sb3_piano.music.library import PIG_PIECES, Library
 
@@ -140,3 +141,11 @@ def test_the_general_id_plays_any_score(tmp_path):
         env = gym.make("RoboPianist-v0", score=score)
         env.reset(seed=0)
         assert env.unwrapped.score.title in ("piece", "DMajorScaleOneHand")
+
+
+def test_an_environment_of_a_score_is_made_again_from_the_json_of_its_spec():
+    notes = [Note(onset=0.1, offset=1 / 3, pitch=60, finger=1)]
+    score = Score(notes=notes, pedals=[Pedal(onset=0, offset=0.2)], title="one", bars=[0, 0.2])
+    spec = EnvSpec.from_json(gym.make(GENERAL_ID, score=score).spec.to_json())
+    again = gym.make(spec).unwrapped.default_score
+    assert (again, again.bars) == (score, score.bars)

@@ -7,7 +7,7 @@ import pytest
 
 from sb3_piano.envs import PianoEnv, PianoVectorEnv
 from sb3_piano.envs.score_choice import chosen_score
-from sb3_piano.exceptions import ConfigError, UnknownPieceError
+from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
 from sb3_piano.music import Note, Score
 
 OWN = Score(notes=[Note(onset=0.0, offset=0.1, pitch=60)], title="own")
@@ -64,6 +64,12 @@ def test_the_slots_of_a_vector_transform_their_scores_each_with_its_own_generato
     [
         ({"tempo": 2}, ConfigError, "Unknown reset option 'tempo': expected 'score' or 'trans"),
         ({"transform": lambda score, random: None}, ConfigError, "'transform' made a NoneType of"),
+        ({"transform": 3}, ConfigError, "'transform' is 3, which ends with TypeError"),
+        ({"transform": lambda score: score}, ConfigError, "takes 1 positional argument but 2"),
+        ({"transform": lambda score, random: 1 / 0}, ConfigError, "ZeroDivisionError"),
+        (["score"], ConfigError, r"The options of reset are \['score'\]"),
+        ({3: "score"}, ConfigError, "Unknown reset option 3"),
+        ({"score": {"title": "x"}}, ScoreError, "cannot be made of these fields"),
         ({"score": "Nocturn"}, UnknownPieceError, "Unknown piece 'Nocturn'"),
     ],
 )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import signal
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -155,3 +158,12 @@ def test_text_in_the_algorithms_arguments_becomes_no_function(small_config):
     )
     with pytest.raises(ConfigError, match=message):
         algorithm_arguments(config)
+
+
+@pytest.mark.slow
+def test_a_process_of_subproc_that_was_killed_is_named(build):
+    venv = build(vec_env="subproc", n_envs=2)
+    assert venv.n_processes == 2
+    os.kill(venv._processes[1].pid, signal.SIGKILL)
+    with pytest.raises(RunError, match="Process 1 of the environments has ended"):
+        venv.reset()

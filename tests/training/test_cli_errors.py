@@ -33,6 +33,11 @@ def folder(tmp_path, monkeypatch):
             "Nothing to play: expected --env ID, --midi FILE, --pieces PIECE... or --resume RUN.",
         ),
         ("train --env RoboPianist-v0 --algo td4", "Unknown algorithm 'td4'. Did you mean 'td3'"),
+        ("train --algo td4", "Unknown algorithm 'td4'. Did you mean 'td3'"),
+        (
+            "train --env Ant-v2 --config small.yml",
+            "'Ant-v2' cannot be made with env_kwargs {}",
+        ),
         ("train --env RoboPianst-v0", "Unknown environment 'RoboPianst-v0'. Did you mean 'Rob"),
         ("train --env RoboPianist-v0 --algo a2c", "No preset comes with this package for 'a2c'"),
         ("train --env RoboPianist-v0 --config no.yml", "'no.yml' cannot be read: No such file"),
@@ -174,3 +179,11 @@ def test_a_folder_that_may_not_be_read_is_called_so(folder, capsys):
 def test_a_command_without_standard_output_ends_well(monkeypatch):
     monkeypatch.setattr(sys, "stdout", None)  # as after >&-
     assert main(["envs"]) == 0
+
+
+def test_a_file_of_a_run_is_not_taken_for_a_piece(folder, capsys):
+    for name in ("config.yml", "model.zip"):
+        (folder / "full" / name).touch()
+    assert main(["play", "full/model.zip"]) == 2
+    told = "'full/model.zip' is a file of a run: expected its folder, 'full'."
+    assert told in capsys.readouterr().err

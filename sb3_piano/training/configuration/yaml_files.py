@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import itertools
 import os
 from collections.abc import Mapping
@@ -100,6 +101,10 @@ def entry_config(algo: str, env_id: str, entry: Mapping[str, Any]) -> RunConfig:
     names = {f.name for f in dataclasses.fields(RunConfig)}.difference(_NOT_IN_ENTRY)
     fields = {name: value for name, value in entry.items() if name in names}
     rest = {name: value for name, value in entry.items() if name not in names}
+    if "n_timesteps" not in fields:  # the one setting without a default
+        near = difflib.get_close_matches("n_timesteps", map(str, rest), 1)
+        slip = f" Did you mean it by {near[0]!r}?" if near else ""
+        raise ConfigError(f"n_timesteps is missing: it has no default.{slip}")
     return RunConfig(algo=algo, env_id=env_id, algorithm_kwargs=rest, **fields)
 
 

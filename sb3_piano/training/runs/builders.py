@@ -36,7 +36,7 @@ from stable_baselines3.common.vec_env import (
 from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.callbacks.own_env import EnvWrapper
 from sb3_piano.envs import PianoEnv
-from sb3_piano.exceptions import ConfigError, one_line
+from sb3_piano.exceptions import ConfigError, SB3PianoError, one_line
 from sb3_piano.interrupts import leave_to_parent
 from sb3_piano.planning import PianoPolicy
 from sb3_piano.players import player_class
@@ -115,9 +115,12 @@ def build_env(
         env: Env = gym.spec(registered_id(config.env_id, config.env_module)[1]).make(**env_kwargs)
         for wrapper in (innermost, log, *config.env_wrapper):
             env = env if wrapper is None else wrapper(env)
-    except (TypeError, gym.error.Error) as error:
+    except SB3PianoError:
+        raise
+    except (TypeError, ImportError, gym.error.Error) as error:
+        text = one_line(error).rstrip(".")
         raise ConfigError(
-            f"Environment {config.env_id!r} cannot be made with env_kwargs {env_kwargs}: {error}."
+            f"Environment {config.env_id!r} cannot be made with env_kwargs {env_kwargs}: {text}."
         ) from error
     return env
 

@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 
 from sb3_piano.music import BUILT_IN, Note, Score
 from sb3_piano.music.fingering import assign_hands, without_fingers
+from sb3_piano.music.fingering.hand_search import search
+from sb3_piano.music.fingering.split import _Pianist
 
 
 def score(*notes):
@@ -55,6 +57,25 @@ def test_a_hand_that_holds_far_away_leaves_a_key_to_the_other():
     left_busy = [(0.0, 40, 4.0), (0.0, 47, 4.0), (0.0, 76, 0.5), (1.0, 63, 0.5), (2.0, 60, 0.5)]
     assert hands(*right_busy)[-2:] == "LL"
     assert hands(*left_busy)[-2:] == "RR"
+
+
+def test_notes_that_strike_one_key_together_are_one_hands():
+    assert set(hands(*[(0.0, 60, 1.0)] * 12)) in ({"L"}, {"R"})
+
+
+def test_a_key_is_held_once_however_many_notes_lie_on_it():
+    most = 0
+
+    class Watching(_Pianist):
+        def costs(self, states, chord):
+            nonlocal most
+            most = max(most, len(chord.held))
+            return super().costs(states, chord)
+
+    together = [(0.0, 60, 50.0, None)] * 9
+    again = [(0.1 * i, 48 + i % 3, 50.0, None) for i in range(1, 30)]
+    search(score(*together, *again).notes, Watching())
+    assert most == 3  # 60, and two of the three keys: the third is struck
 
 
 def test_a_hand_takes_at_most_five_keys_at_a_time_if_the_other_can_help():

@@ -246,6 +246,10 @@ class TestFingers:
                 notes.append(Note(onset=time, offset=time + random.uniform(0.1, 1), pitch=pitch))
             assert_fingered_alike(music, Score(notes=notes))
 
+    def test_notes_that_lie_on_each_other_have_the_same_hands(self, music):
+        score = overlapping(crowded(2, labels=False))
+        assert_fingered_alike(music, Score(notes=[*score.notes, *score.notes[::2]]))
+
     @pytest.mark.parametrize("labels", [True, False])
     def test_a_pianists_fingers_are_the_same(self, music, labels):
         score = crowded(11, labels=labels)

@@ -82,24 +82,28 @@ def search(notes: Sequence[Note], model: CostModel) -> list[Hand]:
     for together in struck_together(notes):
         group = sorted(together, key=lambda at: notes[at].pitch)
         onset = notes[together[0]].onset
-        stays = np.array([notes[index].offset > onset + OVERLAP for index in sounding], dtype=bool)
-        sounding = [index for index, stay in zip(sounding, stays, strict=True) if stay]
         struck = [notes[index] for index in group]
-        options = model.options(struck)
+        # A key that is struck again is held no longer, whatever note has begun on it.
+        again = {note.pitch for note in struck}
         held = [notes[index] for index in sounding]
+        stays = np.array([n.offset > onset + OVERLAP and n.pitch not in again for n in held], bool)
+        sounding = [index for index, stay in zip(sounding, stays, strict=True) if stay]
+        held = [notes[index] for index in sounding]
+        options = model.options(struck)
         chord = Chord(onset, struck, held, options, left_holds[:, stays])
         added, after = model.costs(states, chord)
         total = cost[:, None] + added
         order = total.argsort(axis=None, kind="stable")[: 2 * _BEAM]
         way, option = np.unravel_index(order, total.shape)
-        left_holds = np.concatenate([chord.left_holds[way], options[option]], axis=1)
+        lasting = _last_of_each_key(group, notes)
+        left_holds = np.concatenate([chord.left_holds[way], options[option][:, lasting]], axis=1)
         # What will cost the same from here on need not be followed twice.
         rows = np.column_stack([after[way, option].reshape(len(way), -1), left_holds])
-        kept = np.sort(np.unique(rows, axis=0, return_index=True)[1])[:_BEAM]
+        kept = _first_of_equals(rows)[:_BEAM]
         way, option, left_holds = way[kept], option[kept], left_holds[kept]
         cost, states = total[way, option], after[way, option]
         trail.append((group, options, way, option))
-        sounding += group
+        sounding += [group[place] for place in lasting]
     found: list[Hand] = ["right"] * len(notes)
     best = int(cost.argmin())
     for group, options, ways, chosen in reversed(trail):
@@ -109,10 +113,27 @@ def search(notes: Sequence[Note], model: CostModel) -> list[Hand]:
     return found
 
 
+def _last_of_each_key(group: Sequence[int], notes: Sequence[Note]) -> list[int]:
+    """Return the places of the notes of a chord that hold its keys: of several, the longest."""
+    by_end = sorted(range(len(group)), key=lambda place: notes[group[place]].offset)
+    return sorted({notes[group[place]].pitch: place for place in by_end}.values())
+
+
+def _first_of_equals(rows: FloatArray) -> list[int]:
+    """Return where each different row stands first."""
+    places: dict[bytes, int] = {}
+    for place, row in enumerate(rows + 0.0):  # which makes 0 of -0
+        places.setdefault(row.tobytes(), place)
+    return list(places.values())
+
+
 def lowest_left(struck: Sequence[Note]) -> BoolArray:
-    """Return the ways to share notes in which the left hand takes the lowest: (options, struck)."""
-    count = len(struck)
-    return np.arange(count)[None, :] < np.arange(count + 1)[:, None]
+    """Return the ways to share notes in which the left hand takes the lowest: (options, struck).
+
+    A key is struck by one hand, however many notes strike it.
+    """
+    firsts = np.unique([note.pitch for note in struck], return_index=True)[1]
+    return np.arange(len(struck))[None, :] < np.append(firsts, len(struck))[:, None]
 
 
 def extent(places: FloatArray, chosen: BoolArray) -> tuple[FloatArray, FloatArray]:

@@ -72,28 +72,39 @@ export function searchHands(notes: readonly Note[], model: HandCosts): (0 | 1)[]
   for (const together of struckTogether(notes)) {
     const group = [...together].sort((a, b) => notes[a]!.pitch - notes[b]!.pitch);
     const onset = notes[together[0]!]!.onset;
-    const stays = sounding.map((index) => notes[index]!.offset > onset + OVERLAP);
+    // A key that is struck again is held no longer, whatever note has begun on it.
+    const again = new Set(group.map((index) => notes[index]!.pitch));
+    const stays = sounding.map((index) => notes[index]!.offset > onset + OVERLAP && !again.has(notes[index]!.pitch));
     sounding = sounding.filter((_, place) => stays[place]);
     const struck = group.map((index) => notes[index]!);
     const options = model.options(struck);
     const chord = { onset, struck, held: sounding.map((index) => notes[index]!) };
     const costs = model.costsOf(chord, options);
+    const lasting = lastOfEachKey(group, notes);
     const next = ways.flatMap((way) => {
       const held = way.held.filter((_, place) => stays[place]);
       return options.map((option, at): Way => {
         const { cost, states } = costs(way.states, held, at);
-        return { cost: way.cost + cost, states, held: [...held, ...option], before: way, group, option };
+        const holds = [...held, ...lasting.map((place) => option[place]!)];
+        return { cost: way.cost + cost, states, held: holds, before: way, group, option };
       });
     });
     // Sorting is stable: of equals, the first ways and options come first.
     ways = distinct(next.sort((a, b) => a.cost - b.cost).slice(0, 2 * BEAM));
-    sounding = [...sounding, ...group];
+    sounding = [...sounding, ...lasting.map((place) => group[place]!)];
   }
   const hands = new Array<0 | 1>(notes.length).fill(0);
   for (let way: Way | null = ways[0]!; way; way = way.before) {
     way.group.forEach((index, place) => (hands[index] = way!.option[place] ? 1 : 0));
   }
   return hands;
+}
+
+/** Return the places of the notes of a chord that hold its keys: of several, the longest. */
+function lastOfEachKey(group: readonly number[], notes: readonly Note[]): number[] {
+  const end = (place: number) => notes[group[place]!]!.offset;
+  const byEnd = [...group.keys()].sort((a, b) => end(a) - end(b));
+  return [...new Map(byEnd.map((place) => [notes[group[place]!]!.pitch, place])).values()].sort((a, b) => a - b);
 }
 
 /** Return the first ways, without those that will cost the same from here on as one before. */
@@ -113,11 +124,14 @@ function areAlike(one: Way, other: Way): boolean {
   );
 }
 
-/** Return the ways to share notes in which the left hand takes the lowest. */
-export function lowestLeft(count: number): Share[] {
-  return Array.from({ length: count + 1 }, (_, left) =>
-    Array.from({ length: count }, (_, place) => place < left),
-  );
+/**
+ * Return the ways to share notes, in order of pitch, in which the left hand takes the lowest.
+ *
+ * A key is struck by one hand, however many notes strike it.
+ */
+export function lowestLeft(struck: readonly Note[]): Share[] {
+  const firsts = [...struck.keys()].filter((place) => struck[place]!.pitch !== struck[place - 1]?.pitch);
+  return [...firsts, struck.length].map((left) => struck.map((_, place) => place < left));
 }
 
 /** Return shares without repetition, in order: the right hand comes first. */

@@ -58,7 +58,7 @@ function robotCosts(controlTimestep: number): HandCosts {
   return {
     start: [-Infinity, Infinity, -Infinity],
 
-    options: (struck) => inOrder([...lowestLeft(struck.length), written(struck)]),
+    options: (struck) => inOrder([...lowestLeft(struck), written(struck)]),
 
     costsOf(chord, options) {
       const onset = chord.onset / controlTimestep;

@@ -53,7 +53,7 @@ const pianist: HandCosts = {
   start: [0, 0, -Infinity],
 
   options(struck) {
-    const shares = lowestLeft(struck.length).map((share) =>
+    const shares = lowestLeft(struck).map((share) =>
       share.map((left, place) => (struck[place]!.hand === null ? left : struck[place]!.hand === 1)),
     );
     return inOrder(shares);

@@ -19,7 +19,7 @@ PROGRAMS = {
     "import sb3_piano.planning": ["-c", "import sb3_piano.planning"],
     "sb3-piano --help": ["-m", "sb3_piano.cli", "--help"],
 }
-ROUNDS = 20
+ROUNDS = 10
 
 
 def seconds(arguments: list[str]) -> float:

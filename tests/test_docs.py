@@ -41,7 +41,7 @@ MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8").replace("\\\n", " ")
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))  # the demo has tests of its own
 # What is shortened in examples that train, so that the networks are updated some ten times.
 SHORT = {
-    "02_train_stock_td3": {"STEPS = 1_000": "STEPS = 510"},
+    "02_learn_a_scale": {"STEPS = 12_000": "STEPS = 2_100"},
     "05_tune_with_optuna": {"STEPS, TRIALS = 60, 2": "STEPS, TRIALS = 50, 1"},
     "06_train_fast": {"WARM_UP, STEPS = 200, 100": "WARM_UP, STEPS = 20, 10"},
     "07_keep_the_best_model": {"EVALUATE_EVERY = 600, 200": "EVALUATE_EVERY = 210, 105"},

@@ -130,8 +130,9 @@ def test_the_same_seed_gives_bitwise_the_same_episode_in_two_processes():
         command = [sys.executable, "-c", EPISODE_HASH, "RoboPianist-debug-CMajorScaleTwoHands-v0"]
         return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 
-    assert len(episode_hash().strip()) == 64
-    assert episode_hash() == episode_hash()
+    first = episode_hash()
+    assert len(first.strip()) == 64
+    assert episode_hash() == first
 
 
 def test_the_general_id_plays_any_score(tmp_path):

@@ -10,8 +10,9 @@ import zipfile
 
 import numpy as np
 import pytest
+import safetensors.numpy
 
-from sb3_piano.array_files import read_arrays, read_shapes
+from sb3_piano.array_files import in_order, read_arrays, read_shapes
 
 ARRAYS = {
     "numbers": np.arange(6.0).reshape(2, 3),
@@ -88,3 +89,14 @@ def test_shapes_are_those_of_a_safetensors_header_of_some_size(tmp_path):
         file.write_bytes(content)
         with pytest.raises(ValueError, match="header"):
             read_shapes(file)
+
+
+def test_equal_tensors_and_facts_are_equal_bytes():
+    tensors, facts = (
+        {"b": np.ones(3, np.float32), "a": np.zeros(1)},
+        {f"k{i}": "é" for i in range(9)},
+    )
+    packed = {in_order(safetensors.numpy.save(tensors, facts)) for _ in range(9)}
+    assert len(packed) == 1
+    found = safetensors.numpy.load(packed.pop())
+    assert {n: t.tolist() for n, t in found.items()} == {"b": [1, 1, 1], "a": [0]}

@@ -81,8 +81,10 @@ def _open_journal(file: Path) -> JournalStorage:
         make_folder(file.parent)
         check_inside(file)
         if file.exists():
-            for line in read_file(file, _MOST_BYTES).splitlines():
-                json.loads(line)  # Optuna passes over the last one, and stumbles when it goes on
+            # Optuna passes over the last line, and stumbles when it goes on. One that has no end
+            # yet is being written.
+            for line in read_file(file, _MOST_BYTES).split(b"\n")[:-1]:
+                json.loads(line)
         return JournalStorage(JournalFileBackend(os.path.realpath(file)))
     except OSError as error:
         raise RunError(

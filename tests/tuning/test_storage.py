@@ -203,13 +203,14 @@ def test_a_journal_of_half_a_line_or_none_is_a_new_one(folder):
     assert len(opened(folder).get_trials()) == 1
 
 
+@pytest.mark.parametrize("rest", [lambda lines: lines[3:], lambda lines: []], ids=["amid", "last"])
 @pytest.mark.parametrize(
-    "line", ["nonsense", "{}", "[1]", "3", '{"op_code": 99}', '{"op_code": 0}']
+    "line", ["nonsense", "{}", "[1]", "3", '{"op_code": 99}', '{"op_code": 0}', "[" * 9999]
 )
-def test_a_journal_that_is_damaged_is_refused(line, folder):
+def test_a_journal_that_is_damaged_is_refused(line, rest, folder):
     file = fill_journal(folder)
     lines = file.read_text().splitlines()
-    file.write_text("\n".join([*lines[:2], line, *lines[3:], ""]))
+    file.write_text("\n".join([*lines[:2], line, *rest(lines), ""]))
     with pytest.raises(RunError, match=f"'{file}' is damaged: expected a journal of Optuna"):
         open_storage(None, folder)
 

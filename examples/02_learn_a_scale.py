@@ -1,4 +1,4 @@
-"""Does stock SAC learn a scale for two hands from nothing, in a minute of one core?
+"""Does stock SAC learn a scale for two hands from nothing, in a minute and a half of one core?
 
 It is told by F1, beside that of hands that rest: a return also grows by what rests earn. With the
 preset's own 480,000 steps, twenty minutes, nearly all of the piece is learnt (docs/learning.md).

@@ -76,6 +76,10 @@ _SHARED: dict[str, tuple[Any, ...]] = {
     ),
     "--csv": ("FILE", "write a row for each piece", Path),
     "--json": ("FILE", "write everything, statistics included", Path),
+    "--parts": (
+        "NAME|N",
+        "of a MusicXML file: read these parts, by name or number; may be given several times",
+    ),
     "--no-progress": ("", "show no progress bar"),
 }
 """Metavar, help and type of options that several commands have."""

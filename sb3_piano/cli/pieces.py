@@ -87,11 +87,13 @@ def add_arguments(parser: Any) -> None:
     add = add_command(own, "show", _show, "show what is known about a piece, and its beginning")
     add("name", "NAME|FILE", "as 'pieces list' shows it, or a file such as MIDI")
     add("--bars", "N", "show so many bars", whole_number, 2)
+    add("--parts", action="append")
     about = "import a file, a folder, the PIG data set, or a wheel or folder of robopianist"
     add = add_command(own, "import", _import, about, description=_IMPORT)
     add("path", "PATH", "MIDI, MusicXML, PIG text, a folder, or a robopianist wheel")
     add("--fingering", "HOW", _FINGERING_HELP)
     add("--name", "NAME", "the piece's name, for a single file; default: the file's")
+    add("--parts", action="append")
     add("--jobs", "N", "read in so many processes; default: one for each core", whole_number)
     add("--no-progress")
     add = add_command(own, "remove", _remove, "remove imported pieces, without asking")
@@ -99,6 +101,7 @@ def add_arguments(parser: Any) -> None:
     add = add_command(own, "export", _export, "write a piece to a file")
     add("name", "NAME|FILE", "as 'pieces list' shows it, or a file, which is converted")
     add("file", "FILE", "MIDI, MusicXML or PIG, by suffix", Path)
+    add("--parts", action="append")
     rank.add_parser(own)
 
 
@@ -148,7 +151,7 @@ def _print_list(rows: Sequence[Mapping[str, Any]]) -> None:
 def _show(arguments: argparse.Namespace) -> int:
     from sb3_piano.music.library import piece_features
 
-    piece = piece_of(arguments.name)
+    piece = piece_of(arguments.name, arguments.parts or ())
     score = piece.score()
     _tell(piece, score)
     try:
@@ -239,6 +242,7 @@ def _import(arguments: argparse.Namespace) -> int:
             arguments.path,
             fingering=arguments.fingering,
             name=arguments.name,
+            parts=arguments.parts or (),
             jobs=arguments.jobs,
             progress=lambda done, total: tell(completed=done, total=total),
         )
@@ -300,6 +304,6 @@ def _export(arguments: argparse.Namespace) -> int:
     check_output_file("FILE", arguments.file)
     from sb3_piano.music.formats import write_score
 
-    write_score(piece_of(arguments.name).score(), arguments.file)
+    write_score(piece_of(arguments.name, arguments.parts or ()).score(), arguments.file)
     print(f"Exported: {arguments.file}")
     return EXIT_OK

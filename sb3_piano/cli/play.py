@@ -66,6 +66,7 @@ def add_arguments(parser: Any) -> None:
     add_player_arguments(add)
     add("--out", "DIR", "default: RUN/play, or play/<title> for a piece")
     add("--score", "PIECE", "let the run's model play another piece")
+    add("--parts", action="append")
     add("--seed", "N", "seed of the run's environment; default: 0", int)
     add("--physics")
     add("--best")
@@ -175,12 +176,18 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
         if os.path.isdir(what):
             reason = f"with the run '{what}': its own model plays."
             refuse_options(arguments, ("player", "planned"), reason, "Expected a piece.")
+        instead = "Import the piece with --parts and --name, and give its name."
+        refuse_options(arguments, ("parts",), "with a player:", instead)
         _check_piece(arguments, "score", "best")
         return _played_take(arguments)
     instead = "expected --planned or --player, too, and a piece."
     refuse_options(arguments, PLAYER_OPTIONS[1:], "without --planned:", instead)
     if os.path.isdir(what):
-        score = None if arguments.score is None else load_score(arguments.score)
+        if arguments.score is None:
+            refuse_options(arguments, ("parts",), "without --score:", "Expected a file there.")
+        score = (
+            None if arguments.score is None else load_score(arguments.score, arguments.parts or ())
+        )
         take = take_of_run(
             what,
             seed=arguments.seed or 0,
@@ -191,7 +198,7 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
         )
         return take, default_folder(what, score)
     _check_piece(arguments, "score", "seed", "best", "tree")
-    score = load_score(what)
+    score = load_score(what, arguments.parts or ())
     return take_of_score(score, physics=physics or "reference"), default_folder(None, score)
 
 

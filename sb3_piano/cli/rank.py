@@ -92,11 +92,11 @@ def in_collection(pieces: Mapping[str, Piece], collection: str | None) -> dict[s
     return {name: piece for name, piece in pieces.items() if piece.collection == collection}
 
 
-def piece_of(text: str) -> Piece:
+def piece_of(text: str, parts: Sequence[str] = ()) -> Piece:
     """Return the piece of a name, or a file as one, which is read when its score is asked for."""
     from sb3_piano.music import Piece, find_piece, is_path, load_score
 
-    if not is_path(text):
+    if not (parts or is_path(text)):
         return find_piece(text)
     return Piece(
         name=text,
@@ -104,7 +104,7 @@ def piece_of(text: str) -> Piece:
         collection=_NO_COLLECTION,
         source=text,
         fingering="as in the file",
-        build=functools.cache(lambda: load_score(text)),
+        build=functools.cache(lambda: load_score(text, parts)),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,20 +62,25 @@ def _named_in_short(name: str, known: Mapping[str, Piece]) -> list[Piece]:
     return [piece for full, piece in known.items() if full == f"{piece.collection}-{name}"]
 
 
-def load_score(source: ScoreSource | Mapping[str, Any]) -> Score:
+def load_score(source: ScoreSource | Mapping[str, Any], parts: Sequence[str | int] = ()) -> Score:
     """Return the score that `source` stands for.
 
     Args:
         source: A score, which is returned as it is, or its fields by name, as gymnasium writes
             them into the JSON of an environment's spec; the name of a piece; or the path of a file,
             which may also be one of the user's library. Text counts as a path if it ends in a known
-            suffix or has a separator.
+            suffix or has a separator, or is an existing file's name with a suffix.
+        parts: Which parts to read of a MusicXML file, by their names, or numbers from 1; by
+            default the piano's.
 
     Raises:
         UnknownPieceError: If the text is neither the name of a piece nor a path.
         ScoreError: If the file cannot be read as a score.
-        ConfigError: If `source` is of another type.
+        ConfigError: If `source` is of another type, or parts are chosen of what is no file.
     """
+    is_file = is_path(source) if isinstance(source, str) else isinstance(source, os.PathLike)
+    if parts and not is_file:
+        raise ConfigError("Parts are chosen of what is no file: expected a MusicXML file.")
     if isinstance(source, Score):
         return source
     if isinstance(source, Mapping):
@@ -85,14 +90,18 @@ def load_score(source: ScoreSource | Mapping[str, Any]) -> Score:
             f"A piece cannot be given as {type(source).__name__}: expected a Score, the name of "
             f"a piece or the path of {ACCEPTED_FILES}."
         )
-    if isinstance(source, str) and not is_path(source):
+    if isinstance(source, str) and not is_file:
         return find_piece(source).score()
     path = Path(source)
-    return read_piece(path) if path.suffix == PIECE_SUFFIX else read_score(path)
+    return read_piece(path) if path.suffix == PIECE_SUFFIX else read_score(path, parts)
 
 
 def is_path(text: str) -> bool:
-    """Return whether a text is meant as a path: it ends in a known suffix or has a separator."""
+    """Return whether a text is meant as a path.
+
+    It ends in a known suffix, has a separator, or is an existing file's name with a suffix.
+    """
     separators = [separator for separator in (os.sep, os.altsep) if separator is not None]
     suffix = Path(text).suffix.lower()
-    return suffix in (*READERS, PIECE_SUFFIX) or any(mark in text for mark in separators)
+    is_known = suffix in (*READERS, PIECE_SUFFIX) or any(mark in text for mark in separators)
+    return is_known or (suffix != "" and os.path.isfile(text))

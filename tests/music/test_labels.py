@@ -62,6 +62,11 @@ def test_a_table_of_a_spreadsheet_with_its_mark_and_accents_is_read(table):
     assert fingers(read_labels(path, PLAIN)) == [3, -1, 4, -1]
 
 
+def test_a_table_of_pandas_with_a_gap_has_fractions(table):
+    path = table("onset,pitch,finger", "0.0,60.0,1.0", "0.5,61.0,", "1.0,62.0,6.0", "1.5,63,nan")
+    assert fingers(read_labels(path, PLAIN)) == [1, -1, 6, -1]
+
+
 def test_the_nearest_onset_within_the_tolerance_is_taken_and_each_note_once(table):
     repeated = Score(
         notes=[Note(onset=t, offset=t + 0.05, pitch=60) for t in (0.0, 0.1, 0.2, 5.0)],

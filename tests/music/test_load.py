@@ -61,3 +61,10 @@ def test_titles_of_built_in_pieces_are_those_that_people_write_and_others_stay()
     assert shown_title(load_score("FurElise").title) == "Für Elise (beginning)"
     assert shown_title("my own piece") == "my own piece"
     assert shown_title("") == ""
+
+
+def test_an_existing_file_of_another_suffix_is_no_unknown_piece(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.mscz").write_bytes(b"PK")
+    with pytest.raises(ScoreError, match=r"format of 'a.mscz'.*Export it as MusicXML"):
+        load_score("a.mscz")

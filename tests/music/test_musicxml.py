@@ -6,7 +6,7 @@ import zipfile
 import pytest
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
-from sb3_piano.music import Pedal
+from sb3_piano.music import Pedal, load_score
 from sb3_piano.music.formats import read_musicxml
 from sb3_piano.music.formats.musicxml.document import MOST_BYTES
 
@@ -628,6 +628,44 @@ class TestLeftOut:
 
 
 class TestParts:
+    CHOIR = ("Soprano", "Alto", "Tenor", "Bass")
+
+    @pytest.mark.parametrize(
+        ("chosen", "expected"),
+        [(["Alto", "bass"], [48, 60]), ([1], [72]), (["4", "Tenor"], [48, 55])],
+    )
+    def test_are_chosen_by_name_or_number(self, chosen, expected, read, tmp_path):
+        keys = dict(zip(self.CHOIR, ("C5", "C4", "G3", "C3"), strict=True))
+        parts = {name: part(note(key, 4)) for name, key in keys.items()}
+        (tmp_path / "choir.xml").write_text(document(**parts), "utf-8")
+        with pytest.warns(ScoreWarning, match="only what was chosen is read"):
+            score = load_score(tmp_path / "choir.xml", parts=chosen)
+        assert [note.pitch for note in score.notes] == expected
+        with pytest.raises(ScoreError, match="no part 'Drum': expected some of 1 'Soprano', 2"):
+            load_score(tmp_path / "choir.xml", parts=["Drum"])
+
+    @pytest.mark.parametrize(
+        ("names", "staves", "read_ones"),
+        [
+            (["Piano", "Grand_Piano"], 2, [0, 1]),
+            (["PianoVoorslagen", "Piano"], 2, [0, 1]),
+            (["Voice", "Piano"], 1, [1]),
+            (["Voice", "m.d.", "m.g."], 1, [1, 2]),
+            (["Sopraan", "rechte_Hand", "linke_Hand"], 1, [1, 2]),
+            (["Violin", "Cello", "Cembalo"], 1, [2]),
+            (["Piano_1", "Piano_2"], 2, None),
+            (["Primo", "Secondo"], 2, None),
+        ],
+    )
+    def test_of_one_pianist_are_told_by_their_names(self, names, staves, read_ones, read):
+        parts = {name: part(note(f"C{3 + n}", 4), staves=staves) for n, name in enumerate(names)}
+        with warnings.catch_warnings(record=True):
+            if read_ones is None:
+                with pytest.raises(ScoreError, match="import --parts NAME"):
+                    read(parts=parts)
+            else:
+                assert pitches(read(parts=parts)) == [12 * n - 12 for n in read_ones]
+
     def test_of_a_singer_with_a_piano_the_piano_is_read(self, read):
         piano = note("C4", 4) + backup(4) + note("C3", 4, staff=2)
         parts = {"Voice": part(tempo(60) + note("A4", 4)), "P": part(piano, staves=2)}

@@ -23,6 +23,7 @@ import functools
 import io
 import math
 import os
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -43,6 +44,7 @@ comparison of transcriptions (mir_eval)."""
 SAME_ONSET = 1e-3
 """Onsets this close are the same, in s: formats round times, MIDI to 0.1 ms."""
 
+_FRACTION = re.compile(r"\.0+$")
 _LABEL_LENGTH = 0.1  # s; a table has no offsets, and nobody asks for them
 
 
@@ -121,6 +123,8 @@ def _checked_columns(names: Iterable[str], path: Path) -> list[str]:
 def _read_row(where: str, row: Mapping[str | None, str]) -> Note:
     # Under None is what lies beyond the last column.
     texts = {name: value.strip() for name, value in row.items() if name is not None}
+    for name in ("pitch", "finger"):  # where a column has gaps, pandas writes 60.0
+        texts[name] = _FRACTION.sub("", texts[name])
     read = functools.partial(read_field, where)
     onset = read("onset", texts["onset"], float, "seconds, such as 1.25")
     pitches = "a MIDI number such as 60, or a name such as C4, F#5 or Bb3"
@@ -131,7 +135,7 @@ def _read_row(where: str, row: Mapping[str | None, str]) -> Note:
     if hand := sides[side]:
         fingers, expected = range(1, FINGERS_PER_HAND + 1), "1 (thumb) to 5 (little)"
     finger = UNKNOWN_FINGER
-    if texts["finger"] not in ("", "-1"):
+    if texts["finger"].lower() not in ("", "-1", "nan"):
         numbers: list[int | None] = [*fingers]
         place = read("finger", texts["finger"], lambda t: numbers.index(read_whole(t)), expected)
         finger = place + FINGERS_PER_HAND * (hand == "left")

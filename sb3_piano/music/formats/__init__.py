@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -20,6 +20,7 @@ from sb3_piano.music.score import Score
 T = TypeVar("T")
 
 _MUSICXML = (".musicxml", ".mxl", ".xml")
+_OF_PROGRAMS = frozenset({".mscz", ".mscx", ".sib", ".musx", ".mus", ".dorico", ".gp", ".ly"})
 
 READERS: Mapping[str, Callable[[Path], Score]] = MappingProxyType(
     {
@@ -49,14 +50,23 @@ ACCEPTED_FILES = (
 """The files that can be read, for messages."""
 
 
-def read_score(path: str | os.PathLike[str]) -> Score:
+def read_score(path: str | os.PathLike[str], parts: Sequence[str | int] = ()) -> Score:
     """Read a file in the format that its suffix tells.
+
+    Of MusicXML, parts may be chosen by their names, or numbers from 1.
 
     Raises:
         ScoreError: If the suffix is unknown, or the file cannot be read as a score.
     """
     path = Path(path)
-    return _of_suffix(READERS, path)(path)
+    read = _of_suffix(READERS, path)
+    if not parts:
+        return read(path)
+    if read is not read_musicxml:
+        raise ScoreError(
+            f"Parts of {str(path)!r} cannot be chosen: expected MusicXML, or no parts."
+        )
+    return read_musicxml(path, parts)
 
 
 def write_score(score: Score, path: str | os.PathLike[str]) -> None:
@@ -71,7 +81,10 @@ def write_score(score: Score, path: str | os.PathLike[str]) -> None:
 
 def _of_suffix(table: Mapping[str, T], path: Path) -> T:
     if path.suffix.lower() not in table:
-        raise ScoreError(f"Cannot tell the format of {str(path)!r}: expected {ACCEPTED_FILES}.")
+        hint = " Export it as MusicXML." if path.suffix.lower() in _OF_PROGRAMS else ""
+        raise ScoreError(
+            f"Cannot tell the format of {str(path)!r}: expected {ACCEPTED_FILES}.{hint}"
+        )
     return table[path.suffix.lower()]
 
 

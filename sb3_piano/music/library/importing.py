@@ -9,14 +9,15 @@ import io
 import itertools
 import os
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from sb3_piano.exceptions import ConfigError, ScoreError
 from sb3_piano.files import check_file, read_file
 from sb3_piano.music.fingering.apply import FINGERINGS, labels_file
-from sb3_piano.music.formats import ACCEPTED_FILES, READERS
+from sb3_piano.music.formats import ACCEPTED_FILES, READERS, read_score
 from sb3_piano.music.formats.pig import looks_like_pig
 from sb3_piano.music.library.datasets import (
     PIG_PIECES,
@@ -72,6 +73,7 @@ def import_path(
     *,
     fingering: str | os.PathLike[str] | None = None,
     name: str | None = None,
+    parts: Sequence[str | int] = (),
     jobs: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> ImportReport:
@@ -89,6 +91,7 @@ def import_path(
         fingering: As in :func:`~sb3_piano.music.fingering.apply.apply_fingering`. By default
             ``"keep"`` for the PIG data set, which is labelled, else ``"ergonomic"``.
         name: The piece's name, if the path is a single file; by default the file's own.
+        parts: Which parts to read, if it is a single MusicXML file, by their names or numbers.
         jobs: How many processes read; by default one for each usable core.
         progress: Called after each piece with how many are done, and of how many.
 
@@ -103,11 +106,13 @@ def import_path(
     notes: list[Unusable] = []
     with _search(Path(path)) as (found, unusable), library.importing():
         if len(found) != 1:
-            _check_single(name, fingering)
+            _check_single(name, fingering, parts)
         elif name is not None:
             check_name(name)
             found = [replace(found[0], names=((name, "imported"),))]
-        plan = _ImportPlan(library, None if fingering is None else os.fspath(fingering))
+        if parts:
+            found = [replace(found[0], read=partial(read_score, parts=tuple(parts)))]
+        plan = _ImportPlan(library, None if fingering is None else os.fspath(fingering), parts)
         for piece in found:
             try:
                 plan.add(piece)
@@ -232,7 +237,9 @@ def _read_titles(folder: Path) -> dict[Path, str]:
 class _ImportPlan:
     """What there is to do, ``tasks``, and the names of the pieces that are there already."""
 
-    def __init__(self, library: Library, fingering: str | None) -> None:
+    def __init__(
+        self, library: Library, fingering: str | None, parts: Sequence[str | int] = ()
+    ) -> None:
         """Look at what the library has.
 
         Raises:
@@ -242,6 +249,7 @@ class _ImportPlan:
         self.present: list[str] = []
         self._fingering = fingering
         self._setting = None if fingering is None else _setting(fingering)
+        self._parts = f" of {', '.join(map(str, parts))}" if parts else ""
         self._infos = library.infos()
         # Damaged pieces hold their names, too: nothing is written over them unasked.
         self._taken = set(library.names())
@@ -263,7 +271,7 @@ class _ImportPlan:
             OSError: If its file cannot be read.
         """
         sha256 = hashlib.sha256(read_file(task.path)).hexdigest()
-        setting = task.fingering if self._setting is None else self._setting
+        setting = (task.fingering if self._setting is None else self._setting) + self._parts
         content = (sha256, setting)
         if task.names:
             infos = [self._infos.get(name) for name, _ in task.names]
@@ -358,7 +366,11 @@ def _setting(fingering: str) -> str:
         raise ConfigError(f"Cannot read the labels in '{labels}': {error.strerror}.") from error
 
 
-def _check_single(name: str | None, fingering: str | os.PathLike[str] | None) -> None:
+def _check_single(
+    name: str | None, fingering: str | os.PathLike[str] | None, parts: Sequence[str | int]
+) -> None:
+    if parts:
+        raise ConfigError("Parts are chosen of one piece: expected a single MusicXML file.")
     if name is not None:
         raise ConfigError(
             f"Name {name!r} cannot be given to more than one piece: expected a single file."

@@ -43,7 +43,8 @@ def played_parts(
         names = ", ".join(repr(part.name) for part in parts)
         raise ScoreError(
             f"{str(path)!r} has {len(parts)} parts ({names}): expected one or two, or one whose "
-            "name or two staves make it the piano's. Choose by --parts NAME|N (in Python parts=)."
+            "name or two staves make it the piano's. Choose by 'sb3-piano pieces "
+            "import --parts NAME|N --name NAME', in Python by load_score(..., parts=...)."
         )
     return played
 

@@ -8,25 +8,26 @@ from collections.abc import Iterable
 from typing import Any
 
 import gymnasium as gym
-from gymnasium.wrappers import TimeLimit
 
 from sb3_piano.envs.record import EpisodeRecord
 
-LimitRef = weakref.ref[TimeLimit[Any, Any]]
+LimitRef = weakref.ref[Any]
 
 
 def time_limits(env: gym.Env[Any, Any]) -> tuple[LimitRef, ...]:
     """Return the ``TimeLimit`` wrappers whose ``reset`` is being called around an environment's.
 
     An environment holds no reference to its wrappers. Its ``reset`` is reached through theirs, so
-    that they are among its callers. References are weak, as each wrapper holds the environment.
+    that they are among its callers. RL Zoo puts a class of its own in gymnasium's place, so that
+    they are known by what they count. References are weak, as each wrapper holds the environment.
     """
     found, frame = [], sys._getframe(1)
     while (frame := frame.f_back) is not None:  # type: ignore[assignment]
         code = frame.f_code
         if code.co_argcount and code.co_varnames[0] == "self":
             caller = frame.f_locals.get("self")
-            if isinstance(caller, TimeLimit) and caller.unwrapped is env:
+            limit = getattr(caller, "_max_episode_steps", None)
+            if isinstance(caller, gym.Wrapper) and limit is not None and caller.unwrapped is env:
                 found.append(weakref.ref(caller))
     return tuple(dict.fromkeys(found))
 
@@ -35,7 +36,8 @@ def ends_by_limit(limits: Iterable[LimitRef]) -> bool:
     """Return whether one of the time limits ends the episode with the step that is being played."""
     wrappers = (limit() for limit in limits)
     return any(
-        wrapper is not None and (wrapper._elapsed_steps or 0) + 1 >= wrapper._max_episode_steps
+        wrapper is not None
+        and (getattr(wrapper, "_elapsed_steps", 0) or 0) + 1 >= wrapper._max_episode_steps
         for wrapper in wrappers
     )
 

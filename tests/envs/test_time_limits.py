@@ -42,10 +42,18 @@ def piano(**options):
     return gym.make(SELF_ACTUATED_ID, physics="fast", **options)
 
 
+class OtherLimit(Stop):
+    """A time limit of another package, such as the one that RL Zoo puts in gymnasium's place."""
+
+    _max_episode_steps = STEPS
+    _elapsed_steps = property(lambda self: self.count)
+
+
 LIMITED = {
     "make": lambda: piano(max_episode_steps=STEPS),
     "wrapper": lambda: TimeLimit(piano(), STEPS),
     "two wrappers": lambda: TimeLimit(TimeLimit(piano(), STEPS), 99),
+    "of another package": lambda: OtherLimit(piano()),
     "around Monitor": lambda: TimeLimit(Monitor(piano()), STEPS),
 }
 ENDED = {**LIMITED, "another wrapper": lambda: Stop(piano())}

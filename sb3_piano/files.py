@@ -276,9 +276,13 @@ def read_member(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
     packed.compress_type, packed.file_size = zipfile.ZIP_STORED, member.compress_size
     del packed.CRC
     if member.file_size <= limit:
-        with archive.open(packed) as file:
-            # What has no pattern is packed into a little more than itself.
-            content = _unpack(file.read(limit + limit // 8 + 999), member.compress_type, limit + 1)
+        try:
+            with archive.open(packed) as file:
+                # What has no pattern is packed into a little more than itself.
+                part = file.read(limit + limit // 8 + 999)
+        except EOFError as error:  # which says nothing
+            raise zipfile.BadZipFile(f"it ends within its {name}") from error
+        content = _unpack(part, member.compress_type, limit + 1)
     if member.file_size > limit or len(content) > limit:
         raise ValueError(f"its {name} holds more than {limit} bytes")
     if len(content) != member.file_size or zlib.crc32(content) != member.CRC:

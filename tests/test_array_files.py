@@ -79,6 +79,15 @@ def test_a_header_that_claims_what_is_not_there_is_refused(tmp_path, content):
         read_arrays(write_zip(tmp_path / "file.npz", a=content))
 
 
+def test_an_archive_that_claims_to_go_on_is_told(tmp_path):
+    file = write_zip(tmp_path / "file.npz", zipfile.ZIP_STORED, a=npy((3,), b"few"))
+    content = bytearray(file.read_bytes())
+    struct.pack_into("<II", content, content.rindex(b"PK\x01\x02") + 20, 9999, 9999)
+    file.write_bytes(content)
+    with pytest.raises(ValueError, match=r"it ends within its a\.npy"):
+        read_arrays(file)
+
+
 def test_shapes_are_those_of_a_safetensors_header_of_some_size(tmp_path):
     tensors = {"a": {"dtype": "F32", "shape": [2, 3], "data_offsets": [0, 24]}, "__metadata__": {}}
     text = json.dumps(tensors).encode()

@@ -168,12 +168,13 @@ class TestFolder:
         (music / "b.mid").write_bytes(save(music / "c.mid", 61).read_bytes()[:40])
         (music / "d.mid").symlink_to(music / "nowhere.mid")
         (music / "e.xml").write_text("<score-partwise>")
+        (music / "g.mid").symlink_to("/dev/zero")
         save(music / "f.mid", 62)
         (music / "README.txt").write_text("MIDI files from 2018, recorded by pianists")
         (music / "pom.xml").write_text("<project></project>")
         report = import_path(music, library, jobs=1)
         assert report.imported == ("a", "c", "f")
-        assert sorted(reasons(report)) == ["b.mid", "d.mid", "e.xml"]
+        assert sorted(reasons(report)) == ["b.mid", "d.mid", "e.xml", "g.mid"]
         assert list(library.names()) == ["a", "c", "f"]
 
     def test_files_of_one_name_get_that_of_their_folder_too(self, music, library):

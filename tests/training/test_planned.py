@@ -344,7 +344,7 @@ def test_the_listener_hears_of_planning_and_of_every_step():
 def test_a_refined_run_keeps_its_plan_plays_it_and_goes_on(capsys):
     assert main(["plan", "leap.mid", *SHORTLY, "--set", "physics=fast", "--out", "run"]) == 0
     told = capsys.readouterr().out
-    found = re.search(r"F1 ([\d.]+) before, ([\d.]+) after 1 passes", told)
+    found = re.search(r"F1 ([\d.]+) before, ([\d.]+) after 1 pass,", told)
     assert found is not None
     before, f1 = map(float, found.groups())
     assert f1 >= before

@@ -192,8 +192,7 @@ def _music_files(folder: Path) -> Iterator[Path]:
         folders[:] = sorted(name for name in folders if not is_hidden(name))
         for name in sorted(files):
             path = Path(place, name)
-            is_music = not is_hidden(name) and path.suffix.lower() in READERS
-            if is_music and (os.path.isfile(path) or not os.path.exists(path)) and _may_be(path):
+            if not is_hidden(name) and path.suffix.lower() in READERS and _may_be(path):
                 yield path
 
 

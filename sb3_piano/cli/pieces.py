@@ -262,6 +262,8 @@ def _tell_imported(report: ImportReport) -> None:
         print(f"Imported: {_names(report.imported)}")
     if report.present:
         print(f"There already: {_names(report.present)}")
+    if report.copies:
+        print(f"Copies of other files: {report.copies}")
     if report.unusable:
         print(f"Not imported: {len(report.unusable)}, as listed")
 

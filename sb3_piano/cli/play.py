@@ -7,6 +7,7 @@ import os
 import shlex
 import sys
 import webbrowser
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -176,8 +177,6 @@ def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
         if os.path.isdir(what):
             reason = f"with the run '{what}': its own model plays."
             refuse_options(arguments, ("player", "planned"), reason, "Expected a piece.")
-        instead = "Import the piece with --parts and --name, and give its name."
-        refuse_options(arguments, ("parts",), "with a player:", instead)
         _check_piece(arguments, "score", "best")
         return _played_take(arguments)
     instead = "expected --planned or --player, too, and a piece."
@@ -219,11 +218,14 @@ def _check_piece(arguments: argparse.Namespace, *of_runs: str) -> None:
 
 def _played_take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     """Let a player play a piece, say how well, and return that and the folder for it."""
+    from sb3_piano.music import load_score
     from sb3_piano.players import TreeSettings
     from sb3_piano.training.playing.takes import default_folder, take_of_planner
 
     physics = arguments.physics
-    options = {} if physics is None else {"physics": physics}
+    options: dict[str, Any] = {} if physics is None else {"physics": physics}
+    if arguments.parts:
+        options["score"] = asdict(load_score(arguments.what, arguments.parts))
     config = player_config(arguments, arguments.seed or 0, options)
     reads = config.algo == _SIGHT_READER
     with progress_bar(arguments, "Reading" if reads else "Planning") as tell:

@@ -83,13 +83,14 @@ def add_parser(commands: Any) -> None:
 
 def in_collection(pieces: Mapping[str, Piece], collection: str | None) -> dict[str, Piece]:
     """Return the pieces of a collection, of which there has to be one; all if none is named."""
+    from sb3_piano.music.catalogue import of_collection
     from sb3_piano.settings import refuse_unknown
 
     if collection is None:
         return dict(pieces)
-    known = sorted({piece.collection for piece in pieces.values()})
+    known = sorted({"imported", *(piece.collection for piece in pieces.values())})
     refuse_unknown([collection], known, "collection")
-    return {name: piece for name, piece in pieces.items() if piece.collection == collection}
+    return {name: pieces[name] for name in of_collection(pieces, collection)}
 
 
 def piece_of(text: str, parts: Sequence[str] = ()) -> Piece:

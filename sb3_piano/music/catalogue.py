@@ -23,6 +23,15 @@ def pieces() -> Mapping[str, Piece]:
     return {**BUILT_IN, **imported_pieces()}
 
 
+def of_collection(known: Mapping[str, Piece], collection: str) -> list[str]:
+    """Return the names of the pieces of a collection.
+
+    ``"imported"`` has all that were imported, those that belong to another one as well.
+    """
+    own = imported_pieces() if collection == "imported" else {}
+    return [name for name, piece in known.items() if piece.collection == collection or name in own]
+
+
 def shown_title(title: str) -> str:
     """Return the title of a score as people write it, "Für Elise" for "repertoire-FurElise".
 

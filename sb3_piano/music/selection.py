@@ -12,7 +12,7 @@ from typing import Any
 
 from sb3_piano.exceptions import ConfigError, UnknownPieceError, near_names
 from sb3_piano.files import read_file
-from sb3_piano.music.catalogue import ScoreSource, find_piece, is_path, pieces
+from sb3_piano.music.catalogue import ScoreSource, find_piece, is_path, of_collection, pieces
 from sb3_piano.music.formats.pig import looks_like_pig
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score
@@ -87,9 +87,8 @@ def _named(text: str, known: Mapping[str, Piece]) -> Iterator[str]:
     if text in known:
         yield text
         return
-    of_collection = [name for name, piece in known.items() if piece.collection == text]
-    if of_collection:
-        yield from of_collection
+    if names := of_collection(known, text):
+        yield from names
         return
     try:
         piece = find_piece(text)

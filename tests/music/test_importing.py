@@ -194,7 +194,27 @@ class TestFolder:
         (music / "copy.mid").write_bytes((music / "a.mid").read_bytes())
         for imported, present in ((("a",), ()), ((), ("a",))):
             report = import_path(music, library, jobs=1)
-            assert (report.imported, report.present) == (imported, present)
+            assert (report.imported, report.present, report.copies) == (imported, present, 1)
+
+    def test_other_parts_of_a_file_are_another_piece(self, music, library):
+        def lists(form):
+            return "".join(form.format(name, octave) for octave, name in enumerate("TAS", 3))
+
+        note = (
+            "<note><pitch><step>C</step><octave>{1}</octave></pitch><duration>4</duration></note>"
+        )
+        (music / "choir.xml").write_text(
+            "<score-partwise><part-list>"
+            + lists('<score-part id="{0}"><part-name>{0}</part-name></score-part>')
+            + "</part-list>"
+            + lists(f'<part id="{{0}}"><measure number="1">{note}</measure></part>')
+            + "</score-partwise>"
+        )
+        for part, name in (("S", "three"), ("A", None), ("1", None)):
+            import_path(music / "choir.xml", library, name=name, parts=[part], jobs=1)
+        pitches = {n: p.score().notes[0].pitch for n, p in library.pieces().items()}
+        assert pitches == {"three": 72, "choir": 60, "music-choir": 48}
+        assert import_path(music / "choir.xml", library, parts=["A"], jobs=1).present == ("choir",)
 
     def test_maestro_tells_composer_and_title(self, music, library):
         save(music / "2018" / "MIDI-Unprocessed_wav--1.midi")

@@ -8,7 +8,17 @@ import time
 
 import pytest
 
-from sb3_piano.music import BUILT_IN, Note, Score, load_score, read_midi, read_pig, write_midi
+from sb3_piano.music import (
+    BUILT_IN,
+    Note,
+    Score,
+    load_score,
+    pieces,
+    read_midi,
+    read_pig,
+    write_midi,
+)
+from sb3_piano.music.catalogue import of_collection
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.library import Library
 
@@ -145,6 +155,17 @@ class TestList:
         assert listed[-1]["name"] == "a"
         assert listed[-1]["notes"] == 4
         assert listed[-1]["title"] == "a"
+
+    def test_what_was_imported_is_found_whatever_its_collection(self, data):
+        for name in ("debug-x", "y"):
+            Library().add(
+                load_score(TWINKLE),
+                name,
+                source="",
+                fingering="",
+                collection=name.partition("-")[0],
+            )
+        assert of_collection(pieces(), "imported") == ["debug-x", "y"]
 
     @pytest.mark.slow
     def test_a_damaged_piece_is_named_and_all_others_are_listed(self, run, music, data):

@@ -54,6 +54,7 @@ class ImportReport:
         imported: The names of the pieces that are new in the library.
         present: The names of the pieces that were there before, from the same file and with the
             same fingering.
+        copies: How many files are left out because another one has the same content.
         unusable: The files that could not be imported, and why.
         notes: The files that were imported although something in them is odd, and what.
         interrupted: Whether Ctrl-C ended it; the pieces above are in the library all the same,
@@ -62,6 +63,7 @@ class ImportReport:
 
     imported: tuple[str, ...]
     present: tuple[str, ...]
+    copies: int
     unusable: tuple[Unusable, ...]
     notes: tuple[Unusable, ...]
     interrupted: bool
@@ -133,6 +135,7 @@ def import_path(
     return ImportReport(
         imported=tuple(sorted(imported)),
         present=tuple(sorted(set(plan.present))),
+        copies=plan.copies,
         unusable=tuple(unusable),
         notes=tuple(notes),
         interrupted=interrupted,
@@ -234,7 +237,7 @@ def _read_titles(folder: Path) -> dict[Path, str]:
 
 
 class _ImportPlan:
-    """What there is to do, ``tasks``, and the names of the pieces that are there already."""
+    """What there is to do, ``tasks``, the names of the pieces that are there, and ``copies``."""
 
     def __init__(
         self, library: Library, fingering: str | None, parts: Sequence[str | int] = ()
@@ -246,6 +249,7 @@ class _ImportPlan:
         """
         self.tasks: list[ImportTask] = []
         self.present: list[str] = []
+        self.copies = 0
         self._fingering = fingering
         self._setting = None if fingering is None else _setting(fingering)
         self._parts = f" of {', '.join(map(str, parts))}" if parts else ""
@@ -302,9 +306,10 @@ class _ImportPlan:
         It replaces what has the same content with another fingering, or is of the same file before
         it was changed.
         """
-        if content in self._planned:  # this file is a copy of one that is imported
-            return None
         known = self._by_content.get(content)
+        if content in self._planned or known in self._kept:
+            self.copies += 1
+            return None
         if known is not None and known not in self._new:
             self.present.append(known)
             self._kept.add(known)
@@ -319,7 +324,8 @@ class _ImportPlan:
     def _replaced(self, key: str, path: Path, setting: str) -> str | None:
         """Return what a piece replaces of those with its content, or of its file, if anything.
 
-        Of several it is the one with the same fingering, or the one that is called like the file.
+        Other parts of a file are another piece. Of several it is the one with the same fingering,
+        or the one that is called like the file.
         """
         found = [
             info
@@ -327,6 +333,7 @@ class _ImportPlan:
             # Older versions gave names that no piece can have any more.
             if is_possible(info.name) and not is_built_in(info.name)
             if info.name not in self._new | self._kept
+            if info.setting.partition(" of ")[2] == setting.partition(" of ")[2]
         ]
         alike = [info for info in found if info.setting == setting]
         named = [info for info in found if info.name == slug(path.stem)]

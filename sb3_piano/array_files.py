@@ -1,4 +1,4 @@
-"""Arrays in files of NumPy (.npz) and safetensors, of which nothing is made that is too large."""
+"""Arrays in files of NumPy, safetensors and HDF5, of which nothing is made that is too large."""
 
 from __future__ import annotations
 
@@ -24,6 +24,10 @@ _HEADERS = {
 _ARRAY_SUFFIX = ".npy"
 _MOST_OF_HEADER = 2**20
 """Most bytes of the header of a safetensors file, which has some hundred for each tensor."""
+_MOST_PACKED = 100
+"""How many times the size of an HDF5 file its arrays may take, which can be compressed."""
+_ITEM_BYTES = 2**12
+"""What each of them counts for at least, so that a group within itself comes to an end."""
 
 
 def read_arrays(
@@ -101,3 +105,32 @@ def read_shapes(path: str | os.PathLike[str]) -> dict[str, tuple[int, ...]]:
         return {n: tuple(map(int, t["shape"])) for n, t in header.items() if n != "__metadata__"}
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise ValueError("its header is damaged") from error
+
+
+def check_hdf5(path: str | os.PathLike[str]) -> int:
+    """Return how many groups an HDF5 file has, of which nothing leads out or takes too much.
+
+    Raises:
+        OSError: If it is no file or cannot be read.
+        ValueError: If its arrays would take far more than its size, or stand in other files.
+        Exception: Whatever HDF5 raises at a damaged one.
+    """
+    import h5py
+
+    check_file(path)
+    left = MOST_BYTES + _MOST_PACKED * os.path.getsize(path)
+    with h5py.File(path) as file:
+        groups = [file]
+        while groups:
+            group = groups.pop()
+            for name in group:
+                linked = isinstance(group.get(name, getlink=True), h5py.HardLink)
+                item = group[name] if linked else None
+                if isinstance(item, h5py.Group):
+                    groups.append(item)
+                elif item is None or item.is_virtual or item.external:
+                    raise ValueError(f"{group.name}/{name} stands elsewhere")
+                left -= getattr(item, "nbytes", 0) + _ITEM_BYTES
+                if left < 0:
+                    raise ValueError("its arrays would take far more than its size")
+        return len(file)

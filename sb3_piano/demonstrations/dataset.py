@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 
+from sb3_piano.array_files import check_hdf5
 from sb3_piano.exceptions import (
     ConfigError,
     MissingPackageError,
@@ -22,7 +24,7 @@ from sb3_piano.exceptions import (
     install_command,
     one_line,
 )
-from sb3_piano.files import sync_folder
+from sb3_piano.files import read_file, sync_folder
 from sb3_piano.interrupts import ctrl_c_deferred
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.unfinished import delete_unowned, partial_folder
@@ -116,7 +118,17 @@ def open_dataset(dataset: MinariDataset | str, root: Path | None = None) -> Mina
             f"those there{known}; 'sb3-piano record' writes one."
         )
     with reading(dataset, place):
+        _check_claims(place / "data")
         return minari.MinariDataset(place / "data")
+
+
+def _check_claims(folder: Path) -> None:
+    """Refuse what claims far more than is there, for which memory would be taken."""
+    claimed = json.loads(read_file(folder / "metadata.json"))["total_episodes"]
+    file = folder / "main_data.hdf5"
+    episodes = check_hdf5(file) if os.path.exists(file) else len(os.listdir(folder))
+    if claimed > episodes:
+        raise ValueError(f"it has {episodes} episodes, not {claimed} as its metadata.json says")
 
 
 @contextlib.contextmanager
@@ -138,11 +150,12 @@ def reading(dataset_id: str, place: Path | None = None) -> Iterator[None]:
 
 
 def _check_rows(dataset: MinariDataset, episode: EpisodeData) -> None:
-    """Refuse an episode whose arrays have not the rows and the shapes of the others."""
+    """Refuse an episode whose arrays are no numbers, or have not the rows of the others."""
     steps = len(episode.rewards)
     for name, array, shape in (
         ("observations", episode.observations, (steps + 1, *dataset.observation_space.shape)),
         ("actions", episode.actions, (steps, *dataset.action_space.shape)),
+        ("rewards", episode.rewards, (steps,)),
         (EXPERT_ACTION, _expert_actions(episode), (steps, *dataset.action_space.shape)),
         ("terminations", episode.terminations, (steps,)),
         ("truncations", episode.truncations, (steps,)),
@@ -151,6 +164,8 @@ def _check_rows(dataset: MinariDataset, episode: EpisodeData) -> None:
             raise ValueError(
                 f"{name} of episode {episode.id} have the shape {np.shape(array)}, not {shape}"
             )
+        if np.asarray(array).dtype.kind not in "biuf":
+            raise ValueError(f"{name} of episode {episode.id} are no numbers")
 
 
 def dataset_root() -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import h5py
 import numpy as np
 import pytest
 from damage import told, variants_of
@@ -49,3 +50,55 @@ def test_damaged_metadata_is_named(pendulum_data, datasets, tmp_path):
         file.write_text(json.dumps({**found, key: "\x00"}))
         line = told(ConfigError, lambda: clone(NAME, folder=tmp_path / key, **QUICK))  # noqa: B023
         assert line is None or f"Data set '{NAME}'" in line
+
+
+def of_size(name, **claims):
+    """Return what puts an array that claims a size into an episode, of which no byte is there."""
+
+    def change(file):
+        if f"episode_0/{name}" in file:
+            del file[f"episode_0/{name}"]
+        file.create_dataset(f"episode_0/{name}", dtype="f8", **claims)
+
+    return change
+
+
+def linked(file):
+    del file["episode_0/rewards"]
+    file["episode_0/rewards"] = h5py.ExternalLink("other.hdf5", "rewards")
+
+
+def in_itself(file):
+    file["episode_0/infos/a"] = file["episode_0/infos/b"] = file["episode_0/infos"]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (of_size("rewards", shape=(10**8,)), "more than its size"),
+        (of_size("infos/x", shape=(10**9,), chunks=(10**6,)), "more than its size"),
+        (of_size("rewards", shape=(9,), external=[("/dev/zero", 0, 72)]), "stands elsewhere"),
+        (linked, "stands elsewhere"),
+        (in_itself, "more than its size"),
+    ],
+)
+def test_what_a_file_only_claims_is_refused_before_it_is_read(
+    pendulum_data, datasets, change, said
+):
+    pendulum_data()
+    with h5py.File(datasets / NAME / "data" / "main_data.hdf5", "r+") as file:
+        file.require_group("episode_0/infos")
+        change(file)
+    with pytest.raises(ConfigError, match=f"cannot be read .*{said}"):
+        Transitions.of(NAME)
+
+
+@pytest.mark.parametrize("name", ["rewards", "actions"])
+def test_texts_in_place_of_numbers_are_refused(pendulum_data, datasets, name):
+    pendulum_data()
+    with h5py.File(datasets / NAME / "data" / "main_data.hdf5", "r+") as file:
+        shape = file[f"episode_0/{name}"].shape
+        del file[f"episode_0/{name}"]
+        file[f"episode_0/{name}"] = np.full(shape, b"x")
+    with pytest.raises(ConfigError, match=f"{name} of episode 0 are no numbers"):
+        Transitions.of(NAME)

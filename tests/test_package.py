@@ -20,6 +20,7 @@ ROOT = Path(__file__).parents[1]
 
 # The rooms, each of which imports only from those before it.
 ROOMS = [
+    "text",
     "exceptions",
     "user_data",
     "registration",

@@ -298,7 +298,7 @@ def measured(tmp_path_factory):
     plan_run(planner_config("debug-CMajorScaleOneHand", "sight-reader"), folder / "run")
     command = ["results", "measure", "--pieces", "scale-AMajor", "--seeds", "0", "1"]
     command += ["--players", "sight-reader", str(folder / "run"), "--physics", "fast"]
-    command += ["--workers", "1", "--out", str(folder / "results.json")]
+    command += ["--noise", "0.01", "--workers", "1", "--out", str(folder / "results.json")]
     assert main(command) == 0
     return folder / "results.json"
 

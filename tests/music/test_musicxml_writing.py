@@ -179,7 +179,7 @@ class TestOtherReaders:
         expected = [(n.onset, n.pitch) for n in AWKWARD.notes]
         assert [pitch for _, pitch in found] == [pitch for _, pitch in expected]
         assert [time for time, _ in found] == pytest.approx([t for t, _ in expected], abs=1e-4)
-        assert theirs.metadata.title == "Awkward & <odd> piece"
+        assert theirs.metadata.title == "Awkward & <odd> \N{REPLACEMENT CHARACTER}piece"
         fingers = theirs.recurse().notes.first().articulations
         assert [finger.fingerNumber for finger in fingers] == [1, 3]
         (tempo, *_) = theirs.recurse().getElementsByClass(music21.tempo.MetronomeMark)

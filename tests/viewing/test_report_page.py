@@ -9,7 +9,7 @@ import pytest
 from html_page import Page
 from report_parts import C4, metrics_of, note, performance, resting, three_notes
 
-from sb3_piano.metrics import FINGER_SHARES
+from sb3_piano.metrics import FINGER_SHARES, has_value
 from sb3_piano.viewing.report import Curve, Report, report_html
 from sb3_piano.viewing.report.page import definition_of, formatted
 
@@ -58,7 +58,8 @@ def test_each_number_stands_beside_what_playing_nothing_scores_and_what_it_means
         if name in FINGER_SHARES:
             continue
         known = definition_of(name)
-        nothing = NONE if name in timing else formatted(name, made.baseline[name])
+        is_empty = name in timing or not has_value(name, made.baseline)
+        nothing = NONE if is_empty else formatted(name, made.baseline[name])
         row = f"{known.label} {formatted(name, value)} {nothing} {known.meaning}"
         assert row.replace("\N{NO-BREAK SPACE}", " ") in text, name
     alone = Page(report_html(report(baseline=None))).text

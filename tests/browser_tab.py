@@ -29,7 +29,7 @@ class Tab:
 
     def open(self, path):
         """Open a report, and wait until all its figures are there."""
-        self.page.goto(Path(path).as_uri())
+        self.page.goto(Path(path).as_uri(), timeout=120_000)  # other tests may be at work, too
         self.page.wait_for_function(
             "[...document.querySelectorAll('.plotly-graph-div')].every(f => f.querySelector('svg'))"
         )

@@ -76,7 +76,7 @@ def write_video(
         # Only now it is known for how long there has to be sound.
         with _ffmpeg_running(path, _muxing(silent, audio, count / rate, whole)):
             pass
-        if not whole.exists():
+        if not whole.exists() or whole.stat().st_size == 0:
             raise RenderingError(f"Cannot write '{path}': {_ffmpeg()!r} writes no file. {_FFMPEG}")
         os.replace(whole, path)
 

@@ -19,7 +19,7 @@ from statistics import median
 from typing import Any
 
 from sb3_piano.corpora import CorpusConfig, record_corpus
-from sb3_piano.executors import map_jobs, open_executor
+from sb3_piano.jobs import map_jobs, open_executor
 from sb3_piano.sweeps import SweepConfig, sweep
 
 os.environ.setdefault("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", "0")  # nodes on 127.0.0.1 are a cluster

@@ -23,8 +23,8 @@ from pathlib import Path
 from seeds import over_seeds
 
 from sb3_piano.exceptions import SB3PianoError
-from sb3_piano.executors import broken_told, map_jobs, open_executor
 from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.jobs import broken_told, map_jobs, open_executor
 from sb3_piano.training import evaluate, load_curriculum, run_curriculum
 
 FILE = Path(__file__).parent / "repertoire.yml"

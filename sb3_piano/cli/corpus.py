@@ -56,7 +56,7 @@ def add_arguments(parser: Any) -> None:
 
 def _corpus(arguments: argparse.Namespace) -> int:
     from sb3_piano.corpora import DEFAULT_NOISE, CorpusConfig, record_corpus
-    from sb3_piano.executors import open_executor
+    from sb3_piano.jobs import open_executor
 
     config = CorpusConfig(
         pieces=arguments.pieces,

@@ -169,8 +169,8 @@ def _done(
     jobs: Iterable[_Job],
 ) -> Iterator[_Found]:
     """Yield the results of jobs, which processes do, while a bar shows how many are done."""
-    from sb3_piano.executors import broken_told, map_jobs, open_executor
     from sb3_piano.interrupts import stop_on_signal
+    from sb3_piano.jobs import broken_told, map_jobs, open_executor
 
     several = list(jobs)
     with (

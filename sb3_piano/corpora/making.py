@@ -24,9 +24,9 @@ from sb3_piano.demonstrations.shards import (
     make_missing,
 )
 from sb3_piano.exceptions import ConfigError, RunError
-from sb3_piano.executors import broken_told, process_pool
 from sb3_piano.files import write_json
 from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.jobs import broken_told, process_pool
 from sb3_piano.links import keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import digest

@@ -19,9 +19,9 @@ import numpy as np
 import sb3_piano
 from sb3_piano.demonstrations.dataset import DatasetWriter, dataset_folder, open_dataset
 from sb3_piano.exceptions import RunError, ScoreError, SimulationDivergedError
-from sb3_piano.executors import map_jobs
 from sb3_piano.files import read_json, write_json
 from sb3_piano.interrupts import StopRequest
+from sb3_piano.jobs import map_jobs
 
 if TYPE_CHECKING:
     from minari import MinariDataset

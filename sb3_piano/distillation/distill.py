@@ -30,9 +30,9 @@ from sb3_piano.distillation.rounds import (
 from sb3_piano.distillation.shards import JUDGED_BY
 from sb3_piano.distillation.teachers import new_teacher
 from sb3_piano.exceptions import RunError
-from sb3_piano.executors import broken_told, process_pool
 from sb3_piano.files import write_bytes, write_csv, write_yaml
 from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.jobs import broken_told, process_pool
 from sb3_piano.links import keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import is_path

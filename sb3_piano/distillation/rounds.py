@@ -31,9 +31,9 @@ from sb3_piano.distillation.shards import (
     shard_jobs,
 )
 from sb3_piano.exceptions import RunError
-from sb3_piano.executors import Job, Result, map_jobs
 from sb3_piano.files import read_json, write_json
 from sb3_piano.interrupts import StopRequest
+from sb3_piano.jobs import Item, Result, map_jobs
 from sb3_piano.music import Score, load_score
 from sb3_piano.music.selection import told_apart
 from sb3_piano.players import HandModel
@@ -228,7 +228,7 @@ class Rounds:
         return {score.title: found[score.title] for score in self._held_out}
 
     def _mapped(
-        self, function: Callable[[Job], Result], jobs: Sequence[Job]
+        self, function: Callable[[Item], Result], jobs: Sequence[Item]
     ) -> contextlib.closing[Generator[Result, None, None]]:
         """Give the results of jobs; those that have not begun are cancelled with the block."""
         return contextlib.closing(map_jobs(self._executor, function, jobs, self._request))

@@ -8,7 +8,7 @@ from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
 from sb3_piano.interrupts import leave_to_parent
-from sb3_piano.processes import process_context
+from sb3_piano.jobs.starting import process_context
 
 M = TypeVar("M")
 P = TypeVar("P")

@@ -12,9 +12,9 @@ from typing import Any
 
 from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
 from sb3_piano.exceptions import SB3PianoError
-from sb3_piano.executors import Resources, broken_told, map_jobs, open_executor
 from sb3_piano.files import read_json, write_json
 from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.jobs import Resources, broken_told, map_jobs, open_executor
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.sweeps.storage import Mirror, glance, mirrored
 from sb3_piano.training import RunConfig, RunFolder, evaluate, resume, train
@@ -130,7 +130,7 @@ def finish_cells(
         jobs: The runs, whose folders differ.
         before: How far each is, if that is known already.
         executor: Where they are trained; by default what the next three say, see
-            :func:`~sb3_piano.executors.open_executor`.
+            :func:`~sb3_piano.jobs.open_executor`.
         workers: Processes on this machine.
         ray: Address of a cluster of Ray, all of whose nodes see the folders.
         resources: What a run needs, on a cluster.

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from annotated_types import MinLen
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.executors import Resources
+from sb3_piano.jobs import Resources
 from sb3_piano.music import is_path, select_pieces
 from sb3_piano.registration import GENERAL_ID
 from sb3_piano.settings import Count, Index, Listed, settings
@@ -53,7 +53,7 @@ class SweepConfig:
     checkpoint_every: Count = 10_000
     """Environment steps between two checkpoints: what is lost at most when a process dies."""
     resources: Mapping[str, Any] = field(default_factory=dict)
-    """What a run needs on a cluster: fields of :class:`~sb3_piano.executors.Resources`."""
+    """What a run needs on a cluster: fields of :class:`~sb3_piano.jobs.Resources`."""
 
     def __post_init__(self) -> None:
         Resources(**self.resources)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sb3_piano.exceptions import RunError
-from sb3_piano.executors import Resources
 from sb3_piano.files import dump_yaml, load_yaml, read_table, write_csv, write_yaml
+from sb3_piano.jobs import Resources
 from sb3_piano.links import keep_inside
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.sweeps.cells import CellJob, CellResult, finish_cells, status_of
@@ -62,7 +62,7 @@ def sweep(
         folder: The sweep's folder, new, empty or that of a sweep of the same settings; cells and
             seeds may have been added.
         executor: Where the runs are trained; by default what ``workers`` and ``ray`` say, see
-            :func:`~sb3_piano.executors.open_executor`.
+            :func:`~sb3_piano.jobs.open_executor`.
         workers: Processes on this machine.
         ray: Address of a cluster of Ray, all of whose nodes see the folder, or ``runs``.
         runs: Where the runs are, if not in the folder: a URL as of fsspec.

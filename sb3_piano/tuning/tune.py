@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from sb3_piano.exceptions import RunError
-from sb3_piano.executors import connected_to_ray
+from sb3_piano.jobs import connected_to_ray
 from sb3_piano.links import keep_inside
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.settings import Count, checked
@@ -91,7 +91,7 @@ def tune(
         name: The study's name in its store; by default that of the folder.
         n_trials: Trials of the study in all, at least 1.
         workers: Processes that run trials, at least 1; on this machine they share the cores.
-        ray: Address of a cluster of Ray, see :func:`~sb3_piano.executors.connected_to_ray`; the
+        ray: Address of a cluster of Ray, see :func:`~sb3_piano.jobs.connected_to_ray`; the
             workers are then actors there, with a core each. All nodes see ``folder`` by the same
             path. The store stays with this process.
         storage: URL of a database, such as ``postgresql+psycopg://user@host/name``; by default

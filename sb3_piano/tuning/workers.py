@@ -21,10 +21,10 @@ import optuna
 from optuna.trial import FixedTrial
 
 from sb3_piano.exceptions import one_line
-from sb3_piano.executors.cluster import work_in
 from sb3_piano.interrupts import ctrl_c_ignored
+from sb3_piano.jobs.cluster import work_in
+from sb3_piano.jobs.starting import process_context
 from sb3_piano.links import make_folder
-from sb3_piano.processes import process_context
 from sb3_piano.tuning.objective import Objective
 from sb3_piano.tuning.study import StudyConfig, StudyFolder
 

@@ -10,7 +10,7 @@ import pytest
 import small_study
 from optuna.trial import TrialState
 
-from sb3_piano.executors import connected_to_ray
+from sb3_piano.jobs import connected_to_ray
 from sb3_piano.tuning import StudyFolder
 from sb3_piano.tuning.storage import open_storage, open_study
 from sb3_piano.tuning.team import Team

@@ -18,13 +18,13 @@ from typing import Any, NamedTuple
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
 from sb3_piano.interrupts import OF_TERMINAL, stop_on_signal
+from sb3_piano.jobs.starting import share_temporary_folder
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
 from sb3_piano.music.formats import read_score
 from sb3_piano.music.library.store import Library
 from sb3_piano.music.score import Score
-from sb3_piano.processes import share_temporary_folder
 from sb3_piano.text import printable
 
 _KILLED = "the process that read it was killed; is there memory enough?"

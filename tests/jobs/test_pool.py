@@ -10,8 +10,8 @@ import time
 import pytest
 
 from sb3_piano.exceptions import RunError
-from sb3_piano.executors import broken_told, map_jobs, process_pool
 from sb3_piano.interrupts import StopRequest, stop_on_signal
+from sb3_piano.jobs import broken_told, map_jobs, process_pool
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from multiprocessing.connection import Connection
 
 from sb3_piano.exceptions import RunError
-from sb3_piano.processes import share_temporary_folder
+from sb3_piano.jobs.starting import share_temporary_folder
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import usable_cores
 

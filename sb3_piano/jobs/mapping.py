@@ -8,10 +8,10 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from typing import TypeVar
 
-from sb3_piano.executors.processes import ENDING
 from sb3_piano.interrupts import StopRequest, ctrl_c_ignored
+from sb3_piano.jobs.pool import ENDING
 
-Job = TypeVar("Job")
+Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 _LOOK_EVERY = 0.2  # s
@@ -20,8 +20,8 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 def map_jobs(
     executor: Executor,
-    function: Callable[[Job], Result],
-    jobs: Iterable[Job],
+    function: Callable[[Item], Result],
+    jobs: Iterable[Item],
     request: StopRequest | None = None,
 ) -> Generator[Result, None, None]:
     """Yield the results of jobs as they come, in any order.
@@ -51,7 +51,7 @@ def map_jobs(
             future.cancel()
 
 
-def _begin(function: Callable[[Job], Result], job: Job) -> Result:
+def _begin(function: Callable[[Item], Result], job: Item) -> Result:
     """Do a job where it is done, unless the process there is to end."""
     if ENDING.is_set():
         raise KeyboardInterrupt

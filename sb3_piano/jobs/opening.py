@@ -6,8 +6,8 @@ from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.executors.cluster import Resources, ray_executor
-from sb3_piano.executors.processes import process_pool
+from sb3_piano.jobs.cluster import Resources, ray_executor
+from sb3_piano.jobs.pool import process_pool
 
 
 def open_executor(
@@ -20,7 +20,7 @@ def open_executor(
     Args:
         workers: Processes on this machine; by default one for each usable core.
         ray: Address of a cluster of Ray, which then does the jobs; see
-            :func:`~sb3_piano.executors.connected_to_ray`.
+            :func:`~sb3_piano.jobs.connected_to_ray`.
         resources: What a job needs, on a cluster.
 
     Raises:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.executors import Resources, cluster, map_jobs, open_executor, ray_executor
+from sb3_piano.jobs import Resources, cluster, map_jobs, open_executor, ray_executor
 
 ray = pytest.importorskip("ray")
 

@@ -4,13 +4,13 @@ All are of the kind of :class:`concurrent.futures.Executor`, so that who has job
 know where they are done.
 """
 
-from sb3_piano.executors.cluster import Resources, connected_to_ray, ray_executor
-from sb3_piano.executors.jobs import Job, Result, map_jobs
-from sb3_piano.executors.opening import open_executor
-from sb3_piano.executors.processes import broken_told, process_pool
+from sb3_piano.jobs.cluster import Resources, connected_to_ray, ray_executor
+from sb3_piano.jobs.mapping import Item, Result, map_jobs
+from sb3_piano.jobs.opening import open_executor
+from sb3_piano.jobs.pool import broken_told, process_pool
 
 __all__ = [
-    "Job",
+    "Item",
     "Resources",
     "Result",
     "broken_told",

@@ -49,7 +49,8 @@ class MidiFile:
         ticks_per_beat: Ticks of a quarter note, 0 if ticks are parts of a second.
         ticks_per_second: Ticks of a second, 0 if they are parts of a beat.
         tracks: The tracks.
-        malformed: Number of channel messages with data above 127, which are read as 127.
+        malformed: Number of channel messages with data above 127, which are read as 127, and of
+            tracks that go on behind their end.
     """
 
     kind: int
@@ -140,6 +141,7 @@ class _TrackReader:
                 kind = self._take(1)[0]
                 contents = self._take(self._number())
                 if kind == _END_OF_TRACK:
+                    self.malformed += self.at < self._end and _is_boundary(self._data, self._end)
                     break
                 events.append(Event(tick, META | kind, contents))
             elif status in (0xF0, 0xF7):

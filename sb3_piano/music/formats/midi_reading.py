@@ -158,7 +158,7 @@ def _warn_of_malformed(path: Path, count: int) -> None:
         messages = "1 malformed message" if count == 1 else f"{count} malformed messages"
         warnings.warn(
             f"{str(path)!r} has {messages}: a tempo or meter without value is ignored, data above "
-            "127 are read as 127.",
+            "127 are read as 127, what follows the end of a track is left out.",
             ScoreWarning,
             stacklevel=3,
         )

@@ -32,7 +32,9 @@ export interface MidiData {
 }
 
 /** What becomes of malformed messages, for readers. */
-export const MALFORMED = "a tempo or meter without value is ignored, data above 127 are read as 127";
+export const MALFORMED =
+  "a tempo or meter without value is ignored, data above 127 are read as 127, " +
+  "what follows the end of a track is left out";
 
 /**
  * Return what a file says; `name` is for messages.
@@ -150,7 +152,10 @@ class TrackReader {
       if (status === 0xff) {
         const kind = this.take(1)[0]!;
         const contents = this.take(this.number());
-        if (kind === END_OF_TRACK) break;
+        if (kind === END_OF_TRACK) {
+          if (this.at < this.end && isBoundary(this.bytes, this.end)) this.malformed++;
+          break;
+        }
         this.readMeta(tick, kind, contents);
       } else if (status === 0xf0 || status === 0xf7) {
         this.take(this.number());

@@ -138,6 +138,13 @@ def test_settings_ask_for_no_more_memory_than_the_weights_do(exported):
     assert largest(policy_kwargs={"net_arch": [8]}, buffer_size=10**10) < before + 2**17
 
 
+def test_wrappers_ask_for_no_memory_without_end(exported):
+    stack = {"gymnasium.wrappers.FrameStackObservation": {"stack_size": 10**9}}
+    change(exported, env_wrapper=[stack])
+    with pytest.raises(ConfigError, match="FrameStackObservation: 1000000000 is refused in an"):
+        load_player(exported.path)
+
+
 def test_pickles_are_left_alone_or_refused(exported, tmp_path):
     bad = pickle.dumps(Evil())
     for name in ("model.zip", "vecnormalize.pkl"):

@@ -49,6 +49,9 @@ PLAN = "plan"
 _MOST_BYTES = 2**30
 """Most bytes of a network's file that is copied."""
 
+_MOST_IN_WRAPPER = 100_000
+"""Largest number among the arguments of a wrapper in the settings of an exported run."""
+
 _EXPECTED = "expected a folder that 'sb3-piano train' made"
 
 
@@ -225,6 +228,8 @@ class RunFolder:
             return self._read_config()
         with known_packages_only():
             config = self._read_config()
+        for wrapper in config.env_wrapper:
+            _check_numbers(wrapper.kwargs, f"'{self.config_file}': {wrapper.path}")
         if isinstance(config, RunConfig):
             for text in _texts(config.algorithm_kwargs):
                 if is_dotted(full_name(text)):  # it would be imported when the model is made
@@ -343,11 +348,30 @@ def _origin(option: str, file: Path) -> str:
 
 def _texts(value: Any) -> Iterator[str]:
     """Yield every text in a plain value."""
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, (Mapping, list, tuple)):
+    return (item for item in _items(value) if isinstance(item, str))
+
+
+def _check_numbers(arguments: Mapping[str, Any], place: str) -> None:
+    """Refuse arguments of a shared run's wrapper that would fill the memory, as of a frame stack.
+
+    Raises:
+        ConfigError: If a number is too large.
+    """
+    for item in _items(arguments):
+        if isinstance(item, int) and abs(item) > _MOST_IN_WRAPPER:
+            raise ConfigError(
+                f"{place}: {item} is refused in an exported run: expected a number of at most "
+                f"{_MOST_IN_WRAPPER}."
+            )
+
+
+def _items(value: Any) -> Iterator[Any]:
+    """Yield every text and number in a plain value."""
+    if isinstance(value, (Mapping, list, tuple)):
         for item in value.values() if isinstance(value, Mapping) else value:
-            yield from _texts(item)
+            yield from _items(item)
+    else:
+        yield value
 
 
 def named_files(config: PlayConfig) -> dict[str, str]:

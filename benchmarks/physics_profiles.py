@@ -24,7 +24,8 @@ from rich.progress import track
 from sb3_piano.arrays import FloatArray
 from sb3_piano.distillation import DistillConfig
 from sb3_piano.distillation.rollout import hands_env
-from sb3_piano.music import Corpus, Score, load_score
+from sb3_piano.lab.music import Corpus
+from sb3_piano.music import Score, load_score
 from sb3_piano.players import HandModel
 from sb3_piano.players.hand_model import SHIPPED
 from sb3_piano.simulation import PHYSICS_PROFILES

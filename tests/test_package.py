@@ -55,6 +55,7 @@ ROOMS = [
     "training",
     "sweeps",
     "corpora",
+    "lab",
     "distillation",
     "tuning",
     "results",

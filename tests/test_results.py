@@ -18,9 +18,10 @@ from sb3_piano import threads
 from sb3_piano.cli import main
 from sb3_piano.cli.main import _parser
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Corpus, load_score
+from sb3_piano.lab.music import Corpus
+from sb3_piano.lab.music.corpus import HELD_OUT
+from sb3_piano.music import load_score
 from sb3_piano.music.built_in import REPERTOIRE
-from sb3_piano.music.corpus import HELD_OUT
 from sb3_piano.results import (
     Estimate,
     Result,

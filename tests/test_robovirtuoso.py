@@ -15,8 +15,8 @@ import yaml
 from fresh_python import run_python
 
 from sb3_piano.exceptions import RunError
+from sb3_piano.lab.music.corpus import HELD_OUT
 from sb3_piano.music import load_score, select_pieces
-from sb3_piano.music.corpus import HELD_OUT
 from sb3_piano.training import RunFolder, load_config
 from sb3_piano.training.runs.builders import build_vec_env
 

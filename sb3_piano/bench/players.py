@@ -14,9 +14,9 @@ import numpy as np
 from sb3_piano.bench.measurement import Row
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import PlanWarning
+from sb3_piano.lab.music.generation import generate_score
 from sb3_piano.music import Score
 from sb3_piano.music.fingering import apply_fingering
-from sb3_piano.music.generation import generate_score
 from sb3_piano.planning import PlannedPianist, forget_plans
 from sb3_piano.players import SightReader
 

@@ -19,12 +19,12 @@ from sb3_piano.distillation.rounds import Progress
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.hyperparams import SIGHT_READER
+from sb3_piano.lab.music import CorpusExcerpt
 from sb3_piano.players import HandModel
 from sb3_piano.simulation import SIDES
 from sb3_piano.training import Plugin, RunConfig, load_config, resume, train
 from sb3_piano.training.configuration.plugins import with_arguments
 from sb3_piano.training.runs.folder import RunFolder
-from sb3_piano.wrappers import CorpusExcerpt
 
 
 def improvement_run(

@@ -10,7 +10,6 @@ from sb3_piano.music.constants import (
     NUM_KEYS,
     UNKNOWN_FINGER,
 )
-from sb3_piano.music.corpus import Corpus
 from sb3_piano.music.formats import (
     read_midi,
     read_musicxml,
@@ -21,7 +20,6 @@ from sb3_piano.music.formats import (
     write_pig,
     write_score,
 )
-from sb3_piano.music.generation import generate_score
 from sb3_piano.music.note import Note, Pedal
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.roll import PianoRoll
@@ -41,7 +39,6 @@ __all__ = [
     "SAMPLE_RATE",
     "STUDIES",
     "UNKNOWN_FINGER",
-    "Corpus",
     "Note",
     "Pedal",
     "PianoRoll",
@@ -49,7 +46,6 @@ __all__ = [
     "Score",
     "digest",
     "find_piece",
-    "generate_score",
     "is_path",
     "load_score",
     "major_scale",

@@ -20,7 +20,8 @@ from typing import NamedTuple
 import sb3_piano
 from sb3_piano.demonstrations import NoisyActions
 from sb3_piano.exceptions import ConfigError, PlanWarning
-from sb3_piano.music import Corpus, digest, load_score, write_midi
+from sb3_piano.lab.music import Corpus
+from sb3_piano.music import digest, load_score, write_midi
 from sb3_piano.planning import forget_plans
 from sb3_piano.players import TreeSettings
 from sb3_piano.results.records import Physics, Result

@@ -1,6 +1,5 @@
 """Gymnasium wrappers for the piano: what is played, what is observed, what is rewarded."""
 
-from sb3_piano.wrappers.corpus_excerpt import CorpusExcerpt
 from sb3_piano.wrappers.excerpt import Excerpt
 from sb3_piano.wrappers.hand_actions import HandActions
 from sb3_piano.wrappers.hand_reward import HandReward
@@ -23,7 +22,6 @@ from sb3_piano.wrappers.score_wrapper import ScoreWrapper
 from sb3_piano.wrappers.transforms import OctaveShift, PitchShift, TemporalStretch
 
 __all__ = [
-    "CorpusExcerpt",
     "Excerpt",
     "FingeringDecay",
     "HandActions",

@@ -59,6 +59,8 @@ class RandomPiece(ScoreWrapper, gym.utils.RecordConstructorArgs):
         UnknownPieceError: If there is no piece of some name.
     """
 
+    chooses_piece = True
+
     def __init__(
         self,
         env: gym.Env[Any, Any],

@@ -65,6 +65,8 @@ class ScoreWrapper(gym.Wrapper[Any, Any, Any, Any]):
     ``reset(options={"score": ...})`` is changed like the environment's own.
     """
 
+    chooses_piece: bool = False
+    """Whether this wrapper chooses what is played in place of the environment's own piece."""
     cuts: bool = False
     """Whether this wrapper leaves out notes by their times."""
     draws_times: bool = False

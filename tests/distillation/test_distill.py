@@ -37,7 +37,8 @@ from sb3_piano.distillation.teachers import new_teacher
 from sb3_piano.envs import GENERAL_ID
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError, UnknownPieceError
 from sb3_piano.hyperparams import SIGHT_READER
-from sb3_piano.music import Corpus, load_score, write_midi
+from sb3_piano.lab.music import Corpus
+from sb3_piano.music import load_score, write_midi
 from sb3_piano.players import HandModel, SightReader
 from sb3_piano.training import PlannedConfig, Plugin, RunConfig, RunFolder, train
 

@@ -8,7 +8,8 @@ import pytest
 
 from sb3_piano.envs import PianoEnv, PianoVectorEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import BUILT_IN, Note, Score, generate_score, load_score, write_midi
+from sb3_piano.lab.music import generate_score
+from sb3_piano.music import BUILT_IN, Note, Score, load_score, write_midi
 from sb3_piano.music.fingering import apply_fingering, finger_score
 from sb3_piano.planning import PlanSettings, plan
 

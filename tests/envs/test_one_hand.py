@@ -13,12 +13,13 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.envs import PianoEnv, rewards
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music import Corpus, Note, Score, load_score, write_midi
+from sb3_piano.lab.music import Corpus, CorpusExcerpt
+from sb3_piano.music import Note, Score, load_score, write_midi
 from sb3_piano.planning import PlannedPianist
 from sb3_piano.players import make_player
 from sb3_piano.simulation.scene import FAR_AWAY
 from sb3_piano.vec_env import HandsAsAgents
-from sb3_piano.wrappers import CorpusExcerpt, HandActions, HandReward, RandomPiece
+from sb3_piano.wrappers import HandActions, HandReward, RandomPiece
 
 SCALE = "debug-CMajorScaleTwoHands"
 SIDES = ("right", "left")

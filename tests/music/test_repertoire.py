@@ -11,7 +11,8 @@ import pytest
 from music21 import corpus
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import MAX_PITCH, MIN_PITCH, Corpus, PianoRoll, load_score
+from sb3_piano.lab.music import Corpus
+from sb3_piano.music import MAX_PITCH, MIN_PITCH, PianoRoll, load_score
 from sb3_piano.music.built_in import ENCORE, REPERTOIRE
 from sb3_piano.music.hands import finger_number
 

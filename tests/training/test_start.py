@@ -340,7 +340,7 @@ OTHERS = (
 
 CHOICES = (
     {"sb3_piano.wrappers.RandomPiece": {"pieces": ["hanon-01", "hanon-02"]}},
-    {"sb3_piano.wrappers.CorpusExcerpt": {"corpus": {"sources": {"studies": 1.0}}}},
+    {"sb3_piano.lab.music.CorpusExcerpt": {"corpus": {"sources": {"studies": 1.0}}}},
 )
 
 

@@ -16,16 +16,9 @@ from node_programs import RefusedInputError
 from random_scores import FINGERS, HANDS, scores
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
+from sb3_piano.lab.music import generate_score
 from sb3_piano.metrics import Onsets, frame_scores, onset_f1
-from sb3_piano.music import (
-    Note,
-    PianoRoll,
-    Score,
-    generate_score,
-    load_score,
-    read_midi,
-    write_midi,
-)
+from sb3_piano.music import Note, PianoRoll, Score, load_score, read_midi, write_midi
 from sb3_piano.music.fingering import apply_fingering, finger_score, without_fingers
 from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, MAX_INTERVAL, cost_tables
 from sb3_piano.music.fingering.robot import release_early

@@ -30,6 +30,7 @@ from sb3_piano.threads import MatmulPrecision
 from sb3_piano.training.configuration.names import (
     PLANNERS,
     algorithm_class,
+    import_name,
     registered_id,
 )
 from sb3_piano.training.configuration.plugins import Plugin, parse_plugins, with_arguments
@@ -41,7 +42,6 @@ from sb3_piano.training.configuration.values import (
     zoo_number,
 )
 from sb3_piano.vec_env import HandsAsAgents
-from sb3_piano.wrappers import CorpusExcerpt, RandomPiece
 
 _RANDOM_PIECE = "sb3_piano.wrappers.RandomPiece"
 
@@ -146,7 +146,7 @@ class PlayConfig:
             env_wrapper=tuple(
                 one
                 for one in self.env_wrapper
-                if not one.is_a(RandomPiece) and not one.is_a(CorpusExcerpt)
+                if not getattr(import_name(one.path), "chooses_piece", False)
             ),
         )
 

@@ -57,6 +57,15 @@ _ZOO_NAMES = {
     "RMSpropTFLike": "stable_baselines3.common.sb2_compat.rmsprop_tf_like.RMSpropTFLike",
 }
 
+_MOVED = {
+    "sb3_piano.music.Corpus": "sb3_piano.lab.music.Corpus",
+    "sb3_piano.music.corpus": "sb3_piano.lab.music.corpus",
+    "sb3_piano.music.generate_score": "sb3_piano.lab.music.generate_score",
+    "sb3_piano.music.generation": "sb3_piano.lab.music.generation",
+    "sb3_piano.wrappers.CorpusExcerpt": "sb3_piano.lab.music.CorpusExcerpt",
+}
+"""Where things are now that files of older versions name by an import path, or by its beginning."""
+
 # How text that RL Zoo evaluates can name what is not in its scope.
 _ZOO_IMPORT = re.compile(r"""importlib\.import_module\((['"])([\w.]+)\1\)\.([\w.]+)""")
 
@@ -67,7 +76,7 @@ def is_dotted(text: str) -> bool:
 
 
 def full_name(name: str) -> str:
-    """Return the import path that stands for the Zoo's ways to name a thing.
+    """Return the import path that stands for the Zoo's ways to name a thing, or for a former path.
 
     ``nn.ReLU`` becomes ``torch.nn.ReLU``, ``importlib.import_module('a.b').C`` becomes ``a.b.C``.
     """
@@ -75,7 +84,9 @@ def full_name(name: str) -> str:
     if imported is not None:
         return f"{imported[2]}.{imported[3]}"
     head, dot, rest = name.partition(".")
-    return f"{_ZOO_NAMES.get(head, head)}{dot}{rest}"
+    path = f"{_ZOO_NAMES.get(head, head)}{dot}{rest}"
+    old = next((old for old in _MOVED if f"{path}.".startswith(f"{old}.")), None)
+    return path if old is None else _MOVED[old] + path.removeprefix(old)
 
 
 @contextlib.contextmanager

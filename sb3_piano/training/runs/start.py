@@ -237,8 +237,7 @@ def load_start(
         with_buffer: Whether to begin with its replay buffer.
         **overrides: Settings to take instead. ``env_kwargs`` are added to the run's, of which a
             score and a file of finger labels are left out if something else is played, as are
-            :class:`~sb3_piano.wrappers.RandomPiece` and
-            :class:`~sb3_piano.wrappers.CorpusExcerpt` among its wrappers.
+            :class:`~sb3_piano.wrappers.RandomPiece` and other wrappers that choose a piece.
 
     Raises:
         ConfigError: As :func:`load_config`, or if the run is not trained.

@@ -8,7 +8,8 @@ import pytest
 from playing_scores import piano, titles
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.wrappers import CorpusExcerpt, Excerpt, KeyRange
+from sb3_piano.lab.music import CorpusExcerpt
+from sb3_piano.wrappers import Excerpt, KeyRange
 
 CORPUS = {"n": 50, "duration": 1.0}
 

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sb3_piano.music.generation.frame import Frame, Tone, pick
-from sb3_piano.music.generation.rhythm import Rhythm, even, phrase_rhythm
+from sb3_piano.lab.music.generation.frame import Frame, Tone, pick
+from sb3_piano.lab.music.generation.rhythm import Rhythm, even, phrase_rhythm
 from sb3_piano.music.hands import Hand
 
 _MOVES = {0: 6, 1: 32, -1: 34, 2: 9, -2: 9, 3: 4, -3: 4, 4: 2, -4: 2, 5: 1, -5: 1, 7: 1, -7: 0.5}

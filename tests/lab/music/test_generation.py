@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import PianoRoll, Score, generate_score
+from sb3_piano.lab.music import generate_score
+from sb3_piano.lab.music.generation import STYLES
+from sb3_piano.music import PianoRoll, Score
 from sb3_piano.music.constants import FINGERS_PER_HAND, KEY_IS_BLACK
 from sb3_piano.music.fingering import apply_fingering, assign_hands, without_fingers
 from sb3_piano.music.fingering.robot import release_early
-from sb3_piano.music.generation import STYLES
 
 DURATION = 12.0
 SEEDS = range(8)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sb3_piano.lab.music.generation.frame import Tone, on_keyboard
 from sb3_piano.music.constants import FINGERS_PER_HAND
-from sb3_piano.music.generation.frame import Tone, on_keyboard
 from sb3_piano.music.hands import HANDS, Hand
 from sb3_piano.music.note import Note
 

@@ -10,7 +10,8 @@ import gymnasium as gym
 import numpy as np
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music import MAX_PITCH, MIN_PITCH, Corpus, Note, Score
+from sb3_piano.lab.music.corpus import Corpus
+from sb3_piano.music import MAX_PITCH, MIN_PITCH, Note, Score
 from sb3_piano.settings import Count, checked
 from sb3_piano.wrappers.piano import piano_of
 from sb3_piano.wrappers.score_wrapper import ScorePlan, ScoreWrapper
@@ -35,6 +36,7 @@ class CorpusExcerpt(ScoreWrapper, gym.utils.RecordConstructorArgs):
         ConfigError: If a setting is wrong, or ``env`` is no piano.
     """
 
+    chooses_piece = True
     draws_times = True  # those of the score that stands for all excerpts mean nothing
 
     def __init__(

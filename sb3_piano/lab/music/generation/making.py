@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sb3_piano.music.constants import PITCH_CLASS_IS_BLACK
-from sb3_piano.music.generation.frame import (
+from sb3_piano.lab.music.generation.frame import (
     DORIAN,
     HARMONIC,
     MAJOR,
@@ -17,8 +16,8 @@ from sb3_piano.music.generation.frame import (
     Tone,
     progression,
 )
-from sb3_piano.music.generation.styles import LEAPING, NEAR, PEDALLED, STYLES
-from sb3_piano.music.generation.timing import (
+from sb3_piano.lab.music.generation.styles import LEAPING, NEAR, PEDALLED, STYLES
+from sb3_piano.lab.music.generation.timing import (
     Clock,
     Touch,
     draw_clock,
@@ -26,6 +25,7 @@ from sb3_piano.music.generation.timing import (
     fastest_tempo,
     perform,
 )
+from sb3_piano.music.constants import PITCH_CLASS_IS_BLACK
 from sb3_piano.music.hands import HANDS
 from sb3_piano.music.note import Pedal
 from sb3_piano.music.score import Score

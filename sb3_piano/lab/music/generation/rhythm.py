@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sb3_piano.music.generation.frame import Frame
+from sb3_piano.lab.music.generation.frame import Frame
 
 Rhythm = list[tuple[float, float]]
 """Start and length of each note, in quarter notes."""

@@ -8,10 +8,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from sb3_piano.music.generation import accompaniment as low
-from sb3_piano.music.generation import melody as high
-from sb3_piano.music.generation.frame import Frame, Tone
-from sb3_piano.music.generation.rhythm import even, phrase_rhythm
+from sb3_piano.lab.music.generation import accompaniment as low
+from sb3_piano.lab.music.generation import melody as high
+from sb3_piano.lab.music.generation.frame import Frame, Tone
+from sb3_piano.lab.music.generation.rhythm import even, phrase_rhythm
 from sb3_piano.music.hands import HANDS, Hand
 
 Style = Callable[[Frame], list[Tone]]

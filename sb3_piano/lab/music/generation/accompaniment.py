@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from sb3_piano.music.generation.frame import Frame, Tone
-from sb3_piano.music.generation.melody import melody
-from sb3_piano.music.generation.rhythm import Rhythm, even, phrase_rhythm
+from sb3_piano.lab.music.generation.frame import Frame, Tone
+from sb3_piano.lab.music.generation.melody import melody
+from sb3_piano.lab.music.generation.rhythm import Rhythm, even, phrase_rhythm
 from sb3_piano.music.hands import Hand
 
 _TURNS = {

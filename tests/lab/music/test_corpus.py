@@ -6,13 +6,19 @@ import numpy as np
 import pytest
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Corpus, load_score, write_midi
-from sb3_piano.music.corpus import HELD_OUT
+from sb3_piano.lab.music import Corpus
+from sb3_piano.lab.music.corpus import HELD_OUT
+from sb3_piano.music import load_score, write_midi
 from sb3_piano.music.hands import HANDS
-from sb3_piano.music.library import Library
+from sb3_piano.music.library import DATA_VARIABLE, Library
 from sb3_piano.music.studies import STUDIES
 
 ALL = {"generated": 1.0, "studies": 1.0, "repertoire": 1.0}
+
+
+@pytest.fixture(autouse=True)
+def _own_library(tmp_path, monkeypatch):
+    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path / "data"))
 
 
 def hands(score):

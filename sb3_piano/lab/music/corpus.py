@@ -12,12 +12,12 @@ from typing import Annotated
 import numpy as np
 
 from sb3_piano.exceptions import ConfigError, near_names
+from sb3_piano.lab.music.generation import generate_score
 from sb3_piano.music.built_in import REPERTOIRE
 from sb3_piano.music.catalogue import is_path, load_score, pieces
 from sb3_piano.music.constants import MAX_PITCH, MIN_PITCH, UNKNOWN_FINGER
 from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.music.formats import READERS
-from sb3_piano.music.generation import generate_score
 from sb3_piano.music.library import imported_pieces
 from sb3_piano.music.piece import Piece
 from sb3_piano.music.score import Score

@@ -1,0 +1,1 @@
+"""What made the shipped network, its results and its pages. Nothing else needs it."""

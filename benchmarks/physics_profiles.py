@@ -22,8 +22,8 @@ from rich.console import Console
 from rich.progress import track
 
 from sb3_piano.arrays import FloatArray
-from sb3_piano.distillation import DistillConfig
-from sb3_piano.distillation.rollout import hands_env
+from sb3_piano.lab.distillation import DistillConfig
+from sb3_piano.lab.distillation.rollout import hands_env
 from sb3_piano.lab.music import Corpus
 from sb3_piano.music import Score, load_score
 from sb3_piano.players import HandModel

@@ -20,9 +20,9 @@ from typing import Any
 import gymnasium as gym
 import torch
 
-from sb3_piano.bench import ENV_ID, Measurement, Row, Sample, measure
-from sb3_piano.bench.workloads import training_measurement
 from sb3_piano.envs import GENERAL_ID
+from sb3_piano.lab.bench import ENV_ID, Measurement, Row, Sample, measure
+from sb3_piano.lab.bench.workloads import training_measurement
 from sb3_piano.threads import torch_computing, usable_cores
 from sb3_piano.training import load_config
 

@@ -21,9 +21,9 @@ from mkdocs.config.defaults import MkDocsConfig
 
 from sb3_piano.envs import PianoEnvConfig
 from sb3_piano.envs.rewards import DEFAULT_REWARD_WEIGHTS
+from sb3_piano.lab.results import Results
 from sb3_piano.metrics import DEFINITIONS
 from sb3_piano.music.built_in import REPERTOIRE
-from sb3_piano.results import Results
 
 ROOT = Path(__file__).parents[1]
 BUILDING = ROOT / "docs" / "building"

@@ -8,7 +8,7 @@ import pkgutil
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
-import sb3_piano
+import sb3_piano.lab
 
 FOLDER = "api"
 SECTION = "Reference"
@@ -38,9 +38,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def packages() -> dict[str, str]:
     """Return the packages that export something, with the first lines of their docstrings."""
     found = {}
-    for info in pkgutil.iter_modules(sb3_piano.__path__):
-        if info.ispkg and info.name != "cli":
-            package = importlib.import_module(f"{sb3_piano.__name__}.{info.name}")
-            if getattr(package, "__all__", None) and package.__doc__:
-                found[info.name] = package.__doc__.partition("\n")[0]
+    for where, before in ((sb3_piano, ""), (sb3_piano.lab, "lab.")):
+        for info in pkgutil.iter_modules(where.__path__):
+            if info.ispkg and info.name != "cli":
+                package = importlib.import_module(f"{where.__name__}.{info.name}")
+                if getattr(package, "__all__", None) and package.__doc__:
+                    found[before + info.name] = package.__doc__.partition("\n")[0]
     return found

@@ -14,8 +14,8 @@ import contextlib
 from cells import find_cells
 from rich import print as rich_print
 
-from sb3_piano.bench import Measurement, Row, measure
-from sb3_piano.bench.workloads import TRANSITIONS, training_measurement
+from sb3_piano.lab.bench import Measurement, Row, measure
+from sb3_piano.lab.bench.workloads import TRANSITIONS, training_measurement
 from sb3_piano.training import load_config
 
 TABLE_3 = ["td3/d_major", "td3/d_major_36_keys", "td3/d_major_piece_keys"]

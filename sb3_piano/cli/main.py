@@ -43,7 +43,7 @@ _COMMANDS = {
     "tune": ("tune:add_arguments", "search hyperparameters with Optuna"),
     "evaluate": ("evaluate:add_arguments", "let trained models play"),
     "compare": ("compare:add_arguments", "compare two evaluations piece by piece"),
-    "results": ("results:add_arguments", "evaluations that others can check"),
+    "results": ("sb3_piano.lab.results.command:add_arguments", "evaluations that others can check"),
     "play": ("play:add_arguments", "watch and hear a trained model, or a piece"),
     "report": (
         "play:add_report_arguments",
@@ -59,21 +59,22 @@ _COMMANDS = {
         "record a corpus of performances of many pieces, or go on recording it",
     ),
     "distill": (
-        "distill:add_arguments",
+        "sb3_piano.lab.distillation.command:add_arguments",
         "make a policy that plays any piece, by imitating a planned pianist",
     ),
     "pieces": ("pieces:add_arguments", "import, list, show, rank and export pieces"),
     "export": (
-        "export:add_arguments",
+        "sb3_piano.lab.web.command:add_arguments",
         "write a run for others to play, without pickles; or the files of the web page",
     ),
-    "bench": ("bench:add_arguments", "measure speed and memory"),
+    "bench": ("sb3_piano.lab.bench.command:add_arguments", "measure speed and memory"),
     "presets": ("main:_add_presets", "list the YAML files that come with the package"),
     "envs": ("main:_add_envs", "list the environment ids"),
 }
-"""Function of a module beside this one that adds the arguments of a command, and what it is for.
+"""Function that adds the arguments of a command, and what it is for.
 
-A module is imported when its command is given, so that ``--help`` needs none of them.
+Its module is beside this one or has an import path. It is imported when its command is given, so
+that ``--help`` needs none of them.
 """
 
 _LONGEST = 200
@@ -221,8 +222,9 @@ def _parser(given: Sequence[str] | None = None) -> argparse.ArgumentParser:
     for name, (place, about) in _COMMANDS.items():
         own = commands.add_parser(name, help=about)
         if given is None or name in first:
-            module, function = place.split(":")
-            getattr(importlib.import_module(f"sb3_piano.cli.{module}"), function)(own)
+            where, function = place.split(":")
+            module = importlib.import_module(where if "." in where else f"sb3_piano.cli.{where}")
+            getattr(module, function)(own)
     return parser
 
 

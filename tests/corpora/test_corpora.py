@@ -20,9 +20,9 @@ from sb3_piano.corpora.playing import open_player
 from sb3_piano.demonstrations import clone_behaviour
 from sb3_piano.demonstrations.corpus import RecordedCorpus
 from sb3_piano.demonstrations.dataset import Transitions
-from sb3_piano.distillation import DistillConfig, distill
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.jobs import ray_executor
+from sb3_piano.lab.distillation import DistillConfig, distill
 from sb3_piano.music import load_score, write_midi
 from sb3_piano.music.library import Library
 from sb3_piano.players.hand_model import SHIPPED

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.training.configuration.names import import_name
+from sb3_piano.training.configuration.names import full_name, import_name
 from sb3_piano.training.configuration.values import (
     coerce,
     parse_zoo_text,
@@ -113,6 +113,21 @@ def test_literals_calls_of_dict_and_names_are_understood(text, value):
 def test_anything_else_is_refused_with_the_part_that_is_wrong(text, message):
     with pytest.raises(ConfigError, match=message):
         parse_zoo_text(text)
+
+
+@pytest.mark.parametrize(
+    ("old", "now"),
+    [
+        ("sb3_piano.wrappers.CorpusExcerpt", "sb3_piano.lab.music.CorpusExcerpt"),
+        ("sb3_piano.music.Corpus", "sb3_piano.lab.music.Corpus"),
+        ("sb3_piano.music.corpus.HELD_OUT", "sb3_piano.lab.music.corpus.HELD_OUT"),
+        ("sb3_piano.distillation.DistillConfig", "sb3_piano.lab.distillation.DistillConfig"),
+        ("sb3_piano.results.digest", "sb3_piano.lab.results.digest"),
+    ],
+)
+def test_what_older_files_name_is_found_where_it_is_now(old, now):
+    assert full_name(old) == now
+    assert import_name(old) is import_name(now)
 
 
 def test_a_module_that_fails_while_it_is_imported_is_named(tmp_path, monkeypatch):

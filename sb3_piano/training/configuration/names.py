@@ -58,10 +58,14 @@ _ZOO_NAMES = {
 }
 
 _MOVED = {
+    "sb3_piano.bench": "sb3_piano.lab.bench",
+    "sb3_piano.distillation": "sb3_piano.lab.distillation",
     "sb3_piano.music.Corpus": "sb3_piano.lab.music.Corpus",
     "sb3_piano.music.corpus": "sb3_piano.lab.music.corpus",
     "sb3_piano.music.generate_score": "sb3_piano.lab.music.generate_score",
     "sb3_piano.music.generation": "sb3_piano.lab.music.generation",
+    "sb3_piano.results": "sb3_piano.lab.results",
+    "sb3_piano.web": "sb3_piano.lab.web",
     "sb3_piano.wrappers.CorpusExcerpt": "sb3_piano.lab.music.CorpusExcerpt",
 }
 """Where things are now that files of older versions name by an import path, or by its beginning."""

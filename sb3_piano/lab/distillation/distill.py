@@ -1,0 +1,210 @@
+"""Rounds of playing, training and judging: from a planned pianist to a network that reads."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from sb3_piano.corpora.making import files_of_a_run
+from sb3_piano.demonstrations.dataset import forget_unfinished, require_minari
+from sb3_piano.demonstrations.shards import file_digest
+from sb3_piano.exceptions import RunError
+from sb3_piano.files import write_bytes, write_csv, write_yaml
+from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.jobs import broken_told, process_pool
+from sb3_piano.lab.distillation.config import PLANNED, DistillConfig
+from sb3_piano.lab.distillation.improvement import improve, improvement_run
+from sb3_piano.lab.distillation.rollout import hands_env
+from sb3_piano.lab.distillation.rounds import (
+    DATA,
+    Progress,
+    RoundResult,
+    Rounds,
+    held_out_pieces,
+    recorded_of,
+    round_name,
+    weights_file,
+)
+from sb3_piano.lab.distillation.shards import JUDGED_BY
+from sb3_piano.lab.distillation.teachers import new_teacher
+from sb3_piano.links import keep_inside, make_folder
+from sb3_piano.locks import LOCK_SUFFIX, hold
+from sb3_piano.music import is_path
+from sb3_piano.music.library import Library
+from sb3_piano.players.hand_model import FILE_NAME
+from sb3_piano.threads import torch_computing
+from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
+from sb3_piano.training.runs.builders import build_env
+from sb3_piano.training.runs.folder import RunFolder
+from sb3_piano.training.runs.provenance import begin_or_go_on
+
+_CONFIG, _FILES, _TABLE = "config.yml", "files.yml", "rounds.csv"
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistillResult:
+    """Result of :func:`distill`."""
+
+    folder: Path
+    """Folder of all files."""
+    rounds: tuple[RoundResult, ...]
+    """The rounds that are done, and the improvements after them."""
+    weights: Path | None
+    """File of the newest network of a hand, if a round is done."""
+    interrupted: bool = False
+    """Whether Ctrl-C or SIGTERM ended it early."""
+
+
+def distill(
+    config: DistillConfig | None,
+    folder: str | os.PathLike[str],
+    *,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    num_threads: int | None = None,
+    on_progress: Progress = lambda text, done, total: None,
+    on_round: Callable[[RoundResult], object] = lambda result: None,
+) -> DistillResult:
+    """Make a policy that plays any piece, out of a teacher's labels in the states it comes into.
+
+    In each round excerpts are played, by the teacher and, from the second round on, by the network
+    of the round before, while the teacher says what would be right (DAgger, Ross et al. 2011); then
+    a network is trained on all rounds' data and plays held-out music alone. Then it goes on without
+    the teacher, by reinforcement learning (``config.improvements``), and is judged after each.
+
+    A folder in which a distillation was begun is gone on with: what is whole is kept, and the
+    result of the rounds is that of one which never stopped. Ctrl-C or SIGTERM ends it; at most the
+    training of a round, and the shards that are being played, are then lost.
+
+    ======================= ======================================================================
+    ``config.yml``          the settings
+    ``run.yml``             command line, versions of packages, time
+    ``data/``               Minari data sets of the rounds, and a manifest of each
+    ``round-N.safetensors`` network of one hand after round N, from 0; ``round-N.json`` is its
+                            :class:`RoundResult`
+    ``improved-N/``         the run of improvement N, from 0, as :func:`~sb3_piano.training.train`
+                            makes it; ``.safetensors`` and ``.json`` are what came of it
+    ``hand.safetensors``    the newest of these networks, a :class:`~sb3_piano.players.HandModel`
+    ``rounds.csv``          a line of each
+    ======================= ======================================================================
+
+    Args:
+        config: The settings; ``None`` for those of a folder that is gone on with.
+        folder: Where to: a new or empty folder, or one to go on with.
+        executor: Plays the excerpts, where it sees the folder by the same path; by default a pool
+            of processes of this machine.
+        workers: Processes of that pool; by default one for each usable core.
+        num_threads: Threads of torch for all training; by default see :mod:`sb3_piano.threads`.
+        on_progress: Tells what is being done.
+        on_round: Is called with each result, also of those done before.
+
+    Raises:
+        ConfigError: If a setting is not valid, or the teacher does not fit.
+        RunError: If the folder cannot be used, or has other settings.
+        UnknownPieceError: If there is no piece to judge by of a given name.
+        MissingPackageError: If Minari is not installed.
+    """
+    require_minari()
+    place = Path(folder)
+    if config is None:
+        config = _settings_of(place)
+    held_out = held_out_pieces(config)
+    recorded_of(config)  # what is wrong with it is better told now
+    with contextlib.closing(hands_env(config.playing.physics)) as env:
+        with new_teacher(config.teacher, config.playing, env):
+            pass  # what is wrong with it is better told now than by a worker
+        hands_env(config.evaluation.physics).close()
+    names = [round_name(number) for number in range(len(config.rounds))]
+    improvements: dict[str, Callable[[Path], Mapping[str, str]]] = {}
+    for number in range(len(config.improvements)):
+        start = weights_file(place.absolute(), names[-1])
+        run = improvement_run(config, number, start, num_threads)
+        build_env(run).close()  # what is wrong is better told now than when the rounds are done
+        names.append(f"improved-{number}")
+        improvements[names[-1]] = partial(improve, config, number, start, num_threads, on_progress)
+    rounds: list[RoundResult] = []
+    interrupted = False
+    keep_inside(place)
+    owned = hold(
+        place / LOCK_SUFFIX, f"'{place}' is being worked in", "one distillation in a folder."
+    )
+    with owned, torch_computing(num_threads), stop_on_signal() as request:
+        theirs = _settings_of(place).to_mapping() if (place / _CONFIG).is_file() else None
+        begin_or_go_on(place / _CONFIG, "distillation", config.to_mapping(), theirs, config.seed)
+        _check_files(place, config)
+        make_folder(place / DATA)
+        forget_unfinished(place / DATA)
+        pool = process_pool(workers) if executor is None else contextlib.nullcontext(executor)
+        with pool as chosen, broken_told(go_on(place)):
+            work = Rounds(config, place.absolute(), held_out, chosen, request, on_progress)
+            try:
+                for number, name in enumerate(names):
+                    further = improvements.get(name)
+                    result = work.judged(name, further) if further else work.finish(number)
+                    rounds.append(result)
+                    _write_results(place, rounds, names)
+                    on_round(result)
+            except KeyboardInterrupt:
+                interrupted = True
+    weights = place / FILE_NAME if rounds else None
+    return DistillResult(
+        folder=place, rounds=tuple(rounds), weights=weights, interrupted=interrupted
+    )
+
+
+def _settings_of(place: Path) -> DistillConfig:
+    """Return the settings of a distillation that was begun."""
+    file = place / _CONFIG
+    if not file.is_file():
+        raise RunError(
+            f"There is no distillation in '{place}', it has no {_CONFIG}: expected a folder that "
+            "'sb3-piano distill' made."
+        )
+    return DistillConfig.from_yaml(file)
+
+
+def _check_files(place: Path, config: DistillConfig) -> None:
+    """Note the checksums of files that decide what rounds play, or compare them with the noted.
+
+    Raises:
+        RunError: If one was another when the distillation was begun.
+    """
+    library = Library()
+    names = sorted({name for names in config.corpus.names.values() for name in names})
+    files = [Path(name) for name in names if is_path(name)]
+    files += [library.path(name) for name in names if name in library]
+    if config.teacher.name != PLANNED:
+        files += files_of_a_run(RunFolder.open(config.teacher.name))
+    found = {str(file): file_digest(file) for file in files}
+    note = place / _FILES
+    if not note.is_file():
+        write_yaml(note, found)
+        return
+    noted = read_yaml_mapping(note)
+    for name in sorted({*noted, *found}):
+        if noted.get(name) != found.get(name):
+            raise RunError(
+                f"'{name}' is not what it was when the distillation in '{place}' was begun: "
+                "expected the same files, or a new folder."
+            )
+
+
+def _write_results(place: Path, rounds: Sequence[RoundResult], names: Sequence[str]) -> None:
+    """Write the table, and the newest network under the name by which others look for it."""
+    columns = ("name", "transitions", "loss", *JUDGED_BY, "minutes")
+    rows = [{name: getattr(result, name) for name in columns} for result in rounds]
+    write_csv(place / _TABLE, columns, rows)
+    files = [weights_file(place, name) for name in names]
+    newest = [file for file in files if file.is_file()][-1]
+    write_bytes(place / FILE_NAME, newest.read_bytes())
+
+
+def go_on(place: Path) -> str:
+    """Return the command that goes on with a folder."""
+    return f"sb3-piano distill --resume {shlex.quote(str(place))}"

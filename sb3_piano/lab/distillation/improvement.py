@@ -1,0 +1,142 @@
+"""What follows the rounds: reinforcement learning from the last round's network on."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from stable_baselines3.common.callbacks import BaseCallback
+
+from sb3_piano.callbacks import HandWeightsCallback
+from sb3_piano.callbacks.progress import episode_summary
+from sb3_piano.envs import GENERAL_ID
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.hyperparams import SIGHT_READER
+from sb3_piano.lab.distillation.config import DistillConfig
+from sb3_piano.lab.distillation.rollout import hands_env
+from sb3_piano.lab.distillation.rounds import Progress
+from sb3_piano.lab.music import CorpusExcerpt
+from sb3_piano.players import HandModel
+from sb3_piano.simulation import SIDES
+from sb3_piano.training import Plugin, RunConfig, load_config, resume, train
+from sb3_piano.training.configuration.plugins import with_arguments
+from sb3_piano.training.runs.folder import RunFolder
+
+
+def improvement_run(
+    config: DistillConfig, number: int, start: Path, num_threads: int | None
+) -> RunConfig:
+    """Return the settings of a training.
+
+    Args:
+        config: The settings of the distillation.
+        number: Which of its improvements, from 0.
+        start: File of the network with which it begins.
+        num_threads: Threads of torch, if they are chosen.
+
+    Raises:
+        ConfigError: If the settings in the file are not valid, or have no place for the corpus or
+            the network.
+    """
+    settings = config.improvements[number]
+    file = Path(settings.config or SIGHT_READER)
+    chosen = {} if num_threads is None else {"num_threads": num_threads}
+    run = load_config(
+        settings.algo,
+        GENERAL_ID,
+        file,
+        n_timesteps=settings.n_timesteps,
+        seed=config.seed + number,  # not the first one's excerpts once more
+        **chosen,
+    )
+    corpus = {"corpus": dataclasses.asdict(config.corpus_of(number))}
+    policy = dict(run.algorithm_kwargs.get("policy_kwargs") or {})
+    given = policy.get("net_arch")
+    critics = given if isinstance(given, dict) else {"vf": [256, 256], "qf": [256, 256]}
+    policy["net_arch"] = {**critics, "pi": list(config.network.net_arch)}
+    policy["activation_fn"] = f"torch.nn.{config.network.activation}"
+    physics = {} if settings.physics is None else {"physics": settings.physics}
+    return dataclasses.replace(
+        run,
+        env_kwargs={**run.env_kwargs, **physics},
+        env_wrapper=_given(file, run.env_wrapper, CorpusExcerpt, corpus),
+        callback=_given(file, run.callback, HandWeightsCallback, {"model": str(start.absolute())}),
+        algorithm_kwargs={**run.algorithm_kwargs, "policy_kwargs": policy},
+    )
+
+
+def improve(
+    config: DistillConfig,
+    number: int,
+    start: Path,
+    num_threads: int | None,
+    tell: Progress,
+    weights: Path,
+) -> Mapping[str, str]:
+    """Train on, and write the network; what is done of it is not done again.
+
+    Args:
+        config: The settings of the distillation.
+        number: Which of its improvements, from 0.
+        start: File of the network with which it begins.
+        num_threads: Threads of torch, if they are chosen.
+        tell: Tells how far it is.
+        weights: File of the network that is made; the run's folder is beside it, of that name.
+
+    Returns:
+        Nothing that could not be played.
+
+    Raises:
+        KeyboardInterrupt: If someone asked it to end.
+    """
+    folder = weights.with_suffix("")
+    told = _Told(tell, weights.stem, config.improvements[number].n_timesteps)
+    if RunFolder(folder).has_begun:
+        result = resume(folder, callbacks=[told], progress_bar=False)
+    else:
+        shutil.rmtree(folder, ignore_errors=True)  # of one that was killed as it began
+        run = improvement_run(config, number, start, num_threads)
+        result = train(run, folder, callbacks=[told], progress_bar=False)
+    if result.interrupted:
+        raise KeyboardInterrupt
+    config_of_run = result.folder.read_config()
+    assert isinstance(config_of_run, RunConfig), "it was trained"
+    policy: Any = config_of_run.algorithm.load(result.folder.model_file, device="cpu").policy
+    steps = HandModel.load(start).facts.num_timesteps
+    steps += result.num_timesteps * policy.n_hands // len(SIDES)
+    with contextlib.closing(hands_env(config.playing.physics)) as env:
+        HandModel.of(policy, env, steps).save(weights)
+    return {}
+
+
+def _given(
+    file: Path, plugins: tuple[Plugin, ...], kind: type, kwargs: dict[str, Any]
+) -> tuple[Plugin, ...]:
+    """Return plugins with other arguments for the one of a class, which has to be there."""
+    if not any(plugin.is_a(kind) for plugin in plugins):
+        raise ConfigError(
+            f"An improvement's config is '{file}', which has no {kind.__name__}: expected it "
+            "among the entries of env_wrapper or callback, such as in the file that comes with the "
+            "package."
+        )
+    return with_arguments(plugins, kind, **kwargs)
+
+
+class _Told(BaseCallback):
+    """Tell how far a training is, and how well the last episode was played."""
+
+    def __init__(self, tell: Progress, name: str, total: int) -> None:
+        super().__init__()
+        self._tell, self._name, self._total = tell, name, total
+        self._text = f"{name}: training, steps"
+
+    def _on_step(self) -> bool:
+        for info in self.locals["infos"]:
+            if "episode" in info:
+                self._text = f"{self._name}: training, {episode_summary(info)}, steps"
+        self._tell(self._text, self.num_timesteps, self._total)
+        return True

@@ -1,0 +1,151 @@
+"""Excerpts as they are played: by learner and teacher in turn, or by the learner alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from sb3_piano.demonstrations import CorrelatedNoise
+from sb3_piano.demonstrations.recording import as_episode
+from sb3_piano.envs import GENERAL_ID
+from sb3_piano.lab.distillation.config import DistillConfig, PlayingSettings, Round
+from sb3_piano.lab.distillation.teachers import Action, Teacher
+from sb3_piano.music import Score
+from sb3_piano.players import HandModel
+from sb3_piano.wrappers import HandActions
+from sb3_piano.wrappers.piano import piano_of
+
+if TYPE_CHECKING:
+    from minari.data_collector.episode_buffer import EpisodeBuffer
+
+_OPTIONS: dict[str, Any] = {
+    "observation": "hands",
+    "reduced_action_space": False,
+    "initial_buffer_time": 0.5,
+}
+_FIRST_SCORE = "scale-CMajor"
+"""What an environment has before it is given an excerpt."""
+
+_GIVEN_BACK = 0.5
+"""Share of the distance of taking over at which the teacher gives back."""
+
+
+def hands_env(physics: str, fingering: str = "robot") -> HandActions:
+    """Return an environment in which a network for one hand can play any piece.
+
+    Args:
+        physics: Name of the physics profile.
+        fingering: "keep" if whatever is played has fingers.
+    """
+    options = {"score": _FIRST_SCORE, "physics": physics, "fingering": fingering, **_OPTIONS}
+    return HandActions(gym.make(GENERAL_ID, disable_env_checker=True, **options))
+
+
+def play_excerpt(
+    config: DistillConfig,
+    round_number: int,
+    number: int,
+    env: HandActions,
+    teacher: Teacher,
+    learner: HandModel | None,
+) -> tuple[EpisodeBuffer, dict[str, float]]:
+    """Return an excerpt as it is played in a round, with the teacher's action in each state.
+
+    It is a pure function of the settings, the numbers and the learner's weights.
+
+    Args:
+        config: The settings.
+        round_number: The round, from 0.
+        number: The excerpt's number, counted over all rounds; see :meth:`DistillConfig.of_round`.
+        env: An environment of :func:`hands_env` that keeps fingers.
+        teacher: A teacher in this environment.
+        learner: The learner's network; ``None`` in the first round.
+
+    Raises:
+        ScoreError: If the excerpt cannot be played by the teacher.
+        SimulationDivergedError: If the physics becomes unstable.
+    """
+    corpus, settings = config.corpus, config.rounds[round_number]
+    random = np.random.default_rng((config.seed, round_number, number))
+    score = corpus.fingered(number % len(corpus))
+    observation, _ = env.reset(seed=number, options={"score": score})
+    playing = _Playing(settings, config.playing, env, random)
+    teacher.prepare()
+    steps = playing.steps(observation, teacher, learner)
+    episode, notes = as_episode(steps, env, number)
+    shares = {"by_learner": playing.by_learner, "taken_over": playing.taken_over}
+    counted = {name: count / len(episode) for name, count in shares.items()}
+    return episode, {"excerpt": number, "noise": playing.noise, **counted, **notes}
+
+
+def play_alone(env: HandActions, score: Score, learner: HandModel) -> dict[str, Any]:
+    """Return the last info of a piece that the learner plays, with the music metrics."""
+    observation, _ = env.reset(seed=0, options={"score": score})
+    while True:
+        observation, _, terminated, truncated, info = env.step(learner.act(observation))
+        if terminated or truncated:
+            return info
+
+
+class _Playing:
+    """One excerpt: who plays in each step, and what is added to the action.
+
+    Attributes:
+        noise: Standard deviation of the noise on the teacher's actions, rad.
+        by_learner: Steps that the learner has played.
+        taken_over: Steps that the teacher has played since the hands were lost.
+    """
+
+    def __init__(
+        self,
+        settings: Round,
+        playing: PlayingSettings,
+        env: HandActions,
+        random: np.random.Generator,
+    ) -> None:
+        self._env, self._random, self._share = env, random, settings.learner
+        timestep = piano_of(env, "play_excerpt").config.control_timestep
+        low, high = (max(1, round(seconds / timestep)) for seconds in playing.segment)
+        self._segment = low, high  # control steps
+        scale = float(random.choice(playing.noise_scales))
+        self.noise = scale * settings.noise
+        unit = float(np.abs(env.reach).max())  # rad of a finger's joint to an action of 1
+        ones = np.ones(env.reach.shape)
+        self._sample = CorrelatedNoise(ones, playing.noise_memory, timestep).sample
+        self._std = (self.noise / unit, scale * settings.learner_noise / unit)
+        self._until, self._learner_plays, self._lost = 0, False, False
+        self.by_learner = self.taken_over = 0
+
+    def steps(
+        self, observation: npt.NDArray[np.float32], teacher: Teacher, learner: HandModel | None
+    ) -> Iterator[tuple[Any, ...]]:
+        """Yield what :func:`as_episode` wants of each step."""
+        step, over = 0, False
+        while not over:
+            label = teacher.action(step, observation)
+            noise, action = self._sample(self._random), label
+            by_learner = learner is not None and self._is_learners(step, teacher.distance(step))
+            if learner is not None and by_learner:
+                action = learner.act(observation)
+            played: Action = np.clip(action + self._std[by_learner] * noise, -1, 1)
+            played = played.astype(np.float32)
+            before = observation
+            observation, reward, terminated, truncated, info = self._env.step(played)
+            over, step = terminated or truncated, step + 1
+            yield before, played, label, float(reward), terminated, info
+        yield observation, None, None, 0.0, False, {}
+
+    def _is_learners(self, step: int, distance: float) -> bool:
+        """Return whether the learner plays a step, where the hands are so far off."""
+        if step == self._until:
+            self._learner_plays = self._random.random() < self._share
+            self._until += int(self._random.integers(*self._segment, endpoint=True))
+        self._lost = distance > 1 or (self._lost and distance > _GIVEN_BACK)
+        self.taken_over += self._learner_plays and self._lost
+        learners = self._learner_plays and not self._lost
+        self.by_learner += learners
+        return bool(learners)

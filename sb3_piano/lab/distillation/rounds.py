@@ -1,0 +1,274 @@
+"""Rounds of a distillation: each plays, trains on all that was played so far, and is judged."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from statistics import fmean
+
+import numpy as np
+import torch
+from stable_baselines3.common.running_mean_std import RunningMeanStd
+
+from sb3_piano.demonstrations.cloning import check_spaces
+from sb3_piano.demonstrations.corpus import RecordedCorpus
+from sb3_piano.demonstrations.shards import Shard, make_missing
+from sb3_piano.demonstrations.streaming import Rows, ShuffledRows
+from sb3_piano.exceptions import RunError
+from sb3_piano.files import read_json, write_json
+from sb3_piano.interrupts import StopRequest
+from sb3_piano.jobs import Item, Result, map_jobs
+from sb3_piano.lab.distillation.config import DistillConfig
+from sb3_piano.lab.distillation.network import new_policy, regress, standardize
+from sb3_piano.lab.distillation.rollout import hands_env
+from sb3_piano.lab.distillation.shards import (
+    JUDGED_BY,
+    judge,
+    read_rows,
+    shard_jobs,
+)
+from sb3_piano.music import Score, load_score
+from sb3_piano.music.selection import told_apart
+from sb3_piano.players import HandModel
+from sb3_piano.policies import HandsTD3Policy, hand_weights, load_hand_weights
+
+DATA = "data"
+"""Name of the folder of the data sets."""
+
+Progress = Callable[[str, int, int], object]
+"""Is called with what is being done, how much of it is done, and of how much."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoundResult:
+    """Result of a round, or of an improvement after the last one."""
+
+    name: str
+    """``round-N`` or ``improved-N``, N from 0; the files are called so."""
+    transitions: int
+    """Control steps that the network learnt from so far, of this round and all before."""
+    loss: float | None
+    """Mean loss of the last epoch; none of an improvement."""
+    f1: float
+    """Mean F1 of what was played alone."""
+    onset_f1: float
+    """Mean onset F1 of that."""
+    minutes: float
+    """Time that the round took since it was begun or resumed."""
+    pieces: Mapping[str, Mapping[str, float] | None]
+    """Both metrics of each piece by its title; none of one that cannot be played."""
+    skipped: Mapping[str, str]
+    """Why an excerpt of this round, by its number, could not be played."""
+
+
+class Rounds:
+    """The rounds of a distillation in its folder.
+
+    Args:
+        config: The settings.
+        place: The folder, by a path that the executor's processes have, too.
+        held_out: What is played to judge by.
+        executor: Does the jobs.
+        request: Ends the work when it is made.
+        tell: Tells what is being done.
+    """
+
+    def __init__(
+        self,
+        config: DistillConfig,
+        place: Path,
+        held_out: Sequence[Score],
+        executor: Executor,
+        request: StopRequest,
+        tell: Progress,
+    ) -> None:
+        self._config, self._place, self._held_out = config, place, held_out
+        self._executor, self._request, self._tell = executor, request, tell
+        self._shards: dict[int, list[Shard]] = {}
+        self._recorded = recorded_of(config)
+
+    def finish(self, number: int) -> RoundResult:
+        """Do what is left to do of a round; those before it are done.
+
+        Raises:
+            KeyboardInterrupt: If the request is made.
+        """
+        return self.judged(round_name(number), partial(self._train, number))
+
+    def judged(self, name: str, make: Callable[[Path], Mapping[str, str]]) -> RoundResult:
+        """Return the result of a network, which is made and judged unless that is done.
+
+        Args:
+            name: What it is called.
+            make: Writes the network's file if it is not there; returns what it had to skip.
+
+        Raises:
+            KeyboardInterrupt: If the request is made.
+        """
+        started, weights = time.monotonic(), weights_file(self._place, name)
+        file = self._place / f"{name}.json"
+        done = read_json(file, RoundResult, "delete it, and it is made again.")
+        if done is not None and weights.is_file():
+            return done
+        skipped = make(weights)
+        pieces = self._judge(name, weights)
+        played = [metrics for metrics in pieces.values() if metrics is not None]
+        if not played:
+            raise RunError("Nothing could be played to judge by: expected other evaluation.pieces.")
+        facts = HandModel.load(weights).facts
+        result = RoundResult(
+            name=name,
+            transitions=facts.num_timesteps,
+            loss=float(facts.about["loss"]) if "loss" in facts.about else None,
+            **{metric: fmean(metrics[metric] for metrics in played) for metric in JUDGED_BY},
+            minutes=(time.monotonic() - started) / 60,
+            pieces=pieces,
+            skipped=skipped,
+        )
+        write_json(file, dataclasses.asdict(result))
+        return result
+
+    def _play(self, number: int) -> list[Shard]:
+        """Return the shards of a round, in order; those that are not there are made."""
+        if number in self._shards:
+            return self._shards[number]
+        if number == 0 and self._recorded is not None:
+            return list(self._recorded.shards)
+        learner = weights_file(self._place, round_name(number - 1)) if number > 0 else None
+        jobs = shard_jobs(self._config, number, learner, self._place / DATA)
+        text = f"{round_name(number)}: playing, shards"
+        self._shards[number] = make_missing(
+            self._executor, jobs, self._request, partial(self._tell, text)
+        )
+        return self._shards[number]
+
+    def _rows(self, last: int) -> ShuffledRows:
+        """Return the rows of all rounds up to one: both hands' observations, and labels."""
+        played = [(n, shard) for n in range(last + 1) for shard in self._play(n) if shard.steps > 0]
+        if not played:
+            raise RunError("No excerpt could be played: expected another corpus or teacher.")
+        reads = [partial(self._read, n, shard) for n, shard in played]
+        return ShuffledRows(reads, [2 * shard.steps for _, shard in played], self._config.buffer)
+
+    def _read(self, number: int, shard: Shard) -> Rows:
+        """Return the rows of a data set of a round; what was recorded elsewhere is checked."""
+        if number == 0 and self._recorded is not None:
+            return read_rows(self._recorded.dataset(shard))
+        return read_rows(shard.open(self._place / DATA))
+
+    def _train(self, number: int, weights: Path) -> Mapping[str, str]:
+        """Train a network on all data so far, unless it is there; see :meth:`judged`."""
+        skipped = {n: why for shard in self._play(number) for n, why in shard.skipped.items()}
+        if weights.is_file():
+            return skipped
+        config, name = self._config, round_name(number)
+        rows = self._rows(number)
+        inputs, actions = (array.shape[1] for array in next(rows.parts()))
+        seed = np.random.SeedSequence([config.seed, number])
+        torch_seed, shuffle = seed.generate_state(2).tolist()
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(torch_seed)
+            policy = new_policy(config.network, inputs, actions)
+        self._prepare(policy, number, rows)
+
+        def tell(done: int, updates: int, loss: float) -> None:
+            if self._request.made:
+                raise KeyboardInterrupt
+            self._tell(f"{name}: training, loss {loss:.4f}, updates", done, updates)
+
+        with contextlib.closing(hands_env(config.playing.physics)) as env:
+            reach = float(np.abs(env.reach).max())
+            loss = regress(
+                policy,
+                rows,
+                config.rounds[number],
+                reach=reach,
+                seed=shuffle,
+                on_update=tell,
+            )
+            HandModel.of(policy, env, len(rows) // 2, loss=repr(loss)).save(weights)
+        return skipped
+
+    def _prepare(self, policy: HandsTD3Policy, number: int, rows: ShuffledRows) -> None:
+        """Give a new network the standardisation of the first round, and weights if it is warm."""
+        if number == 0:
+            statistics: RunningMeanStd | None = None
+            for observations, _ in rows.parts():
+                statistics = statistics or RunningMeanStd(shape=observations.shape[1:])
+                statistics.update(observations)
+            assert statistics is not None, "there is a part"
+            standardize(policy, statistics.mean, np.sqrt(statistics.var))
+            return
+        before = HandModel.load(weights_file(self._place, round_name(number - 1))).tensors
+        warm = self._config.rounds[number].warm
+        kept = {
+            name: torch.from_numpy(tensor)
+            for name, tensor in before.items()
+            if warm or name.startswith("standardize.")
+        }
+        load_hand_weights(policy, {**hand_weights(policy), **kept})
+
+    def _judge(self, name: str, weights: Path) -> dict[str, Mapping[str, float] | None]:
+        """Return the metrics of each piece that the network plays alone."""
+        text, found = f"{name}: held-out pieces", {}
+        total = len(self._held_out)
+        self._tell(text, 0, total)
+        job = partial(judge, self._config.evaluation.physics, weights)
+        with self._mapped(job, self._held_out) as made:
+            for title, metrics in made:
+                found[title] = metrics
+                self._tell(text, len(found), total)
+        return {score.title: found[score.title] for score in self._held_out}
+
+    def _mapped(
+        self, function: Callable[[Item], Result], jobs: Sequence[Item]
+    ) -> contextlib.closing[Generator[Result, None, None]]:
+        """Give the results of jobs; those that have not begun are cancelled with the block."""
+        return contextlib.closing(map_jobs(self._executor, function, jobs, self._request))
+
+
+def held_out_pieces(config: DistillConfig) -> list[Score]:
+    """Return what is played to judge by.
+
+    Raises:
+        UnknownPieceError: If there is no piece of a name.
+    """
+    settings = config.evaluation
+    count, end = settings.excerpts, settings.duration or math.inf
+    fresh = replace(config.corpus, seed=config.corpus.seed + 1, n=max(count, 1))
+    pieces = [replace(load_score(name).excerpt(0.0, end), title=name) for name in settings.pieces]
+    found = [*(fresh[index] for index in range(count)), *pieces]
+    titles = told_apart(score.title for score in found)  # other music may have the same one
+    return [replace(score, title=title) for score, title in zip(found, titles, strict=True)]
+
+
+def recorded_of(config: DistillConfig) -> RecordedCorpus | None:
+    """Return the corpus in place of the first round's playing, if one is given.
+
+    Raises:
+        ConfigError: If there is none in the folder, or it was not recorded by hand.
+    """
+    if config.recorded is None:
+        return None
+    corpus = RecordedCorpus.open(config.recorded)
+    with contextlib.closing(hands_env(config.playing.physics)) as env:
+        dataset = corpus.dataset(corpus.shards[0])
+        check_spaces(dataset, env.observation_space, env.action_space)
+    return corpus
+
+
+def round_name(number: int) -> str:
+    """Return what a round is called, with its files."""
+    return f"round-{number}"
+
+
+def weights_file(place: Path, name: str) -> Path:
+    """Return where the network of a round or an improvement is."""
+    return place / f"{name}.safetensors"

@@ -1,0 +1,154 @@
+"""``sb3-piano bench``: the table, the file, and what goes wrong."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import platform
+import signal
+import socket
+import sys
+
+import pytest
+from rich.console import Console
+
+import sb3_piano.lab.bench
+from sb3_piano.cli import main
+from sb3_piano.envs import PianoVectorEnv
+from sb3_piano.lab.bench import BenchReport, Row, players, render, workloads
+
+
+@pytest.fixture(autouse=True)
+def _short(short, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(workloads, "UPDATES", 1)
+    monkeypatch.setattr(players, "PLANNED", 0.5)
+
+
+def shown(report):
+    console = Console(width=80)
+    with console.capture() as capture:
+        console.print(render(report))
+    return capture.get()
+
+
+@pytest.mark.slow
+def test_all_parts_are_measured_in_their_order_printed_and_written(tmp_path, capsys):
+    assert main(["bench", "--rounds", "1", "--json", "result.json"]) == 0
+    captured = capsys.readouterr()
+    assert "RoboPianist-debug-CMajorScaleTwoHands-v0" in captured.out
+    assert captured.out.endswith("Result: result.json\n")
+    assert "simulation" in captured.err  # the progress bar
+    stored = json.loads((tmp_path / "result.json").read_text())
+    kinds = {"simulation": 10, "players": 5, "learner": 26, "training": 6, "memory": 2}
+    assert [row["part"] for row in stored["rows"]] == [
+        part for part, count in kinds.items() for _ in range(count)
+    ]
+    assert (stored["interrupted"], stored["peer"]) == (False, None)
+    cells = [line.split("│") for line in captured.out.splitlines() if line.startswith("│")]
+    medians = [(cell[1].strip(), float(cell[2])) for cell in cells if cell[2].strip()]
+    assert [name for name, _ in medians] == [row["name"] for row in stored["rows"]]
+    for (_, median), row in zip(medians, stored["rows"], strict=True):
+        assert abs(median / row["value"] - 1) < 0.01
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_ctrl_c_prints_and_writes_what_there_is(monkeypatch, tmp_path, capsys):
+    real, resets = PianoVectorEnv.reset, []
+
+    def reset(venv, **kwargs):
+        resets.append(venv)
+        if len(resets) == 5:  # two in each round, the first of which warms up
+            os.kill(os.getpid(), signal.SIGINT)
+        return real(venv, **kwargs)
+
+    monkeypatch.setattr(PianoVectorEnv, "reset", reset)
+    assert main(["bench", "--only", "simulation", "--json", "result.json"]) == 130
+    assert "Interrupted: what is missing was not measured." in capsys.readouterr().out
+    stored = json.loads((tmp_path / "result.json").read_text())
+    assert stored["interrupted"]
+    assert [len(row["by_round"]) for row in stored["rows"]] == [1] * 10
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("--peer-python nowhere", "The peer interpreter 'nowhere' cannot be started: No such file"),
+        (f"--peer-python {sys.executable}", "pip install robopianist==1.0.10"),
+        ("--peer-python x --only memory", "the simulation is not measured"),
+        ("--before x --only memory", "before is 'x', but the simulation is not measured"),
+        ("--before nowhere", "The version in 'nowhere' has no sb3_piano/__init__.py. Expected a"),
+        ("--json no/where.json", "--json is 'no/where.json' (No such file or directory): expected"),
+        ("--json .", "--json is '.' (Is a directory): expected a file that can be written."),
+    ],
+)
+def test_an_error_is_one_line_on_stderr(arguments, message, capsys):
+    assert main(["bench", *arguments.split()]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("sb3-piano: error: ")
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+
+
+MACHINE = {
+    "date": "2030-01-02 03:04+00:00",
+    "versions": {"python": "3.11.7", "mujoco": "3.17.0"},
+    "cpu": "Slow 486",
+    "cores": 3,
+    "torch_threads": 2,
+    "device": "cpu",
+}
+
+
+def test_the_table_has_the_rows_with_their_ratios():
+    rows = (
+        Row(part="simulation", name="a", value=1234.6, unit="steps/s", ratios={}, by_round=(1, 2)),
+        Row(part="simulation", name="b", value=56.78, unit="steps/s",
+            ratios={"x of a": 0.04567, "env/bare": 1.119}, by_round=(1, 2)),
+        Row(part="memory", name="c", value=9.16, unit="GB", ratios={"x of d": 12.34}),
+    )  # fmt: skip
+    report = BenchReport(
+        machine=MACHINE, peer={"robopianist": "1.0.10"}, rows=rows, interrupted=False
+    )
+    lines = shown(report).splitlines()
+    assert lines[:5] == [
+        "RoboPianist-debug-CMajorScaleTwoHands-v0, 2030-01-02 03:04+00:00",
+        "python 3.11.7, mujoco 3.17.0",
+        "Slow 486, usable cores: 3; networks on cpu, torch threads: 2",
+        "The peer: robopianist 1.0.10",
+        "Rounds: 2. env/bare: time of the env over that of its mj_step.",
+    ]
+    cells = [[c.strip() for c in line.strip("│").split("│")] for line in lines if line[0] == "│"]
+    assert cells == [
+        ["Simulation, steps/s", "", ""],
+        ["a", "1235", ""],
+        ["b", "56.8", "0.0457 x of a"],
+        ["", "", "1.12 env/bare"],
+        ["Full replay buffer, GB", "", ""],
+        ["c", "9.16", "12.3 x of d"],
+    ]
+
+
+def test_the_table_has_processor_time_where_it_was_measured():
+    rows = (
+        Row(part="simulation", name="a", value=1.5, unit="steps/s", ratios={"x of b": 0.375},
+            processor=4.0, processor_ratios={"x of b": 0.5}),
+        Row(part="memory", name="c", value=9.16, unit="GB", ratios={}),
+    )  # fmt: skip
+    lines = shown(BenchReport(machine=MACHINE, peer=None, rows=rows, interrupted=False)).split("\n")
+    cells = [[c.strip() for c in line.strip("│").split("│")] for line in lines if line[:1] == "│"]
+    assert cells[1] == ["a", "1.50", "4.00", "0.375, 0.500 x of b"]
+    assert cells[3] == ["c", "9.16", "", ""]
+
+
+def test_the_machine_is_described_without_its_name_and_paths():
+    machine = sb3_piano.lab.bench.machine_info()
+    assert machine["versions"]["torch"] == importlib.metadata.version("torch")
+    assert machine["versions"]["python"] == platform.python_version()
+    assert {"sb3-piano", "mujoco", "numpy"} < set(machine["versions"])
+    assert machine["cores"] >= 1
+    assert machine["cpu"]
+    assert socket.gethostname() not in str(machine)
+    assert sys.prefix not in str(machine)

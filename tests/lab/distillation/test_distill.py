@@ -1,0 +1,490 @@
+"""Distillations of a few seconds: what is learnt from, what is learnt, going on after a kill."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import yaml
+from stable_baselines3 import TD3
+
+from sb3_piano.cli import main
+from sb3_piano.demonstrations.dataset import Transitions, open_dataset
+from sb3_piano.demonstrations.shards import find_shard
+from sb3_piano.envs import GENERAL_ID
+from sb3_piano.exceptions import ConfigError, RunError, ScoreError, UnknownPieceError
+from sb3_piano.hyperparams import SIGHT_READER
+from sb3_piano.lab.distillation import (
+    DEFAULT_FILE,
+    DistillConfig,
+    TeacherSettings,
+    distill,
+)
+from sb3_piano.lab.distillation.distill import _check_files
+from sb3_piano.lab.distillation.rollout import hands_env, play_excerpt
+from sb3_piano.lab.distillation.rounds import held_out_pieces
+from sb3_piano.lab.distillation.shards import read_rows, shard_jobs
+from sb3_piano.lab.distillation.teachers import new_teacher
+from sb3_piano.lab.music import Corpus
+from sb3_piano.music import load_score, write_midi
+from sb3_piano.players import HandModel, SightReader
+from sb3_piano.training import PlannedConfig, Plugin, RunConfig, RunFolder, train
+
+TINY = """
+corpus: {duration: 2.0, n: 40}
+rounds:
+  - {excerpts: 3, epochs: 20, batch_size: 64}
+  - {excerpts: 3, learner: 0.8, epochs: 20, batch_size: 64}
+network: {net_arch: [32]}
+improvements: []
+evaluation: {physics: fast, excerpts: 1, pieces: [TwinkleTwinkle], duration: 2.0}
+shard: 2
+"""
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory):
+    file = tmp_path_factory.mktemp("settings") / "tiny.yml"
+    file.write_text(TINY)
+    return file
+
+
+@pytest.fixture(scope="module")
+def executor():
+    """One thread of this process, where the pool of processes would take seconds to begin."""
+    with ThreadPoolExecutor(1) as one:
+        yield one
+
+
+@pytest.fixture(scope="module")
+def whole(tiny, executor, tmp_path_factory):
+    """The result of a distillation that was not interrupted."""
+    folder = tmp_path_factory.mktemp("distilled")
+    return distill(DistillConfig.from_yaml(tiny), folder, executor=executor)
+
+
+def shards_of(folder, config, number):
+    learner = folder / f"round-{number - 1}.safetensors" if number else None
+    return [find_shard(job) for job in shard_jobs(config, number, learner, folder / "data")]
+
+
+def rows_of(folder, config):
+    """Return observations and labels of all rounds, of whole shards only."""
+    shards = [shard for number in (0, 1) for shard in shards_of(folder, config, number)]
+    return [
+        np.concatenate(a)
+        for a in zip(*(read_rows(s.open(folder / "data")) for s in shards), strict=True)
+    ]
+
+
+def weights_of(folder):
+    """Return the networks of both rounds; their files differ in the order of what they note."""
+    return [HandModel.load(folder / f"round-{number}.safetensors") for number in (0, 1)]
+
+
+def assert_same_weights(folder, other):
+    for ours, theirs in zip(weights_of(folder), weights_of(other), strict=True):
+        assert ours.facts == theirs.facts
+        assert ours.tensors.keys() == theirs.tensors.keys()
+        for name, tensor in ours.tensors.items():
+            assert np.array_equal(tensor, theirs.tensors[name]), name
+
+
+def test_the_file_that_comes_with_the_package_has_the_defaults():
+    config = DistillConfig.from_yaml(DEFAULT_FILE)
+    assert config == DistillConfig()
+    again = DistillConfig.from_mapping(config.to_mapping())
+    assert json.dumps(again.to_mapping()) == json.dumps(DistillConfig().to_mapping())
+    assert sum(one.excerpts for one in config.rounds) == 500 <= len(config.corpus)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        (
+            "rounds.0.epochs",
+            0,
+            r"tiny.yml' with rounds.0.epochs replaced: rounds\[0\]: epochs is 0",
+        ),
+        ("rounds.1.epoch", 1, r"Unknown setting 'epoch' of rounds\[1\]\. Did you mean 'epochs'\?"),
+        ("rounds.0.warm", True, r"rounds\[0\].warm is True: expected False"),
+        ("improvements", [{"n_timesteps": 0}], r"improvements\[0\]: n_timesteps is 0: expected"),
+        (
+            "improvements",
+            [{"n_timesteps": 1}, {"n_timesteps": 1, "corpus": {"nea": 0.5}}],
+            r"Unknown setting 'nea' of improvements\[1\].corpus\. Did you mean 'near'",
+        ),
+        (
+            "improvements",
+            [{"n_timesteps": 1, "corpus": {"sources": {"repertoire": 1}}}],
+            "'TwinkleTwinkle', which the corpus learns from",
+        ),
+        ("rounds.1.learner", 2, r"rounds\[1\]: learner is 2.0: expected .* from 0 to 1"),
+        ("rounds.0.learner", 0.5, r"rounds\[0\].learner is 0.5: expected 0"),
+        ("rounds.7.learner", 0.5, r"Unknown setting 'rounds.7.learner': there is no '7'"),
+        ("corpus.n", 0, r"corpus: n is 0: expected a whole number, 1 or more"),
+        ("evaluation.pieces", ["hanon-01"], r"'hanon-01', which the corpus learns from"),
+    ],
+)
+def test_a_wrong_setting_is_named(tiny, name, value, message):
+    with pytest.raises(ConfigError, match=message):
+        DistillConfig.from_yaml(tiny, **{name: value})
+
+
+@pytest.fixture
+def songs(tmp_path, monkeypatch):
+    """Work beside a folder ``songs`` with a piece ``a.mid``."""
+    (tmp_path / "songs").mkdir()
+    write_midi(load_score("TwinkleTwinkle").excerpt(0.0, 4.0), tmp_path / "songs" / "a.mid")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "songs"
+
+
+@pytest.mark.parametrize("source", ["songs", "./songs", "songs/a.mid", "{place}/songs"])
+@pytest.mark.parametrize("piece", ["songs/a.mid", "./songs/../songs/a.mid", "{place}/songs/a.mid"])
+def test_a_file_that_is_learnt_from_does_not_judge(tiny, songs, source, piece):
+    source, piece = (text.format(place=songs.parent) for text in (source, piece))
+    changes = {"corpus.sources": {source: 1}, "evaluation.pieces": [piece]}
+    with pytest.raises(ConfigError, match=r"a\.mid', which the corpus learns from"):
+        DistillConfig.from_yaml(tiny, **changes)
+    DistillConfig.from_yaml(tiny, **{**changes, "evaluation.pieces": ["songs/b.mid"]})
+
+
+def test_paths_with_a_slash_are_made_absolute_on_windows_too(songs, monkeypatch):
+    shutil.copy("songs/a.mid", "songs/b.mid")
+    windows = SimpleNamespace(sep="\\", path=os.path)
+    monkeypatch.setattr("sb3_piano.lab.distillation.config.os", windows)
+    corpus = Corpus(sources={"songs": 1}, held_out=("songs/a.mid", "hanon-05"))
+    found = DistillConfig(corpus=corpus).corpus
+    assert found.held_out == (str(songs / "a.mid"), "hanon-05")
+    assert found.names == {str(songs): (str(songs / "b.mid"),)}
+    assert DistillConfig(corpus=found).corpus is found  # a folder of many files is read once
+
+
+def test_settings_are_the_same_in_another_folder(tiny, songs, monkeypatch):
+    for copy in ("judge.mid", "songs/b.mid"):
+        shutil.copy("songs/a.mid", copy)
+    (songs.parent / "teacher").mkdir()
+    changes = {
+        "corpus.sources": {"generated": 1, "songs": 1, "songs/b.mid": 1},
+        "corpus.held_out": ["songs/a.mid", "hanon-05"],
+        "evaluation.pieces": ["judge.mid", "TwinkleTwinkle"],
+        "teacher.name": "teacher",
+        "improvements": [{"n_timesteps": 1, "corpus": {"sources": {"songs": 2}}}],
+    }
+    config = DistillConfig.from_yaml(tiny, **changes)
+    (songs / "elsewhere").mkdir()
+    monkeypatch.chdir(songs / "elsewhere")
+    again = DistillConfig.from_mapping(config.to_mapping())
+    assert again.to_mapping() == config.to_mapping()
+    assert again.corpus.names[str(songs)] == (str(songs / "b.mid"),)
+    assert again.corpus_of(0).names == {str(songs): (str(songs / "b.mid"),)}
+    assert again.teacher.name == str(songs.parent / "teacher")
+    assert len(held_out_pieces(again)) == 3
+
+
+def test_files_that_have_changed_are_told(tiny, songs, tmp_path):
+    config = DistillConfig.from_yaml(tiny, **{"corpus.sources": {"songs": 1}})
+    (tmp_path / "out").mkdir()
+    for _ in range(2):
+        _check_files(tmp_path / "out", config)
+    write_midi(load_score(songs / "a.mid").transpose(2), songs / "a.mid")
+    with pytest.raises(RunError, match="a.mid' is not what it was when the distillation in"):
+        _check_files(tmp_path / "out", config)
+
+
+def test_what_comes_after_a_shard_does_not_change_it(tiny):
+    def digest(number, **changes):
+        config = DistillConfig.from_yaml(tiny, **changes)
+        return shard_jobs(config, number, None, tiny.parent)[0].digest
+
+    later = {"improvements": [{"n_timesteps": 1}], "evaluation.duration": 1.0}
+    later |= {"network.net_arch": [8], "buffer": 9, "rounds.1.learner": 0.5}
+    for name, value in later.items():
+        assert digest(0, **{name: value}) == digest(0), name
+    assert digest(1, **{"rounds.1.learner": 0.5}) != digest(1)
+    own = {"corpus.seed": 1, "rounds.0.noise": 0.5, "playing.physics": "reference", "seed": 1}
+    own |= {"teacher.plan": {"feedback": 0.5}, "shard": 3}
+    for name, value in own.items():
+        assert digest(0, **{name: value}) != digest(0), name
+        assert digest(1, **{name: value}) != digest(1), name
+
+
+def test_a_label_is_what_the_teacher_would_do_in_the_state_that_the_played_actions_led_to(whole):
+    config = DistillConfig.from_yaml(whole.folder / "config.yml")
+    shard = shards_of(whole.folder, config, 1)[0]
+    assert [notes["excerpt"] for notes in shard.episodes] == [3, 4]
+    assert max(notes["by_learner"] for notes in shard.episodes) > 0.3
+    data = Transitions.of(open_dataset(shard.name, whole.folder / "data"))
+    env = hands_env("fast")
+    observation, _ = env.reset(options={"score": config.corpus[3]})
+    with new_teacher(config.teacher, config.playing, env) as teacher:
+        teacher.prepare()
+        for step in range(40):
+            assert np.array_equal(observation, data.observations[step])
+            assert np.array_equal(teacher.action(step, observation), data.expert_actions[step])
+            observation = env.step(data.actions[step])[0]
+    assert np.abs(data.actions[:40] - data.expert_actions[:40]).max() > 0.05
+    env.close()
+
+
+def test_the_network_comes_near_the_labels_and_is_judged_on_other_music(whole):
+    config = DistillConfig.from_yaml(whole.folder / "config.yml")
+    assert not whole.interrupted
+    observations, labels = rows_of(whole.folder, config)
+    assert len(labels) == 2 * whole.rounds[1].transitions
+    learner = HandModel.load(whole.folder)  # hand.safetensors
+    actions = np.stack([learner.act(seen) for seen in observations.reshape(len(labels) // 2, -1)])
+    errors = [np.abs(guess - labels).mean() for guess in (0, actions.reshape(labels.shape))]
+    assert errors[1] < 0.4 * errors[0]
+    for result in whole.rounds:
+        assert list(result.pieces)[-1] == "TwinkleTwinkle"
+        assert len(result.pieces) == 2
+        assert 0.1 < result.f1 <= 1
+    with (whole.folder / "rounds.csv").open() as file:
+        assert [float(row["f1"]) for row in csv.DictReader(file)] == [r.f1 for r in whole.rounds]
+
+
+@pytest.mark.slow
+def test_going_on_after_a_crash_makes_what_was_lost_again_and_nothing_else(
+    whole, tiny, executor, tmp_path
+):
+    config, folder = DistillConfig.from_yaml(tiny), tmp_path / "run"
+
+    def crash(text, done, total):
+        if text.startswith("round-1: playing") and done == 1:
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        distill(config, folder, executor=executor, on_progress=crash)
+    data = folder / "data"
+    assert shards_of(folder, config, 1)[0] is not None
+    (data / ".recording-of-a-killed-process").mkdir()
+    damaged = data / "round0-shard001-v0" / "data" / "main_data.hdf5"
+    damaged.write_bytes(damaged.read_bytes()[:-4000])
+    (folder / "round-0.json").unlink()  # killed after the training, before it was judged
+    kept = [data / "round0-shard000-v0.json", folder / "round-0.safetensors"]
+    times = [file.stat().st_mtime_ns for file in kept]
+    assert shards_of(folder, config, 0)[1] is None
+    result = distill(None, folder, executor=executor)
+    assert [file.stat().st_mtime_ns for file in kept] == times
+    assert not list(data.glob(".recording-*"))
+    for ours, theirs in zip(rows_of(folder, config), rows_of(whole.folder, config), strict=True):
+        assert np.array_equal(ours, theirs)
+    assert_same_weights(folder, whole.folder)
+    without_times = [dataclasses.replace(r, minutes=0) for r in whole.rounds]
+    assert [dataclasses.replace(r, minutes=0) for r in result.rounds] == without_times
+
+
+def test_each_round_begins_with_new_weights_but_sees_as_the_first_one_did(whole):
+    first, second = (model.tensors for model in weights_of(whole.folder))
+    for name, tensor in first.items():
+        assert np.array_equal(tensor, second[name]) == name.startswith("standardize."), name
+
+
+def test_what_cannot_be_played_is_skipped_and_told(tiny, executor, tmp_path):
+    file = tmp_path / "no music.mid"
+    file.write_bytes(b"MThd nothing else")
+    changes = {"corpus.sources": {"generated": 1, str(file): 1}, "corpus.duration": 1.0}
+    changes |= {"rounds": [{"excerpts": 6, "epochs": 1}], "evaluation.excerpts": 0}
+    config = DistillConfig.from_yaml(tiny, **changes)
+    result = distill(config, tmp_path / "run", executor=executor)
+    skipped = []
+    for number in range(6):
+        try:
+            config.corpus[number]
+        except ScoreError:
+            skipped.append(number)
+    assert 0 < len(skipped) < 6
+    assert [int(n) for n in sorted(result.rounds[0].skipped)] == skipped
+    assert all("no music.mid" in why for why in result.rounds[0].skipped.values())
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        (
+            {"network.net_arch": [3]},
+            RunError,
+            r"has network\.net_arch \[32\], not \[3\]: expected the same",
+        ),
+        ({"teacher.name": "plans"}, ConfigError, "teacher.name is 'plans': expected 'planned', or"),
+        ({"evaluation.pieces": ["Furelise"]}, UnknownPieceError, "FurElise"),
+    ],
+)
+def test_what_does_not_go_together_is_refused_at_once(whole, tiny, changes, error, message):
+    config = DistillConfig.from_yaml(tiny, **changes)
+    with pytest.raises(error, match=message):
+        distill(config, whole.folder)
+
+
+def test_the_model_of_a_run_teaches_if_it_sees_what_the_learner_sees(tiny, tmp_path):
+    RunFolder.create(PlannedConfig(algo="planned", env_id="RoboPianist-v0"), tmp_path / "planned")
+    config = DistillConfig.from_yaml(tiny, **{"teacher.name": str(tmp_path / "planned")})
+    with pytest.raises(ConfigError, match="cannot teach: expected a trained model with observ"):
+        distill(config, tmp_path / "out")
+    observed = {"observation": "hands", "fingering": "robot", "reduced_action_space": False}
+    run = RunConfig(
+        algo="td3",
+        env_id="RoboPianist-v0",
+        n_timesteps=1,
+        policy="sb3_piano.policies.HandsTD3Policy",
+        env_kwargs={**observed, "score": "scale-CMajor"},
+        env_wrapper=(Plugin(path="sb3_piano.wrappers.HandActions"),),
+        algorithm_kwargs={"policy_kwargs": {"net_arch": [8]}, "buffer_size": 10},
+    )
+    model_file = train(run, tmp_path / "run", progress_bar=False).folder.model_file
+    env = hands_env("fast")
+    teacher = TeacherSettings(name=str(tmp_path / "run"))
+    with new_teacher(teacher, config.playing, env) as opened:
+        episode, _ = play_excerpt(config, 0, 0, env, opened, None)
+    labels, _ = TD3.load(model_file).predict(episode.observations[:-1], deterministic=True)
+    assert np.allclose(labels, episode.infos["expert_action"][:-1], atol=1e-6)
+    assert np.abs(labels - episode.actions).max() > 0.01
+    env.close()
+
+
+@pytest.fixture(scope="module")
+def few_steps(tmp_path_factory):
+    """The settings of PPO that come with the package, for updates of two short episodes."""
+    entry = yaml.safe_load(SIGHT_READER.read_text())[GENERAL_ID]
+    entry |= {"n_envs": 2, "vec_env": "dummy", "n_steps": 20, "batch_size": 40}
+    entry["policy_kwargs"] = entry["policy_kwargs"].replace("critic_first=24", "critic_first=1")
+    file = tmp_path_factory.mktemp("settings") / "few steps.yml"
+    file.write_text(yaml.safe_dump({GENERAL_ID: entry}))
+    return file
+
+
+@pytest.fixture(scope="module")
+def improved(whole, few_steps, executor, tmp_path_factory):
+    """What was told at an interrupted improvement and as it went on; and the result of that."""
+    folder = tmp_path_factory.mktemp("improved") / "run"
+    shutil.copytree(whole.folder, folder)
+    settings = yaml.safe_load((folder / "config.yml").read_text())
+    settings["improvements"] = [
+        {"n_timesteps": 240, "config": str(few_steps)},
+        {
+            "n_timesteps": 80,
+            "config": str(few_steps),
+            "physics": "reference",
+            "corpus": {"near": 0.5},
+        },
+    ]
+    (folder / "config.yml").write_text(yaml.safe_dump(settings))
+    told = []
+
+    def stop(text, done, total):
+        told.append((text, done, total))
+        if done >= 100 and text.startswith("improved-0: training"):
+            signal.raise_signal(signal.SIGINT)
+
+    before = distill(None, folder, executor=executor, on_progress=stop)
+    assert before.interrupted
+    assert before.weights.read_bytes() == (folder / "round-1.safetensors").read_bytes()
+    interrupted, told = told, []
+    after = distill(None, folder, executor=executor, on_progress=lambda *facts: told.append(facts))
+    return interrupted, told, after
+
+
+def test_reinforcement_learning_goes_on_from_the_last_round_also_when_interrupted(improved):
+    interrupted, told, result = improved
+    steps = [done for text, done, _ in told if text.startswith("improved-0: training")]
+    assert [done for _, done, _ in interrupted][-1] == 100
+    assert not any("playing" in text for text, _, _ in told), "no round is done again"
+    assert steps[0] == 104, "four hands go on"
+    assert 240 <= steps[-1] < 320, "until the update is whole"
+    assert [one.name for one in result.rounds] == ["round-0", "round-1", "improved-0", "improved-1"]
+    before, after = (
+        HandModel.load(result.folder / f"{one.name}.safetensors") for one in result.rounds[1:3]
+    )
+    changes = [np.abs(after.tensors[n] - tensor).max() for n, tensor in before.tensors.items()]
+    assert 0 < max(changes) < 1e-3
+    assert result.rounds[2].transitions == result.rounds[1].transitions + steps[-1] // 2
+    with (result.folder / "rounds.csv").open() as file:
+        assert [row["name"] for row in csv.DictReader(file)][-1] == "improved-1"
+    run, then = (RunFolder.open(result.folder / f"improved-{n}").read_config() for n in (0, 1))
+    assert [one.env_kwargs["physics"] for one in (run, then)] == ["fast", "reference"]
+    start = then.callback[0].kwargs["model"]
+    assert start == str(result.folder / "improved-0.safetensors")
+    corpus = DistillConfig.from_yaml(result.folder / "config.yml").corpus
+    assert Corpus(**run.env_wrapper[0].kwargs["corpus"]) == corpus
+    assert Corpus(**then.env_wrapper[0].kwargs["corpus"]) == dataclasses.replace(corpus, near=0.5)
+    assert (run.seed, run.algorithm_kwargs["policy_kwargs"]["net_arch"]["pi"]) == (0, [32])
+
+
+def test_what_came_of_it_plays_as_it_was_judged(improved, executor):
+    result = improved[2]
+    score = load_score("TwinkleTwinkle").excerpt(0.0, 2.0)
+    options = {"fingering": "robot", "reduced_action_space": False, "initial_buffer_time": 0.5}
+    env = gym.make(GENERAL_ID, score="scale-CMajor", physics="fast", **options)
+    observation, _ = env.reset(options={"score": score})
+    player, over = SightReader(env, result.folder), False
+    while not over:
+        observation, _, _, over, info = env.step(player.predict(observation)[0])
+    judged = result.rounds[-1].pieces["TwinkleTwinkle"]
+    assert (info["f1"], info["onset_f1"]) == (judged["f1"], judged["onset_f1"])
+    kept = result.folder / "improved-1.json"
+    written = kept.stat().st_mtime_ns
+    assert distill(None, result.folder, executor=executor).rounds == result.rounds
+    assert kept.stat().st_mtime_ns == written
+
+
+def test_settings_of_a_training_without_a_place_for_the_corpus_are_refused_at_once(
+    tiny, few_steps, tmp_path
+):
+    entry = yaml.safe_load(few_steps.read_text())[GENERAL_ID]
+    file = tmp_path / "one piece.yml"
+    file.write_text(
+        yaml.safe_dump({GENERAL_ID: {**entry, "env_wrapper": entry["env_wrapper"][1:]}})
+    )
+    changes = {"improvements": [{"n_timesteps": 1, "config": str(file)}]}
+    with pytest.raises(ConfigError, match=r"one piece.yml', which has no CorpusExcerpt: expected"):
+        distill(DistillConfig.from_yaml(tiny, **changes), tmp_path / "run")
+
+
+def test_physics_of_a_training_that_do_not_exist_are_refused_at_once(tiny, few_steps, tmp_path):
+    improvement = {"n_timesteps": 1, "config": str(few_steps), "physics": "fats"}
+    config = DistillConfig.from_yaml(tiny, improvements=[improvement])
+    with pytest.raises(ConfigError, match=r"Unknown physics profile 'fats'.*'fast'"):
+        distill(config, tmp_path / "run")
+    assert not list(tmp_path.iterdir())
+
+
+def test_whole_pieces_are_played_without_a_duration(tiny):
+    config = DistillConfig.from_yaml(tiny, **{"evaluation.duration": None})
+    whole = load_score("TwinkleTwinkle")
+    assert held_out_pieces(config)[-1].duration == whole.duration > 10
+
+
+@pytest.mark.slow
+def test_a_command_that_is_killed_and_resumed_ends_with_the_same_weights(
+    whole, tiny, tmp_path, capsys
+):
+    folder = tmp_path / "run"
+    command = [sys.executable, "-m", "sb3_piano.cli", "distill", "--workers", "1"]
+    killed = subprocess.Popen([*command, "--out", str(folder), "--config", str(tiny)])
+    while not list(folder.glob("data/*.json")):
+        assert killed.poll() is None
+        time.sleep(0.05)
+    os.kill(killed.pid, signal.SIGKILL)
+    killed.wait()
+    assert not (folder / "round-1.safetensors").exists()
+    assert main(["distill", "--resume", str(folder), "--set", "seed=1"]) == 2
+    assert "--set cannot be given with --resume" in capsys.readouterr().err
+    assert main(["distill", "--resume", str(folder), "--workers", "1"]) == 0
+    told = capsys.readouterr().out
+    assert f"round-1: F1 {whole.rounds[1].f1:.3f}" in told
+    assert f"Weights:     {folder / 'hand.safetensors'}" in told
+    assert_same_weights(folder, whole.folder)

@@ -1,0 +1,370 @@
+"""Results fit their schema, are of the pieces there are, are aggregated, and come out again."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import multiprocessing
+import platform
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+from scipy import stats
+
+from sb3_piano import threads
+from sb3_piano.cli import main
+from sb3_piano.cli.main import _parser
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.lab.music import Corpus
+from sb3_piano.lab.music.corpus import HELD_OUT
+from sb3_piano.lab.results import (
+    Estimate,
+    Result,
+    Results,
+    aggregate,
+    aggregate_table,
+    checking,
+    digest,
+    drawn,
+    held_out,
+    score_table,
+)
+from sb3_piano.lab.results.measuring import is_generated, player_digest, score_digest, score_source
+from sb3_piano.music import load_score
+from sb3_piano.music.built_in import REPERTOIRE
+from sb3_piano.training.playing.takes import plan_run, planner_config
+
+FOLDER = Path(__file__).parents[3] / "docs" / "results"
+RESULTS, HELD_OUT_RESULTS, TREE_RESULTS = (
+    Results.read(FOLDER / name).results for name in ("results.json", "held_out.json", "tree.json")
+)
+ALL_RESULTS = (*RESULTS, *HELD_OUT_RESULTS, *TREE_RESULTS)
+
+RESULT = {
+    "piece": "repertoire-FurElise",
+    "score_sha256": "0" * 64,
+    "player": "planned",
+    "player_sha256": None,
+    "physics": "reference",
+    "seeds": [0, 1],
+    "action_noise": 0.0001,
+    "f1": [0.5, 0.7],
+    "onset_f1": [0.25, 0.5],
+    "noop_f1": 0.125,
+    "cpu_seconds": 1.5,
+    "package_version": "0.1.0",
+    "versions": {"mujoco": "3.17.0"},
+    "hardware": "a processor",
+    "command": "sb3-piano results measure",
+    "date": "2026-11-24",
+}
+
+
+def result(**changes):
+    return Result.model_validate_json(json.dumps({**RESULT, **changes}))
+
+
+def test_each_piece_of_the_repertoire_has_a_result_of_each_player():
+    keys = {r.key for r in RESULTS}
+    for player in ("planned", "sight-reader"):
+        assert {(piece, player, "reference") for piece in REPERTOIRE} <= keys
+
+
+def test_the_held_out_list_has_results_of_both_players_with_its_seeds():
+    keys = {(r.piece, r.player, r.seeds) for r in HELD_OUT_RESULTS}
+    pieces, seeds = held_out().pieces, held_out().seeds
+    assert keys == {(p, who, seeds) for p in pieces for who in ("planned", "sight-reader")}
+
+
+def test_results_are_of_the_scores_that_the_package_has():
+    for piece in {r.piece for r in ALL_RESULTS if not is_generated(r.piece)}:
+        digests = {r.score_sha256 for r in ALL_RESULTS if r.piece == piece}
+        assert digests == {digest(load_score(piece))}, piece
+
+
+def test_results_of_the_sight_reader_are_of_the_network_that_the_package_has():
+    digests = {r.player_sha256 for r in ALL_RESULTS if r.player.startswith("sight-reader")}
+    assert digests == {player_digest("sight-reader")}
+
+
+def test_the_commands_of_results_are_ones_that_there_are():
+    for found in ALL_RESULTS:
+        program, *arguments = shlex.split(found.command)
+        assert program == "sb3-piano"
+        given = _parser().parse_args(arguments)
+        assert (given.pieces, given.players) == ([found.piece], [found.player])
+
+
+def test_a_digest_changes_with_the_notes_and_not_with_the_title():
+    score = load_score("FurElise")
+    renamed = type(score)(notes=score.notes, pedals=score.pedals, title="another")
+    assert digest(renamed) == digest(score)
+    assert digest(score.transpose(1)) != digest(score)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"f1": [0.5]}, "f1 of 'repertoire-FurElise' by 'planned' has 1 values: expected one for"),
+        ({"onset_f1": [0.5, 1.5]}, "less than or equal to 1"),
+        ({"score_sha256": "abc"}, "should match pattern"),
+        ({"physics": "exact"}, "'reference', 'faithful'"),
+        ({"f2": 1}, "Extra inputs are not permitted"),
+    ],
+)
+def test_a_result_that_does_not_fit_is_refused(changes, message):
+    with pytest.raises(ValidationError, match=message):
+        result(**changes)
+
+
+def test_a_file_has_one_result_of_a_piece_a_player_and_a_physics():
+    with pytest.raises(ValidationError, match="is there twice"):
+        Results(results=(result(), result(f1=[0.1, 0.1])))
+
+
+def test_a_file_of_another_schema_is_refused(tmp_path):
+    file = tmp_path / "results.json"
+    Results(results=(result(),)).write(file)
+    kept = file.read_text()
+    for version, message in ((4, "schema_version"), (2, "is 2, of results without noise: measure")):
+        file.write_text(kept.replace('"schema_version": 3', f'"schema_version": {version}'))
+        with pytest.raises(ConfigError, match=f"^'.*results.json' does not fit.*{message}.*$"):
+            Results.read(file)
+
+
+def test_a_file_that_is_no_json_is_told_in_a_line(tmp_path):
+    (tmp_path / "x").write_text("x")
+    with pytest.raises(ConfigError, match=r"^'.*x' does not fit .* \(Invalid JSON: .*\): .*\.$"):
+        Results.read(tmp_path / "x")
+
+
+def test_seeds_given_twice_are_refused(tmp_path, capsys):
+    arguments = [
+        "--pieces",
+        "scale-AMajor",
+        "--seeds",
+        "0",
+        "0",
+        "--out",
+        str(tmp_path / "out.json"),
+    ]
+    assert main(["results", "measure", *arguments]) == 2
+    assert "Seed 0 is given 2 times: expected each seed once" in capsys.readouterr().err
+
+
+def test_a_file_of_another_kind_is_told_before_anything_is_played(tmp_path, capsys):
+    for name in ("out.json", "bad.mid"):
+        (tmp_path / name).write_text("no results, and no music")
+    out, piece = str(tmp_path / "out.json"), str(tmp_path / "bad.mid")
+    arguments = ["--pieces", piece, "--players", "sight-reader", "--out", out]
+    assert main(["results", "measure", *arguments, "--no-progress"]) == 2
+    assert "out.json' does not fit the schema of results" in capsys.readouterr().err
+
+
+def test_processes_that_write_one_file_keep_each_others_results(tmp_path):
+    file, fork = tmp_path / "results.json", multiprocessing.get_context("fork")
+    names = [[f"{who}-{number}" for number in range(10)] for who in "abc"]
+
+    def add(pieces):
+        for piece in pieces:
+            Results.add_to(file, [result(piece=piece)])
+
+    processes = [fork.Process(target=add, args=(pieces,)) for pieces in names]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+    assert [r.piece for r in Results.read(file).results] == sorted(itertools.chain(*names))
+    assert [path.name for path in tmp_path.iterdir()] == ["results.json"]
+
+
+def test_a_result_that_came_into_the_file_while_others_are_measured_stays(tmp_path, monkeypatch):
+    file = tmp_path / "results.json"
+
+    def done(*_):
+        yield result(piece="first")
+        Results.add_to(file, [result(piece="another's")])
+        yield result(piece="last")
+
+    monkeypatch.setattr("sb3_piano.lab.results.command._done", done)
+    assert main(["results", "measure", "--pieces", "scale-AMajor", "--out", str(file)]) == 0
+    assert [r.piece for r in Results.read(file).results] == ["another's", "first", "last"]
+
+
+def test_a_new_result_takes_the_place_of_the_old_one(tmp_path):
+    old = Results(results=(result(), result(player="sight-reader")))
+    merged = old.merged([result(f1=[0.9, 0.9])])
+    assert [r.player for r in merged.results] == ["planned", "sight-reader"]
+    assert merged.results[0].f1 == (0.9, 0.9)
+    merged.write(tmp_path / "results.json")
+    assert Results.read(tmp_path / "results.json") == merged
+
+
+def test_the_table_has_means_over_seeds_and_over_pieces_that_all_are_played():
+    of_one = result(piece="repertoire-OdeToJoy", player="sight-reader", noop_f1=0.375)
+    other = result(piece="repertoire-OdeToJoy", f1=[1, 1], onset_f1=[1, 1], noop_f1=0.375)
+    assert score_table([result(), other, of_one]).splitlines() == [
+        "| piece | nothing | planned | sight-reader |",
+        "|---|---:|---:|---:|",
+        "| repertoire-FurElise | 0.125 | 0.60 ± 0.10 / 0.38 ± 0.12 |  |",
+        "| repertoire-OdeToJoy | 0.375 | 1.000 ± 0.000 / 1.000 ± 0.000 "
+        "| 0.60 ± 0.10 / 0.38 ± 0.12 |",
+        "| **mean** | 0.250 | 0.80 ± 0.05 / 0.69 ± 0.06 |  |",
+    ]
+
+
+def test_as_many_digits_are_shown_as_hold():
+    """Standard errors by hand: of .90, .91 and .92, .01 / sqrt(3)."""
+    assert str(Estimate.of([0.90, 0.91, 0.92])) == "0.91 ± 0.01"
+    assert str(Estimate.of([0.910, 0.911, 0.912])) == "0.911 ± 0.001"
+    assert str(Estimate.of([0.912])) == "0.91"  # which says nothing of its error
+    two = Estimate.average([Estimate(0.8, 0.03), Estimate(0.6, 0.04)])
+    assert two == pytest.approx((0.7, 0.025))
+
+
+def test_aggregates_are_of_the_pieces_that_all_have_played():
+    other = result(piece="repertoire-OdeToJoy", f1=[1, 1], onset_f1=[1, 1])
+    rows = aggregate_table([result(), other, result(player="sight-reader", f1=[0.8, 0.8])])
+    assert rows.splitlines()[2:] == [
+        "| planned | 1 | 2 | F1 | 0.60 | 0.50 to 0.70 | - |",
+        "| planned | 1 | 2 | onset F1 | 0.38 | 0.25 to 0.50 | - |",
+        "| sight-reader | 1 | 2 | F1 | 0.800 | - | - |",
+        "| sight-reader | 1 | 2 | onset F1 | 0.38 | 0.25 to 0.50 | - |",
+    ]
+    fewer = result(piece="repertoire-OdeToJoy", f1=[1], onset_f1=[1], seeds=(0,))
+    last = aggregate_table([result(), fewer]).splitlines()[-1]
+    assert last == "No means of planned: not as many seeds of each piece."
+
+
+def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end():
+    assert aggregate([[0.0, 0.4], [0.6, 1.0]]).iqm == pytest.approx(0.5)
+    assert aggregate([[0.0, 0.1], [0.3, 1.0]]).iqm == pytest.approx(0.2)
+
+
+def test_seeds_are_drawn_within_a_piece_and_pieces_only_on_demand():
+    """Seeds that all play the same give no width, however much pieces differ."""
+    found = aggregate([[0.1] * 3, [0.5] * 3, [0.9] * 3])
+    assert found.over_seeds is None
+    low, high = found.over_pieces
+    assert low < 0.5 < high
+    assert aggregate([[0.2, 0.4]]).over_pieces is None
+
+
+def test_the_interval_over_seeds_is_that_of_scipy_for_stratified_samples():
+    scores = np.random.default_rng(1).beta(4, 2, size=(6, 8))
+
+    def statistic(*samples, axis):
+        return stats.trim_mean(np.concatenate(samples, axis=axis), 0.25, axis=axis)
+
+    known = stats.bootstrap(
+        tuple(scores), statistic, method="percentile", random_state=np.random.default_rng(2)
+    ).confidence_interval
+    assert aggregate(scores).over_seeds == pytest.approx((known.low, known.high), abs=0.004)
+
+
+@pytest.mark.parametrize("scores", [[], [0.5, 0.5], [[]]])
+def test_scores_without_pieces_or_seeds_are_refused(scores):
+    with pytest.raises(ValueError, match="expected \\(n_pieces, n_seeds\\)"):
+        aggregate(scores)
+
+
+def test_held_out_studies_are_in_no_corpus_and_generated_pieces_are_always_the_same():
+    found = held_out()
+    studies = {name for name in found.pieces if not name.startswith("generated-")}
+    assert set() < studies < {*HELD_OUT}
+    assert len({*found.pieces}) == len(found.pieces) == 25
+    piece = found.pieces[-1]
+    assert score_digest(piece) == score_digest(piece) != score_digest(found.pieces[-2])
+    corpus = Corpus(seed=20261124, n=12, duration=20.0, sources={"generated": 1.0})
+    with score_source(piece) as source:
+        assert len(load_score(source).notes) == len(corpus[11].notes)
+
+
+def test_the_same_seed_draws_the_same_sample_and_long_pieces_as_likely_as_short_ones():
+    assert drawn(RESULTS, 3, 5) == drawn(RESULTS, 3, 5)
+    times = sorted(RESULTS, key=lambda r: r.cpu_seconds)
+    longest = times[len(times) // 2 :]
+    share = np.mean([r in longest for seed in range(200) for r in drawn(RESULTS, 2, seed)])
+    assert 0.4 < share < 0.6
+    assert drawn(RESULTS, None, 0) == list(RESULTS)
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """Return a file of a run and the sight-reader, each on a study, measured by the command."""
+    folder = tmp_path_factory.mktemp("results")
+    plan_run(planner_config("debug-CMajorScaleOneHand", "sight-reader"), folder / "run")
+    command = ["results", "measure", "--pieces", "scale-AMajor", "--seeds", "0", "1"]
+    command += ["--players", "sight-reader", str(folder / "run"), "--physics", "fast"]
+    command += ["--noise", "0.01", "--workers", "1", "--out", str(folder / "results.json")]
+    assert main(command) == 0
+    return folder / "results.json"
+
+
+def check(file, *options):
+    return main(["results", "check", str(file), "--all", "--workers", "1", *options])
+
+
+@pytest.mark.slow
+def test_an_honest_file_holds_and_a_wrong_one_does_not(measured, tmp_path, capsys):
+    by_run, by_reader = sorted(Results.read(measured).results, key=lambda r: r.player)
+    assert by_run.f1 == by_reader.f1  # it is the same player, with the same noise
+    assert len({*by_reader.f1, *by_reader.onset_f1}) > 2  # which differs from seed to seed
+    file = tmp_path / "nearly.json"
+    Results(results=(by_run, moved(by_reader, f1=-0.3, onset_f1=0.0))).write(file)
+    assert check(file) == 1
+    out = capsys.readouterr().out
+    assert "f1: claimed" in out
+    assert "onset_f1" not in out
+    assert "1 of 2 results that were played again hold, of 2 in the file" in out
+
+
+def moved(found, **by):
+    """Return a result whose scores are elsewhere."""
+    scores = {name: tuple(x + by[name] for x in getattr(found, name)) for name in by}
+    return found.model_copy(update=scores)
+
+
+def test_means_may_differ_by_the_tolerance_and_three_standard_errors(monkeypatch):
+    """Of 0.5 and 0.7 and of 0.6 and 0.8 the difference has an error of sqrt(2 * 0.1 ** 2)."""
+    monkeypatch.setattr(checking, "measure", lambda what: result(piece="scale-AMajor"))
+    here = {"piece": "scale-AMajor", "score_sha256": score_digest("scale-AMajor")}
+    for by, holds in ((0.43, True), (0.44, False), (-0.43, True), (-0.44, False)):
+        claimed = moved(result(**here, f1=[0.5, 0.7]), f1=by)
+        assert checking.check(claimed, 0.01).holds is holds, by
+    single = result(**here, seeds=[0], f1=[0.61], onset_f1=[0.375])
+    monkeypatch.setattr(checking, "measure", lambda what: moved(single, f1=-0.01))
+    assert checking.check(single, 0.01).holds
+    assert not checking.check(single, 0.005).holds
+
+
+@pytest.mark.slow
+def test_other_scores_and_networks_are_found_before_anything_is_played(measured):
+    one = min(Results.read(measured).results, key=lambda r: len(r.player))
+    other = {"score_sha256": "0" * 64, "player_sha256": "0" * 64}
+    told = checking.check(one.model_copy(update=other)).problems
+    assert [problem.partition(":")[0] for problem in told] == list(other)
+
+
+def test_who_is_no_player_is_told_before_anything_is_played(capsys):
+    assert main(["results", "measure", "--players", "sightreader"]) == 2
+    error = capsys.readouterr().err
+    assert "There is no player 'sightreader': expected one of planned, sampling-32" in error
+
+
+@pytest.mark.slow
+def test_what_the_documentation_claims_of_a_short_piece_holds():
+    short = next(r for r in RESULTS if r.piece == "repertoire-PathetiqueRondo")
+    assert checking.check(short).problems == ()
+
+
+def test_a_processor_is_known_by_its_model_and_its_instructions_for_arrays(monkeypatch):
+    """Two that compute differently may share a name."""
+    known = {"model name": "A", "cpu family": "25", "model": "1", "flags": "sse avx2 fma xsave"}
+    monkeypatch.setattr(threads, "_processor", lambda: known)
+    assert threads.processor_label() == "A (family 25, model 1, avx2, fma)"
+    monkeypatch.setattr(threads, "_processor", dict)  # no Linux
+    assert platform.machine() in threads.processor_label()

@@ -1,0 +1,229 @@
+"""``sb3-piano export web``: the files that the page in the browser is made of."""
+
+from __future__ import annotations
+
+import json
+import re
+import warnings
+
+import mujoco
+import numpy as np
+import pytest
+import safetensors.numpy
+from node_programs import WEB
+
+from sb3_piano.cli.main import main
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError, PlanWarning, UnknownPieceError
+from sb3_piano.lab.web import export_web, score_table
+from sb3_piano.lab.web.export import _named, _naming
+from sb3_piano.lab.web.performances import plan_file, rounded, sight_read
+from sb3_piano.lab.web.scene_files import scene_facts, scene_xml
+from sb3_piano.music import Note, Score, load_score
+from sb3_piano.planning import PlanSettings, Tracker, Trackers
+from sb3_piano.players import TreeSettings
+from sb3_piano.simulation import compile_scene
+from sb3_piano.training.playing.takes import PLANNED_IN
+from sb3_piano.viewing.stage import staged
+from sb3_piano.viewing.stage_files import stage_files
+
+SHORT = Score(
+    notes=[
+        Note(onset=0.4 * i, offset=0.4 * i + 0.3, pitch=pitch)
+        for i, pitch in enumerate([60, 64, 67, 72])
+    ],
+    title="A broken chord",
+)
+
+# What moves and touches; the cameras of videos, which have fewer digits, do neither.
+SAME_IN_THE_MODEL = [
+    *("body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos", "body_iquat"),
+    *("jnt_range", "jnt_stiffness", "jnt_axis", "qpos_spring"),
+    *("dof_damping", "dof_armature", "dof_frictionloss"),
+    *("geom_pos", "geom_quat", "geom_size", "geom_friction", "geom_solref", "geom_solimp"),
+    *("mesh_vert", "mesh_face", "exclude_signature"),
+    *("actuator_gainprm", "actuator_biasprm", "actuator_ctrlrange", "actuator_forcerange"),
+]
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return compile_scene(reduced_action_space=False)
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("export") / "assets"
+    told = []
+    catalogue = export_web(folder, [SHORT], progress=lambda *how_far: told.append(how_far))
+    return folder, json.loads(catalogue.read_text("utf-8")), told
+
+
+def test_the_xml_is_the_scene_to_the_last_digit(scene):
+    model = mujoco.MjModel.from_xml_string(scene_xml(scene))
+    for name in SAME_IN_THE_MODEL:
+        np.testing.assert_array_equal(getattr(model, name), getattr(scene.model, name), name)
+    names = [[m.body(i).name for i in range(m.nbody)] for m in (model, scene.model)]
+    assert names[0] == names[1]
+
+
+def test_old_mujocos_can_read_the_xml(scene):
+    """3.14 refuses what 3.17 writes of textures and of the inputs of servos."""
+    xml = scene_xml(scene)
+    assert "<texture" not in xml
+    assert "input=" not in xml
+
+
+def test_facts_of_the_scene_lead_to_its_state(scene):
+    facts = scene_facts(scene, 10)
+    random = np.random.default_rng(0)
+    qpos = random.uniform(-0.1, 0.1, scene.model.nq)
+    joints = qpos[facts["handQpos"]]
+    positions = [
+        sum(share * joints[joint] for joint, share in row) for row in facts["actuatorOfJoint"]
+    ]
+    np.testing.assert_allclose(positions, scene.actuator_positions(qpos[scene.hand_qpos]))
+    data = mujoco.MjData(scene.model)
+    data.qvel[facts["keyDof"][40]] = 1.0
+    mujoco.mj_step(scene.model, data)
+    moved = np.flatnonzero(np.abs(scene.key_angle(data)) > 1e-4)
+    assert moved.tolist() == [40]
+
+
+def test_shapes_of_the_stage_are_those_of_videos(scene):
+    stage, content = stage_files(scene)
+    model = staged(scene).model
+    sleeve = next(geom for geom in stage["geoms"] if geom["body"].endswith("rh_forearm"))
+    body = model.body(sleeve["body"])
+    (mesh,) = {
+        int(model.geom_dataid[g])
+        for g in range(model.ngeom)
+        if model.geom_bodyid[g] == body.id and np.allclose(model.geom_rgba[g], sleeve["rgba"])
+    }
+    offset, count = stage["meshes"][sleeve["mesh"]]["vertices"]
+    vertices = np.frombuffer(content, "<f4", count, offset).reshape(-1, 3)
+    offset, count = stage["meshes"][sleeve["mesh"]]["faces"]
+    faces = np.frombuffer(content, "<u2", count, offset).reshape(-1, 3)
+    first, all_faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+    corners = model.mesh_face[first : first + all_faces] + model.mesh_vertadr[mesh]
+    np.testing.assert_array_equal(vertices[faces], model.mesh_vert[corners])
+
+
+def test_the_stage_shows_no_shape_that_videos_hide(scene):
+    stage, _ = stage_files(scene)
+    assert all(geom["rgba"][3] > 0 for geom in stage["geoms"])
+    bodies = {geom["body"] for geom in stage["geoms"]}
+    assert {"world", "piano/white_key_0", "rh_shadow_hand/rh_ffdistal"} <= bodies
+
+
+@pytest.mark.slow
+def test_an_export_has_all_that_its_catalogue_names(exported):
+    folder, catalogue, told = exported
+    (piece,) = catalogue["pieces"]
+    assert piece["id"] == "A_broken_chord"
+    for name in ("midi", "score", "plan", "recording"):
+        assert (folder / piece[name]).stat().st_size > 0
+    score = load_score(folder / piece["midi"])
+    assert [note.pitch for note in score.notes] == [60, 64, 67, 72]
+    fingers = [
+        note["finger"] for note in json.loads((folder / piece["score"]).read_text())["notes"]
+    ]
+    assert all(finger >= 0 for finger in fingers)
+    assert told[0] == ("A_broken_chord", 0, 2)
+    assert told[-1] == ("", 2, 2)
+
+
+@pytest.mark.slow
+def test_a_recording_played_again_is_the_same_performance(exported):
+    folder, catalogue, _ = exported
+    (piece,) = catalogue["pieces"]
+    recording = safetensors.numpy.load_file(folder / piece["recording"])
+    env = PianoEnv(SHORT, **PLANNED_IN)
+    env.reset(seed=0)
+    assert recording["actions"].shape == (len(env.roll), env.model.nu)
+    info = {}
+    for step, action in enumerate(recording["actions"]):
+        if step % 10 == 0:
+            state = np.concatenate([env.data.qpos, env.data.qvel])
+            np.testing.assert_allclose(recording["states"][step // 10], state, rtol=1e-6, atol=1e-6)
+        *_, info = env.step(np.append(action, -1))
+    for name, expected in piece["expected"]["recorded"].items():
+        assert info[name] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_plan_in_a_file_is_followed_as_in_python():
+    env = PianoEnv(SHORT, **PLANNED_IN)
+    env.reset(seed=0)
+    settings = PlanSettings()
+    whole = Tracker(Trackers(settings).of(env).plan, env.scene, settings.feedback)
+    tracker = Tracker(rounded(whole.plan), env.scene, settings.feedback)
+    content = plan_file(tracker.plan)
+    file = safetensors.numpy.load(content)
+    metadata = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])["__metadata__"]
+    random = np.random.default_rng(1)
+    for step in random.choice(len(tracker.plan), 5, replace=False):
+        positions = file["positions"][step] + random.normal(0.0, 0.02, env.model.nu)
+        ahead = (positions - file["positions"][step]).reshape(2, -1)
+        gains = file["gains"][step] * file["gain_unit"][:, None, :]
+        change = np.einsum("hij,hj->hi", gains, ahead).ravel()
+        commands = file["commands"][step] - float(metadata["feedback"]) * change
+        commands = np.clip(commands, env.scene.ctrl_low, env.scene.ctrl_high)
+        np.testing.assert_allclose(commands, tracker.controls(step, positions), atol=1e-9)
+        np.testing.assert_allclose(commands, whole.controls(step, positions), atol=5e-3)
+
+
+def test_a_score_keeps_what_the_page_needs():
+    score = Score(
+        notes=[Note(onset=0.1, offset=0.2, pitch=60, finger=7), Note(onset=1, offset=2, pitch=62)],
+        title="two notes",
+    )
+    table = score_table(score)
+    assert table["duration"] == 2
+    assert [note["hand"] for note in table["notes"]] == [1, None]
+    assert [note["finger"] for note in table["notes"]] == [7, -1]
+
+
+def test_an_export_that_cannot_be_finished_has_no_catalogue(tmp_path):
+    (tmp_path / "catalogue.json").write_text("{}")
+    (tmp_path / "no.mid").write_bytes(b"no MIDI")
+    with pytest.raises(Exception, match="no.mid"):
+        export_web(tmp_path, [str(tmp_path / "no.mid")])
+    assert not (tmp_path / "catalogue.json").exists()
+
+
+def test_what_cannot_be_exported_is_refused(tmp_path):
+    with pytest.raises(UnknownPieceError, match="FurElisa"):
+        export_web(tmp_path, "FurElisa")
+    with pytest.raises(ConfigError, match="Two pieces are called 'A_broken_chord'"):
+        export_web(tmp_path, [SHORT, Score(notes=SHORT.notes[:2], title="A broken chord")])
+
+
+def test_no_exported_piece_is_called_like_a_visitors_own_file():
+    """The page has both in one menu."""
+    page = (WEB / "src" / "page" / "library.ts").read_text("utf-8")
+    (own,) = re.findall(r'OWN_FILE = "(.+)"', page)
+    named = _named([f"{own}.mid"])
+    assert len(named) == 1
+    assert own not in named
+
+
+def test_a_file_is_no_folder(tmp_path, capsys):
+    file = tmp_path / "assets"
+    file.write_text("something else")
+    assert main(["export", "web", str(file), "--pieces", "scale-CMajor", "--no-progress"]) == 2
+    assert "cannot be written" in capsys.readouterr().err
+    assert file.read_text() == "something else"
+
+
+@pytest.mark.slow
+def test_a_player_that_looks_ahead_is_recorded_apart():
+    alone = sight_read(SHORT)
+    ahead = sight_read(SHORT, TreeSettings.parse("12x4"))
+    assert alone.actions.shape == ahead.actions.shape
+    assert not np.array_equal(alone.actions, ahead.actions)
+
+
+def test_a_warning_of_what_cannot_be_played_names_the_piece():
+    with pytest.warns(PlanWarning, match="^ode: 2 notes cannot be played"), _naming("ode"):
+        warnings.warn("2 notes cannot be played", PlanWarning, stacklevel=1)

@@ -1,0 +1,505 @@
+"""Music in the page: MIDI files, hands and fingers, rolls and metrics are those of Python."""
+
+from __future__ import annotations
+
+import base64
+import warnings
+from pathlib import Path
+
+import mido
+import numpy as np
+import pytest
+from damage import variants_of
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from node_programs import RefusedInputError
+from random_scores import FINGERS, HANDS, scores
+
+from sb3_piano.exceptions import ScoreError, ScoreWarning
+from sb3_piano.lab.music import generate_score
+from sb3_piano.lab.web.export import score_table
+from sb3_piano.metrics import Onsets, frame_scores, onset_f1
+from sb3_piano.music import Note, PianoRoll, Score, load_score, read_midi, write_midi
+from sb3_piano.music.fingering import apply_fingering, finger_score, without_fingers
+from sb3_piano.music.fingering.cost import DEFAULT_WEIGHTS, MAX_INTERVAL, cost_tables
+from sb3_piano.music.fingering.robot import release_early
+from sb3_piano.music.formats.midi_hands import hand_of_name
+from sb3_piano.music.presses import presses_of_hand
+from sb3_piano.planning.problems import summary, unheld
+
+TIMESTEP = 0.05
+CASES = Path(__file__).parents[2] / "music" / "cases"
+PIECES = [
+    "repertoire-FantaisieImpromptu",
+    "repertoire-MapleLeafRag",
+    "repertoire-ChopinNocturneOp9No2",
+    "repertoire-ClairDeLune",
+    "repertoire-PathetiqueRondo",
+    "repertoire-FurElise",
+    "repertoire-Reverie",
+    "hanon-05",
+    "scale-Chromatic",
+    "debug-CMajorChordProgressionTwoHands",
+]
+LABELS = [(-1, None), *FINGERS, *HANDS]
+
+random_scores = settings(
+    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+@pytest.fixture(scope="module")
+def music(node_tool):
+    """Ask the page's music room."""
+    tool = node_tool("parity_music")
+
+    def ask(what, **request):
+        if "score" in request:
+            request["score"] = score_table(request["score"])
+        return tool.ask({"ask": what, **request})
+
+    return ask
+
+
+def crowded(seed, *, labels):
+    """Return a score of chords, some of them too large for ten fingers, at uneven times."""
+    random = np.random.default_rng(seed)
+    notes, time = [], 0.0
+    for _ in range(30):
+        for _ in range(random.choice([1, 1, 2, 3, 5, 8, 13])):
+            onset = time + random.choice([0.0, 0.01])
+            finger, hand = LABELS[random.integers(len(LABELS))] if labels else (-1, None)
+            notes.append(
+                Note(
+                    onset=onset,
+                    offset=onset + random.choice([0.05, 0.2, 0.7, random.uniform(0.01, 2)]),
+                    pitch=int(np.clip(random.normal(60, 14), 21, 108)),
+                    finger=finger,
+                    hand=hand,
+                )
+            )
+        time += random.choice([0.06, 0.125, 0.25, random.uniform(0.04, 1)])
+    return Score(notes=notes, title="crowded")
+
+
+class TestMidi:
+    @pytest.mark.parametrize("name", PIECES)
+    def test_a_piece_is_read_as_by_python(self, music, name, tmp_path):
+        assert_read_alike(music, load_score(name), tmp_path)
+
+    @pytest.mark.slow
+    @random_scores
+    @given(score=scores(LABELS))
+    def test_random_notes_and_pedals_are_read_as_by_python(self, music, tmp_path, score):
+        assert_read_alike(music, score, tmp_path)
+
+    def test_unusual_messages_mean_the_same(self, music, tmp_path):
+        path = tmp_path / "a file.2.midi"
+        path.write_bytes(midi_file(*unusual_tracks()))
+        with pytest.warns(ScoreWarning, match="3 notes without length .* and 2 notes") as warned:
+            expected = score_table(read_midi(path))
+        told = str(warned[0].message).removeprefix(f"Reading {str(path)!r} left out ")
+        found = music("midi", name=path.name, bytes=encoded(path))
+        assert found.pop("warnings") == [f"The file also has {told[:-1]}: left out."]
+        assert found == expected
+        assert len(expected["pedals"]) > 0
+
+    @pytest.mark.parametrize("path", sorted(CASES.glob("*.mid")), ids=lambda path: path.stem)
+    def test_files_as_programs_write_them_are_read_as_by_python(self, music, path):
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            expected = score_table(read_midi(path))
+        found = music("midi", name=path.name, bytes=encoded(path))
+        told = [str(warning.message).removeprefix(repr(str(path))) for warning in warned]
+        assert found.pop("warnings") == [f"The file{text}" for text in told]
+        assert found == expected
+
+    @pytest.mark.parametrize("left_out", [b"\x00\xff\x2f\x00", b"\x00\x47\x44\x00\xff\x2f\x00"])
+    def test_tracks_may_lack_the_message_at_their_end(self, music, tmp_path, left_out):
+        path = tmp_path / "piece.mid"
+        path.write_bytes(midi_file(*(one.removesuffix(left_out) for one in unusual_tracks()), b""))
+        expected = read_or_none(path)
+        assert expected is not None
+        assert page_reads_or_none(music, path) == expected
+
+    @pytest.mark.parametrize(
+        "tail", [b"\x00\x90\x3c", b"\x00\xff\x51\x03\x09", b"\x00\xff\x03\x09piece"]
+    )
+    def test_a_track_that_ends_within_a_message_is_refused(self, music, tmp_path, tail):
+        path = tmp_path / "piece.mid"
+        path.write_bytes(midi_file(*unusual_tracks(), tail))
+        assert read_or_none(path) is None
+        assert page_reads_or_none(music, path) is None
+
+    @pytest.mark.parametrize("right", [60, 66, 67, 72])
+    @pytest.mark.parametrize("program", [0, 7, 8])
+    def test_two_tracks_of_a_piano_far_apart_are_the_hands(self, music, tmp_path, right, program):
+        tracks = [
+            mido.MidiTrack([mido.Message("program_change", program=program), *struck(pitch)])
+            for pitch in (60, right)
+        ]
+        mido.MidiFile(tracks=tracks).save(tmp_path / "two.mid")
+        found = music("midi", name="two.mid", bytes=encoded(tmp_path / "two.mid"))
+        assert found["notes"] == score_table(read_midi(tmp_path / "two.mid"))["notes"]
+
+    @pytest.mark.parametrize(
+        "name",
+        [
+            *("Piano RH", "R.H.", "m. d.", "main gauche", "PianoLeft", "Guitar left", "Left"),
+            *("Bass clef 2", "bass", "left and right hand", "Upper staff", "Piano", "", "rhythm"),
+            *("Klavier - rechts", "mano izquierda", "r h", "Track 1: LH", "érh", "Ähre l.h."),
+        ],
+    )
+    def test_a_track_name_tells_the_same_hand(self, music, name):
+        hand = hand_of_name(name)
+        assert music("hand", name=name) == (None if hand is None else ["right", "left"].index(hand))
+
+    def test_a_damaged_file_is_read_or_refused_as_by_python(self, music, tmp_path):
+        path = tmp_path / "piece.mid"
+        write_midi(load_score("debug-TwinkleTwinkleLittleStar"), path)
+        cut, changed = variants_of(path.read_bytes(), 60)
+        outcomes = set()
+        for content in [*cut, *changed]:
+            path.write_bytes(content)
+            expected, found = read_or_none(path), page_reads_or_none(music, path)
+            assert found == expected
+            outcomes.add((found is None, expected is None))
+        assert outcomes == {(True, True), (False, False)}
+
+    @pytest.mark.parametrize(
+        ("content", "message"),
+        [
+            (b"", "“x.mid” cannot be read as a MIDI file .it has no MThd, with which .*: expected"),
+            (b"RIFF....MThd\0\0\0\6\0\1", "it ends within its header"),
+            (b"MThd\0\0\0\6\0\1\0\0\xe8\0", "its ticks have no length"),
+            (
+                b"MThd\0\0\0\6\0\2\0\2\1\0" + b"MTrk\0\0\0\4\0\xff\x2f\0" * 2,
+                "it holds 2 pieces, one a track",
+            ),
+            (b"MThd\0\0\0\6\0\1\0\0\1\0", "it has no track"),
+            (
+                b"MThd\0\0\0\6\0\1\0\1\1\0MTrk\0\0\0\4\0\xff\x2f\0",
+                "“x.mid” has no notes .drums do not count.\\.",
+            ),
+        ],
+    )
+    def test_an_unusable_file_is_refused_in_words(self, music, content, message):
+        with pytest.raises(RefusedInputError, match=message):
+            music("midi", name="x.mid", bytes=base64.b64encode(content).decode())
+
+
+class TestFingers:
+    @pytest.mark.parametrize("known", ["as written", "no hands or fingers"])
+    @pytest.mark.parametrize("name", PIECES)
+    def test_a_piece_has_the_same_hands_and_fingers(self, music, name, known):
+        score = load_score(name)
+        if known != "as written":
+            score = without_fingers(score, keep_hands=False)
+        assert_fingered_alike(music, score)
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize("seed", range(5))
+    def test_generated_music_has_the_same_hands_and_fingers(self, music, seed):
+        score = generate_score(np.random.default_rng(seed), 10.0, near=seed % 2 == 0)
+        assert_fingered_alike(music, score)
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize("labels", [True, False])
+    @pytest.mark.parametrize("seed", range(2))
+    def test_crowded_chords_have_the_same_hands_and_fingers(self, music, seed, labels):
+        assert_fingered_alike(music, crowded(seed, labels=labels))
+
+    @pytest.mark.parametrize("control_timestep", [0.025, 0.1])
+    def test_fingers_are_those_for_the_length_of_a_control_step(self, music, control_timestep):
+        score = load_score("repertoire-ClairDeLune")
+        expected = apply_fingering(score, "robot", control_timestep)
+        found = music("robot", score=score, controlTimestep=control_timestep)
+        assert found["notes"] == score_table(expected)["notes"]
+
+    def test_the_costs_of_two_keys_are_the_same_to_the_last_digit(self, music):
+        found, expected = music("costs"), cost_tables(DEFAULT_WEIGHTS)
+        for name, table in (
+            ("moves", expected.moves),
+            ("chordMoves", expected.chord_moves),
+            ("colours", expected.colours),
+            ("grips", expected.grips),
+            ("far", expected.far),
+            ("shifts", expected.shifts),
+            ("fullShifts", expected.full_shifts),
+        ):
+            whole = np.broadcast_to(table, (12, 2 * MAX_INTERVAL + 1, 5, 5))
+            assert np.array_equal(np.array(found[name]).reshape(whole.shape), whole), name
+
+    def test_a_few_notes_have_the_same_hands_and_fingers(self, music):
+        random = np.random.default_rng(3)
+        for _ in range(60):
+            time, notes = 0.0, []
+            for pitch in random.integers(48, 73, size=5).tolist():
+                time += random.choice([0.0, 0.1, 0.5, 1.5])
+                notes.append(Note(onset=time, offset=time + random.uniform(0.1, 1), pitch=pitch))
+            assert_fingered_alike(music, Score(notes=notes))
+
+    def test_notes_that_lie_on_each_other_have_the_same_hands(self, music):
+        score = overlapping(crowded(2, labels=False))
+        assert_fingered_alike(music, Score(notes=[*score.notes, *score.notes[::2]]))
+
+    @pytest.mark.parametrize("labels", [True, False])
+    def test_a_pianists_fingers_are_the_same(self, music, labels):
+        score = crowded(11, labels=labels)
+        assert music("pianist", score=score) == score_table(finger_score(score))
+
+
+class TestRoll:
+    @pytest.mark.slow
+    @random_scores
+    @given(
+        score=scores(LABELS),
+        control_timestep=st.sampled_from([0.05, 0.02, 0.1]),
+        buffer=st.sampled_from([0.0, 0.125, 0.5]),
+    )
+    def test_random_notes_fill_the_same_steps(self, music, score, control_timestep, buffer):
+        score = overlapping(score)
+        roll = PianoRoll.from_score(score, control_timestep, buffer)
+        found = music(
+            "roll", score=score, controlTimestep=control_timestep, initialBufferTime=buffer
+        )
+        assert_same_roll(found, roll)
+
+    @pytest.mark.parametrize("early", [1e-9, 1e-7])
+    def test_noise_in_times_is_rounded_off_as_by_python(self, music, early):
+        times = [number * 0.05 - early for number in range(1, 9)]
+        notes = [
+            Note(onset=time, offset=time + 0.05, pitch=60 + number)
+            for number, time in enumerate(times)
+        ]
+        score = Score(notes=notes)
+        found = music("roll", score=score, controlTimestep=TIMESTEP, initialBufferTime=0)
+        assert_same_roll(found, PianoRoll.from_score(score, TIMESTEP))
+
+    @pytest.mark.parametrize("name", PIECES)
+    def test_hands_let_go_of_the_same_notes(self, music, name):
+        score = finger_score(load_score(name).transpose(1))
+        roll = release_early(PianoRoll.from_score(score, TIMESTEP))
+        found = music("held", score=score, controlTimestep=TIMESTEP)
+        assert_same_roll(found, roll)
+        assert_same_releases(found, roll)
+
+    @pytest.mark.parametrize("seed", range(3))
+    def test_hands_let_go_of_the_same_notes_of_crowded_chords(self, music, seed):
+        score = finger_score(crowded(seed, labels=True))
+        roll = release_early(PianoRoll.from_score(score, TIMESTEP))
+        assert len(roll.early_releases) > 0
+        found = music("held", score=score, controlTimestep=TIMESTEP)
+        assert_same_roll(found, roll)
+        assert_same_releases(found, roll)
+
+    def test_a_piece_of_millions_of_steps_is_refused(self, music):
+        score = Score(notes=[Note(onset=0, offset=50_001, pitch=60)], title="endless")
+        with pytest.raises(ScoreError):
+            PianoRoll.from_score(score, TIMESTEP)
+        with pytest.raises(RefusedInputError, match="“endless” lasts 50001 s, too long"):
+            music("piece", name="endless", score=score)
+
+
+class TestPiece:
+    def test_it_begins_with_its_first_note_and_says_what_is_not_played(self, music):
+        score = crowded(5, labels=False)
+        later = Score(
+            notes=[
+                Note(onset=note.onset + 0.33, offset=note.offset + 0.33, pitch=note.pitch)
+                for note in score.notes
+            ],
+            title=score.title,
+        )
+        played = apply_fingering(later, "robot", TIMESTEP).trim_silence()
+        roll = release_early(PianoRoll.from_score(played, TIMESTEP, initial_buffer_time=0.5))
+        found = music("piece", name="crowded", score=later)
+        assert found["score"] == score_table(played)
+        assert_same_roll(found["roll"], roll)
+        problems = unheld(roll)
+        assert len(problems) > 5
+        assert found["warnings"] == [summary(problems)]
+
+    def test_fingers_of_a_file_are_changed_where_they_do_not_suit_the_hands(self, music):
+        score = crowded(6, labels=True)
+        found = music("piece", name="crowded", score=score)
+        played = apply_fingering(score, "robot", TIMESTEP).trim_silence()
+        assert found["score"]["notes"] == score_table(played)["notes"]
+
+    def test_nothing_is_said_of_a_piece_that_is_played_as_written(self, music):
+        score = load_score("debug-CMajorScaleOneHand")
+        found = music("piece", name="scale", score=score)
+        assert (found["score"], found["warnings"]) == (score_table(score.trim_silence()), [])
+
+
+class TestMetrics:
+    @pytest.mark.parametrize("seed", range(3))
+    def test_they_are_pythons_after_each_control_step(self, music, seed):
+        score = [load_score("repertoire-FurElise").excerpt(0, 8), crowded(1, labels=False)][
+            seed % 2
+        ]
+        roll = PianoRoll.from_score(score, TIMESTEP)
+        sounding, strikes = performance(roll, np.random.default_rng(seed))
+        played = [
+            {
+                "keys": np.flatnonzero(row).tolist(),
+                "strikes": [{"key": key, "time": time} for key, time in strikes[step]],
+            }
+            for step, row in enumerate(sounding)
+        ]
+        found = music("metrics", score=score, controlTimestep=TIMESTEP, played=played)
+        assert len(found) == len(roll)
+        for step in range(len(roll)):
+            assert found[step] == pytest.approx(metrics(roll, sounding, strikes, step + 1))
+        assert 0.1 < found[-1]["onset_f1"] < 0.95
+
+    def test_a_strike_at_the_edge_of_the_tolerance_hits(self, music):
+        score = Score(notes=[Note(onset=0.1, offset=0.5, pitch=60)])
+        hits = []
+        for time in (0.05, 0.04994, 0.15, 0.1501):
+            strikes = [{"key": 39, "time": time}]
+            played = [{"keys": [], "strikes": strikes}, *[{"keys": [], "strikes": []}] * 2]
+            found = music("metrics", score=score, controlTimestep=TIMESTEP, played=played)
+            hits.append(found[-1]["onset_f1"])
+        assert hits == [1.0, 0.0, 1.0, 0.0]
+
+
+def assert_read_alike(music, score, folder):
+    path = folder / "piece.mid"
+    write_midi(score, path)
+    found = music("midi", name=path.name, bytes=encoded(path))
+    assert found.pop("warnings") == []
+    assert found == score_table(read_midi(path))
+
+
+def assert_fingered_alike(music, score):
+    found = music("robot", score=score, controlTimestep=TIMESTEP)
+    assert found["notes"] == score_table(apply_fingering(score, "robot", TIMESTEP))["notes"]
+
+
+def assert_same_roll(found, roll):
+    assert found["steps"] == len(roll)
+    for name in ("active", "finger", "onset"):
+        array = np.array(found[name]).reshape(len(roll), -1)
+        assert np.array_equal(array, getattr(roll, name)), name
+    assert np.array_equal(found["sustain"], roll.sustain)
+    strikes = [(one["step"], one["key"], one["time"]) for one in found["strikes"]]
+    assert strikes == roll.strikes()
+
+
+def assert_same_releases(found, roll):
+    releases = [
+        (one["key"], one["finger"], one["onset"], one["offset"], one["release"], one["forKey"])
+        for one in found["earlyReleases"]
+    ]
+    assert releases == [
+        (one.key, one.finger, one.onset, one.offset, one.release, one.for_key)
+        for one in roll.early_releases
+    ]
+    presses = [
+        [(one["key"], one["finger"], one["first"], one["last"]) for one in hand]
+        for hand in found["presses"]
+    ]
+    assert presses == [
+        [(one.key, one.finger, one.first, one.last) for one in presses_of_hand(roll, hand)]
+        for hand in (0, 1)
+    ]
+
+
+def overlapping(score):
+    """Return a score with each note a second time, longer and a little later: strikes overlap."""
+    again = [
+        Note(
+            onset=note.onset + 0.06, offset=note.offset + 0.2, pitch=note.pitch, finger=note.finger
+        )
+        for note in score.notes
+    ]
+    return Score(notes=[*score.notes, *again], pedals=score.pedals, title=score.title)
+
+
+def performance(roll, random):
+    """Return keys that sound (T, 88) and, for each step, keys that went down and when, s."""
+    shift = random.integers(-1, 2, size=88)
+    sounding = np.stack([np.roll(roll.active[:, key], shift[key]) for key in range(88)], axis=1)
+    sounding ^= random.random(sounding.shape) < 0.003
+    strikes = []
+    for step, row in enumerate(sounding):
+        before = sounding[step - 1] if step else np.zeros(88, dtype=bool)
+        down = np.flatnonzero(row & ~before).tolist()
+        strikes.append([(key, (step + random.choice([0.1, 0.5, 1.0])) * TIMESTEP) for key in down])
+    return sounding, strikes
+
+
+def metrics(roll, sounding, strikes, steps):
+    """Return what Python says of the first control steps."""
+    frames = frame_scores(roll.active[:steps], sounding[:steps])
+    step, key = np.nonzero(roll.onset)
+    struck = [strike for row in strikes[:steps] for strike in row]
+    begun = step < steps
+    played = Onsets(
+        np.array([time for _, time in struck]), np.array([key for key, _ in struck], int)
+    )
+    due = Onsets(roll.onset_time[begun], key[begun])
+    return {**frames._asdict(), "onset_f1": onset_f1(due, played)}
+
+
+def encoded(path):
+    return base64.b64encode(path.read_bytes()).decode()
+
+
+def read_or_none(path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ScoreWarning)
+        try:
+            return score_table(read_midi(path))
+        except ScoreError:
+            return None
+
+
+def page_reads_or_none(music, path):
+    try:
+        found = music("midi", name=path.name, bytes=encoded(path))
+    except RefusedInputError:
+        return None
+    del found["warnings"]
+    return found
+
+
+def struck(pitch):
+    return [
+        mido.Message("note_on", note=pitch, velocity=70),
+        mido.Message("note_off", note=pitch, time=480),
+    ]
+
+
+def unusual_tracks():
+    """Return tracks in which notes and pedals overlap, tempo and programs change, and more."""
+    tempo = [
+        b"\x00\xff\x51\x03\x09\x27\xc0",  # 0.6 s a beat from the start
+        b"\x83\x60\xff\x51\x03\x04\x93\xe0",  # after 480 ticks 0.3 s
+        b"\x00\xff\x59\x02\x00\x00",  # key signature
+        b"\x00\xff\x51\x03\x0c\x35\x00\x00\xff\x2f\x00",  # at the same tick 0.8 s
+    ]
+    notes = [
+        b"\x00\xff\x03\x05right\x00\xf0\x02\x01\xf7\x00\xc0\x05",  # a system message, a program
+        b"\x00\x90\x3c\x50\x64\x40\x40",  # C4, then by running status E4
+        b"\x64\x3c\x28\x28\x3c\x00",  # C4 again while it sounds; both are let go
+        b"\x00\x00\x50\x14\x00\x00",  # C-1, which no piano has
+        b"\x81\x00\x3c\x50\x00\x3c\x00",  # C4 let go as it is struck
+        b"\x00\xc0\x09\x00\x80\x40\x00",  # another program, then E4 is let go
+        b"\x00\xb0\x40\x7f\x40\x40\x3f\x00\x40\x40\x83\x00\x40\x00",  # the pedal
+        b"\x00\xb1\x40\x50\x00\x99\x24\x7f\x20\x89\x24\x00",  # another channel's, and a drum
+        b"\x00\x91\x6f\x40\x20\x6f\x00",  # Eb8, above the keyboard
+        b"\x00\x92\x45\x40\x40\x45\x30\x00\x45\x00\x30\x45\x00",  # let go after a new strike
+        b"\x30\xff\x08\x01x\x20\xff\x0a\x00",  # messages that nobody reads, after some time
+        b"\x10\x92\x47\x44\x00\x47\x44\x00\xff\x2f\x00",  # never let go, no length at the end
+    ]
+    return b"".join(tempo), b"".join(notes)
+
+
+def midi_file(*tracks):
+    """Return the bytes of a file with 480 ticks a beat."""
+    header = b"MThd" + b"".join(
+        n.to_bytes(size, "big") for n, size in ((6, 4), (1, 2), (len(tracks), 2), (480, 2))
+    )
+    return header + b"".join(b"MTrk" + len(one).to_bytes(4, "big") + one for one in tracks)

@@ -1,0 +1,179 @@
+"""The sight-reader in the page: it reads, observes and acts as the one of Python does."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import safetensors.numpy
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import ConfigError
+from sb3_piano.lab.web.reading_facts import reading_facts
+from sb3_piano.lab.web.scene_files import scene_facts, scene_xml
+from sb3_piano.metrics import frame_f1
+from sb3_piano.music import Note, Score, load_score
+from sb3_piano.music.fingering.robot import ARMS_APART
+from sb3_piano.planning.policy import roll_with_fingers
+from sb3_piano.players import SightReader
+from sb3_piano.players.hand_model import SHIPPED
+from sb3_piano.reading import KeyPlaces, both_hands, bounds_of, read_piece
+from sb3_piano.simulation import compile_scene
+from sb3_piano.training.playing.takes import PLANNED_IN
+
+# Ends of the keyboard, keys struck anew at once, leaps, more notes than fingers, and each hand
+# alone where the other one rests.
+CHORDS = [
+    ("left", (21, 22)),
+    ("right", (107, 108)),
+    ("right", (108,)),
+    ("left", (21,)),
+    ("left", (21,)),
+    *[("right", (pitch,)) for pitch in (48, 45, 43, 41, 45)],
+    *[("left", (pitch,)) for pitch in (72, 75, 77, 80, 84)],
+    ("right", (60, 62, 64, 65, 67, 69)),
+    ("right", (60, 79)),
+    ("left", (21, 58)),
+]
+LENGTH = {"right": 0.3, "left": 0.34}  # the left hand's notes overlap
+EDGES = Score(
+    notes=[
+        Note(onset=0.3 * number, offset=0.3 * number + LENGTH[hand], pitch=pitch, hand=hand)
+        for number, (hand, pitches) in enumerate(CHORDS)
+        for pitch in pitches
+    ],
+    title="ends of the keyboard",
+)
+PIECES = [
+    "repertoire-FantaisieImpromptu",
+    "repertoire-MapleLeafRag",
+    "repertoire-ChopinNocturneOp9No2",
+    "repertoire-ClairDeLune",
+    "repertoire-PathetiqueRondo",
+    "repertoire-BachPreludeC",
+    "repertoire-Reverie",
+    "hanon-05",
+    "scale-Chromatic",
+    "debug-CMajorChordProgressionTwoHands",
+]
+STEADY = ["repertoire-BachMinuetG", "repertoire-BachPreludeC", "repertoire-FurElise"]
+"""Pieces whose F1 in Python stays when the joints begin 1e-4 rad elsewhere. That of a hard one (the
+Maple Leaf Rag) changes by 0.04 when it is 1e-9: two versions of MuJoCo differ by more."""
+STATE = ("qpos", "qvel", "geom_xpos", "geom_xmat")
+"""What of MuJoCo's data is recorded."""
+
+
+@pytest.fixture(scope="module")
+def reader(node_tool):
+    return node_tool("parity_reading")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a folder with what the sight-reader of the page loads."""
+    folder, scene = tmp_path_factory.mktemp("assets"), compile_scene(reduced_action_space=False)
+    (folder / "scene.xml").write_text(scene_xml(scene))
+    (folder / "scene.json").write_text(json.dumps(scene_facts(scene, n_substeps=10)))
+    (folder / "reading.json").write_text(json.dumps(reading_facts(scene)))
+    shutil.copy(SHIPPED, folder / "sight_reader.safetensors")
+    return folder
+
+
+def piano(piece, seconds, **options):
+    """Return an environment in which the page plays the beginning of a piece."""
+    return PianoEnv(load_score(piece).excerpt(0.0, seconds), **PLANNED_IN, **options)
+
+
+def performed(piece, path, every):
+    """Let the sight-reader play the beginning of a piece; write its roll and states to a file.
+
+    States are recorded in one control step of ``every``.
+
+    Returns:
+        The environment, and what was observed and done in each recorded state.
+    """
+    env = piano(piece, 10.0, observation="hands")
+    player, (observation, _) = SightReader(env), env.reset(seed=0)
+    steps, states, seen, done = range(0, len(env.roll), every), [], [], []
+    for step in range(len(env.roll)):
+        if step in steps:
+            states.append({name: np.array(getattr(env.data, name)) for name in STATE})
+            states[-1]["key_state"] = np.array(env.simulation.key_state)
+            seen.append(observation)
+            done.append(player.model.act(observation))
+        observation, *_ = env.step(player.predict(observation)[0])
+    arrays = {name: np.stack([state[name] for state in states]) for name in states[0]}
+    arrays["step"] = np.array(steps, dtype=float)
+    safetensors.numpy.save_file(arrays | roll_arrays(roll_with_fingers(env)), path)
+    return env, np.array(seen), np.array(done)
+
+
+def roll_arrays(roll):
+    step, key, time = np.array(roll.strikes()).T
+    strikes = {"strike_step": step, "strike_key": key, "strike_time": time}
+    return {name: np.ascontiguousarray(array) for name, array in strikes.items()} | {
+        "active": roll.active.astype(np.uint8),
+        "finger": roll.finger.astype(np.int8),
+        "onset": roll.onset.astype(np.uint8),
+        "sustain": roll.sustain.astype(np.uint8),
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::sb3_piano.exceptions.PlanWarning")  # of notes left out
+@pytest.mark.parametrize("piece", [*PIECES, pytest.param(EDGES, id="edges")])
+def test_it_reads_observes_and_acts_as_in_python(reader, folder, piece, tmp_path):
+    file = tmp_path / "states.safetensors"
+    env, observed, acted = performed(piece, file, every=1 if piece is EDGES else 5)
+    answer = reader.ask({"ask": "observe", "folder": str(folder), "file": str(file)})
+    read = read_piece(roll_with_fingers(env), both_hands(env.scene), KeyPlaces.of(env.scene))
+    bounds = bounds_of(read.line, ARMS_APART)
+    for there, here, bound in zip(answer["hands"], read.hands, bounds, strict=True):
+        assert [list(one.values()) for one in there["presses"]] == [
+            [p.first, p.last, p.leaps, p.leapt, p.repeated, p.press.key, p.press.finger]
+            for p in here.presses
+        ]
+        np.testing.assert_allclose(there["target"], here.frames.target.ravel(), atol=1e-12)
+        np.testing.assert_allclose(there["weight"], here.frames.weight[..., 1].ravel(), atol=1e-12)
+        np.testing.assert_allclose(there["place"], here.place, atol=1e-12)
+        np.testing.assert_array_equal(there["busy"], here.busy)
+        np.testing.assert_allclose(there["bound"], bound, atol=1e-12)
+    np.testing.assert_allclose(answer["observations"], observed, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(answer["actions"], acted, rtol=0, atol=1e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::sb3_piano.exceptions.PlanWarning")
+def test_velocities_are_cut(reader, folder, tmp_path):
+    file = tmp_path / "states.safetensors"
+    env, _, _ = performed(EDGES, file, every=50)
+    arrays = safetensors.numpy.load_file(file)
+    arrays["qvel"][:] = 60.0
+    safetensors.numpy.save_file(arrays, file)
+    answer = reader.ask({"ask": "observe", "folder": str(folder), "file": str(file)})
+    for side in ("right", "left"):
+        velocities = env.observation_layout[f"{side}_velocities"].slice
+        assert (np.abs(np.array(answer["observations"])[:, velocities]) == 50.0).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("piece", STEADY)
+def test_it_plays_as_well_as_in_python(reader, folder, piece, tmp_path):
+    env, file = piano(piece, 15.0), tmp_path / "roll.safetensors"
+    player, (observation, _) = SightReader(env), env.reset(seed=0)
+    for _ in range(len(env.roll)):
+        observation, *_, info = env.step(player.predict(observation)[0])
+    safetensors.numpy.save_file(roll_arrays(roll_with_fingers(env)), file)
+    played = np.zeros_like(env.roll.active)
+    rows = reader.ask({"ask": "play", "folder": str(folder), "file": str(file)})
+    for step, keys in enumerate(rows):
+        played[step, keys] = True
+    assert frame_f1(env.roll.active, played) == pytest.approx(info["f1"], abs=0.01)
+
+
+def test_reading_facts_need_both_hands():
+    scene = compile_scene(sides=("right",))
+    with pytest.raises(ConfigError, match=r"has the hands \('right',\): expected both"):
+        reading_facts(scene)

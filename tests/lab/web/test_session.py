@@ -1,0 +1,227 @@
+"""Sessions of the page beside Python: MuJoCo's WebAssembly build, players, strikes, figures."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import safetensors.numpy
+
+from sb3_piano.envs import PianoEnv
+from sb3_piano.exceptions import PlanWarning
+from sb3_piano.lab.web import export_web
+from sb3_piano.music import Score, load_score
+from sb3_piano.performance import Performance
+from sb3_piano.training.playing.takes import PLANNED_IN
+
+pytestmark = pytest.mark.slow
+
+EASY, HARD = "TwinkleTwinkle", "MapleLeafRag"
+LATENCY = 3
+# How far a joint may be from where it is in Python, rad: contacts are solved to 1e-8 only, where
+# builds that differ in the last bit may stop an iteration apart.
+SAME = 1e-4
+PALM = "rh_shadow_hand/rh_palm"
+
+
+def beginning(name: str, seconds: float) -> Score:
+    """Return the first seconds of a piece of the repertoire."""
+    score = load_score(f"repertoire-{name}").trim_silence()
+    return Score(notes=[note for note in score.notes if note.onset < seconds], title=name)
+
+
+@pytest.fixture(scope="module")
+def scores():
+    return {EASY: beginning(EASY, 5.0), HARD: beginning(HARD, 3.0)}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, scores):
+    path = tmp_path_factory.mktemp("session") / "assets"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PlanWarning)  # the hard piece cannot be played as written
+        export_web(path, list(scores.values()))
+    return path
+
+
+@pytest.fixture(scope="module")
+def play(node_tool, folder):
+    """Return the function that lets the page play, and returns its episodes."""
+
+    def ask(piece, player, *, folder=folder, **options):
+        request = {"folder": str(folder), "piece": piece, "player": player, **options}
+        return node_tool("parity_session").ask(request)
+
+    return ask
+
+
+def expected(folder, piece):
+    pieces = json.loads((folder / "catalogue.json").read_text("utf-8"))["pieces"]
+    return next(entry for entry in pieces if entry["id"] == piece)["expected"]
+
+
+@dataclass
+class Played:
+    """What Python makes of actions."""
+
+    qpos: npt.NDArray[np.float64]
+    performance: Performance
+
+
+def played_in_python(score, actions):
+    env = PianoEnv(score, **PLANNED_IN)
+    env.reset(seed=0)
+    qpos = []
+    for action in actions:
+        env.step(np.append(action, -1))
+        qpos.append(env.data.qpos.copy())
+    return Played(np.array(qpos), env.performance)
+
+
+def recorded_actions(folder, piece):
+    file = folder / "pieces" / f"{piece}.recording.safetensors"
+    return safetensors.numpy.load_file(file)["actions"]
+
+
+def strikes_of(episode):
+    return [(event["key"], event["time"]) for event in episode["events"] if event["down"]]
+
+
+@pytest.mark.parametrize("player", ["sight-reader", "planned", "recorded"])
+def test_players_make_of_a_piece_what_they_make_of_it_in_python(play, folder, player):
+    (episode,) = play(EASY, player)
+    for name, value in expected(folder, EASY)[player].items():
+        assert episode["metrics"][name] == pytest.approx(value, abs=0.01)
+    assert episode["finished"]
+
+
+def test_a_recording_with_many_contacts_is_the_same_performance(play, folder):
+    (episode,) = play(HARD, "recorded")
+    for name, value in expected(folder, HARD)["recorded"].items():
+        assert episode["metrics"][name] == pytest.approx(value, abs=0.01)
+
+
+def test_equal_actions_make_equal_motions(play, folder, scores):
+    """Without the states that a recording has: a key that is let go of ends their use."""
+    touches = [{"step": 0, "key": 0, "down": False}]
+    (episode,) = play(EASY, "recorded", touches=touches)
+    python = played_in_python(scores[EASY], recorded_actions(folder, EASY))
+    np.testing.assert_allclose(episode["qpos"], python.qpos, atol=SAME)
+
+
+def test_keys_sound_and_cease_at_the_times_of_python(play, folder, scores):
+    (episode,) = play(EASY, "recorded")
+    performance = played_in_python(scores[EASY], recorded_actions(folder, EASY)).performance
+    presses = performance.presses
+    expected = sorted(zip(performance.strike_time, presses.key, strict=True))
+    found = [(time, key) for key, time in strikes_of(episode)]
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    assert len(found) > 10
+    releases = sorted(
+        (time, key)
+        for time, key, end in zip(performance.release_time, presses.key, presses.end, strict=True)
+        if end < len(performance)
+    )
+    up = [(event["time"], event["key"]) for event in episode["events"] if not event["down"]]
+    np.testing.assert_allclose(up, releases, atol=1e-9)
+    sounding = np.reshape(episode["played"], (-1, 88)).astype(bool)
+    np.testing.assert_array_equal(sounding, performance.key_active)
+
+
+def test_late_actions_are_those_of_before(play, folder, scores):
+    (episode,) = play(EASY, "recorded", latency=LATENCY)
+    rest = PianoEnv(scores[EASY], **PLANNED_IN).rest_action[:-1]
+    actions = recorded_actions(folder, EASY)
+    late = np.concatenate([np.tile(rest, (LATENCY, 1)), actions[:-LATENCY]])
+    python = played_in_python(scores[EASY], late)
+    np.testing.assert_allclose(episode["qpos"], python.qpos, atol=SAME)
+
+
+def test_noise_is_the_same_in_each_episode(play):
+    noisy, again = play(EASY, "sight-reader", noise=0.02, times=2, steps=20)
+    (clean,) = play(EASY, "sight-reader", steps=20)
+    assert noisy == again
+    assert np.abs(np.subtract(noisy["qpos"], clean["qpos"])).max() > 1e-3
+
+
+def test_a_session_begins_anew_from_the_same_state(play):
+    first, second = play(EASY, "planned", times=2)
+    assert first == second
+
+
+def test_the_score_plays_itself(play, scores):
+    (episode,) = play(EASY, "score")
+    roll = PianoEnv(scores[EASY], **PLANNED_IN).roll
+    assert episode["metrics"]["f1"] == episode["metrics"]["onset_f1"] == 1
+    _, keys = np.nonzero(roll.onset)
+    expected = sorted(zip(roll.onset_time[: len(keys)], keys, strict=True))
+    found = [(time, key) for key, time in strikes_of(episode)]
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    np.testing.assert_array_equal(np.reshape(episode["played"], (-1, 88)), roll.active)
+
+
+def test_a_visitor_pushes_keys(play):
+    touches = [
+        {"step": 5, "key": 40, "down": True},
+        {"step": 5, "key": 44, "down": True},
+        {"step": 12, "key": 40, "down": False},
+    ]
+    (episode,) = play(EASY, "you", touches=touches, steps=20)
+    events = [(event["key"], event["down"]) for event in episode["events"]]
+    assert sorted(events[:2]) == [(40, True), (44, True)]
+    assert events[2:] == [(40, False)]
+    times = [event["time"] for event in episode["events"]]
+    assert all(0.25 < time <= 0.30 for time in times[:2])
+    assert 0.60 < times[2] <= 0.65
+    assert all(event["speed"] > 0 for event in episode["events"])
+    assert episode["keyState"][44] == pytest.approx(1, abs=0.01)
+    assert episode["keyState"][40] == pytest.approx(0, abs=0.05)
+
+
+def test_a_hand_can_be_pulled_away_and_comes_back(play):
+    pull = {"step": 2, "body": PALM, "force": [0, 6, 0], "at": None}
+    (still,) = play(EASY, "you", steps=12)
+    pull["at"] = still["bodies"][PALM]
+    (pulled,) = play(EASY, "you", steps=12, touches=[pull])
+    let_go = {**pull, "step": 12, "body": None}
+    (back,) = play(EASY, "you", steps=60, touches=[pull, let_go])
+    place, away, returned = (np.array(episode["bodies"][PALM]) for episode in (still, pulled, back))
+    assert away[1] - place[1] > 0.01
+    assert np.linalg.norm(returned - place) < 0.002
+
+
+def test_what_breaks_the_physics_is_told(play):
+    pull = {"step": 1, "body": PALM, "force": [1e15, 0, 0], "at": [0, 0, 0]}
+    with pytest.raises(Exception, match="The physics became unstable"):
+        play(EASY, "you", steps=5, touches=[pull])
+
+
+def test_players_refuse_what_is_not_theirs(play, folder, tmp_path):
+    other = tmp_path / "assets"
+    shutil.copytree(folder, other)
+    catalogue = json.loads((other / "catalogue.json").read_text("utf-8"))
+    easy, hard = catalogue["pieces"]
+    del easy["plan"]
+    easy["recording"], hard["plan"] = hard["recording"], f"pieces/{EASY}.plan.safetensors"
+    (other / "catalogue.json").write_text(json.dumps(catalogue))
+    with pytest.raises(Exception, match="There is no plan of this piece"):
+        play(EASY, "planned", folder=other)
+    with pytest.raises(Exception, match="The recording has .* control steps"):
+        play(EASY, "recorded", folder=other)
+    with pytest.raises(Exception, match="The plan has .* control steps"):
+        play(HARD, "planned", folder=other)
+
+
+def test_files_of_different_exports_are_refused(play, folder, tmp_path):
+    other = tmp_path / "assets"
+    shutil.copytree(folder, other)
+    facts = json.loads((other / "scene.json").read_text("utf-8"))
+    facts["counts"]["nq"] += 1
+    (other / "scene.json").write_text(json.dumps(facts))
+    with pytest.raises(Exception, match="scene.xml has nq = 140 and scene.json 141"):
+        play(EASY, "you", folder=other, steps=1)

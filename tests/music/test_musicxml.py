@@ -496,6 +496,10 @@ class TestHands:
         parts = {"A": part(note("C3", 4)), "B": part(note("C4", 4))}
         assert labels(read(parts=parts)) == [(48, None, -1), (60, None, -1)]
 
+    def test_a_part_beside_a_hands_is_the_other_hand(self, read):
+        parts = {"Treble": part(note("C5", 4)), "Bass": part(note("C3", 4))}
+        assert [label[0] for label in labels(read(parts=parts))] == [48, 72]
+
     def test_two_parts_with_names_are_the_hands_they_name(self, read):
         parts = {"LH": part(note("C4", 4)), "RH": part(note("C3", 4))}
         assert labels(read(parts=parts)) == [(48, "right", -1), (60, "left", -1)]

@@ -55,7 +55,8 @@ def _of_piano(parts: list[SourcePart]) -> list[SourcePart]:
         return parts
     named = [p for p in parts if _KEYBOARDS.search(p.name) or hand_of_name(p.name)]
     if len(named) == 1 and named[0].staves == 1:
-        named = _with_nameless(named[0], parts)
+        is_hand = not _KEYBOARDS.search(named[0].name)  # "Treble": the other of two is its "Bass"
+        named = parts if is_hand and len(parts) == 2 else _with_nameless(named[0], parts)
     grand = [part for part in parts if part.staves > 1]
     sounding = [p for p in parts if p.is_keyboard and (p in grand or NAMELESS.fullmatch(p.name))]
     played = named or sounding or grand

@@ -18,6 +18,7 @@ import dataclasses
 import functools
 import inspect
 import os
+import re
 import reprlib
 import typing
 from collections.abc import Callable, Iterable, Mapping
@@ -25,9 +26,16 @@ from numbers import Integral, Real
 from typing import Annotated, Any, TypeVar, dataclass_transform
 
 from annotated_types import Ge, Gt, Le, Lt, MultipleOf
-from pydantic import AllowInfNan, BeforeValidator, ConfigDict, TypeAdapter, ValidationError
+from pydantic import (
+    AllowInfNan,
+    BeforeValidator,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    TypeAdapter,
+    ValidationError,
+)
 from pydantic.dataclasses import dataclass as checked_dataclass
-from pydantic_core import ErrorDetails
+from pydantic_core import ErrorDetails, core_schema
 
 from sb3_piano.exceptions import ConfigError, SB3PianoError, near_names
 
@@ -36,13 +44,26 @@ T = TypeVar("T")
 _CONFIG = ConfigDict(strict=True, extra="forbid", arbitrary_types_allowed=True)
 
 
+_EXPONENTIAL = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
+
+
+def _spelled(value: Any) -> Any:
+    """Return the number that text such as ``1e-3`` is, which PyYAML does not read as one."""
+    is_number = isinstance(value, str) and _EXPONENTIAL.fullmatch(value)
+    return float(value) if is_number else value
+
+
 def _integer(value: Any) -> Any:
-    """Return NumPy's integers as int."""
+    """Return NumPy's integers as int, and ``1e6``."""
+    number = _spelled(value)
+    if number is not value and number.is_integer():
+        return int(number)
     return int(value) if isinstance(value, Integral) and not isinstance(value, bool) else value
 
 
 def _float(value: Any) -> Any:
     """Return any other real number as float."""
+    value = _spelled(value)
     if isinstance(value, Real) and not isinstance(value, bool):
         try:
             return float(value)
@@ -85,6 +106,31 @@ TextOrPath = Annotated[str, BeforeValidator(_path_text)]
 
 Listed = BeforeValidator(_tuple)
 """Annotation of a tuple, which YAML can only give as a list."""
+
+
+class _NestedError(ConfigError):
+    """What is wrong in settings within settings; their place is told before it."""
+
+
+class _FromMapping:
+    """Annotation of settings that may be given as a mapping of their fields."""
+
+    def __get_pydantic_core_schema__(
+        self, kind: Any, handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        def made(value: Any) -> Any:
+            if not isinstance(value, Mapping):
+                return value
+            try:
+                return kind(**value)
+            except ConfigError as error:
+                raise _NestedError(str(error)) from error
+
+        return core_schema.no_info_before_validator_function(made, handler(kind))
+
+
+Nested = Annotated[T, _FromMapping()]
+"""Settings within settings, also as a mapping of their fields."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -170,9 +216,11 @@ def _message(error: ValidationError, kinds: Mapping[str, Any], *names: str) -> s
     """
     first = error.errors(include_url=False)[0]
     raised = first.get("ctx", {}).get("error")
+    place: tuple[str | int, ...] = (*names, *first["loc"])
+    if isinstance(raised, _NestedError):
+        return f"{_called(place)}: {raised}"
     if isinstance(raised, SB3PianoError):  # from a __post_init__, or a validator of ours
         return str(raised)
-    place: tuple[str | int, ...] = (*names, *first["loc"])
     name, inside = place[0], place[1:]
     if first["type"] == "missing":
         return f"{name} is missing: it has no default."
@@ -183,8 +231,12 @@ def _message(error: ValidationError, kinds: Mapping[str, Any], *names: str) -> s
     for _ in inside:
         kind = _inner(kind)
     kind = _inner(kind, key=True) if is_key else kind
-    called = f"{name}{''.join(f'[{part!r}]' for part in inside)}"
-    return f"{called} is {reprlib.repr(first['input'])}: expected {_expected(first, *_parts(kind))}"
+    expected = _expected(first, *_parts(kind))
+    return f"{_called((name, *inside))} is {reprlib.repr(first['input'])}: expected {expected}"
+
+
+def _called(place: tuple[str | int, ...]) -> str:
+    return f"{place[0]}{''.join(f'[{part!r}]' for part in place[1:])}"
 
 
 def _expected(error: ErrorDetails, bare: Any, notes: tuple[Any, ...]) -> str:
@@ -199,6 +251,7 @@ def _expected(error: ErrorDetails, bare: Any, notes: tuple[Any, ...]) -> str:
         return f"at least {'one entry' if least == 1 else f'{least} entries'}."
     texts = {bool: "true or false", str: "text", Mapping: "a mapping", tuple: "a list"}
     text = texts.get(typing.get_origin(bare) or bare)
+    text = "a mapping" if dataclasses.is_dataclass(bare) else text
     return f"{text}." if text else f"{error['msg']}."
 
 

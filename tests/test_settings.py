@@ -13,7 +13,18 @@ import pytest
 from annotated_types import Ge, Gt, Le, Lt
 
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.settings import Count, Number, Share, TextOrPath, Unit, Whole, checked, settings
+from sb3_piano.settings import (
+    Count,
+    Listed,
+    Nested,
+    Number,
+    Share,
+    TextOrPath,
+    Unit,
+    Whole,
+    checked,
+    settings,
+)
 
 
 @settings
@@ -96,3 +107,28 @@ def test_settings_are_frozen_dataclasses_that_can_be_changed_in_copies():
 def test_single_values_are_checked_alike(kind, text):
     with pytest.raises(ConfigError, match=f"^n is 'x': expected .*{text}.$"):
         checked("n", "x", kind)
+
+
+@settings
+class Gallery:
+    first: Nested[Canvas]
+    others: Annotated[tuple[Nested[Canvas], ...], Listed] = ()
+
+
+def test_settings_within_settings_may_be_mappings_and_are_named_where_they_are():
+    first, other = Canvas(title="a", width=3), Canvas(title="b")
+    plain = {"title": "a", "width": 3}
+    assert Gallery(first=plain, others=[other, plain]).others == (other, first)
+    with pytest.raises(ConfigError, match=r"^others\[1\]: width is 0: expected a whole"):
+        Gallery(first=first, others=[other, {**plain, "width": 0}])
+    with pytest.raises(ConfigError, match=r"^first: Unknown setting 'widht' of Canvas\. Did you"):
+        Gallery(first={**plain, "widht": 3})
+    with pytest.raises(ConfigError, match=r"^first is 3: expected a mapping\.$"):
+        Gallery(first=3)
+
+
+def test_numbers_with_exponents_may_be_text_as_pyyaml_reads_them():
+    assert checked("scale", "1e-3", Number) == 0.001
+    assert checked("width", "1.0e3", Whole) == 1000
+    with pytest.raises(ConfigError, match=r"width is '1e-3': expected a whole number"):
+        checked("width", "1e-3", Whole)

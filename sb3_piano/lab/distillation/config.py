@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import typing
 from collections.abc import Mapping
 from dataclasses import field, replace
 from pathlib import Path
@@ -21,15 +20,16 @@ from sb3_piano.planning import PlanSettings
 from sb3_piano.settings import (
     Count,
     Index,
+    Listed,
+    Nested,
     NotNegative,
     Number,
     Positive,
     Share,
     Unit,
-    refuse_unknown,
     settings,
 )
-from sb3_piano.training.configuration.values import coerce, coerce_mapping, plain
+from sb3_piano.training.configuration.values import plain
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 
 DEFAULT_FILE = Path(__file__).with_name("distill.yml")
@@ -71,16 +71,11 @@ class PlayingSettings:
 
     physics: str = "fast"
     """Name of the physics profile."""
-    noise_scales: Annotated[tuple[NotNegative, ...], MinLen(1)] = (
-        0.0,
-        0.5,
-        1.0,
-        1.5,
-    )
+    noise_scales: Annotated[tuple[NotNegative, ...], Listed, MinLen(1)] = (0.0, 0.5, 1.0, 1.5)
     """What a round's noise is multiplied with; each excerpt draws one."""
     noise_memory: Annotated[Number, Ge(0), Unit("s")] = 0.2
     """Time in which the noise's correlation falls to 1/e, s."""
-    segment: tuple[Positive, Positive] = (0.5, 3.0)
+    segment: Annotated[tuple[Positive, Positive], Listed] = (0.5, 3.0)
     """Shortest and longest time for which it is drawn who plays, s."""
     takeover_slider: Positive = 0.03
     """Distance of a hand from its plan, along the keyboard, at which the teacher takes over, m. It
@@ -95,7 +90,7 @@ class TeacherSettings:
 
     name: str = PLANNED
     """``planned``, or the folder of a run whose model observes "hands" and acts by HandActions."""
-    plan: PlanSettings = field(
+    plan: Nested[PlanSettings] = field(
         default_factory=lambda: PlanSettings(
             rounds=3, iterations=3, dynamic_iterations=4, feedback=0.75
         )
@@ -111,7 +106,7 @@ class TeacherSettings:
 class NetworkSettings:
     """The network of a hand."""
 
-    net_arch: tuple[Count, ...] = (384, 384, 384)
+    net_arch: Annotated[tuple[Count, ...], Listed] = (384, 384, 384)
     """Sizes of the hidden layers."""
     activation: Literal["SiLU", "ReLU"] = "SiLU"
     """Name in ``torch.nn`` of what comes after each."""
@@ -125,7 +120,7 @@ class EvaluationSettings:
     """Name of the physics profile."""
     excerpts: Index = 12
     """Excerpts of a corpus like the one that is learnt from, but of another seed."""
-    pieces: tuple[str, ...] = (
+    pieces: Annotated[tuple[str, ...], Listed] = (
         "FurElise",
         "ClairDeLune",
         "BachMinuetG",
@@ -181,22 +176,22 @@ class DistillConfig:
             judges is also learnt from.
     """
 
-    corpus: Corpus = field(default_factory=Corpus)
+    corpus: Nested[Corpus] = field(default_factory=Corpus)
     """What is played; rounds that ask for more excerpts than it has begin anew, with other noise
     and other segments."""
-    rounds: Annotated[tuple[Round, ...], MinLen(1)] = (
+    rounds: Annotated[tuple[Nested[Round], ...], Listed, MinLen(1)] = (
         Round(excerpts=300, epochs=18),
         Round(excerpts=200, learner=0.8, warm=True, epochs=8, batch_size=768, learning_rate=6e-4),
     )
-    playing: PlayingSettings = field(default_factory=PlayingSettings)
-    teacher: TeacherSettings = field(default_factory=TeacherSettings)
-    network: NetworkSettings = field(default_factory=NetworkSettings)
-    improvements: tuple[Improvement, ...] = (
+    playing: Nested[PlayingSettings] = field(default_factory=PlayingSettings)
+    teacher: Nested[TeacherSettings] = field(default_factory=TeacherSettings)
+    network: Nested[NetworkSettings] = field(default_factory=NetworkSettings)
+    improvements: Annotated[tuple[Nested[Improvement], ...], Listed] = (
         Improvement(n_timesteps=3_200_000),
         Improvement(n_timesteps=2_400_000, physics="fast-contacts", corpus={"near": 0.3}),
     )
     """What follows the rounds; between two of them is one more look at how well it plays."""
-    evaluation: EvaluationSettings = field(default_factory=EvaluationSettings)
+    evaluation: Nested[EvaluationSettings] = field(default_factory=EvaluationSettings)
     shard: Count = 25
     """Excerpts of a data set, which one process plays."""
     recorded: str | None = None
@@ -246,7 +241,7 @@ class DistillConfig:
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any]) -> Self:
         """Return the settings for what a YAML file holds; what is not given is the default."""
-        return _made(cls, mapping, "")
+        return cls(**mapping)
 
     @classmethod
     def from_yaml(cls, path: str | os.PathLike[str], **changes: Any) -> Self:
@@ -276,12 +271,13 @@ class DistillConfig:
 
     def corpus_of(self, number: int) -> Corpus:
         """Return the corpus of an improvement."""
-        changes, key = self.improvements[number].corpus, f"improvements[{number}].corpus"
+        changes = self.improvements[number].corpus
         if not changes:
             return self.corpus
-        given = {**dataclasses.asdict(self.corpus), **changes}
-        found: Corpus = _made(Corpus, given, key)
-        return found
+        try:
+            return replace(self.corpus, **changes)
+        except ConfigError as error:
+            raise ConfigError(f"improvements[{number}].corpus: {error}") from error
 
     def of_round(self, number: int) -> range:
         """Return the numbers of a round's excerpts, counted over all rounds."""
@@ -306,40 +302,19 @@ def _with_absolute_paths(corpus: Corpus) -> Corpus:
     return replace(corpus, sources=sources, held_out=held_out)
 
 
-def _change(mapping: Any, name: str, value: Any) -> None:
+def _change(mapping: dict[str, Any], name: str, value: Any) -> None:
     """Set a value in nested mappings and lists, by names that dots join."""
+    place: Any = mapping
     *path, last = name.split(".")
-    place = mapping
     for part in path:
-        if isinstance(place, dict) and part not in place:
-            place[part] = {}
-        place = _at(place, part, name)[part if isinstance(place, dict) else int(part)]
-    _at(place, last, name)[last if isinstance(place, dict) else int(last)] = value
+        if isinstance(place, dict):
+            place = place.setdefault(part, {})
+        else:
+            place = place[_index(place, part, name)]
+    place[last if isinstance(place, dict) else _index(place, last, name)] = value
 
 
-def _at(place: Any, part: str, name: str) -> Any:
-    if isinstance(place, dict):
-        return place
-    if isinstance(place, list) and part.isdigit() and int(part) < len(place):
-        return place
-    raise ConfigError(f"Unknown setting {name!r}: there is no {part!r} to be set.")
-
-
-def _made(kind: Any, value: Any, key: str) -> Any:
-    """Return a class of settings for a mapping from the names of its fields to plain values."""
-    items = coerce_mapping(value, key or "distillation")
-    kinds = typing.get_type_hints(kind)
-    refuse_unknown(items, kinds, "setting", key)
-    try:
-        return kind(**{name: _value(kinds[name], item, name) for name, item in items.items()})
-    except ConfigError as error:
-        raise ConfigError(f"{key}: {error}" if key else str(error)) from error
-
-
-def _value(kind: Any, value: Any, key: str) -> Any:
-    if dataclasses.is_dataclass(kind):
-        return _made(kind, value, key)
-    of = typing.get_args(kind)
-    if of and dataclasses.is_dataclass(of[0]) and isinstance(value, list):
-        return tuple(_made(of[0], item, f"{key}[{index}]") for index, item in enumerate(value))
-    return coerce(value, kind, key)
+def _index(place: Any, part: str, name: str) -> int:
+    if not (isinstance(place, list) and part.isdigit() and int(part) < len(place)):
+        raise ConfigError(f"Unknown setting {name!r}: there is no {part!r} to be set.")
+    return int(part)

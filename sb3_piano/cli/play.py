@@ -115,7 +115,7 @@ def play_run(run: str, arguments: argparse.Namespace) -> int:
 
 
 def _play(arguments: argparse.Namespace) -> int:
-    from sb3_piano.training.runs.provenance import unwritable
+    from sb3_piano.jobs.folders import unwritable
     from sb3_piano.viewing import check_screen, show_take
 
     picture = None if arguments.no_video else _picture(arguments)

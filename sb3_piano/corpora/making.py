@@ -26,15 +26,14 @@ from sb3_piano.demonstrations.shards import (
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import write_json
 from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.jobs import broken_told, process_pool
+from sb3_piano.jobs import begin_or_go_on, broken_told, process_pool
 from sb3_piano.links import keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import digest
 from sb3_piano.music.library import Library
 from sb3_piano.players.hand_model import FILE_NAME
-from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 from sb3_piano.training.runs.folder import BASE, RunFolder, named_files
-from sb3_piano.training.runs.provenance import begin_or_go_on
+from sb3_piano.training.runs.provenance import provenance
 from sb3_piano.training.runs.saved import model_files
 
 _CONFIG = "corpus.yml"
@@ -101,8 +100,7 @@ def record_corpus(
     with owned, stop_on_signal() as request:
         inputs = _inputs(config)
         file, settings = place / _CONFIG, {**config.to_mapping(), "files": inputs}
-        theirs = read_yaml_mapping(file) if os.path.isfile(file) else None
-        begin_or_go_on(file, "corpus", settings, theirs, config.seed)
+        begin_or_go_on(file, "corpus", settings, notes=provenance(config.seed))
         make_folder(place / DATA)
         forget_unfinished(place / DATA)
         count = -(-len(config) // config.shard)

@@ -1,22 +1,34 @@
-"""Executors: what does independent jobs, on this machine or on a cluster of Ray.
+"""Jobs: work in folders that may end at any moment and goes on, on this machine or a cluster.
 
-All are of the kind of :class:`concurrent.futures.Executor`, so that who has jobs to do need not
-know where they are done.
+What does them is of the kind of :class:`concurrent.futures.Executor`, so that who has jobs to do
+need not know where they are done.
 """
 
 from sb3_piano.jobs.cluster import Resources, connected_to_ray, ray_executor
+from sb3_piano.jobs.finish import finish
+from sb3_piano.jobs.folders import begin_or_go_on, check_same, is_empty
+from sb3_piano.jobs.job import Job, Outcome, status
 from sb3_piano.jobs.mapping import Item, Result, map_jobs
 from sb3_piano.jobs.opening import open_executor
-from sb3_piano.jobs.pool import broken_told, process_pool
+from sb3_piano.jobs.pool import Here, WorkerDied, broken_told, process_pool
 
 __all__ = [
+    "Here",
     "Item",
+    "Job",
+    "Outcome",
     "Resources",
     "Result",
+    "WorkerDied",
+    "begin_or_go_on",
     "broken_told",
+    "check_same",
     "connected_to_ray",
+    "finish",
+    "is_empty",
     "map_jobs",
     "open_executor",
     "process_pool",
     "ray_executor",
+    "status",
 ]

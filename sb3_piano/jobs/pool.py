@@ -1,31 +1,48 @@
-"""A pool of processes that ends with the process which made it."""
+"""Pools of processes: each does a job at a time, and all end with the process that made them."""
 
 from __future__ import annotations
 
 import contextlib
 import multiprocessing
+import multiprocessing.util
 import os
+import pickle
 import signal
+import subprocess
+import sys
 import threading
-import time
-from collections.abc import Iterator
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
-from multiprocessing.connection import Connection
+from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from multiprocessing import spawn
+from multiprocessing.reduction import ForkingPickler
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
 
 from sb3_piano.exceptions import RunError
 from sb3_piano.jobs.starting import share_temporary_folder
 from sb3_piano.settings import Count, checked
 from sb3_piano.threads import usable_cores
 
-_GRACE = 60.0  # s, that a training has to save what it has
+P = ParamSpec("P")
+T = TypeVar("T")
 
-ENDING = threading.Event()
-"""Set in a process of a pool that ends: it may still be given jobs, which it is not to begin."""
+_FILE = str(Path(__file__).with_name("worker.py"))
+_PROGRAM = f"import runpy; runpy.run_path({_FILE!r}, run_name='__sb3_piano_worker__')"
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+"""Libraries of a worker compute with one thread, unless the environment says otherwise."""
+
+
+class WorkerDied(BrokenExecutor):
+    """The process that did a job ended before the job: that job is lost, and no other."""
 
 
 @contextlib.contextmanager
 def process_pool(workers: int | None = None) -> Iterator[Executor]:
     """Give an executor of processes that end with the block, or with this process.
+
+    A job that its process does not survive raises :class:`WorkerDied`, and the next one gets a new
+    process. At the end of the block, jobs that have not begun are cancelled, and those that run get
+    SIGTERM and a minute to save what they have.
 
     Args:
         workers: Processes; by default one for each usable core.
@@ -33,22 +50,17 @@ def process_pool(workers: int | None = None) -> Iterator[Executor]:
     Raises:
         ConfigError: If ``workers`` is not a whole number from 1 on.
     """
-    count = checked("workers", workers, Count | None) or usable_cores()
-    # Each reads from the environment how many threads to take, which a fork server would not see.
-    context = multiprocessing.get_context("spawn")
     share_temporary_folder()
-    theirs, ours = context.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(count, context, initializer=_begin, initargs=(theirs,))
+    pool = _Pool(checked("workers", workers, Count | None) or usable_cores())
     try:
         yield pool
     finally:
-        ours.close()  # nothing was ever sent: that it has an end is the message
-        pool.shutdown(cancel_futures=True)
+        pool.end()
 
 
 @contextlib.contextmanager
 def broken_told(how_to_go_on: str) -> Iterator[None]:
-    """Say how to go on when a worker was killed, as by a machine without memory.
+    """Re-raise ``BrokenExecutor`` as a ``RunError`` that says how to go on.
 
     Raises:
         RunError: In place of the ``BrokenExecutor`` of any executor.
@@ -56,29 +68,120 @@ def broken_told(how_to_go_on: str) -> Iterator[None]:
     try:
         yield
     except BrokenExecutor as error:
-        raise RunError(
-            f"A worker ended before its work was done, as happens without memory: {error} What is "
-            f"whole is kept; go on, with fewer workers if need be: {how_to_go_on}"
-        ) from error
+        raise explain_worker_death(error, how_to_go_on) from error
 
 
-def _begin(lifeline: Connection) -> None:
-    """Begin a process of a pool."""
-    # Ctrl-C reaches the group of a terminal: it is for the process that made the pool to answer it.
-    if hasattr(os, "setpgrp"):
-        os.setpgrp()
-    threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
+def explain_worker_death(error: BrokenExecutor, how_to_go_on: str) -> RunError:
+    """Return the error that says why a worker may have died, and how to go on."""
+    return RunError(
+        f"A worker ended before its work was done, as happens without memory: {error} What is "
+        f"whole is kept; go on, with fewer workers if need be: {how_to_go_on}"
+    )
 
 
-def _end_with(lifeline: Connection) -> None:
-    """End this process when the pool's block ends or its process is killed.
+class Here(Executor):
+    """Executor of the calling thread: a job is done when it is submitted."""
 
-    What trains saves a checkpoint first, see :func:`~sb3_piano.interrupts.stop_on_signal`; all else
-    ends at once.
-    """
-    with contextlib.suppress(EOFError, OSError):
-        lifeline.recv()
-    ENDING.set()
-    os.kill(os.getpid(), signal.SIGTERM)
-    time.sleep(_GRACE)
-    os._exit(1)
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Call a function; return its result as a future."""
+        future: Future[T] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except BaseException as error:
+            future.set_exception(error)
+        return future
+
+
+class _Pool(ThreadPoolExecutor):
+    """Executor whose threads each have a process do their jobs."""
+
+    def __init__(self, workers: int) -> None:
+        super().__init__(workers)
+        self._own = threading.local()
+        self._workers: set[_Worker] = set()
+        self._ended = False
+        self._lock = threading.Lock()
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Let a process call a function; its result is a future."""
+        return super().submit(self._call, fn, args, kwargs)
+
+    def _call(self, fn: Callable[..., Any], args: Any, kwargs: Any) -> Any:
+        request = bytes(ForkingPickler.dumps((fn, args, kwargs)))
+        worker = getattr(self._own, "worker", None)
+        if worker is None:
+            with self._lock:
+                if self._ended:
+                    raise KeyboardInterrupt
+                worker = _Worker()
+                self._workers.add(worker)
+            self._own.worker = worker
+        try:
+            failed, found = worker.call(request)
+        except WorkerDied:
+            self._own.worker = None
+            self._workers.discard(worker)
+            raise
+        if failed:
+            raise found
+        return found
+
+    def end(self) -> None:
+        """End all processes, and wait until they have ended."""
+        with self._lock:
+            self._ended = True
+        for worker in list(self._workers):
+            worker.end()
+        self.shutdown(cancel_futures=True)
+        for worker in list(self._workers):
+            worker.process.wait()
+
+
+class _Worker:
+    """A process that does one job at a time."""
+
+    def __init__(self) -> None:
+        theirs, self._requests = multiprocessing.Pipe(duplex=False)
+        self._answers, answers = multiprocessing.Pipe(duplex=False)
+        descriptors = (theirs.fileno(), answers.fileno())
+        # Ctrl-C reaches the group of a terminal, and a system that shuts down ends whole groups: it
+        # is for the process that made the pool to answer.
+        self.process = subprocess.Popen(
+            [sys.executable, "-P", "-c", _PROGRAM, *map(str, descriptors)],
+            stdin=subprocess.DEVNULL,
+            env=_ONE_THREAD | os.environ,
+            pass_fds=descriptors,
+            process_group=0,
+        )
+        theirs.close()
+        answers.close()
+        about = spawn.get_preparation_data(f"worker-{self.process.pid}")
+        about["authkey"] = bytes(about["authkey"])
+        about["temporary_folder"] = multiprocessing.util.get_temp_dir()
+        with contextlib.suppress(OSError):  # it has ended, which its first job notices
+            self._requests.send_bytes(pickle.dumps(about))
+
+    def call(self, request: bytes) -> Any:
+        """Return whether a job raised, and what it returned or raised.
+
+        Raises:
+            WorkerDied: If the process ended before.
+        """
+        try:
+            self._requests.send_bytes(request)
+            answer = self._answers.recv_bytes()
+        except (EOFError, OSError) as error:
+            raise WorkerDied(_death(self.process)) from error
+        return pickle.loads(answer)
+
+    def end(self) -> None:
+        """Let the process end: it waits for the end of the pipe."""
+        self._requests.close()
+
+
+def _death(process: subprocess.Popen[bytes]) -> str:
+    """Return how a process ended."""
+    code = process.wait()
+    if code >= 0:
+        return f"process {process.pid} ended with status {code}."
+    return f"process {process.pid} was ended by {signal.Signals(-code).name}."

@@ -12,12 +12,12 @@ from pathlib import Path
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import dump_yaml, load_yaml, read_table, write_csv, write_yaml
 from sb3_piano.jobs import Resources
+from sb3_piano.jobs.folders import is_empty
 from sb3_piano.links import keep_inside
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.sweeps.cells import CellJob, CellResult, finish_cells, status_of
 from sb3_piano.sweeps.config import SweepConfig
 from sb3_piano.training import RunConfig
-from sb3_piano.training.runs.provenance import is_empty
 
 RESULTS = "results.csv"
 _CONFIG = "sweep.yml"

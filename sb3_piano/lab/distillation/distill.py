@@ -17,7 +17,7 @@ from sb3_piano.demonstrations.shards import file_digest
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import write_bytes, write_csv, write_yaml
 from sb3_piano.interrupts import stop_on_signal
-from sb3_piano.jobs import broken_told, process_pool
+from sb3_piano.jobs import begin_or_go_on, broken_told, process_pool
 from sb3_piano.lab.distillation.config import PLANNED, DistillConfig
 from sb3_piano.lab.distillation.improvement import improve, improvement_run
 from sb3_piano.lab.distillation.rollout import hands_env
@@ -42,7 +42,7 @@ from sb3_piano.threads import torch_computing
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
 from sb3_piano.training.runs.builders import build_env
 from sb3_piano.training.runs.folder import RunFolder
-from sb3_piano.training.runs.provenance import begin_or_go_on
+from sb3_piano.training.runs.provenance import provenance
 
 _CONFIG, _FILES, _TABLE = "config.yml", "files.yml", "rounds.csv"
 
@@ -136,7 +136,8 @@ def distill(
     )
     with owned, torch_computing(num_threads), stop_on_signal() as request:
         theirs = _settings_of(place).to_mapping() if (place / _CONFIG).is_file() else None
-        begin_or_go_on(place / _CONFIG, "distillation", config.to_mapping(), theirs, config.seed)
+        notes = provenance(config.seed)
+        begin_or_go_on(place / _CONFIG, "distillation", config.to_mapping(), theirs, notes)
         _check_files(place, config)
         make_folder(place / DATA)
         forget_unfinished(place / DATA)

@@ -16,6 +16,7 @@ from typing import Any
 from sb3_piano.envs.score_choice import own_score
 from sb3_piano.exceptions import ConfigError, SB3PianoError
 from sb3_piano.files import write_json
+from sb3_piano.jobs.folders import unwritable
 from sb3_piano.links import make_folder
 from sb3_piano.metrics import Losses
 from sb3_piano.music import Score, is_path, load_score, write_midi
@@ -27,7 +28,6 @@ from sb3_piano.training.evaluation.evaluations import Evaluation, Evaluations, F
 from sb3_piano.training.evaluation.piece import Episode, play_piece, summaries
 from sb3_piano.training.playing.player import SavedPlayer
 from sb3_piano.training.runs.folder import RunFolder
-from sb3_piano.training.runs.provenance import unwritable
 
 _log = logging.getLogger(__name__)
 

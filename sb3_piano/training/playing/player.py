@@ -23,6 +23,7 @@ from sb3_piano.demonstrations.recording import Predictor
 from sb3_piano.envs import EpisodeRecorder, PianoEnv, Recording
 from sb3_piano.exceptions import ConfigError, RunError, ScoreError
 from sb3_piano.files import read_file, write_bytes
+from sb3_piano.jobs.folders import unwritable
 from sb3_piano.layers import layers
 from sb3_piano.music import Score, load_score
 from sb3_piano.planning import PianoPolicy
@@ -38,7 +39,6 @@ from sb3_piano.training.runs.builders import (
     refuse_other_vectors,
 )
 from sb3_piano.training.runs.folder import RunFolder
-from sb3_piano.training.runs.provenance import unwritable
 from sb3_piano.training.runs.saved import (
     act,
     load_statistics,

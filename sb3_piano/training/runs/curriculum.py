@@ -19,6 +19,7 @@ from sb3_piano.callbacks.checkpoint import DEFAULT_EVERY
 from sb3_piano.exceptions import RunError
 from sb3_piano.files import Place, write_yaml
 from sb3_piano.interrupts import stop_on_signal
+from sb3_piano.jobs.folders import is_empty, unwritable
 from sb3_piano.links import keep_inside
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.settings import Count, checked
@@ -36,7 +37,6 @@ from sb3_piano.training.runs.curriculum_progress import (
     StageWatch,
 )
 from sb3_piano.training.runs.folder import RunFolder
-from sb3_piano.training.runs.provenance import is_empty, unwritable
 from sb3_piano.training.runs.start import start_plugin
 from sb3_piano.training.runs.train import TrainResult, resume, train
 

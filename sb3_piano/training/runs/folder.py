@@ -17,6 +17,7 @@ from typing import Any
 
 from sb3_piano.exceptions import ConfigError, RunError
 from sb3_piano.files import Place, read_file, write_bytes, write_yaml
+from sb3_piano.jobs.folders import PROVENANCE, SETTINGS, is_empty, unwritable
 from sb3_piano.links import check_inside, keep_inside, make_folder
 from sb3_piano.locks import LOCK_SUFFIX, hold
 from sb3_piano.music import is_path
@@ -31,7 +32,7 @@ from sb3_piano.training.configuration.names import (
     known_packages_only,
 )
 from sb3_piano.training.configuration.yaml_files import read_yaml_mapping
-from sb3_piano.training.runs.provenance import PROVENANCE, is_empty, provenance, unwritable
+from sb3_piano.training.runs.provenance import provenance
 from sb3_piano.unfinished import PARTIAL_SUFFIX
 
 FILE_OPTIONS = ("score", "fingering")
@@ -416,7 +417,7 @@ def _claim(held: contextlib.ExitStack, path: Path) -> RunFolder:
         stack.enter_context(run.owned())
         if run.unfinished_file.exists():
             for found in path.iterdir():
-                if found.name not in (LOCK_SUFFIX, run.unfinished_file.name):
+                if found.name not in (LOCK_SUFFIX, SETTINGS, run.unfinished_file.name):
                     is_folder = found.is_dir() and not found.is_symlink()
                     shutil.rmtree(found) if is_folder else found.unlink()
         else:

@@ -1,0 +1,96 @@
+"""Folders that work is done in: are they empty, is it the same work as when they were begun."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from sb3_piano.exceptions import RunError
+from sb3_piano.files import dump_yaml, load_yaml, write_yaml
+from sb3_piano.links import make_folder
+from sb3_piano.locks import LOCK_SUFFIX
+from sb3_piano.unfinished import PARTIAL_SUFFIX
+
+SETTINGS = "job.yml"
+"""Name of the file of a job's settings."""
+
+PROVENANCE = "run.yml"
+"""Name of the file that notes where a folder comes from."""
+
+
+def is_empty(place: Path) -> bool:
+    """Return whether a folder has nothing but what a process that was killed at once left there."""
+    names = {found.name for found in place.iterdir()} - {PROVENANCE, SETTINGS}
+    return all(
+        name.endswith(PARTIAL_SUFFIX) or (name[0] == "." and name.endswith(LOCK_SUFFIX))
+        for name in names
+    )
+
+
+def begin_or_go_on(
+    file: Path,
+    what: str,
+    ours: Mapping[str, Any],
+    theirs: Mapping[str, Any] | None = None,
+    notes: Mapping[str, Any] | None = None,
+) -> None:
+    """Write settings into a new folder, or check them against those that a file there has.
+
+    Args:
+        file: The file of the settings.
+        what: Is done there, such as ``corpus``.
+        ours: The settings.
+        theirs: Those of the file; by default they are read.
+        notes: Where a new folder comes from, which is noted in it.
+
+    Raises:
+        RunError: If the settings differ, a folder without them is not empty, or cannot be written.
+    """
+    place = file.parent
+    try:
+        if file.is_file():
+            known = load_yaml(file.read_text("utf-8")) if theirs is None else theirs
+            check_same(known, ours, f"The {what} in '{place}'")
+            return
+        if place.is_dir() and not is_empty(place):
+            raise RunError(f"Folder '{place}' is not empty: expected a new or empty one.")
+        make_folder(place)
+        if notes is not None:
+            write_yaml(place / PROVENANCE, notes)
+        write_yaml(file, ours)
+    except OSError as error:
+        raise unwritable(place, error) from error
+
+
+def check_same(theirs: Any, ours: Any, what: str) -> None:
+    """Refuse other settings than those with which something was begun.
+
+    Raises:
+        RunError: If they differ; the message names the first setting that does.
+    """
+    found = _difference("", theirs, load_yaml(dump_yaml(ours)))
+    if found is not None:
+        raise RunError(f"{what} has {found}: expected the same settings, or another folder.")
+
+
+def _difference(name: str, theirs: Any, ours: Any) -> str | None:
+    """Return the first difference between two values, as ``"seed 0, not 1"``."""
+    if theirs == ours:
+        return None
+    if isinstance(theirs, Mapping) and isinstance(ours, Mapping):
+        for key in dict.fromkeys((*theirs, *ours)):
+            inner = f"{name}.{key}".lstrip(".")
+            found = _difference(inner, theirs.get(key), ours.get(key))
+            if found is not None:
+                return found
+        return None
+    return f"{name or 'settings'} {theirs}, not {ours}"
+
+
+def unwritable(place: Path, error: OSError) -> RunError:
+    """Return the error of a folder that refuses a file."""
+    return RunError(
+        f"Folder '{place}' cannot be written: {error.strerror or error}. Expected a place in which "
+        "files can be made."
+    )

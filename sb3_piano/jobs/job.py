@@ -1,0 +1,145 @@
+"""Jobs: work in a folder that may end at any moment, and goes on from there."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import traceback
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sb3_piano.exceptions import RunError, SB3PianoError
+from sb3_piano.files import write_json
+from sb3_piano.jobs.folders import SETTINGS, begin_or_go_on, is_empty
+from sb3_piano.locks import LOCK_SUFFIX, hold
+
+RESULT = "result.json"
+
+Work = Callable[[Any], Mapping[str, Any]]
+"""Does a job, which it is called with, or the rest of it, and returns its result."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """Work in a folder of its own.
+
+    The folder gets ``job.yml``, the settings, when the work begins, and ``result.json`` when it is
+    done. A subclass may keep them elsewhere, and say how far it is.
+    """
+
+    name: str
+    """What it is called, unlike all others of the same work."""
+    folder: Path
+    """Where it is done, by a path that every process has."""
+    work: Work
+    """Does it, from wherever it stopped before; raises ``KeyboardInterrupt`` if it is interrupted.
+    Other processes must be able to import it. The result has JSON's types."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """What it is, in YAML's types; a folder that was begun with other settings is refused."""
+    needs: tuple[str, ...] = ()
+    """Names of the jobs that have to be done before."""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """What may differ from one call to the next, such as how often to save."""
+
+    @property
+    def settings_file(self) -> Path:
+        """The file of the settings with which it was begun."""
+        return self.folder / SETTINGS
+
+    def result(self) -> Mapping[str, Any] | None:
+        """Return what came of it, or ``None`` if it is not done.
+
+        Raises:
+            RunError: If the file is damaged.
+        """
+        file = self.folder / RESULT
+        try:
+            found: Mapping[str, Any] = json.loads(file.read_bytes())
+        except FileNotFoundError:
+            return None
+        except ValueError as error:
+            raise RunError(
+                f"'{file}' cannot be read ({error}): delete it, and it is made again."
+            ) from error
+        return found
+
+    def keep(self, result: Mapping[str, Any]) -> None:
+        """Note that it is done, and what came of it."""
+        write_json(self.folder / RESULT, result)
+
+    def begin(self) -> None:
+        """Note the settings in a new folder, or compare them with those of one that was begun.
+
+        Raises:
+            RunError: If they differ, or something else is in the folder.
+        """
+        begin_or_go_on(self.settings_file, f"job {self.name!r}", self.settings)
+
+    def progress(self) -> tuple[int, int] | None:
+        """Return how much is done, and of how much, also while it is being done, if it knows."""
+        return None
+
+    def do(self) -> Mapping[str, Any]:
+        """Do what is left to do, and return the result.
+
+        A second process that is to do it waits for the end of the first.
+        """
+        with hold(self.folder.with_name(f".{self.folder.name}{LOCK_SUFFIX}")):
+            found = self.result()
+            if found is not None:
+                return found
+            self.begin()
+            try:
+                found = self.work(self)
+                self.keep(found)
+            except Exception:  # what has not begun may have other settings the next time
+                if self.folder.is_dir() and is_empty(self.folder):
+                    shutil.rmtree(self.folder, ignore_errors=True)
+                raise
+            return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What came of a job, or how far it is."""
+
+    job: Job
+    result: Mapping[str, Any] | None = None
+    """Its result, once it is done."""
+    error: Exception | None = None
+    """Why it failed, if it did."""
+
+    @property
+    def text(self) -> str:
+        """Why it failed, in full; empty if it did not."""
+        if self.error is None or isinstance(self.error, SB3PianoError):
+            return str(self.error or "")
+        return "".join(traceback.format_exception(self.error))
+
+    @property
+    def reason(self) -> str:
+        """Why it failed, in a line; empty if it did not."""
+        if self.error is None or isinstance(self.error, SB3PianoError):
+            return str(self.error or "")
+        return "".join(traceback.format_exception_only(type(self.error), self.error)).splitlines()[
+            0
+        ]
+
+    @property
+    def state(self) -> str:
+        """``failed``, ``finished``, how far it is, or ``not begun``."""
+        if self.error is not None:
+            return "failed"
+        if self.result is not None:
+            return "finished"
+        done = self.job.progress()
+        if done is not None and done[0]:
+            return f"{done[0]} of {done[1]} steps"
+        return "begun" if self.job.settings_file.is_file() else "not begun"
+
+
+def status(jobs: Iterable[Job]) -> list[Outcome]:
+    """Return how far each job is by its folder, also while it is being done."""
+    return [Outcome(job=job, result=job.result()) for job in jobs]

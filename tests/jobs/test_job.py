@@ -1,0 +1,260 @@
+"""Jobs that are killed, interrupted, changed or fail: what is done stays, the rest goes on."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from pathlib import Path
+
+import counting
+import pytest
+from counting import STEPS, die, jobs_in, log, refuse
+
+from sb3_piano.exceptions import ConfigError, RunError
+from sb3_piano.interrupts import StopRequest
+from sb3_piano.jobs import Here, Job, finish, process_pool, ray_executor, status
+
+DEADLINE = 120  # s; starting a process takes long where others are at work
+
+
+def wait_for(condition, process=None):
+    deadline = time.monotonic() + DEADLINE
+    while not condition():
+        assert process is None or process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline, "it took too long"
+        time.sleep(0.01)
+
+
+def is_alive(pid):
+    """Return whether a process runs; one that ended and was not waited for does not."""
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except FileNotFoundError:
+        return False
+
+
+def children(pid):
+    """Return the processes that one has started."""
+    return {
+        int(n) for f in Path(f"/proc/{pid}/task").glob("*/children") for n in f.read_text().split()
+    }
+
+
+@pytest.fixture
+def program(tmp_path):
+    """Start the program that counts, in a group of its own as from a terminal."""
+    started = []
+
+    def start():
+        command = [sys.executable, counting.__file__, str(tmp_path)]
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        started.append(subprocess.Popen(command, start_new_session=True, **pipes))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def assert_done(folder):
+    """All jobs have their results, and none was begun again once it had one."""
+    assert [job.result() for job in jobs_in(folder)] == [{"steps": STEPS}] * 4
+    assert not [path for path in folder.rglob("*") if path.suffix in (".lock", ".partial")]
+
+
+@pytest.mark.parametrize(
+    ("moment", "whom", "number", "status_then"),
+    [
+        ("starts", "parent", signal.SIGKILL, -signal.SIGKILL),
+        ("starts", "group", signal.SIGTERM, 130),
+        ("counts", "parent", signal.SIGKILL, -signal.SIGKILL),
+        ("counts", "parent", signal.SIGTERM, 130),
+        ("counts", "group", signal.SIGINT, 130),
+        ("counts", "worker", signal.SIGKILL, 0),
+    ],
+)
+def test_whatever_ends_a_program_the_same_one_does_the_rest(
+    program, tmp_path, moment, whom, number, status_then
+):
+    process = program()
+    if moment == "starts":  # processes, which import nothing yet
+        wait_for(lambda: len(children(process.pid)) == 2, process)
+    else:
+        wait_for((tmp_path / "a" / "saved").exists, process)
+        wait_for((tmp_path / "b" / "saved").exists, process)
+    workers = children(process.pid)
+    os.kill({"parent": process.pid, "group": -process.pid}.get(whom, min(workers)), number)
+    out, err = process.communicate(timeout=DEADLINE)
+    assert process.returncode == status_then, err
+    assert "Traceback" not in err
+    wait_for(lambda: not any(map(is_alive, workers)))
+    kept = {job.name for job in jobs_in(tmp_path) if job.result() is not None}
+    before = len(log(tmp_path))
+    if whom == "worker":  # the others, and what does not need its job, went on
+        (lost,) = (line.split()[0] for line in out.splitlines() if " failed A worker " in line)
+        assert kept == {"a": {"b"}, "b": {"a", "c", "d"}}[lost]
+        assert "was ended by SIGKILL. What is whole is kept; go on" in out
+    again = program()
+    out, err = again.communicate(timeout=DEADLINE)
+    assert (again.returncode, out.split()[1::2]) == (0, ["finished"] * 4), err
+    assert_done(tmp_path)
+    resumed = log(tmp_path)[before:]
+    assert {name for name, _, _ in resumed} == {*"abcd"} - kept
+    assert Counter(name for name, _, _ in resumed).most_common(1)[0][1] == 1
+    if moment == "counts":
+        assert all(done > 0 for name, done, _ in resumed if name in "ab")
+
+
+SLOW = """
+import os, sys, time
+from sb3_piano.jobs import process_pool
+
+class Slow:
+    def __reduce__(self):
+        return (exec, ("import os, time; open({mark!r} + str(os.getpid()), 'w').close()\\n"
+                       "end = time.monotonic() + 60\\nwhile time.monotonic() < end: pass",))
+
+if __name__ == "__main__":
+    with process_pool(2) as pool:
+        print([pool.submit(print, Slow()).result() for _ in range(2)])
+"""
+
+
+def test_workers_that_still_import_end_with_a_parent_that_is_killed(tmp_path):
+    program = tmp_path / "program.py"
+    program.write_text(SLOW.replace("{mark!r}", repr(f"{tmp_path}/pid-")))
+    process = subprocess.Popen([sys.executable, program])
+    wait_for(lambda: list(tmp_path.glob("pid-*")), process)
+    process.kill()
+    process.wait()
+    killed = time.monotonic()
+    workers = [int(file.name[4:]) for file in tmp_path.glob("pid-*")]
+    wait_for(lambda: not any(map(is_alive, workers)))
+    assert time.monotonic() - killed < 10
+
+
+def test_a_job_that_fails_stops_only_those_that_need_it(tmp_path):
+    told = []
+    found = finish(jobs_in(tmp_path, refuse), Here(), on_outcome=told.append)
+    assert [outcome.state for outcome in found] == ["failed", "finished", "failed", "failed"]
+    assert found[0].reason == "steps is 60: expected fewer."
+    assert isinstance(found[0].error, ConfigError)
+    assert [outcome.reason for outcome in found[2:]] == [
+        "It needs 'a', which failed.",
+        "It needs 'c', which failed.",
+    ]
+    assert [outcome.job.name for outcome in told] == ["a", "b", "c", "d"]
+    assert not (tmp_path / "a").exists()  # so that it may have other settings
+    assert [one.state for one in finish(jobs_in(tmp_path), Here())] == ["finished"] * 4
+    assert_done(tmp_path)
+
+
+def test_a_process_that_dies_takes_only_its_own_job_with_it(tmp_path):
+    with process_pool(1) as pool:
+        found = finish(jobs_in(tmp_path, die), pool, go_on="once more.")
+        assert [one.state for one in found] == ["failed", "finished", "failed", "failed"]
+        assert isinstance(found[0].error, RunError)
+        assert "without memory: process " in found[0].reason
+        assert found[0].reason.endswith("with fewer workers if need be: once more.")
+        finish(jobs_in(tmp_path, die), pool)
+    assert_done(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changed", "difference"),
+    [({"steps": 61}, "steps 60, not 61"), ({"of": {"name": "x"}}, "of.name a, not x")],
+)
+def test_other_settings_than_those_of_before_are_refused_and_the_first_is_named(
+    tmp_path, changed, difference
+):
+    (job, *_) = jobs_in(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        finish([Job(**{**vars(job), "work": interrupt})], Here())
+    other = Job(**{**vars(job), "settings": {**job.settings, **changed}})
+    with pytest.raises(RunError, match=f"The job 'a' in '.*' has {difference}: expected the same"):
+        finish([other], Here())
+    assert not log(tmp_path)
+    assert finish([job], Here())[0].result == {"steps": STEPS}
+
+
+def interrupt(job):
+    (job.folder / "begun").touch()
+    raise KeyboardInterrupt
+
+
+def test_a_folder_with_anything_else_is_refused_and_left_alone(tmp_path):
+    (job, *_) = jobs_in(tmp_path)
+    job.folder.mkdir()
+    (job.folder / "notes.txt").write_text("mine")
+    (found,) = finish([job], Here())
+    assert "is not empty: expected a new or empty one." in found.reason
+    assert [path.name for path in job.folder.iterdir()] == ["notes.txt"]
+
+
+def test_the_status_says_how_far_each_is_also_meanwhile(tmp_path):
+    states = []
+
+    def look(outcome):
+        states.append([one.state for one in status(jobs_in(tmp_path))])
+
+    finish(jobs_in(tmp_path), Here(), on_outcome=look)
+    assert states[0] == ["finished", "finished", "not begun", "not begun"]
+    assert states[-1] == ["finished"] * 4
+
+
+def test_a_damaged_result_is_named(tmp_path):
+    (job, *_) = jobs_in(tmp_path)
+    finish([job], Here())
+    (job.folder / "result.json").write_text("{")
+    with pytest.raises(RunError, match=r"result.json' cannot be read .*: delete it, and"):
+        finish([job], Here())
+
+
+def test_a_second_process_waits_for_the_first_and_does_not_do_it_again(tmp_path):
+    (job, *_) = jobs_in(tmp_path, pause=0.02)
+    with process_pool(2) as pool:
+        both = [pool.submit(Job.do, job) for _ in range(2)]
+        assert [one.result() for one in both] == [{"steps": STEPS}] * 2
+    assert len(log(tmp_path)) == 1
+
+
+def test_no_job_begins_after_the_request(tmp_path):
+    request, begun = StopRequest(), []
+
+    def begin(job):
+        begun.append(job.name)
+        request.made = len(begun) == 2
+
+    with pytest.raises(KeyboardInterrupt):
+        finish(jobs_in(tmp_path), Here(), request=request, on_begin=begin)
+    assert begun == ["a", "b"]
+    assert [name for name, _, _ in log(tmp_path)] == ["a"]
+
+
+@pytest.mark.slow
+def test_on_a_cluster_jobs_of_a_node_that_dies_go_on_elsewhere(ray_cluster, tmp_path):
+    ray = pytest.importorskip("ray")
+    ray.cloudpickle.register_pickle_by_value(counting)  # which the nodes do not have
+    jobs = jobs_in(tmp_path, pause=0.05)
+
+    def kill():
+        wait_for(lambda: len(list(tmp_path.glob("*/saved"))) == 2)
+        ray_cluster.remove_node(next(iter(ray_cluster.worker_nodes)), allow_graceful=False)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    with ray_executor(ray_cluster.address) as executor:
+        found = finish(jobs, executor)
+    killer.join()
+    ray_cluster.add_node(num_cpus=1, node_ip_address="127.0.0.1", object_store_memory=2**27)
+    ray.cloudpickle.unregister_pickle_by_value(counting)
+    assert [one.state for one in found] == ["finished"] * 4
+    assert_done(tmp_path)
+    assert sum(done > 0 for _, done, _ in log(tmp_path)) == 1
+    assert len(log(tmp_path)) == 5

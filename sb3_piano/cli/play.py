@@ -7,6 +7,7 @@ import os
 import shlex
 import sys
 import webbrowser
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 _OF_SAMPLING = ("nominal", "horizon")
 _PLANNED, _SAMPLING, _SIGHT_READER = PLAYERS = ("planned", "sampling", "sight-reader")
 """What plays any piece at once, by the names of :data:`sb3_piano.players.PLAYERS`."""
+_SCORE = "score"
+"""Stands for no player: the piece is heard as it is written, while the hands rest."""
 _TAKES = {
     _PLANNED: ("passes", "plan"),
     _SAMPLING: ("passes", "plan", "sampling", *_OF_SAMPLING),
@@ -48,6 +51,7 @@ _PLAYER_HELP = (
     "who plays the piece, untrained on it: planned hands, those with sampling, or a learned "
     "network that plans nothing"
 )
+_PLAYERS_HELP = f"{_PLAYER_HELP} (the default); or score: the keys go down by themselves"
 WEIGHTS_HELP = (
     "of the sight-reader: another network than the package's, as a file, or a folder with a "
     "hand.safetensors such as export writes"
@@ -64,8 +68,8 @@ def add_arguments(parser: Any) -> None:
     add = command(parser, _play, epilog=TRUST)
     add("what", "RUN|PIECE", "a run's folder, or hf:OWNER/NAME of the Hub; or a piece or a file")
     add("--planned", text="the same as --player planned, or sampling if --sampling is given")
-    add_player_arguments(add)
-    add("--out", "DIR", "default: RUN/play, or play/<title> for a piece")
+    add_player_arguments(add, (*PLAYERS, _SCORE), _PLAYERS_HELP)
+    add("--out", "DIR", "default: RUN/play, or play/<title>-<player> for a piece")
     add("--score", "PIECE", "let the run's model play another piece")
     add("--parts", action="append")
     add("--seed", "N", "seed of the run's environment; default: 0", int)
@@ -93,9 +97,11 @@ def add_report_arguments(parser: Any) -> None:
     add("--open", text="open it in the web browser")
 
 
-def add_player_arguments(add: Add) -> None:
+def add_player_arguments(
+    add: Add, players: Sequence[str] = PLAYERS, text: str = _PLAYER_HELP
+) -> None:
     """Add what ``plan`` and ``play --player`` take: who plays, and with which joints."""
-    add("--player", text=_PLAYER_HELP, choices=PLAYERS)
+    add("--player", text=text, choices=players)
     add("--passes", "N", _PASSES_HELP, whole_number)
     add("--plan", "FILE", _PLAN_HELP)
     add("--sampling", "N", _SAMPLING_HELP, whole_number)
@@ -165,40 +171,50 @@ def _picture(arguments: argparse.Namespace) -> Picture:
 def _take(arguments: argparse.Namespace) -> tuple[Take, Path]:
     """Let the run or the piece play; return that, and the folder that it belongs into."""
     from sb3_piano.music import load_score
-    from sb3_piano.players import TreeSettings
-    from sb3_piano.training.playing.takes import default_folder, take_of_run, take_of_score
+    from sb3_piano.training.playing.takes import default_folder, take_of_score
     from sb3_piano.training.sharing.hub import exported_folder, is_on_hub
 
     if is_on_hub(arguments.what):
         place = default_folder(None, None) / arguments.what.rpartition("/")[2]
         arguments.what, arguments.out = exported_folder(arguments.what), arguments.out or place
-    what, physics = arguments.what, arguments.physics
-    if arguments.planned or arguments.player is not None:
-        if os.path.isdir(what):
-            reason = f"with the run '{what}': its own model plays."
-            refuse_options(arguments, ("player", "planned"), reason, "Expected a piece.")
+    if os.path.isdir(arguments.what):
+        return _take_of_run(arguments)
+    if arguments.player != _SCORE:
         _check_piece(arguments, "score", "best")
+        if not arguments.planned and arguments.player is None:
+            arguments.player = _SIGHT_READER
         return _played_take(arguments)
-    instead = "expected --planned or --player, too, and a piece."
-    refuse_options(arguments, PLAYER_OPTIONS[1:], "without --planned:", instead)
-    if os.path.isdir(what):
-        if arguments.score is None:
-            refuse_options(arguments, ("parts",), "without --score:", "Expected a file there.")
-        score = (
-            None if arguments.score is None else load_score(arguments.score, arguments.parts or ())
-        )
-        take = take_of_run(
-            what,
-            seed=arguments.seed or 0,
-            physics=physics,
-            score=score,
-            best=arguments.best,
-            tree=None if arguments.tree is None else TreeSettings.parse(arguments.tree),
-        )
-        return take, default_folder(what, score)
     _check_piece(arguments, "score", "seed", "best", "tree")
-    score = load_score(what, arguments.parts or ())
-    return take_of_score(score, physics=physics or "reference"), default_folder(None, score)
+    others = [name for name in PLAYER_OPTIONS if name != "player"]
+    refuse_options(arguments, ("planned", *others), f"with --player {_SCORE}: nobody plays.")
+    score = load_score(arguments.what, arguments.parts or ())
+    take = take_of_score(score, physics=arguments.physics or "reference")
+    return take, default_folder(None, score)
+
+
+def _take_of_run(arguments: argparse.Namespace) -> tuple[Take, Path]:
+    """Let a run's model play; return that, and the folder that it belongs into."""
+    from sb3_piano.music import load_score
+    from sb3_piano.players import TreeSettings
+    from sb3_piano.training.playing.takes import default_folder, take_of_run
+
+    what = arguments.what
+    reason = f"with the run '{what}': its own model plays."
+    refuse_options(arguments, ("planned", *PLAYER_OPTIONS), reason, "Expected a piece.")
+    score = None
+    if arguments.score is None:
+        refuse_options(arguments, ("parts",), "without --score:", "Expected a file there.")
+    else:
+        score = load_score(arguments.score, arguments.parts or ())
+    take = take_of_run(
+        what,
+        seed=arguments.seed or 0,
+        physics=arguments.physics,
+        score=score,
+        best=arguments.best,
+        tree=None if arguments.tree is None else TreeSettings.parse(arguments.tree),
+    )
+    return take, default_folder(what, score)
 
 
 def _check_piece(arguments: argparse.Namespace, *of_runs: str) -> None:

@@ -178,8 +178,8 @@ def test_runs_of_players_and_pieces_look_ahead_too(tmp_path, capsys, monkeypatch
     found = evaluate(run.path, tree=TreeSettings(simulations=3, depth=2))
     assert found.algo == "sight-reader, tree 3x2"
     assert found.tree.children == 2
-    arguments = ["play", "scale-CMajor", "--player", "sight-reader", "--tree", "2x1"]
+    arguments = ["play", "scale-CMajor", "--tree", "2x1"]
     assert main([*arguments, "--physics", "fast", "--no-video", "--no-progress"]) == 0
     assert (tmp_path / "play").iterdir().__next__().name.endswith("-sight-reader-tree")
-    assert main(["play", "scale-CMajor", "--tree", "2x1"]) == 2
+    assert main([*arguments, "--player", "score"]) == 2
     assert "--tree cannot be given with a piece" in capsys.readouterr().err

@@ -23,6 +23,7 @@ from sb3_piano.viewing import show_take
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 
 SMALL = Picture(width=64, height=48)
+SCORE = ["play", "--player", "score"]
 FILES = ["performance.mid", "performance.mp4", "performance.wav"]
 
 PIECE = Score(
@@ -231,7 +232,7 @@ def test_a_folder_is_played_as_a_run_and_a_file_as_a_piece(piano_run, tmp_path, 
     assert names_in(run / "play") == ["performance.mid", "performance.wav"]
     write_midi(PIECE, tmp_path / "piece.mid")
     out = tmp_path / "out"
-    assert main(["play", str(tmp_path / "piece.mid"), "--no-video", "--out", str(out)]) == 0
+    assert main([*SCORE, str(tmp_path / "piece.mid"), "--no-video", "--out", str(out)]) == 0
     assert len(read_midi(out / "performance.mid").notes) == 3
     printed = capsys.readouterr()
     assert f"MIDI:  {out}/performance.mid\nSound: {out}/performance.wav\n" in printed.out
@@ -245,7 +246,7 @@ def test_the_command_writes_the_video_of_the_asked_size(tmp_path, capsys):
     write_midi(PIECE, tmp_path / "piece.mid")
     out = tmp_path / "out"
     options = ["--size", "80x46", "--view", "top", "--out", str(out)]
-    assert main(["play", str(tmp_path / "piece.mid"), *options]) == 0
+    assert main([*SCORE, str(tmp_path / "piece.mid"), *options]) == 0
     assert names_in(out) == FILES
     assert video_of(out / "performance.mp4")[1] == (80, 46)
     assert f"Video: {out}/performance.mp4" in capsys.readouterr().out
@@ -255,7 +256,7 @@ def test_where_nothing_can_be_drawn_the_command_says_so_after_writing_the_rest(
     tmp_path, monkeypatch, capsys
 ):
     monkeypatch.setenv("MUJOCO_GL", "disable")
-    command = ["play", "CMajorScaleOneHand", "--out", str(tmp_path)]
+    command = [*SCORE, "CMajorScaleOneHand", "--out", str(tmp_path)]
     assert main(command) == 2
     assert names_in(tmp_path) == ["performance.mid", "performance.wav"]
     printed = capsys.readouterr()

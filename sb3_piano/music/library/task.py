@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
-import multiprocessing
-import signal
 import warnings
+from collections import deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from dataclasses import asdict, dataclass
-from multiprocessing import resource_tracker
-from multiprocessing.connection import Connection
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any, NamedTuple
 
 from sb3_piano.exceptions import ScoreError, ScoreWarning
-from sb3_piano.interrupts import OF_TERMINAL, stop_on_signal
-from sb3_piano.jobs.starting import share_temporary_folder
+from sb3_piano.interrupts import StopRequest, ctrl_c_ignored, stop_on_signal
+from sb3_piano.jobs import process_pool
 from sb3_piano.music.constants import UNKNOWN_FINGER
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
@@ -86,92 +81,56 @@ def run_tasks(
 ) -> bool:
     """Do tasks, and tell of each how it went, in the order in which they are done.
 
-    After Ctrl-C what is being done is finished, and told; nothing new is begun. With one job, for
-    one task, or on a system without the processes and signals of POSIX, this process does the work;
-    ``tell`` is called in it in any case.
+    After Ctrl-C what is being done is finished, and told; nothing new is begun. With one job, or
+    for one task, this process does the work; ``tell`` is called in it in any case.
 
     Returns:
         Whether Ctrl-C came.
     """
+    workers = min(jobs, len(tasks))
     with stop_on_signal() as stop:
-        if (
-            min(jobs, len(tasks)) <= 1
-            or "forkserver" not in multiprocessing.get_all_start_methods()
-        ):
+        if workers <= 1:
             for task in tasks:
                 if stop.made:
                     break
                 tell(task, run_task(task, folder))
             return stop.made
-        # Processes are forked from one without threads or a simulator, started once for all.
-        share_temporary_folder()
-        multiprocessing.get_context("forkserver").set_forkserver_preload([__name__])
-        resource_tracker.ensure_running()  # its start would let Ctrl-C through again
-        idle: SimpleQueue[_Worker] = SimpleQueue()
-        for _ in range(min(jobs, len(tasks))):
-            idle.put(_Worker())
-
-        def do(task: ImportTask) -> Outcome | None:
-            if stop.made:
-                return None
-            worker = idle.get()
-            outcome = worker.do(task, folder)
-            idle.put(worker)
-            return outcome
-
-        pool = ThreadPoolExecutor(idle.qsize(), initializer=_block_ctrl_c)
-        try:
-            futures = {pool.submit(do, task): task for task in tasks}
-            for future in as_completed(futures):
-                if (outcome := future.result()) is not None:
-                    tell(futures[future], outcome)
-        finally:
-            pool.shutdown(cancel_futures=True)
-            while not idle.empty():
-                idle.get().end()
+        waiting = deque(tasks)
+        while waiting and not stop.made:
+            for task in _run_pool(waiting, folder, workers, tell, stop):
+                # With others its process was killed, by which of them is seen when each is alone.
+                alone = deque([task])
+                if _run_pool(alone, folder, 1, tell, StopRequest()):
+                    tell(task, Outcome(error=_KILLED))
         return stop.made
 
 
-def _block_ctrl_c() -> None:
-    # From a terminal they reach the processes, too, which inherit the mask of this thread.
-    signal.pthread_sigmask(signal.SIG_BLOCK, OF_TERMINAL)
+def _run_pool(
+    waiting: deque[ImportTask],
+    folder: Path,
+    workers: int,
+    tell: Callable[[ImportTask, Outcome], None],
+    stop: StopRequest,
+) -> list[ImportTask]:
+    """Do tasks in processes until all are done, or the stop is asked for, or a process is killed.
 
-
-class _Worker:
-    """A process that does tasks, begun with the first one and anew after it was killed."""
-
-    def __init__(self) -> None:
-        self._pipe: Connection | None = None
-
-    def do(self, task: ImportTask, folder: Path) -> Outcome:
-        """Do a task."""
-        if self._pipe is None:
-            context = multiprocessing.get_context("forkserver")
-            self._pipe, end = context.Pipe()
-            self._process = context.Process(target=_work, args=(end,))
-            self._process.start()
-            end.close()
+    Returns:
+        The tasks that were begun when a process was killed.
+    """
+    begun: dict[Future[Outcome], ImportTask] = {}
+    with process_pool(workers) as pool:
         try:
-            self._pipe.send((task, folder))
-            outcome: Outcome = self._pipe.recv()
-        except (EOFError, OSError):
-            self.end()
-            return Outcome(error=_KILLED)
-        return outcome
-
-    def end(self) -> None:
-        """End the process."""
-        if self._pipe is not None:
-            self._pipe.close()
-            self._process.join()
-            self._pipe = None
-
-
-def _work(pipe: Connection) -> None:
-    """Do the tasks that come through a pipe, until it is closed."""
-    with contextlib.suppress(EOFError, OSError):
-        while True:
-            pipe.send(run_task(*pipe.recv()))
+            while begun or (waiting and not stop.made):
+                while waiting and len(begun) < workers and not stop.made:
+                    with ctrl_c_ignored():  # by processes, which start now
+                        future = pool.submit(run_task, waiting[0], folder)
+                    begun[future] = waiting.popleft()
+                for future in wait(begun, return_when=FIRST_COMPLETED).done:
+                    outcome = future.result()
+                    tell(begun.pop(future), outcome)
+        except BrokenExecutor:
+            return list(begun.values())
+    return []
 
 
 def run_task(task: ImportTask, folder: Path) -> Outcome:

@@ -8,9 +8,6 @@ from sb3_piano.policies.hand_network import (
 )
 from sb3_piano.policies.hands import HandsActorCriticPolicy, HandsSACPolicy, HandsTD3Policy
 from sb3_piano.policies.regularized import (
-    DroQSACPolicy,
-    DroQTD3Policy,
-    DroQTQCPolicy,
     RegularizedSACPolicy,
     RegularizedTD3Policy,
     RegularizedTQCPolicy,
@@ -19,9 +16,6 @@ from sb3_piano.policies.simba import RSNorm, SimbaSACPolicy, SimbaTD3Policy, Sim
 from sb3_piano.policies.sparing import sparing_updates
 
 __all__ = [
-    "DroQSACPolicy",
-    "DroQTD3Policy",
-    "DroQTQCPolicy",
     "EncoderSACPolicy",
     "EncoderTD3Policy",
     "EncoderTQCPolicy",

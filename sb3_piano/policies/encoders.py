@@ -18,10 +18,10 @@ from sb3_piano.envs import ObservationLayout
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.policies.networks import OwnActor
 from sb3_piano.policies.regularized import (
-    DroQSACPolicy,
-    DroQTD3Policy,
-    DroQTQCPolicy,
     RegularizedCritics,
+    RegularizedSACPolicy,
+    RegularizedTD3Policy,
+    RegularizedTQCPolicy,
 )
 from sb3_piano.settings import Count, Share, Unit, checked
 
@@ -196,6 +196,8 @@ class _Encoders(OwnActor, RegularizedCritics):
         n_layers: int = 3,
         attention_dropout: float = 0.1,
         state_first: bool = False,
+        target_dropout: bool = True,
+        mean_q: bool = True,
         **kwargs: Any,
     ) -> None:
         self.encoder: EncoderName = checked("encoder", encoder, EncoderName)
@@ -212,6 +214,8 @@ class _Encoders(OwnActor, RegularizedCritics):
             lr_schedule,
             net_arch=net_arch,
             activation_fn=activation_fn,
+            target_dropout=target_dropout,
+            mean_q=mean_q,
             **kwargs,
         )
 
@@ -244,7 +248,7 @@ class _Encoders(OwnActor, RegularizedCritics):
         return {**super()._get_constructor_parameters(), **own}
 
 
-class EncoderSACPolicy(_Encoders, DroQSACPolicy):
+class EncoderSACPolicy(_Encoders, RegularizedSACPolicy):
     """SAC's policy with one of RoboVirtuoso's encoders in the actor and in each critic.
 
     Critics encode the action as part of the state, and are regularised as DroQ's. Table 4's
@@ -266,7 +270,8 @@ class EncoderSACPolicy(_Encoders, DroQSACPolicy):
             while training; by default BERT's.
         state_first: Whether a transformer takes its output where the state is, as in the paper's
             figure 2, or where the current goal is, as in its authors' code.
-        **kwargs: As of :class:`DroQSACPolicy`.
+        **kwargs: As of :class:`RegularizedSACPolicy`; ``target_dropout`` and ``mean_q`` are true by
+            default.
 
     Raises:
         ConfigError: If a setting is wrong, or the observation does not show a goal, or not as far
@@ -274,11 +279,11 @@ class EncoderSACPolicy(_Encoders, DroQSACPolicy):
     """
 
 
-class EncoderTD3Policy(_Encoders, DroQTD3Policy):
+class EncoderTD3Policy(_Encoders, RegularizedTD3Policy):
     """TD3's policy with encoders; arguments as of :class:`EncoderSACPolicy`."""
 
 
-class EncoderTQCPolicy(_Encoders, DroQTQCPolicy):
+class EncoderTQCPolicy(_Encoders, RegularizedTQCPolicy):
     """TQC's policy with encoders; arguments as of :class:`EncoderSACPolicy`."""
 
 

@@ -1,4 +1,4 @@
-"""Policies of SAC, TD3 and TQC with regularised critics, DroQ's among them."""
+"""Policies of SAC, TD3 and TQC with regularised critics, such as DroQ's."""
 
 from __future__ import annotations
 
@@ -144,6 +144,16 @@ class RegularizedCritics(OwnCritics):
 class RegularizedSACPolicy(RegularizedCritics, SACPolicy):
     """SB3's ``MlpPolicy`` of SAC with regularised critics.
 
+    With ``target_dropout=True, mean_q=True`` it is DroQ under stock SAC: dropout is active in
+    critics and targets throughout an update, and nowhere else; the actor is optimised by the mean
+    of the critics, targets have their least. Updates for each step are ``gradient_steps`` of the
+    algorithm: 20 in the paper, 1 in RoboPianist. The paper updates the actor only in the last of
+    them; stock SAC does in each.
+
+    Source: Hiraoka et al. (2022), "Dropout Q-Functions for Doubly Efficient Reinforcement
+    Learning", algorithm 2. RoboPianist (Zakka et al. 2023) trains with it: ``dropout`` 0.01 and a
+    ``net_arch`` of [256, 256, 256].
+
     Args:
         *args: As of SB3's.
         dropout: Probability with which an activation of a critic is dropped while training, 0 to
@@ -171,41 +181,24 @@ class RegularizedTQCPolicy(RegularizedCritics, TQCPolicy):
     _critic_class = RegularizedQuantileCritic
 
 
-class _DroQ(RegularizedCritics):
-    """Policies with DroQ's defaults."""
+@functools.cache
+def __getattr__(name: str) -> Any:
+    """Make a policy that models of older versions name: DroQ's settings as a class."""
+    former = {
+        "DroQSACPolicy": RegularizedSACPolicy,
+        "DroQTD3Policy": RegularizedTD3Policy,
+        "DroQTQCPolicy": RegularizedTQCPolicy,
+    }
+    if name not in former:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    kind: Any = former[name]
 
-    def __init__(
-        self, *args: Any, target_dropout: bool = True, mean_q: bool = True, **kwargs: Any
+    def init(
+        self: Any, *args: Any, target_dropout: bool = True, mean_q: bool = True, **kwargs: Any
     ) -> None:
-        super().__init__(*args, target_dropout=target_dropout, mean_q=mean_q, **kwargs)
+        kind.__init__(self, *args, target_dropout=target_dropout, mean_q=mean_q, **kwargs)
 
-
-class DroQSACPolicy(_DroQ, RegularizedSACPolicy):
-    """DroQ under stock SAC: dropout and layer normalisation in critics and their targets.
-
-    Dropout is active in critics and targets throughout an update, and nowhere else. The actor is
-    optimised by the mean of the critics, targets have their least. Updates for each step are
-    ``gradient_steps`` of the algorithm: 20 in the paper, 1 in RoboPianist. The paper updates the
-    actor only in the last of them; stock SAC does in each.
-
-    Source: Hiraoka et al. (2022), "Dropout Q-Functions for Doubly Efficient Reinforcement
-    Learning", algorithm 2. RoboPianist (Zakka et al. 2023) trains with it: ``dropout`` 0.01 and a
-    ``net_arch`` of [256, 256, 256].
-
-    Args:
-        *args: As of :class:`RegularizedSACPolicy`.
-        target_dropout: As there, by default true.
-        mean_q: As there, by default true.
-        **kwargs: As there.
-    """
-
-
-class DroQTD3Policy(_DroQ, RegularizedTD3Policy):
-    """DroQ's critics under stock TD3; arguments as of :class:`DroQSACPolicy`."""
-
-
-class DroQTQCPolicy(_DroQ, RegularizedTQCPolicy):
-    """DroQ's critics under stock TQC; arguments as of :class:`DroQSACPolicy`."""
+    return type(name, (kind,), {"__init__": init, "__module__": __name__})
 
 
 def _cost(weight: float, actions: torch.Tensor) -> torch.Tensor:

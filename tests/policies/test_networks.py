@@ -17,7 +17,10 @@ from sb3_piano.wrappers import Lookahead, PreviousActionReward
 
 ALGORITHMS = {"SAC": SAC, "TD3": TD3, "TQC": TQC}
 KINDS = {
-    "DroQ": ("DroQ", {"net_arch": [32, 32], "dropout": 0.1}),
+    "DroQ": (
+        "Regularized",
+        {"net_arch": [32, 32], "dropout": 0.1, "target_dropout": True, "mean_q": True},
+    ),
     "SimBa": ("Simba", {"net_arch": {"pi": [16], "qf": [32, 32]}}),
     "mlp": ("Encoder", {"encoder": "mlp", "net_arch": [32]}),
     "conv": ("Encoder", {"encoder": "conv", "net_arch": [32]}),

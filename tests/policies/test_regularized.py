@@ -13,18 +13,16 @@ from torch import nn
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.policies import (
-    DroQSACPolicy,
-    DroQTD3Policy,
-    DroQTQCPolicy,
     RegularizedSACPolicy,
     RegularizedTD3Policy,
     RegularizedTQCPolicy,
     RSNorm,
 )
+from sb3_piano.training.configuration.names import import_name
 
 ALGORITHMS = [(SAC, RegularizedSACPolicy), (TD3, RegularizedTD3Policy)]
 IDS = ["sac", "td3"]
-DROQ = {SAC: DroQSACPolicy, TD3: DroQTD3Policy, TQC: DroQTQCPolicy}
+POLICIES = {SAC: RegularizedSACPolicy, TD3: RegularizedTD3Policy, TQC: RegularizedTQCPolicy}
 
 
 def make(algorithm, policy, **policy_kwargs):
@@ -157,9 +155,9 @@ def test_actions_cost_their_mean_square_where_they_are_optimised_and_nowhere_els
 
 def make_droq(algorithm, **policy_kwargs):
     return algorithm(
-        DROQ[algorithm],
+        POLICIES[algorithm],
         "Pendulum-v1",
-        policy_kwargs={"net_arch": [16], **policy_kwargs},
+        policy_kwargs={"net_arch": [16], "target_dropout": True, "mean_q": True, **policy_kwargs},
         learning_starts=4,
         batch_size=4,
         seed=0,
@@ -167,7 +165,7 @@ def make_droq(algorithm, **policy_kwargs):
     )
 
 
-@pytest.mark.parametrize("algorithm", DROQ)
+@pytest.mark.parametrize("algorithm", POLICIES)
 def test_droq_drops_out_in_critics_and_targets_throughout_updates_and_nowhere_else(algorithm):
     model = make_droq(algorithm, dropout=0.5)
     active = {"critic": [], "critic_target": []}
@@ -222,9 +220,24 @@ def test_droqs_settings_can_be_taken_back_and_are_saved(tmp_path):
     observations, actions = transitions(model)
     assert len(model.critic(observations, actions.requires_grad_())) == 2
     model.policy.save(tmp_path / "policy.pt")
-    parameters = DroQSACPolicy.load(tmp_path / "policy.pt")._get_constructor_parameters()
+    parameters = RegularizedSACPolicy.load(tmp_path / "policy.pt")._get_constructor_parameters()
     assert not parameters["target_dropout"]
     assert not parameters["mean_q"]
+
+
+@pytest.mark.parametrize("algorithm", POLICIES)
+def test_a_former_droq_policy_is_loaded_and_learns_the_same(algorithm, tmp_path):
+    former = import_name(f"sb3_piano.policies.DroQ{algorithm.__name__}Policy")
+    settings = {"learning_starts": 4, "batch_size": 4, "seed": 0, "device": "cpu"}
+    network = {"net_arch": [16], "dropout": 0.1}
+    old = algorithm(former, "Pendulum-v1", policy_kwargs=network, **settings).learn(8)
+    now = make_droq(algorithm, dropout=0.1).learn(8)
+    old.save(tmp_path / "model.zip")
+    loaded = algorithm.load(tmp_path / "model.zip")
+    assert type(loaded.policy) is former
+    for model in (now, loaded):
+        for name, weights in model.policy.state_dict().items():
+            assert torch.equal(weights, old.policy.state_dict()[name]), name
 
 
 def test_an_action_cost_is_the_same_for_quantiles():

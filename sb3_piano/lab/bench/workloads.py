@@ -62,7 +62,10 @@ _HERE = Path(__file__).resolve().parents[3]
 _ALGORITHMS = ("sac", "td3", "tqc")
 _PROFILES = ("reference", "fast")  # those that versions before have, too
 _POLICIES: dict[str, tuple[str, dict[str, Any]]] = {
-    "DroQ": ("DroQSACPolicy", {"net_arch": [256, 256, 256]}),
+    "DroQ": (
+        "RegularizedSACPolicy",
+        {"net_arch": [256, 256, 256], "target_dropout": True, "mean_q": True},
+    ),
     "SimBa": ("SimbaSACPolicy", {}),
     **{name: ("EncoderSACPolicy", {"encoder": name}) for name in typing.get_args(EncoderName)},
 }

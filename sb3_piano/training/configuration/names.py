@@ -64,6 +64,10 @@ _MOVED = {
     "sb3_piano.music.corpus": "sb3_piano.lab.music.corpus",
     "sb3_piano.music.generate_score": "sb3_piano.lab.music.generate_score",
     "sb3_piano.music.generation": "sb3_piano.lab.music.generation",
+    **{
+        f"sb3_piano.policies.DroQ{algo}Policy": f"sb3_piano.policies.regularized.DroQ{algo}Policy"
+        for algo in ("SAC", "TD3", "TQC")
+    },
     "sb3_piano.results": "sb3_piano.lab.results",
     "sb3_piano.web": "sb3_piano.lab.web",
     "sb3_piano.wrappers.CorpusExcerpt": "sb3_piano.lab.music.CorpusExcerpt",

@@ -325,3 +325,18 @@ def test_a_process_that_ends_is_named(venvs):
     shared.reset()
     with pytest.raises(RunError, match="Process 0 of the environments has ended with exit code 3"):
         shared.env_method("end_process", indices=[1])
+
+
+SHARING = """
+import multiprocessing, os, tempfile
+place = tempfile.mkdtemp(dir=".")
+multiprocessing.current_process()._config["tempdir"] = place  # as if its parent had made it
+from sb3_piano.jobs.starting import process_context
+process_context()
+print(os.listdir(place))
+"""
+
+
+def test_the_temporary_folder_of_the_program_that_started_this_one_stays_that_programs(tmp_path):
+    done = run_python(["-c", SHARING], tmp_path)
+    assert (done.stdout, done.stderr) == ("[]\n", "")

@@ -42,8 +42,11 @@ def share_temporary_folder() -> None:
     """Let processes that are started now put their sockets into this one's folder.
 
     One that is killed then leaves none of its own. What this one leaves if it is killed the next
-    deletes, by a mark in it.
+    deletes, by a mark in it. A process that a program started shares that program's folder: it is
+    not marked, as it outlives the process.
     """
+    if multiprocessing.parent_process() is not None:
+        return
     folder = Path(multiprocessing.util.get_temp_dir())
     if (folder / _OURS).exists():
         return

@@ -54,15 +54,16 @@ def run(code: list[str], folder: Path) -> str:
     return done.stdout
 
 
-def skip_without_dm_control(code: str) -> None:
-    if "sb3_piano.interop" in code:
-        pytest.importorskip("dm_control")
+def skip_without_packages(code: str) -> None:
+    for named, package in (("sb3_piano.interop", "dm_control"), ("onnxruntime", "onnxruntime")):
+        if named in code:
+            pytest.importorskip(package)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", BLOCKS)
 def test_the_python_blocks_of_a_page_run(page, tmp_path):
-    skip_without_dm_control("".join(BLOCKS[page]))
+    skip_without_packages("".join(BLOCKS[page]))
     run(["-c", RUN_BLOCKS, json.dumps(BLOCKS[page])], tmp_path)
 
 
@@ -188,7 +189,7 @@ def test_a_notebook_is_kept_without_what_it_printed(notebook):
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_runs_and_prints_a_number(example, tmp_path):
     text = example.read_text(encoding="utf-8")
-    skip_without_dm_control(text)
+    skip_without_packages(text)
     for old, new in SHORT.get(example.stem, {}).items():
         assert old in text
         example, text = tmp_path / example.name, text.replace(old, new)

@@ -14,7 +14,7 @@ from sb3_piano.cli.common import (
     whole_number,
 )
 
-RUN_OPTIONS = ("best", "episodes", "no_video", "onnx", "push_to_hub")
+RUN_OPTIONS = ("best", "episodes", "no_video", "push_to_hub")
 """Options that are of runs alone."""
 
 
@@ -23,7 +23,6 @@ def add_run_arguments(add: Callable[..., Any]) -> None:
     add("--best", text="of a run: the best model by f1 or onset_f1, not the last one")
     add("--episodes", "N", "that the card of a run tells of; default: 5", whole_number)
     add("--no-video", text="of a run: without replay.mp4")
-    add("--onnx", text="of a run: the actor as policy.onnx, too")
     add("--push-to-hub", "REPO", "publish the folder as OWNER/NAME on the Hugging Face Hub, too")
 
 
@@ -43,7 +42,6 @@ def export_run_folder(arguments: argparse.Namespace) -> int:
             best=arguments.best,
             episodes=count,
             picture=None if arguments.no_video else DEFAULT_PICTURE,
-            onnx=arguments.onnx,
             on_episode=lambda: tell(advance=1),
             progress=lambda done, total: tell(description="Video", completed=done, total=total),
         )

@@ -52,25 +52,12 @@ class Evil:
 @pytest.fixture
 def exported(pendulum_run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    return export_run(pendulum_run(normalize=True).path, "exported", episodes=2, onnx=True)
+    return export_run(pendulum_run(normalize=True).path, "exported", episodes=2)
 
 
 def change(folder, **settings):
     content = yaml.safe_load(folder.config_file.read_text())
     folder.config_file.write_text(yaml.safe_dump({**content, **settings}))
-
-
-def test_the_actor_as_onnx_plays_what_predict_plays(exported):
-    runtime = pytest.importorskip("onnxruntime")
-    session = runtime.InferenceSession(exported.onnx_file)
-    with load_player(exported.path) as player:
-        player.vec_env.seed(0)
-        seen = player.env.observation_space.sample()[None]
-        for _ in range(20):
-            wanted, _ = player.predict(seen, deterministic=True)
-            (action,) = session.run(None, {"observation": np.float32(seen)})
-            np.testing.assert_allclose(action, wanted, atol=1e-5, rtol=0)
-            seen = player.env.observation_space.sample()[None]
 
 
 @pytest.mark.slow

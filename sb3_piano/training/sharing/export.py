@@ -12,7 +12,6 @@ from sb3_piano.training.playing.player import SavedPlayer, player_written
 from sb3_piano.training.playing.takes import take_of_run
 from sb3_piano.training.runs.folder import RunFolder
 from sb3_piano.training.sharing.card import card_of
-from sb3_piano.training.sharing.onnx_actor import write_onnx
 from sb3_piano.viewing import DEFAULT_PICTURE, Picture, Progress, write_take
 
 REPLAY = "replay"
@@ -23,7 +22,6 @@ class ExportedFolder(RunFolder):
     """The folder of an exported run."""
 
     card_file = Place("README.md")
-    onnx_file = Place("policy.onnx")
     video_file = Place(f"{REPLAY}.mp4")
 
 
@@ -34,7 +32,6 @@ def export_run(
     best: str | None = None,
     episodes: int = 5,
     picture: Picture | None = DEFAULT_PICTURE,
-    onnx: bool = False,
     on_episode: Callable[[], object] = lambda: None,
     progress: Progress | None = None,
 ) -> ExportedFolder:
@@ -53,24 +50,17 @@ def export_run(
         episodes: How many the card tells of, each from the next seed from 0 on; at least 1.
         picture: How the video looks; ``None`` for no video. Without a graphics driver there is
             none either.
-        onnx: Also write the actor as ``policy.onnx``, see
-            :func:`~sb3_piano.training.sharing.onnx_actor.write_onnx`.
         on_episode: Is called after each episode.
         progress: Is told how far the video is.
 
     Raises:
-        ConfigError: If a setting is out of range, or names a class of another package; or the
-            model cannot be written as ONNX.
+        ConfigError: If a setting is out of range, or names a class of another package.
         RunError: If there is no run, it has no model that can be loaded, or the folder cannot be
             used.
-        MissingPackageError: If ``onnx`` is asked for and not installed.
     """
     with player_written(run, folder, best) as written:
         exported = ExportedFolder(written.path)
         config = exported.read_config(exported=True)
-        if onnx:
-            with SavedPlayer.open(exported.path) as player:
-                write_onnx(player, exported.onnx_file)
         found = evaluate(exported.path, 1, range(episodes), on_episode=on_episode)
         if found.interrupted:
             raise KeyboardInterrupt

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,8 @@ import numpy as np
 from sb3_piano.arrays import BoolArray, FingerArray, FloatArray
 from sb3_piano.metrics import Losses, Onsets, Presses, episode_metrics, losses_of, presses_of
 from sb3_piano.music import MIN_PITCH, Note, Pedal, PianoRoll, Score
+from sb3_piano.music.constants import DEFAULT_VELOCITY
+from sb3_piano.music.dynamics import velocity_of
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -28,6 +31,8 @@ class Performance:
     """(t,) bool, whether the pedal was down."""
     strike_time: FloatArray
     """(n,) when the key of each of the n presses went down, s; to the length of a physics step."""
+    strike_speed: FloatArray
+    """(n,) how fast it went down as it began to sound, rad/s; NaN where that is not known."""
     release_time: FloatArray
     """(n,) when it came up again, s; the end of the last step if it did not."""
     press_finger: FingerArray
@@ -79,16 +84,25 @@ class Performance:
 
         Args:
             by_steps: Whether notes begin and end with control steps, so that the roll of the score
-                is what was played; otherwise when keys went down and up. The pedal always does.
+                is what was played, and are equally loud; otherwise when keys went down and up, and
+                as loud as these were struck (see :mod:`sb3_piano.music.dynamics`). The pedal always
+                goes by steps.
         """
         presses, step = self.presses, self.roll.control_timestep
         by_time = self.strike_time, self.release_time
         onsets, offsets = (presses.first * step, presses.end * step) if by_steps else by_time
         fingers = self.press_finger[presses.first, presses.key].tolist()
+        speeds = np.full(len(fingers), np.nan) if by_steps else self.strike_speed
+        velocities = [
+            DEFAULT_VELOCITY if math.isnan(speed) else velocity_of(speed)
+            for speed in speeds.tolist()
+        ]
         notes = [
-            Note(onset=onset, offset=offset, pitch=MIN_PITCH + key, finger=finger)
-            for key, onset, offset, finger in zip(
-                presses.key.tolist(), onsets, offsets, fingers, strict=True
+            Note(
+                onset=onset, offset=offset, pitch=MIN_PITCH + key, velocity=velocity, finger=finger
+            )
+            for key, onset, offset, velocity, finger in zip(
+                presses.key.tolist(), onsets, offsets, velocities, fingers, strict=True
             )
         ]
         if not notes:

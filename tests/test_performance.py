@@ -34,6 +34,7 @@ def played(presses, steps=6, score=DUE, pedal=()):
         key_active=active,
         sustain=sustain,
         strike_time=np.array([press[3] for press in presses], dtype=float),
+        strike_speed=np.array([1.0, 2.0, np.nan][: len(presses)]),
         release_time=np.array([press[4] for press in presses], dtype=float),
         press_finger=finger,
         title=score.title,
@@ -46,6 +47,7 @@ def test_the_score_of_what_was_played_has_its_times_fingers_and_pedal():
     assert score.title == "two notes"
     found = [(note.pitch, note.onset, note.offset, note.finger) for note in score.notes]
     assert found == [(60, 0.035, 0.115, 0), (62, 0.165, 0.26, 7)]
+    assert [note.velocity for note in score.notes] == [62, 87]
     spans = [(pedal.onset, pedal.offset) for pedal in score.pedals]
     assert spans == [pytest.approx((0.05, 0.15)), pytest.approx((0.2, 0.25))]
 

@@ -8,7 +8,7 @@ import shlex
 import sys
 import webbrowser
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -80,6 +80,7 @@ def add_arguments(parser: Any) -> None:
     add("--view", text=_VIEW_HELP, choices=VIEWS, default="stage")
     add("--size", "WxH", "pixels of the video", default="854x480")
     add("--human", text="show it in a window first, in real time")
+    add("--flat", text="make all notes equally loud; default: as their keys were struck")
     add("--no-video", text="write only the MIDI file and the sound")
     add("--no-progress")
 
@@ -122,6 +123,7 @@ def play_run(run: str, arguments: argparse.Namespace) -> int:
 
 def _play(arguments: argparse.Namespace) -> int:
     from sb3_piano.jobs.folders import unwritable
+    from sb3_piano.music.constants import DEFAULT_VELOCITY
     from sb3_piano.viewing import check_screen, show_take
 
     picture = None if arguments.no_video else _picture(arguments)
@@ -133,6 +135,9 @@ def _play(arguments: argparse.Namespace) -> int:
         except OSError as error:
             raise unwritable(Path(arguments.out), error) from error
     take, folder = _take(arguments)
+    if arguments.flat and take.score is not None:
+        notes = tuple(replace(n, velocity=DEFAULT_VELOCITY) for n in take.score.notes)
+        take = replace(take, score=replace(take.score, notes=notes))
     if arguments.losses:
         print_losses(take.performance.losses())
     if arguments.human:
@@ -153,10 +158,21 @@ def _write(take: Take, folder: Path, picture: Picture | None, arguments: argpars
         played = write_take(take, folder / FILE_NAME, picture, on_frame)
     silent = "no key was pressed, so there is no MIDI file and nothing to hear"
     print(f"MIDI:  {silent if played.midi is None else played.midi}")
-    print(f"Sound: {played.wav}")
+    print(f"Sound: {played.wav}{_loudness(take)}")
     if played.video is not None:
         print(f"Video: {played.video}")
     return tell_errors(*[f"There is no video. {p}" for p in (played.problem,) if p is not None])
+
+
+def _loudness(take: Take) -> str:
+    """Return in words how loud the notes of a take are; nothing if there are none."""
+    if take.score is None:
+        return ""
+    velocities = sorted(note.velocity for note in take.score.notes)
+    if velocities[0] == velocities[-1]:
+        return f" (all notes of velocity {velocities[0]})"
+    source = "as struck" if take.mark_sounding else "as written"
+    return f" (velocities {velocities[0]} to {velocities[-1]}, {source})"
 
 
 def _picture(arguments: argparse.Namespace) -> Picture:

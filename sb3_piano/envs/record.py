@@ -6,7 +6,7 @@ import copy
 import functools
 import operator
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from numbers import Integral, Real
 from typing import Any, NamedTuple
 
@@ -60,6 +60,9 @@ class EnvState:
     its p physics steps."""
     returns: FloatArray
     """(n,) sums so far of the n weighted reward terms."""
+    speeds: Mapping[int, FloatArray] = field(default_factory=dict)
+    """By the same control steps: (88,) speeds at which keys went down in them, rad/s; empty in
+    states that were saved without them."""
     simulation: str = ""
     """Options that the physics go by; empty in states that were saved without them."""
 
@@ -82,6 +85,9 @@ class EnvState:
         shape = getattr(first, "shape", ())
         for step, keys in within.items():
             arrays[f"within[{step!r}]"] = ("b", (*shape[:1], NUM_KEYS), keys)
+        speeds = self.speeds if isinstance(self.speeds, Mapping) else {-1: None}
+        for step in speeds:
+            arrays[f"speeds[{step!r}]"] = ("f", (NUM_KEYS,), speeds[step] if step in within else 0)
         wrong = [
             name
             for name, (kind, expected, array) in arrays.items()
@@ -134,12 +140,14 @@ class EpisodeRecord:
         self._sustain: list[bool] = []
         self._fingertips: list[FloatArray] = []
         self._sounding = bytes(NUM_KEYS)  # after the last step; the fastest way to compare them
-        # Steps in which a key changed, and which keys sounded after each physics step of them.
+        # Steps in which a key changed, which keys sounded after each physics step of them, and how
+        # fast those went down that did.
         self._changes: list[int] = []
         self._within = np.zeros((0, 1, NUM_KEYS), dtype=bool)
+        self._speeds = np.zeros((0, NUM_KEYS))
         self._returns = [0.0] * len(goal.terms)
         self._open = OpenOnsets(goal.roll)
-        # What is yet to be put into the latter two, which is faster for many steps at once.
+        # What is yet to be put into these and the returns, which is faster for many steps at once.
         self._key_angles: list[bytes] = []
         self._weighted_terms: list[Iterable[float]] = []
 
@@ -171,7 +179,7 @@ class EpisodeRecord:
         sounding = simulation.sounding
         if sounding != self._sounding:
             self._changes.append(len(self._sustain))
-            self._key_angles += simulation.key_angles
+            self._key_angles += (simulation.key_angles_before, *simulation.key_angles)
             self._sounding = sounding
             if len(self._key_angles) > _MANY:
                 self._sounding_within()
@@ -189,18 +197,15 @@ class EpisodeRecord:
     def performance(self) -> Performance:
         """Return a copy of what was played so far."""
         roll, (key_active, sustain, fingertips) = self._goal.roll, self._arrays()
-        strikes, releases = press_times(
-            presses_of(key_active),
-            np.array(self._changes, dtype=np.intp),
-            self._sounding_within(),
-            roll.control_timestep,
-            self.steps,
-        )
+        presses, changes = presses_of(key_active), np.array(self._changes, dtype=np.intp)
+        within = self._sounding_within()
+        strikes, releases = press_times(presses, changes, within, roll.control_timestep, self.steps)
         return Performance(
             roll=roll,
             key_active=key_active,
             sustain=sustain,
             strike_time=strikes,
+            strike_speed=self._strike_speeds(presses, changes),
             release_time=releases,
             press_finger=self._press_fingers(key_active, fingertips),
             title=self._goal.score.title,
@@ -231,6 +236,7 @@ class EpisodeRecord:
             within=dict(zip(self._changes, self._sounding_within(), strict=True)),
             returns=np.array(self._sums()),
             simulation=simulation,
+            speeds=dict(zip(self._changes, self._speeds, strict=True)),
         )
 
     def fork(self) -> EpisodeRecord:
@@ -250,6 +256,8 @@ class EpisodeRecord:
         self._changes = list(state.within)
         if state.within:
             self._within = np.stack(list(state.within.values()))
+            unknown = np.full(NUM_KEYS, np.nan)
+            self._speeds = np.stack([state.speeds.get(step, unknown) for step in state.within])
         if self._key_active:
             self._sounding = self._key_active[-1]
         self._returns = state.returns.tolist()
@@ -270,10 +278,22 @@ class EpisodeRecord:
         """Return which keys sounded after the p physics steps of the m ``_changes``, (m, p, 88)."""
         if self._key_angles:
             former, steps = self._within, len(self._changes) - len(self._within)
-            within = self._scene.sounding_at(self._key_angles).reshape(steps, -1, NUM_KEYS)
+            sounding = self._scene.sounding_at(self._key_angles).reshape(steps, -1, NUM_KEYS)
+            angles = self._scene.angles_of(self._key_angles).reshape(sounding.shape)
+            within, n_substeps = sounding[:, 1:], sounding.shape[1] - 1
+            speeds = _speeds(angles, within) * (n_substeps / self._goal.roll.control_timestep)
             self._within = np.concatenate([former, within]) if len(former) else within
+            self._speeds = np.concatenate([self._speeds, speeds])
             self._key_angles = []
         return self._within
+
+    def _strike_speeds(self, presses: Presses, changes: IntArray) -> FloatArray:
+        """Return the speed of the key of each press as it went down, rad/s; NaN if not known."""
+        if len(changes) == 0:
+            return np.full(len(presses.key), np.nan)
+        row = np.minimum(np.searchsorted(changes, presses.first), len(changes) - 1)
+        known = changes[row] == presses.first
+        return np.where(known, self._speeds[row, presses.key], np.nan)
 
     def _sums(self) -> list[float]:
         """Return the sums of the weighted terms, added up step by step."""
@@ -327,6 +347,24 @@ def press_times(
     strikes, releases = np.split((steps + share) * control_timestep, 2)
     end = np.maximum(n_steps * control_timestep, strikes + _LEAST)
     return strikes, np.where(presses.end < n_steps, releases, end)
+
+
+def _speeds(angles: FloatArray, within: BoolArray) -> FloatArray:
+    """Return by how much keys moved in the physics step in which they went down for good.
+
+    Args:
+        angles: (m, p + 1, 88) angles before m control steps and after their p physics steps, rad.
+        within: (m, p, 88) which keys sounded after each of these.
+
+    Returns:
+        (m, 88) rad in a physics step; 0 of a key that does not sound at the end.
+    """
+    silent = ~within[:, ::-1]
+    n_substeps = within.shape[1]
+    so_long = np.where(silent.any(axis=1), silent.argmax(axis=1), n_substeps)
+    first = np.minimum(n_substeps - so_long, n_substeps - 1)[:, None]
+    moved = np.take_along_axis(np.diff(angles, axis=1), first, axis=1)[:, 0]
+    return np.where(so_long > 0, moved, 0.0)
 
 
 def _shares(steps: IntArray, keys: IntArray, changes: IntArray, within: BoolArray) -> FloatArray:

@@ -27,8 +27,12 @@ SAMPLE_RATE = 48_000
 _TAIL = 1.0
 """Time in which the last note rings out, s."""
 
+_GAIN = 5.0 / 32_768
+"""Factor of the synthesiser's samples of 16 bits, which leave room for all keys struck at once: a
+piece with notes of velocity 80 has its peak at about half of full scale."""
+
 _PEAK = 0.9
-"""Amplitude to which the loudest moment is scaled, so that nothing is clipped."""
+"""Highest amplitude; what would be louder is scaled down to it, so that nothing is clipped."""
 
 _MAX_DURATION = 3600.0
 """Longest sound, s; 0.7 GB."""
@@ -42,7 +46,8 @@ def synthesize(score: Score | None, *, at_least: float = 0.0) -> NDArray[np.floa
     """Play a score on the grand piano of the SoundFont that pretty_midi ships.
 
     A note sounds until its key is let go, or until the pedal is, if that is later; and at most
-    until its key is struck again. The loudest moment of any score is equally loud.
+    until its key is struck again. A note is as loud as its velocity says, half the velocity being
+    12 dB softer, in every piece alike; only what would be clipped is made softer throughout.
 
     Args:
         score: The piece; ``None`` is silence.
@@ -74,7 +79,7 @@ def synthesize(score: Score | None, *, at_least: float = 0.0) -> NDArray[np.floa
     _, samples = wavfile.read(io.BytesIO(file))
     sound[: len(samples)] = samples[: len(sound)]
     peak = float(np.abs(sound).max())
-    return sound if peak == 0.0 else sound * np.float32(_PEAK / peak)
+    return sound * np.float32(_GAIN if _GAIN * peak <= _PEAK else _PEAK / peak)
 
 
 def write_wav(path: str | os.PathLike[str], samples: NDArray[np.float32]) -> None:
@@ -109,16 +114,14 @@ def _end(score: Score) -> float:
 def _midi_bytes(score: Score, end: float) -> bytes:
     """Return a MIDI file of one channel, on which alone a pedal acts, that lasts until ``end``."""
     piano = pretty_midi.Instrument(program=0)
-    # The synthesiser writes 16 bits: what is played softly throughout would be lost in them.
-    gain = 127 / max(note.velocity for note in score.notes)
     struck_again: dict[int, int] = {}
     tick = 1 / _TICKS_PER_SECOND
     for note in reversed(score.notes):
         onset, offset = in_ticks(note, tick)
         offset = min(offset, struck_again.get(note.pitch, offset))
         if offset > onset:  # of two strikes at one time the longer one is heard
-            velocity = round(gain * note.velocity)
-            piano.notes.append(pretty_midi.Note(velocity, note.pitch, onset * tick, offset * tick))
+            times = onset * tick, offset * tick
+            piano.notes.append(pretty_midi.Note(note.velocity, note.pitch, *times))
         struck_again[note.pitch] = onset
     # The synthesiser stops at the last event.
     stop = pretty_midi.ControlChange(SUSTAIN_CONTROLLER, 0, end)

@@ -153,6 +153,12 @@ class PianoScene:
         rigid = (moving.start, NUM_KEYS - moving.stop)
         return np.pad(sounding, ((0, 0), rigid)) if any(rigid) else sounding
 
+    def angles_of(self, angles: Iterable[bytes]) -> FloatArray:
+        """Return angles of the moving keys (float64, rad) as those of all, (n, 88)."""
+        moving = self.moving_keys
+        rows = np.frombuffer(b"".join(angles)).reshape(-1, len(self.key_qpos))
+        return np.pad(rows, ((0, 0), (moving.start, NUM_KEYS - moving.stop)))
+
     def fingertip_position(self, data: mujoco.MjData) -> FloatArray:
         """Return the world positions of the fingertips by label, (10, 3) m.
 

@@ -33,6 +33,8 @@ class Simulation:
         self.scene = scene
         self.data = mujoco.MjData(scene.model)
         self._n_substeps = n_substeps
+        self.key_angles_before = b""
+        """Angles of the moving keys before the last control step, rad."""
         self.key_angles: list[bytes] = []
         """Angles of the moving keys after each physics step of the last control step, rad; see
         :meth:`PianoScene.sounding_at`."""
@@ -58,7 +60,7 @@ class Simulation:
 
     def __getstate__(self) -> dict[str, Any]:
         # A copied view would be an array of its own.
-        kept = ("scene", "data", "_n_substeps", "key_angles")
+        kept = ("scene", "data", "_n_substeps", "key_angles_before", "key_angles")
         return {name: self.__dict__[name] for name in kept}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -83,12 +85,13 @@ class Simulation:
         """
         model, data, keys = self.scene.model, self.data, self._keys
         self._ctrl[:] = controls
+        self.key_angles_before = keys.tobytes()  # the fastest copy
         mujoco.mj_step2(model, data)
         if not watched:
             mujoco.mj_step(model, data, self._n_substeps - 1)
             mujoco.mj_step1(model, data)
             return not any(self._instabilities.tobytes())
-        angles = [keys.tobytes()]  # the fastest copy
+        angles = [keys.tobytes()]
         for _ in range(1, self._n_substeps):
             mujoco.mj_step(model, data)
             angles.append(keys.tobytes())

@@ -161,6 +161,7 @@ class TestScoreBySteps:
             key_active=key_active,
             sustain=sustain,
             strike_time=none,
+            strike_speed=none,
             release_time=none,
             press_finger=press_finger,
         )

@@ -24,13 +24,14 @@ def test_a_key_that_goes_down_with_the_last_physics_step_still_makes_a_note():
 def test_times_are_those_of_a_simulation_watched_step_by_step(performance, physics):
     env = PianoEnv(performance.piece, **performance.options, physics=physics)
     env.reset(seed=0)
-    data, sounding = mujoco.MjData(env.model), []
+    data, sounding, angles = mujoco.MjData(env.model), [], []
     for action in performance["action"][: len(env.roll)]:
         env.step(action)
         data.ctrl[:] = env.data.ctrl
         for _ in range(env.config.n_substeps):
             mujoco.mj_step(env.model, data)
             angle = data.qpos[env.scene.key_qpos]
+            angles.append(angle)
             sounding.append(angle >= env.scene.key_sounding_angle)
     states = np.array(sounding).reshape(len(env.performance), -1, 88)
     played, timestep = env.performance, env.model.opt.timestep
@@ -43,6 +44,10 @@ def test_times_are_those_of_a_simulation_watched_step_by_step(performance, physi
         assert first < strike / 0.05 <= first + 1 + 1e-9
         assert flat[at:end, key].all()
         assert at == first * env.config.n_substeps or not flat[before, key]
+    # The speed is what the key moved by in the physics step with which it began to sound.
+    at = np.rint(played.strike_time / timestep).astype(int) - 1
+    moved = np.diff(angles, axis=0, prepend=np.zeros((1, 88)))[at, found.key]
+    np.testing.assert_allclose(played.strike_speed, moved / timestep, atol=1e-12)
     # The releases obey the same rule, seen from the end of each press.
     open_ended = found.end == len(played)
     for key, end, release in zip(

@@ -52,7 +52,7 @@ def test_all_keys_of_the_piano_sound_and_no_two_alike():
 def test_a_key_let_go_falls_silent_and_one_held_sounds_on():
     short, held = synthesize(score(note(0.0, 0.2))), synthesize(score(note(0.0, 2.0)))
     assert loudness(short, RATE, 0.1, 0.2) == pytest.approx(loudness(held, RATE, 0.1, 0.2))
-    assert loudness(held, RATE, 1.0, 1.1) > 0.02
+    assert loudness(held, RATE, 1.0, 1.1) > 0.01
     assert loudness(short, RATE, 1.0, 1.1) < 0.03 * loudness(held, RATE, 1.0, 1.1)  # the room
 
 
@@ -93,16 +93,12 @@ def test_a_note_is_softer_with_half_the_velocity_by_a_factor_of_four():
     assert loud / soft == pytest.approx(4.0, rel=0.05)
 
 
-@pytest.mark.parametrize(
-    "piece",
-    [
-        score(note(0.0, 1.0, velocity=1)),
-        score(*(note(0.0, 1.0, pitch, 127) for pitch in range(MIN_PITCH, MAX_PITCH + 1))),
-    ],
-    ids=["one soft note", "all keys at once"],
-)
-def test_the_loudest_moment_of_any_piece_is_at_nine_tenths(piece):
-    assert np.abs(synthesize(piece)).max() == pytest.approx(0.9, abs=1e-6)
+def test_a_piece_is_as_loud_as_it_is_played_and_nothing_is_clipped():
+    loud, soft = (synthesize(score(note(0.0, 1.0, velocity=v))) for v in (100, 50))
+    assert np.abs(loud).max() / np.abs(soft).max() == pytest.approx(4.0, rel=0.05)
+    keys = range(MIN_PITCH, MAX_PITCH + 1)
+    everything = synthesize(score(*(note(0.0, 1.0, pitch, 127) for pitch in keys)))
+    assert np.abs(everything).max() == pytest.approx(0.9, abs=1e-6)
 
 
 def test_the_last_note_is_given_a_second_to_ring_out():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 
 import av
 import numpy as np
@@ -235,9 +236,27 @@ def test_a_folder_is_played_as_a_run_and_a_file_as_a_piece(piano_run, tmp_path, 
     assert main([*SCORE, str(tmp_path / "piece.mid"), "--no-video", "--out", str(out)]) == 0
     assert len(read_midi(out / "performance.mid").notes) == 3
     printed = capsys.readouterr()
-    assert f"MIDI:  {out}/performance.mid\nSound: {out}/performance.wav\n" in printed.out
+    assert (
+        f"MIDI:  {out}/performance.mid\nSound: {out}/performance.wav (velocities 60 to 100, as written)\n"
+        in printed.out
+    )
     assert "Video" not in printed.out
     assert printed.err == ""
+
+
+def test_notes_are_as_loud_as_keys_were_struck_unless_all_are_to_be_equal(tmp_path, capsys):
+    command = ["play", "CMajorScaleOneHand", "--physics", "fast", "--no-video", "--out"]
+    assert main([*command, str(tmp_path / "struck")]) == 0
+    assert re.search(r"\(velocities \d+ to \d+, as struck\)\n", capsys.readouterr().out)
+    assert main([*command, str(tmp_path / "flat"), "--flat"]) == 0
+    assert "(all notes of velocity 80)" in capsys.readouterr().out
+    struck, flat = (
+        [note.velocity for note in read_midi(tmp_path / name / "performance.mid").notes]
+        for name in ("struck", "flat")
+    )
+    assert len(struck) == len(flat) > 5
+    assert max(struck) - min(struck) > 10
+    assert set(flat) == {80}
 
 
 @pytest.mark.slow

@@ -154,6 +154,7 @@ def take_of_score(score: Score, *, physics: str = "reference") -> Take:
         key_active=roll.active,
         sustain=roll.sustain,
         strike_time=roll.onset_time,
+        strike_speed=np.full(len(roll.onset_time), np.nan),
         release_time=np.multiply(presses_of(roll.active).end, roll.control_timestep, dtype=float),
         press_finger=roll.finger,
         title=score.title,

@@ -1,5 +1,6 @@
 import type { KeyEvent, Session } from "../types";
-import { FULL_SPEED, type PianoSound } from "../view/sound";
+import { speedOf } from "../music/dynamics";
+import type { PianoSound } from "../view/sound";
 import type { VisitorListener } from "./visitor_keys";
 
 /**
@@ -27,7 +28,7 @@ export class Visitor implements VisitorListener {
     const session = this.session();
     if (session === null) return;
     const pressed = velocity > 0;
-    this.sound.play({ key, down: pressed, time: 0, speed: (velocity / 127) * FULL_SPEED }, 0);
+    this.sound.play({ key, down: pressed, time: 0, speed: speedOf(velocity) }, 0);
     if (pressed) {
       this.down.set(key, session.stepsPlayed);
       this.released.delete(key);

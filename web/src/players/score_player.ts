@@ -1,10 +1,11 @@
+import { speedOf } from "../music/dynamics";
 import type { Simulation } from "../simulation/simulation";
 import { NUM_KEYS, type KeyEvent, type Piece, type PianoRoll } from "../types";
 import type { Player } from "./player";
 import { restingControls } from "./visitor";
 
 /** Speed of a struck key, rad/s: what loudness is made of where nothing strikes it. */
-const SPEED = 1.5;
+const SPEED = speedOf(80);
 
 /** The piece itself: keys go down exactly as it is written, while the hands rest. */
 export class ScorePlayer implements Player {

@@ -2,6 +2,7 @@
 
 import { createInterface } from "node:readline";
 import { InputError, NUM_KEYS, type Metrics, type Score } from "../types";
+import { speedOf, velocityOf } from "../music/dynamics";
 import { applyFingering, fingerScore } from "../music/fingering/apply";
 import { CostTables } from "../music/fingering/cost";
 import { releaseEarly } from "../music/fingering/robot";
@@ -22,6 +23,8 @@ interface Request {
   readonly score: Pick<Score, "title" | "notes" | "pedals">;
   readonly controlTimestep: number;
   readonly initialBufferTime: number;
+  readonly speeds: readonly number[];
+  readonly velocities: readonly number[];
   /** For each control step that was played the keys that sounded at its end, and those that went down in it. */
   readonly played: readonly { readonly keys: readonly number[]; readonly strikes: readonly Strike[] }[];
 }
@@ -34,6 +37,8 @@ interface Strike {
 const ANSWERS: Readonly<Record<string, (request: Request) => unknown>> = {
   midi: ({ bytes, name }) => readMidi(Buffer.from(bytes, "base64"), name),
   hand: ({ name }) => handOfName(name),
+  velocities: ({ speeds }) => speeds.map(velocityOf),
+  speeds: ({ velocities }) => velocities.map(speedOf),
   costs: () => plain(new CostTables()),
   pianist: (request) => fingerScore(scoreOf(request)),
   robot: (request) => applyFingering(scoreOf(request), request.controlTimestep),

@@ -1,3 +1,4 @@
+import { velocityOf } from "../music/dynamics";
 import { MIN_PITCH, type Assets, type KeyEvent } from "../types";
 
 /** A sample, and the pitch at which it was recorded. */
@@ -15,11 +16,10 @@ interface Voice {
 const SAMPLE_PITCHES = Array.from({ length: 30 }, (_, i) => 21 + 3 * i);
 const SAMPLE_NAMES = ["C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B"];
 
-/** Speed of a key, rad/s, that sounds as loud as the samples were played; one strike in ten of the hands is faster. */
-export const FULL_SPEED = 4;
-/** Power of its speed with which a key's loudness grows, and the least loudness. */
-const LOUDNESS_POWER = 0.6;
-const SOFTEST = 0.12;
+/** MIDI velocity that sounds as loud as the samples were played; half of it is 12 dB softer. */
+const FULL_VELOCITY = 110;
+/** Least loudness. */
+const SOFTEST = 0.04;
 /** Time in which a damper silences a string, s; strings from this pitch on have none. */
 const DAMPING_TIME = 0.09;
 const FIRST_UNDAMPED_PITCH = 90;
@@ -133,7 +133,7 @@ export class PianoSound {
     const before = this.voices.get(key) ?? this.held.get(key);
     if (before !== undefined) this.damp(before, at);
     this.held.delete(key);
-    const loudness = Math.max(SOFTEST, Math.min(1, speed / FULL_SPEED) ** LOUDNESS_POWER);
+    const loudness = Math.max(SOFTEST, Math.min(1, velocityOf(speed) / FULL_VELOCITY) ** 2);
     const voice = this.sampled ? this.sampleVoice(key, loudness, at) : this.toneVoice(key, loudness, at);
     this.voices.set(key, voice);
     voice.source.onended = () => {

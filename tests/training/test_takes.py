@@ -236,10 +236,8 @@ def test_a_folder_is_played_as_a_run_and_a_file_as_a_piece(piano_run, tmp_path, 
     assert main([*SCORE, str(tmp_path / "piece.mid"), "--no-video", "--out", str(out)]) == 0
     assert len(read_midi(out / "performance.mid").notes) == 3
     printed = capsys.readouterr()
-    assert (
-        f"MIDI:  {out}/performance.mid\nSound: {out}/performance.wav (velocities 60 to 100, as written)\n"
-        in printed.out
-    )
+    assert f"MIDI:  {out}/performance.mid\nSound: {out}/performance.wav" in printed.out
+    assert "performance.wav (velocities 60 to 100, as written)\n" in printed.out
     assert "Video" not in printed.out
     assert printed.err == ""
 

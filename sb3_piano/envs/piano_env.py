@@ -29,7 +29,7 @@ from sb3_piano.music.fingering.apply import FINGERINGS, apply_fingering
 from sb3_piano.performance import Performance
 from sb3_piano.simulation import PianoScene, Simulation, compile_scene, pedal_threshold
 from sb3_piano.simulation.engine import mujoco
-from sb3_piano.viewing import Moment, PerformanceRenderer
+from sb3_piano.viewing import HumanRenderer, Moment, PerformanceRenderer
 
 Observation = npt.NDArray[np.float32]
 
@@ -116,12 +116,18 @@ class PianoEnv(gym.Env[Any, Any]):
     ``sb3-piano pieces show NAME`` tells) is a keyword argument, too. All others are the fields of
     :class:`~sb3_piano.envs.PianoEnvConfig`.
 
+    With ``render_mode="human"`` each step is shown in a window, in real time; ``"rgb_array"`` lets
+    :meth:`render` return a picture.
+
     ## Version history
 
     * v0: first version; equal to RoboPianist 1.0.10 with its authors' training settings.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["human", "rgb_array"],
+        "render_fps": 20,
+    }
 
     def __init__(
         self, score: ScoreSource, *, render_mode: str | None = None, **options: Any
@@ -151,7 +157,7 @@ class PianoEnv(gym.Env[Any, Any]):
         render_fps = round(1 / self.config.control_timestep)
         self.metadata = {**type(self).metadata, "render_fps": render_fps}
         self._pedal_threshold = pedal_threshold()
-        self._renderer: PerformanceRenderer | None = None
+        self._renderer: HumanRenderer | PerformanceRenderer | None = None
         self._build(ALL_KEYS)
         self._finished = True  # until the first reset
         self._limits: tuple[LimitRef, ...] = ()
@@ -283,6 +289,8 @@ class PianoEnv(gym.Env[Any, Any]):
             self.data.qpos[self.scene.slider_qpos] = offset
         mujoco.mj_step1(self.model, self.data)
         self._simulation.read()
+        if self.render_mode == "human":
+            self.render()
         return self._observation(), {}
 
     def step(
@@ -331,6 +339,8 @@ class PianoEnv(gym.Env[Any, Any]):
         else:
             info = StepInfo(info, self._record)
         observation = self._encoding.write(min(step + 1, last), self._simulation, self._pedal)
+        if self.render_mode == "human":
+            self.render()
         return observation, sum(weighted.values()), terminated, truncated, info
 
     def reward_terms(self, step: int) -> dict[str, float]:
@@ -348,21 +358,20 @@ class PianoEnv(gym.Env[Any, Any]):
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Draw the scene, fingertips, due keys and notes in the colours of their fingers.
 
-        Keys that sound are green, or red if they are not due.
+        Keys that sound are green, or red if they are not due. A window is opened by the first call,
+        and waits until the step is due; ``reset`` and ``step`` call this then.
 
         Returns:
-            (height, width, 3) uint8, or ``None`` without a render mode.
+            (height, width, 3) uint8; ``None`` in a window, and without a render mode.
 
         Raises:
-            RenderingError: If this machine cannot draw; the message says what to install.
+            RenderingError: If this machine cannot draw, or there is no screen for a window; the
+                message says what to do.
         """
         if self.render_mode is None:
             return None
         if self._renderer is None:
-            config = self.config
-            self._renderer = PerformanceRenderer(
-                self.scene, width=config.width, height=config.height, view=config.view
-            )
+            self._renderer = self._open_renderer()
         due, fingers = self._goal.roll.due(max(self._record.steps - 1, 0))
         seen = Moment(
             qpos=self.data.qpos,
@@ -375,7 +384,7 @@ class PianoEnv(gym.Env[Any, Any]):
         return self._renderer.render(self._goal.roll, self.score.title, seen)
 
     def close(self) -> None:
-        """Free the drawing context, if there is one."""
+        """Free the drawing context, or close the window, if there is one."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
@@ -457,6 +466,14 @@ class PianoEnv(gym.Env[Any, Any]):
         return {**self.__dict__, "_renderer": None, "_limits": ()}
 
     # How it works.
+
+    def _open_renderer(self) -> HumanRenderer | PerformanceRenderer:
+        config = self.config
+        if self.render_mode == "human":
+            return HumanRenderer(self.scene, fps=self.metadata["render_fps"], view=config.view)
+        return PerformanceRenderer(
+            self.scene, width=config.width, height=config.height, view=config.view
+        )
 
     def _check_physics(self, physics: npt.NDArray[np.float64]) -> None:
         size = self._simulation.state_size

@@ -2,6 +2,7 @@
 
 from sb3_piano.viewing.film import Take, film, moments
 from sb3_piano.viewing.frame_renderer import FrameRenderer
+from sb3_piano.viewing.human_renderer import HumanRenderer, check_screen
 from sb3_piano.viewing.moment import (
     FINGER_COLORS,
     PRESSED_COLOR,
@@ -14,7 +15,6 @@ from sb3_piano.viewing.performance_renderer import PerformanceRenderer
 from sb3_piano.viewing.take import Played, Progress, show_take, write_take
 from sb3_piano.viewing.video import write_video
 from sb3_piano.viewing.views import DEFAULT_PICTURE, Picture, View
-from sb3_piano.viewing.window import SceneWindow, check_screen
 
 __all__ = [
     "DEFAULT_PICTURE",
@@ -23,12 +23,12 @@ __all__ = [
     "UNLABELLED_COLOR",
     "WRONG_COLOR",
     "FrameRenderer",
+    "HumanRenderer",
     "Moment",
     "PerformanceRenderer",
     "Picture",
     "Played",
     "Progress",
-    "SceneWindow",
     "Take",
     "View",
     "check_screen",

@@ -11,9 +11,9 @@ from sb3_piano.exceptions import RenderingError, RunError
 from sb3_piano.links import make_folder
 from sb3_piano.music import synthesize, write_midi, write_wav
 from sb3_piano.viewing.film import Take, film, moments
+from sb3_piano.viewing.human_renderer import HumanRenderer
 from sb3_piano.viewing.video import write_video
 from sb3_piano.viewing.views import Picture, View
-from sb3_piano.viewing.window import SceneWindow
 
 Progress = Callable[[int, int], object]
 """Called with the number of pictures drawn so far, and of all."""
@@ -78,8 +78,12 @@ def show_take(take: Take, *, view: View = "stage") -> None:
     Raises:
         RenderingError: If there is no screen; the message says what to do.
     """
-    with SceneWindow(take.scene, take.performance.roll, view=view) as window:
-        window.replay(moments(take), take.period)
+    renderer = HumanRenderer(take.scene, fps=1 / take.period, view=view)
+    with contextlib.closing(renderer):
+        for moment in moments(take):
+            renderer.render(take.performance.roll, "", moment)
+            if not renderer.is_running:
+                break
 
 
 def _write_video(

@@ -372,5 +372,5 @@ def test_the_return_is_told_as_a_share_of_the_highest_one(options, highest):
 
 
 def test_an_unknown_render_mode_is_refused():
-    with pytest.raises(ConfigError, match=r"render_mode is 'human': expected None or one of"):
-        PianoEnv(TINY, render_mode="human")
+    with pytest.raises(ConfigError, match=r"render_mode is 'ansi': expected None or one of"):
+        PianoEnv(TINY, render_mode="ansi")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 
 import av
@@ -19,7 +18,6 @@ from sb3_piano.music import Note, Pedal, Score, read_midi, write_midi
 from sb3_piano.simulation import find_gl_backend
 from sb3_piano.training import Picture, play_run, play_score
 from sb3_piano.training.playing.takes import take_of_run, take_of_score
-from sb3_piano.viewing import show_take
 
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 
@@ -294,8 +292,3 @@ def test_a_window_without_a_screen_is_an_error_before_anything_is_played(
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err.startswith("sb3-piano: error: Cannot open a window: there is no screen")
-
-
-@pytest.mark.skipif(not os.environ.get("DISPLAY"), reason="no screen on this machine")
-def test_a_take_is_shown_in_a_window():
-    show_take(take_of_score(PIECE))

@@ -1,12 +1,13 @@
-"""A window on the screen that shows the scene: MuJoCo's viewer."""
+"""A window on the screen that shows a performance: MuJoCo's viewer."""
 
 from __future__ import annotations
 
+import atexit
 import os
 import sys
+import threading
 import time
 import warnings
-from collections.abc import Iterable
 from typing import Any
 
 from sb3_piano.exceptions import RenderingError
@@ -28,87 +29,85 @@ _ASPECT = 16 / 9
 """Width of the window by its height, about."""
 
 
-class SceneWindow:
-    """Shows a scene in a window, in which the mouse turns and zooms the view.
+class HumanRenderer:
+    """Shows moments of performances of one scene in MuJoCo's viewer, in real time.
 
-    Use it as a context, or call :meth:`close`::
+    The mouse turns and zooms the view. A slow machine falls behind; nothing is left out. Once
+    somebody has closed the window, nothing is shown any more.
 
-        with SceneWindow(take.scene, take.performance.roll) as window:
-            for moment in moments(take):
-                window.show(moment)
+    Args:
+        scene: What is shown, a copy of it.
+        fps: Moments a second.
+        view: How the window shows it at first.
 
     Raises:
         RenderingError: If there is no screen; the message says what to do.
     """
 
-    def __init__(self, scene: PianoScene, roll: PianoRoll, *, view: View = "stage"):
-        """Open the window on a scene in which a roll is played, at first with a view of it."""
+    def __init__(self, scene: PianoScene, *, fps: float, view: View = "stage"):
         check_screen()
         from mujoco import viewer  # noqa: TID251  here, as without a screen it may fail already
 
-        self._scene = staged(scene).copy()
-        self._colors = self._scene.model.geom_rgba.copy()
-        self._data = mujoco.MjData(self._scene.model)
-        self._bars = NoteBars.over(self._scene, roll)
+        self._stage = staged(scene).copy()
+        self._colors = self._stage.model.geom_rgba.copy()
+        self._data = mujoco.MjData(self._stage.model)
+        self._bars: NoteBars | None = None
+        self._view: View = view
+        self._period, self._due = 1 / fps, 0.0
+        before = set(threading.enumerate())
         try:
             self._viewer: Any = viewer.launch_passive(
-                self._scene.model, self._data, show_left_ui=False, show_right_ui=False
+                self._stage.model, self._data, show_left_ui=False, show_right_ui=False
             )
         except RuntimeError as error:  # macOS demands another Python
             raise RenderingError(f"Cannot open a window: {error}.") from error
-        with self._viewer.lock():
-            place_camera(self._viewer.cam, view, self._bars.whole, _ASPECT)
+        self._threads = set(threading.enumerate()) - before
+        atexit.register(self.close)  # as MuJoCo's thread crashes if the interpreter ends around it
 
     @property
     def is_running(self) -> bool:
-        """Whether the window is open: nobody has closed it."""
+        """Whether the window is open."""
         return bool(self._viewer.is_running())
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The model that is shown, with the colours of the last moment; a copy of the scene's."""
-        return self._scene.model
+        """The model that is shown, with the colours of the last moment."""
+        return self._stage.model
 
-    def show(self, moment: Moment) -> None:
-        """Show a moment; does nothing once the window is closed."""
+    def render(self, roll: PianoRoll, title: str, moment: Moment) -> None:
+        """Show a moment, ``1 / fps`` s after the one before; arguments as of other renderers."""
+        del title
         if not self.is_running:
             return
-        model = self._scene.model
+        time.sleep(max(self._due - time.monotonic(), 0.0))
+        self._due = max(self._due, time.monotonic()) + self._period
         with self._viewer.lock():
-            pose(self._scene, self._data, moment.qpos)
-            model.geom_rgba[:] = self._colors
-            colors = geom_colors(
-                self._scene, due=moment.due, fingers=moment.fingers, sounding=moment.sounding
-            )
-            for geom, color in colors.items():
-                model.geom_rgba[geom] = color
-            drawn = self._viewer.user_scn
-            if drawn is not None:
-                drawn.ngeom = 0
-                add_bars(drawn, self._bars.at(moment.step, moment.sounding))
+            self._draw(roll, moment)
         self._viewer.sync()
-
-    def replay(self, seen: Iterable[Moment], period: float) -> None:
-        """Show moments, each for ``period`` s, until they are over or somebody closes the window.
-
-        A slow machine falls behind; none is left out.
-        """
-        start = time.monotonic()
-        for k, moment in enumerate(seen):
-            time.sleep(max(start + k * period - time.monotonic(), 0.0))
-            if not self.is_running:
-                return
-            self.show(moment)
 
     def close(self) -> None:
         """Close the window; safe to call twice."""
+        atexit.unregister(self.close)
         self._viewer.close()
+        for thread in self._threads:
+            thread.join()
 
-    def __enter__(self) -> SceneWindow:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
+    def _draw(self, roll: PianoRoll, moment: Moment) -> None:
+        if self._bars is None or self._bars.roll is not roll:
+            is_first, self._bars = self._bars is None, NoteBars.over(self._stage, roll)
+            if is_first:
+                place_camera(self._viewer.cam, self._view, self._bars.whole, _ASPECT)
+        model = self._stage.model
+        pose(self._stage, self._data, moment.qpos)
+        model.geom_rgba[:] = self._colors
+        colors = geom_colors(
+            self._stage, due=moment.due, fingers=moment.fingers, sounding=moment.sounding
+        )
+        for geom, color in colors.items():
+            model.geom_rgba[geom] = color
+        if (drawn := self._viewer.user_scn) is not None:
+            drawn.ngeom = 0
+            add_bars(drawn, self._bars.at(moment.step, moment.sounding))
 
 
 def check_screen() -> None:

@@ -1,0 +1,104 @@
+"""What the package may cost its readers: lines of each room, modules, exported names.
+
+Growing is a decision: whoever raises a budget says why in the commit that does. Whoever makes a
+room smaller lowers its budget.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+import sb3_piano
+
+PACKAGE = Path(sb3_piano.__file__).parent
+TESTS = Path(__file__).parent
+
+# Lines of each room, of Python alone. `base` are the modules beside the rooms.
+LINES = {
+    "base": 1_700,
+    "buffers": 660,
+    "callbacks": 2_810,
+    "cli": 3_100,
+    "corpora": 580,
+    "demonstrations": 1_520,
+    "envs": 3_300,
+    "hyperparams": 30,
+    "interop": 240,
+    "jobs": 1_000,
+    "lab": 5_800,
+    "metrics": 1_100,
+    "music": 8_760,
+    "pipelines": 1_850,
+    "planning": 3_330,
+    "players": 1_700,
+    "policies": 1_580,
+    "reading": 930,
+    "simulation": 1_190,
+    "sweeps": 700,
+    "training": 6_950,
+    "tuning": 2_700,
+    "vec_env": 490,
+    "viewing": 2_310,
+    "wrappers": 2_050,
+}
+
+# Of all rooms but the lab, of the lab, and of the tests: lines, modules, exported names.
+TOTALS = {
+    "core": {"lines": 48_000, "modules": 315, "names": 406},
+    "lab": {"lines": 5_800, "modules": 43, "names": 48},
+    "tests": {"lines": 46_200},
+}
+
+
+def room_of(path: Path) -> str:
+    first, *rest = path.relative_to(PACKAGE).parts
+    return first if rest else "base"
+
+
+def exported_names(text: str) -> int:
+    """Return how many names a module has in ``__all__``."""
+    return sum(
+        len(ast.literal_eval(node.value))
+        for node in ast.parse(text).body
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__"
+    )
+
+
+@pytest.fixture(scope="module")
+def spent() -> dict[str, Counter[str]]:
+    """Return lines, modules and exported names of each room."""
+    found: dict[str, Counter[str]] = {}
+    for path in PACKAGE.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        each = {"lines": text.count("\n"), "modules": 1, "names": exported_names(text)}
+        found.setdefault(room_of(path), Counter()).update(each)
+    return found
+
+
+def check(what: str, spent: int, budget: int) -> None:
+    assert spent <= budget, (
+        f"{what}: {spent}, {spent - budget} more than the budget. Make it smaller, or raise the "
+        "budget and say why in the commit."
+    )
+
+
+def test_no_room_has_more_lines_than_its_budget(spent):
+    assert set(spent) <= set(LINES), "a new room needs a budget"
+    for room, of_room in spent.items():
+        check(f"lines of {room}", of_room["lines"], LINES[room])
+
+
+@pytest.mark.parametrize("part", ["core", "lab"])
+def test_core_and_lab_stay_within_their_budgets(part, spent):
+    rooms = [each for room, each in spent.items() if (room == "lab") == (part == "lab")]
+    for what, budget in TOTALS[part].items():
+        check(f"{what} of {part}", sum(each[what] for each in rooms), budget)
+
+
+def test_the_tests_stay_within_their_budget():
+    lines = sum(path.read_text(encoding="utf-8").count("\n") for path in TESTS.rglob("*.py"))
+    check("lines of the tests", lines, TOTALS["tests"]["lines"])

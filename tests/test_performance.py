@@ -4,22 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from short_scores import score_of
 
 from sb3_piano.metrics import EPISODE_METRICS
-from sb3_piano.music import Note, Pedal, PianoRoll, Score
+from sb3_piano.music import PianoRoll
 from sb3_piano.performance import Performance
 
 STEP = 0.05
 C4, D4 = 60 - 21, 62 - 21
 
-DUE = Score(
-    notes=[
-        Note(onset=0.0, offset=0.1, pitch=60, finger=0),
-        Note(onset=0.12, offset=0.3, pitch=62, finger=1),
-    ],
-    pedals=[Pedal(onset=0.05, offset=0.2)],
-    title="two notes",
-)
+DUE = score_of((0.0, 0.1, 60, 0), (0.12, 0.3, 62, 1), pedals=[(0.05, 0.2)], title="two notes")
 
 
 def played(presses, steps=6, score=DUE, pedal=()):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from sb3_contrib import TQC, CrossQ
+from short_scores import score_of
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
@@ -16,16 +17,10 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 from sb3_piano.callbacks import ActionSearchCallback, F1Callback
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Note, Score
 from sb3_piano.policies.values import critic_values
 from sb3_piano.wrappers import PreviousActionReward
 
-TUNE = Score(
-    notes=[
-        Note(onset=0.1, offset=0.4, pitch=60, finger=0),
-        Note(onset=0.4, offset=0.8, pitch=62, finger=1),
-    ]
-)
+TUNE = score_of((0.1, 0.4, 60, 0), (0.4, 0.8, 62, 1))
 
 
 def piano():

@@ -9,6 +9,7 @@ import pytest
 from gymnasium.wrappers import TimeLimit
 from scipy.io import wavfile
 from scripted import tiny_td3, vector_of, with_f1
+from short_scores import score_of
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 
@@ -16,15 +17,12 @@ from sb3_piano.callbacks import PerformanceVideoCallback
 from sb3_piano.callbacks.own_env import RunContext, hand_over
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Note, Score
 from sb3_piano.simulation import find_gl_backend
 
 needs_gl = pytest.mark.skipif(find_gl_backend() is None, reason="no OpenGL library on this machine")
 
 STEPS = 8  # the notes' 0.4 s
-SCORE = Score(
-    notes=[Note(onset=0.0, offset=0.2, pitch=60), Note(onset=0.2, offset=0.375, pitch=64)]
-)
+SCORE = score_of((0.0, 0.2, 60), (0.2, 0.375, 64))
 
 
 def piano(**options):

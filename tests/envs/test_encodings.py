@@ -10,6 +10,7 @@ from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from short_scores import score_of
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -22,14 +23,8 @@ from sb3_piano.music.constants import KEY_IS_BLACK, NUM_KEYS
 
 # Steps 0-2: thumb on C4 (key 39), steps 1-1: left index finger on D#2 (key 18, black); steps 6-8:
 # thumb on E4 (key 43). The pedal is down in steps 2 to 4. There are ten steps.
-TINY = Score(
-    notes=[
-        Note(onset=0.0, offset=0.15, pitch=60, finger=0),
-        Note(onset=0.05, offset=0.1, pitch=39, finger=6),
-        Note(onset=0.3, offset=0.45, pitch=64, finger=0),
-    ],
-    pedals=[Pedal(onset=0.1, offset=0.25)],
-    title="tiny",
+TINY = score_of(
+    (0.0, 0.15, 60, 0), (0.05, 0.1, 39, 6), (0.3, 0.45, 64, 0), pedals=[(0.1, 0.25)], title="tiny"
 )
 
 
@@ -142,11 +137,8 @@ def brute_force_goal(roll, finger, step, horizon):
 )
 @settings(max_examples=60, deadline=None)
 def test_finger_goals_are_what_can_be_read_off_the_roll(notes, horizon):
-    score = Score(
-        notes=[
-            Note(onset=0.05 * at, offset=0.05 * (at + n), pitch=pitch, finger=finger)
-            for at, n, pitch, finger in notes
-        ]
+    score = score_of(
+        *((0.05 * at, 0.05 * (at + n), pitch, finger) for at, n, pitch, finger in notes)
     )
     roll = PianoRoll.from_score(score, 0.05)
     goals = FingerGoals.of(roll, horizon)

@@ -5,18 +5,17 @@ from __future__ import annotations
 import gymnasium as gym
 import numpy as np
 import pytest
+from short_scores import score_of
 
 from sb3_piano.envs import PianoEnv, PianoVectorEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.lab.music import generate_score
-from sb3_piano.music import BUILT_IN, Note, Score, load_score, write_midi
+from sb3_piano.music import BUILT_IN, Score, load_score, write_midi
 from sb3_piano.music.fingering import apply_fingering, finger_score
 from sb3_piano.planning import PlanSettings, plan
 
-PLAIN = Score(
-    notes=[Note(onset=0.5 * i, offset=0.5 * i + 0.4, pitch=60 + i) for i in range(5)],
-    title="plain",
-    bars=(0.0, 2.0),
+PLAIN = score_of(
+    *((0.5 * i, 0.5 * i + 0.4, 60 + i) for i in range(5)), title="plain", bars=(0.0, 2.0)
 )
 
 
@@ -52,13 +51,7 @@ def test_a_score_named_at_reset_gets_fingers_too_and_so_does_a_changed_one():
 
 
 # A thumb on a black key; then an octave that has to be left for another one far away.
-AWKWARD = Score(
-    notes=[
-        Note(onset=0.0, offset=0.4, pitch=78, finger=0),
-        Note(onset=0.5, offset=1.5, pitch=60, finger=0),
-        Note(onset=1.0, offset=1.5, pitch=84, finger=4),
-    ]
-)
+AWKWARD = score_of((0.0, 0.4, 78, 0), (0.5, 1.5, 60, 0), (1.0, 1.5, 84, 4))
 
 
 @pytest.mark.parametrize("observation", ["roll", "fingers"])
@@ -113,9 +106,7 @@ def test_equal_scores_keep_bars_of_their_own():
 
 
 def test_labels_of_a_file_are_put_on_the_environments_own_score(tmp_path):
-    labels = Score(
-        notes=[Note(onset=n.onset, offset=n.offset, pitch=n.pitch, finger=1) for n in PLAIN.notes]
-    )
+    labels = score_of(*((n.onset, n.offset, n.pitch, 1) for n in PLAIN.notes))
     write_midi(labels, tmp_path / "labels.mid")
     env = PianoEnv(PLAIN, fingering=str(tmp_path / "labels.mid"))
     env.reset(seed=0)

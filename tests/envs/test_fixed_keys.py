@@ -7,19 +7,17 @@ import pickle
 
 import numpy as np
 import pytest
+from short_scores import score_of
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, EnvStateError
-from sb3_piano.music import Note, Score
 from sb3_piano.music.constants import NUM_KEYS
 from sb3_piano.simulation import compile_scene
 
 FIRST, LAST = 30, 50
 MOVING = np.arange(FIRST, LAST + 1)
 RIGID = np.setdiff1d(np.arange(NUM_KEYS), MOVING)
-TINY = Score(
-    notes=[Note(onset=0.1 * k, offset=0.1 * k + 0.1, pitch=55 + k, finger=k % 5) for k in range(12)]
-)
+TINY = score_of(*((0.1 * k, 0.1 * k + 0.1, 55 + k, k % 5) for k in range(12)))
 
 
 def fixed_env(first=FIRST, last=LAST, score=TINY, **options):

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from short_scores import score_of
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from sb3_piano.envs import PianoEnv
@@ -20,14 +21,12 @@ from sb3_piano.reading import HandKinematics, KeyPlaces, read_piece
 
 # The right thumb plays C4 twice, with E4 in between by the middle finger, and goes far up; the left
 # index finger holds a black key. Steps are 0.05 s, after ten of silence.
-PIECE = Score(
-    notes=[
-        Note(onset=0.0, offset=0.2, pitch=60, finger=0),
-        Note(onset=0.2, offset=0.4, pitch=64, finger=2),
-        Note(onset=0.4, offset=0.6, pitch=60, finger=0),
-        Note(onset=0.1, offset=0.5, pitch=46, finger=6),
-        Note(onset=0.8, offset=1.0, pitch=84, finger=0),
-    ],
+PIECE = score_of(
+    (0.0, 0.2, 60, 0),
+    (0.2, 0.4, 64, 2),
+    (0.4, 0.6, 60, 0),
+    (0.1, 0.5, 46, 6),
+    (0.8, 1.0, 84, 0),
     title="hands",
 )
 OPTIONS = {"reduced_action_space": False, "initial_buffer_time": 0.5, "physics": "fast"}

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+from short_scores import score_of
 
 from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, RETURN_KEYS, EnvState, PianoEnv
 from sb3_piano.exceptions import (
@@ -22,19 +23,12 @@ from sb3_piano.exceptions import (
     SimulationDivergedError,
 )
 from sb3_piano.metrics import EPISODE_METRICS
-from sb3_piano.music import Note, Pedal, Score
+from sb3_piano.music import Note, Score
 
 # Three control steps of middle C by the right thumb, then two of E by the left index finger with
 # the pedal; with the silent step after the last note, six steps.
 C4, E4 = 60 - 21, 64 - 21
-TINY = Score(
-    notes=[
-        Note(onset=0.0, offset=0.15, pitch=60, finger=0),
-        Note(onset=0.15, offset=0.25, pitch=64, finger=6),
-    ],
-    pedals=[Pedal(onset=0.15, offset=0.25)],
-    title="tiny",
-)
+TINY = score_of((0.0, 0.15, 60, 0), (0.15, 0.25, 64, 6), pedals=[(0.15, 0.25)], title="tiny")
 
 
 def random_actions(env, count, seed=0):

@@ -9,11 +9,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env as gymnasium_check
+from short_scores import score_of
 from stable_baselines3.common.env_checker import check_env as sb3_check
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Note, Pedal, Score
 from sb3_piano.players import make_player
 from sb3_piano.wrappers import (
     FingeringDecay,
@@ -26,15 +26,9 @@ from sb3_piano.wrappers import (
 )
 
 ENV_ID = "RoboPianist-selfactuated-v0"
-PIECE = Score(
-    notes=[
-        Note(onset=0.0, offset=0.2, pitch=21),  # the lowest and the highest key
-        Note(onset=0.0, offset=0.1, pitch=61),  # black
-        Note(onset=0.1, offset=0.2, pitch=61),  # struck again at once
-        Note(onset=0.2, offset=0.4, pitch=108),
-    ],
-    pedals=[Pedal(onset=0.1, offset=0.3)],
-    title="piece",
+# The lowest and the highest key, and a black one that is struck again at once.
+PIECE = score_of(
+    (0.0, 0.2, 21), (0.0, 0.1, 61), (0.1, 0.2, 61), (0.2, 0.4, 108), pedals=[(0.1, 0.3)]
 )
 
 

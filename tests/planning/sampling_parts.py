@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from short_scores import note_of, score_of
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.music import Note, Pedal, Score
+from sb3_piano.music.fingering import without_fingers
 from sb3_piano.planning import PlanSettings
 from sb3_piano.planning.sampling import (
     NOISE_FROM_ZERO,
@@ -16,19 +17,9 @@ from sb3_piano.planning.sampling.noise import Candidates
 from sb3_piano.planning.sampling.search import CandidateSearch, Simulations
 
 # Keys near where the hands begin.
-TUNE = Score(
-    notes=[
-        Note(onset=0.0, offset=0.2, pitch=76, finger=1),
-        Note(onset=0.0, offset=0.2, pitch=48, finger=7),
-        Note(onset=0.25, offset=0.45, pitch=77, finger=2),
-    ],
-    pedals=[Pedal(onset=0.1, offset=0.3)],
-)
-UNLABELLED = Score(notes=[Note(onset=n.onset, offset=n.offset, pitch=n.pitch) for n in TUNE.notes])
-HELD = [
-    Note(onset=0.0, offset=0.9, pitch=76, finger=1),
-    Note(onset=0.0, offset=0.9, pitch=48, finger=7),
-]
+TUNE = score_of((0.0, 0.2, 76, 1), (0.0, 0.2, 48, 7), (0.25, 0.45, 77, 2), pedals=[(0.1, 0.3)])
+UNLABELLED = without_fingers(TUNE, keep_hands=False)
+HELD = [note_of(0.0, 0.9, 76, 1), note_of(0.0, 0.9, 48, 7)]
 
 
 # A plan that is made fast, and presses no key down.

@@ -7,9 +7,10 @@ import functools
 
 import numpy as np
 from hand_parts import SETTINGS, hand_of, keys_of, over_the_top, scene_of, sounding_share
+from short_scores import score_of
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.music import MIN_PITCH, Note, PianoRoll, Score
+from sb3_piano.music import MIN_PITCH, PianoRoll, Score
 from sb3_piano.music.presses import presses_of_hand
 from sb3_piano.planning import plan
 
@@ -25,33 +26,19 @@ LEFT = (53, 52, 50, 48, 47)
 def five_fingers(hand=0, *, length=0.2, order=(0, 1, 2, 3, 4), shift=0):
     """Return a score in which the fingers of a hand play one after the other."""
     pitches = (RIGHT, LEFT)[hand]
-    return Score(
-        notes=[
-            Note(
-                onset=i * length,
-                offset=(i + 1) * length,
-                pitch=pitches[finger] + shift,
-                finger=5 * hand + finger,
-            )
+    return score_of(
+        *(
+            (i * length, (i + 1) * length, pitches[finger] + shift, 5 * hand + finger)
             for i, finger in enumerate(order)
-        ],
+        ),
         title="five fingers",
     )
 
 
 def both_hands(**options):
     """Return a score in which both hands do so."""
-    return Score(
-        notes=[*five_fingers(0, **options).notes, *five_fingers(1, **options).notes],
-        title="both hands",
-    )
-
-
-def without_fingers(score):
-    return Score(
-        notes=[Note(onset=n.onset, offset=n.offset, pitch=n.pitch) for n in score.notes],
-        title="no fingers",
-    )
+    hands = (five_fingers(hand, **options).notes for hand in (0, 1))
+    return Score(notes=[note for notes in hands for note in notes], title="both hands")
 
 
 def roll_of(score):

@@ -17,11 +17,12 @@ from short_pieces import (
     planned,
     pressed_tips,
     roll_of,
-    without_fingers,
 )
+from short_scores import score_of
 
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music import Note, PianoRoll, Score
+from sb3_piano.music import PianoRoll
+from sb3_piano.music.fingering import without_fingers
 from sb3_piano.planning import PlanSettings, plan
 
 PIECE = five_fingers()
@@ -106,7 +107,7 @@ def test_the_same_piece_gives_the_same_plan():
 
 @pytest.mark.slow
 def test_a_score_is_planned_as_its_roll_and_gets_the_fingers_it_lacks():
-    score = without_fingers(five_fingers(order=(0, 1)))
+    score = without_fingers(five_fingers(order=(0, 1)), keep_hands=False)
     made = plan(score, scene_of(full=False), QUICK)
     assert made.roll.control_timestep == 0.05
     np.testing.assert_array_equal(made.roll.active, PianoRoll.from_score(score, 0.05).active)
@@ -117,12 +118,7 @@ def test_a_score_is_planned_as_its_roll_and_gets_the_fingers_it_lacks():
 
 @pytest.mark.parametrize(("stretch", "leaps"), [(PlanSettings().stretch, False), (0.0, True)])
 def test_what_two_fingers_span_is_held_to_its_end_unless_told_otherwise(stretch, leaps):
-    third = Score(
-        notes=(
-            Note(onset=0.0, offset=0.5, pitch=60, finger=0),
-            Note(onset=0.5, offset=1.0, pitch=64, finger=1),
-        )
-    )
+    third = score_of((0.0, 0.5, 60, 0), (0.5, 1.0, 64, 1))
     settings = dataclasses.replace(QUICK, stretch=stretch)
     presses = plan(roll_of(third), scene_of(full=False), settings).hands[0].task.presses
     assert [one.press.finger for one in presses] == [0, 1]
@@ -139,13 +135,10 @@ def test_another_control_step_may_be_chosen():
 
 def test_in_a_scene_with_one_hand_the_others_notes_are_left_to_nobody():
     crossing = {48: 0, 52: 2, 84: 5, 80: 7}  # the left hand's are the higher ones
-    notes = [
-        Note(onset=0.5, offset=1.0, pitch=pitch, finger=finger)
-        for pitch, finger in crossing.items()
-    ]
+    notes = [(0.5, 1.0, pitch, finger) for pitch, finger in crossing.items()]
     scene = scene_of(sides=("right",), physics="fast")
     both, alone = (
-        plan(PianoRoll.from_score(Score(notes=of, title="t"), TIMESTEP), scene, QUICK)
+        plan(PianoRoll.from_score(score_of(*of), TIMESTEP), scene, QUICK)
         for of in (notes, notes[:2])
     )
     np.testing.assert_array_equal(both.hands[0].positions, alone.hands[0].positions)
@@ -154,7 +147,7 @@ def test_in_a_scene_with_one_hand_the_others_notes_are_left_to_nobody():
 
 
 def test_a_roll_with_notes_without_fingers_is_refused_by_name():
-    score = without_fingers(five_fingers(order=(0, 1)))
+    score = without_fingers(five_fingers(order=(0, 1)), keep_hands=False)
     with pytest.raises(ScoreError, match=r"No note of the roll has a finger.*apply_fingering"):
         plan(roll_of(score), scene_of(full=False))
 
@@ -222,13 +215,8 @@ def test_impossible_settings_are_refused_by_name(options, told):
 
 def test_an_arm_is_not_planned_beyond_the_end_of_its_rail():
     """Black keys lie far in: an octave of them wants more of the slider than there is."""
-    octave = Score(
-        notes=[
-            Note(onset=0.4 * i, offset=0.4 * i + 0.3, pitch=pitch, finger=finger)
-            for i in range(4)
-            for pitch, finger in ((68, 0), (80, 4))
-        ]
-    )
+    octaves = ((0.4 * i, p, f) for i in range(4) for p, f in ((68, 0), (80, 4)))
+    octave = score_of(*((onset, onset + 0.3, pitch, finger) for onset, pitch, finger in octaves))
     scene = scene_of()
     made = planned(octave)
     inwards = hand_of(scene, 0).index("forearm_ty")

@@ -7,11 +7,12 @@ import dataclasses
 import gymnasium as gym
 import numpy as np
 import pytest
-from short_pieces import QUICK, both_hands, five_fingers, piano, without_fingers
+from short_pieces import QUICK, both_hands, five_fingers, piano
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecMonitor, VecNormalize
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Pedal, Score
+from sb3_piano.music.fingering import without_fingers
 from sb3_piano.planning import PlannedPianist, Trackers, pianist
 from sb3_piano.vec_env import ThreadVecEnv
 from sb3_piano.wrappers import RandomPiece
@@ -91,7 +92,7 @@ def test_it_plays_in_other_settings_too(options):
 
 
 def test_it_plays_a_piece_without_fingers():
-    env = piano(without_fingers(PIECE))
+    env = piano(without_fingers(PIECE, keep_hands=False))
     assert play(env, PlannedPianist(env, QUICK))[0]["f1"] > WELL
 
 

@@ -7,8 +7,8 @@ import warnings
 import pytest
 from hand_parts import scene_of
 from short_pieces import BUFFER, QUICK, key_of, piano, planned, pressed_tips
+from short_scores import score_of as tune
 
-from sb3_piano.music import Note, Score
 from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.planning import PlannedPianist, Problem, plan
 from sb3_piano.planning.problems import summary
@@ -16,11 +16,7 @@ from sb3_piano.planning.problems import summary
 
 def score_of(*notes):
     """Return the score of (pitch, finger) or (pitch, finger, onset, offset)."""
-    made = []
-    for pitch, finger, *times in notes:
-        onset, offset = times or (0.0, 0.4)
-        made.append(Note(pitch=pitch, finger=finger, onset=onset, offset=offset))
-    return Score(notes=made)
+    return tune(*((*(times or (0.0, 0.4)), pitch, finger) for pitch, finger, *times in notes))
 
 
 def problems_of(*notes, **options):
@@ -91,11 +87,7 @@ def test_a_rigid_key_that_is_out_of_reach_is_one_problem():
     assert "its key is rigid" in problem.reason
 
 
-SIX = Score(
-    notes=[
-        Note(pitch=pitch, hand="right", onset=0.0, offset=0.4) for pitch in (72, 74, 76, 77, 79, 81)
-    ]
-)
+SIX = tune(*((0.0, 0.4, pitch, "right") for pitch in (72, 74, 76, 77, 79, 81)))
 
 
 def test_more_than_five_notes_in_a_hand_are_a_problem_and_five_are_played():

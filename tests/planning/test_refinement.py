@@ -7,24 +7,19 @@ import dataclasses
 
 import numpy as np
 import pytest
+from short_scores import score_of
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Note, Score
 from sb3_piano.planning import PlannedPianist, PlanSettings, Refinement, load_plan, plan, save_plan
 from sb3_piano.planning.policy import roll_with_fingers
 from sb3_piano.planning.roll_outs import Way
 from sb3_piano.planning.splicing import spliced
 
 # A leap there and back, which costs the plan some frames.
-SCORE = Score(
-    notes=[
-        Note(onset=0.25 * i, offset=0.25 * (i + 1), pitch=pitch, finger=finger)
-        for i, (pitch, finger) in enumerate([(60, 0), (76, 1), (60, 0)])
-    ]
-)
+SCORE = score_of((0.0, 0.25, 60, 0), (0.25, 0.5, 76, 1), (0.5, 0.75, 60, 0))
 C_MAJOR = (72, 71, 69, 67, 65, 64, 62, 60)
-OTHER = Score(notes=[*SCORE.notes[:-1], Note(onset=0.5, offset=0.75, pitch=62, finger=0)])
+OTHER = score_of((0.0, 0.25, 60, 0), (0.25, 0.5, 76, 1), (0.5, 0.75, 62, 0))
 SETTINGS = PlanSettings(rounds=2, iterations=6)
 ON_STAGE = {
     "physics": "fast",
@@ -145,11 +140,11 @@ def test_it_goes_on_from_a_file_and_never_gets_worse(found, file, env):
 @pytest.mark.slow
 def test_it_begins_with_the_better_parts_of_two_plans(monkeypatch):
     # The middle finger follows the thumb to the next key: a step of silence is enough for that.
-    score = Score(
-        notes=[
-            Note(onset=0.25 * i, offset=0.25 * (i + 1), pitch=pitch, finger=finger)
+    score = score_of(
+        *(
+            (0.25 * i, 0.25 * (i + 1), pitch, finger)
             for i, (pitch, finger) in enumerate(zip(C_MAJOR, (4, 3, 2, 1, 0, 2, 1, 0), strict=True))
-        ]
+        )
     )
     env = stage(score)
     made = planned(env)

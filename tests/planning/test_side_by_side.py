@@ -10,8 +10,8 @@ import sys
 
 import numpy as np
 import pytest
+from short_scores import score_of
 
-from sb3_piano.music import Note, Score
 from sb3_piano.planning import PlanSettings, hand_plan, plan
 from sb3_piano.planning.side_by_side import in_turns, in_two_processes
 from sb3_piano.simulation import compile_scene
@@ -62,12 +62,12 @@ def test_an_error_comes_out():
 @pytest.mark.slow
 def test_hands_planned_in_two_processes_are_the_same_to_the_last_bit(monkeypatch):
     """The hands come near to each other, so that the line between them moves."""
-    notes = [
-        Note(onset=0.4 * i, offset=0.4 * i + 0.3, pitch=60 + shift + i % 3, hand=hand)
+    notes = (
+        (0.4 * i, 0.4 * i + 0.3, 60 + shift + i % 3, hand)
         for i in range(12)
         for shift, hand in ((0, "left"), (3, "right"))
-    ]
-    score, scene = Score(notes=notes), compile_scene()
+    )
+    score, scene = score_of(*notes), compile_scene()
     settings = PlanSettings(window=1.0, overlap=0.5)
     calls = []
     monkeypatch.setattr(hand_plan, "may_start_processes", lambda: False)

@@ -7,6 +7,7 @@ import random
 
 import numpy as np
 import pytest
+from short_scores import score_of
 
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score, major_scale
@@ -27,14 +28,9 @@ def note(onset, offset, pitch, hand="right"):
 
 
 def test_features_of_a_piece_worked_by_hand():
-    piece = Score(
-        notes=[
-            note(1.0, 3.0, 60),
-            note(1.0, 2.0, 64),
-            note(2.0, 3.0, 67),
-            note(1.0, 1.5, 36, "left"),
-            note(4.0, 5.0, 41, "left"),
-        ]
+    piece = score_of(
+        *((1.0, 3.0, 60, "right"), (1.0, 2.0, 64, "right"), (2.0, 3.0, 67, "right")),
+        *((1.0, 1.5, 36, "left"), (4.0, 5.0, 41, "left")),
     )
     # From 1 s to 5 s keys are down for 2 + 1 + 1 + 0.5 + 1 = 5.5 s. The right hand's centre goes
     # from 62 to 67, the left one's from 36 to 41; 10 semitones for two hands in 4 s.

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from short_scores import score_of
+
 from sb3_piano.music import BUILT_IN, Note, Pedal, Score
 from sb3_piano.music.fingering import agreement, finger_score, without_fingers
 
@@ -28,22 +30,14 @@ def numbers(score, hand):
 
 
 def tune(*pitches, hand=None, step=0.25):
-    return Score(
-        notes=[
-            Note(onset=step * i, offset=step * (i + 1), pitch=pitch, hand=hand)
-            for i, pitch in enumerate(pitches)
-        ]
-    )
+    return score_of(*((step * i, step * (i + 1), p, hand) for i, p in enumerate(pitches)))
 
 
 def test_a_score_without_any_hint_gets_hands_and_fingers():
     pitches = (60, 62, 64, 65, 67)
-    both = Score(
-        notes=[
-            Note(onset=0.25 * i, offset=0.25 * (i + 1), pitch=pitch + shift)
-            for i, pitch in enumerate(pitches)
-            for shift in (-24, 12)
-        ]
+    both = score_of(
+        *((0.25 * i, 0.25 * (i + 1), pitch - 24) for i, pitch in enumerate(pitches)),
+        *((0.25 * i, 0.25 * (i + 1), pitch + 12) for i, pitch in enumerate(pitches)),
     )
     found = finger_score(both)
     assert numbers(found, "right") == "12345"

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from short_scores import score_of
 
-from sb3_piano.music import BUILT_IN, Note, Score
+from sb3_piano.music import BUILT_IN
 from sb3_piano.music.fingering import assign_hands, without_fingers
 from sb3_piano.music.fingering.hand_search import search
 from sb3_piano.music.fingering.split import _Pianist
@@ -14,12 +15,7 @@ from sb3_piano.music.fingering.split import _Pianist
 
 def score(*notes):
     """A score of (onset, pitch, length, hand)."""
-    return Score(
-        notes=[
-            Note(onset=onset, offset=onset + length, pitch=pitch, hand=hand)
-            for onset, pitch, length, hand in notes
-        ]
-    )
+    return score_of(*((onset, onset + length, pitch, hand) for onset, pitch, length, hand in notes))
 
 
 def hands(*notes):

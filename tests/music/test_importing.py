@@ -5,10 +5,11 @@ import signal
 import time
 
 import pytest
+from short_scores import score_of
 
 from sb3_piano.cli import main
 from sb3_piano.exceptions import ConfigError, ScoreError
-from sb3_piano.music import Note, Score, read_midi, write_midi, write_musicxml
+from sb3_piano.music import read_midi, write_midi, write_musicxml
 from sb3_piano.music.fingering import finger_score
 from sb3_piano.music.library import Library, import_path
 from sb3_piano.music.library.piece_file import write_piece
@@ -30,12 +31,7 @@ def music(tmp_path):
 
 
 def tune(first=60, finger=-1, n_notes=3):
-    return Score(
-        notes=[
-            Note(onset=i * 0.5, offset=i * 0.5 + 0.4, pitch=first + 2 * i, finger=finger)
-            for i in range(n_notes)
-        ]
-    )
+    return score_of(*((i * 0.5, i * 0.5 + 0.4, first + 2 * i, finger) for i in range(n_notes)))
 
 
 def save(path, first=60, **fields):

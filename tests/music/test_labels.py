@@ -8,6 +8,7 @@ import dataclasses
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from short_scores import score_of
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import Note, Pedal, Score, write_midi
@@ -68,10 +69,7 @@ def test_a_table_of_pandas_with_a_gap_has_fractions(table):
 
 
 def test_the_nearest_onset_within_the_tolerance_is_taken_and_each_note_once(table):
-    repeated = Score(
-        notes=[Note(onset=t, offset=t + 0.05, pitch=60) for t in (0.0, 0.1, 0.2, 5.0)],
-        title="repeated",
-    )
+    repeated = score_of(*((t, t + 0.05, 60) for t in (0.0, 0.1, 0.2, 5.0)), title="repeated")
     # 0.16 is nearest to 0.2, which 0.19 is nearer to; 0.1 is then the next best.
     path = table("onset,pitch,finger", "0.01,60,0", "0.16,60,1", "0.19,60,2", "4.94,60,3")
     assert fingers(read_labels(path, repeated)) == [0, -1, 2, -1]
@@ -103,9 +101,7 @@ def test_a_label_with_a_hand_alone_leaves_a_finger_of_that_hand(table):
 
 
 def test_labels_come_from_midi_and_pig_files_too(tmp_path):
-    labelled = Score(
-        notes=[dataclasses.replace(n, finger=f) for n, f in zip(PLAIN.notes, range(4), strict=True)]
-    )
+    labelled = score_of(*((n.onset, n.offset, n.pitch, i) for i, n in enumerate(PLAIN.notes)))
     write_midi(labelled, tmp_path / "labels.mid")
     late = [
         dataclasses.replace(n, onset=n.onset + 0.02, finger=n.finger + 5) for n in labelled.notes

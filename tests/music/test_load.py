@@ -3,7 +3,15 @@ from pathlib import Path
 import pytest
 
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
-from sb3_piano.music import BUILT_IN, Note, Score, load_score, shown_title, write_midi
+from sb3_piano.music import (
+    BUILT_IN,
+    Note,
+    Score,
+    load_score,
+    shown_title,
+    write_midi,
+    write_score,
+)
 
 SCORE = Score(notes=[Note(onset=0, offset=1, pitch=60)], title="piece")
 
@@ -68,3 +76,16 @@ def test_an_existing_file_of_another_suffix_is_no_unknown_piece(tmp_path, monkey
     (tmp_path / "a.mscz").write_bytes(b"PK")
     with pytest.raises(ScoreError, match=r"format of 'a.mscz'.*Export it as MusicXML"):
         load_score("a.mscz")
+
+
+@pytest.mark.parametrize("suffix", ["mid", "txt", "musicxml", "mxl"])
+def test_a_file_in_a_folder_that_is_missing_is_not_written(suffix, tmp_path):
+    with pytest.raises(ScoreError, match=rf"Cannot write '.*none/a\.{suffix}': No such file"):
+        write_score(SCORE, tmp_path / "none" / f"a.{suffix}")
+
+
+@pytest.mark.parametrize("suffix", ["txt", "musicxml"])
+def test_where_a_file_needs_a_hand_an_unknown_one_is_chosen_by_the_pitch(suffix, tmp_path):
+    notes = [Note(onset=0, offset=1, pitch=pitch) for pitch in (59, 60)]
+    write_score(Score(notes=notes), tmp_path / f"a.{suffix}")
+    assert [n.hand for n in load_score(tmp_path / f"a.{suffix}").notes] == ["left", "right"]

@@ -79,26 +79,16 @@ class TestRoundTrip:
 
 
 class TestFingering:
-    def test_each_finger_has_a_track_by_its_pianists_name(self, tmp_path):
-        notes = [note(finger + 1, finger + 2, finger=finger) for finger in range(-1, 10)]
-        write_midi(Score(notes=notes), tmp_path / "a.mid")
-        tracks = pretty_midi.PrettyMIDI(str(tmp_path / "a.mid")).instruments
-        assert [track.name for track in tracks] == [
-            *("R1", "R2", "R3", "R4", "R5", "L1", "L2", "L3", "L4", "L5"),
-            "unlabelled",
-        ]
-
-    def test_a_hand_without_a_finger_has_a_track_by_its_name_after_its_fingers(self, tmp_path):
-        labels = [(-1, "left"), (-1, None), (9, None), (-1, "right"), (0, None)]
+    def test_each_finger_has_a_track_by_its_name_and_a_hand_one_after_its_fingers(self, tmp_path):
         notes = [
             note(time, time + 1, finger=finger, hand=hand)
-            for time, (finger, hand) in enumerate(labels)
+            for time, (finger, hand) in enumerate(LABELS[::-1])
         ]
-        score = Score(notes=notes, title="piece")
-        assert round_trip(score, tmp_path) == score
-        tracks = pretty_midi.PrettyMIDI(str(tmp_path / "piece.mid")).instruments
+        write_midi(Score(notes=notes), tmp_path / "a.mid")
+        tracks = pretty_midi.PrettyMIDI(str(tmp_path / "a.mid")).instruments
+        fingers = [[f"{side}{finger}" for finger in range(1, 6)] for side in "RL"]
         names = [track.name for track in tracks]
-        assert names == ["R1", "right", "L5", "left", "unlabelled"]
+        assert names == [*fingers[0], "right", *fingers[1], "left", "unlabelled"]
 
     def test_two_tracks_of_unlabelled_notes_are_not_taken_for_two_hands(self, tmp_path):
         notes = [note(0, 4), note(1, 2), note(0, 1, 90), note(2, 3, 90)]
@@ -269,23 +259,17 @@ class TestWrittenBars:
 
 
 class TestLeftOut:
-    def test_notes_without_length_are_counted_and_the_first_are_named(self, tmp_path):
-        messages = [on(60), off(60, 500), on(62, 500), off(62), on(64), off(64)]
-        path = save(tmp_path / "a.mid", messages)
-        message = r"a\.mid' left out 2 notes without length \(D4 at 1 s, E4 at 1 s\)\.$"
-        with pytest.warns(ScoreWarning, match=message):
-            score = read_midi(path)
-        assert times(score.notes) == spans([note(0, 0.5)])
-
-    def test_notes_off_the_keyboard_are_counted_and_the_first_are_named(self, tmp_path):
+    def test_what_no_piano_can_play_is_counted_and_the_first_notes_are_named(self, tmp_path):
         pitches = [20, 60, 109, 127, 0]
         messages = [m for pitch in pitches for m in (on(pitch), off(pitch, 500))]
-        path = save(tmp_path / "a.mid", messages)
+        path = save(tmp_path / "a.mid", [*messages, on(62), off(62), on(64), off(64)])
         message = (
-            r"left out 4 notes off the keyboard \(Ab0 at 0 s, C#8 at 1 s, G9 at 1\.5 s, \.\.\.\)"
+            r"a\.mid' left out 2 notes without length \(D4 at 2\.5 s, E4 at 2\.5 s\) and "
+            r"4 notes off the keyboard \(Ab0 at 0 s, C#8 at 1 s, G9 at 1\.5 s, \.\.\.\)\.$"
         )
         with pytest.warns(ScoreWarning, match=message):
-            assert [n.pitch for n in read_midi(path).notes] == [60]
+            score = read_midi(path)
+        assert times(score.notes) == spans([note(0.5, 1.0)])
 
     def test_a_file_of_which_nothing_remains_is_refused(self, tmp_path):
         path = save(tmp_path / "a.mid", [on(20), off(20, 500), on(60)])
@@ -339,16 +323,11 @@ class TestChunks:
         (folder / "a.mid").write_bytes(content)
         return [(n.pitch, n.onset, n.offset) for n in read_midi(folder / "a.mid").notes]
 
-    @pytest.mark.parametrize("length", [0, 1, 5, 9, 12, 14, 40, 2**32 - 1])
+    # 34 is up to the end of the file, the next track included.
+    @pytest.mark.parametrize("length", [0, 1, 5, 9, 12, 14, 34, 40, 2**32 - 1])
     def test_a_wrong_length_of_a_track_loses_nothing(self, length, tmp_path):
         one, other = NOTE_C + END, NOTE_C.replace(b"\x3c", b"\x40") + END
         content = HEAD + chunk(b"MTrk", one, length) + chunk(b"MTrk", other)
-        assert self.notes(tmp_path, content) == [(60, 0, 0.5), (64, 0, 0.5)]
-
-    def test_a_length_of_the_whole_file_does_not_swallow_the_next_track(self, tmp_path):
-        second = chunk(b"MTrk", NOTE_C.replace(b"\x3c", b"\x40") + END)
-        length = len(NOTE_C + END + second)
-        content = HEAD + chunk(b"MTrk", NOTE_C + END, length) + second
         assert self.notes(tmp_path, content) == [(60, 0, 0.5), (64, 0, 0.5)]
 
     def test_a_header_may_be_longer_and_a_chunk_of_another_kind_of_any_length(self, tmp_path):
@@ -384,11 +363,6 @@ class TestSilence:
         expected = [note(0, 0.3, 60), note(0, 1, 72), note(1, 1.1, 62)]
         assert times(read_midi(path).notes) == spans(expected)
 
-    def test_a_release_in_another_track_ends_what_is_released_nowhere_else(self, tmp_path):
-        end = mido.MetaMessage("end_of_track", time=2000)
-        path = save(tmp_path / "a.mid", [on(60), end], [off(60, 700), off(60, 100)])
-        assert times(read_midi(path).notes) == spans([note(0, 0.7)])
-
     def test_resetting_controllers_lifts_the_pedal_of_another_track_too(self, tmp_path):
         reset = mido.Message("control_change", control=121, time=300)
         path = save(tmp_path / "a.mid", [pedal(127), on(60), off(60, 1000)], [reset])
@@ -418,10 +392,6 @@ class TestWriting:
         write_midi(load_score("TwinkleTwinkleLittleStar"), tmp_path / "a.mid")
         assert [path.name for path in tmp_path.iterdir()] == ["a.mid"]
         assert len(read_midi(tmp_path / "a.mid").notes) == 14
-
-    def test_a_missing_folder_is_refused_by_path(self, tmp_path):
-        with pytest.raises(ScoreError, match=r"Cannot write '.*none/a\.mid': No such file"):
-            write_midi(load_score("TwinkleTwinkleLittleStar"), tmp_path / "none" / "a.mid")
 
     def test_a_piece_too_long_for_midi_is_refused(self, tmp_path):
         with pytest.raises(ScoreError, match=r"'day' lasts 86400 s, too long .* less than 49500 s"):

@@ -63,10 +63,6 @@ class TestRoundTrip:
         assert len(packed) < len(plain) / 4
         assert (tmp_path / "a.MXL").read_bytes() == packed
 
-    def test_an_unknown_hand_is_chosen_by_the_pitch(self, tmp_path):
-        back = round_trip(Score(notes=[note(0, 1, 59), note(0, 1, 60)]), tmp_path)
-        assert [n.hand for n in back.notes] == ["left", "right"]
-
     def test_notes_on_one_key_at_one_time_stay_two(self, tmp_path):
         notes = [note(0, 1, finger=0), note(0, 1, finger=1), note(0, 3, finger=2)]
         notes += [note(1.5, 3.5, finger=2), note(0, 2, hand="left")]
@@ -186,12 +182,7 @@ class TestOtherReaders:
         assert tempo.number == 120
 
 
-class TestErrors:
-    @pytest.mark.parametrize("tempo", [0, -1, float("nan"), float("inf")])
-    def test_a_tempo_that_is_none_is_refused(self, tempo, tmp_path):
-        with pytest.raises(ScoreError, match=f"Tempo {tempo} is out of range: expected a finite"):
-            round_trip(AWKWARD, tmp_path, tempo=tempo)
-
-    def test_a_missing_folder_is_refused(self, tmp_path):
-        with pytest.raises(ScoreError, match=r"Cannot write '.*none/a\.mxl': No such file"):
-            write_musicxml(AWKWARD, tmp_path / "none" / "a.mxl")
+@pytest.mark.parametrize("tempo", [0, -1, float("nan"), float("inf")])
+def test_a_tempo_that_is_none_is_refused(tempo, tmp_path):
+    with pytest.raises(ScoreError, match=f"Tempo {tempo} is out of range: expected a finite"):
+        round_trip(AWKWARD, tmp_path, tempo=tempo)

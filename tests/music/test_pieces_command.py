@@ -7,11 +7,10 @@ import sys
 import time
 
 import pytest
+from short_scores import score_of
 
 from sb3_piano.music import (
     BUILT_IN,
-    Note,
-    Score,
     load_score,
     pieces,
     read_midi,
@@ -26,8 +25,7 @@ TWINKLE = "debug-TwinkleTwinkleLittleStar"
 
 
 def save(path, first=60, n_notes=4):
-    notes = [(i * 0.5, i * 0.5 + 0.4, first + 2 * (i % 9)) for i in range(n_notes)]
-    score = Score(notes=[Note(onset=a, offset=b, pitch=pitch) for a, b, pitch in notes])
+    score = score_of(*((i * 0.5, i * 0.5 + 0.4, first + 2 * (i % 9)) for i in range(n_notes)))
     path.parent.mkdir(parents=True, exist_ok=True)
     write_midi(score, path)
     return path
@@ -201,13 +199,8 @@ class TestShow:
         assert f"SHA-256:    {Library().info('a').sha256}" in out
 
     def test_hands_have_a_column_each_and_unknown_ones_too(self, run):
-        notes = [
-            Note(onset=0, offset=1, pitch=60, finger=1),
-            Note(onset=0, offset=1, pitch=64, hand="right"),
-            Note(onset=0, offset=1, pitch=40, finger=5),
-            Note(onset=1, offset=2, pitch=90),
-        ]
-        Library().add(Score(notes=notes), "x", source="nowhere", fingering="none")
+        score = score_of((0, 1, 60, 1), (0, 1, 64, "right"), (0, 1, 40, 5), (1, 2, 90))
+        Library().add(score, "x", source="nowhere", fingering="none")
         rows = rows_of(run("show", "x")[1])
         assert ["-", "0.00", "C4/2 E4", "E2/1", ""] in rows
         assert rows[-1][0:2] == ["-", "1.00"]

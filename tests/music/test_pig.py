@@ -142,9 +142,3 @@ def test_the_lines_are_as_in_the_data_set(tmp_path):
         "1\t0.5\t1.5\tF#3\t70\t80\t1\t-5\n"
         "2\t1.0\t2.0\tA0\t80\t80\t1\t0\n"
     )
-
-
-def test_an_unknown_hand_is_chosen_by_the_pitch(tmp_path):
-    notes = [Note(onset=0, offset=1, pitch=pitch) for pitch in (59, 60)]
-    write_pig(Score(notes=notes), tmp_path / "a.txt")
-    assert [note.hand for note in read_pig(tmp_path / "a.txt").notes] == ["left", "right"]

@@ -6,6 +6,7 @@ import zipfile
 
 import gymnasium
 import pytest
+from short_scores import score_of
 
 from sb3_piano.exceptions import ScoreError, UnknownPieceError
 from sb3_piano.music import Note, PianoRoll, Score, load_score, read_midi, write_midi
@@ -23,9 +24,7 @@ GolliwoggsCakewalk PianoSonataNo21StMov PianoSonataK279InCMajor1StMov
 
 def tune(first, finger=0):
     notes = [(i, i + 0.9, first + i) for i in range(3)]
-    return Score(
-        notes=[Note(onset=a, offset=b, pitch=pitch, finger=finger) for a, b, pitch in notes]
-    )
+    return score_of(*((a, b, pitch, finger) for a, b, pitch in notes))
 
 
 @pytest.fixture

@@ -75,20 +75,15 @@ def test_pieces_come_easiest_first_with_their_features(run):
     assert "Difficulty by the score alone" in out
 
 
-def test_files_are_ranked_beside_pieces(run, tmp_path):
-    write_midi(find_piece(FAMILIAR[2]).score(), tmp_path / "chords.mid")
-    code, out, err = run("rank", FAMILIAR[0], "chords.mid")
-    assert (code, err) == (0, "")
-    assert [row[1] for row in rows_of(out)] == [FAMILIAR[0], "chords.mid"]
-    assert rows_of(out)[1][3:9] == ["16", "4.0", "4.00", "4", "4.00", "7"]
-
-
-def test_a_file_has_its_recorded_performances_and_a_bad_one_stops_no_other(run, tmp_path):
+def test_files_are_ranked_beside_pieces_with_their_recordings_and_a_bad_one_stops_no_other(
+    run, tmp_path
+):
     write_midi(find_piece(FAMILIAR[2]).score(), tmp_path / "chords.mid")
     (tmp_path / "bad.mid").write_bytes(b"MThd")
     write_motion(recording("chords", 1.0), tmp_path / "chords.npz")
-    code, out, err = run("rank", "bad.mid", "chords.mid")
-    assert (code, [row[1] for row in rows_of(out)]) == (2, ["chords.mid"])
+    code, out, err = run("rank", FAMILIAR[0], "bad.mid", "chords.mid")
+    assert (code, [row[1] for row in rows_of(out)]) == (2, [FAMILIAR[0], "chords.mid"])
+    assert rows_of(out)[1][3:9] == ["16", "4.0", "4.00", "4", "4.00", "7"]
     assert "Piece 'bad.mid' was not ranked" in err
     code, out, _ = run("rank", "chords.mid", "--motion", "chords.npz")
     assert (code, [row[1] for row in rows_of(out)]) == (0, ["chords.mid"])
@@ -164,11 +159,13 @@ def test_a_damaged_recording_is_told_and_the_others_are_used(run, tmp_path):
 # fingering
 
 
-def test_our_fingering_stands_beside_the_labels(run, tmp_path):
-    code, out, err = run("fingering", *FAMILIAR[1:], "--csv", "fingering.csv")
+def test_our_fingering_stands_beside_the_labels_of_pieces_and_files(run, tmp_path):
+    write_pig(find_piece(FAMILIAR[2]).score(), tmp_path / "labels.txt")
+    names = {FAMILIAR[1]: FAMILIAR[1], "labels.txt": FAMILIAR[2]}
+    code, out, err = run("fingering", *names, "--csv", "fingering.csv")
     assert (code, err) == (0, "")
     rows = rows_of(out)
-    found = {name: judge(find_piece(name).score()) for name in FAMILIAR[1:]}
+    found = {name: judge(find_piece(piece).score()) for name, piece in names.items()}
     for row, (name, judged) in zip(rows, found.items(), strict=False):
         shares = (judged.right, judged.left, judged.both, judged.hands)
         assert row == [name, str(sum(judged.notes)), *(f"{100 * s:.1f} %" for s in shares)]
@@ -200,15 +197,6 @@ def test_what_is_judged_is_our_fingering_for_the_labels_hands_and_our_hands():
     kept = without_fingers(labelled, keep_hands=True)
     assert [note.hand for note in kept.notes] == [note.hand for note in labelled.notes]
     assert not kept.has_fingering
-
-
-def test_our_fingering_stands_beside_the_labels_of_a_file(run, tmp_path):
-    write_pig(find_piece(FAMILIAR[1]).score(), tmp_path / "labels.txt")
-    code, out, err = run("fingering", "labels.txt")
-    assert (code, err) == (0, "")
-    known = judge(find_piece(FAMILIAR[1]).score())
-    assert rows_of(out)[0][:2] == ["labels.txt", str(sum(known.notes))]
-    assert rows_of(out)[0][4] == f"{100 * known.both:.1f} %"
 
 
 @pytest.fixture

@@ -10,8 +10,9 @@ import pytest
 from drawn_presses import hand_presses
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from short_scores import score_of
 
-from sb3_piano.music import Note, PianoRoll, Score
+from sb3_piano.music import PianoRoll
 from sb3_piano.music.constants import KEY_IS_BLACK, NUM_KEYS
 from sb3_piano.music.fingering import apply_fingering, robot
 from sb3_piano.music.fingering.robot import (
@@ -164,18 +165,8 @@ def test_what_a_hand_cannot_hold_makes_way(held, expected, sign):
 # Scores and rolls.
 
 
-def score_of(*given_notes):
-    """Return the score of (pitch, finger, onset, offset)."""
-    return Score(
-        notes=[
-            Note(pitch=pitch, finger=finger, onset=onset, offset=offset)
-            for pitch, finger, onset, offset in given_notes
-        ]
-    )
-
-
 drawn_notes = st.builds(
-    lambda pitch, finger, onset, length: (pitch, finger, onset / 20, (onset + length) / 20),
+    lambda pitch, finger, onset, length: (onset / 20, (onset + length) / 20, pitch, finger),
     pitch=st.integers(40, 80),
     finger=st.integers(0, 9),
     onset=st.integers(0, 30),
@@ -213,7 +204,7 @@ def test_only_fingers_change_and_each_note_stays_with_its_hand(drawn):
 
 def test_a_chord_no_finger_can_hold_as_written_is_refingered_so_that_nothing_is_released():
     """A fifth and a ninth: not for the index finger in between, which does not spread so far."""
-    score = score_of((60, 0, 0.0, 0.5), (67, 1, 0.0, 0.5), (74, 4, 0.0, 0.5))
+    score = score_of((0.0, 0.5, 60, 0), (0.0, 0.5, 67, 1), (0.0, 0.5, 74, 4))
     assert release_early(PianoRoll.from_score(score, 0.05)).early_releases
     fingered = robot_fingers(score, 0.05)
     assert [note.finger for note in fingered.notes] == [0, 2, 4]
@@ -222,12 +213,7 @@ def test_a_chord_no_finger_can_hold_as_written_is_refingered_so_that_nothing_is_
 
 @pytest.mark.parametrize("start", [0.0, 0.02, 1.33])
 def test_where_a_piece_begins_makes_no_difference_and_bare_notes_get_fingers_first(start):
-    bare = Score(
-        notes=[
-            Note(pitch=60 + 4 * (i % 3), onset=start + 0.3 * i, offset=start + 0.3 * i + 0.3)
-            for i in range(6)
-        ]
-    )
+    bare = score_of(*((start + 0.3 * i, start + 0.3 * i + 0.3, 60 + 4 * (i % 3)) for i in range(6)))
     fingers = [note.finger for note in apply_fingering(bare, "robot").notes]
     assert -1 not in fingers
     trimmed = apply_fingering(bare.trim_silence(), "robot")
@@ -237,12 +223,12 @@ def test_where_a_piece_begins_makes_no_difference_and_bare_notes_get_fingers_fir
 @pytest.mark.parametrize("period", [0.4, 0.375, 0.33])
 def test_touching_octaves_keep_the_fingers_of_an_octave_at_any_tempo(period):
     # Rounding to control steps makes some of them overlap by a step.
-    notes = [
-        Note(onset=period * i, offset=period * (i + 1), pitch=pitch + octave, hand="right")
+    octaves = (
+        (period * i, period * (i + 1), pitch + octave, "right")
         for i, pitch in enumerate((60, 62, 64, 65, 67, 69, 71, 72))
         for octave in (0, 12)
-    ]
-    found = apply_fingering(Score(notes=notes), "robot")
+    )
+    found = apply_fingering(score_of(*octaves), "robot")
     assert [note.finger for note in found.notes] == [0, 4] * 8
     roll = release_early(PianoRoll.from_score(found, 0.05))
     assert all(one.release >= one.offset - 1 for one in roll.early_releases)

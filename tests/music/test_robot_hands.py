@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
+from short_scores import score_of
 
-from sb3_piano.music import BUILT_IN, Note, Score, load_score
+from sb3_piano.music import BUILT_IN, load_score
 from sb3_piano.music.fingering import apply_fingering
 from sb3_piano.music.fingering.robot_hands import robot_hands
 from sb3_piano.music.hands import finger_of
@@ -17,11 +18,8 @@ STEP = 0.05
 def hands_of(*notes):
     """The hand found for each (onset, pitch, length, R or L), in order of onset and pitch."""
     names = {"R": "right", "L": "left"}
-    score = Score(
-        notes=[
-            Note(onset=onset, offset=onset + length, pitch=pitch, hand=names[hand])
-            for onset, pitch, length, hand in notes
-        ]
+    score = score_of(
+        *((onset, onset + length, pitch, names[hand]) for onset, pitch, length, hand in notes)
     )
     found = robot_hands(score, STEP)
     return "".join("R" if note.hand == "right" else "L" for note in found.notes)

@@ -80,9 +80,13 @@ def hands_of_staves(parts: Sequence[SourcePart]) -> list[dict[int, Hand | None]]
     """Return the hand of each staff, for each part."""
     by_name = [hand_of_name(part.name) for part in parts]
     single = [index for index, part in enumerate(parts) if part.staves == 1]
-    if len(single) == 2 and not any(by_name):
+    if len(single) == 2:
         first, second = single
-        if _middle(parts[first]) >= _middle(parts[second]):
+        known = by_name[first] or by_name[second]
+        if known is not None:  # the one without a name is the other hand
+            other = HANDS[known == HANDS[0]]
+            by_name[first], by_name[second] = by_name[first] or other, by_name[second] or other
+        elif _middle(parts[first]) >= _middle(parts[second]):
             by_name[first], by_name[second] = HANDS
     return [
         _hands_of_part(part, hand, is_alone=len(parts) == 1)

@@ -5,20 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-
-from sb3_piano.music import Note, Pedal, Score
+from short_scores import score_of
 
 # Ten control steps. Steps 0-2: thumb on C4; step 1: left index finger on D#2; step 4: nobody in
 # particular on C6; steps 6-8: thumb on E4 and little finger on C8. The pedal is down in 2 to 4.
-TINY = Score(
-    notes=[
-        Note(onset=0.0, offset=0.15, pitch=60, finger=0),
-        Note(onset=0.05, offset=0.1, pitch=39, finger=6),
-        Note(onset=0.2, offset=0.25, pitch=84),
-        Note(onset=0.3, offset=0.45, pitch=64, finger=0),
-        Note(onset=0.3, offset=0.45, pitch=108, finger=4),
-    ],
-    pedals=[Pedal(onset=0.1, offset=0.25)],
+TINY = score_of(
+    (0.0, 0.15, 60, 0),
+    (0.05, 0.1, 39, 6),
+    (0.2, 0.25, 84),
+    (0.3, 0.45, 64, 0),
+    (0.3, 0.45, 108, 4),
+    pedals=[(0.1, 0.25)],
     title="tiny",
 )
 

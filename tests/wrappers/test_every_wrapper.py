@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env as gymnasium_check
 from gymnasium.wrappers import RescaleObservation
+from short_scores import score_of
 from stable_baselines3.common.env_checker import check_env as sb3_check
 
 import sb3_piano.wrappers
@@ -40,22 +41,10 @@ from sb3_piano.wrappers import (
 )
 
 # Seven control steps, in the range of the three central octaves also three semitones higher.
-PIECE = Score(
-    notes=[
-        Note(onset=0.0, offset=0.1, pitch=60, finger=0),
-        Note(onset=0.1, offset=0.3, pitch=64, finger=2),
-        Note(onset=0.1, offset=0.2, pitch=55, finger=7),
-    ],
-    title="piece",
-    bars=[0.0, 0.1],
+PIECE = score_of(
+    (0.0, 0.1, 60, 0), (0.1, 0.3, 64, 2), (0.1, 0.2, 55, 7), title="piece", bars=[0.0, 0.1]
 )
-OTHER = Score(
-    notes=[
-        Note(onset=0.0, offset=0.15, pitch=62, finger=1),
-        Note(onset=0.1, offset=0.2, pitch=67, finger=4),
-    ],
-    title="other",
-)
+OTHER = score_of((0.0, 0.15, 62, 1), (0.1, 0.2, 67, 4), title="other")
 
 # Each with the arguments that YAML would give it, and as random as it can be.
 ARGUMENTS = {
@@ -318,7 +307,7 @@ REFUSED = [
     (Lookahead, {"fingers": "yes"}, "fingers is 'yes': expected true or false"),
     (RewardWeights, {"weights": {"fingring": 1}}, "term 'fingring'. Did you mean 'fingering'"),
     (RewardWeights, {"weights": {7: 1.0}}, "weights is 7: expected text"),
-    (RewardWeights, {"weights": {"energy": "1e-3"}}, r"weights\['energy'\] is '1e-3': expected a"),
+    (RewardWeights, {"weights": {"energy": "x"}}, r"weights\['energy'\] is 'x': expected a"),
     (RewardWeights, {"weights": {"energy": 1e308}}, r"finite number from -1e\+06 to 1e\+06"),
     (RewardWeights, {"weights": None}, "weights is None: expected a mapping"),
     (FingeringDecay, {"n_steps": 0}, "n_steps is 0: expected a whole number, 1 or more"),

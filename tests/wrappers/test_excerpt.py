@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
-import playing_scores
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from playing_scores import melody, piano, played
+from random_scores import FINGERS, scores
+from short_scores import score_of
 
 from sb3_piano.exceptions import ScoreError
-from sb3_piano.music import Note, Score, load_score, write_midi
+from sb3_piano.music import Note, Score
 from sb3_piano.wrappers import Excerpt, PitchShift, TemporalStretch
 from sb3_piano.wrappers.score_wrapper import possible_scores
 
@@ -75,7 +76,7 @@ class TestSeconds:
 
     @pytest.mark.slow
     @settings(max_examples=60, deadline=None)
-    @given(score=playing_scores.scores(), length=st.floats(0.01, 9.0), seed=st.integers(0, 9))
+    @given(score=scores(FINGERS), length=st.floats(0.01, 9.0), seed=st.integers(0, 9))
     def test_a_random_part_always_has_notes_and_is_as_long_as_can_be(self, score, length, seed):
         env = Excerpt(piano(), start="random", length=length)
         random = np.random.default_rng(seed)
@@ -89,9 +90,7 @@ class TestSeconds:
             assert end <= score.duration + 2e-6
 
     def test_a_rounding_error_neither_loses_a_note_nor_adds_one(self):
-        tenths = Score(
-            notes=[Note(onset=i / 10, offset=(i + 1) / 10, pitch=60 + i) for i in range(6)]
-        )
+        tenths = score_of(*((i / 10, (i + 1) / 10, 60 + i) for i in range(6)))
         assert tenths.notes[3].onset < 0.1 + 0.2  # which would then be struck before the end
         env = Excerpt(piano(tenths), start=0.1, length=0.2)
         assert pitches(played(env)) == [61, 62]
@@ -143,12 +142,6 @@ class TestBars:
             for start in range(3)
         ]
         assert played_by == [[60], [61, 62], [63, 64]]
-
-    def test_bars_of_a_midi_file_are_those_of_its_meter(self, tmp_path):
-        write_midi(load_score("TwinkleTwinkleLittleStar"), tmp_path / "a.mid")
-        env = Excerpt(piano(), start=1, length=2, unit="bars")
-        score = played(env, score=tmp_path / "a.mid")
-        assert pitches(score) == [69, 69, 67, 65, 65, 64, 64]
 
     def test_a_stretched_piece_has_its_bars_where_they_were(self):
         env = TemporalStretch(Excerpt(piano(SIX), start=1, length=1, unit="bars"), 0.3)

@@ -6,24 +6,19 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.wrappers import RescaleAction
+from short_scores import score_of
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError, InvalidActionError
-from sb3_piano.music import Note, Pedal, Score
+from sb3_piano.music import Score
 from sb3_piano.planning import PlannedPianist
 from sb3_piano.vec_env import HandsAsAgents
 from sb3_piano.wrappers import HandActions, HandReward
 from sb3_piano.wrappers.hand_actions import change_of_actions
 
-PIECE = Score(
-    notes=[
-        Note(onset=0.0, offset=0.3, pitch=64, finger=1),
-        Note(onset=0.3, offset=0.6, pitch=67, finger=3),
-        Note(onset=0.2, offset=0.6, pitch=48, finger=6),
-    ],
-    pedals=[Pedal(onset=0.25, offset=0.5)],
-    title="two hands",
+PIECE = score_of(
+    (0.0, 0.3, 64, 1), (0.3, 0.6, 67, 3), (0.2, 0.6, 48, 6), pedals=[(0.25, 0.5)], title="two hands"
 )
 OPTIONS = {"physics": "fast", "reduced_action_space": False, "initial_buffer_time": 0.5}
 

@@ -6,20 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from short_scores import score_of
 from side_by_side import TINY, block, episode
 
 from sb3_piano.envs import PianoEnv
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Note, Score
 from sb3_piano.wrappers import HideFingering, KeyRange, Lookahead
 
-OTHER = Score(
-    notes=[
-        Note(onset=0.0, offset=0.1, pitch=62, finger=2),
-        Note(onset=0.1, offset=0.3, pitch=50, finger=7),
-    ],
-    title="other",
-)
+OTHER = score_of((0.0, 0.1, 62, 2), (0.1, 0.3, 50, 7), title="other")
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env as gymnasium_check
+from short_scores import score_of
 from stable_baselines3 import SAC
 from stable_baselines3.common.buffers import DictReplayBuffer
 from stable_baselines3.common.env_checker import check_env as sb3_check
@@ -19,19 +20,12 @@ from sb3_piano.buffers import CompactDictReplayBuffer, CompactReplayBuffer
 from sb3_piano.buffers.rows import buffer_rows
 from sb3_piano.callbacks import F1Callback
 from sb3_piano.exceptions import ConfigError
-from sb3_piano.music import Note, Score
 from sb3_piano.training import RunConfig, evaluate, train
 from sb3_piano.viewing import FINGER_COLORS, PRESSED_COLOR, FrameRenderer
 from sb3_piano.wrappers import Excerpt, KeyRange, Pixels
 
 # Keys far from the hands, and one right under the thumb at rest.
-PIECE = Score(
-    notes=[
-        Note(onset=0.0, offset=0.3, pitch=60, finger=0),
-        Note(onset=0.3, offset=0.5, pitch=76, finger=2),
-    ],
-    title="piece",
-)
+PIECE = score_of((0.0, 0.3, 60, 0), (0.3, 0.5, 76, 2), title="piece")
 
 
 def piano(**options):

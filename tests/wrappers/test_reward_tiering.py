@@ -9,22 +9,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from short_scores import score_of
 
 from sb3_piano.envs import PianoEnv
-from sb3_piano.music import NUM_KEYS, Note, Score
+from sb3_piano.music import NUM_KEYS
 from sb3_piano.wrappers import KeyRewardTiering, RewardTiering
 
 TOLERANCE = 0.0003
 
 # Two keys are due for six control steps; in the seventh, none is.
 C4, E4, WRONG = 60 - 21, 64 - 21, 70
-CHORD = Score(
-    notes=[
-        Note(onset=0.0, offset=0.3, pitch=60, finger=0),
-        Note(onset=0.0, offset=0.3, pitch=64, finger=2),
-    ],
-    title="chord",
-)
+CHORD = score_of((0.0, 0.3, 60, 0), (0.0, 0.3, 64, 2), title="chord")
 
 # Keys that are played; recall and precision of the report; its key reward, old and tiered.
 EXAMPLES = {
@@ -87,11 +82,8 @@ def test_where_nothing_is_due_the_term_stays(piano, keys, expected):
 
 def test_each_step_is_compared_with_its_own_goal():
     """First only C is due, then only E: holding C is right, then wrong, then wrong in silence."""
-    notes = [
-        Note(onset=0.0, offset=0.1, pitch=60, finger=0),
-        Note(onset=0.1, offset=0.2, pitch=64, finger=2),
-    ]
-    env = KeyRewardTiering(PianoEnv(Score(notes=notes), physics="fast"))
+    score = score_of((0.0, 0.1, 60, 0), (0.1, 0.2, 64, 2))
+    env = KeyRewardTiering(PianoEnv(score, physics="fast"))
     env.reset(seed=0)
     found = []
     for _ in range(5):
@@ -101,8 +93,8 @@ def test_each_step_is_compared_with_its_own_goal():
 
 def test_with_goals_at_the_end_of_steps_it_goes_by_those():
     """C is asked for in the two steps before those that it is written in."""
-    notes = [Note(onset=0.15, offset=0.25, pitch=60, finger=0)]
-    piano = PianoEnv(Score(notes=notes), physics="fast", goal_time="end", trim_silence=False)
+    score = score_of((0.15, 0.25, 60, 0))
+    piano = PianoEnv(score, physics="fast", goal_time="end", trim_silence=False)
     env = KeyRewardTiering(piano)
     env.reset(seed=0)
     found = [play(env, keys, steps=1)[1]["key_press"] for keys in [()] * 3 + [[C4]] * 3]

@@ -10,19 +10,14 @@ import pytest
 from gymnasium.wrappers import TimeLimit, TransformReward
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from short_scores import score_of
 
 from sb3_piano.envs import DEFAULT_REWARD_WEIGHTS, RETURN_KEYS, PianoEnv
 from sb3_piano.exceptions import ConfigError
 from sb3_piano.music import Note, Score
 from sb3_piano.wrappers import FingeringDecay, KeyRewardTiering, RewardTiering, RewardWeights
 
-TINY = Score(
-    notes=[
-        Note(onset=0.0, offset=0.1, pitch=60, finger=0),
-        Note(onset=0.15, offset=0.25, pitch=64, finger=6),
-    ],
-    title="tiny",
-)
+TINY = score_of((0.0, 0.1, 60, 0), (0.15, 0.25, 64, 6), title="tiny")
 STEPS = 6
 
 

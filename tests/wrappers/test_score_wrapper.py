@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import gymnasium as gym
 import numpy as np
-import playing_scores
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from playing_scores import melody, piano, played
+from random_scores import FINGERS, scores
 
 from sb3_piano.music import Score
 from sb3_piano.wrappers import Excerpt, OctaveShift, PitchShift, RandomPiece, TemporalStretch
@@ -94,7 +94,7 @@ class TestPossibleScores:
         inner=st.lists(changes, max_size=2),
         outer=st.lists(changes, max_size=2),
         length=st.floats(0.2, 5),
-        score=playing_scores.scores(),
+        score=scores(FINGERS),
     )
     def test_whatever_is_drawn_lies_within_their_pitches(self, inner, outer, length, score):
         env = RandomPiece(piano(), [score, melody(40, 80, 30)])

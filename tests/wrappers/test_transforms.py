@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from collections import Counter
 
 import numpy as np
-import playing_scores
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from playing_scores import melody, piano, played
+from random_scores import FINGERS, scores
 
 from sb3_piano.exceptions import ScoreError
 from sb3_piano.music import MAX_PITCH, MIN_PITCH, Note, Score
@@ -26,15 +24,8 @@ def shifts(env, score, count):
 
 
 class TestFixedShift:
-    def test_all_notes_move_and_nothing_else_changes(self):
-        before, after = melody(60, 64), played(PitchShift(piano(melody(60, 64)), 3))
-        assert [note.pitch for note in after.notes] == [63, 67]
-        assert [dataclasses.replace(note, pitch=note.pitch - 3) for note in after.notes] == list(
-            before.notes
-        )
-
     @settings(max_examples=30, deadline=None)
-    @given(score=playing_scores.scores(), data=st.data())
+    @given(score=scores(FINGERS), data=st.data())
     def test_a_shift_and_its_opposite_play_the_piece_itself(self, score, data):
         low, high = score.pitch_range
         shift = data.draw(st.integers(max(MIN_PITCH - low, -43), min(MAX_PITCH - high, 43)))
@@ -111,29 +102,14 @@ def factors(env, count, *, seed=0):
     return [env.change(score, random).duration for _ in range(count)]
 
 
-def test_two_is_twice_as_slow_and_the_episode_twice_as_long():
-    env = TemporalStretch(piano(melody(60, 62)), 2)
-    score = played(env)
-    assert [(note.onset, note.offset, note.pitch) for note in score.notes] == [
-        (0, 2, 60),
-        (2, 4, 62),
-    ]
-    assert len(env.unwrapped.roll) - 1 == 2 * 40
-
-
 @settings(max_examples=30, deadline=None)
-@given(score=playing_scores.scores(), factor=FACTORS)
-def test_every_time_is_multiplied_and_nothing_else_changes(score, factor):
-    slow = played(TemporalStretch(piano(melody(60)), factor), score=score)
-    for after, before in zip(slow.notes, score.notes, strict=True):
-        assert (after.onset, after.offset) == (before.onset * factor, before.offset * factor)
-        assert (after.pitch, after.velocity, after.finger) == (
-            before.pitch,
-            before.velocity,
-            before.finger,
-        )
-    assert slow.bars == tuple(line * factor for line in score.bars)
-    assert slow.pedals[0].offset == 1.5 * factor
+@given(score=scores(FINGERS), factor=FACTORS)
+def test_a_piece_is_stretched_with_its_pedals_and_bars(score, factor):
+    slow, expected = (
+        played(TemporalStretch(piano(melody(60)), factor), score=score),
+        score.stretch(factor),
+    )
+    assert (slow, slow.bars) == (expected, expected.bars)
 
 
 @settings(max_examples=30, deadline=None)
@@ -143,21 +119,14 @@ def test_factors_of_a_stack_multiply(inner, outer):
     assert played(env).duration == pytest.approx(2 * inner * outer)
 
 
-def test_drawn_factors_fill_the_range_evenly_on_a_logarithmic_scale():
-    drawn = np.log2(factors(TemporalStretch(piano(), [0.5, 4]), 900))
-    assert drawn.min() >= -1
-    assert drawn.max() <= 2
-    thirds = np.histogram(drawn, bins=3, range=(-1, 2))[0]
+@pytest.mark.parametrize(
+    ("options", "high", "position"), [({}, 4, np.log2), ({"scale": "linear"}, 2, np.asarray)]
+)
+def test_drawn_factors_fill_the_range_evenly_on_their_scale(options, high, position):
+    drawn = position(factors(TemporalStretch(piano(), [0.5, high], **options), 900))
+    thirds = np.histogram(drawn, bins=3, range=position([0.5, high]))[0]
+    assert sum(thirds) == 900
     assert all(250 < count < 350 for count in thirds)
-
-
-def test_is_drawn_from_the_generator_of_the_environment():
-    env = TemporalStretch(piano(melody(60)), (0.5, 2))
-    twin = np.random.default_rng(6)
-    expected = [math.exp(twin.uniform(math.log(0.5), math.log(2))) for _ in range(3)]
-    drawn = [played(env, seed=6 if i == 0 else None).duration for i in range(3)]
-    assert drawn == pytest.approx(expected)
-    assert len(set(drawn)) == 3
 
 
 @pytest.mark.parametrize("factor", [1e-320, [1e-320, 1.0]])
@@ -167,13 +136,6 @@ def test_a_note_left_without_length_is_an_error_at_once_for_the_own_piece(factor
         TemporalStretch(piano(short), factor)
     with pytest.raises(ScoreError, match="Note 0 of 'short' stretched by 1e-320"):
         TemporalStretch(piano(), 1e-320).reset(options={"score": short})
-
-
-def test_drawn_factors_fill_the_range_evenly_on_a_linear_scale():
-    drawn = factors(TemporalStretch(piano(), [0.5, 2], scale="linear"), 900)
-    thirds = np.histogram(drawn, bins=3, range=(0.5, 2))[0]
-    assert sum(thirds) == 900
-    assert all(250 < count < 350 for count in thirds)
 
 
 @pytest.mark.parametrize(

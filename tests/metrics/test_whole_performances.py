@@ -12,7 +12,10 @@ from sb3_piano.metrics import (
     FINGER_SHARES,
     Onsets,
     episode_metrics,
+    fingering_agreement,
+    frame_scores,
     normalized_return,
+    wrong_presses,
 )
 from sb3_piano.music import Note, PianoRoll, Score
 
@@ -154,6 +157,12 @@ def test_an_empty_piece():
     metrics = judge(played([], 0), played([], 0))
     done = ("finger_share", "effective", "onset_error", "wrong_presses")
     assert metrics == {name: float(not name.startswith(done)) for name in EPISODE_METRICS[:-1]}
+
+
+@pytest.mark.parametrize("compare", [frame_scores, fingering_agreement, wrong_presses])
+def test_arrays_of_different_shapes_are_refused(compare):
+    with pytest.raises(ValueError, match=r"one shape, got \(2, 88\) and \(3, 88\)"):
+        compare(np.zeros((2, 88)), np.zeros((3, 88)))
 
 
 def test_metrics_are_plain_floats_in_the_order_of_their_names():

@@ -13,28 +13,19 @@ from sb3_piano.exceptions import ConfigError
     ("options", "message"),
     [
         ({"n_step_lookahead": 3}, "Unknown option 'n_step_lookahead'.*mean 'n_steps_lookahead'"),
-        (
-            {"n_steps_lookahead": -1},
-            "-1: expected a whole number from 0 to 10000",
-        ),
+        ({"n_steps_lookahead": -1}, "-1: expected a whole number from 0 to 10000"),
         (
             {"n_steps_lookahead": 10**9},
             "is 1000000000: expected a whole number from 0 to 10000 .*, as each observation",
         ),
         ({"control_timestep": 10**400}, "control_timestep is 1000.*: expected a finite number"),
-        (
-            {"reward_weights": {"energy": 1e308}},
-            "from -1e.06 to 1e.06, as rewards",
-        ),
+        ({"reward_weights": {"energy": 1e308}}, "from -1e.06 to 1e.06, as rewards"),
         ({"n_steps_lookahead": 1.5}, "n_steps_lookahead is 1.5: expected a whole number"),
         ({"n_steps_lookahead": True}, "n_steps_lookahead is True: expected a whole number"),
         ({"control_timestep": 0.012}, "0.012 s is not a whole number.*multiple of 0.005 s"),
         ({"control_timestep": 0.0}, "0.0 s is not a whole number"),
         ({"control_timestep": float("nan")}, "control_timestep is nan: expected a finite number"),
-        (
-            {"initial_buffer_time": -0.5},
-            "is -0.5: expected a finite number, 0 s or more",
-        ),
+        ({"initial_buffer_time": -0.5}, "is -0.5: expected a finite number, 0 s or more"),
         ({"reduced_action_space": "yes"}, "reduced_action_space is 'yes': expected true or false"),
         ({"physics": "refrence"}, "Unknown physics profile 'refrence'.*mean 'reference'"),
         ({"physics": ["fast"]}, "expected text"),

@@ -32,6 +32,10 @@ PIECE = score_of(
 )
 
 
+def without_hands(**options):
+    return PianoEnv(PIECE, hands_in_scene="none", **options)
+
+
 def as_goal(observation):
     """Return the action that plays what the observation asks for."""
     return np.where(observation[:89] > 0, 1.0, -1.0).astype(np.float32)
@@ -101,17 +105,11 @@ def test_the_other_reward_is_the_log_likelihood():
 
 
 def test_an_action_between_sounds_from_some_angle_on():
-    env = PianoEnv(PIECE, hands_in_scene="none")
+    env = without_hands()
     for level, sounds in ((0.6, False), (1.0, True)):
         env.reset(seed=0)
         env.step(np.append(np.full(88, level), -1.0))
         assert env.key_active.all() == env.key_active.any() == sounds
-
-
-@pytest.mark.parametrize("observation", ["fingers", "hands"])
-def test_observations_of_hands_are_refused(observation):
-    with pytest.raises(ConfigError, match=f"observation is '{observation}', but no hand"):
-        PianoEnv(PIECE, hands_in_scene="none", observation=observation)
 
 
 @pytest.mark.parametrize(
@@ -126,16 +124,14 @@ def test_observations_of_hands_are_refused(observation):
         (lambda env: KeyRange(env, "piece", simulated=True), "driven themselves cannot be made"),
         (lambda env: make_player("planned", env), "without hands has nobody"),
         (lambda env: make_player("sight-reader", env), "without hands has nobody"),
+        (lambda _: without_hands(observation="fingers"), "observation is 'fingers', but no hand"),
+        (lambda _: without_hands(observation="hands"), "observation is 'hands', but no hand"),
+        (lambda _: without_hands(reward_weights={"energy": 1}), "Unknown reward term 'energy'"),
     ],
 )
 def test_what_needs_hands_says_so(make, message):
     with pytest.raises(ConfigError, match=message):
-        make(PianoEnv(PIECE, hands_in_scene="none"))
-
-
-def test_a_term_of_hands_has_no_weight_here():
-    with pytest.raises(ConfigError, match="Unknown reward term 'energy'"):
-        PianoEnv(PIECE, hands_in_scene="none", reward_weights={"energy": 1})
+        make(without_hands())
 
 
 def test_it_is_drawn_without_hands():

@@ -10,7 +10,6 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import Autoreset, RecordEpisodeStatistics, TimeLimit
 from stable_baselines3 import SAC
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv
 
 from sb3_piano.callbacks import EpisodeMetricsCallback, F1Callback
 from sb3_piano.envs import SELF_ACTUATED_ID
@@ -104,15 +103,6 @@ def test_a_monitor_around_it_writes_the_metrics(kind):
 def test_a_monitor_inside_a_time_limit_notices_the_end():
     env = LIMITED["around Monitor"]()
     assert play(env)[-1]["episode"]["l"] == STEPS
-
-
-@pytest.mark.parametrize("kind", ENDED)
-def test_a_vector_of_stable_baselines3_has_them(kind):
-    venv = DummyVecEnv([ENDED[kind]] * 2)
-    venv.reset()
-    for _ in range(STEPS):
-        infos = venv.step(np.zeros((2, *venv.action_space.shape)))[3]
-    assert [set(F1_KEYS) <= set(info) for info in infos] == [True, True]
 
 
 def test_a_process_of_stable_baselines3_sends_them():

@@ -47,6 +47,12 @@ class ScriptedEnv(gym.Env):
         self.closed = True
 
 
+def as_dict(env):
+    """Show what is observed under a name."""
+    space = gym.spaces.Dict({"vector": env.observation_space})
+    return gym.wrappers.TransformObservation(env, lambda seen: {"vector": seen}, space)
+
+
 def with_f1(*values):
     """Return the environment whose episodes have these F1."""
     return ScriptedEnv([{"f1": value} for value in values])

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import copy
 
-import gymnasium as gym
 import numpy as np
 import pytest
 import torch
 from sb3_contrib import TQC, CrossQ
+from scripted import as_dict
 from short_scores import score_of
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.callbacks import BaseCallback
@@ -25,15 +25,6 @@ TUNE = score_of((0.1, 0.4, 60, 0), (0.4, 0.8, 62, 1))
 
 def piano():
     return PreviousActionReward(PianoEnv(TUNE, physics="fast", hands_in_scene="right"))
-
-
-class AsDict(gym.ObservationWrapper):
-    def __init__(self, env):
-        super().__init__(env)
-        self.observation_space = gym.spaces.Dict({"vector": env.observation_space})
-
-    def observation(self, observation):
-        return {"vector": observation}
 
 
 def learner(env=None, algorithm=SAC, policy="MlpPolicy", **arguments):
@@ -226,7 +217,7 @@ def test_what_cannot_be_searched_is_refused():
     with pytest.raises(ConfigError, match="use_sde is True"):
         learner(use_sde=True).learn(5, callback=ActionSearchCallback())
     with pytest.raises(ConfigError, match=r"search by Dict.*: expected a space of plain arrays"):
-        learner(AsDict(piano()), policy="MultiInputPolicy").learn(
+        learner(as_dict(piano()), policy="MultiInputPolicy").learn(
             5, callback=ActionSearchCallback()
         )
     venv = SubprocVecEnv([piano], start_method="spawn")

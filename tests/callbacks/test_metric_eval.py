@@ -8,20 +8,9 @@ import math
 import numpy as np
 import pytest
 from gymnasium.wrappers import TimeLimit
-from scripted import (
-    NoisyEnv,
-    ScriptedEnv,
-    log_lines,
-    series,
-    tiny_td3,
-    vector_of,
-    with_f1,
-)
+from scripted import NoisyEnv, ScriptedEnv, log_lines, series, tiny_td3, vector_of, with_f1
 from stable_baselines3 import TD3
-from stable_baselines3.common.callbacks import (
-    BaseCallback,
-    CallbackList,
-)
+from stable_baselines3.common.callbacks import BaseCallback, CallbackList
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnvWrapper, VecNormalize
 
@@ -173,10 +162,7 @@ def test_the_best_model_is_that_of_the_highest_metric(model, tmp_path):
     model.learn(25, evaluating(0.2, 0.6, 0.4, math.nan, 0.6, best_model_save_path=str(tmp_path)))
     assert best_of(tmp_path) == {"metric": "f1", "value": 0.6, "num_timesteps": 10}
     assert TD3.load(tmp_path / "best_model.zip").num_timesteps == 10
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "best_model.json",
-        "best_model.zip",
-    ]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["best_model.json", "best_model.zip"]
 
 
 class Loudness(MetricEvalCallback):

@@ -8,11 +8,7 @@ from short_scores import note_of, score_of
 from sb3_piano.envs import PianoEnv
 from sb3_piano.music.fingering import without_fingers
 from sb3_piano.planning import PlanSettings
-from sb3_piano.planning.sampling import (
-    NOISE_FROM_ZERO,
-    PredictiveSampling,
-    SamplingCost,
-)
+from sb3_piano.planning.sampling import NOISE_FROM_ZERO, PredictiveSampling, SamplingCost
 from sb3_piano.planning.sampling.noise import Candidates
 from sb3_piano.planning.sampling.search import CandidateSearch, Simulations
 

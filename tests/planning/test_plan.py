@@ -97,15 +97,6 @@ def test_fingers_that_do_not_play_keep_off_the_keys(options):
 
 
 @pytest.mark.slow
-def test_the_same_piece_gives_the_same_plan():
-    first, again = planned(PIECE, full=False), plan(roll_of(PIECE), scene_of(full=False), QUICK)
-    np.testing.assert_array_equal(first.positions, again.positions)
-    np.testing.assert_array_equal(first.commands, again.commands)
-    for one, other in zip(first.hands, again.hands, strict=True):
-        np.testing.assert_array_equal(one.gains, other.gains)
-
-
-@pytest.mark.slow
 def test_a_score_is_planned_as_its_roll_and_gets_the_fingers_it_lacks():
     score = without_fingers(five_fingers(order=(0, 1)), keep_hands=False)
     made = plan(score, scene_of(full=False), QUICK)

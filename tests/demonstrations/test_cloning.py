@@ -10,7 +10,7 @@ from sb3_contrib import TQC
 from stable_baselines3 import DDPG, PPO, SAC, TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from sb3_piano.demonstrations import clone_behaviour, open_dataset, record
+from sb3_piano.demonstrations import clone_behaviour, open_dataset, record, recording
 from sb3_piano.exceptions import ConfigError
 
 NAME = "test/pendulum-v0"
@@ -18,8 +18,8 @@ QUICK = {"epochs": 60, "batch_size": 32, "learning_rate": 3e-3}
 
 
 @pytest.fixture
-def disturbed():
-    """Record a player whose actions were changed before they were played.
+def disturbed(monkeypatch):
+    """A recorded player whose actions were changed before they were played.
 
     Pendulum has no noise of ours, so the noise is drawn here.
     """
@@ -27,21 +27,14 @@ def disturbed():
     class Noisy:
         """Adds noise to what is asked of the environment, unknown to the player."""
 
-        def __init__(self, noise):
-            self.restart = lambda: None
-            self._noise = noise
+        restart = staticmethod(lambda: None)
 
         def sample(self, random):
-            return random.normal(size=1) * self._noise
+            return random.normal(size=1)
 
-    from sb3_piano.demonstrations import recording
-
-    def make(monkeypatch, noise=1.0):
-        monkeypatch.setattr(recording, "ActuatorNoise", lambda env, std, memory: Noisy(std))
-        env = pendulum()
-        return record(Linear(env), env, NAME, episodes=8, noise=[noise]).dataset
-
-    return make
+    monkeypatch.setattr(recording, "ActuatorNoise", lambda env, std, memory: Noisy())
+    env = pendulum()
+    return record(Linear(env), env, NAME, episodes=8, noise=[1.0]).dataset
 
 
 def new_model(algorithm, normalize=False, **options):
@@ -70,10 +63,7 @@ def parameters(module):
 @pytest.mark.slow
 @pytest.mark.parametrize("algorithm", [SAC, TD3, DDPG, TQC])
 @pytest.mark.parametrize("normalize", [False, True])
-def test_a_clone_plays_what_was_right_not_what_was_played(
-    disturbed, monkeypatch, algorithm, normalize
-):
-    dataset = disturbed(monkeypatch)
+def test_a_clone_plays_what_was_right_not_what_was_played(disturbed, algorithm, normalize):
     model = new_model(algorithm, normalize)
     critic = parameters(model.critic)
     told = []
@@ -83,11 +73,11 @@ def test_a_clone_plays_what_was_right_not_what_was_played(
     assert cloning.losses == tuple(told)
     assert len(told) == 60
     assert told[-1] < 0.02 * told[0]
-    seen = np.concatenate([episode.observations[:-1] for episode in dataset])
+    seen = np.concatenate([episode.observations[:-1] for episode in disturbed])
     right = Linear(pendulum()).act(seen)
     errors = np.abs(played(model, seen) - right)
     assert errors.mean() < 0.06  # of actions from -2 to 2
-    assert np.abs(np.concatenate([e.actions for e in dataset]) - right).mean() > 0.4
+    assert np.abs(np.concatenate([e.actions for e in disturbed]) - right).mean() > 0.4
     # The actions of the loss are from -1 to 1.
     assert np.square(errors / 2).mean() == pytest.approx(told[-1], rel=0.5)
     assert torch.equal(parameters(model.critic), critic)

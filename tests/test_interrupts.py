@@ -7,12 +7,7 @@ import threading
 
 import pytest
 
-from sb3_piano.interrupts import (
-    ctrl_c_deferred,
-    ctrl_c_ignored,
-    ended_as_by_ctrl_c,
-    stop_on_signal,
-)
+from sb3_piano.interrupts import ctrl_c_deferred, ctrl_c_ignored, ended_as_by_ctrl_c, stop_on_signal
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

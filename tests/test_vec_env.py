@@ -209,9 +209,6 @@ class Flat(gym.ObservationWrapper):
     def observation(self, observation):
         return np.append(observation["seen"], np.float32(observation["step"]))
 
-    def end_process(self):
-        os._exit(3)
-
     def fail(self):
         raise ValueError("stuck")
 
@@ -315,16 +312,8 @@ def test_a_process_that_was_killed_is_named_at_any_call(venvs):
     shared._processes[1].join()
     calls = (shared.reset, lambda: shared.get_attr("played"), lambda: shared.step(np.zeros((2, 1))))
     for call in calls:
-        with pytest.raises(RunError, match="Process 1 of the environments has ended with exit"):
+        with pytest.raises(RunError, match="Process 1 of the environments .* exit code -9"):
             call()
-
-
-@pytest.mark.slow
-def test_a_process_that_ends_is_named(venvs):
-    shared = venvs(ProcessVecEnv, [Flat] * 2, n_processes=1)
-    shared.reset()
-    with pytest.raises(RunError, match="Process 0 of the environments has ended with exit code 3"):
-        shared.env_method("end_process", indices=[1])
 
 
 SHARING = """

@@ -3,15 +3,7 @@ from pathlib import Path
 import pytest
 
 from sb3_piano.exceptions import ConfigError, ScoreError, UnknownPieceError
-from sb3_piano.music import (
-    BUILT_IN,
-    Note,
-    Score,
-    load_score,
-    shown_title,
-    write_midi,
-    write_score,
-)
+from sb3_piano.music import BUILT_IN, Note, Score, load_score, shown_title, write_midi, write_score
 
 SCORE = Score(notes=[Note(onset=0, offset=1, pitch=60)], title="piece")
 

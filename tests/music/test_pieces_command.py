@@ -9,14 +9,7 @@ import time
 import pytest
 from short_scores import score_of
 
-from sb3_piano.music import (
-    BUILT_IN,
-    load_score,
-    pieces,
-    read_midi,
-    read_pig,
-    write_midi,
-)
+from sb3_piano.music import BUILT_IN, load_score, pieces, read_midi, read_pig, write_midi
 from sb3_piano.music.catalogue import of_collection
 from sb3_piano.music.difficulty import features
 from sb3_piano.music.library import Library

@@ -5,15 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sb3_piano.exceptions import ConfigError, UnknownPieceError
-from sb3_piano.music import (
-    BUILT_IN,
-    Note,
-    Score,
-    load_score,
-    select_pieces,
-    write_midi,
-    write_pig,
-)
+from sb3_piano.music import BUILT_IN, Note, Score, load_score, select_pieces, write_midi, write_pig
 
 SCORE = Score(notes=[Note(onset=0.0, offset=0.5, pitch=60)], title="one")
 

@@ -5,24 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from drawn_presses import hand_presses
-from hand_parts import (
-    hand_of,
-    keys_of,
-    over_the_top,
-    scene_of,
-    sounding_share,
-    turned_boxes,
-)
+from hand_parts import hand_of, keys_of, over_the_top, scene_of, sounding_share, turned_boxes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sb3_piano.music.constants import KEY_IS_BLACK
 from sb3_piano.music.fingering.robot import KEY_SPACING
 from sb3_piano.music.presses import Press
-from sb3_piano.reading.key_frames import (
-    _REACH,
-    key_frames,
-)
+from sb3_piano.reading.key_frames import _REACH, key_frames
 from sb3_piano.reading.presses import TimedPress, time_presses
 
 SCENE = scene_of()

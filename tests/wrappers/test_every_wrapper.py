@@ -268,11 +268,7 @@ REFUSED = [
     (Pixels, {"camera": "side"}, "camera is 'side': expected one of 'overview', 'topdown'"),
     (TemporalStretch, {"factor": 2, "scale": "log"}, "scale is 'log': expected one of"),
     (TemporalStretch, {"factor": INF}, "factor is inf: expected a finite number above 0"),
-    (
-        TemporalStretch,
-        {"factor": [0.0, 1]},
-        r"factor\[0\] is 0.0: expected a finite number",
-    ),
+    (TemporalStretch, {"factor": [0.0, 1]}, r"factor\[0\] is 0.0: expected a finite number"),
     (RandomPiece, {"pieces": []}, "pieces is .*: expected one or more"),
     (RandomPiece, {"pieces": 3}, "A piece cannot be given as int: expected a Score"),
     (RandomPiece, {"pieces": ["CMajorScaleOneHnd"]}, "Did you mean 'CMajorScaleOneHand'"),

@@ -38,6 +38,9 @@ def _uncover(package: griffe.Module) -> None:
         member = package.members.get(str(name))
         if isinstance(member, griffe.Module) and str(name) in member.members:
             function = member.members[str(name)]
+            for other in package.members.values():
+                if isinstance(other, griffe.Alias) and other.target_path.startswith(member.path):
+                    other.resolve_target()  # as its way there will be covered
             package.members[str(name)] = griffe.Alias(str(name), function, parent=package)
 
 

@@ -462,8 +462,10 @@ class PianoEnv(gym.Env[Any, Any]):
         self.total_steps = moment.total_steps
 
     def __getstate__(self) -> dict[str, Any]:
-        # Neither a drawing context nor a reference to a wrapper can be copied.
-        return {**self.__dict__, "_renderer": None, "_limits": ()}
+        # Neither a drawing context nor a reference to a wrapper can be copied; of windows there is
+        # one, so that copies are not shown.
+        mode = None if self.render_mode == "human" else self.render_mode
+        return {**self.__dict__, "_renderer": None, "_limits": (), "render_mode": mode}
 
     # How it works.
 

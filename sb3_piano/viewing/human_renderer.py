@@ -25,6 +25,9 @@ _EXPECTED = (
     "Expected a screen: the machine's own, 'ssh -X', or a virtual one by xvfb-run. A video needs "
     "no screen."
 )
+_one_window = threading.Lock()
+"""Held while a window is open: GLFW crashes where two threads have one each."""
+
 _ASPECT = 16 / 9
 """Width of the window by its height, about."""
 
@@ -41,28 +44,42 @@ class HumanRenderer:
         view: How the window shows it at first.
 
     Raises:
-        RenderingError: If there is no screen; the message says what to do.
+        RenderingError: If there is no screen, or another window is open; the message says what to
+            do.
     """
 
     def __init__(self, scene: PianoScene, *, fps: float, view: View = "stage"):
-        check_screen()
-        from mujoco import viewer  # noqa: TID251  here, as without a screen it may fail already
-
         self._stage = staged(scene).copy()
         self._colors = self._stage.model.geom_rgba.copy()
         self._data = mujoco.MjData(self._stage.model)
         self._bars: NoteBars | None = None
         self._view: View = view
         self._period, self._due = 1 / fps, 0.0
+        if not _one_window.acquire(blocking=False):
+            raise RenderingError(
+                "Cannot open a window: another one is open. Expected one environment with "
+                "render_mode='human' at a time; close() closes its window."
+            )
         before = set(threading.enumerate())
         try:
-            self._viewer: Any = viewer.launch_passive(
+            self._viewer = self._launch()
+        except BaseException:
+            _one_window.release()
+            raise
+        self._is_open = True
+        self._threads = set(threading.enumerate()) - before
+        atexit.register(self.close)  # as MuJoCo's thread crashes if the interpreter ends around it
+
+    def _launch(self) -> Any:
+        check_screen()
+        from mujoco import viewer  # noqa: TID251  here, as without a screen it may fail already
+
+        try:
+            return viewer.launch_passive(
                 self._stage.model, self._data, show_left_ui=False, show_right_ui=False
             )
         except RuntimeError as error:  # macOS demands another Python
             raise RenderingError(f"Cannot open a window: {error}.") from error
-        self._threads = set(threading.enumerate()) - before
-        atexit.register(self.close)  # as MuJoCo's thread crashes if the interpreter ends around it
 
     @property
     def is_running(self) -> bool:
@@ -87,10 +104,14 @@ class HumanRenderer:
 
     def close(self) -> None:
         """Close the window; safe to call twice."""
+        if not self._is_open:
+            return
+        self._is_open = False
         atexit.unregister(self.close)
         self._viewer.close()
         for thread in self._threads:
             thread.join()
+        _one_window.release()
 
     def _draw(self, roll: PianoRoll, moment: Moment) -> None:
         if self._bars is None or self._bars.roll is not roll:

@@ -19,12 +19,14 @@ from sb3_piano.viewing import FINGER_COLORS, PRESSED_COLOR
 from sb3_piano.viewing.stage import staged
 
 PROGRAM = """
+import copy
 import json
 import time
 
 import gymnasium as gym
 import numpy as np
 
+from sb3_piano.exceptions import RenderingError
 from sb3_piano.music import Note, PianoRoll, Score
 from sb3_piano.simulation import compile_scene
 from sb3_piano.training.playing.takes import take_of_score
@@ -41,9 +43,16 @@ while not over:
     positions.append(bool((window._data.qpos == env.unwrapped.data.qpos).all()))
 seconds = time.monotonic() - start
 returned = env.render()
+copied = copy.deepcopy(env)
+copied.reset(seed=0)
+try:
+    HumanRenderer(compile_scene(), fps=20)
+except RenderingError as error:
+    second = str(error)
 env.close()
 shown = {
     "env": [opened, window.is_running, returned, seconds / len(positions), all(positions)],
+    "others": [copied.render(), second],
 }
 
 take = take_of_score(score)
@@ -141,6 +150,13 @@ def test_an_environment_is_shown_in_real_time_until_it_is_closed(shown):
     assert same_positions
     assert returned is None
     assert period >= 0.05 * 0.9  # a lower bound only: sleep never ends early
+
+
+@pytest.mark.slow
+def test_there_is_one_window_and_copies_of_the_environment_are_not_shown(shown):
+    rendered, told = shown["others"]
+    assert rendered is None
+    assert told.startswith("Cannot open a window: another one is open. Expected one environment")
 
 
 @pytest.mark.slow
